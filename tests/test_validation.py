@@ -19,7 +19,7 @@ from mirdrake.manoeuvres.validation import (
     ValidationSettings,
     describe_validation,
     driven_name,
-    published_told,
+    format_published,
     validate_vehicle,
 )
 from mirdrake.report.validation import render_validation
@@ -56,9 +56,9 @@ def test_values_keep_the_unit_in_which_they_were_published():
     assert stop.si == pytest.approx(35.3568)
     assert stop.number == pytest.approx(116.0)
     assert (stop.shown_unit, stop.text) == ("ft", "60 mph to standstill")
-    assert published_told(stop) == "116 ft"
-    assert published_told(_sixty(value=7, bound="at_most")) == "at most 7 s"
-    assert published_told(_sixty(value="7.0")) == "7.0 s"
+    assert format_published(stop) == "116 ft"
+    assert format_published(_sixty(value=7, bound="at_most")) == "at most 7 s"
+    assert format_published(_sixty(value="7.0")) == "7.0 s"
 
 
 @pytest.mark.parametrize(

@@ -126,11 +126,11 @@ def _has_handling_variant(vehicle: "Vehicle") -> bool:
 def _list(text: str, settings: object) -> None:
     """Print the manoeuvres with their settings."""
     from mirdrake.manoeuvres.registry import MANOEUVRES, find_names
-    from mirdrake.manoeuvres.results import status_told, value_told
+    from mirdrake.manoeuvres.results import format_setting, format_status
 
     for name in find_names(text):
         spec = getattr(settings, name)
         print(f"{name}: {MANOEUVRES[name].title} ({MANOEUVRES[name].standard})")
         print(f"  {(MANOEUVRES[name].__doc__ or '').splitlines()[0]}")
         for used in spec.used():
-            print(f"    {used.name:16} {value_told(used):32} {used.meaning} [{status_told(used)}]")
+            print(f"    {used.name:16} {format_setting(used):32} {used.meaning} [{format_status(used)}]")

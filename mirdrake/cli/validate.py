@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Drive the manoeuvres and compare their figures with the published ones."""
     from mirdrake.manoeuvres.published import load_published
-    from mirdrake.manoeuvres.validation import ValidationSettings, driven_name, published_told
+    from mirdrake.manoeuvres.validation import ValidationSettings, driven_name, format_published
     from mirdrake.vehicles import load_vehicle
 
     settings = parse_yaml("", ValidationSettings, name="validate", overrides=options.set)
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     if options.list:
         for figure in published.figures:
             if not only or figure.quantity in only:
-                print(f"{figure.text}: {published_told(figure)} ({figure.role}; {figure.status}; {figure.source})")
+                print(f"{figure.text}: {format_published(figure)} ({figure.role}; {figure.status}; {figure.source})")
         if published.none_because:
             print(published.none_because)
         return 0

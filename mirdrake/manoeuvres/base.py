@@ -1,7 +1,6 @@
 """What a manoeuvre is: settings with units and sources, a run, and an outcome that says what was used."""
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
@@ -21,39 +20,42 @@ STATUS: dict[str, str] = {
     "V": "verified in the source",
     "E": "seen in an excerpt of the source",
     "R": "recalled, not verified in any source",
-    "own": "a choice of this program",
+    "own": "chosen by mirdrake",
 }
-"""How sure the numbers of a manoeuvre are."""
+"""Reliability of the numbers of a manoeuvre."""
 
-_SCALING = {"m": 1.0, "s": 0.5, "m/s": 0.5, "Hz": -0.5, "rad/s": -0.5, "1/m": -1.0}
-_UNIT = re.compile(r"\[([^\]]*)\]")
-
-
-class NotPossible(Exception):  # noqa: N818 - no error: an answer
-    """The vehicle does not reach what the manoeuvre asks for; the text says why, in one line."""
+_LENGTH_POWERS = {"m": 1.0, "s": 0.5, "m/s": 0.5, "Hz": -0.5, "rad/s": -0.5, "1/m": -1.0}
+"""Power of the length scale with which a quantity of each unit is scaled at equal Froude number v²/(g l)."""
 
 
-class Diverged(Exception):  # noqa: N818
-    """A run of the manoeuvre diverged; the text says where."""
+class NotFeasible(Exception):  # noqa: N818 - a result, not an error
+    """The manoeuvre is beyond the vehicle; the text is the reason in one line."""
 
 
-def setting(default: Any, text: str, status: Status, source: str = "", *, scales: bool = True, **checks: Any) -> Any:
-    """A field of a manoeuvre.
+class Diverged(Exception):  # noqa: N818 - a result, not an error
+    """A run of the manoeuvre diverged; the text names the run and the time."""
+
+
+def setting(
+    default: Any, meaning: str, unit: str, status: Status, source: str = "", *, scales: bool = True, **checks: Any
+) -> Any:
+    """Return a field of a manoeuvre.
 
     Args:
-        default: for a car.
-        text: its meaning, with the unit in brackets.
-        status: how sure the default is, a key of :data:`STATUS`.
-        source: where it is from.
-        scales: whether it shrinks with a small vehicle, see :func:`scaled`.
+        default: value for a car.
+        meaning: what it is, as a noun phrase.
+        unit: unit of the value; empty for a number without a unit and for a choice.
+        status: reliability of the default, a key of :data:`STATUS`.
+        source: origin of the default.
+        scales: whether it is scaled to a small vehicle, see :func:`scaled`.
         checks: as for a pydantic field.
     """
-    extra: dict[str, Any] = {"status": status, "source": source, "scales": scales}
-    return Field(default, description=text, json_schema_extra=extra, **checks)
+    extra: dict[str, Any] = {"meaning": meaning, "unit": unit, "status": status, "source": source, "scales": scales}
+    return Field(default, description=f"{meaning} [{unit or '-'}]", json_schema_extra=extra, **checks)
 
 
 @dataclass(frozen=True)
-class Used:
+class SettingRecord:
     """A setting as it was used: name, value and unit, meaning, status, source, and whether the user gave it."""
 
     name: str
@@ -70,13 +72,13 @@ class Metric:
     """A figure.
 
     Attributes:
-        key: of it.
-        text: what it is in words.
-        value: None: there is none.
-        unit: of the value.
-        note: a short one.
-        scale: what a change is to be measured by, in the same unit, where that is not the value itself: for what may
-            be zero, or is a small difference of large numbers.
+        key: name of the figure in results.json and metrics.csv.
+        text: name of the figure in words.
+        value: None if the run has no such figure.
+        unit: unit of the value.
+        note: short remark.
+        scale: size that a change is compared with, in the same unit; given where that is not the value itself, as for
+            figures that may be zero or are a small difference of large numbers.
     """
 
     key: str
@@ -87,9 +89,9 @@ class Metric:
     scale: float | None = None
 
     def change(self, other: "Metric") -> float:
-        """How much another figure of the same kind differs, over the larger of scale and value [1].
+        """Return the relative difference of another figure of the same key: over the larger of scale and values [1].
 
-        0 if neither has a value, infinite if one has none.
+        It is 0 if neither has a value and infinite if one has none.
         """
         if self.value is None or other.value is None:
             return 0.0 if self.value is other.value else math.inf
@@ -100,8 +102,8 @@ class Metric:
 
 
 @dataclass(frozen=True)
-class Line:
-    """One curve of a figure: its name, its points, and whether it is drawn as dots, dashed or as a line."""
+class Curve:
+    """A curve of a chart: name, points, and whether it is drawn as a line, dashed or as dots."""
 
     name: str
     x: Array
@@ -112,33 +114,33 @@ class Line:
 
 @dataclass(frozen=True)
 class Chart:
-    """One pair of axes, with units; `equal` for maps, `log` for a logarithmic x axis."""
+    """A chart: labels and units of both axes, and curves; `equal` for maps, `log` for a logarithmic x axis."""
 
     x_label: str
     x_unit: str
     y_label: str
     y_unit: str
-    lines: tuple[Line, ...]
+    lines: tuple[Curve, ...]
     equal: bool = False
     log: bool = False
 
 
 @dataclass
 class Outcome:
-    """What became of a manoeuvre.
+    """Result of a manoeuvre.
 
     Attributes:
-        name: of the manoeuvre.
-        title: for people.
-        standard: whose definition it is.
-        verdict: "done" without a pass criterion.
+        name: name of the manoeuvre.
+        title: its title in reports.
+        standard: standard that defines it.
+        verdict: "done" for a manoeuvre without a pass criterion.
         reason: why it failed, was not possible or diverged; one line.
-        metrics: the figures.
-        charts: for the report.
-        used: the settings.
-        notes: what a reader should know.
-        runs: labels of the simulations, names of their folders.
-        wall: time it took [s].
+        metrics: figures.
+        charts: charts of the report.
+        used: settings as they were used.
+        notes: remarks for the reader of the report.
+        runs: labels of the simulations, which are the names of their folders.
+        wall: wall time [s].
     """
 
     name: str
@@ -148,7 +150,7 @@ class Outcome:
     reason: str = ""
     metrics: list[Metric] = field(default_factory=list)
     charts: list[Chart] = field(default_factory=list)
-    used: list[Used] = field(default_factory=list)
+    used: list[SettingRecord] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     runs: list[str] = field(default_factory=list)
     wall: float = 0.0
@@ -156,15 +158,15 @@ class Outcome:
     def add(
         self, key: str, text: str, value: float | None, unit: str, note: str = "", *, scale: float | None = None
     ) -> None:
-        """Add a figure, see :class:`Metric`; NaN counts as none."""
+        """Add a figure, see :class:`Metric`; NaN means that there is no value."""
         number = None if value is None or not np.isfinite(value) else float(value)
         self.metrics.append(Metric(key, text, number, unit, note, scale))
 
     def value(self, key: str) -> float | None:
-        """A figure by its key.
+        """Return the value of a figure.
 
         Raises:
-            ConfigError: there is none of that key.
+            ConfigError: there is no figure of that key.
         """
         for metric in self.metrics:
             if metric.key == key:
@@ -172,7 +174,7 @@ class Outcome:
         raise ConfigError(f"{self.name}: no figure '{key}'")
 
     def data(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
+        """Return plain data for JSON."""
         return {
             "name": self.name,
             "title": self.title,
@@ -195,63 +197,61 @@ class Outcome:
 
 
 class ManoeuvreSpec(Schema):
-    """Settings of a manoeuvre; a subclass has its numbers and :meth:`drive`."""
+    """Settings of a manoeuvre; a subclass is a kind of manoeuvre.
+
+    Attributes:
+        title: title in reports.
+        standard: standard that defines it.
+        headline: keys of the figures that summarise it in the report.
+    """
 
     title: ClassVar[str] = ""
     standard: ClassVar[str] = ""
+    headline: ClassVar[tuple[str, ...]] = ()
 
     def drive(self, rig: Any, outcome: Outcome) -> None:
-        """Run what is to be run on a :class:`mirdrake.manoeuvres.rig.Rig` and fill the outcome.
+        """Simulate the runs on a :class:`mirdrake.manoeuvres.rig.Rig` and fill the outcome.
 
         Raises:
-            NotPossible: the vehicle does not reach what is asked for.
+            NotFeasible: the manoeuvre is beyond the vehicle.
             Diverged: a run diverged.
         """
         raise NotImplementedError
 
     def fault(self, name: str, text: str) -> ConfigError:
-        """An error about one of the settings, with the place where it was written."""
+        """Return an error about a setting, with the file and line where it was written."""
         return ConfigError(f"{where(self, name)}: {text}")
 
-    def used(self) -> Iterator[Used]:
-        """All settings."""
+    def used(self) -> Iterator[SettingRecord]:
+        """Yield all settings."""
         for name, info in type(self).model_fields.items():
-            extra: Any = info.json_schema_extra or {}
-            text = info.description or ""
-            unit = unit_of(text)
-            meaning = _UNIT.sub("", text).strip().rstrip(";").strip()
+            extra: Any = info.json_schema_extra
             given = name in self.model_fields_set
-            status = "given" if given else str(extra.get("status", "own"))
+            status = "given" if given else extra["status"]
             value = getattr(self, name)
-            yield Used(name, value, "" if unit == "-" else unit, meaning, status, str(extra.get("source", "")), given)
-
-
-def unit_of(text: str) -> str:
-    """The unit in the brackets of a description."""
-    match = _UNIT.search(text)
-    return match.group(1) if match else "-"
+            yield SettingRecord(name, value, extra["unit"], extra["meaning"], status, extra["source"], given)
 
 
 def scaled(spec: ManoeuvreSpec, scale: float) -> ManoeuvreSpec:
-    """The same manoeuvre for a smaller vehicle: equal Froude numbers, so that accelerations and angles stay.
+    """Return the settings of a manoeuvre for a smaller vehicle at equal Froude number.
 
-    Lengths shrink with `scale`, times and speeds with its square root, frequencies grow with it. What the user has set
-    stays as it is.
+    Lengths are multiplied by `scale`, times and speeds by its square root, frequencies by the inverse of that;
+    accelerations and angles stay. Settings that the user has given stay as well.
 
     Args:
-        spec: of a manoeuvre.
+        spec: settings for a car.
         scale: length of the vehicle over that of a car [1].
     """
     changes: dict[str, Any] = {}
     for name, info in type(spec).model_fields.items():
-        extra: Any = info.json_schema_extra or {}
-        power = _SCALING.get(unit_of(info.description or ""))
+        extra: Any = info.json_schema_extra
+        power = _LENGTH_POWERS.get(extra["unit"])
         value = getattr(spec, name)
-        if name in spec.model_fields_set or power is None or not extra.get("scales", True) or scale == 1.0:
+        if name in spec.model_fields_set or power is None or not extra["scales"] or scale == 1.0:
             continue
         factor = scale**power
         if isinstance(value, tuple | list):
-            changes[name] = type(value)(one * factor for one in value)
+            changes[name] = type(value)(element * factor for element in value)
         elif isinstance(value, float):
             changes[name] = value * factor
     given = set(spec.model_fields_set)

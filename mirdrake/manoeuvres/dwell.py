@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Speed
-from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.base import Chart, Curve, ManoeuvreSpec, NotFeasible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_entry, check_speed, note_held_speed
 from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.metrics.transient import DwellResponse, dwell_response
@@ -23,36 +23,37 @@ class SineWithDwellSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Sine with dwell"
     standard: ClassVar[str] = "FMVSS 126, ISO 19365"
+    headline: ClassVar[tuple[str, ...]] = ("amplitude_left", "displacement_left")
 
-    speed: Speed = setting(80.0 * KMH, "at the beginning of steer [m/s]", "V", _TWO, gt=0.0)
-    tolerance: Speed = setting(2.0 * KMH, "allowed difference of it [m/s]", "R", "FMVSS 126", gt=0.0)
-    frequency: Frequency = setting(0.7, "of the sine [Hz]", "V", _TWO, gt=0.0)
-    dwell: Duration = setting(0.5, "at the second peak [s]", "V", _TWO, ge=0.0)
+    speed: Speed = setting(80.0 * KMH, "at the beginning of steer", "m/s", "V", _TWO, gt=0.0)
+    tolerance: Speed = setting(2.0 * KMH, "allowed difference of it", "m/s", "R", "FMVSS 126", gt=0.0)
+    frequency: Frequency = setting(0.7, "of the sine", "Hz", "V", _TWO, gt=0.0)
+    dwell: Duration = setting(0.5, "at the second peak", "s", "V", _TWO, ge=0.0)
     angle: Angle | None = setting(
-        None, "A, the hand-wheel angle at 0.3 g; left out: from a slowly increasing steer [rad]", "R", "FMVSS 126"
+        None, "A, the hand-wheel angle at 0.3 g; left out: from a slowly increasing steer", "rad", "R", "FMVSS 126"
     )
-    first: float = setting(1.5, "first amplitude over A [-]", "R", "FMVSS 126", gt=0.0)
-    increment: float = setting(0.5, "from one amplitude to the next, over A [-]", "R", "FMVSS 126", gt=0.0)
-    last: float = setting(6.5, "last amplitude over A [-]", "R", "FMVSS 126", gt=0.0)
+    first: float = setting(1.5, "first amplitude over A", "", "R", "FMVSS 126", gt=0.0)
+    increment: float = setting(0.5, "from one amplitude to the next, over A", "", "R", "FMVSS 126", gt=0.0)
+    last: float = setting(6.5, "last amplitude over A", "", "R", "FMVSS 126", gt=0.0)
     least_last: Angle = setting(
-        math.radians(270.0), "last amplitude at least [rad]", "R", "FMVSS 126", scales=False, ge=0.0
+        math.radians(270.0), "last amplitude at least", "rad", "R", "FMVSS 126", scales=False, ge=0.0
     )
-    turns: Literal["both", "left", "right"] = setting("both", "first direction of the steering [-]", "R", "FMVSS 126")
+    turns: Literal["both", "left", "right"] = setting("both", "first direction of the steering", "", "R", "FMVSS 126")
     waits: tuple[float, float] = setting(
-        (1.0, 1.75), "after completion of steer, when the yaw rate counts [s]", "V", _TWO
+        (1.0, 1.75), "after completion of steer, when the yaw rate counts", "s", "V", _TWO
     )
-    shares: tuple[float, float] = setting((0.35, 0.20), "of the peak yaw rate allowed then [-]", "V", _TWO)
-    way: Length = setting(1.83, "lateral displacement at least [m]", "V", _TWO + "; mass up to 3500 kg", gt=0.0)
-    way_time: Duration = setting(1.07, "after beginning of steer, when it counts [s]", "V", _TWO, gt=0.0)
+    shares: tuple[float, float] = setting((0.35, 0.20), "of the peak yaw rate allowed then", "", "V", _TWO)
+    way: Length = setting(1.83, "lateral displacement at least", "m", "V", _TWO + "; mass up to 3500 kg", gt=0.0)
+    way_time: Duration = setting(1.07, "after beginning of steer, when it counts", "s", "V", _TWO, gt=0.0)
     way_from: float = setting(
-        5.0, "amplitude over A from which on the displacement counts [-]", "R", "FMVSS 126", gt=0.0
+        5.0, "amplitude over A from which on the displacement counts", "", "R", "FMVSS 126", gt=0.0
     )
     threshold: Angle = setting(
-        math.radians(5.0), "hand-wheel angle that counts as turned, at most 5 % of the peak [rad]", "R", "FMVSS 126"
+        math.radians(5.0), "hand-wheel angle that counts as turned, at most 5 % of the peak", "rad", "R", "FMVSS 126"
     )
-    settle: Duration = setting(0.5, "straight ahead before [s]", "own", ge=0.0)
+    settle: Duration = setting(0.5, "straight ahead before", "s", "own", ge=0.0)
     time_step: Duration = setting(
-        0.0025, "of the plant, unless plant.time_step is given; a slide needs it [s]", "own", scales=False, gt=0.0
+        0.0025, "of the plant, unless plant.time_step is given; a slide needs it", "s", "own", scales=False, gt=0.0
     )
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
@@ -69,7 +70,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
         allowed = min(facts.steering_limit, facts.steering_rate / (2.0 * math.pi * self.frequency)) * facts.ratio
         kept = [one for one in amplitudes if one <= allowed]
         if not kept:
-            raise NotPossible(
+            raise NotFeasible(
                 f"the first amplitude is {math.degrees(amplitudes[0]):.0f} deg at the hand-wheel, but its steering "
                 f"follows {self.frequency:g} Hz up to {math.degrees(allowed):.0f} deg only"
             )
@@ -175,7 +176,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
             ("Lateral displacement", "m", record.y_com - record.y_com[0]),
         )
         for number, (label, unit, values) in enumerate(rows):
-            line = Line(name, record.time, values, "line", colour)
+            line = Curve(name, record.time, values, "line", colour)
             if len(outcome.charts) > number:
                 chart = outcome.charts[number]
                 outcome.charts[number] = Chart("Time", "s", label, unit, (*chart.lines, line))

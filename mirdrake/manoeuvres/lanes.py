@@ -10,7 +10,7 @@ import numpy as np
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import Duration, Length, Speed
-from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.base import Chart, Curve, Diverged, ManoeuvreSpec, NotFeasible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_speed, note_held_speed
 from mirdrake.manoeuvres.courses import Body, Section, clearance, first_crossing, make_line
 from mirdrake.manoeuvres.facts import Facts
@@ -28,19 +28,20 @@ class CourseSpec(ManoeuvreSpec):
     releases: ClassVar[bool] = False
     """Whether the throttle is released in the course, `release` behind its entry."""
 
-    lowest: Speed = setting(30.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
-    highest: Speed = setting(110.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
-    resolution: Speed = setting(0.25 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
+    lowest: Speed = setting(30.0 * KMH, "of the bisection", "m/s", "own", gt=0.0)
+    highest: Speed = setting(110.0 * KMH, "of the bisection", "m/s", "own", gt=0.0)
+    resolution: Speed = setting(0.25 * KMH, "at which the bisection ends", "m/s", "own", gt=0.0)
     share: float = setting(
-        0.8, "of the speed that the friction may allow, up to which the other figures are taken [-]", "own", gt=0.0
+        0.8, "of the speed that the friction may allow, up to which the other figures are taken", "", "own", gt=0.0
     )
-    multiple: Speed = setting(5.0 * KMH, "of which the speed of the other figures is a multiple [m/s]", "own", gt=0.0)
-    margin: Length = setting(0.1, "between body and cones on the planned line, if there is room [m]", "own", ge=0.0)
-    run_up: Length = setting(30.0, "straight way before the course [m]", "own", gt=0.0)
-    run_out: Length = setting(25.0, "straight way behind the course [m]", "own", ge=0.0)
+    multiple: Speed = setting(5.0 * KMH, "of which the speed of the other figures is a multiple", "m/s", "own", gt=0.0)
+    margin: Length = setting(0.1, "between body and cones on the planned line, if there is room", "m", "own", ge=0.0)
+    run_up: Length = setting(30.0, "straight way before the course", "m", "own", gt=0.0)
+    run_out: Length = setting(25.0, "straight way behind the course", "m", "own", ge=0.0)
     time_step: Duration = setting(
         0.0025,
-        "of the plant, unless plant.time_step is given; sideslip at the limit needs it [s]",
+        "of the plant, unless plant.time_step is given; sideslip at the limit needs it",
+        "s",
         "own",
         scales=False,
         gt=0.0,
@@ -59,7 +60,7 @@ class CourseSpec(ManoeuvreSpec):
         sections = self.sections(facts.width)
         tightest = min((section.high - section.low for section in sections), default=math.inf)
         if tightest <= facts.width:
-            raise NotPossible(f"it is {facts.width:.2f} m wide, and a lane has {tightest:.2f} m")
+            raise NotFeasible(f"it is {facts.width:.2f} m wide, and a lane has {tightest:.2f} m")
         if self.releases:
             note_held_speed(outcome, pedals=rig.pedals)
         highest = min(self.highest, 0.95 * facts.top_speed)
@@ -85,7 +86,7 @@ class CourseSpec(ManoeuvreSpec):
         guess = self._guess(facts, sections)
         found = find_highest(attempt, lowest=self.lowest, highest=highest, guess=guess, resolution=self.resolution)
         if found.best is None:
-            raise NotPossible(f"it does not pass at {self.lowest / KMH:.0f} km/h, the lowest speed: {found.why}")
+            raise NotFeasible(f"it does not pass at {self.lowest / KMH:.0f} km/h, the lowest speed: {found.why}")
         best, failed = found.best[0], found.failed
         limit = self._entry(best, facts) / KMH
         note = f"within {self.resolution / KMH:.2g} km/h"
@@ -152,7 +153,7 @@ class CourseSpec(ManoeuvreSpec):
         try:
             line = make_line(self._line(facts, sections, 0.3 * facts.wheelbase))
         except ConfigError as error:
-            raise NotPossible(str(error).rsplit(": ", 1)[-1]) from None
+            raise NotFeasible(str(error).rsplit(": ", 1)[-1]) from None
         grip = 0.75 * min(facts.parameters.front_friction, facts.parameters.rear_friction) * GRAVITY
         return math.sqrt(grip / max(float(np.max(np.abs(line.curvature))), 1e-6))
 
@@ -204,7 +205,7 @@ class CourseSpec(ManoeuvreSpec):
                 stop=stop,
             )
         except ConfigError as error:
-            raise NotPossible(str(error).rsplit(": ", 1)[-1]) from None
+            raise NotFeasible(str(error).rsplit(": ", 1)[-1]) from None
         return record, self._room(facts, sections, record)
 
     def _room(self, facts: Facts, sections: list[Section], record: Record) -> list[float]:
@@ -220,26 +221,26 @@ class CourseSpec(ManoeuvreSpec):
         return float(np.interp(at, record.time, record.vx))
 
     def _draw(self, outcome: Outcome, record: Record, sections: list[Section], facts: Facts) -> None:
-        edges: list[Line] = []
+        edges: list[Curve] = []
         for number, section in enumerate(sections):
             for level in (section.low, section.high):
                 if math.isfinite(level):
                     name = "" if number or edges else "lines of cones"
                     x = np.array([section.x0, section.x1])
-                    edges.append(Line(name, x, np.array([level, level]), "line", 2))
+                    edges.append(Curve(name, x, np.array([level, level]), "line", 2))
         chosen = (record.x > sections[0].x0 - 15.0 * facts.scale) & (record.x < sections[-1].x1 + 10.0 * facts.scale)
         cos, sin = np.cos(record.yaw[chosen]), np.sin(record.yaw[chosen])
         x, y, half = record.x[chosen], record.y[chosen], 0.5 * facts.width
-        lines = [*edges, Line("middle of the rear axle", x, y, "line", 0)]
+        lines = [*edges, Curve("middle of the rear axle", x, y, "line", 0)]
         for sign, word in ((1.0, "front corners"), (-1.0, "")):
             px, py = x + facts.front * cos - sign * half * sin, y + facts.front * sin + sign * half * cos
-            lines.append(Line(word, px, py, "dashed", 1))
+            lines.append(Curve(word, px, py, "dashed", 1))
         outcome.charts.append(Chart("x", "m", "y", "m", tuple(lines)))
         for label, unit, values in (
             ("Hand-wheel angle", "deg", np.degrees(record.hand_wheel)),
             ("Lateral acceleration", "m/s²", record.lateral_acceleration),
         ):
-            line = Line(label, record.x[chosen], values[chosen])
+            line = Curve(label, record.x[chosen], values[chosen])
             outcome.charts.append(Chart("x", "m", label, unit, (line,)))
 
 
@@ -271,13 +272,14 @@ class DoubleLaneChangeSpec(CourseSpec):
 
     title: ClassVar[str] = "Double lane change"
     standard: ClassVar[str] = "ISO 3888-1"
+    headline: ClassVar[tuple[str, ...]] = ("speed",)
 
     lengths: tuple[float, float, float, float, float] = setting(
-        (15.0, 30.0, 25.0, 25.0, 30.0), "of lane A, gap, lane B, gap, lane C with exit [m]", "V", _CHRONO
+        (15.0, 30.0, 25.0, 25.0, 30.0), "of lane A, gap, lane B, gap, lane C with exit", "m", "V", _CHRONO
     )
-    factors: tuple[float, float, float] = setting((1.1, 1.2, 1.3), "lane over vehicle width [-]", "V", _CHRONO)
-    extra: Length = setting(0.25, "added to the widths of the lanes [m]", "V", _CHRONO, ge=0.0)
-    offset: Length = setting(3.5, "from the axis of lane A to the near edge of lane B [m]", "V", _CHRONO, ge=0.0)
+    factors: tuple[float, float, float] = setting((1.1, 1.2, 1.3), "lane over vehicle width", "", "V", _CHRONO)
+    extra: Length = setting(0.25, "added to the widths of the lanes", "m", "V", _CHRONO, ge=0.0)
+    offset: Length = setting(3.5, "from the axis of lane A to the near edge of lane B", "m", "V", _CHRONO, ge=0.0)
 
     def sections(self, width: float) -> list[Section]:
         """Lanes A, B and C; C is aligned with the far edge of A."""
@@ -295,17 +297,18 @@ class ObstacleAvoidanceSpec(CourseSpec):
 
     title: ClassVar[str] = "Obstacle avoidance"
     standard: ClassVar[str] = "ISO 3888-2"
+    headline: ClassVar[tuple[str, ...]] = ("speed",)
     releases: ClassVar[bool] = True
 
     lengths: tuple[float, float, float, float, float] = setting(
-        (12.0, 13.5, 11.0, 12.5, 12.0), "of section 1, gap, section 3, gap, section 5 [m]", "V", _CHRONO
+        (12.0, 13.5, 11.0, 12.5, 12.0), "of section 1, gap, section 3, gap, section 5", "m", "V", _CHRONO
     )
-    first_factor: float = setting(1.1, "width of section 1 over the vehicle's [-]", "V", _CHRONO, gt=0.0)
-    first_extra: Length = setting(0.25, "added to it [m]", "V", _CHRONO, ge=0.0)
-    second_extra: Length = setting(1.0, "width of section 3 less the vehicle's [m]", "V", _CHRONO, ge=0.0)
-    third_width: Length = setting(3.0, "width of section 5; others use 1.3 b + 0.25 m [m]", "V", _CHRONO, gt=0.0)
-    offset: Length = setting(1.0, "between the edges of sections 1 and 3 [m]", "V", _CHRONO, ge=0.0)
-    release: Length = setting(2.0, "behind the entry, where the throttle is released [m]", "R", "ISO 3888-2", ge=0.0)
+    first_factor: float = setting(1.1, "width of section 1 over the vehicle's", "", "V", _CHRONO, gt=0.0)
+    first_extra: Length = setting(0.25, "added to it", "m", "V", _CHRONO, ge=0.0)
+    second_extra: Length = setting(1.0, "width of section 3 less the vehicle's", "m", "V", _CHRONO, ge=0.0)
+    third_width: Length = setting(3.0, "width of section 5; others use 1.3 b + 0.25 m", "m", "V", _CHRONO, gt=0.0)
+    offset: Length = setting(1.0, "between the edges of sections 1 and 3", "m", "V", _CHRONO, ge=0.0)
+    release: Length = setting(2.0, "behind the entry, where the throttle is released", "m", "R", "ISO 3888-2", ge=0.0)
 
     def _release(self) -> float:
         return self.release
@@ -327,11 +330,12 @@ class SlalomSpec(CourseSpec):
 
     title: ClassVar[str] = "Slalom"
     standard: ClassVar[str] = "no standard; cones 18 m apart, as magazines have them"
+    headline: ClassVar[tuple[str, ...]] = ("speed",)
 
-    spacing: Length = setting(18.0, "from cone to cone [m]", "R", "magazines", gt=0.0)
-    cones: int = setting(6, "number of cones [-]", "R", "magazines", ge=2, le=50)
-    radius: Length = setting(0.15, "of a cone [m]", "own", ge=0.0)
-    lowest: Speed = setting(20.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
+    spacing: Length = setting(18.0, "from cone to cone", "m", "R", "magazines", gt=0.0)
+    cones: int = setting(6, "number of cones", "", "R", "magazines", ge=2, le=50)
+    radius: Length = setting(0.15, "of a cone", "m", "own", ge=0.0)
+    lowest: Speed = setting(20.0 * KMH, "of the bisection", "m/s", "own", gt=0.0)
 
     def sections(self, width: float) -> list[Section]:  # noqa: ARG002 - as the base class has it
         """A short section a cone, open to the other side."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.yaml_io import Acceleration, AngularRate, Duration, Frequency, Speed
-from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.base import Chart, Curve, ManoeuvreSpec, NotFeasible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_entry, check_rate, check_speed, check_steering
 from mirdrake.manoeuvres.metrics.steady import fit_line, means, understeer_constant_speed
 from mirdrake.manoeuvres.metrics.straight import KMH
@@ -24,18 +24,22 @@ class StepSteerSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Step steer"
     standard: ClassVar[str] = "ISO 7401:2011, clause 10"
+    headline: ClassVar[tuple[str, ...]] = ("yaw_response", "yaw_overshoot")
 
-    speed: Speed = setting(100.0 * KMH, "at the start [m/s]", "R", "ISO 7401", gt=0.0)
-    tolerance: Speed = setting(3.0 * KMH, "allowed difference of the speed at the step [m/s]", "R", "ISO 7401", gt=0.0)
-    lateral: Acceleration = setting(4.0, "steady lateral acceleration wanted [m/s^2]", "R", "ISO 7401", gt=0.0)
-    rise: Duration = setting(0.15, "of the steering, 0 to 100 % [s]", "R", "ISO 7401: 10 to 90 % within 0.15 s", ge=0.0)
-    turn: Literal["left", "right"] = setting("left", "direction [-]", "own")
-    settle: Duration = setting(1.0, "straight ahead before the step [s]", "own", ge=0.0)
-    length: Duration = setting(5.0, "after the step [s]", "own", gt=0.0)
-    average: Duration = setting(1.0, "at the end, over which steady values are taken [s]", "own", gt=0.0)
+    speed: Speed = setting(100.0 * KMH, "at the start", "m/s", "R", "ISO 7401", gt=0.0)
+    tolerance: Speed = setting(3.0 * KMH, "allowed difference of the speed at the step", "m/s", "R", "ISO 7401", gt=0.0)
+    lateral: Acceleration = setting(4.0, "steady lateral acceleration wanted", "m/s²", "R", "ISO 7401", gt=0.0)
+    rise: Duration = setting(
+        0.15, "of the steering, 0 to 100 %", "s", "R", "ISO 7401: 10 to 90 % within 0.15 s", ge=0.0
+    )
+    turn: Literal["left", "right"] = setting("left", "direction", "", "own")
+    settle: Duration = setting(1.0, "straight ahead before the step", "s", "own", ge=0.0)
+    length: Duration = setting(5.0, "after the step", "s", "own", gt=0.0)
+    average: Duration = setting(1.0, "at the end, over which steady values are taken", "s", "own", gt=0.0)
     time_step: Duration = setting(
         0.0025,
-        "of the plant, unless plant.time_step is given; small overshoots need it [s]",
+        "of the plant, unless plant.time_step is given; small overshoots need it",
+        "s",
         "own",
         scales=False,
         gt=0.0,
@@ -63,14 +67,14 @@ class StepSteerSpec(ManoeuvreSpec):
                 stop=spun_or_steady(self.speed, self.settle),
             )
             if record.stop != "duration":
-                raise NotPossible(f"with {math.degrees(angle):.2f} deg at the road wheels {record.stop}")
+                raise NotFeasible(f"with {math.degrees(angle):.2f} deg at the road wheels {record.stop}")
             end = record.time > record.time[-1] - self.average
             found = abs(float(np.mean(record.lateral_acceleration[end])))
             if abs(found - self.lateral) < 0.05 * self.lateral:
                 break
             angle *= min(max(self.lateral / max(found, 1e-3), 0.4), 2.0)
         else:
-            raise NotPossible(f"no angle gives {self.lateral:g} m/s²; the last one gave {found:.2f} m/s²")
+            raise NotFeasible(f"no angle gives {self.lateral:g} m/s²; the last one gave {found:.2f} m/s²")
         outcome.notes = list(dict.fromkeys(outcome.notes))
         before = float(np.interp(self.settle, record.time, record.vx))
         check_entry(before, self.speed, self.tolerance, where="at the step")
@@ -101,7 +105,7 @@ class StepSteerSpec(ManoeuvreSpec):
             ("Yaw rate", "deg/s", np.degrees(record.yaw_rate)),
             ("Lateral acceleration", "m/s²", record.lateral_acceleration),
         ):
-            outcome.charts.append(Chart("Time", "s", label, unit, (Line(label, time[shown], values[shown]),)))
+            outcome.charts.append(Chart("Time", "s", label, unit, (Curve(label, time[shown], values[shown]),)))
 
 
 def _rise(time: np.ndarray, steer: np.ndarray) -> float:
@@ -114,21 +118,22 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Slowly increasing steer"
     standard: ClassVar[str] = "FMVSS 126, ISO 19365"
+    headline: ClassVar[tuple[str, ...]] = ("a", "largest")
 
-    speed: Speed = setting(80.0 * KMH, "held [m/s]", "E", "MathWorks reference application: 50 mph (80 km/h)", gt=0.0)
+    speed: Speed = setting(80.0 * KMH, "held", "m/s", "E", "MathWorks reference application: 50 mph (80 km/h)", gt=0.0)
     rate: AngularRate = setting(
-        math.radians(13.5), "of the hand-wheel [rad/s]", "E", "MathWorks reference application", scales=False, gt=0.0
+        math.radians(13.5), "of the hand-wheel", "rad/s", "E", "MathWorks reference application", scales=False, gt=0.0
     )
     most: float = setting(
-        math.radians(270.0), "largest hand-wheel angle [rad]", "E", "MathWorks reference application", gt=0.0
+        math.radians(270.0), "largest hand-wheel angle", "rad", "E", "MathWorks reference application", gt=0.0
     )
-    limit: Acceleration = setting(12.0, "lateral acceleration at which the run ends [m/s^2]", "own", gt=0.0)
-    at: Acceleration = setting(0.3 * GRAVITY, "lateral acceleration of the angle A [m/s^2]", "R", "FMVSS 126", gt=0.0)
-    fit_from: Acceleration = setting(0.1 * GRAVITY, "lower end of the regression [m/s^2]", "R", "FMVSS 126", ge=0.0)
-    fit_to: Acceleration = setting(0.375 * GRAVITY, "upper end of the regression [m/s^2]", "R", "FMVSS 126", gt=0.0)
-    turn: Literal["left", "right"] = setting("left", "direction [-]", "own")
-    settle: Duration = setting(1.0, "straight ahead before [s]", "own", ge=0.0)
-    window: Duration = setting(0.4, "over which signals are averaged [s]", "own", gt=0.0)
+    limit: Acceleration = setting(12.0, "lateral acceleration at which the run ends", "m/s²", "own", gt=0.0)
+    at: Acceleration = setting(0.3 * GRAVITY, "lateral acceleration of the angle A", "m/s²", "R", "FMVSS 126", gt=0.0)
+    fit_from: Acceleration = setting(0.1 * GRAVITY, "lower end of the regression", "m/s²", "R", "FMVSS 126", ge=0.0)
+    fit_to: Acceleration = setting(0.375 * GRAVITY, "upper end of the regression", "m/s²", "R", "FMVSS 126", gt=0.0)
+    turn: Literal["left", "right"] = setting("left", "direction", "", "own")
+    settle: Duration = setting(1.0, "straight ahead before", "s", "own", ge=0.0)
+    window: Duration = setting(0.4, "over which signals are averaged", "s", "own", gt=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """One run."""
@@ -153,7 +158,7 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
         fit = understeer_constant_speed(ay, delta, speed, facts.wheelbase, self.fit_from, self.fit_to)
         ended = "the steering was at its last angle" if record.stop == "duration" else record.stop
         if line is None or fit is None or float(np.max(ay, initial=0.0)) < self.at:
-            raise NotPossible(
+            raise NotFeasible(
                 f"it reached {np.max(ay, initial=0.0) / GRAVITY:.2f} g of the {self.at / GRAVITY:.2f} g that are "
                 f"needed ({ended})"
             )
@@ -166,9 +171,9 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
         outcome.add("largest", "Largest lateral acceleration", float(np.max(ay)) / GRAVITY, "g", ended)
         at_most = float(delta[int(np.argmax(ay))])
         outcome.add("hand_wheel", "Hand-wheel angle there", math.degrees(at_most) * facts.ratio, "deg")
-        points = Line("recorded", ay[::10], np.degrees(delta[::10]) * facts.ratio, "dots")
+        points = Curve("recorded", ay[::10], np.degrees(delta[::10]) * facts.ratio, "dots")
         ends = np.array([0.0, line.high * 1.3])
-        fitted = Line("regression", ends, np.degrees(line.offset + line.slope * ends) * facts.ratio, "dashed", 1)
+        fitted = Curve("regression", ends, np.degrees(line.offset + line.slope * ends) * facts.ratio, "dashed", 1)
         outcome.charts.append(Chart("Lateral acceleration", "m/s²", "Hand-wheel angle", "deg", (points, fitted)))
 
 
@@ -177,20 +182,21 @@ class FrequencyResponseSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Frequency response"
     standard: ClassVar[str] = "ISO 7401:2011, clauses 12 and 14"
+    headline: ClassVar[tuple[str, ...]] = ("yaw_bandwidth", "lateral_bandwidth")
 
-    input: Literal["sweep", "random"] = setting("sweep", "what the wheel does [-]", "E", "ISO 7401:2011")
-    speed: Speed = setting(100.0 * KMH, "held [m/s]", "R", "ISO 7401", gt=0.0)
+    input: Literal["sweep", "random"] = setting("sweep", "what the wheel does", "", "E", "ISO 7401:2011")
+    speed: Speed = setting(100.0 * KMH, "held", "m/s", "R", "ISO 7401", gt=0.0)
     lateral: Acceleration = setting(
-        2.0, "lateral acceleration that the amplitude would give if it stayed [m/s^2]", "own", gt=0.0
+        2.0, "lateral acceleration that the amplitude would give if it stayed", "m/s²", "own", gt=0.0
     )
-    first: Frequency = setting(0.2, "lowest frequency [Hz]", "R", "ISO 7401", gt=0.0)
-    last: Frequency = setting(3.0, "highest frequency [Hz]", "E", "Altair MotionView, sweep to 3 Hz", gt=0.0)
+    first: Frequency = setting(0.2, "lowest frequency", "Hz", "R", "ISO 7401", gt=0.0)
+    last: Frequency = setting(3.0, "highest frequency", "Hz", "E", "Altair MotionView, sweep to 3 Hz", gt=0.0)
     length: Duration = setting(
-        60.0, "of the steering; the standard drives random input for 12 min or more [s]", "own", gt=0.0
+        60.0, "of the steering; the standard drives random input for 12 min or more", "s", "own", gt=0.0
     )
-    segment: Duration = setting(12.0, "of the stretches over which spectra are averaged [s]", "own", gt=0.0)
-    lag: float = setting(math.radians(45.0), "phase lag at which the bandwidth is read [rad]", "own", gt=0.0)
-    settle: Duration = setting(1.0, "straight ahead before [s]", "own", ge=0.0)
+    segment: Duration = setting(12.0, "of the stretches over which spectra are averaged", "s", "own", gt=0.0)
+    lag: float = setting(math.radians(45.0), "phase lag at which the bandwidth is read", "rad", "own", gt=0.0)
+    settle: Duration = setting(1.0, "straight ahead before", "s", "own", ge=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """One run."""
@@ -219,7 +225,7 @@ class FrequencyResponseSpec(ManoeuvreSpec):
             stop=spun_or_steady(self.speed, self.settle),
         )
         if record.stop != "duration":
-            raise NotPossible(f"with {math.degrees(angle):.2f} deg at the road wheels {record.stop}")
+            raise NotFeasible(f"with {math.degrees(angle):.2f} deg at the road wheels {record.stop}")
         band = {"first": self.first, "last": self.last, "segment": self.segment}
         yaw = frequency_response(record.time, record.hand_wheel, record.yaw_rate, **band)
         side = frequency_response(record.time, record.hand_wheel, record.lateral_acceleration, **band)
@@ -249,7 +255,7 @@ class FrequencyResponseSpec(ManoeuvreSpec):
             ("Phase", "deg", (np.degrees(yaw.phase), np.degrees(side.phase))),
         ):
             first, second = values
-            lines = [Line("yaw rate" if unit != "m/s² per rad" else "lateral acceleration", yaw.frequency, first)]
+            lines = [Curve("yaw rate" if unit != "m/s² per rad" else "lateral acceleration", yaw.frequency, first)]
             if second is not None:
-                lines.append(Line("lateral acceleration", side.frequency, second, "line", 1))
+                lines.append(Curve("lateral acceleration", side.frequency, second, "line", 1))
             outcome.charts.append(Chart("Frequency", "Hz", label, unit, tuple(lines), log=True))

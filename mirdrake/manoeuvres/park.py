@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from mirdrake.core.yaml_io import Duration, Speed
-from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.base import Chart, Curve, ManoeuvreSpec, NotFeasible, Outcome, setting
 from mirdrake.manoeuvres.metrics.straight import creep
 from mirdrake.manoeuvres.rig import Rig
 
@@ -16,19 +16,20 @@ class ParkSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Park"
     standard: ClassVar[str] = "no standard; a check of the model at standstill"
+    headline: ClassVar[tuple[str, ...]] = ("creep_flat", "creep_uphill")
 
-    grade: float = setting(0.12, "rise over run of the slope [-]", "own", gt=0.0, le=0.5)
-    brake: float = setting(1.0, "position of the pedal, if there is one [-]", "own", gt=0.0, le=1.0)
+    grade: float = setting(0.12, "rise over run of the slope", "", "own", gt=0.0, le=0.5)
+    brake: float = setting(1.0, "position of the pedal, if there is one", "", "own", gt=0.0, le=1.0)
     settle: Duration = setting(
-        5.0, "at the start, does not count: it rocks on its tyres [s]", "own", scales=False, ge=0.0
+        5.0, "at the start, does not count: it rocks on its tyres", "s", "own", scales=False, ge=0.0
     )
-    length: Duration = setting(10.0, "time over which creeping is measured [s]", "own", scales=False, gt=0.0)
-    allowed: Speed = setting(1e-4, "creep speed that passes [m/s]", "own", scales=False, gt=0.0)
+    length: Duration = setting(10.0, "time over which creeping is measured", "s", "own", scales=False, gt=0.0)
+    allowed: Speed = setting(1e-4, "creep speed that passes", "m/s", "own", scales=False, gt=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Three runs."""
         if rig.kind == "single_track":
-            raise NotPossible("brakes of the single-track model are smooth at standstill: held on a slope it creeps")
+            raise NotFeasible("brakes of the single-track model are smooth at standstill: held on a slope it creeps")
         lines, faults = [], []
         if not rig.pedals:
             outcome.notes.append("it has no pedals: its wheels are held as by parking brakes")
@@ -55,7 +56,7 @@ class ParkSpec(ManoeuvreSpec):
             if not speed <= self.allowed:
                 faults.append(f"{text} it creeps at {1000.0 * speed:.3g} mm/s")
             gone = 1000.0 * np.hypot(record.x - record.x[0], record.y - record.y[0])
-            lines.append(Line(text, record.time, gone, "line", number))
+            lines.append(Curve(text, record.time, gone, "line", number))
         outcome.verdict = "fail" if faults else "pass"
         outcome.reason = "; ".join(faults)
         outcome.charts.append(Chart("Time", "s", "Way from the start", "mm", tuple(lines)))

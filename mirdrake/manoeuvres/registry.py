@@ -8,7 +8,7 @@ from pydantic import Field, create_model
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import Schema, parse_yaml
-from mirdrake.manoeuvres.base import Diverged, ManoeuvreSpec, NotPossible, Outcome, scaled
+from mirdrake.manoeuvres.base import Diverged, ManoeuvreSpec, NotFeasible, Outcome, scaled
 from mirdrake.manoeuvres.dwell import SineWithDwellSpec
 from mirdrake.manoeuvres.lanes import DoubleLaneChangeSpec, ObstacleAvoidanceSpec, SlalomSpec
 from mirdrake.manoeuvres.open_loop import FrequencyResponseSpec, SlowlyIncreasingSteerSpec, StepSteerSpec
@@ -103,7 +103,7 @@ def run_manoeuvre(name: str, rig: Rig, spec: ManoeuvreSpec | None = None) -> Out
     rig.folder = base / name if base is not None else None
     try:
         spec.drive(rig, outcome)
-    except NotPossible as error:
+    except NotFeasible as error:
         outcome.verdict, outcome.reason = "not possible", str(error)
     except Diverged as error:
         outcome.verdict, outcome.reason = "diverged", str(error)

@@ -1,4 +1,4 @@
-"""What a set of manoeuvres gave: as text, results.json and metrics.csv."""
+"""Results of a set of manoeuvres as text, results.json and metrics.csv."""
 
 import csv
 import io
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.core.files import write_file
-from mirdrake.manoeuvres.base import STATUS, Metric, Outcome, Used
+from mirdrake.manoeuvres.base import STATUS, Metric, Outcome, SettingRecord
 from mirdrake.manoeuvres.facts import Facts
 
 RESULTS, METRICS = "results.json", "metrics.csv"
@@ -21,12 +21,12 @@ class HandlingResults:
     """Outcomes of one vehicle.
 
     Attributes:
-        facts: of the vehicle.
+        facts: facts of the vehicle.
         model: "full" or "single_track".
         plant: settings of the plant.
-        friction: of the road [1].
-        outcomes: one a manoeuvre, in the order they were driven.
-        folder: where all is written; None: nowhere.
+        friction: friction of the road [1].
+        outcomes: one per manoeuvre, in the order of driving.
+        folder: folder of all files; None writes nothing.
     """
 
     facts: Facts
@@ -42,7 +42,7 @@ class HandlingResults:
         return int(any(outcome.verdict in {"fail", "diverged"} for outcome in self.outcomes))
 
     def data(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
+        """Return plain data for JSON."""
         facts = self.facts
         return {
             "vehicle": {
@@ -64,10 +64,10 @@ class HandlingResults:
 
 
 def write_results(results: HandlingResults) -> None:
-    """results.json and metrics.csv in the folder.
+    """Write results.json and metrics.csv into the folder.
 
     Raises:
-        RunError: it cannot be written.
+        RunError: a file cannot be written.
     """
     assert results.folder is not None
     write_file(results.folder / RESULTS, json.dumps(results.data(), indent=2, ensure_ascii=False) + "\n")
@@ -84,13 +84,13 @@ def write_results(results: HandlingResults) -> None:
     write_file(results.folder / METRICS, text.getvalue())
 
 
-def told(metric: Metric) -> str:
-    """A figure's value to four digits, ``-`` for none."""
-    return number_told(metric.value)
+def format_metric(metric: Metric) -> str:
+    """Return the value of a figure with four digits, ``-`` without one."""
+    return format_number(metric.value)
 
 
-def number_told(value: float | None) -> str:
-    """Four significant digits, without an exponent where it can be."""
+def format_number(value: float | None) -> str:
+    """Return a number with four significant digits, without an exponent where possible."""
     if value is None or not math.isfinite(value):
         return "-"
     if value == 0.0 or abs(value) < 1e-9:
@@ -102,44 +102,44 @@ def number_told(value: float | None) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def value_told(used: Used) -> str:
-    """A setting's value with its unit."""
+def format_setting(used: SettingRecord) -> str:
+    """Return the value of a setting with its unit."""
     value = used.value
     if isinstance(value, tuple | list):
-        text = ", ".join(number_told(float(one)) for one in value)
+        text = ", ".join(format_number(float(element)) for element in value)
     elif isinstance(value, bool) or value is None:
         text = {None: "-", True: "yes", False: "no"}[value]
     else:
-        text = number_told(float(value)) if isinstance(value, int | float) else str(value)
+        text = format_number(float(value)) if isinstance(value, int | float) else str(value)
     extra = ""
     if used.unit == "m/s" and isinstance(value, float):
-        extra = f" ({number_told(value * 3.6)} km/h)"
+        extra = f" ({format_number(value * 3.6)} km/h)"
     elif used.unit.startswith("rad") and isinstance(value, float):
-        extra = f" ({number_told(math.degrees(value))} {used.unit.replace('rad', 'deg')})"
+        extra = f" ({format_number(math.degrees(value))} {used.unit.replace('rad', 'deg')})"
     return f"{text} {used.unit}".rstrip() + extra
 
 
-def status_told(used: Used) -> str:
-    """How sure a setting is, in words, with its source."""
+def format_status(used: SettingRecord) -> str:
+    """Return the reliability of a setting in words, with its source."""
     word = "given" if used.given else STATUS.get(used.status, used.status)
     return f"{word}: {used.source}" if used.source and not used.given else word
 
 
 def recalled(outcome: Outcome) -> list[str]:
-    """Names of the settings whose numbers are recalled only."""
+    """Return the names of the settings whose numbers are recalled, not verified."""
     return [used.name for used in outcome.used if used.status == "R" and not used.given]
 
 
 def describe(outcome: Outcome) -> Iterator[str]:
-    """An outcome as lines of text."""
+    """Yield the lines of text that describe an outcome."""
     runs = f"{len(outcome.runs)} run{'s' * (len(outcome.runs) != 1)}, {outcome.wall:.1f} s"
     reason = f": {outcome.reason}" if outcome.reason else ""
     yield f"{outcome.title} ({outcome.standard}) - {outcome.verdict}{reason} [{runs}]"
     width = max((len(m.text) for m in outcome.metrics), default=0)
-    numbers = max((len(told(m)) for m in outcome.metrics), default=0)
+    number_width = max((len(format_metric(m)) for m in outcome.metrics), default=0)
     for m in outcome.metrics:
         note = f"   ({m.note})" if m.note else ""
-        yield f"  {m.text:{width}}  {told(m):>{numbers}} {m.unit}{note}".rstrip()
+        yield f"  {m.text:{width}}  {format_metric(m):>{number_width}} {m.unit}{note}".rstrip()
     for note in outcome.notes:
         yield f"  note: {note}"
     if recalled(outcome) and outcome.verdict != "not possible":

@@ -8,7 +8,7 @@ import numpy as np
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.yaml_io import Duration, Length, Speed
-from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.base import Chart, Curve, Diverged, ManoeuvreSpec, NotFeasible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_speed, check_steering
 from mirdrake.manoeuvres.courses import make_line
 from mirdrake.manoeuvres.metrics.straight import KMH
@@ -36,17 +36,18 @@ class SkidpadSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Skidpad"
     standard: ClassVar[str] = "Formula SAE Rules 2026, D.10"
+    headline: ClassVar[tuple[str, ...]] = ("lap", "lateral")
 
-    layout: Literal["eight", "circle"] = setting("eight", "figure of eight, or a circle of path_radius [-]", "V", _FSAE)
-    path_radius: Length = setting(9.125, "of the middle of the lane [m]", "V", _FSAE, gt=0.0)
-    width: Length = setting(3.0, "of the lane [m]", "V", _FSAE, gt=0.0)
-    diameter: Length = setting(17.10, "of the formula g = 2.012 D / t² [m]", "E", "FSAE 2014", gt=0.0)
-    highest: Speed = setting(60.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
-    lowest: Speed = setting(15.0 * KMH, "of the bisection [m/s]", "own", gt=0.0)
-    resolution: Speed = setting(0.1 * KMH, "at which the bisection ends [m/s]", "own", gt=0.0)
+    layout: Literal["eight", "circle"] = setting("eight", "figure of eight, or a circle of path_radius", "", "V", _FSAE)
+    path_radius: Length = setting(9.125, "of the middle of the lane", "m", "V", _FSAE, gt=0.0)
+    width: Length = setting(3.0, "of the lane", "m", "V", _FSAE, gt=0.0)
+    diameter: Length = setting(17.10, "of the formula g = 2.012 D / t²", "m", "E", "FSAE 2014", gt=0.0)
+    highest: Speed = setting(60.0 * KMH, "of the bisection", "m/s", "own", gt=0.0)
+    lowest: Speed = setting(15.0 * KMH, "of the bisection", "m/s", "own", gt=0.0)
+    resolution: Speed = setting(0.1 * KMH, "at which the bisection ends", "m/s", "own", gt=0.0)
 
     time_step: Duration = setting(
-        0.0025, "of the plant, unless plant.time_step is given; the limit needs it [s]", "own", scales=False, gt=0.0
+        0.0025, "of the plant, unless plant.time_step is given; the limit needs it", "s", "own", scales=False, gt=0.0
     )
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
@@ -57,7 +58,7 @@ class SkidpadSpec(ManoeuvreSpec):
             raise self.fault("highest", "must be above lowest")
         room = self.width - facts.width
         if room <= 0.0:
-            raise NotPossible(f"it is {facts.width:.2f} m wide, and the lane has {self.width:.2f} m")
+            raise NotFeasible(f"it is {facts.width:.2f} m wide, and the lane has {self.width:.2f} m")
         check_speed(facts, self.lowest)
         check_steering(facts, math.atan(facts.wheelbase / self.path_radius), what=f"a radius of {self.path_radius:g} m")
 
@@ -76,7 +77,7 @@ class SkidpadSpec(ManoeuvreSpec):
         )
         best, failed, why = found.best, found.failed, found.why
         if best is None:
-            raise NotPossible(f"at {self.lowest / KMH:.0f} km/h, the lowest speed, {why}")
+            raise NotFeasible(f"at {self.lowest / KMH:.0f} km/h, the lowest speed, {why}")
         times = self._laps(best, switch=(2.0 + _LATE) * 2.0 * math.pi * self.path_radius / found.passed)
         mean = float(np.mean(times))
         for side, lap in zip(_TIMED if self.layout == "eight" else ("left",), times, strict=False):
@@ -179,8 +180,8 @@ class SkidpadSpec(ManoeuvreSpec):
             for edge in (-0.5, 0.5):
                 radius = self.path_radius + edge * self.width
                 name = "edges of the lane" if number == 0 and edge < 0.0 else ""
-                lines.append(Line(name, radius * np.cos(turn), centre + radius * np.sin(turn), "line", 2))
-        lines.append(Line("centre of mass", record.x_com, record.y_com, "line", 0))
+                lines.append(Curve(name, radius * np.cos(turn), centre + radius * np.sin(turn), "line", 2))
+        lines.append(Curve("centre of mass", record.x_com, record.y_com, "line", 0))
         outcome.charts.append(Chart("x", "m", "y", "m", tuple(lines), equal=True))
-        lateral = Line("Lateral acceleration", record.time, record.vx * record.yaw_rate)
+        lateral = Curve("Lateral acceleration", record.time, record.vx * record.yaw_rate)
         outcome.charts.append(Chart("Time", "s", "Lateral acceleration", "m/s²", (lateral,)))

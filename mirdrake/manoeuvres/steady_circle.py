@@ -8,7 +8,7 @@ import numpy as np
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.yaml_io import Acceleration, AngularRate, Duration, Length, Speed
-from mirdrake.manoeuvres.base import Array, Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.base import Array, Chart, Curve, ManoeuvreSpec, NotFeasible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_rate, check_speed, check_steering
 from mirdrake.manoeuvres.metrics.steady import (
     Fit,
@@ -31,28 +31,29 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Steady-state circle"
     standard: ClassVar[str] = "ISO 4138:2021"
+    headline: ClassVar[tuple[str, ...]] = ("understeer", "largest")
 
     method: Literal["constant_radius", "constant_speed"] = setting(
-        "constant_radius", "which of the methods [-]", "E", "ISO 4138:2021"
+        "constant_radius", "which of the methods", "", "E", "ISO 4138:2021"
     )
-    turns: Literal["both", "left", "right"] = setting("both", "turns that are driven [-]", "E", "ISO 4138:2021")
-    radius: Length = setting(100.0, "of the circle; constant radius [m]", "R", "ISO 4138, at least 30 m", gt=0.0)
-    speed: Speed = setting(100.0 * KMH, "constant speed [m/s]", "R", "ISO 4138", gt=0.0)
-    first_lateral: Acceleration = setting(0.5, "lateral acceleration at the start [m/s^2]", "own", gt=0.0)
-    speed_rate: Acceleration = setting(0.25, "rise of the speed; constant radius [m/s^2]", "own", gt=0.0)
+    turns: Literal["both", "left", "right"] = setting("both", "turns that are driven", "", "E", "ISO 4138:2021")
+    radius: Length = setting(100.0, "of the circle; constant radius", "m", "R", "ISO 4138, at least 30 m", gt=0.0)
+    speed: Speed = setting(100.0 * KMH, "constant speed", "m/s", "R", "ISO 4138", gt=0.0)
+    first_lateral: Acceleration = setting(0.5, "lateral acceleration at the start", "m/s²", "own", gt=0.0)
+    speed_rate: Acceleration = setting(0.25, "rise of the speed; constant radius", "m/s²", "own", gt=0.0)
     steering_rate: AngularRate = setting(
-        math.radians(8.0), "rise of the hand-wheel angle; constant speed [rad/s]", "own", scales=False, gt=0.0
+        math.radians(8.0), "rise of the hand-wheel angle; constant speed", "rad/s", "own", scales=False, gt=0.0
     )
-    tolerance: Length = setting(2.0, "offset at which it has left the circle; constant radius [m]", "own", gt=0.0)
+    tolerance: Length = setting(2.0, "offset at which it has left the circle; constant radius", "m", "own", gt=0.0)
     behind: Speed = setting(
-        0.5, "speed short of what is wanted at which it goes no faster; constant radius [m/s]", "own", gt=0.0
+        0.5, "speed short of what is wanted at which it goes no faster; constant radius", "m/s", "own", gt=0.0
     )
-    limit: Acceleration = setting(12.0, "lateral acceleration at which the run ends [m/s^2]", "own", gt=0.0)
-    fit_from: Acceleration = setting(1.0, "lower end of the regressions [m/s^2]", "own", ge=0.0)
-    fit_to: Acceleration = setting(4.0, "upper end of the regressions [m/s^2]", "own", gt=0.0)
-    settle: Duration = setting(4.0, "time at the start that does not count [s]", "own", ge=0.0)
-    window: Duration = setting(2.0, "over which signals are averaged [s]", "own", gt=0.0)
-    pressing: float = setting(1.0, "gains of the driver over those he usually has; constant radius [-]", "own", gt=0.0)
+    limit: Acceleration = setting(12.0, "lateral acceleration at which the run ends", "m/s²", "own", gt=0.0)
+    fit_from: Acceleration = setting(1.0, "lower end of the regressions", "m/s²", "own", ge=0.0)
+    fit_to: Acceleration = setting(4.0, "upper end of the regressions", "m/s²", "own", gt=0.0)
+    settle: Duration = setting(4.0, "time at the start that does not count", "s", "own", ge=0.0)
+    window: Duration = setting(2.0, "over which signals are averaged", "s", "own", gt=0.0)
+    pressing: float = setting(1.0, "gains of the driver over those he usually has; constant radius", "", "own", gt=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Both turns; see the base class."""
@@ -66,7 +67,7 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
             steady = self._points(record, SIDES[side])
             fit = self._fit(rig, steady)
             if fit is None:
-                raise NotPossible(
+                raise NotFeasible(
                     f"the turn to the {side} gave no steady points from {self.fit_from:g} to {self.fit_to:g} m/s² "
                     f"(largest {np.max(steady['ay'], initial=0.0):.2f} m/s²; {record.stop})"
                 )
@@ -186,10 +187,10 @@ def spun_or_steady(speed: float, settle: float, limit: float = math.inf) -> Stop
 
 def _curves(
     steady: dict[str, Array], key: str, side: str, colour: int, *, ratio: float = 1.0, fit: Fit | None = None
-) -> list[Line]:
-    lines = [Line(side, steady["ay"], np.degrees(steady[key]) * ratio, "dots", colour)]
+) -> list[Curve]:
+    lines = [Curve(side, steady["ay"], np.degrees(steady[key]) * ratio, "dots", colour)]
     if fit is not None:
         x = np.array([0.0, fit.high * 1.15])
         y = np.degrees(fit.offset + fit.slope * x) * ratio
-        lines.append(Line(f"{side}, line of the gradient", x, y, "dashed", colour))
+        lines.append(Curve(f"{side}, line of the gradient", x, y, "dashed", colour))
     return lines

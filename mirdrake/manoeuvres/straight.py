@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from mirdrake.core.yaml_io import Duration, Length, Speed
-from mirdrake.manoeuvres.base import Chart, Line, ManoeuvreSpec, NotPossible, Outcome, setting
+from mirdrake.manoeuvres.base import Chart, Curve, ManoeuvreSpec, NotFeasible, Outcome, setting
 from mirdrake.manoeuvres.checks import check_entry, check_speed
 from mirdrake.manoeuvres.metrics.straight import (
     FOOT,
@@ -43,18 +43,19 @@ class CoastDownSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Coast-down"
     standard: ClassVar[str] = "SAE J2263"
+    headline: ClassVar[tuple[str, ...]] = ("force_100", "time_100_80")
 
-    speed: Speed = setting(115.0 * KMH, "at the start [m/s]", "R", "SAE J2263", gt=0.0)
-    last: Speed = setting(15.0 * KMH, "at the end [m/s]", "R", "SAE J2263", gt=0.0)
-    rotating: bool = setting(True, "count the mass that rotates, reduced to the road [-]", "own")
-    longest: Duration = setting(400.0, "longest run [s]", "own", gt=0.0)
+    speed: Speed = setting(115.0 * KMH, "at the start", "m/s", "R", "SAE J2263", gt=0.0)
+    last: Speed = setting(15.0 * KMH, "at the end", "m/s", "R", "SAE J2263", gt=0.0)
+    rotating: bool = setting(True, "count the mass that rotates, reduced to the road", "", "own")
+    longest: Duration = setting(400.0, "longest run", "s", "own", gt=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """One run; on flat ground without wind both directions are alike."""
         if self.last >= self.speed:
             raise self.fault("last", "must be below speed")
         if not rig.pedals:
-            raise NotPossible("coasting needs pedals with a neutral gear; control.yaml has servos on its wheels")
+            raise NotFeasible("coasting needs pedals with a neutral gear; control.yaml has servos on its wheels")
         check_speed(rig.facts, self.speed)
 
         def stop(time: float, state: Sequence[float]) -> str | None:  # noqa: ARG001
@@ -63,7 +64,7 @@ class CoastDownSpec(ManoeuvreSpec):
         driver = rig.line_driver(_line(self.speed * self.longest), pedals=[[0.0, 0.0, 0.0, 0.0]])
         record = rig.run("coast", driver, duration=self.longest, speed=self.speed * 1.005, stop=stop)
         if record.vx[-1] > self.last:
-            raise NotPossible(f"after {self.longest:g} s it still coasted at {record.vx[-1] / KMH:.0f} km/h")
+            raise NotFeasible(f"after {self.longest:g} s it still coasted at {record.vx[-1] / KMH:.0f} km/h")
         parameters = rig.facts.parameters
         mass = parameters.mass + (parameters.rotating_mass if self.rotating else 0.0)
         chosen = (record.vx <= self.speed) & (record.vx >= self.last)
@@ -82,9 +83,9 @@ class CoastDownSpec(ManoeuvreSpec):
             name = f"{high / KMH:.0f}_{low / KMH:.0f}"
             outcome.add(f"time_{name}", f"Time from {high / KMH:.0f} to {low / KMH:.0f} km/h", took, "s")
         outcome.notes.append("one direction: flat ground, no wind")
-        outcome.charts.append(Chart("Time", "s", "Speed", "km/h", (Line("Speed", record.time, record.vx / KMH),)))
+        outcome.charts.append(Chart("Time", "s", "Speed", "km/h", (Curve("Speed", record.time, record.vx / KMH),)))
         v = np.linspace(self.last, self.speed, 50)
-        force = Line("A + B v + C v²", v / KMH, np.array([load.at(float(one)) for one in v]))
+        force = Curve("A + B v + C v²", v / KMH, np.array([load.at(float(one)) for one in v]))
         outcome.charts.append(Chart("Speed", "km/h", "Road load", "N", (force,)))
 
 
@@ -93,16 +94,18 @@ class AccelerationSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Acceleration"
     standard: ClassVar[str] = "0-100 km/h, 0-60 mph, quarter mile, as magazines measure"
+    headline: ClassVar[tuple[str, ...]] = ("time_100kmh", "time_top", "quarter_mile")
 
-    throttle: float = setting(1.0, "position of the pedal [-]", "own", gt=0.0, le=1.0)
-    wait: Duration = setting(1.0, "standing before [s]", "own", ge=0.0)
+    throttle: float = setting(1.0, "position of the pedal", "", "own", gt=0.0, le=1.0)
+    wait: Duration = setting(1.0, "standing before", "s", "own", ge=0.0)
     rollout: Length = setting(
-        FOOT, "way whose time is subtracted [m]", "E", "Edmunds, Car and Driver", scales=False, gt=0.0
+        FOOT, "way whose time is subtracted", "m", "E", "Edmunds, Car and Driver", scales=False, gt=0.0
     )
-    longest: Duration = setting(60.0, "longest run [s]", "own", gt=0.0)
+    longest: Duration = setting(60.0, "longest run", "s", "own", gt=0.0)
     time_step: Duration = setting(
         0.0025,
-        "of the plant, unless plant.time_step is given; wheels that swing after a shift need it [s]",
+        "of the plant, unless plant.time_step is given; wheels that swing after a shift need it",
+        "s",
         "own",
         scales=False,
         gt=0.0,
@@ -133,7 +136,7 @@ class AccelerationSpec(ManoeuvreSpec):
         record = rig.run("full_throttle", driver, duration=self.longest, stop=stop)
         begin = moves_off(record.time, record.vx, MOVED)
         if not math.isfinite(begin):
-            raise NotPossible(f"it did not move off within {self.longest:g} s")
+            raise NotFeasible(f"it did not move off within {self.longest:g} s")
         roll = time_to_distance(record.time, record.distance, self.rollout, start=begin)
         pedal, pressed = begin - self.wait, "pedal application" if rig.pedals else "the speed command"
         reached = float(np.max(record.vx))
@@ -168,14 +171,15 @@ class BrakingSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Braking"
     standard: ClassVar[str] = "100-0 km/h and 60-0 mph; mean fully developed deceleration as in UN R13-H"
+    headline: ClassVar[tuple[str, ...]] = ("distance_100", "mfdd")
 
-    speed: Speed = setting(100.0 * KMH, "at which the distance begins [m/s]", "E", "Car and Driver, Edmunds", gt=0.0)
+    speed: Speed = setting(100.0 * KMH, "at which the distance begins", "m/s", "E", "Car and Driver, Edmunds", gt=0.0)
     others: tuple[float, ...] = setting(
-        (60.0 * MPH, 30.0 * MPH), "further speeds from which distances are told [m/s]", "E", "Edmunds"
+        (60.0 * MPH, 30.0 * MPH), "further speeds from which distances are told", "m/s", "E", "Edmunds"
     )
-    brake: float = setting(1.0, "position of the pedal [-]", "own", gt=0.0, le=1.0)
-    lead: Speed = setting(3.0 * KMH, "faster than that when the brake is pressed [m/s]", "own", ge=0.0)
-    lowest: float = setting(1.0, "deceleration below which it counts as not possible [m/s^2]", "own", gt=0.0)
+    brake: float = setting(1.0, "position of the pedal", "", "own", gt=0.0, le=1.0)
+    lead: Speed = setting(3.0 * KMH, "faster than that when the brake is pressed", "m/s", "own", ge=0.0)
+    lowest: float = setting(1.0, "deceleration below which it counts as not possible", "m/s²", "own", gt=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """One run."""
@@ -206,17 +210,19 @@ class SplitFrictionSpec(ManoeuvreSpec):
 
     title: ClassVar[str] = "Braking on split friction"
     standard: ClassVar[str] = "after UN R13-H and ISO 14512; numbers are a choice of this program"
+    headline: ClassVar[tuple[str, ...]] = ("distance", "sideways")
 
-    speed: Speed = setting(80.0 * KMH, "when the brake is pressed [m/s]", "own", gt=0.0)
-    brake: float = setting(1.0, "position of the pedal [-]", "own", gt=0.0, le=1.0)
-    slippery: float = setting(0.25, "friction under the left wheels [-]", "own", gt=0.0, le=2.0)
-    hands: Literal["corrects", "fixed"] = setting("corrects", "what the driver does with the wheel [-]", "own")
-    sideways: Length = setting(1.75, "largest offset that passes: half a lane [m]", "own", gt=0.0)
-    yaw: float = setting(math.radians(15.0), "largest heading error that passes [rad]", "own", gt=0.0)
-    lowest: float = setting(0.5, "deceleration below which it counts as not possible [m/s^2]", "own", gt=0.0)
+    speed: Speed = setting(80.0 * KMH, "when the brake is pressed", "m/s", "own", gt=0.0)
+    brake: float = setting(1.0, "position of the pedal", "", "own", gt=0.0, le=1.0)
+    slippery: float = setting(0.25, "friction under the left wheels", "", "own", gt=0.0, le=2.0)
+    hands: Literal["corrects", "fixed"] = setting("corrects", "what the driver does with the wheel", "", "own")
+    sideways: Length = setting(1.75, "largest offset that passes: half a lane", "m", "own", gt=0.0)
+    yaw: float = setting(math.radians(15.0), "largest heading error that passes", "rad", "own", gt=0.0)
+    lowest: float = setting(0.5, "deceleration below which it counts as not possible", "m/s²", "own", gt=0.0)
     time_step: Duration = setting(
         0.00125,
-        "of the plant, unless plant.time_step is given; the first steering and a spin need it [s]",
+        "of the plant, unless plant.time_step is given; the first steering and a spin need it",
+        "s",
         "own",
         scales=False,
         gt=0.0,
@@ -225,7 +231,7 @@ class SplitFrictionSpec(ManoeuvreSpec):
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """One run."""
         if rig.kind == "single_track":
-            raise NotPossible("the single-track model has one wheel an axle, none of them left or right")
+            raise NotFeasible("the single-track model has one wheel an axle, none of them left or right")
         rig = rig.with_step(self.time_step)
         strip = {"rect": {"center": [2500.0, 50.0], "size": [6000.0, 100.0]}, "mu": self.slippery, "name": "slippery"}
         record = brake_run(
@@ -277,8 +283,8 @@ class SplitFrictionSpec(ManoeuvreSpec):
             outcome.reason = f"it went {offset:.2f} m to the side and turned by {math.degrees(most):.0f} deg"
             outcome.reason += "" if math.isnan(turned) else " and on"
         _speed_charts(outcome, record, record.time >= 0.0)
-        outcome.charts.append(Chart("x", "m", "y", "m", (Line("middle of the rear axle", record.x, record.y),)))
-        wheel = Line("Hand-wheel angle", record.time, np.degrees(record.hand_wheel))
+        outcome.charts.append(Chart("x", "m", "y", "m", (Curve("middle of the rear axle", record.x, record.y),)))
+        wheel = Curve("Hand-wheel angle", record.time, np.degrees(record.hand_wheel))
         outcome.charts.append(Chart("Time", "s", "Hand-wheel angle", "deg", (wheel,)))
 
 
@@ -332,7 +338,7 @@ def brake_run(
         float(np.interp(_BEFORE, record.time, record.vx)), speed, 0.02 * speed, where="when the brake is pressed"
     )
     if record.stop == "duration" and record.vx[-1] > 0.05:
-        raise NotPossible(f"it still drove at {record.vx[-1] / KMH:.0f} km/h after {longest:.0f} s of braking")
+        raise NotFeasible(f"it still drove at {record.vx[-1] / KMH:.0f} km/h after {longest:.0f} s of braking")
     if record.stop == "standstill" and record.vx[-1] < 0.0:
         # A car that spins may have rolled backwards before: what counts is the crossing with which the run ended.
         forward = record.time[record.vx > 0.0][-1]
@@ -354,5 +360,5 @@ def _locked(record: Record) -> list[str]:
 def _speed_charts(outcome: Outcome, record: Record, shown: Any) -> None:
     time = record.time[shown]
     speed, slope = record.vx[shown] / KMH, record.longitudinal_acceleration[shown]
-    outcome.charts.append(Chart("Time", "s", "Speed", "km/h", (Line("Speed", time, speed),)))
-    outcome.charts.append(Chart("Time", "s", "Longitudinal acceleration", "m/s²", (Line("", time, slope),)))
+    outcome.charts.append(Chart("Time", "s", "Speed", "km/h", (Curve("Speed", time, speed),)))
+    outcome.charts.append(Chart("Time", "s", "Longitudinal acceleration", "m/s²", (Curve("", time, slope),)))

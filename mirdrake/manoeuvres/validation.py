@@ -16,7 +16,7 @@ from mirdrake.core.yaml_io import Schema
 from mirdrake.manoeuvres.base import Outcome
 from mirdrake.manoeuvres.facts import Facts, find_facts
 from mirdrake.manoeuvres.published import ROLES, Figure, PublishedFigures, Role
-from mirdrake.manoeuvres.results import number_told
+from mirdrake.manoeuvres.results import format_number
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.validation_runs import Reading, run_figures
 from mirdrake.plant.plant import PlantSpec
@@ -137,7 +137,7 @@ class ValidationResults:
         counts = {role: self.count(role) for role in ROLES}
         shown = {role: f"{within} of {total}" for role, (within, total) in counts.items() if total}
         predicted = shown.pop("predicted", "")
-        limit = f"within {number_told(100.0 * self.tolerance)} %"
+        limit = f"within {format_number(100.0 * self.tolerance)} %"
         others = ", ".join(f"{role} {text}" for role, text in shown.items())
         if not predicted:
             return f"no predicted figure to compare; {others} {limit}" if others else "no predicted figure to compare"
@@ -290,7 +290,7 @@ def write_validation_results(results: ValidationResults) -> None:
 _BOUND = {"about": "", "at_most": "at most ", "at_least": "at least "}
 
 
-def published_told(figure: Figure) -> str:
+def format_published(figure: Figure) -> str:
     """A published value with its bound and unit, as it was written."""
     text = figure.value if figure.value.endswith(figure.shown_unit) else f"{figure.value} {figure.shown_unit}"
     return _BOUND[figure.bound] + text.replace("^2", "²")
@@ -322,5 +322,5 @@ def describe_validation(results: ValidationResults) -> list[str]:
 
 def _cells(one: Comparison) -> tuple[str, ...]:
     """A row of the table in the terminal."""
-    simulated = "-" if one.simulated is None else number_told(one.simulated)
-    return one.figure.text, published_told(one.figure), simulated, error_told(one), one.word, one.figure.status
+    simulated = "-" if one.simulated is None else format_number(one.simulated)
+    return one.figure.text, format_published(one.figure), simulated, error_told(one), one.word, one.figure.status

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.manoeuvres.base import Chart, Diverged, Line, ManoeuvreSpec, Outcome
+from mirdrake.manoeuvres.base import Chart, Curve, Diverged, ManoeuvreSpec, Outcome
 from mirdrake.manoeuvres.metrics.straight import (
     FOOT,
     MOVED,
@@ -73,7 +73,7 @@ def _drive_top_speed(rig: Rig) -> Outcome:
         rig.folder = base
     last = record.time > record.time[-1] - 2.0
     outcome.add("top_speed", "Speed over the last 2 s", float(np.mean(record.vx[last])) / _KMH, "km/h")
-    outcome.charts.append(Chart("Time", "s", "Speed", "km/h", (Line("Speed", record.time, record.vx / _KMH),)))
+    outcome.charts.append(Chart("Time", "s", "Speed", "km/h", (Curve("Speed", record.time, record.vx / _KMH),)))
     return outcome
 
 

@@ -15,7 +15,8 @@ from matplotlib.ticker import MaxNLocator, NullFormatter, ScalarFormatter
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.base import Chart, Metric, Outcome
-from mirdrake.manoeuvres.results import HandlingResults, number_told, recalled, status_told, value_told
+from mirdrake.manoeuvres.registry import MANOEUVRES
+from mirdrake.manoeuvres.results import HandlingResults, format_number, recalled, format_status, format_setting
 from mirdrake.report.figures import drawing_style, thin, to_svg
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import THEME, embed_svg
@@ -72,7 +73,7 @@ def render_handling(results: HandlingResults) -> str:
     facts = results.facts
     return render_page(
         _TEMPLATE,
-        filters={"figure": _figure, "value": value_told, "status": status_told},
+        filters={"figure": _figure, "value": format_setting, "status": format_status},
         title=f"{facts.title} · handling",
         over=f"{facts.name} · handling report · {'full plant' if results.model == 'full' else 'single-track model'}",
         headline=f"{facts.title}: {_headline(results.outcomes)}",
@@ -88,7 +89,7 @@ def _tiles(results: HandlingResults) -> list[Tile]:
     per_g = math.degrees(facts.understeer) * GRAVITY
     scale = "full size" if facts.scale == 1.0 else f"estimated understeer gradient {per_g:.2f} deg/g"
     return [
-        Tile("Mass", f"{number_told(facts.mass)} kg", f"{front:.0f} % on the front axle"),
+        Tile("Mass", f"{format_number(facts.mass)} kg", f"{front:.0f} % on the front axle"),
         Tile("Wheelbase", f"{facts.wheelbase:.3f} m", f"{facts.width:.2f} m wide"),
         Tile("Height of centre of mass", f"{p.com_height:.3f} m", f"{facts.ahead:.3f} m ahead of the rear axle"),
         Tile("Steering ratio", f"{facts.ratio:g}", f"road wheels up to {math.degrees(facts.steering_limit):.0f}°"),
@@ -142,7 +143,7 @@ def _headline_figures(outcome: Outcome) -> list[Metric]:
     """Return the headline figures of a manoeuvre that have a value."""
     if outcome.verdict in {"not possible", "diverged"}:
         return []
-    keys = _KEYS.get(outcome.name, ())
+    keys = MANOEUVRES[outcome.name].headline
     return [metric for metric in outcome.metrics if metric.key in keys and metric.value is not None]
 
 
@@ -162,26 +163,10 @@ def _figure_text(metric: Metric) -> str:
 
 
 _MOST_FIGURES = 3  # of the title
-_KEYS = {
-    "steady_state_circle": ("understeer", "largest"),
-    "step_steer": ("yaw_response", "yaw_overshoot"),
-    "frequency_response": ("yaw_bandwidth", "lateral_bandwidth"),
-    "slowly_increasing_steer": ("a", "largest"),
-    "sine_with_dwell": ("amplitude_left", "displacement_left"),
-    "double_lane_change": ("speed",),
-    "obstacle_avoidance": ("speed",),
-    "slalom": ("speed",),
-    "skidpad": ("lap", "lateral"),
-    "acceleration": ("time_100kmh", "time_top", "quarter_mile"),
-    "braking": ("distance_100", "mfdd"),
-    "split_friction_braking": ("distance", "sideways"),
-    "coast_down": ("force_100", "time_100_80"),
-    "park": ("creep_flat", "creep_uphill"),
-}
 
 
 def _figure(value: float | None) -> str:
-    return "–" if value is None else number_told(value).replace("-", "−")
+    return "–" if value is None else format_number(value).replace("-", "−")
 
 
 # --- charts ----------------------------------------------------------------------------------------------------------

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.published import KNOWN, ROLES, Role
-from mirdrake.manoeuvres.results import number_told, value_told
-from mirdrake.manoeuvres.validation import Comparison, ValidationResults, error_told, published_told
+from mirdrake.manoeuvres.results import format_number, format_setting
+from mirdrake.manoeuvres.validation import Comparison, ValidationResults, error_told, format_published
 from mirdrake.report.page import Tile, render_page
 
 _TEMPLATE = "validation.html.jinja"
@@ -33,7 +33,7 @@ def render_validation(results: ValidationResults) -> str:
     none_because = results.published.none_because
     return render_page(
         _TEMPLATE,
-        filters={"number": _number, "value": value_told},
+        filters={"number": _number, "value": format_setting},
         title=f"{results.facts.title} · validation",
         over=f"{results.facts.name} · validation report · simulated against published figures of the real vehicle",
         headline=f"{results.facts.title}: {results.headline}",
@@ -52,7 +52,7 @@ def render_validation(results: ValidationResults) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "–" if value is None else number_told(value).replace("-", "−")
+    return "–" if value is None else format_number(value).replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -110,12 +110,12 @@ def _row(one: Comparison) -> Row:
     figure = one.figure
     return Row(
         text=figure.text,
-        published=published_told(figure),
+        published=format_published(figure),
         simulated="–" if one.simulated is None else f"{_number(one.simulated)} {figure.shown_unit}",
         error="–" if one.error is None else error_told(one).replace("-", "−"),
         word=one.word,
         tone=one.word.replace(" ", "-"),
-        payload=f"{number_told(one.payload)} kg",
+        payload=f"{format_number(one.payload)} kg",
         source=figure.source,
         status=figure.status,
         note="; ".join(part for part in (figure.note, figure.not_compared, one.note) if part),
@@ -128,7 +128,7 @@ def _tiles(results: ValidationResults) -> list[Tile]:
     step = 1000.0 * float(plant.get("time_step", 0.0))
     return [
         *(_tile(results, role) for role in ROLES if results.count(role)[1]),
-        Tile("Vehicle", facts.name, f"{number_told(facts.mass)} kg plus {number_told(payload)} kg payload"),
+        Tile("Vehicle", facts.name, f"{format_number(facts.mass)} kg plus {format_number(payload)} kg payload"),
         Tile("Plant", f"{plant.get('contact')} contact", f"step {step:g} ms, road friction {results.friction:g}"),
     ]
 
@@ -137,7 +137,7 @@ def _tile(results: ValidationResults, role: Role) -> Tile:
     """Return the number of figures of a role within the tolerance, and their largest error."""
     within, total = results.count(role)
     errors = [abs(one.error) for one in results.having(role) if one.error is not None and one.figure.bound == "about"]
-    limit = f"within ±{number_told(100.0 * results.tolerance)} %"
+    limit = f"within ±{format_number(100.0 * results.tolerance)} %"
     note = f"{limit}, largest error {100.0 * max(errors):.1f} %" if errors else limit
     return Tile(f"{role.capitalize()} figures", f"{within} of {total}", note)
 
