@@ -16,7 +16,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.base import Chart, Metric, Outcome
 from mirdrake.manoeuvres.registry import MANOEUVRES
-from mirdrake.manoeuvres.results import HandlingResults, format_number, recalled, format_status, format_setting
+from mirdrake.manoeuvres.results import HandlingResults, format_number, format_setting, format_status, recalled
 from mirdrake.report.figures import drawing_style, thin, to_svg
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import THEME, embed_svg
