@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from mirdrake.assembly.diagram import assemble, load_diagram, make_spec
 from mirdrake.core.errors import ConfigError
-from mirdrake.plant.aerodynamics import AirForces, feels_air, pressure_centre
+from mirdrake.plant.aerodynamics import AirForces, has_air_forces, pressure_centre
 from mirdrake.plant.plant import PlantSpec, make_plant, set_start
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
@@ -145,7 +145,7 @@ def test_without_air_or_area_nothing_is_added():
     assert "ego.aerodynamics" in systems("bolt")
     assert "ego.aerodynamics" not in systems("bolt", air_density=0)
     _, _, part, _ = in_air(drag_area=0.0)
-    assert not feels_air(part, 1.2)
+    assert not has_air_forces(part, 1.2)
 
 
 @pytest.mark.parametrize(

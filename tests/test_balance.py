@@ -40,7 +40,7 @@ def test_a_centre_of_mass_that_is_not_between_the_axles(made, x, said):
     assert place.startswith("models/unior/structure.xacro:")
     assert message.startswith("the centre of mass of 'unior@handling' is 0.")
     assert said in message
-    assert message.endswith("check mass and origin of link 'base_link', which pulls it there the most")
+    assert message.endswith("check mass and origin of link 'base_link', which contributes most")
 
 
 def test_below_the_road_a_car_stands_but_has_no_single_track():

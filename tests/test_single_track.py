@@ -254,7 +254,7 @@ def test_the_friction_of_brush_tyres_limits_turning_and_braking():
     limit = 0.4 * 1500.0 * GRAVITY * 1.5 / 2.7
     rates = evaluate(BRUSH, replace(slippery, com_height=0.0).values(), state, [0.0, 0.6 * limit, 0.0])
     assert rates.motion[5:] == pytest.approx([-0.8 * limit, -limit * 1.2 / 1.5])
-    with pytest.raises(ConfigError, match=r"cannot hold 20 m/s at 0\.3 rad; take less speed or steering"):
+    with pytest.raises(ConfigError, match=r"cannot hold 20 m/s at 0\.3 rad; reduce speed or steering"):
         find_steady_state(slippery, BRUSH, speed=20.0, steering=0.3)
 
 

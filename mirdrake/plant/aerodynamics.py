@@ -1,14 +1,14 @@
-"""The force of the air on a vehicle: drag along the relative wind, and lift of each axle.
+"""Aerodynamic forces on a vehicle: drag along the relative wind, and lift of each axle.
 
-With ρ the density of the air, w the velocity of the air past the car (wind less the car's own), u its part along the
-car and A a drag or lift coefficient times the frontal area,
+With ρ the density of the air, w the velocity of the air relative to the vehicle, u its longitudinal
+component and A a drag or lift coefficient times the frontal area,
 
-    drag  F = ½ ρ A |w| w    in the direction of the wind, level with the road,
+    drag  F = ½ ρ A |w| w    in the direction of the relative wind, parallel to the road,
     lift  F = ½ ρ A u²       at the axle, along z of the vehicle frame B.
 
-The drag acts above or below the centre of mass at a stated height, so it shifts load between the axles. It has the same
-area from all sides and no moment about the vertical: a side wind pushes the car a little too weakly, and does not turn
-it, while a real car turns away from the wind.
+The drag acts above or below the centre of mass at a given height, so it transfers load between the axles. Its area is
+the same from all directions, and it has no yaw moment: a side wind acts a little too weakly and does not yaw the
+vehicle, while a real car yaws away from the wind.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from mirdrake.plant.wheels.motion import base_motion
 
 
 class AirForces(LeafSystem):
-    """What the air does to one vehicle.
+    """Aerodynamic forces on one vehicle.
 
     Input ports:
         plant_state: the plant's state, positions and velocities.
@@ -38,7 +38,7 @@ class AirForces(LeafSystem):
 
     Args:
         plant: finalised plant.
-        part: the vehicle, with its areas.
+        part: the vehicle.
         density: of the air [kg/m³].
         wind: velocity of the air in the world, x and y [m/s].
 
@@ -77,15 +77,19 @@ class AirForces(LeafSystem):
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
         wx, wy, wz = base.turning
         px, _, pz = self._point
-        rx, ry, rz = xx * px + xz * pz, yx * px + yz * pz, zx * px + zz * pz  # the point from B's origin, in the world
+        rx, ry, rz = (
+            xx * px + xz * pz,
+            yx * px + yz * pz,
+            zx * px + zz * pz,
+        )  # pressure centre from B's origin, in the world
 
-        # Drag at the point: the air past it, level with the road.
+        # Drag at the pressure centre, by the relative wind there, parallel to the road.
         air_x = self._wind[0] - (base.velocity[0] + wy * rz - wz * ry)
         air_y = self._wind[1] - (base.velocity[1] + wz * rx - wx * rz)
         pull = self._drag * hypot(air_x, air_y)
         fx, fy = pull * air_x, pull * air_y
 
-        # Lift at the axles, which are in the plane y = 0 of B: moments about B's origin turn about its y axis only.
+        # Lift at the axles, in the plane y = 0 of B: moments about B's origin are about its y axis only.
         along = air_x * xx + air_y * yx
         front, rear = (area * along * along for area in self._lifts)
         lift, moment = front + rear, -front * self._wheelbase
@@ -104,7 +108,7 @@ class AirForces(LeafSystem):
 
 
 def pressure_centre(plant: MultibodyPlant, part: VehicleInPlant) -> tuple[float, float, float]:
-    """Where the drag acts, in the vehicle frame B [m]: below the centre of mass, or above, at the stated height.
+    """Return the point of application of the drag in the vehicle frame B [m]: at the centre of mass's x, at the height.
 
     Args:
         plant: finalised plant.
@@ -117,7 +121,7 @@ def pressure_centre(plant: MultibodyPlant, part: VehicleInPlant) -> tuple[float,
     return x, 0.0, z if height is None else height
 
 
-def feels_air(part: VehicleInPlant, density: float) -> bool:
-    """Whether the air has any force on a vehicle."""
+def has_air_forces(part: VehicleInPlant, density: float) -> bool:
+    """Return whether there are aerodynamic forces on a vehicle."""
     shape = part.vehicle.spec.aerodynamics
     return density > 0.0 and any((shape.drag_area, shape.front_lift_area, shape.rear_lift_area))

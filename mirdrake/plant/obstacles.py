@@ -1,7 +1,7 @@
-"""Props of a world in a plant: what stands still is part of the world body, what can be knocked over has its own body.
+"""Props of a world in a plant: static props belong to the world body, dynamic ones have a body of their own.
 
-A static prop costs next to nothing in a step: its shapes lie on the world body, where no two of them are ever tested
-against each other.
+A static prop costs very little per step: its shapes are on the world body, whose shapes are never tested against each
+other.
 """
 
 import itertools
@@ -31,7 +31,7 @@ from pydrake.systems.framework import Context
 from mirdrake.worlds import PlacedProp, World
 from mirdrake.worlds.props import DISSIPATION, STIFFNESS, Color, Solid
 
-_GREY = (0.72, 0.71, 0.68, 1.0)  # of a prop without mesh and colour
+_GREY = (0.72, 0.71, 0.68, 1.0)  # colour of a prop without mesh and colour
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class PropsInPlant:
 
     Attributes:
         owners: prop of each collision geometry.
-        bumps: those of them that are made to be driven over.
-        bodies: body of each prop that can be knocked over.
-        poses: where those start, X_WP.
+        bumps: geometries that vehicles may drive over.
+        bodies: body of each dynamic prop.
+        poses: start poses X_WP of the dynamic props.
     """
 
     owners: dict[GeometryId, str] = field(default_factory=dict)
@@ -51,7 +51,7 @@ class PropsInPlant:
     poses: dict[str, RigidTransform] = field(default_factory=dict)
 
     def reset(self, plant: MultibodyPlant, context: Context) -> None:
-        """Put what can be knocked over where it starts.
+        """Move the dynamic props to their start poses.
 
         Args:
             plant: the finalised plant.
@@ -62,16 +62,16 @@ class PropsInPlant:
 
 
 def add_props(plant: MultibodyPlant, world: World) -> PropsInPlant:
-    """Put the props of a world into a plant that is not finalised yet.
+    """Add the props of a world to a plant that is not finalised yet.
 
     Args:
-        plant: with a scene graph.
-        world: its props.
+        plant: a plant with a scene graph.
+        world: the world.
 
     Returns:
-        what belongs to which prop.
+        the props with their geometries and bodies.
     """
-    found = PropsInPlant()
+    added = PropsInPlant()
     for placed in world.props:
         prop, material = placed.prop, ProximityProperties()
         AddContactMaterial(
@@ -87,27 +87,27 @@ def add_props(plant: MultibodyPlant, world: World) -> PropsInPlant:
         else:
             instance = plant.AddModelInstance(f"prop/{placed.name}")
             body, X_BP = plant.AddRigidBody(placed.name, instance, prop.inertia), RigidTransform()
-            found.bodies[placed.name], found.poses[placed.name] = body, placed.X_WP
+            added.bodies[placed.name], added.poses[placed.name] = body, placed.X_WP
         for index, solid in enumerate(prop.solids):
             name = f"prop/{placed.name}/{index}"
             geometry = plant.RegisterCollisionGeometry(body, X_BP @ solid.X_PS, solid.shape, name, material)
-            found.owners[geometry] = placed.name
+            added.owners[geometry] = placed.name
             if prop.driven_over:
-                found.bumps.add(geometry)
+                added.bumps.add(geometry)
             for number, (shape, X_PG) in enumerate([] if placed.static else _feet(solid)):
                 foot = plant.RegisterCollisionGeometry(body, X_BP @ X_PG, shape, f"{name}/foot{number}", material)
-                found.owners[foot] = placed.name
+                added.owners[foot] = placed.name
         for index, (shape, X_PG) in enumerate(looks(placed)):
             rgba = np.array([*placed.color, 1.0] if placed.color else _GREY)
             plant.RegisterVisualGeometry(body, X_BP @ X_PG, shape, f"prop/{placed.name}/look{index}", rgba)
-    return found
+    return added
 
 
 def _feet(solid: Solid) -> list[tuple[Shape, RigidTransform]]:
-    """Small balls in the corners of a box, flush with its faces, on which it rests.
+    """Return small spheres in the corners of a box, flush with its faces, on which it rests.
 
-    Drake's point contact finds one point of a box on the ground, the deepest corner, so that a box would rattle from
-    corner to corner; each ball has a point of its own.
+    Drake's point contact has one point per pair of shapes, the deepest corner of a box, so that a box would rattle
+    from corner to corner; each sphere has its own point.
 
     Returns:
         shapes and their poses X_PG; none for other shapes than boxes.
@@ -123,7 +123,7 @@ def _feet(solid: Solid) -> list[tuple[Shape, RigidTransform]]:
 
 
 def looks(placed: PlacedProp) -> list[tuple[Shape, RigidTransform]]:
-    """What is seen of a prop: shapes and their poses X_PG."""
+    """Return the visual shapes of a prop and their poses X_PG."""
     prop = placed.prop
     if prop.visual is None:
         return [(solid.shape, solid.X_PS) for solid in prop.solids]
@@ -135,7 +135,7 @@ def looks(placed: PlacedProp) -> list[tuple[Shape, RigidTransform]]:
 
 @lru_cache(maxsize=256)
 def _painted(path: Path, material: str, color: Color) -> InMemoryMesh:
-    """A glTF file with one of its materials in another colour; the file itself is left alone."""
+    """Return a copy of a glTF file with another colour of one material."""
     data = json.loads(path.read_text(encoding="utf-8"))
     for entry in data.get("materials", ()):
         if entry.get("name") == material:

@@ -1,7 +1,7 @@
-"""From vehicles and a world to a MultibodyPlant.
+"""MultibodyPlant of vehicles and a world.
 
-:func:`make_plant` does it all; :func:`add_vehicle` and :func:`add_world` do their part in any plant of your own
-before it is finalised. The road is one half space; what the eye sees lies on top of it.
+:func:`make_plant` makes a finalised plant; :func:`add_vehicle` and :func:`add_world` add to any plant before it is
+finalised. The road is one half space; its visual geometry is on top of it.
 """
 
 import re
@@ -57,47 +57,49 @@ from mirdrake.worlds.scenery import scenery
 SIDES = ("left", "right")
 
 PARKING_STIFFNESS = 1e7
-"""Of a held wheel [N m/rad]: a car of 2 t on a slope of 5 degrees moves it by a hundredth of a millimetre."""
+"""Stiffness of a parking brake [N m/rad]: a car of 2 t on a slope of 5 degrees moves by 0.01 mm."""
 
 PARKING_INERTIA = 1e4
-"""Added to a held wheel [kg m²]: Drake softens friction by a thousandth of the mobility of what it holds, which is high
-for a wheel of 1 kg m² and lets a car on a slope creep by 0.05 mm/s; a held wheel is as immobile as its car."""
+"""Inertia added to a parked wheel [kg m²]. Drake regularises friction by a thousandth of the mobility of a body. This
+is high for a wheel of 1 kg m² and lets a car on a slope creep by 0.05 mm/s; a parked wheel is as immobile as a car."""
 
-CROWD = 12
-"""Shapes beside which a half space is safe. It has no bounds, which unbalances the tree in which Drake looks for
-neighbours; where the tree is more than ten levels deeper than a balanced one, rebalancing it ends the process
-(measured with Drake 1.51 and 1.58: 15 shapes may, 100 always do). With a dozen it cannot become so deep."""
+MAX_SHAPES_WITH_HALF_SPACE = 12
+"""Number of collision shapes up to which a half space is safe. A half space has no bounds, which unbalances Drake's
+broad-phase tree; where the tree is more than ten levels deeper than a balanced one, rebalancing it aborts the process
+(measured with Drake 1.51 and 1.58: 15 shapes may, 100 always do). With a dozen shapes it cannot become so deep."""
 
-_BEYOND, _DEPTH = 1000.0, 10.0  # [m] of a box for the ground, beyond the world and downwards
+_MARGIN, _DEPTH = 1000.0, 10.0  # box for the ground: margin around the world, and depth [m]
 
 ROAD_STIFFNESS = 1e9
-"""Point-contact stiffness of the road [N/m]: so much stiffer than a tyre that the tyre's own counts."""
+"""Point-contact stiffness of the road [N/m]: much stiffer than a tyre, so that the tyre's stiffness dominates."""
 
 
 class PlantSpec(Schema):
-    """How the plant is stepped and how bodies touch."""
+    """Time step and contact of the plant."""
 
     time_step: Period = Field(0.005, gt=0.0, le=0.05, description="discrete step of the plant [s]")
-    contact: ContactModel = Field("hydroelastic", description="patches (hydroelastic) or the fast points [-]")
+    contact: ContactModel = Field(
+        "hydroelastic", description="contact patches (hydroelastic) or faster point contact [-]"
+    )
     approximation: Literal["lagged", "sap", "similar"] = Field(
         "similar", description="Drake's discrete contact approximation; lagged loses grip with speed [-]"
     )
     stiction_tolerance: float = Field(1e-5, gt=0.0, description="slip speed taken for sticking [m/s]")
     rolling_resistance: Literal["tyre", "raw"] = Field(
         "tyre",
-        description="the tyre's own instead of the discretisation's (tyre), or what discrete contact gives (raw) [-]",
+        description="of the tyre (tyre), or the numerical one of discrete contact (raw) [-]",
     )
-    air_density: float = Field(1.2, ge=0.0, description="of the air that vehicles drive through; 0: none [kg/m³]")
+    air_density: float = Field(1.2, ge=0.0, description="density of the air; 0: no aerodynamic forces [kg/m³]")
     wind: tuple[Speed, Speed] = Field((0.0, 0.0), description="velocity of the air in the world, x and y [m/s]")
     machine_code: bool = Field(
         False,
-        description="compile control units, too: half a second at the start, which pays in many runs [-]",
+        description="also compile control units: half a second at the start, worthwhile for many runs [-]",
     )
 
 
 @dataclass(frozen=True)
 class TyreSpring:
-    """How a tyre is pressed in at rest: depth = softness x load ** power.
+    """Compression of a tyre at rest: depth = softness x load ** power.
 
     Attributes:
         softness: [m/N^power].
@@ -108,33 +110,33 @@ class TyreSpring:
     power: float
 
     def __call__(self, load: float) -> float:
-        """Compression [m] under a load [N]."""
+        """Return the compression [m] under a load [N]."""
         return float(self.softness * max(load, 0.0) ** self.power)
 
 
 def spring_load(spring: TyreSpring, depth: float) -> float:
-    """Load of a tyre [N] at a compression [m]."""
+    """Return the load of a tyre [N] at a compression [m]."""
     return float((max(depth, 0.0) / spring.softness) ** (1.0 / spring.power))
 
 
 @dataclass(frozen=True)
 class VehicleInPlant:
-    """Where a vehicle's parts are in a plant.
+    """Vehicle in a plant.
 
     Attributes:
         name: name of the vehicle in the plant.
-        vehicle: what was loaded.
+        vehicle: the loaded vehicle.
         instance: its model instance.
-        base: its base body, frame B of the conventions.
+        base: its base body with the vehicle frame B.
         wheels: wheel joints, front left, front right, rear left, rear right.
         steering: steering joints, left and right.
         wheel_actuators: actuators of the wheel joints.
         steering_actuators: actuators of the steering joints.
         tyres: collision geometry of each wheel's tyre.
         tyre_mu: friction coefficient of each tyre's rubber [-].
-        compression: how far a front and a rear tyre under a load [N] are pressed in at rest [m].
+        compression: compression of a front and a rear tyre under a load.
         parked: whether parking brakes hold the wheels.
-        suspension: joints on which the wheels move up against the body, in the order of the wheels; empty without.
+        suspension: suspension joints in the order of the wheels; empty without suspension.
     """
 
     name: str
@@ -153,11 +155,11 @@ class VehicleInPlant:
 
     @property
     def tyre_model(self) -> bool:
-        """Whether tyre forces come from a tyre model in place of contact friction."""
+        """Whether tyre forces come from a tyre law, not from contact friction."""
         return self.vehicle.spec.tyres.has_law
 
     def rest_compressions(self, plant: MultibodyPlant) -> tuple[float, float]:
-        """How far a front and a rear tyre are pressed in at rest on the flat [m], from the finalised plant's masses."""
+        """Return the compression of a front and a rear tyre at rest on level ground [m], in the finalised plant."""
         context = plant.CreateDefaultContext()
         plant.SetFloatingBaseBodyPoseInWorldFrame(context, self.base, RigidTransform())
         weight = plant.CalcTotalMass(context, [self.instance]) * GRAVITY
@@ -166,9 +168,9 @@ class VehicleInPlant:
         return front(weight * share / 2.0), rear(weight * (1.0 - share) / 2.0)
 
     def rolling_radii(self, plant: MultibodyPlant) -> tuple[float, float]:
-        """Speed over spin rate of a front and a rear wheel that roll freely on the flat [m].
+        """Return speed over spin rate of a front and a rear wheel that roll freely on level ground [m].
 
-        The height of the axle at rest, or the effective rolling radius of a tyre model.
+        This is the height of the axle at rest, or the effective rolling radius of a tyre law.
         """
         geometry, tyres = self.vehicle.geometry, self.vehicle.spec.tyres
         if isinstance(tyres, SlipTyres):
@@ -179,7 +181,7 @@ class VehicleInPlant:
 
 @dataclass(frozen=True)
 class PlantParts:
-    """A finalised plant with what was put into it.
+    """Finalised plant with its world and vehicles.
 
     Attributes:
         plant: the plant.
@@ -211,9 +213,9 @@ def make_plant(
     Args:
         builder: receives the plant and its scene graph.
         world: the world.
-        vehicles: vehicles by the name they shall have.
+        vehicles: vehicles by name in the plant.
         spec: step and contact settings.
-        parked: names of the vehicles whose wheels are held by parking brakes.
+        parked: names of vehicles with parking brakes on.
     """
     spec = spec or PlantSpec()
     config = MultibodyPlantConfig(
@@ -221,9 +223,9 @@ def make_plant(
         contact_model="point" if spec.contact == "point" else "hydroelastic_with_fallback",
         discrete_contact_approximation=spec.approximation,
         stiction_tolerance=spec.stiction_tolerance,
-        use_sampled_output_ports=False,  # contact results of the step to come, solved once for all who ask
+        use_sampled_output_ports=False,  # contact results are those of the next step, solved once
     )
-    # Drake's own defaults, 50 s/m and 0.1 s, would make a tyre of treacle.
+    # Drake's defaults, 50 s/m and 0.1 s, would overdamp the tyres.
     defaults = DefaultProximityProperties(hunt_crossley_dissipation=0.1, relaxation_time=0.0)
     filter_drake_log()
     plant, scene_graph = AddMultibodyPlant(config, SceneGraphConfig(default_proximity_properties=defaults), builder)
@@ -246,7 +248,7 @@ def add_vehicle(
     contact: ContactModel = "hydroelastic",
     parked: bool = False,
 ) -> VehicleInPlant:
-    """Put a vehicle into a plant that is not finalised yet.
+    """Add a vehicle to a plant that is not finalised yet.
 
     The tyre cylinders of the vehicle file become smooth contact shapes
     (:func:`mirdrake.plant.wheel_shape.make_wheel_shape`), and the joints whose control has an implicit servo
@@ -255,10 +257,10 @@ def add_vehicle(
     Args:
         plant: a plant with a scene graph.
         vehicle: a loaded vehicle, or its name.
-        name: name in the plant; the vehicle's own if left out.
-        contact: the contact the tyres shall be shaped for.
-        parked: hold every wheel at its present angle with up to the brakes' torque, for good. (Drake's joint locking
-            would do, but with wheels on the ground it reads out of bounds in 1.51.)
+        name: name in the plant; by default the name of the vehicle.
+        contact: contact model, for the shape of the tyres.
+        parked: whether parking brakes hold every wheel at its present angle. (Drake's joint locking reads out of
+            bounds with wheels on the ground in 1.51.)
 
     Raises:
         ModelError: the plant has no scene graph, or a wheel has no cylinder to roll on.
@@ -272,12 +274,13 @@ def add_vehicle(
     parser.SetAutoRenaming(True)
     parser.package_map().AddMap(make_package_map(vehicle.packages))
     urdf = vehicle.urdf
-    if contact == "point":  # else Drake makes meshes of all hydroelastic shapes for nothing, 0.1 s a vehicle
+    if contact == "point":  # saves Drake the meshes of hydroelastic shapes, 0.1 s per vehicle
         urdf = re.sub(r"<drake:(?:compliant|rigid)_hydroelastic\s*/>", "", urdf)
     (instance,) = parser.AddModelsFromString(urdf, "urdf")
     if plant.GetModelInstanceName(instance) != name:
         plant.RenameModelInstance(instance, name)
 
+    # Joints and actuators by role.
     joints = vehicle.spec.joints
     wheels = tuple(plant.GetJointByName(getattr(joints.wheels, wheel), instance) for wheel in WHEELS)
     steering = tuple(plant.GetJointByName(getattr(joints.steering, side), instance) for side in SIDES)
@@ -306,6 +309,7 @@ def add_vehicle(
             gains = PdControllerGains(p=steering_gains.stiffness, d=steering_gains.damping)
             actuator.set_controller_gains(gains)
 
+    # Contact shapes of the tyres, and their compression.
     tyres, turning = [], not vehicle.spec.tyres.has_law
     sizes = zip(WHEELS, wheels, vehicle.geometry.wheel_radii, vehicle.geometry.wheel_widths, strict=True)
     for wheel, joint, radius, width in sizes:
@@ -319,8 +323,8 @@ def add_vehicle(
         shape = make_wheel_shape(
             contact, radius=radius, width=width, mirrored=wheel.endswith("right"), fine=not turning
         )
-        place = _place_tyre if turning else _hang_tyre
-        tyres.append(place(plant, scene_graph, joint, geometries[0], shape))
+        shape_tyre = _shape_turning_tyre if turning else _shape_fixed_tyre
+        tyres.append(shape_tyre(plant, scene_graph, joint, geometries[0], shape))
     inspector, geometry = scene_graph.model_inspector(), vehicle.geometry
     compression = (
         _compression(
@@ -351,7 +355,7 @@ def add_vehicle(
 
 
 def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanceIndex) -> tuple[Joint, ...]:
-    """Springs that carry the car at travel 0, and dampers, at the joints of the suspension; the joints."""
+    """Add springs, preloaded for zero travel at rest, and dampers to the suspension joints; return the joints."""
     names, suspension = vehicle.spec.joints.suspension, vehicle.spec.suspension
     if names is None or suspension is None:
         return ()
@@ -362,48 +366,50 @@ def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanc
     return joints
 
 
-def _place_tyre(plant: MultibodyPlant, scene_graph: SceneGraph, _: Joint, tyre: GeometryId, shape: Shape) -> GeometryId:
-    """Give the collision geometry of a wheel another shape; its id."""
-    apart = _never_touching(scene_graph, tyre)
+def _shape_turning_tyre(
+    plant: MultibodyPlant, scene_graph: SceneGraph, _: Joint, tyre: GeometryId, shape: Shape
+) -> GeometryId:
+    """Change the shape of a wheel's collision geometry; return its id."""
+    apart = _filtered_geometries(scene_graph, tyre)
     source = plant.get_source_id()
     scene_graph.ChangeShape(source_id=source, geometry_id=tyre, shape=shape, X_FG=RigidTransform())
-    _keep_apart(scene_graph, tyre, apart)
+    _exclude_contact(scene_graph, tyre, apart)
     return tyre
 
 
-def _hang_tyre(
+def _shape_fixed_tyre(
     plant: MultibodyPlant, scene_graph: SceneGraph, wheel: Joint, tyre: GeometryId, shape: Shape
 ) -> GeometryId:
-    """Put the shape of a tyre that has a law of its own on what carries the wheel, in place of the wheel; its id.
+    """Register the shape of a tyre with a tyre law on the wheel carrier, in place of the wheel; return its id.
 
-    It has no friction, so nobody can tell whether it turns, but Drake: a discrete step sees the patch of a turning
-    shape at the old angle and its pressure at the new one, and with it moments about all axes that go with speed times
-    step (:mod:`mirdrake.plant.wheels.rolling_resistance`). The patch of a shape that does not turn stands still.
+    The shape has no friction, so its rotation has no physical effect. But a discrete step takes the patch of a turning
+    shape at the old angle and its pressure at the new one, which causes moments about all axes in proportion to speed
+    times step (:mod:`mirdrake.plant.wheels.rolling_resistance`). A shape that does not turn has no such moments.
     """
-    apart, source = _never_touching(scene_graph, tyre), plant.get_source_id()
+    apart, source = _filtered_geometries(scene_graph, tyre), plant.get_source_id()
     properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
     scene_graph.RemoveRole(source, tyre, Role.kProximity)
     X_PJ, X_WJ = (frame.GetFixedPoseInBodyFrame() for frame in (wheel.frame_on_parent(), wheel.frame_on_child()))
     X_PW = X_PJ.multiply(X_WJ.inverse())
-    hung = plant.RegisterCollisionGeometry(wheel.parent_body(), X_PW, shape, f"{wheel.name()}_tyre", properties)
-    _keep_apart(scene_graph, hung, apart)
-    return hung
+    fixed = plant.RegisterCollisionGeometry(wheel.parent_body(), X_PW, shape, f"{wheel.name()}_tyre", properties)
+    _exclude_contact(scene_graph, fixed, apart)
+    return fixed
 
 
-def _keep_apart(scene_graph: SceneGraph, tyre: GeometryId, others: list[GeometryId]) -> None:
+def _exclude_contact(scene_graph: SceneGraph, tyre: GeometryId, others: list[GeometryId]) -> None:
     declaration = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(tyre), GeometrySet(others))
     scene_graph.collision_filter_manager().Apply(declaration)
 
 
-def _never_touching(scene_graph: SceneGraph, tyre: GeometryId) -> list[GeometryId]:
-    """Shapes that a collision filter keeps from a tyre; changing the tyre's shape would lift it (Drake 1.51, 1.58)."""
+def _filtered_geometries(scene_graph: SceneGraph, tyre: GeometryId) -> list[GeometryId]:
+    """Return the shapes that collision filters exclude; a change of shape removes the filter (Drake 1.51, 1.58)."""
     inspector = scene_graph.model_inspector()
     others = inspector.GetGeometryIds(GeometrySet(inspector.GetAllGeometryIds()), Role.kProximity)
     return [other for other in others if other != tyre and inspector.CollisionFiltered(tyre, other)]
 
 
 def _compression(material: ProximityProperties, contact: ContactModel, radius: float, width: float) -> TyreSpring:
-    """Compression of a tyre at rest under a load.
+    """Return the compression of a tyre at rest under a load.
 
     Point contact is a linear spring. The pressure of the wedge mesh is E depth/R, so that over the patch of length
     2 sqrt(2 R d) and width w the load is N = (4/3) E w sqrt(2/R) d^1.5.
@@ -416,12 +422,12 @@ def _compression(material: ProximityProperties, contact: ContactModel, radius: f
 
 
 def matched_friction(tyre: float, road: float, *, plane: float) -> float:
-    """Coefficient [-] for the shape of a tyre on the physical plane.
+    """Return the friction coefficient [-] for the shape of a tyre on the road plane.
 
     Args:
-        tyre: of the tyre.
-        road: of the ground below it; the smaller one of both counts.
-        plane: of the physical plane, the largest in the world.
+        tyre: coefficient of the tyre.
+        road: coefficient of the ground below it; the smaller one of both holds.
+        plane: coefficient of the road plane, the largest in the world.
 
     Returns:
         m for which 2 m plane / (m + plane), Drake's rule for a pair, is the smaller one of tyre and road.
@@ -431,7 +437,7 @@ def matched_friction(tyre: float, road: float, *, plane: float) -> float:
 
 
 def _match_tyres(plant: MultibodyPlant, scene_graph: SceneGraph, part: VehicleInPlant, world: World) -> None:
-    """Give the tyres the friction that they find on ground like the physical plane; none to those with a model."""
+    """Set the friction of the tyres for ground like the road plane; zero for tyres with a tyre law."""
     for tyre, own in zip(part.tyres, part.tyre_mu, strict=True):
         properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
         value = 0.0 if part.tyre_model else matched_friction(own, world.road_mu, plane=world.road_mu)
@@ -440,11 +446,12 @@ def _match_tyres(plant: MultibodyPlant, scene_graph: SceneGraph, part: VehicleIn
 
 
 def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[GeometryId, ...], PropsInPlant]:
-    """Put a world's ground, scenery and props into a plant that is not finalised yet, after all that moves on it.
+    """Add ground, scenery and props of a world to a plant that is not finalised yet, after the vehicles.
 
     The road is the plane z = 0 of the world frame. A slope tilts gravity, not the frame, so that the road stays the
-    plane z = 0. It is a half space where that is safe, see :data:`CROWD`: on the world body beside few props, on a body
-    of its own beside few things that move. Else it is the top of a box, which costs up to twice the step time.
+    plane z = 0. It is a half space where that is safe, see :data:`MAX_SHAPES_WITH_HALF_SPACE`: on the world body
+    with few props, on its own body with few moving shapes. Else it is the top of a box, which costs up to twice the
+    step time.
 
     Returns:
         the collision geometries of the road, and the props.
@@ -457,9 +464,9 @@ def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[Geometry
     AddRigidHydroelasticProperties(material)
     body, shape, X_BG = plant.world_body(), HalfSpace(), RigidTransform()
     still = len(plant.GetCollisionGeometriesForBody(body))
-    if still > CROWD:
-        if plant.num_collision_geometries() - still > CROWD:
-            side = 2.0 * (max(map(abs, world.ground.extent)) + _BEYOND)
+    if still > MAX_SHAPES_WITH_HALF_SPACE:
+        if plant.num_collision_geometries() - still > MAX_SHAPES_WITH_HALF_SPACE:
+            side = 2.0 * (max(map(abs, world.ground.extent)) + _MARGIN)
             shape, X_BG = Box(side, side, _DEPTH), RigidTransform([0.0, 0.0, -_DEPTH / 2.0])
         else:
             body = plant.AddRigidBody("ground", plant.AddModelInstance("ground"), SpatialInertia.Zero())
@@ -482,7 +489,7 @@ def set_start(
     yaw: float,
     speed: float = 0.0,
 ) -> None:
-    """Put a vehicle on the road, its tyres and springs compressed as at rest, rolling freely straight ahead.
+    """Put a vehicle on the road, with tyres and springs compressed as at rest, rolling freely straight ahead.
 
     Args:
         plant: the finalised plant.
@@ -491,10 +498,10 @@ def set_start(
         x: position of the rear axle's centre in the world [m].
         y: the same, to the left [m].
         yaw: heading [rad].
-        speed: forward speed [m/s]; the wheels turn with it, unless the vehicle is parked: then they slide.
+        speed: forward speed [m/s]; the wheels roll, unless the vehicle is parked: then they slide.
     """
     pose = find_rest_pose(plant, part, yaw=yaw)
-    if pose is None:  # too steep to stand there
+    if pose is None:  # too steep for a rest pose
         front, rear = part.rest_compressions(plant)
         pose = RestPose(-rear, (front - rear) / part.vehicle.geometry.wheelbase, 0.0, (0.0,) * len(WHEELS))
     for joint, travel in zip(part.suspension, pose.travel, strict=False):

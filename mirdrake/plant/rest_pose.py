@@ -1,14 +1,14 @@
-"""How a vehicle stands: height, pitch, roll and travel of its wheels, so that nothing moves when a run begins.
+"""Rest pose of a vehicle: height, pitch, roll and wheel travel, so that nothing moves when a run begins.
 
-Seven unknowns: height z, pitch θ and roll φ of the vehicle frame, and the load N of each wheel. Four equations say that
-wheel, tyre and spring fit between body and road, three that the loads carry the car, with c the centre of mass, p the
-wheel centres (p_y: where their planes meet the road) and g gravity in axes along and across the car:
+Seven unknowns: height z, pitch θ and roll φ of the vehicle frame, and the load N of each wheel. Four equations are the
+geometry of wheel, tyre and spring between body and road, three the equilibrium of loads and weight, with c the centre
+of mass, p the wheel centres (p_y: where their planes meet the road) and g gravity along and across the vehicle:
 
     R - p_z = compression(N)              Σ N = -m g_z
     Σ p_x N = m (c_z g_x - c_x g_z)       Σ p_y N = m (c_z g_y - c_y g_z)
 
-The road holds the car at the road's height, so its forces along the road have no moment here: the car is held by its
-brakes or moves at constant speed. Newton's method with finite differences finds all of it in a few steps.
+Moments are about the height of the road, so forces along the road have none: the vehicle is held by its brakes or moves
+at constant speed. Newton's method with finite differences converges in a few steps.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,8 +28,8 @@ _ITERATIONS = 20
 _SCALE = np.array([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0, 1.0])  # steps of the finite differences [m, rad, rad, N]
 
 
-class Standing(Protocol):
-    """What is asked of a vehicle in a plant, :class:`mirdrake.plant.plant.VehicleInPlant`."""
+class RestingVehicle(Protocol):
+    """Attributes of :class:`mirdrake.plant.plant.VehicleInPlant` that a rest pose needs."""
 
     @property
     def vehicle(self) -> Vehicle: ...  # noqa: D102
@@ -44,13 +44,13 @@ class Standing(Protocol):
 
 
 class RestPose(NamedTuple):
-    """How a vehicle stands on the road plane.
+    """Pose of a vehicle at rest on the road plane.
 
     Attributes:
         z: height of the vehicle frame's origin [m].
         pitch: positive nose down [rad].
         roll: positive to the right [rad].
-        travel: of each wheel, in the order of WHEELS [m]; zeros without suspension.
+        travel: travel of each wheel, in the order of WHEELS [m]; zeros without suspension.
     """
 
     z: float
@@ -62,53 +62,54 @@ class RestPose(NamedTuple):
 def check_balance(
     plant: MultibodyPlant, context: Context, vehicle: Vehicle, instance: ModelInstanceIndex, *, above: bool = False
 ) -> None:
-    """Refuse a vehicle that does not stand on both of its axles.
+    """Check that a vehicle stands on both axles.
 
     Args:
         plant: holds the vehicle, finalised.
         context: of the plant, with the vehicle frame at the origin of the world.
         vehicle: the vehicle.
         instance: its model instance.
-        above: refuse a centre of mass below the road, too; a car then stands, but its load goes the wrong way.
+        above: also reject a centre of mass below the road, where load transfer has the wrong sign.
 
     Raises:
-        ConfigError: it tips over, or its centre of mass is below the road; with the place of the link that does most
-            about it.
+        ConfigError: it tips over, or its centre of mass is below the road; with the place of the link that contributes
+            most.
     """
     x, _, z = plant.CalcCenterOfMassPositionInWorld(context, [instance]).tolist()
     length = vehicle.geometry.wheelbase
     if x <= 0.0:
-        told, axis, start = f"{-x:.3g} m behind the rear axle: it tips over backwards", 0, 0.0
+        reason, axis, start = f"{-x:.3g} m behind the rear axle: it tips over backwards", 0, 0.0
     elif x >= length:
-        told, axis, start = f"{x - length:.3g} m ahead of the front axle: it tips over forwards", 0, length
+        reason, axis, start = f"{x - length:.3g} m ahead of the front axle: it tips over forwards", 0, length
     elif above and z <= 0.0:
-        told, axis, start = f"{-z:.3g} m below the road", 2, 0.0
+        reason, axis, start = f"{-z:.3g} m below the road", 2, 0.0
     else:
         return
     sign = 1.0 if x >= length else -1.0
     bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
 
-    def pull(body: RigidBody) -> float:
+    def contribution(body: RigidBody) -> float:
         centre = body.CalcCenterOfMassInBodyFrame(context)
         place = plant.EvalBodyPoseInWorld(context, body).multiply(centre)
         return float(sign * body.get_mass(context) * (place[axis] - start))
 
-    worst = max(bodies, key=pull).name()
+    worst = max(bodies, key=contribution).name()
     at = vehicle.link_places.get(worst, "")
     raise ConfigError(
-        f"{at}{': ' if at else ''}the centre of mass of '{vehicle.name}' is {told}; check mass and origin of link "
-        f"'{worst}', which pulls it there the most"
+        f"{at}{': ' if at else ''}the centre of mass of '{vehicle.name}' is {reason}; check mass and origin of link "
+        f"'{worst}', which contributes most"
     )
 
 
-def find_rest_pose(plant: MultibodyPlant, part: Standing, *, yaw: float = 0.0) -> RestPose | None:
-    """How a vehicle stands under the plant's gravity, or None where it does not stand on all wheels.
+def find_rest_pose(plant: MultibodyPlant, part: RestingVehicle, *, yaw: float = 0.0) -> RestPose | None:
+    """Return the rest pose of a vehicle under the plant's gravity; None if it does not rest on all wheels.
 
     Args:
         plant: the finalised plant.
         part: the vehicle.
-        yaw: its heading, of interest on a slope [rad].
+        yaw: its heading [rad]; it matters on a slope.
     """
+    # Mass, gravity in vehicle axes, wheel centres, and the load of each wheel at zero travel.
     geometry, springs = part.vehicle.geometry, part.vehicle.spec.suspension
     context = plant.CreateDefaultContext()
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
@@ -118,12 +119,13 @@ def find_rest_pose(plant: MultibodyPlant, part: Standing, *, yaw: float = 0.0) -
     tracks = np.array([geometry.front_track, -geometry.front_track, geometry.rear_track, -geometry.rear_track])
     radii = np.array(geometry.wheel_radii)
     centres = np.column_stack([[geometry.wheelbase] * 2 + [0.0] * 2, 0.5 * tracks, radii])
-    carried = np.zeros(4)  # road load of each wheel at travel 0
+    carried = np.zeros(4)  # load of each wheel on the road at zero travel
     if springs is not None:
         below = [plant.GetBodiesKinematicallyAffectedBy([joint.index()]) for joint in part.suspension]
         unsprung = [sum(plant.get_body(body).default_mass() for body in bodies) for bodies in below]
         carried = np.array(part.vehicle.spring_loads) - g[2] * np.array(unsprung)
 
+    # Travel of the wheels under loads: springs and anti-roll bars.
     def travel(loads: NDArray[np.float64]) -> NDArray[np.float64]:
         if springs is None:
             return np.zeros(4)
@@ -137,6 +139,7 @@ def find_rest_pose(plant: MultibodyPlant, part: Standing, *, yaw: float = 0.0) -
             found += [0.5 * (both + apart), 0.5 * (both - apart)]
         return np.array(found)
 
+    # Residuals of the seven equations.
     def residual(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
         z, pitch, roll, *loads = unknown
         N = np.array(loads)
@@ -145,10 +148,11 @@ def find_rest_pose(plant: MultibodyPlant, part: Standing, *, yaw: float = 0.0) -
         p, c = lifted @ R_WB.T + [0.0, 0.0, z], R_WB @ com + [0.0, 0.0, z]
         pressed = [part.compression[i // 2](load) for i, load in enumerate(loads)]
         sums = [N.sum() + mass * g[2], p[:, 0] @ N - mass * (c[2] * g[0] - c[0] * g[2])]
-        across = p[:, 1] - radii * R_WB[1, 2]  # a leaning wheel stands on the point of its plane that is on the road
+        across = p[:, 1] - radii * R_WB[1, 2]  # an inclined wheel touches the road in its own plane
         sums += [across @ N - mass * (c[2] * g[1] - c[1] * g[2])]
         return np.concatenate([radii - p[:, 2] - pressed, np.array(sums) / (mass * 10.0)])
 
+    # Start from the level pose with the static loads.
     share = com[0] / geometry.wheelbase
     start = -0.5 * mass * g[2] * np.array([share, share, 1.0 - share, 1.0 - share])
     pressed = [part.compression[i // 2](load) for i, load in enumerate(start)]
@@ -165,6 +169,7 @@ def find_rest_pose(plant: MultibodyPlant, part: Standing, *, yaw: float = 0.0) -
             return None
     if np.abs(residual(unknown)).max() > 1e-9:
         return None
+    # The travel must be within the limits of the joints.
     moved: Sequence[float] = travel(unknown[3:]).tolist()
     if any(
         not joint.position_lower_limits()[0] < z < joint.position_upper_limits()[0]

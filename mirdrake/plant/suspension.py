@@ -1,13 +1,13 @@
-"""Anti-roll bars: on each axle a torsion spring between the wheels, which acts on the difference of their travel.
+"""Anti-roll bars: a torsion spring between the wheels of an axle, which acts on the difference of their travel.
 
-Springs and dampers are Drake's own (:func:`mirdrake.plant.plant.add_vehicle`). A bar couples two joints, for which
-Drake has no element that takes travel, so its forces come from outside: with travels z and the stiffness k of the axle,
+Springs and dampers are elements of Drake (:func:`mirdrake.plant.plant.add_vehicle`). A bar couples two joints, for
+which Drake has no force element. Its forces are therefore applied externally: with travels z and the stiffness k,
 
     F_left = -k (z_left - z_right) = -F_right.
 
 A roll angle φ of the body makes z_left - z_right = T φ over the track T, so a bar adds k T² to the axle's roll
-stiffness, to which the two springs c contribute c T² / 2. There are no arms, so no anti-dive, and the roll axis is on
-the road.
+stiffness; the two springs c contribute c T² / 2. There are no suspension arms, so there is no anti-dive, and the roll
+axis is on the road.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from mirdrake.plant.plant import VehicleInPlant
 
 
 def make_anti_roll(plant: MultibodyPlant, part: VehicleInPlant) -> MatrixGain | None:
-    """A gain from the state of a vehicle's model instance to the plant's generalised forces; None without bars.
+    """Return a gain from the state of a model instance to the plant's generalised forces; None without bars.
 
     Args:
         plant: finalised plant.
@@ -27,7 +27,7 @@ def make_anti_roll(plant: MultibodyPlant, part: VehicleInPlant) -> MatrixGain | 
     springs = part.vehicle.spec.suspension
     if springs is None or not part.suspension or not (springs.front.anti_roll or springs.rear.anti_roll):
         return None
-    # Where the joints' positions are in the state of the instance: Drake sorts them as in the whole state.
+    # Indices of the joints' positions in the state of the instance: Drake sorts them as in the whole state.
     picked = plant.GetPositionsFromArray(part.instance, np.arange(plant.num_positions(), dtype=float)).tolist()
     columns = [picked.index(joint.position_start()) for joint in part.suspension]
     rows = [joint.velocity_start() for joint in part.suspension]

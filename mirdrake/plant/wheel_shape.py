@@ -1,6 +1,6 @@
-"""The shape with which a wheel touches the road.
+"""Contact shape of a wheel.
 
-A cylinder is what a vehicle file states. Simulated as it stands it has two faults, both measured:
+Vehicle files have a cylinder. In a simulation it has two faults, both measured:
 
 - point contact on a plane has no unique deepest point along the cylinder's lower edge, so the contact point jumps
   sideways; an ellipsoid with the same radius and half width has one point and rolls identically;
@@ -8,10 +8,10 @@ A cylinder is what a vehicle file states. Simulated as it stands it has two faul
   bumps (up to 1.5 mm at 20 m/s with resolution hint 0.1 m). A wedge mesh, the same around the circumference, is ten
   times smoother with as many contact polygons.
 
-The tread is flat, and has two rows of triangles. A wheel that leans by γ is pressed in more on the side to which its
-top leans, and in a discrete step, with one pressure a triangle, the load moves there by w² γ / (24 d), with the width w
-and the depth d: this is the overturning moment of a patch, for a car about that of a load below the wheel's centre. The
-ellipsoid rolls aside by (w/2)² γ / R.
+The tread is flat, with two rows of triangles. A wheel with inclination γ is compressed more on the side to which its
+top leans. In a discrete step, with one pressure per triangle, the load moves to that side by w² γ / (24 d), with the
+width w and the depth d: this is the overturning moment of a patch, for a car about that of a load below the wheel's
+centre. On the ellipsoid the contact point moves by (w/2)² γ / R.
 """
 
 from itertools import pairwise
@@ -24,11 +24,11 @@ from pydrake.geometry import Ellipsoid, InMemoryMesh, Mesh, Shape
 ContactModel = Literal["hydroelastic", "point"]
 
 SEGMENTS = 32
-"""Sectors around the circumference: 6 cm of tread each for a car. Measured on a circle at 5 m/s, 16 and 24 sectors
-triple the ripple of the yaw rate (0.3 and 0.2 % against 0.05 %), 48 halve it; the cost differs by 5 %."""
+"""Number of sectors around the circumference: 6 cm of tread each for a car. Measured on a circle at 5 m/s, 16 and 24
+sectors triple the ripple of the yaw rate (0.3 and 0.2 % against 0.05 %), 48 halve it; the cost differs by 5 %."""
 
 FINE_SEGMENTS = 64
-"""The same where a tyre model takes its load from the contact. At depths of 4 to 12 mm the load differs
+"""Number of sectors where a tyre law takes its load from the contact. At depths of 4 to 12 mm the load differs
 from the closed form of a round wheel by up to 1.4 %, by 0.8 % from one angle to another; with 32 by 5 and 9 %."""
 
 Point = tuple[float, float, float]
@@ -37,14 +37,14 @@ Point = tuple[float, float, float]
 def make_wheel_shape(
     contact: ContactModel, *, radius: float, width: float, mirrored: bool = False, fine: bool = False
 ) -> Shape:
-    """The contact shape of a wheel whose spin axis is the y axis of its frame.
+    """Return the contact shape of a wheel whose spin axis is the y axis of its frame.
 
     Args:
         contact: "hydroelastic" gives a compliant volume mesh, "point" an ellipsoid.
         radius: outer radius [m].
         width: width of the tread [m].
-        mirrored: for the wheels of the right side, see :func:`write_wheel_vtk`.
-        fine: for a load as that of a round wheel, see :data:`FINE_SEGMENTS`.
+        mirrored: whether the wheel is on the right side, see :func:`write_wheel_vtk`.
+        fine: whether the load must be that of a round wheel, see :data:`FINE_SEGMENTS`.
     """
     if contact == "point":
         return Ellipsoid(radius, width / 2.0, radius)
@@ -54,15 +54,15 @@ def make_wheel_shape(
 
 
 def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: bool = False) -> str:
-    """A solid wheel as a tetrahedral VTK file (legacy ASCII text).
+    """Return a solid wheel as a tetrahedral VTK file (legacy ASCII text).
 
-    The centre carries the full pressure, all points of the surface none. Below the tread the hydroelastic pressure
-    therefore grows linearly with depth, E·depth/radius, evenly across the width. One inner point makes the fewest
-    tetrahedra, four a sector, and contact costs by the polygon.
+    The pressure is largest at the centre and zero on the surface. Below the tread the hydroelastic pressure
+    therefore grows linearly with depth, E·depth/radius, evenly across the width. One inner point needs the fewest
+    tetrahedra, four per sector, and the cost of contact is proportional to the number of polygons.
 
     All sectors are cut along the same diagonal of the tread, so that the load of a rolling wheel acts some millimetres
-    beside the middle, the more the larger speed times step is. A right wheel is therefore the mirror image of a left
-    one: together they do not tilt the car.
+    off centre, in proportion to speed times step. A right wheel is therefore the mirror image of a left one, which
+    avoids a roll moment.
 
     Args:
         radius: outer radius [m].
@@ -105,7 +105,7 @@ def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: boo
 
 
 def _volume(points: list[Point], cell: tuple[int, int, int, int]) -> float:
-    """Six times the signed volume of a tetrahedron [m³]."""
+    """Return six times the signed volume of a tetrahedron [m³]."""
     a, b, c, d = (points[index] for index in cell)
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]

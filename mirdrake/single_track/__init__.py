@@ -1,4 +1,4 @@
-"""Reduced model of a vehicle: a single track of two axles, for fast studies, linearisation and identification."""
+"""Single-track model of a vehicle, for fast studies, linearisation and identification."""
 
 from mirdrake.single_track.control import SingleTrackControl
 from mirdrake.single_track.from_vehicle import estimate_parameters, make_single_track

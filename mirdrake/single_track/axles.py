@@ -1,22 +1,22 @@
-"""What the axles of a vehicle with a tyre model are worth to a single-track model: effective axle characteristics.
+"""Effective axle characteristics of a vehicle with a tyre law, for the single-track model.
 
-The lateral force of an axle depends on more than the slip angle of its wheels: the body rolls and its wheels lean with
-it, the load goes to the outer wheel, the aligning moments of all tyres turn the car, and the steering gives way to
-those in front. In a steady turn all of this goes with the lateral acceleration, and so with the force of the axle; it
-can be counted as slip of the axle (H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 1.3.1). With the roll
-angle φ, the moments' sum M and its wheelbase L, in a turn to the left of acceleration a_y::
+The lateral force of an axle depends on more than the slip angle of its wheels: the wheels have camber when the body
+rolls, load is transferred to the outer wheel, the aligning moments of all tyres act on the vehicle, and the steering
+is compliant. In a steady turn all of this is proportional to the lateral acceleration, and thus to the force of the
+axle. It can be expressed as slip of the axle (H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 1.3.1). With
+the roll angle φ, the moments' sum M and the wheelbase L, in a turn to the left of acceleration a_y::
 
     φ (K_f + K_r - m g h) = m h a_y,           ΔN_i = K_i φ / t_i
     F_f L = m a_y b - M,                       F_r L = m a_y a + M
     F_i = Fy(α_i, φ, N_i + ΔN_i) + Fy(α_i, φ, N_i - ΔN_i)
     C_f = -(m a_y b / L) / (α_f + M_f / k),    C_r = -(m a_y a / L) / α_r
 
-with N_i the static load of a wheel, K the roll stiffness of an axle (springs, anti-roll bar and tyres one behind the
-other), t the track, k the stiffness of the steering of both wheels, and M_f the aligning moments of the front tyres.
-Without suspension the body does not roll, and the axles share the transfer as they share the load.
+with N_i the static load of a wheel, K the roll stiffness of an axle (springs, anti-roll bar and tyres in series), t the
+track, k the stiffness of the steering of both wheels, and M_f the aligning moments of the front tyres.
+Without suspension the body does not roll, and the load transfer is distributed like the load.
 
-Where the model rolls itself (:class:`mirdrake.single_track.dynamics.Variant`), the wheels' leaning is not in C, but in
-ε = (α_i0 - α_i) / φ, with α_i0 the slip that would make the same force with upright wheels.
+In a variant with roll (:class:`mirdrake.single_track.dynamics.Variant`), camber is not in C, but in
+ε = (α_i0 - α_i) / φ, with α_i0 the slip for the same force without camber.
 """
 
 import math
@@ -31,20 +31,20 @@ from mirdrake.tyres import SlipTyres, TyreLaw
 from mirdrake.vehicles import Vehicle
 
 LATERAL = 0.1 * GRAVITY
-"""Lateral acceleration of the turn [m/s²]: well inside of where tyres are linear."""
+"""Lateral acceleration of the turn [m/s²]: well within the linear range of tyres."""
 
-_SPEED = 20.0  # at which the laws are asked [m/s]; the moments of tyres fade below 1 m/s
-_LARGEST = 0.3  # slip angle [rad]
+_SPEED = 20.0  # speed for the tyre laws [m/s]; their moments fade below 1 m/s
+_MAX_SLIP = 0.3  # largest slip angle [rad]
 
 
 class Axle(NamedTuple):
-    """Both tyres of an axle together.
+    """Characteristics of an axle, both tyres together.
 
     Attributes:
         stiffness: effective cornering stiffness [N/rad].
         friction: largest lateral force over load, at the static load [1].
         relaxation: relaxation length of lateral slip [m].
-        roll_slip: slip that leaning wheels are worth over the roll angle [1]; 0 where it is in the stiffness.
+        roll_slip: equivalent slip of camber over the roll angle [1]; 0 where it is in the stiffness.
     """
 
     stiffness: float
@@ -53,8 +53,8 @@ class Axle(NamedTuple):
     roll_slip: float = 0.0
 
 
-class Leaning(NamedTuple):
-    """How the body rolls on its springs, bars and tyres.
+class RollStiffness(NamedTuple):
+    """Roll stiffness and damping of springs, bars, dampers and tyres.
 
     Attributes:
         stiffness: of each axle [N m/rad].
@@ -66,15 +66,15 @@ class Leaning(NamedTuple):
 
 
 class Body(NamedTuple):
-    """What rests on the axles.
+    """Mass properties and vertical stiffness of a vehicle.
 
     Attributes:
-        mass: all of it [kg].
+        mass: mass of the vehicle [kg].
         front: distance of the centre of mass from the front axle [m].
         rear: from the rear axle [m].
         height: of the centre of mass [m].
         tyre_stiffness: of a tyre of each axle, vertical [N/m].
-        unsprung: mass that goes up and down with a wheel of each axle [kg].
+        unsprung: unsprung mass per wheel of each axle [kg].
     """
 
     mass: float
@@ -88,14 +88,14 @@ class Body(NamedTuple):
 def find_axles(
     vehicle: Vehicle, body: Body, *, friction: float | None = None, lateral: float = LATERAL, roll: bool = False
 ) -> tuple[Axle, Axle] | None:
-    """Front and rear axle of a vehicle; None if it has no tyre model.
+    """Return front and rear axle of a vehicle; None if it has no tyre law.
 
     Args:
         vehicle: a loaded vehicle.
         body: its mass and lengths.
-        friction: of the road [1]; dry asphalt if left out.
+        friction: friction of the road [1]; by default dry asphalt.
         lateral: lateral acceleration of the turn [m/s²].
-        roll: whether the model rolls itself.
+        roll: whether the model has roll states.
 
     Raises:
         ConfigError: a .tir file is missing or wrong.
@@ -111,34 +111,35 @@ def find_axles(
     loads = [0.5 * body.mass * GRAVITY * share for share in shares]
     forces = [body.mass * lateral * share for share in shares]
     slips, upright, moments = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
-    for _ in range(4):  # moments are a small part of the forces
+    # Fixed-point iteration: the aligning moments are a small part of the forces.
+    for _ in range(4):
         turning = sum(moments) / length
         for i, (law, extra) in enumerate(zip(laws, (-turning, turning), strict=True)):
             wanted = forces[i] + extra
-            leaning, straight = (
+            cambered, upright_wheels = (
                 [_wheel(law, loads[i] + sign * transfers[i], lean, ground) for sign in (1.0, -1.0)]
                 for lean in (angle, 0.0)
             )
-            slips[i], upright[i] = _slip(leaning, wanted), _slip(straight, wanted)
-            moments[i] = sum(one(slips[i])[1] for one in leaning)
+            slips[i], upright[i] = _slip(cambered, wanted), _slip(upright_wheels, wanted)
+            moments[i] = sum(one(slips[i])[1] for one in cambered)
     servo = vehicle.control.steering
-    yielding = moments[0] / (2.0 * servo.stiffness) if servo.kind == "servo" and servo.stiffness > 0.0 else 0.0
-    found = []
+    compliance_angle = moments[0] / (2.0 * servo.stiffness) if servo.kind == "servo" and servo.stiffness > 0.0 else 0.0
+    axles = []
     for i, law in enumerate(laws):
         contact = law(loads[i], 0.0, ground).contact
-        slip = (upright[i] if roll else slips[i]) + (yielding if i == 0 else 0.0)
+        slip = (upright[i] if roll else slips[i]) + (compliance_angle if i == 0 else 0.0)
         roll_slip = (upright[i] - slips[i]) / angle if roll and angle > 0.0 else 0.0
-        found.append(Axle(-forces[i] / slip, contact.friction_y / loads[i], contact.length_y, roll_slip))
-    return found[0], found[1]
+        axles.append(Axle(-forces[i] / slip, contact.friction_y / loads[i], contact.length_y, roll_slip))
+    return axles[0], axles[1]
 
 
 def _slip(wheels: Sequence[Callable[[float], tuple[float, float]]], wanted: float) -> float:
-    """Slip angle [rad] at which wheels together have a lateral force [N]."""
-    return float(brentq(lambda slip: sum(one(slip)[0] for one in wheels) - wanted, -_LARGEST, _LARGEST))
+    """Return the slip angle [rad] at which wheels together have a lateral force [N]."""
+    return float(brentq(lambda slip: sum(one(slip)[0] for one in wheels) - wanted, -_MAX_SLIP, _MAX_SLIP))
 
 
 def _wheel(law: TyreLaw, load: float, inclination: float, ground: float) -> Callable[[float], tuple[float, float]]:
-    """Lateral force [N] and aligning moment [N m] of a wheel over its slip angle [rad]."""
+    """Return a function: slip angle of a wheel [rad] to lateral force [N] and aligning moment [N m]."""
     tyre = law(max(load, 1.0), inclination, ground)
 
     def forces(slip: float) -> tuple[float, float]:
@@ -151,14 +152,14 @@ def _wheel(law: TyreLaw, load: float, inclination: float, ground: float) -> Call
 def _roll(
     vehicle: Vehicle, body: Body, shares: tuple[float, float], lateral: float
 ) -> tuple[float, tuple[float, float]]:
-    """Roll angle [rad] and the load that goes from the inner to the outer wheel of each axle [N]."""
+    """Return the roll angle [rad], and the load transfer from the inner to the outer wheel of each axle [N]."""
     tracks = (vehicle.geometry.front_track, vehicle.geometry.rear_track)
     springs = vehicle.spec.suspension
     moment = body.mass * body.height * lateral
     if springs is None:
         front, rear = (moment * share / track for share, track in zip(shares, tracks, strict=True))
         return 0.0, (front, rear)
-    stiffness = find_leaning(vehicle, body).stiffness
+    stiffness = find_roll_stiffness(vehicle, body).stiffness
     roll = moment / (sum(stiffness) - body.mass * GRAVITY * body.height)
     front, rear = (one * roll / track for one, track in zip(stiffness, tracks, strict=True))
     return roll, (front, rear)
@@ -167,16 +168,16 @@ def _roll(
 _SLOW = 1e-6  # [rad/s]
 
 
-def find_leaning(vehicle: Vehicle, body: Body, frequency: float = 0.0) -> Leaning:
-    """Roll stiffness and damping of a vehicle's springs, bars and dampers with its tyres behind them.
+def find_roll_stiffness(vehicle: Vehicle, body: Body, frequency: float = 0.0) -> RollStiffness:
+    """Return roll stiffness and damping of springs, bars and dampers in series with the tyres.
 
-    A damper behind a tyre gives way with it, so that both depend on the frequency: dampers stiffen the car, by 4 % at
-    2 Hz. Wheels that swing make their tyres softer, by m ω².
+    A damper in series with a tyre makes both depend on the frequency: dampers stiffen a car by 4 % at 2 Hz. The
+    inertia of the unsprung masses reduces the stiffness of the tyres by m ω².
 
     Args:
         vehicle: the vehicle.
-        body: of it.
-        frequency: of the roll [rad/s].
+        body: its mass properties.
+        frequency: frequency of the roll [rad/s].
     """
     tracks, springs = (vehicle.geometry.front_track, vehicle.geometry.rear_track), vehicle.spec.suspension
     omega = max(frequency, _SLOW)
@@ -185,9 +186,9 @@ def find_leaning(vehicle: Vehicle, body: Body, frequency: float = 0.0) -> Leanin
         softness: complex = 1.0 / (tyre - body.unsprung[axle] * omega**2)
         if springs is not None:
             spring = (springs.front, springs.rear)[axle]
-            # Both wheels move, one up and one down.
+            # Wheels move in opposite directions, so the bar acts twice.
             softness += 1.0 / complex(spring.stiffness + 2.0 * spring.anti_roll, omega * spring.damping)
         together = 0.5 * track**2 / softness
         stiffness.append(together.real)
         damping += together.imag / omega
-    return Leaning((stiffness[0], stiffness[1]), damping)
+    return RollStiffness((stiffness[0], stiffness[1]), damping)

@@ -1,7 +1,7 @@
-"""From a vehicle folder to a single-track model: parameters read from its files and measured on its own model.
+"""Single-track model of a vehicle folder: parameters from its files and measured on its model.
 
-A vehicle folder gives mass, inertia and lengths, the limits of the motor, rolling resistance, drag, friction and the
-gains of its servos. Its tyre model, if it has one, gives cornering stiffness, friction and relaxation lengths of the
+A vehicle folder has mass, inertia and lengths, the limits of the motor, rolling resistance, drag, friction and the
+gains of its servos. Its tyre law, if it has one, yields cornering stiffness, friction and relaxation lengths of the
 axles, see :mod:`mirdrake.single_track.axles`; with Coulomb friction alone there is no cornering stiffness, and a
 default is assumed.
 """
@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.plant.rest_pose import check_balance
-from mirdrake.single_track.axles import Axle, Body, find_axles, find_leaning
+from mirdrake.single_track.axles import Axle, Body, find_axles, find_roll_stiffness
 from mirdrake.single_track.dynamics import Variant
 from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.system import SingleTrack
@@ -52,21 +52,21 @@ def make_single_track(
     front_stiffness: float | None = None,
     rear_stiffness: float | None = None,
 ) -> SingleTrack:
-    """The single-track model of a vehicle.
+    """Return the single-track model of a vehicle.
 
     Args:
         vehicle: a loaded vehicle.
-        tyres: "kinematic", "linear" or "brush".
+        tyres: "kinematic", "linear", or a kind of tyres, as "brush".
         relaxation: whether slip builds up over the relaxation length.
-        actuators: whether steering servo and wheel servos are part of it; :func:`make_single_track_vehicle` adds the
-            vehicle's control unit.
-        roll: whether the body rolls, on its suspension; parameters must then be those of the rolling model, too.
-        parameters: in place of those of :func:`estimate_parameters`.
-        front_stiffness: see there; not together with `parameters`.
+        actuators: whether steering servo and wheel servos are part of the model;
+            :func:`make_single_track_vehicle` adds the vehicle's control unit.
+        roll: whether the body rolls on its suspension; `parameters` must then be those of a model with roll.
+        parameters: by default from :func:`estimate_parameters`.
+        front_stiffness: see :func:`estimate_parameters`; not together with `parameters`.
         rear_stiffness: the same at the rear.
 
     Raises:
-        ConfigError: an argument makes no sense.
+        ConfigError: an argument is not allowed.
     """
     if parameters is None:
         parameters = estimate_parameters(
@@ -88,23 +88,23 @@ def estimate_parameters(
     roll: bool = False,
     roll_frequency: float = 0.0,
 ) -> SingleTrackParameters:
-    """The parameters of a vehicle, from its files and measured on its model.
+    """Return the parameters of a vehicle, from its files and measured on its model.
 
     Args:
         vehicle: a loaded vehicle.
-        front_stiffness: cornering stiffness of the front axle [N/rad]; that of its tyre model if left out, or without
+        front_stiffness: cornering stiffness of the front axle [N/rad]; by default that of its tyre law, or without
             one :data:`FRONT_STIFFNESS` times its load, an assumption.
         rear_stiffness: the same at the rear.
-        friction: of the road [1]; if left out, dry asphalt for a tyre model, and the tyres' own without one.
-        gravity: in the world [m/s²]; that of a world is ``world.ground.gravity``.
-        drag: whether there is air.
-        roll: whether the parameters are for a model that rolls itself; what rolling does to the slip of the axles is
-            then told apart from their stiffness.
-        roll_frequency: at which roll stiffness and damping are taken [rad/s]; 0: of slow turns.
+        friction: friction of the road [1]; by default dry asphalt for a tyre law, and that of the tyres without one.
+        gravity: gravity in the world [m/s²]; that of a world file is ``world.ground.gravity``.
+        drag: whether there is aerodynamic drag.
+        roll: whether the parameters are for a model with roll states; the effect of roll on the slip of the axles is
+            then separate from their stiffness.
+        roll_frequency: frequency of roll stiffness and damping [rad/s]; 0: slow turns.
 
     Raises:
-        ConfigError: an argument makes no sense; the centre of mass is not above the road and between the axles; a model
-            that shall roll has no suspension.
+        ConfigError: an argument is not allowed; the centre of mass is not above the road and between the axles; with
+            `roll`, it has no suspension.
     """
     plant, scene_graph, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
     context, spec, geometry = plant.CreateDefaultContext(), vehicle.spec, vehicle.geometry
@@ -117,7 +117,7 @@ def estimate_parameters(
         for index in plant.GetJointActuatorIndices()
     }
 
-    # Mass, inertia, and how the axles share the load.
+    # Mass, inertia, and the loads of the axles.
     mass = float(plant.CalcTotalMass(context))
     ahead, _, height = plant.CalcCenterOfMassPositionInWorld(context).tolist()
     bodies = [BodyIndex(number) for number in range(1, plant.num_bodies())]
@@ -126,7 +126,7 @@ def estimate_parameters(
     down = -float(gravity[2])
     front_load, rear_load = mass * down * ahead / geometry.wheelbase, mass * down * (1.0 - ahead / geometry.wheelbase)
 
-    # Wheels: what turns with them, the friction of their tyres, their motors and servos.
+    # Wheels: rotating masses, friction and stiffness of their tyres.
     rotating, frictions, springs = 0.0, [], [1e6] * 4
     inspector = scene_graph.model_inspector()
     for index, (joint, radius) in enumerate(zip(wheels, geometry.wheel_radii, strict=True)):
@@ -144,9 +144,10 @@ def estimate_parameters(
                 springs[index] = float(properties.GetProperty("material", "point_contact_stiffness"))
             if properties is not None and properties.HasProperty("material", "coulomb_friction"):
                 frictions.append(float(properties.GetProperty("material", "coulomb_friction").dynamic_friction()))
-    # The files have the car with round tyres; it stands on the pressed ones.
+    # The files have undeformed tyres; at rest they are compressed.
     sag = front_load / (2.0 * springs[0]), rear_load / (2.0 * springs[2])
     height -= sag[1] + (sag[0] - sag[1]) * ahead / geometry.wheelbase
+    # Limits and gains of the motors.
     driven = [WHEELS.index(name) for name in spec.driven_wheels()]
     most, gain = 0.0, 0.0
     for index in driven:
@@ -154,8 +155,9 @@ def estimate_parameters(
         most += float(motor.effort_limit()) / radius
         servo_gains = vehicle.control.wheel_speed.servo_gains()
         gain += 0.0 if servo_gains is None else servo_gains.damping / radius**2
-    hanging = _unsprung(vehicle, plant)
-    body = Body(mass, geometry.wheelbase - ahead, ahead, height, (springs[0], springs[2]), hanging)
+    # Characteristics of the axles, or assumptions without a tyre law.
+    unsprung = _unsprung(vehicle, plant)
+    body = Body(mass, geometry.wheelbase - ahead, ahead, height, (springs[0], springs[2]), unsprung)
     axles = find_axles(vehicle, body, friction=friction, roll=roll)
     if axles is None:
         grip = min(frictions, default=1.0) if friction is None else friction
@@ -197,7 +199,7 @@ def estimate_parameters(
 
 
 def _unsprung(vehicle: Vehicle, plant: MultibodyPlant) -> tuple[float, float]:
-    """Mass that hangs on a front and on a rear suspension joint [kg]; nothing without them."""
+    """Return the unsprung mass of a front and a rear wheel [kg]; zero without suspension."""
     names = vehicle.spec.joints.suspension
     if names is None:
         return 0.0, 0.0
@@ -211,7 +213,7 @@ def _unsprung(vehicle: Vehicle, plant: MultibodyPlant) -> tuple[float, float]:
 def _roll_parameters(
     vehicle: Vehicle, body: Body, plant: MultibodyPlant, context: Context, frequency: float
 ) -> dict[str, float]:
-    """What leans in a turn: all of the car about a line on the road, as its wheels move up and down in the body only.
+    """Return the roll parameters: the whole vehicle rolls about a line on the road, as wheels move along z only.
 
     Raises:
         ConfigError: there is no suspension.
@@ -219,27 +221,27 @@ def _roll_parameters(
     names = vehicle.spec.joints.suspension
     if names is None:
         raise ConfigError(
-            f"single track of '{vehicle.name}' with roll: it has no suspension; leave out roll, or take a variant that "
-            "has one"
+            f"single track of '{vehicle.name}' with roll: it has no suspension; leave out roll, or use a variant with "
+            "suspension"
         )
-    hanging = {
+    unsprung = {
         index
         for name in names.names()
         for index in plant.GetBodiesKinematicallyAffectedBy([plant.GetJointByName(name).index()])
     }
-    around = 0.0  # the axis
+    roll_inertia = 0.0  # about the roll axis
     for number in range(1, plant.num_bodies()):
         index = BodyIndex(number)
         spatial = plant.CalcSpatialInertia(context, plant.world_frame(), [index])
         _, y, z = spatial.get_com().tolist()
         own = spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[0, 0]
-        # A wheel leans and sways with the body, but does not go up and down with its side.
-        around += float(own + spatial.get_mass() * (z * z + (0.0 if index in hanging else y * y)))
-    leaning = find_leaning(vehicle, body, frequency)
+        # A wheel rolls and moves laterally with the body, but does not move up and down with it.
+        roll_inertia += float(own + spatial.get_mass() * (z * z + (0.0 if index in unsprung else y * y)))
+    roll_stiffness = find_roll_stiffness(vehicle, body, frequency)
     return {
         "roll_mass": body.mass,
         "roll_height": body.height,
-        "roll_inertia": around - body.mass * float(plant.CalcCenterOfMassPositionInWorld(context)[2]) ** 2,
-        "roll_stiffness": sum(leaning.stiffness),
-        "roll_damping": leaning.damping,
+        "roll_inertia": roll_inertia - body.mass * float(plant.CalcCenterOfMassPositionInWorld(context)[2]) ** 2,
+        "roll_stiffness": sum(roll_stiffness.stiffness),
+        "roll_damping": roll_stiffness.damping,
     }

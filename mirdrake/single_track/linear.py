@@ -16,8 +16,8 @@ from mirdrake.single_track.system import MOTION
 
 Matrix = NDArray[np.float64]
 
-PLACE = 3
-"""The first states, x, y, yaw, on which nothing depends on the flat."""
+POSE = 3
+"""Number of the first states, x, y, yaw, on which nothing depends on level ground."""
 
 _TOLERANCE = 1e-10  # of accelerations and slip rates, SI
 _ITERATIONS = 60
@@ -25,12 +25,12 @@ _ITERATIONS = 60
 
 @dataclass(frozen=True)
 class SteadyState:
-    """A car that goes round a circle, or straight on, at constant speed.
+    """Steady circular or straight motion at constant speed.
 
     Attributes:
         variant: equations of the model.
-        state: continuous state, at x = y = yaw = 0; names from :attr:`Variant.state_names`.
-        inputs: of the model; with actuators in the order of :attr:`input_names`.
+        state: continuous state at x = y = yaw = 0; names from :attr:`Variant.state_names`.
+        inputs: inputs in the order of :attr:`input_names`.
         motion: see :data:`mirdrake.single_track.system.MOTION`.
     """
 
@@ -45,7 +45,7 @@ class SteadyState:
         return self.variant.input_names
 
     def __getitem__(self, name: str) -> float:
-        """A state, an input or an element of the motion by name; "drive" is the force that holds the speed."""
+        """Return a state, an input or a handling quantity by name; "drive" is the force that holds the speed."""
         motion = [signal.name for signal in MOTION]
         names = (*self.variant.state_names, *motion, *self.input_names)
         return (*self.state, *self.motion, *self.inputs)[names.index(name)]
@@ -82,7 +82,7 @@ class LinearSingleTrack:
         inputs: Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
     ) -> "LinearSingleTrack":
-        """The model of some states, inputs and outputs only; states left out are held."""
+        """Return the model of some states, inputs and outputs; other states are held constant."""
         x = [self.states.index(name) for name in (states or self.states)]
         u = [self.inputs.index(name) for name in (inputs or self.inputs)]
         y = [self.outputs.index(name) for name in (outputs or self.outputs)]
@@ -98,15 +98,15 @@ class LinearSingleTrack:
         )
 
     def system(self) -> LinearSystem:
-        """The same as a Drake system."""
+        """Return the model as a Drake system."""
         return LinearSystem(self.A, self.B, self.C, self.D)
 
     def eigenvalues(self) -> NDArray[np.complex128]:
-        """Poles [1/s]."""
+        """Return the poles [1/s]."""
         return np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
 
     def gain(self, output: str, source: str) -> float:
-        """Steady-state gain from an input to an output; the states must be able to come to rest."""
+        """Return the steady-state gain from an input to an output; A must be invertible."""
         y, u = self.outputs.index(output), self.inputs.index(source)
         return float(self.D[y, u] - self.C[y] @ np.linalg.solve(self.A, self.B[:, u]))
 
@@ -114,28 +114,28 @@ class LinearSingleTrack:
 def find_steady_state(
     parameters: SingleTrackParameters, variant: Variant, *, speed: float, steering: float = 0.0
 ) -> SteadyState:
-    """The steady state at a speed and a steering angle, held by the drive force; Newton's method with AutoDiff.
+    """Find the steady state at a speed and a steering angle, with Newton's method; the drive force holds the speed.
 
     Args:
-        parameters: of the model. A slope is left out along x and y: a circle on a slope is not steady.
+        parameters: parameters of the model; gravity along x and y is ignored, as a circle on a slope is not steady.
         variant: equations of the model.
         speed: vx [m/s].
         steering: bicycle angle [rad].
 
     Raises:
-        ConfigError: there is none, as when the tyres slide or the motor is too weak.
+        ConfigError: there is no steady state: the tyres slide or the motor is too weak.
     """
     level = _level(parameters)
     count, inputs = len(variant.state_names), len(variant.input_names)
     turn = np.tan(steering) / parameters.wheelbase
     x, u = np.zeros(count), np.zeros(inputs)
-    x[PLACE], u[0] = speed, steering
+    x[POSE], u[0] = speed, steering
     if variant.tyres != "kinematic":
         x[4], x[5] = parameters.rear_length * speed * turn, speed * turn
     if variant.actuators:
         x[-1], u[-1] = steering, speed
-    free = np.r_[np.arange(PLACE + 1, count - int(variant.actuators)), count + 1]  # vy, r, slips; drive force
-    rows = np.arange(PLACE, count - int(variant.actuators))
+    free = np.r_[np.arange(POSE + 1, count - int(variant.actuators)), count + 1]  # vy, r, slips; drive force
+    rows = np.arange(POSE, count - int(variant.actuators))
     residual, jacobian, motion = _differentiate(variant, level, x, u)
     for _ in range(_ITERATIONS):
         size = np.abs(residual[rows]).max()
@@ -153,7 +153,7 @@ def find_steady_state(
         residual, jacobian, motion = tried
     if np.abs(residual[rows]).max() > 1e3 * _TOLERANCE:
         raise ConfigError(
-            f"find_steady_state: the car cannot hold {speed:g} m/s at {steering:g} rad; take less speed or steering"
+            f"find_steady_state: the vehicle cannot hold {speed:g} m/s at {steering:g} rad; reduce speed or steering"
         )
     return SteadyState(variant, tuple(x.tolist()), tuple(u.tolist()), tuple(motion.tolist()))
 
@@ -161,12 +161,12 @@ def find_steady_state(
 def linearize_single_track(
     parameters: SingleTrackParameters, variant: Variant, *, speed: float, steering: float = 0.0
 ) -> LinearSingleTrack:
-    """The model linearised about the steady state at a speed and a steering angle.
+    """Linearise the model about the steady state at a speed and a steering angle.
 
-    Place and heading are left out: on the flat nothing depends on them.
+    Position and heading are not states of the result: on level ground nothing depends on them.
 
     Args:
-        parameters: of the model; see :func:`find_steady_state`.
+        parameters: parameters of the model; see :func:`find_steady_state`.
         variant: equations of the model.
         speed: vx [m/s].
         steering: bicycle angle [rad].
@@ -176,16 +176,16 @@ def linearize_single_track(
     """
     steady = find_steady_state(parameters, variant, speed=speed, steering=steering)
     x, u = np.array(steady.state), np.array(steady.inputs)
-    names, inputs = variant.state_names[PLACE:], variant.input_names
+    names, inputs = variant.state_names[POSE:], variant.input_names
     count = len(x)
     _, rates, _ = _differentiate(variant, _level(parameters), x, u)
     motion = _differentiate(variant, _level(parameters), x, u, motion=True)[1]
-    outputs = np.vstack([np.eye(1, count + len(u), PLACE), rates[2:3], motion])  # vx; the rate of yaw
+    outputs = np.vstack([np.eye(1, count + len(u), POSE), rates[2:3], motion])  # vx; the rate of yaw
     return LinearSingleTrack(
         steady=steady,
-        A=rates[PLACE:, PLACE:count],
-        B=rates[PLACE:, count:],
-        C=outputs[:, PLACE:count],
+        A=rates[POSE:, POSE:count],
+        B=rates[POSE:, count:],
+        C=outputs[:, POSE:count],
         D=outputs[:, count:],
         states=names,
         inputs=inputs,
@@ -194,7 +194,7 @@ def linearize_single_track(
 
 
 def understeer_gradient(parameters: SingleTrackParameters) -> float:
-    """Steering angle per lateral acceleration K [rad s²/m] of linear tyres: δ = L / R + K v² / R.
+    """Return the steering angle per lateral acceleration K [rad s²/m] of linear tyres: δ = L / R + K v² / R.
 
     K = m / L (b / Cf - a / Cr); Rajamani, section 3.3.
     """
@@ -203,9 +203,9 @@ def understeer_gradient(parameters: SingleTrackParameters) -> float:
 
 
 def characteristic_speed(parameters: SingleTrackParameters) -> float:
-    """Speed [m/s] of an understeering car's largest yaw gain; of an oversteering one the critical one, negative.
+    """Return the characteristic speed of an understeering vehicle, or minus the critical speed of an oversteering one.
 
-    sqrt(L / K) and -sqrt(-L / K); infinite for a neutral car. Linear tyres.
+    sqrt(L / K) and -sqrt(-L / K); infinite for neutral steer. [m/s] Linear tyres.
     """
     gradient = understeer_gradient(parameters)
     if gradient == 0.0:
@@ -214,22 +214,22 @@ def characteristic_speed(parameters: SingleTrackParameters) -> float:
 
 
 def steady_gain(parameters: SingleTrackParameters, speed: float) -> float:
-    """Yaw rate over steering angle [1/s] in the steady state of linear tyres: v / (L + K v²)."""
+    """Return yaw rate over steering angle [1/s] in the steady state of linear tyres: v / (L + K v²)."""
     return speed / (parameters.wheelbase + understeer_gradient(parameters) * speed * speed)
 
 
 def _level(parameters: SingleTrackParameters) -> list[float]:
-    """Numbers of the parameters without a slope."""
+    """Return the values of the parameters on level ground."""
     return replace(parameters, gravity_x=0.0, gravity_y=0.0).values()
 
 
 def _differentiate(
     variant: Variant, parameters: Sequence[float], x: Matrix, u: Matrix, *, motion: bool = False
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """Rates of the state (or the motion), their derivatives by (x, u), and the motion."""
+    """Return the rates of the state (or the motion), their derivatives by (x, u), and the motion."""
     z = InitializeAutoDiff(np.r_[x, u]).ravel()
     result = evaluate(variant, parameters, z[: len(x)], z[len(x) :])
-    nothing = 0.0 * z[0]  # makes floats into AutoDiffXd
+    nothing = 0.0 * z[0]  # converts floats to AutoDiffXd
     chosen = [nothing + value for value in (result.motion if motion else result.state)]
     gradient = np.array([value.derivatives() for value in chosen])
     seen = np.array([(nothing + value).value() for value in result.motion])

@@ -1,4 +1,4 @@
-"""Parameters of the single-track model, as numbers with names and as the vector of a Context."""
+"""Parameters of the single-track model, by name and as the vector of a Context."""
 
 from dataclasses import dataclass, fields
 
@@ -14,36 +14,36 @@ class SingleTrackParameters:
     """Parameters of the single-track model, in the order of the numeric parameter of its Context.
 
     Attributes:
-        mass: all of it [kg].
+        mass: mass of the vehicle [kg].
         yaw_inertia: about the vertical through the centre of mass [kg m²].
         front_length: from the centre of mass to the front axle, a [m].
         rear_length: to the rear axle, b [m].
         com_height: of the centre of mass over the road [m].
-        rotating_mass: of wheels and rotors, reduced to the road [kg].
+        rotating_mass: mass equivalent of the inertia of wheels and rotors [kg].
         front_stiffness: cornering stiffness of the front axle, both tyres [N/rad].
         rear_stiffness: the same at the rear [N/rad].
-        front_friction: of the front tyres on the road [1]; brush tyres only, as the next one.
+        front_friction: of the front tyres on the road [1]; like the next one not for linear tyres.
         rear_friction: the same at the rear [1].
         front_relaxation: relaxation length of the front tyres [m].
         rear_relaxation: the same at the rear [m].
         rolling_resistance: rolling resistance over load [1].
         drag: drag over speed squared, half the density of air times the drag area [N s²/m²].
-        front_drive: part of the drive force on the front axle [1].
-        front_brake: part of the brake force on the front axle [1].
-        max_force: limit of the drive force, either way [N].
+        front_drive: share of the drive force on the front axle [1].
+        front_brake: share of the brake force on the front axle [1].
+        max_force: limit of the drive force in both directions [N].
         servo_gain: drive force per speed error of the wheel servos [N s/m]; only with actuators.
         steering_lag: time constant of the steering servo [s]; only with actuators.
         gravity_x: gravity along x of the world [m/s²]; a slope tilts it.
         gravity_y: the same along y [m/s²].
         gravity_z: the same along z, negative [m/s²].
-        blend_start: speed v1 up to which the car is kinematic [m/s].
+        blend_start: speed v1 up to which the model is kinematic [m/s].
         blend_end: speed v2 from which on it is fully dynamic [m/s].
-        roll_mass: of what leans in turns [kg]; this and the following only with roll.
+        roll_mass: rolling mass [kg]; this and the following only with roll.
         roll_height: of its centre over the roll axis [m].
-        roll_inertia: about an axis along the car through that centre [kg m²].
+        roll_inertia: about a longitudinal axis through that centre [kg m²].
         roll_stiffness: of springs, bars and tyres together [N m/rad]; more than roll_mass g roll_height.
         roll_damping: of the dampers [N m s/rad].
-        front_roll_slip: slip that the front axle's force answers over the roll angle [1]: camber, roll steer.
+        front_roll_slip: equivalent slip of the front axle over the roll angle [1]: camber, roll steer.
         rear_roll_slip: the same at the rear [1].
 
     Raises:
@@ -101,17 +101,17 @@ class SingleTrackParameters:
         tipping = -self.roll_mass * self.gravity_z * self.roll_height
         if self.roll_stiffness <= tipping:
             raise ConfigError(
-                f"{owner}: roll_stiffness must be above roll_mass g roll_height, {tipping:g} N m/rad, or the car falls "
-                f"over; got {self.roll_stiffness:g} N m/rad"
+                f"{owner}: roll_stiffness must be above roll_mass g roll_height, {tipping:g} N m/rad, or the vehicle "
+                f"rolls over; got {self.roll_stiffness:g} N m/rad"
             )
 
     @property
     def wheelbase(self) -> float:
-        """Distance of the axles [m]."""
+        """Wheelbase [m]."""
         return self.front_length + self.rear_length
 
     def values(self) -> list[float]:
-        """The numbers in the order of the Context's parameter."""
+        """Return the values in the order of the Context's parameter."""
         return [float(getattr(self, name)) for name in PARAMETERS]
 
 

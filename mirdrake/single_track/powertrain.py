@@ -18,8 +18,8 @@ def make_single_track_law(vehicle: Vehicle, *, mass: float, rotating: float) -> 
 
     Args:
         vehicle: a loaded vehicle.
-        mass: of the vehicle [kg].
-        rotating: what its turning parts add to it [kg].
+        mass: mass of the vehicle [kg].
+        rotating: mass equivalent of the rotating parts [kg].
     """
     geometry = vehicle.geometry
     return PowertrainLaw(
@@ -33,16 +33,16 @@ def make_single_track_law(vehicle: Vehicle, *, mass: float, rotating: float) -> 
 
 
 class SingleTrackPowertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """From pedals to the forces of the single-track model.
+    """System from pedals to the forces of the single-track model.
 
     Input ports:
         pedals (3): throttle, brake, gear.
         state (12): of the vehicle.
     Output ports:
-        forces (3) [N, N, m/s]: drive force, brake force, and the speed, as there are no servos.
+        forces (3) [N, N, m/s]: drive force, brake force, and the speed, as there are no wheel servos.
         powertrain_status (9): as of the full vehicle.
 
-    The outputs are discrete states, updated as often as those of the full vehicle's powertrain.
+    The outputs are discrete states, updated at the rate of the full vehicle's powertrain.
 
     Args:
         law: of the vehicle, from :func:`make_single_track_law`.

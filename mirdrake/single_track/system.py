@@ -23,12 +23,12 @@ STEERING = signals(
     ("steering_rate", "rad/s", "rate of its set-point"),
 )
 FORCES = signals(
-    ("drive", "N", "force of the motor at the road, negative when it brakes"),
-    ("brake", "N", "force of the brakes at the road, positive"),
+    ("drive", "N", "drive force at the road, negative for engine braking"),
+    ("brake", "N", "brake force at the road, positive"),
     ("speed", "m/s", "set-point of the wheel servos"),
 )
 MOTION = signals(
-    ("sideslip", "rad", "direction of the velocity of the centre of mass in the car"),
+    ("sideslip", "rad", "sideslip angle of the centre of mass"),
     ("longitudinal_acceleration", "m/s²", "of the centre of mass"),
     ("lateral_acceleration", "m/s²", "of the centre of mass"),
     ("front_slip_angle", "rad", "positive when the axle moves to its left"),
@@ -36,12 +36,12 @@ MOTION = signals(
     ("front_lateral_force", "N", "on the front axle, across its wheels"),
     ("rear_lateral_force", "N", "on the rear axle"),
 )
-"""What handling is judged by; slips and forces are zero in the kinematic model."""
+"""Handling quantities; slips and forces are zero in the kinematic model."""
 
 
 @TemplateSystem.define("SingleTrack_")  # type: ignore[untyped-decorator, unused-ignore]
 def SingleTrack_(T: type) -> Any:  # noqa: N802
-    """The class of single-track models for a scalar type; ``SingleTrack`` is the one for floats."""
+    """Return the class of single-track models for a scalar type; ``SingleTrack`` is that for floats."""
     plain = T is float
 
     class Impl(freeable(LeafSystem_[T])):  # type: ignore[misc, unused-ignore]
@@ -52,11 +52,12 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             forces (2) [N]: drive and brake force; with actuators (3) [N, N, m/s]: also the set-point of the speed.
         Output ports:
             state (12) [m, rad, m/s, rad/s]: as the ground truth of the full vehicle, of the rear axle's centre; z, roll
-                and pitch are zero: the car stays on the plane of the road.
+                and pitch are zero: the model stays on the plane of the road.
             motion (7): :data:`MOTION`.
             steering_angle (1) [rad]: the state; only with actuators.
 
-        Continuous state: :func:`state_names`; x, y, yaw of the rear axle's centre, vx, vy of the centre of mass.
+        Continuous state: :attr:`Variant.state_names`; x, y, yaw of the rear axle's centre, vx, vy at the centre of
+            mass.
         Parameter 0 of the Context: :class:`SingleTrackParameters`, in its order.
 
         Args:
@@ -64,7 +65,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             variant: which equations.
 
         Raises:
-            ConfigError: no such tyres, or relaxation or roll without tyres.
+            ConfigError: unknown tyres, or relaxation or roll without tyres.
         """
 
         def _construct(
@@ -153,16 +154,16 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             if plain:
                 output.SetFromVector(self._evaluate_compiled(context)[1])
             else:
-                zero = T(0.0)  # makes floats into T
+                zero = T(0.0)  # converts floats to T
                 output.SetFromVector([zero + value for value in self._evaluate(context).motion])
 
         def set_parameters(self, context: Context, **changes: Any) -> None:
             """Change parameters of a Context by name.
 
-            Floats are checked as by :class:`SingleTrackParameters`; AutoDiffXd and Expression are taken as they are.
+            Floats are checked as in :class:`SingleTrackParameters`; AutoDiffXd and Expression are not checked.
 
             Raises:
-                ConfigError: no such parameter, or a value out of range.
+                ConfigError: unknown parameter, or a value out of range.
             """
             for name in changes:
                 if name not in PARAMETERS:
@@ -176,15 +177,15 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             context.get_mutable_numeric_parameter(self._parameters).SetFromVector(values)
 
         def get_parameters(self, context: Context) -> SingleTrackParameters:
-            """The parameters in a Context; floats only."""
+            """Return the parameters in a Context; floats only."""
             values = context.get_numeric_parameter(self._parameters).CopyToVector().tolist()
             return SingleTrackParameters(**dict(zip(PARAMETERS, values, strict=True)))
 
         def set_state(self, context: Context, **values: Any) -> None:
-            """Put the car somewhere: states by name, those left out are zero.
+            """Set the state by name; other states are zero.
 
             Raises:
-                ConfigError: no such state.
+                ConfigError: unknown state.
             """
             x = np.array([T(0.0)] * len(self.state_names))
             for name, value in values.items():

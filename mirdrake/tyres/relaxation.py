@@ -1,31 +1,32 @@
-"""Relaxation: from slip velocities to the slips that the tyre forces follow, down to standstill.
+"""Relaxation: from slip velocities to the slips that determine the tyre forces, down to standstill.
 
-The contact patch hangs on the carcass, and the forces build up as it is dragged along. Single-point model of H. B.
+The contact patch is attached to the elastic carcass, and forces build up as the tyre rolls. Single-point model of H. B.
 Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 7.2.1 (stretched string at its leading edge) with the additions of
 section 8.6 for low speed (after Besselink). With the deflections u (along) and v (across) and relaxation lengths σ::
 
     u' = -Vsx - |Vx| u / σx        kappa'     = u / σx - (k / Cx) Vsx
     v' =  Vy  - |Vx| v / σy        tan alpha' = v / σy + (k / Cy) Vy
 
-A carcass, and what carries it, may give way to the side on a damper d beside the spring C / σy, at all speeds, as a
-body of Voigt does: C tan alpha' = (C / σy) v + d v'. The patch drifts after the rim, v' = Vy - |Vx| tan alpha', and
-both together are, with g = C / (C + d |Vx|)::
+Carcass and bushings may have a lateral damper d parallel to the spring C / σy, at all speeds (Kelvin-Voigt):
+C tan alpha' = (C / σy) v + d v'. The patch follows the rim, v' = Vy - |Vx| tan alpha'. Together, with
+g = C / (C + d |Vx|)::
 
     v' = g (Vy - |Vx| v / σy)      tan alpha' = g (v / σy + (d / C) Vy)
 
-Rolling steadily all of it gives kappa = -Vsx / |Vx| and tan alpha = Vy / |Vx| exactly. At standstill u and v are
-springs of stiffness C / σ, so that a car stands on a slope without creeping; k is their damper, which fades between
-standstill and the speed `low`: k = k0 (1 + cos(π Vx / low)) / 2.
+In steady rolling this is exactly kappa = -Vsx / |Vx| and tan alpha = Vy / |Vx|. At standstill u and v are deflections
+of springs of stiffness C / σ, so that a vehicle stands on a slope without creeping; k is their damper, which fades
+between standstill and the speed `low`: k = k0 (1 + cos(π Vx / low)) / 2.
 
-A spring must not be wound up by a wheel that spins or slides at standstill, nor keep the deflection of a locked wheel
-after the stop. The book freezes the state then; here, below `low` and with the same weight as k, a motion that winds
-further is taken up by sliding (P. Dahl's friction law); L = 1.5 μ N / C is a slip just below the peak of the force::
+A wheel that spins or slides at standstill must not increase the deflection without limit, nor may the deflection of a
+locked wheel remain after the stop. The book freezes the state in this case. Here, below `low` and with the same weight
+w as k, a motion that increases the deflection becomes sliding (P. Dahl's friction law); L = 1.5 μ N / C is a slip just
+below the peak of the force::
 
     u' = -Vsx - { |Vx| / σx + w f(n) |Vsx| / |u| } u,    n = |u| / (σx L),    f = n⁴ to 1, then 4 n - 3
 
-so |u| stays below σx L at standstill; with the 3 μ N / C of the book a car would run back more than twice as far
-after a locked stop. One step takes the bracket as constant and
-solves the rest exactly; where the patch slides by more than a quarter of its limit, the step is divided.
+so |u| stays below σx L at standstill; with the book's limit of 3 μ N / C a car would roll back more than twice as far
+after a locked stop. A step keeps the bracket constant and solves the equation exactly; where the patch slides by more
+than a quarter of its limit, the step is divided.
 """
 
 import math
@@ -35,20 +36,20 @@ from typing import NamedTuple
 from mirdrake.core.checks import check_number
 
 _SMALL = 1e-9
-_WOUND = 1.5
-_PART = 0.25  # of the limit, by which a patch slides in a part of a step
-_MOST_PARTS = 64
+_LIMIT = 1.5  # limit of the deflection over that at linear slip stiffness, μ N / C [1]
+_MAX_SLIDING = 0.25  # sliding in a part of a step, over the limit of the deflection [1]
+_MAX_PARTS = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RelaxationSettings:
-    """Settings of the dampers, and of the behaviour at low speed.
+    """Damping, and behaviour at low speed.
 
     Attributes:
-        low: speed below which damping and sliding come in [m/s].
-        damping: k0, damper between patch and rim at standstill [N s/m]; about 4 % of critical for a car on its tyres,
+        low: speed below which damping and sliding act [m/s].
+        damping: k0, damping between patch and rim at standstill [N s/m]; about 4 % of critical for a car on its tyres,
             a quarter of critical for the spin of a wheel.
-        lateral_damping: d, damper beside the lateral spring at all speeds [N s/m].
+        lateral_damping: d, damping parallel to the lateral spring at all speeds [N s/m].
 
     Raises:
         ConfigError: not a finite number, or negative; low not positive.
@@ -68,11 +69,11 @@ DEFAULTS = RelaxationSettings()
 
 
 class Deflection(NamedTuple):
-    """State of one tyre.
+    """Deflection of a tyre.
 
     Attributes:
-        along: u, how far the rim is behind the patch when driving [m], positive for positive kappa.
-        across: v, how far the rim is to the left of the patch [m], positive for positive alpha.
+        along: u, longitudinal distance of the rim behind the patch [m], positive for positive kappa.
+        across: v, lateral distance of the rim to the left of the patch [m], positive for positive alpha.
     """
 
     along: float = 0.0
@@ -94,10 +95,10 @@ class Motion(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """The tyre at its present load.
+    """Contact of a tyre at its present load.
 
     Attributes:
-        stiffness_x: slip stiffness dFx/dkappa [N]; not positive: no contact, deflections vanish.
+        stiffness_x: slip stiffness dFx/dkappa [N]; zero or negative: no contact, deflections are zero.
         stiffness_y: slip stiffness -dFy/d tan alpha [N].
         length_x: relaxation length of longitudinal slip [m].
         length_y: relaxation length of lateral slip [m].
@@ -114,14 +115,14 @@ class Contact(NamedTuple):
 
 
 def low_speed_weight(vx: float, low: float) -> float:
-    """(1 + cos(π Vx / low)) / 2 below `low`, nothing above; once differentiable."""
+    """Return (1 + cos(π Vx / low)) / 2 below `low`, zero above; once differentiable."""
     return 0.5 * (1.0 + math.cos(math.pi * vx / low)) if abs(vx) < low else 0.0
 
 
 def relaxed_slip(
     state: Deflection, motion: Motion, contact: Contact, settings: RelaxationSettings = DEFAULTS
 ) -> tuple[float, float]:
-    """Slips kappa' and tan alpha' [1] for the law of steady state, with the damping of low speed."""
+    """Return the slips kappa' and tan alpha' [1] for the law in steady state, with damping at low speed."""
     if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
         return 0.0, 0.0
     damping = settings.damping * low_speed_weight(motion.vx, settings.low)
@@ -134,7 +135,7 @@ def relaxed_slip(
 
 
 def _share_of_spring(motion: Motion, contact: Contact, settings: RelaxationSettings) -> float:
-    """g, the part of a lateral velocity that the spring takes up [1]; the patch follows the rest at once."""
+    """Return g, the share of a lateral velocity that deflects the spring [1]; the patch follows the rest at once."""
     return contact.stiffness_y / (contact.stiffness_y + settings.lateral_damping * abs(motion.vx))
 
 
@@ -145,7 +146,7 @@ def deflection_step(
     period: float,
     settings: RelaxationSettings = DEFAULTS,
 ) -> Deflection:
-    """The deflections a step later; equations in the head of the module.
+    """Return the deflections after a step; equations in the head of the module.
 
     Args:
         state: deflections now.
@@ -157,8 +158,8 @@ def deflection_step(
     if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
         return Deflection(0.0, 0.0)
     weight = low_speed_weight(motion.vx, settings.low)
-    limit_x = _WOUND * contact.friction_x / contact.stiffness_x * contact.length_x
-    limit_y = _WOUND * contact.friction_y / contact.stiffness_y * contact.length_y
+    limit_x = _LIMIT * contact.friction_x / contact.stiffness_x * contact.length_x
+    limit_y = _LIMIT * contact.friction_y / contact.stiffness_y * contact.length_y
     speed = abs(motion.vx)
     share = _share_of_spring(motion, contact, settings) if settings.lateral_damping else 1.0
     return Deflection(
@@ -170,12 +171,12 @@ def deflection_step(
 def deflection_rates(
     state: Deflection, motion: Motion, contact: Contact, settings: RelaxationSettings = DEFAULTS
 ) -> tuple[float, float]:
-    """Rates u' and v' [m/s], for an integrator of its own."""
+    """Return the rates u' and v' [m/s], for an external integrator."""
     if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
         return 0.0, 0.0
     weight = low_speed_weight(motion.vx, settings.low)
-    limit_x = _WOUND * contact.friction_x / contact.stiffness_x * contact.length_x
-    limit_y = _WOUND * contact.friction_y / contact.stiffness_y * contact.length_y
+    limit_x = _LIMIT * contact.friction_x / contact.stiffness_x * contact.length_x
+    limit_y = _LIMIT * contact.friction_y / contact.stiffness_y * contact.length_y
     speed = abs(motion.vx)
     decay_x = speed / contact.length_x + _sliding(state.along, -motion.slip_x, limit_x, weight)
     share = _share_of_spring(motion, contact, settings)
@@ -185,7 +186,7 @@ def deflection_rates(
 
 
 def _sliding(deflection: float, velocity: float, limit: float, weight: float) -> float:
-    """Decay w f(n) |V| / |u| [1/s] of a motion that winds further, else 0."""
+    """Return the decay w f(n) |V| / |u| [1/s] of a motion that increases the deflection, else 0."""
     if weight == 0.0 or deflection * velocity <= 0.0:
         return 0.0
     limit = max(limit, _SMALL)
@@ -195,10 +196,10 @@ def _sliding(deflection: float, velocity: float, limit: float, weight: float) ->
 
 
 def _step(deflection: float, velocity: float, decay: float, limit: float, weight: float, period: float) -> float:
-    """Solution of u' = V - λ u, with the λ of the middle of the step, or of its parts where the patch slides far."""
+    """Return the solution of u' = V - λ u with λ in mid-step; the step is divided where the patch slides far."""
     if weight == 0.0:
         return _advance(deflection, velocity, decay, period)
-    parts = min(_MOST_PARTS, 1 + int(abs(velocity) * period / (_PART * max(limit, _SMALL))))
+    parts = min(_MAX_PARTS, 1 + int(abs(velocity) * period / (_MAX_SLIDING * max(limit, _SMALL))))
     period /= parts
     for _ in range(parts):
         ahead = _advance(deflection, velocity, decay + _sliding(deflection, velocity, limit, weight), 0.5 * period)
@@ -213,4 +214,4 @@ def _advance(deflection: float, velocity: float, decay: float, period: float) ->
 
 
 STEP_PARTS = (low_speed_weight, relaxed_slip, _share_of_spring, deflection_step, _sliding, _step, _advance)
-"""Functions of a step, for :mod:`mirdrake.core.compiled`."""
+"""Functions that :mod:`mirdrake.core.compiled` compiles for a step."""

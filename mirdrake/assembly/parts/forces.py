@@ -6,7 +6,7 @@ from pydrake.systems.primitives import Adder
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.wiring import Wiring
 from mirdrake.core.signals import signals_of
-from mirdrake.plant.aerodynamics import AirForces, feels_air
+from mirdrake.plant.aerodynamics import AirForces, has_air_forces
 from mirdrake.plant.plant import PlantParts
 from mirdrake.plant.suspension import make_anti_roll
 from mirdrake.plant.wheels import LOAD_PERIOD, RollingResistance, WheelTyres, make_rolling_wheels, make_wheel_tyres
@@ -68,7 +68,7 @@ def add_outer_forces(wiring: Wiring, parts: PlantParts, rolling: RollingResistan
             wiring.add(f"{name}.anti_roll", anti_roll)
             wiring.link(plant.get_state_output_port(part.instance), anti_roll.get_input_port())
             forces.append(anti_roll.get_output_port())
-        if feels_air(part, spec.plant.air_density):
+        if has_air_forces(part, spec.plant.air_density):
             air = AirForces(plant, part, density=spec.plant.air_density, wind=spec.plant.wind)
             wiring.add(f"{name}.aerodynamics", air)
             wiring.link(plant.get_state_output_port(), air.plant_state)

@@ -1,4 +1,4 @@
-"""What drives and brakes: motors, engines, gears, brakes, pedals and their actuators."""
+"""Powertrain: motors, engines, gears, brakes, pedals and their actuators."""
 
 from mirdrake.plant.powertrain.actuator import ActuatorLaw
 from mirdrake.plant.powertrain.law import Measured, PowertrainLaw, Torques

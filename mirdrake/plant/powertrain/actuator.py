@@ -1,4 +1,4 @@
-"""An actuator between what is asked and what acts: a pure delay, then a lag of first order with a limited rate.
+"""Actuator: a pure delay, then a first-order lag with a limited rate.
 
 The input is held between two steps, so that the step is exact: with y the output, u the delayed input, τ the time
 constant and R the largest rate, dy/dt = (u - y) / τ within ± R. While |u - y| > R τ the output runs at the rate R; from
@@ -15,7 +15,7 @@ from mirdrake.vehicles.powertrain_spec import Actuator
 
 
 class ActuatorNumbers(NamedTuple):
-    """Of an actuator behind its delay: time between steps [s], time constant [s], largest change a second."""
+    """Lag of an actuator: time between steps [s], time constant [s], largest change per second."""
 
     period: float
     time_constant: float
@@ -23,11 +23,11 @@ class ActuatorNumbers(NamedTuple):
 
 
 class ActuatorLaw:
-    """One actuator, stepped at a fixed period; its memory is a list of `size` numbers of the caller's.
+    """One actuator, stepped at a fixed period; the caller keeps its memory, a list of `size` numbers.
 
     Attributes:
-        size: numbers to remember: the inputs on their way, then the output.
-        numbers: what happens behind the delay.
+        size: length of the memory: delayed inputs, then the output.
+        numbers: the lag.
 
     Args:
         actuator: delay, time constant and rate.
@@ -50,11 +50,11 @@ class ActuatorLaw:
         self.size = self._steps + 1
 
     def rest(self, value: float) -> list[float]:
-        """The memory of an actuator that has stood at a value."""
+        """Return the memory of an actuator at rest at a value."""
         return [value] * self.size
 
     def step(self, memory: list[float], value: float) -> tuple[list[float], float]:
-        """Advance by one period with the value asked for now.
+        """Advance by one period with a demanded value.
 
         Returns:
             The memory for the next step, and the output at the end of the period; without delay and lag the value.
@@ -65,14 +65,14 @@ class ActuatorLaw:
 
 
 def actuator_step(memory: MutableSequence[float], at: int, size: int, value: float, numbers: ActuatorNumbers) -> float:
-    """:meth:`ActuatorLaw.step` at a place of a longer memory, which is changed.
+    """Advance an actuator in a section of a longer memory; see :meth:`ActuatorLaw.step`.
 
     Args:
-        memory: of everything.
-        at: where the actuator's begins.
-        size: of it.
-        value: asked for now.
-        numbers: of the actuator.
+        memory: whole memory, changed.
+        at: start of the actuator's section.
+        size: length of the section.
+        value: demanded value.
+        numbers: lag of the actuator.
 
     Returns:
         The output at the end of the period.
@@ -88,14 +88,14 @@ def actuator_step(memory: MutableSequence[float], at: int, size: int, value: flo
 
 
 def follow(output: float, wanted: float, period: float, time_constant: float, rate: float = inf) -> float:
-    """Output of a lag with a limited rate after a period in which `wanted` stands still; exact.
+    """Return the output of a lag with a limited rate after a period of constant `wanted`; exact.
 
     Args:
         output: at the start of the period.
-        wanted: what it goes to.
+        wanted: demanded value.
         period: [s].
         time_constant: τ [s]; 0: no lag.
-        rate: largest change a second.
+        rate: largest change per second.
     """
     gap = wanted - output
     if rate == inf:

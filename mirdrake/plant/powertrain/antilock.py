@@ -1,18 +1,18 @@
-"""Slip of a wheel held by its brake (antilock) or by the motor (traction control).
+"""Slip control of a wheel by its brake (antilock) or by the motor (traction control).
 
-Measured are the spin rate ω of the wheel and the speed v of its centre along its plane; a real car has to estimate v
-from its four wheels and its acceleration, here it is exact. With σ = -1 for braking and +1 for driving, R the rolling
-radius, v0 = max(v, lowest speed) and J the inertia about the axle, u >= 0 the torque that acts::
+Inputs are the spin rate ω of the wheel and the speed v of its centre along its plane. A real car estimates v from its
+four wheels and its acceleration; here it is exact. With σ = -1 for braking and +1 for driving, R the rolling
+radius, v0 = max(v, lowest speed), J the inertia about the axle, and u >= 0 the applied torque::
 
     slip s = σ (ω R - v) / v0          J dω/dt = σ u + o
 
-where o is all else, above all the road. It is what the last period tells: o = J Δω / h - σ u_last. The torque that lets
-a slip error go with the rate `gain` is, by inserting ds/dt = -gain (s - target)::
+where o is all other torque, mainly of the road. It follows from the last period: o = J Δω / h - σ u_last. With
+ds/dt = -gain (s - target), the torque with which a slip error decays at the rate `gain` is::
 
     u = σ J (dv/dt) / R - J gain (s - target) v0 / R - σ o
 
-and the wheel gets the smaller one of this and of what the driver asks for. The road's answer need not be known; it is
-late by half a period and by the relaxation of the tyre, which is why the gain cannot be much above 20 1/s.
+and the wheel gets the smaller one of this and the driver's demand. The tyre law need not be known. The reaction of the
+road is delayed by half a period and by the relaxation of the tyre, so the gain cannot be much above 20 1/s.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,7 @@ class SlipState(NamedTuple):
     """Memory of the slip control of a wheel.
 
     Attributes:
-        active: 1 while it acts, else 0.
+        active: 1 while the control intervenes, else 0.
         torque: last torque u [N m].
         rate: last spin rate [rad/s].
         speed: last speed of the wheel's centre [m/s].
@@ -52,17 +52,17 @@ def hold_slip(
     inertia: float,
     period: float,
 ) -> tuple[SlipState, float]:
-    """Torque of one wheel for the next period; equations in the head of the module.
+    """Return the torque of one wheel for the next period; equations in the head of the module.
 
     Args:
-        state: what the last step returned.
-        wanted: torque asked for [N m], not negative.
+        state: result of the last step.
+        wanted: demanded torque [N m], not negative.
         direction: :data:`BRAKING` or :data:`DRIVING`.
         rate: spin rate of the wheel, positive in the direction of travel [rad/s].
         speed: speed of its centre along its plane in that direction [m/s].
         options: target, gain, lowest speed.
         radius: of the rolling wheel [m].
-        inertia: about the axle, with what turns along [kg m²].
+        inertia: inertia about the axle, with the rotor of the motor [kg m²].
         period: [s]
 
     Returns:

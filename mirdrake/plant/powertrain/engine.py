@@ -1,19 +1,18 @@
 """Torque of a combustion engine behind a torque converter and an automatic gearbox; all at the wheels.
 
-The converter has no dynamics of its own. With ωt the speed behind it (wheel speed x ratios) and ωe that of the engine::
+The converter is quasi-static. With ωt the speed behind it (wheel speed x ratios) and ωe that of the engine::
 
     ωe = max(ωt, stall_speed)
     torque ratio = stall_ratio - (stall_ratio - 1) (ωt / ωe) / coupling, at least 1
 
-that is: at full throttle the engine waits at its stall speed until the wheels have caught up, and the converter raises
-its torque meanwhile. A part of the throttle gives that part of the full torque; with the throttle closed the engine
-drags, or creeps as long as it idles: T = closed + throttle (full - closed). What the engine's own inertia J takes is
-reckoned without slip of the tyres, as the share m r² / (m r² + J i²) that reaches the car: such a mass is in no
-equation of the wheels, which would have to change with every gear. (T. Gillespie, Fundamentals of Vehicle Dynamics,
-chapter 2, for the quasi-static converter and the mass factor.)
+At full throttle the engine runs at its stall speed until the wheels reach it, and the converter multiplies its torque.
+Partial throttle interpolates between closed and full throttle: T = closed + throttle (full - closed). With the throttle
+closed the engine drags, or creeps while it idles. The inertia J of the engine reduces the torque by the share
+m r² / (m r² + J i²), which neglects slip of the tyres; as an inertia of the wheels it would change with every gear.
+(T. Gillespie, Fundamentals of Vehicle Dynamics, chapter 2, for the quasi-static converter and the mass factor.)
 
-The gearbox shifts up and down by the speed behind the converter; both limits go up with the throttle, in a straight
-line between those of the closed and of the open one. During a shift there is no torque.
+The gearbox shifts up and down by the speed behind the converter. Both limits rise linearly with the throttle. During a
+shift there is no torque.
 """
 
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ class GearState(NamedTuple):
 
     Attributes:
         gear: number of the forward gear, from 1.
-        shifting: time until its torque is back [s].
+        shifting: remaining time of a shift [s].
     """
 
     gear: float = 1.0
@@ -36,7 +35,7 @@ class GearState(NamedTuple):
 
 
 class EnginePoint(NamedTuple):
-    """What the engine does.
+    """Operating point of the engine.
 
     Attributes:
         speed: of the engine at full throttle [rad/s].
@@ -53,27 +52,27 @@ class EnginePoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """An engine with converter and gearbox.
+    """Engine with converter and gearbox.
 
     Attributes:
         spec: of vehicle.yaml.
-        wheel_inertia: mass of the car times squared radius of the driven wheels [kg m²].
+        wheel_inertia: mass of the vehicle times squared radius of the driven wheels [kg m²].
     """
 
     spec: EnginePowertrain
     wheel_inertia: float
 
     def ratio(self, gear: float) -> float:
-        """Engine speed over wheel speed of a forward gear, or of reverse for -1."""
+        """Return engine speed over wheel speed of a forward gear, or of reverse for -1."""
         spec = self.spec
         inner = (spec.reverse or spec.gears[0]) if gear < 0 else spec.gears[int(gear) - 1]
         return inner * spec.final_drive
 
     def shift(self, state: GearState, rate: float, throttle: float, *, period: float) -> GearState:
-        """The gear after a step.
+        """Return the gear after a step.
 
         Args:
-            state: the gear before.
+            state: gear before the step.
             rate: mean spin rate of the driven wheels, ahead [rad/s].
             throttle: opening [1].
             period: length of the step [s].
@@ -92,7 +91,7 @@ class Engine:
         return state
 
     def usual_gear(self, rate: float) -> float:
-        """The gear to expect at a spin rate of the driven wheels [rad/s]: the lowest that need not shift up."""
+        """Return the lowest gear that does not shift up at a spin rate of the driven wheels [rad/s]."""
         limit = 0.5 * sum(self.spec.shift_up)
         for gear in range(1, len(self.spec.gears)):
             if rate * self.ratio(gear) < limit:
@@ -100,7 +99,7 @@ class Engine:
         return float(len(self.spec.gears))
 
     def point(self, gear: float, rate: float) -> EnginePoint:
-        """What the engine gives in a gear.
+        """Return the operating point in a gear.
 
         Args:
             gear: forward gear from 1, or -1.

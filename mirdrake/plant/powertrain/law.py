@@ -1,7 +1,8 @@
-"""From pedals to the torques of the four wheels: the laws of this package in one discrete step.
+"""Torques of the four wheels from the pedals, in one discrete step.
 
-Order of things: actuators of the pedals, pedal maps, gearbox, motor or engine, what the motor brakes, the brakes, then
-stability control and antilock valves at the wheels; those sit behind the brake's actuator and have no lag of their own.
+The step evaluates, in this order: actuators of the pedals, pedal maps, gearbox, motor or engine, regenerative braking,
+friction brakes, stability control, antilock valves, traction control. The last three act after the actuator of the
+brake, and have no lag of their own.
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ _GEAR, _SLIP = len(GearState._fields), len(SlipState._fields)
 
 
 class Measured(NamedTuple):
-    """What the law reads of the vehicle.
+    """Measured motion of the vehicle.
 
     Attributes:
         rates: spin rates of the wheels, positive ahead [rad/s].
@@ -39,11 +40,11 @@ class Measured(NamedTuple):
 
 
 class Torques(NamedTuple):
-    """What the law gives.
+    """Torques of the wheels.
 
     Attributes:
         drive: on the wheels, positive ahead [N m].
-        brake: that the brakes can hold or brake with, not negative [N m].
+        brake: largest torques of the brakes, not negative [N m].
         status: in the order of :data:`mirdrake.plant.powertrain.system.STATUS`.
     """
 
@@ -53,27 +54,27 @@ class Torques(NamedTuple):
 
 
 class PowertrainLaw:
-    """Powertrain, brakes and pedals of one vehicle; the memory is a list of `size` numbers of the caller's.
+    """Powertrain, brakes and pedals of one vehicle; the caller keeps the memory, a list of `size` numbers.
 
     Attributes:
-        size: numbers to remember.
-        mass: of the vehicle [kg].
-        rotating: what its turning wheels add to it [kg].
-        radii: of the rolling wheels [m].
-        radius: of the driven ones [m].
-        shares: how the axles share the drive torque.
-        maps: what the pedals mean.
-        engine: if it is an engine, else None.
+        size: length of the memory.
+        mass: mass of the vehicle [kg].
+        rotating: mass equivalent of the wheels' inertia [kg].
+        radii: rolling radii of the wheels [m].
+        radius: rolling radius of the driven wheels [m].
+        shares: shares of the axles in the drive torque.
+        maps: maps of the pedals.
+        engine: combustion engine; None with an electric motor.
 
     Args:
         spec: vehicle.yaml.
-        radii: of the rolling wheels [m].
-        mass: of the vehicle [kg].
+        radii: rolling radii of the wheels [m].
+        mass: mass of the vehicle [kg].
         wheelbase: [m]
-        inertias: of the wheels about their axles, with what turns along [kg m²]; without any, antilock, stability and
-            traction control are left out.
-        rotating: what the turning parts add to the mass [kg]; left out: from the inertias.
-        period: of the steps [s].
+        inertias: inertias of the wheels about their axles, with rotors [kg m²]; without them there is no antilock,
+            stability and traction control.
+        rotating: mass equivalent of the rotating parts [kg]; by default from the inertias.
+        period: time between steps [s].
 
     Raises:
         ConfigError: a delay of the actuators is not a multiple of the period.
@@ -113,17 +114,17 @@ class PowertrainLaw:
         self.size = self._slips[-1].stop
 
     def rest(self, speed: float = 0.0) -> list[float]:
-        """The memory at the start, with both pedals released, at a speed [m/s]."""
+        """Return the memory at the start, with both pedals released, at a speed [m/s]."""
         gear = self.engine.usual_gear(speed / self.radius) if self.engine is not None else 1.0
         return [*self._throttle.rest(0.0), *self._brake.rest(0.0), *GearState(gear), *list(SlipState()) * 8]
 
     def limits(self, gear: float, rate: float, *, engaged: float | None = None) -> tuple[float, float]:
-        """Torque of all driven wheels along the gear [N m] with the throttle closed and open.
+        """Return the torque of all driven wheels along the gear [N m] with the throttle closed and open.
 
         Args:
             gear: 1 drive, -1 reverse; 0 neutral.
             rate: mean spin rate of the driven wheels, ahead [rad/s].
-            engaged: forward gear of the gearbox; the usual one if left out.
+            engaged: forward gear of the gearbox; by default the lowest one that does not shift up.
         """
         if gear == 0.0:
             return 0.0, 0.0
@@ -135,16 +136,17 @@ class PowertrainLaw:
         return point.closed, point.opened
 
     def step(self, memory: list[float], pedals: Sequence[float], measured: Measured) -> tuple[list[float], Torques]:
-        """One step.
+        """Advance by one step.
 
         Args:
-            memory: what the last step returned, or :meth:`rest`.
+            memory: from the last step, or from :meth:`rest`.
             pedals: throttle [1], brake [1], gear (1 drive, 0 neutral, -1 reverse).
-            measured: of the vehicle.
+            measured: motion of the vehicle.
 
         Returns:
             The memory for the next step, and the torques until then.
         """
+        # Pedals behind their actuators and maps.
         memory = list(memory)
         throttle_part, brake_part = self._parts
         gear = float((pedals[2] > 0.5) - (pedals[2] < -0.5))
@@ -153,7 +155,7 @@ class PowertrainLaw:
         memory[brake_part], brake = self._brake.step(memory[brake_part], asked[1])
         opening, demand = read_map(self.maps.throttle, throttle), read_map(self.maps.brake, brake)
 
-        # Motor or engine.
+        # Gearbox, and torque of motor or engine.
         rate = driven_rate(measured.rates, self.shares)
         shown = gear
         if self.engine is not None:
@@ -167,7 +169,7 @@ class PowertrainLaw:
             closed, opened = self.limits(gear, rate)
         torque = closed + opening * (opened - closed)
 
-        # Brakes; while slip is being held the motor leaves the braking to them.
+        # Brakes; the motor does not regenerate while antilock acts.
         generator = 0.0
         slipping = any(memory[part.start] > 0.0 for part in self._slips[:4])
         if self.engine is None and gear != 0.0 and demand > 0.0 and not slipping:
@@ -186,7 +188,7 @@ class PowertrainLaw:
             acting += sum(more > 0.0 for more in extra)
             brakes = tuple(own + more for own, more in zip(brakes, extra, strict=True))  # type: ignore[assignment]
 
-        # Slip of each wheel.
+        # Antilock of each wheel, and traction control of all driven wheels together.
         travel = 1.0 if measured.speed >= 0.0 else -1.0
         if self._inertias and self._brakes.abs is not None:
             held = [self._hold(memory, i, brakes[i], travel, measured, BRAKING) for i in range(4)]
@@ -209,7 +211,7 @@ class PowertrainLaw:
     def _hold(
         self, memory: list[float], wheel: int, wanted: float, along: float, measured: Measured, direction: float
     ) -> float:
-        """Torque of a wheel that keeps its slip; the memory is changed."""
+        """Return the torque of a wheel with slip control; the memory is changed."""
         options = self._brakes.abs if direction == BRAKING else self._traction
         assert options is not None
         row = self._slips[wheel + (4 if direction == DRIVING else 0)]
@@ -229,7 +231,7 @@ class PowertrainLaw:
     def _at_motor(
         self, gear: float, rate: float, torque: float, opening: float, memory: list[float]
     ) -> tuple[float, float]:
-        """Speed [rad/s] and torque [N m] of motor or engine, for those who look at them."""
+        """Return speed [rad/s] and torque [N m] of motor or engine, for the log."""
         if self.engine is None:
             motor = self._motor
             losses = motor.efficiency if torque < 0.0 else 1.0 / motor.efficiency

@@ -1,15 +1,15 @@
-"""Tables of pedals and torques, read forwards and backwards: straight lines between rows, level beyond them."""
+"""Tables of pedals and torques with linear interpolation, constant outside, and their inverse."""
 
 from collections.abc import Sequence
 
 from mirdrake.vehicles.powertrain_spec import Pedals
 
 Rows = Sequence[tuple[float, float]]
-"""(argument, value), the arguments ascending."""
+"""Rows (argument, value) with ascending arguments."""
 
 
 def read_map(rows: Rows, argument: float) -> float:
-    """Value of a table at an argument."""
+    """Return the value of a table at an argument."""
     if argument <= rows[0][0]:
         return rows[0][1]
     x0, y0 = rows[0]
@@ -21,9 +21,9 @@ def read_map(rows: Rows, argument: float) -> float:
 
 
 def invert_map(rows: Rows, value: float) -> float:
-    """Smallest argument at which a table with rising values reaches a value; the last one if it never does.
+    """Return the smallest argument at which a table with rising values reaches a value; the last one if it never does.
 
-    A value that is not above the first row's needs no argument at all: 0, not the end of the dead zone.
+    For a value not above the first row's it is 0, not the end of the dead zone.
     """
     x0, y0 = rows[0]
     if value <= y0:
@@ -36,15 +36,15 @@ def invert_map(rows: Rows, value: float) -> float:
 
 
 class PedalMaps:
-    """What the pedals of a vehicle mean, and which positions mean a wanted force.
+    """Maps of the pedals of a vehicle, and their inverse.
 
     Attributes:
-        throttle: rows of pedal position [1] and part of the drive torque [1].
+        throttle: rows of pedal position [1] and share of the drive torque [1].
         brake: rows of pedal position [1] and torque of the four brakes [N m].
 
     Args:
         pedals: of vehicle.yaml.
-        brake_torque: of all brakes at most [N m].
+        brake_torque: largest torque of all brakes together [N m].
     """
 
     def __init__(self, pedals: Pedals, *, brake_torque: float) -> None:

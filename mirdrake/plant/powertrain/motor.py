@@ -1,10 +1,9 @@
 """Torque of an electric motor behind one gear, as a motor and as a generator; all at the wheels.
 
-Speeds and torques are counted along the gear: positive ahead in drive, backwards in reverse. The motor gives the least
-of its largest torque, its power over its speed, and its map; from the top speed on, motor or governor, nothing: over
-the last :data:`FADE` of it the torque goes down to zero. As a generator it is limited by torque and power of its own
-and fades at walking pace, where it would otherwise have to know when the car stands. The gear takes its part of the
-power in both directions.
+Speeds and torques are positive in the direction of the gear: ahead in drive, backwards in reverse. The torque is the
+smallest of the largest torque, the power over the speed, and the map. It decreases to zero over the last :data:`FADE`
+of the top speed of motor or governor. As a generator the motor has its own limits of torque and power, and fades at
+walking pace, so that it does not pull the vehicle backwards at standstill. The gear has losses in both directions.
 """
 
 from dataclasses import dataclass
@@ -14,12 +13,12 @@ from mirdrake.plant.powertrain.maps import Rows, read_map
 from mirdrake.vehicles.powertrain_spec import ElectricPowertrain, Regeneration, SimplePowertrain
 
 FADE = 0.01
-"""Part of the top speed over which the torque goes to zero [1]."""
+"""Share of the top speed over which the torque decreases to zero [1]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Motor:
-    """A motor and its gear.
+    """Motor with its gear.
 
     Attributes:
         torque: largest at the motor [N m].
@@ -43,7 +42,7 @@ class Motor:
 
 
 def make_motor(spec: SimplePowertrain | ElectricPowertrain, *, radius: float) -> Motor:
-    """The motor of a vehicle.
+    """Return the motor of a vehicle.
 
     Args:
         spec: of vehicle.yaml.
@@ -66,7 +65,7 @@ def make_motor(spec: SimplePowertrain | ElectricPowertrain, *, radius: float) ->
 
 
 def full_torque(motor: Motor, speed: float) -> float:
-    """Largest torque of the motor itself [N m] at its speed along the gear [rad/s]."""
+    """Return the largest torque of the motor itself [N m] at its speed along the gear [rad/s]."""
     size = abs(speed)
     torque = min(motor.torque, motor.power / size) if size > 0.0 else motor.torque
     if motor.rows:
@@ -77,7 +76,7 @@ def full_torque(motor: Motor, speed: float) -> float:
 
 
 def generator_torque(motor: Motor, speed: float) -> float:
-    """Largest braking torque of the motor itself [N m], positive, at its speed along the gear [rad/s]; ahead only."""
+    """Return the largest braking torque of the motor itself [N m], positive, at its speed along the gear [rad/s]."""
     if motor.regeneration is None or speed <= 0.0:
         return 0.0
     torque = min(motor.regeneration.max_torque, motor.regeneration.max_power / speed)
@@ -85,7 +84,7 @@ def generator_torque(motor: Motor, speed: float) -> float:
 
 
 def wheel_limits(motor: Motor, rate: float) -> tuple[float, float]:
-    """Torque of all driven wheels together [N m] with the throttle closed and open.
+    """Return the torque of all driven wheels together [N m] with the throttle closed and open.
 
     Args:
         motor: the motor.
@@ -98,5 +97,5 @@ def wheel_limits(motor: Motor, rate: float) -> tuple[float, float]:
 
 
 def wheel_regeneration(motor: Motor, rate: float) -> float:
-    """Largest braking torque of the motor at all driven wheels together [N m], positive."""
+    """Return the largest braking torque of the motor at all driven wheels together [N m], positive."""
     return generator_torque(motor, rate * motor.gear) * motor.gear / motor.efficiency

@@ -1,4 +1,4 @@
-"""Powertrain and brakes of one vehicle as a system between its pedals and its tyres."""
+"""Powertrain and brakes of one vehicle as a system between pedals and tyres."""
 
 from collections.abc import Sequence
 from math import cos, sin
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mirdrake.plant.plant import VehicleInPlant
 
 RATE = 100.0
-"""Updates a second [Hz]."""
+"""Update rate [Hz]."""
 
 PEDALS = signals(
     ("throttle", "", "pedal position, 0 released to 1"),
@@ -26,7 +26,7 @@ PEDALS = signals(
 )
 WHEEL_TORQUE = signals(
     *((f"drive.{name}", "N m", "torque on the wheel, positive ahead") for name in WHEELS),
-    *((f"brake.{name}", "N m", "torque that the brake can hold or brake with") for name in WHEELS),
+    *((f"brake.{name}", "N m", "largest torque of the brake") for name in WHEELS),
 )
 STATUS = signals(
     ("throttle", "", "pedal position behind its actuator"),
@@ -42,7 +42,7 @@ STATUS = signals(
 
 
 class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Motor, gears, brakes and their assistants.
+    """Motor, gears, brakes, and antilock, stability and traction control.
 
     Input ports:
         pedals (3): :data:`PEDALS`.
@@ -57,7 +57,7 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
     Args:
         plant: the finalised plant.
         part: the vehicle in it.
-        rate: updates a second [Hz].
+        rate: update rate [Hz].
 
     Raises:
         ConfigError: a delay of the actuators is not a multiple of the period.
@@ -89,7 +89,7 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.DeclarePeriodicUnrestrictedUpdateEvent(1.0 / rate, 0.0, self._update)
 
     def _initialize(self, context: Context, state: DiscreteValues) -> None:
-        """Start in the gear that belongs to the speed, with the pedals released."""
+        """Start in the gear for the present speed, with the pedals released."""
         state.set_value(self._memory, self.law.rest(self._measure(context).speed))
 
     def _update(self, context: Context, state: State) -> None:
@@ -112,7 +112,7 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
 
 
 def make_law(plant: MultibodyPlant, part: "VehicleInPlant", *, rate: float = RATE) -> PowertrainLaw:
-    """The law of a vehicle in a finalised plant, to be stepped `rate` times a second."""
+    """Return the powertrain law of a vehicle in a finalised plant, for steps at a rate [Hz]."""
     front, rear = part.rolling_radii(plant)
     return PowertrainLaw(
         part.vehicle.spec,
@@ -125,7 +125,7 @@ def make_law(plant: MultibodyPlant, part: "VehicleInPlant", *, rate: float = RAT
 
 
 def planar_velocity(quaternion: Sequence[float], velocity: Sequence[float]) -> tuple[float, float, float]:
-    """Velocity of a floating body's origin along its x and y axes [m/s], and its yaw rate about its z axis [rad/s].
+    """Return the velocity of a body's origin along its x and y axes [m/s], and its yaw rate about its z axis [rad/s].
 
     Args:
         quaternion: w, x, y, z of its orientation in the world; its norm may have drifted.
@@ -141,7 +141,7 @@ def planar_velocity(quaternion: Sequence[float], velocity: Sequence[float]) -> t
 
 
 def wheel_inertias(plant: MultibodyPlant, part: "VehicleInPlant") -> list[float]:
-    """Inertia of each wheel about its axle, with the rotor that turns along [kg m²]."""
+    """Return the inertia of each wheel about its axle, with the rotor of its motor [kg m²]."""
     context = plant.CreateDefaultContext()
     inertias = []
     for joint, actuator in zip(part.wheels, part.wheel_actuators, strict=True):

@@ -1,4 +1,4 @@
-"""Tyres: forces of a wheel on the road beside Drake's contact."""
+"""Wheels on the road: tyre forces, rolling resistance and friction of the ground, beside Drake's contact."""
 
 from mirdrake.plant.wheels.road_friction import RoadFriction
 from mirdrake.plant.wheels.rolling_resistance import LOAD_PERIOD, RollingResistance, RollingWheel, make_rolling_wheels

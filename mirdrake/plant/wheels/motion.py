@@ -1,16 +1,15 @@
-"""How a wheel moves on the road, and what a force of the road on it is in the plant's generalised forces.
+"""Motion of a wheel on the road, and generalised forces of the plant for a force of the road on a wheel.
 
-All of it from the plant's state as floats: base pose and velocity, travel of the suspension along z of the vehicle
-frame B, steering angle about the same direction, spin about the axle. It is faster than asking the
-plant, has no contexts, and the plant's step has it in machine code (:mod:`mirdrake.core.compiled`): indices, no
-unpacking.
+Both use the plant's state as floats: base pose and velocity, travel of the suspension along z of the vehicle frame B,
+steering angle about the same direction, spin about the axle. This is faster than a query of the plant and needs no
+Context. :mod:`mirdrake.core.compiled` compiles the functions, hence indices instead of unpacking.
 
 The road is the plane z = 0 of the world. Tyre axes are those of ISO 8855 at the contact centre P: the point of the
 wheel plane on the road, below the wheel centre along the steepest line; x ahead along the wheel plane, y left, both on
 the road. A wheel with v = ω Re rolls freely. With contact friction the effective rolling radius Re is the distance h of
-P from the wheel centre; a tyre model has its own, as its belt is longer than 2 π h. The slip velocity is v - ω Re, and
-a force ahead has the lever Re about the axle, so that it works against the slip only. About the car it has the lever h;
-the difference is as if the load acted some millimetres beside the axle, as it does.
+P from the wheel centre; a tyre law has a larger one, as the belt is longer than 2 π h. The slip velocity is v - ω Re.
+A longitudinal force has the lever Re about the axle, so that it does work against the slip only. About the vehicle it
+has the lever h; the difference acts as if the load were some millimetres away from the axle, as it is.
 """
 
 from collections.abc import MutableSequence, Sequence
@@ -20,18 +19,18 @@ from typing import NamedTuple
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.tyres import SlipTyres
 
-_FLAT = 1e-3  # least cosine of the inclination: a wheel that lies on its side has no rolling direction
+_FLAT = 1e-3  # smallest cosine of the inclination: a wheel on its side has no rolling direction
 _LEAST_RADIUS = 1e-3  # [m]
 
 Index = tuple[int, int]
-"""Of a joint in the plant's positions and in its velocities."""
+"""Index of a joint in the plant's positions and in its velocities."""
 
 NO_JOINT: Index = (-1, -1)
-"""Of a joint that is not there."""
+"""Index of a joint that does not exist."""
 
 
 class WheelPlace(NamedTuple):
-    """Where a wheel is on its vehicle, and in the plant's state.
+    """Position of a wheel on its vehicle, and its indices in the plant's state.
 
     Attributes:
         pivot: position in B of its steering axis at the height of the wheel centre, or of its centre if it is not
@@ -41,7 +40,7 @@ class WheelPlace(NamedTuple):
         steering: its steering joint, or :data:`NO_JOINT`.
         suspension: its suspension joint, along z of B, or :data:`NO_JOINT`.
         base: its vehicle's floating base.
-        rolling: effective rolling radius of its tyre model [m]; zero: that of contact friction.
+        rolling: effective rolling radius of its tyre law [m]; zero: that of contact friction.
     """
 
     pivot: tuple[float, float, float]
@@ -54,7 +53,7 @@ class WheelPlace(NamedTuple):
 
 
 def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
-    """The wheels of a vehicle in a finalised plant, in the order of :data:`mirdrake.vehicles.WHEELS`."""
+    """Return the wheels of a vehicle in a finalised plant, in the order of :data:`mirdrake.vehicles.WHEELS`."""
     geometry = part.vehicle.geometry
     front, rear, kingpin = (0.5 * t for t in (geometry.front_track, geometry.rear_track, geometry.kingpin_track))
     length, high, low = geometry.wheelbase, geometry.front_wheel_radius, geometry.rear_wheel_radius
@@ -82,7 +81,7 @@ def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
 
 
 class WheelMotion(NamedTuple):
-    """A wheel in the world.
+    """Pose and velocities of a wheel in the world.
 
     Attributes:
         x: position of its centre [m].
@@ -95,11 +94,11 @@ class WheelMotion(NamedTuple):
         ahead: direction of the tyre's x axis on the road (2).
         radius: distance of the wheel centre from the contact centre [m].
         inclination: of the wheel plane, positive when its top leans to the right [rad].
-        vx: speed of the contact centre ahead, as a point of what carries the wheel [m/s].
+        vx: longitudinal speed of the contact centre, as a point of the wheel carrier [m/s].
         vy: the same to the left [m/s].
         slip_x: Vsx = vx - ω Re [m/s], negative when driving.
         rolling: Re, effective rolling radius [m].
-        spin: ω about the axle, relative to what carries the wheel [rad/s].
+        spin: ω about the axle, relative to the wheel carrier [rad/s].
         sink: speed of the wheel centre downwards [m/s].
     """
 
@@ -122,7 +121,7 @@ class WheelMotion(NamedTuple):
 
 
 class BaseMotion(NamedTuple):
-    """The vehicle frame B in the world: rotation by rows, position [m], angular [rad/s] and linear velocity [m/s]."""
+    """Vehicle frame B in the world: rotation by rows, position [m], angular [rad/s] and linear velocity [m/s]."""
 
     rows: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
     place: tuple[float, float, float]
@@ -131,7 +130,7 @@ class BaseMotion(NamedTuple):
 
 
 def base_motion(x: Sequence[float], base: Index, positions: int) -> BaseMotion:
-    """The vehicle frame from the plant's state.
+    """Return the motion of the vehicle frame from the plant's state.
 
     Args:
         x: positions and velocities of the plant.
@@ -140,7 +139,7 @@ def base_motion(x: Sequence[float], base: Index, positions: int) -> BaseMotion:
     """
     q, v = base[0], positions + base[1]
     w, i, j, k = x[q], x[q + 1], x[q + 2], x[q + 3]
-    half = 0.5 * (w * w + i * i + j * j + k * k)  # Drake lets the norm drift
+    half = 0.5 * (w * w + i * i + j * j + k * k)  # the norm of Drake's quaternions may drift
     rows = (
         (1.0 - (j * j + k * k) / half, (i * j - w * k) / half, (i * k + w * j) / half),
         ((i * j + w * k) / half, 1.0 - (i * i + k * k) / half, (j * k - w * i) / half),
@@ -151,7 +150,7 @@ def base_motion(x: Sequence[float], base: Index, positions: int) -> BaseMotion:
 
 
 def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positions: int) -> WheelMotion:
-    """The motion of a wheel; arguments as of :func:`base_motion`."""
+    """Return the motion of a wheel; arguments as in :func:`base_motion`."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
     bx, by, bz = base.place
     wx, wy, wz = base.turning
@@ -222,7 +221,7 @@ def add_road_force(
         fy: the same to the left [N].
         mz: moment about the vertical [N m].
         fz: force upwards, beyond that of the plant's contact [N].
-        turn: small angle by which the force is turned to the left [rad], as of a car that turns during a step.
+        turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
     """
     along, minus_across = motion.ahead
     x, y = fx * along - fy * minus_across, fx * minus_across + fy * along
@@ -245,4 +244,4 @@ def add_road_force(
 
 
 STEP_PARTS = (base_motion, wheel_motion, add_road_force)
-"""Functions of a step, for :mod:`mirdrake.core.compiled`."""
+"""Functions that :mod:`mirdrake.core.compiled` compiles for a step."""

@@ -1,11 +1,11 @@
-"""Friction that changes with the place: patches, verges and tracks of a world as the tyres feel them.
+"""Friction of the ground that varies with the position: patches, verges and tracks of a world.
 
-Drake keeps friction with the shapes, and the road is one plane. So the tyres carry it: whenever a wheel comes to ground
-of another friction, the friction of its shape is changed in the Context.
+In Drake friction is a property of the shapes, and the road is one plane. The friction is therefore set on the tyres:
+whenever a wheel reaches ground of another friction, the friction of its shape is changed in the Context.
 
-The friction of a tyre on the road is the smaller one of theirs, as in Gazebo (ODE takes the smaller mu of a pair);
-Drake takes the harmonic mean 2 a b / (a + b) of a pair. The tyre is therefore given the value for which the mean with
-that of the plane is what it should be.
+The friction of a pair of tyre and road is the smaller value of both, as in Gazebo (ODE takes the smaller mu of a
+pair). Drake takes the harmonic mean 2 a b / (a + b). The tyre therefore gets the value whose mean with that of the
+plane is the desired one.
 """
 
 from collections.abc import Mapping
@@ -21,24 +21,24 @@ from mirdrake.plant.wheels.tyre_forces import WheelTyres
 from mirdrake.vehicles import WHEELS
 
 _ACCELERATION = 30.0
-"""No wheel gets faster by more than that [m/s²] before it is looked at again."""
+"""Upper bound of a wheel's acceleration, for the time until its next check [m/s²]."""
 
-_NEAR = 1e-3  # [m] from an edge, a wheel is looked at in every step
+_NEAR = 1e-3  # distance from an edge within which a wheel is checked in every step [m]
 
 
 class RoadFriction:
-    """Gives the tyres the friction of the ground below them, step by step.
+    """Monitor that sets the friction of the tyres to that of the ground below them.
 
-    It is no system, for a system must not change the Context of another one: hand :meth:`watch` to a Simulator as its
-    monitor. :class:`mirdrake.runs.simulation.Simulation` does so by itself.
+    It is not a system, as a system must not change the Context of another one: pass :meth:`watch` to a Simulator as
+    its monitor. :class:`mirdrake.runs.simulation.Simulation` does so.
 
     Args:
         parts: plant, world and vehicles.
-        tyres: tyre models of the vehicles that have one, by name of the vehicle; they get the friction of the ground as
-            it is.
+        tyres: tyre systems of the vehicles that have a tyre law, by name of the vehicle; they get the friction of the
+            ground itself.
 
     Attributes:
-        varies: whether the friction changes anywhere; if not, there is nothing to watch.
+        varies: whether the friction changes anywhere; if not, :meth:`watch` has no effect.
     """
 
     def __init__(self, parts: PlantParts, tyres: Mapping[str, WheelTyres] | None = None) -> None:
@@ -58,12 +58,12 @@ class RoadFriction:
         self._now: list[float] = []
 
     def start(self) -> None:
-        """Forget everything: a new Context comes."""
+        """Reset for a new Context."""
         self._due = [-inf] * len(self._wheels)
         self._now = [self._world.road_mu] * len(self._wheels)
 
     def watch(self, context: Context) -> None:
-        """Look at the wheels that may have come to other ground, and change what has changed.
+        """Check the wheels that may have reached other ground, and update their friction.
 
         Args:
             context: of the whole diagram, changed.
@@ -84,12 +84,12 @@ class RoadFriction:
             if mu != self._now[index]:
                 self._change(context, index, mu)
             distance = float(shapely.distance(self._edges, shapely.Point(x, y))) - _NEAR
-            # How long it takes at least to the next edge: distance = speed t + acceleration t² / 2.
+            # Shortest time to the next edge: distance = speed t + acceleration t² / 2.
             speed, a = hypot(vx, vy), _ACCELERATION
             self._due[index] = time + (sqrt(speed**2 + 2.0 * a * max(0.0, distance)) - speed) / a
 
     def _change(self, context: Context, index: int, mu: float) -> None:
-        """Give one tyre the friction of ground with that coefficient."""
+        """Set the friction of one tyre for ground with a coefficient."""
         self._now[index] = mu
         model, number = self._models[index]
         if model is not None:

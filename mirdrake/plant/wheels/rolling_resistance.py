@@ -1,9 +1,9 @@
-"""Rolling resistance: the numerical one of discrete hydroelastic contact out, the tyre's own in.
+"""Rolling resistance of the tyres, in place of the numerical one of discrete hydroelastic contact.
 
 A discrete step of Drake computes the contact patch at the old position and predicts the pressure at the new time.
 The centre of pressure of a rolling wheel therefore runs ahead of the axle by about v·dt. The normal load then brakes
-the wheel with the moment N·v·dt, many times a tyre's own, shifts load from the front axle to the rear one, and friction
-forces gain a lever about the kingpins. What the solver really applied can be read from the contact results, so it is
+the wheel with the moment N·v·dt, many times a tyre's own, shifts load from the front axle to the rear one, and gives
+friction forces a lever about the kingpins. The contact results contain what the solver applied. It is therefore
 measured and cancelled instead of modelled: per wheel, with the contact surface's centroid C and the wheel centre A,
 
     M = [(p_C - p_A) × N n + τ_t] · axle,        e = -M / N,
@@ -12,20 +12,21 @@ with n the road normal, τ_t the part of the contact torque parallel to the road
 moment about C) and e the distance by which the load acts ahead of the axle. The wheel gets the opposite moments from
 outside: -M about its axle and -e (f × F)·n about the vertical, with f the rolling direction and F the road's force.
 
-What is left of the road's moment about the vertical through the wheel centre is turn slip: under Coulomb friction a
+The remaining moment of the road about the vertical through the wheel centre is turn slip: under Coulomb friction a
 patch that follows a curve scrubs with nearly its whole load, where the tread of a tyre bends along; a car on a circle
-of 13 m would turn in 2 % too little. Of a rolling wheel it is cancelled, too; at standstill it is the steering's
-friction and stays.
+of 13 m would turn in 2 % too little. For a rolling wheel this is cancelled, too; at standstill it is the friction of
+the steering and stays.
 
 M is proportional to N·ω for given step and shape, so their ratio is estimated with a short filter, which averages over
 the facets of the wheel, and what is cancelled follows N·ω without lag. At standstill, where the ratio has no meaning,
 the measured moment itself is cancelled: it is the restoring moment of a faceted wheel, which would otherwise roll the
 car onto a facet.
 
-The shape of a tyre with a law of its own does not turn and has none of this (:func:`mirdrake.plant.plant.add_vehicle`).
+The contact shape of a tyre with a tyre law does not turn, so it has no such moments
+(:func:`mirdrake.plant.plant.add_vehicle`).
 
 The tyre's own moment is -Crr N Re tanh(ω/ω_0), with Re the effective rolling radius, so that the road pushes
-back with Crr N: Coulomb-like, smooth through standstill. It is a shift of the load, too, and acts from outside.
+back with Crr N: like Coulomb friction, but smooth through standstill. It is also applied as an external moment.
 """
 
 from collections.abc import Collection, MutableSequence, Sequence
@@ -47,25 +48,25 @@ from mirdrake.plant.wheels.motion import STEP_PARTS, WheelPlace, base_motion, wh
 from mirdrake.vehicles import WHEELS
 
 FILTER_TIME = 0.1
-"""Time constant of the estimate of the numerical moment's ratio to N·ω [s]: several facets at walking pace."""
+"""Time constant of the filter for the ratio of the numerical moment to N·ω [s]: several facets at walking pace."""
 
 LOAD_PERIOD = 0.1
-"""Period that is enough where nothing is cancelled, as in point contact [s]: loads change slowly."""
+"""Sufficient update period where nothing is cancelled, as in point contact [s]: loads change slowly."""
 
 SMOOTH_SPEED = 0.3
 """ω_0: wheel speed below which rolling resistance fades [rad/s], about 0.1 m/s for a car wheel."""
 
 
 class RollingWheel(NamedTuple):
-    """One wheel as the rolling resistance sees it.
+    """Wheel with rolling resistance.
 
     Attributes:
         vehicle: name of its vehicle.
-        name: its place, for example "front_left".
+        name: its position, for example "front_left".
         geometry: its collision geometry.
-        place: where it is on its vehicle and in the plant's state.
+        place: position on its vehicle and in the plant's state.
         coefficient: rolling-resistance coefficient Crr of the tyre.
-        turning: whether its geometry turns with it; if not, the solver makes no moment that is to be cancelled.
+        turning: whether its geometry turns with it; if not, there is no numerical moment to cancel.
     """
 
     vehicle: str
@@ -77,7 +78,7 @@ class RollingWheel(NamedTuple):
 
 
 def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
-    """The wheels of a vehicle in a finalised plant."""
+    """Return the wheels of a vehicle in a finalised plant."""
     return [
         RollingWheel(
             vehicle=part.name,
@@ -92,12 +93,12 @@ def make_rolling_wheels(part: VehicleInPlant) -> list[RollingWheel]:
 
 
 class RollingSetup(NamedTuple):
-    """What the wheels share.
+    """Settings that all wheels share.
 
     Attributes:
         positions: number of the plant's positions.
-        cancel: whether the numerical resistance is taken out.
-        blend: part of a new measurement that a filter takes up.
+        cancel: whether the numerical resistance is cancelled.
+        blend: weight of a new measurement in a filter [1].
     """
 
     positions: int
@@ -106,7 +107,7 @@ class RollingSetup(NamedTuple):
 
 
 class TurningWheel(NamedTuple):
-    """A :class:`RollingWheel` in numbers."""
+    """Numbers of a :class:`RollingWheel`."""
 
     place: WheelPlace
     coefficient: float
@@ -118,7 +119,7 @@ class Touch(NamedTuple):
 
     Attributes:
         wheel: number of the wheel.
-        patch: 1: a patch, 0: a point, of which the load only is of interest.
+        patch: 1: a patch; 0: a point, of which only the load is used.
         tx: torque of the road about the centroid of the patch, in the world [N m].
         ty: the same.
         tz: the same.
@@ -151,7 +152,7 @@ def rolling_step(
     loads: MutableSequence[float],
     torques: MutableSequence[float],
 ) -> None:
-    """Rolling resistance of all wheels, for Python and for machine code; equations in the head of the module.
+    """Compute the rolling resistance of all wheels, in Python or compiled; equations in the head of the module.
 
     Args:
         x: state of the plant, positions and velocities.
@@ -171,6 +172,7 @@ def rolling_step(
         ax, ay, spin = pose.axle[0], pose.axle[1], pose.spin
         load = along = across = moment = yaw = 0.0
         cancelling = setup.cancel and wheel.turning
+        # Sum load, friction force and moments of the contacts of this wheel.
         for k in range(len(touches)):
             touch = touches[k]
             if touch[0] != i:
@@ -184,9 +186,11 @@ def rolling_step(
                     rx, ry = touch[8] - pose.x, touch[9] - pose.y
                     yaw += rx * fy - ry * fx + tz
                     moment += (ry * fz + tx) * ax + (ty - rx * fz) * ay  # r × (0, 0, fz) = (ry, -rx, 0) fz
+        # The tyre's own rolling resistance.
         torque = -wheel.coefficient * load * pose.rolling * tanh(spin / SMOOTH_SPEED)
         base = place.base[1]
         if cancelling:
+            # Ratio of the numerical moment to N·ω, filtered; below SMOOTH_SPEED the measured moment itself.
             row, blend = 3 * i, setup.blend
             filters[row] += blend * (moment - filters[row])
             filters[row + 1] += blend * (load * spin - filters[row + 1])
@@ -196,12 +200,14 @@ def rolling_step(
             slow = 1.0 / (1.0 + quick * quick * quick * quick)
             taken = slow * moment + (1.0 - slow) * ratio * load * spin
             torque -= taken
+            # Moments about the vertical: lever of the friction force, and turn slip.
             lever = (ay * across + ax * along) / load if load > 0.0 else 0.0  # (f × F)·n / N
             filters[row + 2] += blend * (yaw + moment * lever - filters[row + 2])
             turn = taken * lever - (1.0 - slow) * filters[row + 2]
             force[base + 2] += turn
             if place.steering[0] >= 0:
                 force[place.steering[1]] += turn
+        # An external moment: it acts on the spin and, as the joint does not carry it, on the base.
         force[place.spin] += torque
         force[base] += torque * ax
         force[base + 1] += torque * ay
@@ -226,11 +232,11 @@ class RollingResistance(LeafSystem):
         plant: finalised plant, with its wheels' spin axes along y of their bodies.
         wheels: the wheels.
         ground: geometries of the road plane, whose normal is z of the world.
-        scenery: other geometries of the world; how they touch each other or the road is of no interest.
-        bumps: those of them that are made to be driven over.
+        scenery: other geometries of the world; their contacts with each other and the road are ignored.
+        bumps: geometries of the scenery that vehicles may drive over.
         period: time between updates [s], a multiple of the plant's step.
-        cancel_numerical: False leaves the numerical resistance of hydroelastic contact in place; then, as in point
-            contact, :data:`LOAD_PERIOD` is enough.
+        cancel_numerical: False keeps the numerical resistance of hydroelastic contact; then, as in point contact,
+            :data:`LOAD_PERIOD` is sufficient.
         machine_code: whether :func:`rolling_step` is compiled.
 
     Raises:
@@ -290,7 +296,7 @@ class RollingResistance(LeafSystem):
         changed: tuple[Any, ...] = (filters, np.zeros(self._velocities), np.zeros(self._count), np.zeros(self._count))
         if self._machine_code:
             self._step(x, np.reshape(touches, (-1, len(Touch._fields))), *self._known, *changed)
-        else:  # lists are quicker in Python
+        else:  # lists are faster in Python
             changed = tuple(one.tolist() for one in changed)
             self._step(x.tolist(), touches, *self._known, *changed)
         places = (self._filters, self._force, self._load, self._torque)
@@ -299,7 +305,7 @@ class RollingResistance(LeafSystem):
         state.get_mutable_value(self._others)[:] = others
 
     def _measure(self, context: Context) -> tuple[list[Sequence[float]], int]:
-        """The road's contacts with wheels in the last step, and the number of other contacts."""
+        """Return the road's contacts with wheels in the last step, and the number of other contacts."""
         results, others = self.contact_results.Eval(context), 0
         touches: list[Sequence[float]] = []
         for k in range(results.num_point_pair_contacts()):
@@ -324,13 +330,13 @@ class RollingResistance(LeafSystem):
         return touches, others
 
     def _wheel_on_road(self, first: GeometryId, second: GeometryId) -> int | None:
-        """Number of the wheel of a pair of geometries that is a wheel on the road, else None."""
+        """Return the number of the wheel if a pair of geometries is a wheel on the road, else None."""
         if first in self._ground:
             return self._row.get(second)
         return self._row.get(first) if second in self._ground else None
 
     def _counts(self, first: GeometryId, second: GeometryId) -> bool:
-        """Whether two geometries that touch are a vehicle and something that it should not touch."""
+        """Return whether two geometries in contact are a vehicle and something that it should not touch."""
         if first in self._scenery and second in self._scenery:
             return False
         return not (first in self._bumps and second in self._row) and not (second in self._bumps and first in self._row)

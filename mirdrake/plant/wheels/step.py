@@ -1,37 +1,37 @@
-"""One step of the tyres of a vehicle, for machine code (:mod:`mirdrake.core.compiled`).
+"""One step of the tyres of a vehicle; :mod:`mirdrake.core.compiled` compiles it.
 
-One step of length dt. The deflections of the tyres are advanced to now with the mean slip velocity of the last step,
-and on to its middle, where the law is asked and to which the forces are turned with the car. Between the explicit steps
-of the plant this is a leap-frog, which neither damps nor excites a car that rocks on its tyres. Two things of the plant
-are of first order and are made up for:
+One step has the length dt. The deflections of the tyres are advanced to the present time with the mean slip velocity of
+the last step, and on to the middle of this step. The law is evaluated there, and the forces are rotated with the
+vehicle to there. With the explicit steps of the plant this is a leap-frog scheme, which neither damps nor excites
+oscillations of the vehicle on its tyres. Two first-order errors of the plant are compensated:
 
-- It turns the car with the yaw rate ψ' of the end of a step, so that the heading runs ahead of the velocity by
-  ψ' dt / 2: nothing in a steady turn, but slip that is not there whenever ψ' changes. The velocity v of the car is
-  turned along, by the force m v Δψ' / 2 across it.
-- It applies the load of the end of a step, which damps the car on its tyres by their stiffness times dt / 2, many times
-  what rubber does. The difference to the load in the middle is taken back, in point contact: the stiffness of a patch
-  is not known so well, and too much of it would rock the car.
+- The plant yaws the vehicle with the yaw rate ψ' at the end of a step, so that the heading leads the velocity by
+  ψ' dt / 2. In a steady turn this has no effect, but it is a spurious slip whenever ψ' changes. The velocity v of the
+  vehicle is therefore rotated, too, by the lateral force m v Δψ' / 2.
+- The plant applies the load at the end of a step, which damps the vehicle on its tyres by their stiffness times dt / 2,
+  many times the damping of rubber. In point contact the difference to the load in the middle is subtracted. The
+  stiffness of a patch is not known well enough, and overcompensation would excite oscillations.
 
-The spin of a wheel is too quick for a leap-frog: 1 kg m² on a slip stiffness of 100 kN swings with 30 Hz, and steps of
-10 ms would blow it up. Its change over the step is therefore predicted, linearly implicit::
+The spin of a wheel is too fast for a leap-frog: 1 kg m² on a slip stiffness of 100 kN oscillates with 30 Hz, and steps
+of 10 ms would be unstable. Its change over the step is therefore predicted, linearly implicit::
 
     (I / dt + h S b) Δω = T + M_drive + M_brake - h {F' + S (κ - κ')},     κ(Δω) = κ + b Δω
 
 with the spin inertia I, the rolling radius h, the secant slip stiffness S = F' / κ' of the step before, b = ∂κ/∂ω at
-the middle of the step, and T the torque from elsewhere (servo, bearing, rolling resistance, pitching body), which is
-what the last step's change of ω cannot be explained with otherwise. The law is asked at the slip of the middle,
+the middle of the step, and T the torque from other sources (servo, bearing, rolling resistance, pitch of the body). T
+is the part of the last change of ω that the other terms do not explain. The law is evaluated at the slip in the middle,
 κ + b Δω; this is the trapezoidal rule, stable for every stiffness and of second order. In steady motion Δω is zero,
 whatever T is.
 
-The load is measured more rarely than the plant steps, and a moment ago; a friction force that follows it so late would
-drive the pitching of a braking car. What the tyre's depth says follows at once, and is kept in proportion with what is
-measured. The law is worked out for a load when one is measured that differs by a part in ten thousand; until then
-forces and stiffnesses go with the load.
+The load is measured less often than the plant steps, and with a delay; a friction force with this delay would excite
+the pitch of a braking car. The load of the tyre's compression has no delay, and is scaled to the measured load. The law
+is evaluated for a new load when the measured load differs by more than 1e-4; until then forces and stiffnesses are
+scaled with the load.
 
-A brake is Coulomb friction: it has the torque with which the wheel would stand still at the end of the step, within
-what it can give. A wheel that stands is held by what is needed, exactly, and one that turns gets all of it.
+A brake is Coulomb friction: its torque is the one that would stop the wheel by the end of the step, within its limit. A
+wheel at standstill is held by exactly the torque needed, and a turning wheel gets the full torque.
 
-Left out: overturning moment beyond that of the contact (:mod:`mirdrake.plant.wheel_shape`); turn slip (the moment
+Not modelled: overturning moment beyond that of the contact (:mod:`mirdrake.plant.wheel_shape`); turn slip (the moment
 against steering at standstill is that of the kingpin offset alone).
 """
 
@@ -57,24 +57,24 @@ from mirdrake.tyres.relaxation import (
 
 _SMALL = 1e-9
 
-_LIFTED = 0.1  # of the static load, below which loads are not compared
-_SAME = 1e-4  # relative change of the load, or of the inclination [rad], for which no new curve is made
-_BLEND = 0.2  # part of a new comparison that is believed
-_TRUST = 3.0  # largest ratio of measured to sprung load that is believed
+_LIFTED = 0.1  # load over static load below which measured and spring load are not compared [1]
+_SAME = 1e-4  # change of the load (relative) or of the inclination [rad] that needs no new curve
+_BLEND = 0.2  # weight of a new comparison in the filtered ratio [1]
+_MAX_RATIO = 3.0  # largest plausible ratio of measured to spring load [1]
 
 
 class SpinningWheel(NamedTuple):
-    """A wheel as its tyre sees it.
+    """Wheel with a tyre law.
 
     Attributes:
-        place: where it is on its vehicle and in the plant's state.
-        inertia: what its torque has to turn, rotor of the motor included [kg m²].
-        damping: torque that Drake adds implicitly, by spin rate: servo gain and bearing [N m s/rad].
+        place: position on its vehicle and in the plant's state.
+        inertia: spin inertia, with the rotor of the motor [kg m²].
+        damping: damping of the spin that Drake solves implicitly: servo gain and bearing [N m s/rad].
         held: whether a parking brake holds it.
         radius: unloaded [m].
-        spring: how it is pressed in under a load.
+        spring: compression under a load.
         static_load: its load at rest [N].
-        settings: its dampers.
+        settings: damping of its tyre.
     """
 
     place: WheelPlace
@@ -88,7 +88,7 @@ class SpinningWheel(NamedTuple):
 
 
 class SpinningCar(NamedTuple):
-    """What the wheels of a vehicle share.
+    """Properties of a vehicle that its wheels share.
 
     Attributes:
         period: step of the plant [s].
@@ -104,24 +104,24 @@ class SpinningCar(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What a wheel keeps from step to step.
+    """Memory of a wheel from step to step.
 
     Attributes:
-        along: deflection of the tyre [m].
-        across: the same to the side [m].
+        along: longitudinal deflection of the tyre [m].
+        across: lateral deflection [m].
         vx: motion of the last step [m/s].
         slip_x: the same [m/s].
         vy: the same [m/s].
         spin: the same [rad/s].
-        torque: of motor, brake and force ahead on the spin [N m].
-        fx: force of the law [N].
-        kappa: slip that made it [1].
-        measured: load as it came in last [N]; negative: at the start.
-        ratio: of the measured load to that of the spring [1].
+        torque: torque of motor, brake and longitudinal force on the spin [N m].
+        fx: longitudinal force [N].
+        kappa: its longitudinal slip [1].
+        measured: last measured load [N]; negative: at the start.
+        ratio: measured load over spring load [1].
         sprung: load of the spring at the end of the step [N].
-        load: that the curve is for [N].
-        inclination: that the curve is for [rad].
-        turning: yaw rate of the car [rad/s].
+        load: load of the curve [N].
+        inclination: inclination of the curve [rad].
+        turning: yaw rate of the vehicle [rad/s].
     """
 
     along: float = 0.0
@@ -153,27 +153,27 @@ def tyre_step(
     memories: Records,
     force: MutableSequence[float],
     after: Records,
-    told: Any,
+    logged: Any,
 ) -> bool:
-    """Forces of the road on the tyres, and what their wheels remember.
+    """Compute the forces of the road on the tyres, and the memory of the wheels.
 
     Args:
-        law: forces of steady state, of :class:`mirdrake.tyres.SteadyLaw`.
+        law: forces in steady state, of :class:`mirdrake.tyres.SteadyLaw`.
         x: state of the plant, positions and velocities.
         loads: of the wheels, measured [N].
-        torques: of the drive for each wheel, signed, then what its brake can give [N m].
-        frictions: of the ground under each wheel, relative to dry asphalt [1].
+        torques: drive torque of each wheel, signed, then the largest torque of each brake [N m].
+        frictions: friction of the ground under each wheel, relative to dry asphalt [1].
         cars: one :class:`SpinningCar`.
         wheels: :class:`SpinningWheel`.
         curves: the tyres at their loads; load, inclination, friction, contact and curve.
         memories: :class:`Memory` of the step before.
         force: generalised forces of the plant (num_velocities) [N, N m], overwritten.
         after: memories for the next step, overwritten.
-        told: Fx, Fy, Mz, kappa, alpha of each wheel, overwritten.
+        logged: Fx, Fy, Mz, kappa, alpha of each wheel, overwritten.
 
     Returns:
-        Whether the curves are those of the loads and inclinations in `after`, and of the frictions; if not, the rest of
-        the result is of no use.
+        Whether the curves are those of the loads and inclinations in `after`, and of the frictions; if not, the results
+        are not valid.
     """
     car, known = cars[0], True
     for i in range(len(force)):
@@ -182,6 +182,7 @@ def tyre_step(
     for i in range(len(wheels)):
         wheel, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
         period, settings, contact_then = car.period, wheel.settings, curve.contact
+        # Load now, and whether the curve is valid for it; without a valid curve the caller makes one and repeats.
         motion = motion_of(x, wheel.place, base, car.positions)
         now = Motion(motion.vx, motion.slip_x, motion.vy)
         start = before.measured < 0.0
@@ -206,7 +207,7 @@ def tyre_step(
             contact_then.friction_y * scale,
         )
 
-        # Deflections now and in the middle of the step, as if the spin stayed.
+        # Deflections now and in the middle of the step, at constant spin.
         deflection = Deflection(before.along, before.across)
         rest = 0.0
         if not start:
@@ -218,13 +219,14 @@ def tyre_step(
         middle = deflection_step(deflection, now, contact, period=0.5 * period, settings=settings)
         kappa, tan_alpha = relaxed_slip(middle, now, contact, settings)
 
-        # How the spin changes.
+        # Change of the spin by drive, brake and road (linearly implicit), and the slip in the middle of the step.
         drive, brake, radius = torques[i], torques[len(wheels) + i], motion.rolling
         mobile = inf if wheel.held else wheel.inertia / period + wheel.damping
         if not wheel.held:
             kappa += _slip_change(
                 before, motion.spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period
             )
+        # Forces at this slip, and the torque of the brake.
         fx, fy, mz = law(curve.curve, kappa, tan_alpha, motion.vx)
         fx, fy, mz = scale * fx, scale * fy, scale * mz
         torque = drive
@@ -236,12 +238,13 @@ def tyre_step(
         )
         force[wheel.place.spin] += torque
 
+        # Memory for the next step.
         kept.along, kept.across = deflection.along, deflection.across
         kept.vx, kept.slip_x, kept.vy, kept.spin = motion.vx, motion.slip_x, motion.vy, motion.spin
         kept.torque, kept.fx, kept.kappa = torque - radius * fx, fx, kappa
         kept.measured, kept.ratio, kept.sprung = loads[i], ratio, sprung
         kept.turning = base.turning[2]
-        told[i, 0], told[i, 1], told[i, 2], told[i, 3], told[i, 4] = fx, fy, mz, kappa, atan(tan_alpha)
+        logged[i, 0], logged[i, 1], logged[i, 2], logged[i, 3], logged[i, 4] = fx, fy, mz, kappa, atan(tan_alpha)
     if memories[0].measured >= 0.0:
         _turn_along(force, wheels[0].place.base[1], car, base, base.turning[2] - memories[0].turning)
     return known
@@ -262,13 +265,13 @@ def _turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseM
 
 
 def _load(wheel: Any, motion: WheelMotion, before: Any, measured: float, period: float) -> tuple[float, float, float]:
-    """Load of a wheel in the middle of the step, ratio of measured to sprung load, and sprung load at its end."""
+    """Return the load in mid-step [N], the ratio of measured to spring load [1], and the spring load at the end [N]."""
     depth = wheel.radius - motion.radius
     sprung = spring_load(wheel.spring, depth + period * motion.sink)
     middle = spring_load(wheel.spring, depth) if wheel.spring.power == 1.0 else sprung
     ratio = before.ratio
     if before.measured >= 0.0 and before.measured != measured and before.sprung > _LIFTED * wheel.static_load:
-        ratio += _BLEND * (max(1.0 / _TRUST, min(_TRUST, measured / before.sprung)) - ratio)
+        ratio += _BLEND * (max(1.0 / _MAX_RATIO, min(_MAX_RATIO, measured / before.sprung)) - ratio)
     return ratio * middle, ratio, sprung
 
 
@@ -285,18 +288,18 @@ def _slip_change(
     mobile: float,
     period: float,
 ) -> float:
-    """Change of the slip in the middle of the step by the change of the spin; equation in the head of the module.
+    """Return the change of the slip in the middle of the step by the change of the spin; see the head of the module.
 
     Args:
         before: the step before.
         spin: rate now [rad/s].
-        kappa: slip if the spin stayed [1].
+        kappa: slip at constant spin [1].
         contact: the tyre.
         now: motion of the contact point.
         settings: behaviour at low speed.
         radius: of the wheel [m].
-        torque: on the spin without brake and road [N m].
-        brake: what the brake can give [N m].
+        torque: torque on the spin without brake and road [N m].
+        brake: largest torque of the brake [N m].
         mobile: I / dt [N m s/rad].
         period: step of the plant [s].
     """
@@ -324,4 +327,4 @@ STEP_PARTS = (
     _slip_change,
     _turn_along,
 )
-"""What :func:`tyre_step` calls beside the law."""
+"""Functions that :func:`tyre_step` calls, without the law."""

@@ -1,9 +1,9 @@
-"""Tyre forces in the plant: the four wheels of a vehicle on brush or Magic Formula tyres, their motors' torque, brakes.
+"""Tyre forces in the plant: the wheels of a vehicle on tyres with a tyre law, with drive and brake torques.
 
-The contact gives the normal load, its friction is zero, and this system gives the rest as generalised forces, straight
-from the plant's state of the moment: there is no step of delay between motion and force.
+The contact computes the normal load, without friction. This system adds all other forces as generalised forces, from
+the present state of the plant: there is no delay between motion and force.
 
-What happens in a step is in :mod:`mirdrake.plant.wheels.step`.
+The equations of a step are in :mod:`mirdrake.plant.wheels.step`.
 """
 
 from collections.abc import Sequence
@@ -30,23 +30,23 @@ from mirdrake.vehicles import WHEELS
 from mirdrake.worlds.world import SURFACE_MU
 
 REFERENCE_FRICTION = SURFACE_MU["asphalt"]
-"""Coefficient of the ground on which the friction of tyre data holds [1]."""
+"""Coefficient of the ground for which tyre data hold: dry asphalt [1]."""
 
 DAMPING_BY_LOAD = 0.25
-"""Damper between patch and rim at standstill over the static load [s/m]; 1000 N s/m for a car's wheel."""
+"""Damping between contact patch and rim at standstill, over the static load [s/m]; 1000 N s/m for a car's wheel."""
 
 FORCES = (
-    ("fx", "N", "force of the road ahead"),
-    ("fy", "N", "force of the road to the left"),
+    ("fx", "N", "longitudinal force of the road, positive ahead"),
+    ("fy", "N", "lateral force of the road, positive to the left"),
     ("mz", "N m", "aligning moment"),
     ("kappa", "", "longitudinal slip of the tread"),
     ("alpha", "rad", "slip angle of the tread"),
 )
-"""What is told of each wheel: name, unit, meaning."""
+"""Logged quantities of each wheel: name, unit, description."""
 
 
 def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[SpinningWheel]:
-    """The wheels of a vehicle in a finalised plant; none if contact friction does it all.
+    """Return the wheels of a vehicle in a finalised plant; none without a tyre law.
 
     Raises:
         ConfigError: the vehicle tips over, as its centre of mass is not between its axles.
@@ -90,11 +90,11 @@ _MEMORY = record_type(Memory)
 class _Solution(NamedTuple):
     force: npt.NDArray[np.float64]  # generalised
     memory: Records
-    told: npt.NDArray[np.float64]
+    logged: npt.NDArray[np.float64]
 
 
 def _curve_type(law: SteadyLaw) -> np.dtype[np.void]:
-    """Record of a tyre at a load, an inclination and a friction of the ground."""
+    """Return the record type of a tyre at a load, an inclination and a friction of the ground."""
     fields = [("load", float), ("inclination", float), ("friction", float)]
     return np.dtype([*fields, ("contact", record_type(Contact)), ("curve", record_type(law.curve))], align=True)
 
@@ -105,13 +105,13 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
     Input ports:
         plant_state: the plant's state, positions and velocities.
         wheel_load [N]: normal loads of all wheels of the plant, from :class:`mirdrake.plant.wheels.RollingResistance`.
-        wheel_torque (8) [N m]: drive torques of the wheels, signed, then what their brakes can give, not negative;
+        wheel_torque (8) [N m]: drive torques of the wheels, signed, then largest torques of their brakes, not negative;
             zeros if it is not connected.
     Output ports:
-        generalized_force: for the plant's applied generalised force (num_velocities) [N, N m]; follows the plant's
-            state at once.
-        tyre_forces (20): per wheel Fx, Fy [N], Mz [N m], and the slips kappa [1] and alpha [rad] that made them, of the
-            last step.
+        generalized_force: for the plant's applied generalised force (num_velocities) [N, N m]; without
+            delay.
+        tyre_forces (20): per wheel Fx, Fy [N], Mz [N m], and the slips kappa [1] and alpha [rad] of these forces, of
+            the last step.
 
     Parameters of the Context: 0: friction of the ground under each wheel, relative to dry asphalt (4) [1];
     :class:`mirdrake.plant.wheels.RoadFriction` keeps it up to date.
@@ -147,7 +147,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._step = compiled(tyre_step, law.forces, parts=(*STEP_PARTS, *law.parts))
         self._wheels = records(SpinningWheel, wheels)
         self._curves = np.zeros(len(wheels), _curve_type(law))
-        self._curves["load"] = np.nan  # none yet
+        self._curves["load"] = np.nan  # not evaluated yet
         self._velocities, self._first, self._period = plant.num_velocities(), first, plant.time_step()
         context = plant.CreateDefaultContext()
         plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
@@ -161,7 +161,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.wheel_torque = declare_vector_input(self, "wheel_torque", torques)
         self.friction = self.DeclareNumericParameter(BasicVector(np.full(len(wheels), friction / REFERENCE_FRICTION)))
         self._memory = self.DeclareDiscreteState(np.tile(Memory(), len(wheels)))
-        self._told = self.DeclareDiscreteState(len(wheels) * len(FORCES))
+        self._logged = self.DeclareDiscreteState(len(wheels) * len(FORCES))
         self._solution = declare_cached_value(self, "tyre forces", lambda: AbstractValue.Make(object()), self._calc)
         self.generalized_force = self.DeclareVectorOutputPort(
             "generalized_force", self._velocities, self._copy_force, {self._solution.ticket()}
@@ -171,7 +171,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
             for wheel in WHEELS
             for name, unit, meaning in FORCES
         ]
-        self.tyre_forces = declare_state_output(self, "tyre_forces", contents, self._told)
+        self.tyre_forces = declare_state_output(self, "tyre_forces", contents, self._logged)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
 
     def set_friction(self, context: Context, wheel: int, friction: float) -> None:
@@ -190,7 +190,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _update(self, context: Context, state: DiscreteValues) -> None:
         solution = self._solution.evaluate(context)
         state.get_mutable_value(self._memory)[:] = solution.memory.view(float)
-        state.get_mutable_value(self._told)[:] = solution.told.ravel()
+        state.get_mutable_value(self._logged)[:] = solution.logged.ravel()
 
     def _calc(self, context: Context, result: Any) -> None:
         count = len(self._wheels)
@@ -199,18 +199,18 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         torques = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else self._no_torque
         frictions = context.get_numeric_parameter(self.friction).value()
         before = context.get_discrete_state(self._memory).value().view(_MEMORY)
-        force, memory, told = np.empty(self._velocities), np.empty_like(before), np.empty((count, len(FORCES)))
-        given = (x, loads, torques, frictions, self._car, self._wheels, self._curves, before, force, memory, told)
+        force, memory, logged = np.empty(self._velocities), np.empty_like(before), np.empty((count, len(FORCES)))
+        given = (x, loads, torques, frictions, self._car, self._wheels, self._curves, before, force, memory, logged)
         if not self._step(*given):
             self._make_curves(memory, frictions)
-            if not self._step(*given):  # the state is not a number
+            if not self._step(*given):  # the state is NaN
                 force.fill(np.nan)
-                told.fill(np.nan)
+                logged.fill(np.nan)
                 memory.view(float).fill(np.nan)
-        result.set_value(_Solution(force, memory, told))
+        result.set_value(_Solution(force, memory, logged))
 
     def _make_curves(self, memory: Records, frictions: npt.NDArray[np.float64]) -> None:
-        """Work out the laws for what the memory asks; the last curve of each wheel is kept."""
+        """Evaluate the tyre laws where the loads or inclinations in the memory differ from those of the curves."""
         for i, law in enumerate(self._laws):
             key = float(memory["load"][i]), float(memory["inclination"][i]), float(frictions[i])
             curve = self._curves[i]
@@ -222,7 +222,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
 def make_wheel_tyres(
     plant: MultibodyPlant, part: VehicleInPlant, *, loads: int, first: int, friction: float
 ) -> WheelTyres | None:
-    """The tyres of a vehicle; None if contact friction does it all. Arguments as of :class:`WheelTyres`.
+    """Return the tyre forces of a vehicle; None without a tyre law. Arguments as in :class:`WheelTyres`.
 
     Raises:
         ConfigError: a .tir file is missing or wrong.
