@@ -1214,7 +1214,7 @@ def test_a_dry_run_reports_changes_and_rejections_and_writes_nothing(tmp_path, c
 def test_left_out_sensors_are_in_the_terminal_and_in_the_readme(tmp_path, capsys, same_process):
     source = write(tmp_path / "source", extra=SENSORS.replace("<min>1.5</min>", "<min>80</min>"))
     assert main(["import", "vehicle", str(source), "--out", str(tmp_path)]) == 0
-    assert "sensor 'flat': type ray -> left out (near (80 m) should be below far (80 m))" in capsys.readouterr().out
+    assert "sensor 'flat': type ray -> left out (near (80 m) must be below far (80 m))" in capsys.readouterr().out
     assert "sensor 'flat' | type ray | left out" in (tmp_path / "buggy" / "README.md").read_text()
 
 

@@ -76,7 +76,7 @@ def test_a_full_turn_rounded_to_any_number_of_digits_is_a_full_turn(digits):
 @pytest.mark.parametrize(
     ("extra", "reason"),
     [
-        (laser(near="3", far="3"), "near (3 m) should be below far (3 m)"),
+        (laser(near="3", far="3"), "near (3 m) must be below far (3 m)"),
         (laser(samples="0"), "number of beams, angles or range are missing"),
         (laser(first="-1e9"), "start_angle: Input should be greater than or equal to -6.3"),
         (laser(kind="contact"), "mirdrake has no such sensor"),

@@ -350,8 +350,8 @@ SONAR = "{kind: sonar, frame: s, rate: 10, cone: 0.5, near: 1, far: 5}"
 @pytest.mark.parametrize(
     ("text", "old", "new", "message"),
     [
-        (LASER, "near: 1", "near: 5", r"near \(5 m\) should be below far \(5 m\)"),
-        (SONAR, "near: 1", "near: 6", r"near \(6 m\) should be below far \(5 m\)"),
+        (LASER, "near: 1", "near: 5", r"near \(5 m\) must be below far \(5 m\)"),
+        (SONAR, "near: 1", "near: 6", r"near \(6 m\) must be below far \(5 m\)"),
         (RADAR, "rate: 10", "rate: 0", r"rate: .*0"),
         (LIDAR, "rate: 10", "rate: -1", r"rate: .*"),
         (LASER, "end_angle: 1", "end_angle: 5.5", r"from -1 to 5.5 rad is more than a turn"),

@@ -33,15 +33,6 @@ from mirdrake.vehicles.figures import (
     Overlap,
     SensorFigures,
 )
-from mirdrake.vehicles.mounts import (
-    DepthCameraMount,
-    LaserScannerMount,
-    LidarMount,
-    PictureMount,
-    RadarMount,
-    SensorMount,
-    SonarMount,
-)
 from mirdrake.vehicles.overlaps import find_overlaps
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.vehicles.plausibility import find_oddities
@@ -56,14 +47,14 @@ _NONE = (0.0, 0.0, 0.0)
 
 
 def inspect_vehicle(vehicle: Vehicle) -> Inspection:
-    """Measure a vehicle."""
+    """Return the figures of a vehicle: mass, axle loads, dimensions, inertia, links, joints, sensors, warnings."""
     plant, scene_graph, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
     context = plant.CreateDefaultContext()
     base = plant.GetBodyByName(vehicle.spec.base_link)
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, base, RigidTransform())
     geometry = vehicle.geometry
 
-    # Mass, and how the axles share it: moments about the axles.
+    # Mass and axle loads, from moments about the axles.
     mass = float(plant.CalcTotalMass(context))
     x, y, z = (float(value) for value in plant.CalcCenterOfMassPositionInWorld(context))
     front_share = x / geometry.wheelbase
@@ -71,7 +62,7 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
     about_com = spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
     ahead, behind = geometry.wheelbase - x, x
 
-    # Full lock: the inner wheel at its limit, the turning centre on the line of the rear axle.
+    # Full lock: the inner wheel is at its limit, the centre of the turn is on the line of the rear axle.
     inner = geometry.steering_limit
     outer = math.atan2(1.0, 1.0 / math.tan(inner) + geometry.kingpin_track / geometry.wheelbase)
     radius = geometry.wheelbase / math.tan(inner) + 0.5 * geometry.kingpin_track
@@ -134,19 +125,19 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
 
 
 def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
-    """All bodies of the vehicle, without the world."""
+    """Return all bodies of the vehicle, without the world."""
     instances = [ModelInstanceIndex(number) for number in range(2, plant.num_model_instances())]
     return [plant.get_body(index) for instance in instances for index in plant.GetBodyIndices(instance)]
 
 
 def _solids(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> list[GeometryId]:
-    """Collision shapes of a body."""
+    """Return the collision shapes of a body."""
     shapes = plant.GetCollisionGeometriesForBody(body)
     return [shape for shape in shapes if inspector.GetProperties(shape, Role.kProximity) is not None]
 
 
 def _corners(inspector: SceneGraphInspector, X_WB: RigidTransform, geometries: Sequence[GeometryId]) -> Points:
-    """Points (n, 3) in base_link whose box is that of the shapes: hulls of meshes, corners of boxes around the rest."""
+    """Return points (n, 3) in base_link with the bounding box of the shapes: hulls of meshes, corners of boxes."""
     found = [np.empty((0, 3))]
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
     for geometry in geometries:
@@ -157,14 +148,14 @@ def _corners(inspector: SceneGraphInspector, X_WB: RigidTransform, geometries: S
         elif (box := inspector.GetObbInGeometryFrame(geometry)) is not None:
             half = signs * np.asarray(box.half_width())
             points = half @ box.pose().rotation().matrix().T + box.pose().translation()
-        else:  # a half space has no end
+        else:  # a half space is unbounded
             continue
         found.append(points @ X_WG.rotation().matrix().T + X_WG.translation())
     return np.vstack(found)
 
 
 def _size(points: Points) -> tuple[float, float, float]:
-    """Length, width, and height over the road [m]."""
+    """Return length, width, and height above the road [m]."""
     low, high = points.min(axis=0), points.max(axis=0)
     return _three([high[0] - low[0], high[1] - low[1], high[2]])
 
@@ -287,7 +278,7 @@ def _sensors(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Sen
     for name, mount in vehicle.sensors.mounts.items():
         X_BS = plant.CalcRelativeTransform(context, plant.world_frame(), plant.GetFrameByName(mount.frame))
         ahead = X_BS.rotation().matrix()[:, 0]
-        across, upward, reach = _field_of_view(mount)
+        view = mount.field_of_view()
         found.append(
             SensorFigures(
                 name=name,
@@ -297,39 +288,12 @@ def _sensors(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Sen
                 rate=mount.rate,
                 yaw=math.atan2(ahead[1], ahead[0]) + 0.0,
                 pitch=math.asin(min(max(float(ahead[2]), -1.0), 1.0)) + 0.0,
-                across=across,
-                upward=upward,
-                reach=reach,
+                across=view.across if view else (),
+                upward=view.upward if view else (),
+                reach=view.reach if view else (),
             )
         )
     return tuple(found)
-
-
-def _field_of_view(mount: SensorMount) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
-    """Angles from right to left and from below to above [rad], and distances [m], of what a sensor sees."""
-    if isinstance(mount, PictureMount):
-        side = 0.5 * mount.horizontal_fov
-        up = math.atan(math.tan(side) * mount.height / mount.width)
-        distances = (
-            (mount.depth_near, mount.depth_far) if isinstance(mount, DepthCameraMount) else (mount.near, mount.far)
-        )
-        return (-side, side), (-up, up), distances
-    if isinstance(mount, LaserScannerMount):
-        return _rising(mount.start_angle, mount.end_angle), (0.0, 0.0), (mount.near, mount.far)
-    if isinstance(mount, LidarMount):
-        across = _rising(mount.horizontal_start, mount.horizontal_end)
-        return across, _rising(mount.vertical_start, mount.vertical_end), (mount.near, mount.far)
-    if isinstance(mount, SonarMount):
-        half = 0.5 * mount.cone
-        return (-half, half), (-half, half), (mount.near, mount.far)
-    if isinstance(mount, RadarMount):
-        side, up = 0.5 * mount.horizontal_fov, 0.5 * mount.vertical_fov
-        return (-side, side), (-up, up), (mount.near, mount.far)
-    return (), (), ()
-
-
-def _rising(a: float, b: float) -> tuple[float, float]:
-    return min(a, b), max(a, b)
 
 
 def _three(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:

@@ -1,6 +1,6 @@
 """Lens distortion after Brown and Conrady, with the coefficients that OpenCV and ROS use.
 
-A point x = right/ahead, y = down/ahead of the camera is seen at
+A point in the direction x = right/forward, y = down/forward of the camera appears at
 
     x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
     y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y,    r² = x² + y²
@@ -19,22 +19,22 @@ from mirdrake.core.yaml_io import Schema
 Array = NDArray[np.float64]
 
 WIDEST = radians(85.0)
-"""From the middle of a distorted picture to its border, as it is drawn on a plane [rad]."""
+"""Largest angle from the middle of a distorted picture to its border [rad]; the picture is rendered on a plane."""
 
 _STEPS, _EXACT = 40, 1e-9
 
 
 class LensSpec(Schema):
-    """Distortion coefficients [-]; all zero: a pinhole."""
+    """Distortion coefficients [-]; all zero is a pinhole camera."""
 
-    k1: float = Field(default=0.0, ge=-10, le=10, description="[-] radial, below 0 for a barrel")
+    k1: float = Field(default=0.0, ge=-10, le=10, description="[-] radial, negative for barrel distortion")
     k2: float = Field(default=0.0, ge=-100, le=100, description="[-] radial")
     p1: float = Field(default=0.0, ge=-1, le=1, description="[-] tangential")
     p2: float = Field(default=0.0, ge=-1, le=1, description="[-] tangential")
     k3: float = Field(default=0.0, ge=-100, le=100, description="[-] radial")
 
     def distort(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Where directions x, y [-] are seen: x', y' [-], of the same shape."""
+        """Return the picture coordinates x', y' [-] of directions x, y [-]."""
         r2 = x * x + y * y
         radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
         return (
@@ -43,10 +43,10 @@ class LensSpec(Schema):
         )
 
     def undistort(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """The directions [-] that are seen at x', y' [-], by Newton's method.
+        """Return the directions [-] of picture coordinates x', y' [-], by Newton's method.
 
         Raises:
-            ValueError: nothing is seen there, or the picture is folded over on the way there.
+            ValueError: no direction maps there, or the distortion folds over before it.
         """
         u, v = np.array(x, dtype=float), np.array(y, dtype=float)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -62,7 +62,7 @@ class LensSpec(Schema):
                 xx, xy, yy = self._slopes(part * u, part * v)
                 good &= (xx * yy - xy * xy > 0.0) & (xx + yy > 0.0)
         if not np.all(good):
-            raise ValueError("the picture folds over before its border; use smaller distortion coefficients")
+            raise ValueError("the distortion is not invertible within the picture; use smaller coefficients")
         return u, v
 
     def _slopes(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
@@ -78,16 +78,16 @@ class LensSpec(Schema):
 
 
 def view_of(lens: LensSpec, *, width: int, height: int, horizontal_fov: float) -> tuple[float, float]:
-    """Greatest |right/ahead| and |down/ahead| [-] that a picture [pixel] shows, looking at its border and within.
+    """Return the largest |right/forward| and |down/forward| [-] within a picture.
 
     Args:
-        lens: what distorts it.
+        lens: its distortion.
         width: of the picture [pixel].
         height: of the picture [pixel].
         horizontal_fov: without the lens [rad].
 
     Raises:
-        ValueError: part of the picture shows nothing.
+        ValueError: the distortion cannot be inverted everywhere in the picture.
     """
     edge = tan(0.5 * horizontal_fov)
     across, down = np.meshgrid(np.linspace(-edge, edge, 33), np.linspace(-edge, edge, 33) * height / width)
@@ -96,10 +96,10 @@ def view_of(lens: LensSpec, *, width: int, height: int, horizontal_fov: float) -
 
 
 def check_lens(lens: LensSpec, *, width: int, height: int, horizontal_fov: float) -> None:
-    """Refuse a lens through which a picture [pixel] cannot be seen.
+    """Check that a picture [pixel] can be rendered with a lens.
 
     Raises:
-        ValueError: the reason.
+        ValueError: it cannot; the message has the reason.
     """
     if max(view_of(lens, width=width, height=height, horizontal_fov=horizontal_fov)) > tan(WIDEST):
-        raise ValueError("the lens sees more than 170 deg, which cannot be drawn; use smaller distortion coefficients")
+        raise ValueError("the lens covers more than 170 deg; use smaller distortion coefficients")

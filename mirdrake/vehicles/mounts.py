@@ -1,8 +1,11 @@
-"""sensors.yaml: what is mounted in which frame of a vehicle."""
+"""Schemas of sensors.yaml: the sensors of a vehicle, each mounted in a frame.
+
+A kind of sensor is one class here and one system in :mod:`mirdrake.sensors`.
+"""
 
 from collections.abc import Mapping
-from math import copysign, degrees, pi
-from typing import Annotated, Any, Literal, Self, get_args
+from math import atan, copysign, degrees, pi, tan
+from typing import Annotated, Any, Literal, NamedTuple, Self, get_args
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
@@ -13,45 +16,71 @@ from mirdrake.vehicles.lens import LensSpec, check_lens
 from mirdrake.vehicles.noise_spec import AccelerationNoise, AngleNoise, LengthNoise, RateNoise, SpeedNoise
 from mirdrake.vehicles.presets import with_preset
 
-MAX_LATITUDE = 89.9 * pi / 180.0  # east and north mean nothing at the poles
+MAX_LATITUDE = 89.9 * pi / 180.0  # east and north are not defined at the poles
+
+
+class FieldOfView(NamedTuple):
+    """Region that a sensor sees, in its mounting frame.
+
+    Attributes:
+        across: azimuth [rad] from right to left, about the x axis.
+        upward: elevation [rad] from below to above.
+        reach: nearest and farthest distance [m].
+    """
+
+    across: tuple[float, float]
+    upward: tuple[float, float]
+    reach: tuple[float, float]
 
 
 class Mount(Schema):
-    """What every mounted sensor has."""
+    """Keys of every mounted sensor."""
 
-    frame: str = Field(min_length=1, description="link of the URDF; x ahead, y left, z up, also for cameras")
+    frame: str = Field(min_length=1, description="link of the URDF; x forward, y left, z up, also for cameras")
     rate: Frequency = Field(gt=0, le=10_000, description="[Hz]")
-    latency: Duration = Field(default=0.0, ge=0, le=10, description="[s] from taking a sample until it is there")
+    latency: Duration = Field(default=0.0, ge=0, le=10, description="[s] from the sample to its output")
     dropout: float = Field(default=0.0, ge=0, lt=1, description="[-] probability that a sample is lost")
-    preset: str | None = Field(default=None, description="product whose numbers these are; models/sensors/")
+    preset: str | None = Field(default=None, description="product whose values are used, see models/sensors/")
+
+    def field_of_view(self) -> FieldOfView | None:
+        """Return the region that the sensor sees; None for a sensor without a viewing direction."""
+        return None
 
 
 class PictureMount(Mount):
-    """What every camera has. A distorted picture has the focal length that the field of view gives without a lens."""
+    """Keys of every camera. ``horizontal_fov`` sets the focal length; lens distortion does not change it."""
 
     width: int = Field(gt=0, le=8192, description="[pixel]")
     height: int = Field(gt=0, le=8192, description="[pixel]")
-    horizontal_fov: Angle = Field(gt=0, description="[rad] whole angle, without the lens")
-    near: Length = Field(default=0.1, gt=0, description="[m] clipping")
-    far: Length = Field(default=300.0, gt=0, description="[m] clipping")
-    noise: float = Field(default=0.0, ge=0, description="[-] of colours, standard deviation, of full scale 1")
-    distortion: LensSpec | None = Field(default=None, description="of the lens, after Brown and Conrady; none: pinhole")
-    label: bool = Field(default=False, description="also a picture of which object each pixel shows")
+    horizontal_fov: Angle = Field(gt=0, description="[rad] full angle, without lens distortion")
+    near: Length = Field(default=0.1, gt=0, description="[m] near clipping distance")
+    far: Length = Field(default=300.0, gt=0, description="[m] far clipping distance")
+    noise: float = Field(default=0.0, ge=0, description="[-] standard deviation of each colour channel, full scale 1")
+    distortion: LensSpec | None = Field(default=None, description="lens distortion (Brown-Conrady); null: pinhole")
+    label: bool = Field(default=False, description="also output a label image: the object seen by each pixel")
 
     @field_validator("horizontal_fov")
     @classmethod
     def _below_half_a_turn(cls, value: float) -> float:
         if value >= 3.14:
-            raise ValueError(f"{degrees(value):g} deg cannot be drawn on a plane; a field of view is below 180 deg")
+            raise ValueError(
+                f"a field of view of {degrees(value):g} deg cannot be projected onto a plane; allowed: below 180 deg"
+            )
         return value
 
     @model_validator(mode="after")
-    def _something_to_see(self) -> Self:
+    def _near_below_far(self) -> Self:
         if self.near >= self.far:
-            raise ValueError(f"near ({self.near:g} m) should be below far ({self.far:g} m)")
+            raise ValueError(f"near ({self.near:g} m) must be below far ({self.far:g} m)")
         if self.distortion is not None:
             check_lens(self.distortion, width=self.width, height=self.height, horizontal_fov=self.horizontal_fov)
         return self
+
+    def field_of_view(self) -> FieldOfView:
+        """Return the region in the picture, without lens distortion."""
+        side = 0.5 * self.horizontal_fov
+        up = atan(tan(side) * self.height / self.width)
+        return FieldOfView((-side, side), (-up, up), (self.near, self.far))
 
 
 class CameraMount(PictureMount):
@@ -61,17 +90,19 @@ class CameraMount(PictureMount):
 
 
 class StereoCameraMount(PictureMount):
-    """Two colour cameras side by side, the mounting frame midway between them."""
+    """Stereo camera: two colour cameras side by side, with the mounting frame midway between them."""
 
     kind: Literal["stereo_camera"]
-    baseline: Length = Field(gt=0, le=10, description="[m] between the eyes")
+    baseline: Length = Field(gt=0, le=10, description="[m] distance between the two cameras")
 
 
 class DatumSpec(Schema):
-    """Where on the Earth the world's origin is, on the WGS 84 ellipsoid."""
+    """Position of the world's origin on the WGS 84 ellipsoid."""
 
-    latitude: Angle = Field(default=0.0, ge=-MAX_LATITUDE, le=MAX_LATITUDE, description="[rad] north; write 45 deg")
-    longitude: Angle = Field(default=0.0, ge=-pi, le=pi, description="[rad] east; write -81 deg")
+    latitude: Angle = Field(
+        default=0.0, ge=-MAX_LATITUDE, le=MAX_LATITUDE, description="[rad] positive north, for example 45 deg"
+    )
+    longitude: Angle = Field(default=0.0, ge=-pi, le=pi, description="[rad] positive east, for example -81 deg")
     altitude: Length = Field(default=0.0, ge=-1000, le=10_000, description="[m] above the ellipsoid")
     heading: Angle = Field(
         default=0.5 * pi, ge=-2 * pi, le=2 * pi, description="[rad] of the world's x axis, clockwise from north"
@@ -79,26 +110,28 @@ class DatumSpec(Schema):
 
 
 class GpsMount(Mount):
-    """Position receiver."""
+    """Satellite navigation receiver (GNSS)."""
 
     kind: Literal["gps"]
-    noise: LengthNoise = Field(default_factory=LengthNoise, description="[m] horizontal, each axis")
-    vertical_noise: LengthNoise = Field(default_factory=LengthNoise, description="[m] of the altitude")
-    velocity_noise: SpeedNoise = Field(default_factory=SpeedNoise, description="[m/s] each axis")
-    datum: DatumSpec = Field(default_factory=DatumSpec, description="where on the Earth the world's origin is")
-    fix: Literal["single", "differential", "rtk"] = Field(default="single", description="quality said in NMEA")
+    noise: LengthNoise = Field(default_factory=LengthNoise, description="[m] horizontal position error, each axis")
+    vertical_noise: LengthNoise = Field(default_factory=LengthNoise, description="[m] altitude error")
+    velocity_noise: SpeedNoise = Field(default_factory=SpeedNoise, description="[m/s] velocity error, each axis")
+    datum: DatumSpec = Field(default_factory=DatumSpec, description="geographic position of the world's origin")
+    fix: Literal["single", "differential", "rtk"] = Field(default="single", description="fix quality in NMEA sentences")
 
 
 class ImuMount(Mount):
-    """Rate gyros and accelerometers."""
+    """Inertial measurement unit: rate gyros and accelerometers."""
 
     kind: Literal["imu"]
-    gyro_noise: RateNoise = Field(default_factory=RateNoise, description="[rad/s] each axis")
-    acceleration_noise: AccelerationNoise = Field(default_factory=AccelerationNoise, description="[m/s²] each axis")
+    gyro_noise: RateNoise = Field(default_factory=RateNoise, description="[rad/s] gyro error, each axis")
+    acceleration_noise: AccelerationNoise = Field(
+        default_factory=AccelerationNoise, description="[m/s²] accelerometer error, each axis"
+    )
 
 
 class GroundTruthMount(Mount):
-    """Exact pose and twist of a frame, as no sensor gives them."""
+    """Exact pose and twist of a frame, without any error."""
 
     kind: Literal["ground_truth"]
 
@@ -108,78 +141,87 @@ class SteeringAngleMount(Mount):
 
     kind: Literal["steering_angle"]
     of: Literal["road_wheels", "left", "right", "hand_wheel"] = Field(
-        default="road_wheels", description="mean of the two front wheels, one of them, or the mean x steering ratio"
+        default="road_wheels",
+        description="road_wheels: mean of both; left, right: one of them; hand_wheel: mean x steering ratio",
     )
-    counts: float | None = Field(default=None, gt=0, description="per revolution, in place of `resolution`")
-    resolution: Angle = Field(default=0.0, ge=0, description="[rad] step of the reading; 0: none")
+    counts: float | None = Field(default=None, gt=0, description="counts per revolution, instead of `resolution`")
+    resolution: Angle = Field(default=0.0, ge=0, description="[rad] resolution; 0: continuous")
     offset: Angle = Field(default=0.0, description="[rad] reading with the wheels straight ahead")
     noise: AngleNoise = Field(default_factory=AngleNoise, description="[rad]")
 
     @model_validator(mode="after")
     def _one_step(self) -> Self:
         if self.counts is not None and self.resolution:
-            raise ValueError("counts and resolution say the same; leave one of them out")
+            raise ValueError("counts and resolution are both given; give one of them")
         return self
 
     def step(self) -> float:
-        """Step of the reading [rad]; 0: none."""
+        """Return the resolution [rad]; 0: continuous."""
         return self.resolution if self.counts is None else 2.0 * pi / self.counts
 
 
 ROUNDED_TURN = 6.3
-"""A full turn rounded to two digits [rad]: the widest fan of beams, which is shortened to 2 pi."""
+"""Full turn rounded to two digits [rad]: the largest allowed angle between first and last beam; shortened to 2π."""
 
 MAX_RAYS = 1_000_000
-"""Of one scan: casting them takes about 0.2 kB each."""
+"""Largest number of rays of a scan; each needs about 0.2 kB."""
 
 
 class Ranging(Mount):
-    """What every sensor that measures distances has."""
+    """Keys of every sensor that measures distances."""
 
-    near: Length = Field(gt=0, description="[m] nearest distance")
-    far: Length = Field(gt=0, description="[m] farthest distance")
-    resolution: Length = Field(default=0.0, ge=0, description="[m] step of the reading; 0: none")
-    noise: Length = Field(default=0.0, ge=0, description="[m] standard deviation")
-    lost_beams: float = Field(default=0.0, ge=0, lt=1, description="[-] share of single beams that give no return")
-    own_vehicle: bool = Field(default=False, description="whether the vehicle that carries it is seen [-]")
+    near: Length = Field(gt=0, description="[m] smallest measurable distance")
+    far: Length = Field(gt=0, description="[m] largest measurable distance")
+    resolution: Length = Field(default=0.0, ge=0, description="[m] resolution; 0: continuous")
+    noise: Length = Field(default=0.0, ge=0, description="[m] standard deviation of the range")
+    lost_beams: float = Field(default=0.0, ge=0, lt=1, description="[-] probability that a beam has no return")
+    own_vehicle: bool = Field(default=False, description="[-] whether its own vehicle gives returns")
 
     @model_validator(mode="after")
     def _near_before_far(self) -> Self:
         if self.near >= self.far:
-            raise ValueError(f"near ({self.near:g} m) should be below far ({self.far:g} m)")
+            raise ValueError(f"near ({self.near:g} m) must be below far ({self.far:g} m)")
         return self
 
 
 class Turning(Ranging):
-    """What every laser that turns has; it makes `rate` turns a second."""
+    """Keys of every rotating laser; it makes `rate` revolutions per second."""
 
-    rolling: bool = Field(default=True, description="whether each column of beams leaves at a time of its own [-]")
+    rolling: bool = Field(
+        default=True, description="[-] whether each column is measured at its own time (rolling scan)"
+    )
 
 
 class LaserScannerMount(Turning):
-    """Rotating laser in one plane."""
+    """Rotating laser scanner with one plane."""
 
     kind: Literal["laser_scanner"]
-    beams: int = Field(gt=0, le=100_000, description="per scan")
-    start_angle: Angle = Field(ge=-6.3, le=6.3, description="[rad] of the first beam, positive to the left")
-    end_angle: Angle = Field(ge=-6.3, le=6.3, description="[rad] of the last beam")
+    beams: int = Field(gt=0, le=100_000, description="beams per scan")
+    start_angle: Angle = Field(ge=-6.3, le=6.3, description="[rad] azimuth of the first beam, positive to the left")
+    end_angle: Angle = Field(ge=-6.3, le=6.3, description="[rad] azimuth of the last beam")
 
     @model_validator(mode="after")
     def _one_turn(self) -> Self:
         self.end_angle = _within_turn(self.start_angle, self.end_angle)
         return self
 
+    def field_of_view(self) -> FieldOfView:
+        """Return the fan of beams."""
+        return FieldOfView(_ascending(self.start_angle, self.end_angle), (0.0, 0.0), (self.near, self.far))
+
 
 class LidarMount(Turning):
-    """Laser with several planes."""
+    """Rotating laser scanner with several planes."""
 
     kind: Literal["lidar"]
-    columns: int = Field(gt=0, le=100_000, description="beams per plane and turn")
-    rows: int = Field(gt=0, le=1024, description="planes")
-    horizontal_start: Angle = Field(ge=-6.3, le=6.3, description="[rad] positive to the left")
-    horizontal_end: Angle = Field(ge=-6.3, le=6.3, description="[rad]")
-    vertical_start: Angle = Field(ge=-1.6, le=1.6, description="[rad] positive upwards")
-    vertical_end: Angle = Field(ge=-1.6, le=1.6, description="[rad]")
+    columns: int = Field(gt=0, le=100_000, description="beams per plane and revolution")
+    rows: int = Field(gt=0, le=1024, description="number of planes")
+    horizontal_start: Angle = Field(
+        ge=-6.3, le=6.3, description="[rad] azimuth of the first column, positive to the left"
+    )
+    horizontal_end: Angle = Field(ge=-6.3, le=6.3, description="[rad] azimuth of the last column")
+    vertical_start: Angle = Field(ge=-1.6, le=1.6, description="[rad] elevation of the first plane, positive upwards")
+    vertical_end: Angle = Field(ge=-1.6, le=1.6, description="[rad] elevation of the last plane")
 
     @model_validator(mode="after")
     def _one_turn(self) -> Self:
@@ -187,22 +229,30 @@ class LidarMount(Turning):
         _check_rays(self.columns, self.rows)
         return self
 
+    def field_of_view(self) -> FieldOfView:
+        """Return the region between the outermost planes and columns."""
+        across = _ascending(self.horizontal_start, self.horizontal_end)
+        return FieldOfView(across, _ascending(self.vertical_start, self.vertical_end), (self.near, self.far))
+
 
 class DepthNoiseSpec(Schema):
     """Standard deviation of a depth z: base + growth (z - start)²."""
 
-    base: Length = Field(default=0.0, ge=0, description="[m]")
-    growth: float = Field(default=0.0, ge=0, description="[1/m]")
-    start: Length = Field(default=0.0, ge=0, description="[m]")
+    base: Length = Field(default=0.0, ge=0, description="[m] standard deviation at `start`")
+    growth: float = Field(default=0.0, ge=0, description="[1/m] coefficient of the quadratic term")
+    start: Length = Field(default=0.0, ge=0, description="[m] depth at which the quadratic term begins")
 
 
 DEPTH_NOISES = {
     "khoshelham": {"growth": 1.425e-3},
     "nguyen": {"base": 1.2e-3, "growth": 1.9e-3, "start": 0.4},
 }
-"""Of the first Kinect, as published. Khoshelham and Elberink, "Accuracy and resolution of Kinect depth data", Sensors
-12 (2012) 1437-1454: 1.425e-5 z² in cm. Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise for improved 3D
-reconstruction and tracking", 3DIMPVT 2012: 0.0012 + 0.0019 (z - 0.4)² in m, surfaces seen at up to 60 deg."""
+"""Published noise models of the Kinect v1.
+
+Khoshelham and Elberink, "Accuracy and resolution of Kinect depth data", Sensors 12 (2012) 1437-1454: 1.425e-5 z² in cm.
+Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction and tracking", 3DIMPVT 2012:
+0.0012 + 0.0019 (z - 0.4)² in m, for surfaces seen at up to 60 deg.
+"""
 
 
 def _named_noise(value: Any) -> Any:
@@ -214,63 +264,83 @@ def _named_noise(value: Any) -> Any:
 
 
 class DepthCameraMount(PictureMount):
-    """Colour and depth camera. A depth is measured along the x axis of the mounting frame."""
+    """Colour and depth camera. Depth is measured along the x axis of the mounting frame."""
 
     kind: Literal["depth_camera"]
-    color: bool = Field(default=True, description="colours too; without them it is quicker")
-    depth_near: Length = Field(gt=0, description="[m] nearest depth; 0 is shown for what is nearer")
-    depth_far: Length = Field(gt=0, description="[m] farthest depth; infinity is shown for what is farther")
+    color: bool = Field(default=True, description="also output the colour image; false is faster")
+    depth_near: Length = Field(gt=0, description="[m] smallest depth; nearer pixels are 0")
+    depth_far: Length = Field(gt=0, description="[m] largest depth; farther pixels are infinite")
     depth_noise: Annotated[DepthNoiseSpec, BeforeValidator(_named_noise)] = Field(
-        default_factory=DepthNoiseSpec, description="{base, growth, start}, or published: khoshelham, nguyen"
+        default_factory=DepthNoiseSpec, description="{base, growth, start}, or a published model: khoshelham, nguyen"
     )
-    depth_resolution: Length = Field(default=0.0, ge=0, description="[m] step of the depth; 0: none")
+    depth_resolution: Length = Field(default=0.0, ge=0, description="[m] resolution of the depth; 0: continuous")
     inverse_depth_resolution: float = Field(
-        default=0.0, ge=0, description="[1/m] step of 1/z, as of a disparity; 2.85e-3 for the first Kinect; 0: none"
+        default=0.0, ge=0, description="[1/m] resolution of 1/z, as of a disparity; Kinect v1: 2.85e-3; 0: continuous"
     )
 
     @model_validator(mode="after")
     def _depths(self) -> Self:
         if self.depth_near >= self.depth_far:
-            raise ValueError(f"depth_near ({self.depth_near:g} m) should be below depth_far ({self.depth_far:g} m)")
+            raise ValueError(f"depth_near ({self.depth_near:g} m) must be below depth_far ({self.depth_far:g} m)")
         return self
+
+    def field_of_view(self) -> FieldOfView:
+        """Return the region of the depth image."""
+        return super().field_of_view()._replace(reach=(self.depth_near, self.depth_far))
 
 
 class SonarMount(Ranging):
     """Ultrasonic range finder."""
 
     kind: Literal["sonar"]
-    cone: Angle = Field(gt=0, lt=3.14, description="[rad] whole angle")
-    rays: int = Field(default=200, ge=1, le=100_000, description="that the cone is made of")
-    ground: bool = Field(default=False, description="whether the ground gives an echo [-]")
+    cone: Angle = Field(gt=0, lt=3.14, description="[rad] full opening angle of the beam")
+    rays: int = Field(default=200, ge=1, le=100_000, description="rays that sample the cone")
+    ground: bool = Field(default=False, description="[-] whether the ground gives an echo")
+
+    def field_of_view(self) -> FieldOfView:
+        """Return the cone."""
+        half = 0.5 * self.cone
+        return FieldOfView((-half, half), (-half, half), (self.near, self.far))
 
 
 class RadarMount(Ranging):
     """Radar: range, azimuth and range rate of the nearest objects."""
 
     kind: Literal["radar"]
-    horizontal_fov: Angle = Field(gt=0, lt=3.14, description="[rad] whole angle")
-    vertical_fov: Angle = Field(gt=0, lt=3.14, description="[rad] whole angle")
+    horizontal_fov: Angle = Field(gt=0, lt=3.14, description="[rad] full angle")
+    vertical_fov: Angle = Field(gt=0, lt=3.14, description="[rad] full angle")
     columns: int = Field(default=120, gt=0, le=100_000, description="rays across the field of view")
-    rows: int = Field(default=10, gt=0, le=1024, description="rays from below to above")
-    targets: int = Field(default=16, gt=0, le=256, description="that are reported, the nearest first")
-    range_cell: Length = Field(default=0.5, gt=0, description="[m] returns so close behind the first are one target")
-    azimuth_noise: Angle = Field(default=0.0, ge=0, description="[rad] standard deviation")
-    range_rate_noise: Speed = Field(default=0.0, ge=0, description="[m/s] standard deviation")
-    ground: bool = Field(default=False, description="whether the ground is a target [-]")
+    rows: int = Field(default=10, gt=0, le=1024, description="rays from the bottom to the top of the field of view")
+    targets: int = Field(default=16, gt=0, le=256, description="largest number of reported targets, the nearest first")
+    range_cell: Length = Field(
+        default=0.5, gt=0, description="[m] returns within this distance of the first one are one target"
+    )
+    azimuth_noise: Angle = Field(default=0.0, ge=0, description="[rad] standard deviation of the azimuth")
+    range_rate_noise: Speed = Field(default=0.0, ge=0, description="[m/s] standard deviation of the range rate")
+    ground: bool = Field(default=False, description="[-] whether the ground is a target")
 
     @model_validator(mode="after")
     def _few_rays(self) -> Self:
         _check_rays(self.columns, self.rows)
         return self
 
+    def field_of_view(self) -> FieldOfView:
+        """Return the region between the outermost rays."""
+        side, up = 0.5 * self.horizontal_fov, 0.5 * self.vertical_fov
+        return FieldOfView((-side, side), (-up, up), (self.near, self.far))
+
 
 class WheelEncoderMount(Mount):
-    """Counter on a wheel."""
+    """Incremental encoder on a wheel."""
 
     kind: Literal["wheel_encoder"]
-    counts: float = Field(gt=0, description="per revolution, all edges that are counted")
-    quadrature: bool = Field(default=True, description="two channels: counts down rolling back; else up either way")
-    wrap: int | None = Field(default=None, ge=2, description="the counter starts again from 0 there, as 65536")
+    counts: float = Field(gt=0, description="counts per revolution: all counted edges")
+    quadrature: bool = Field(
+        default=True, description="true: counts down when rolling backwards; false: counts up both ways"
+    )
+    wrap: int | None = Field(
+        default=None, ge=2, description="modulus of the counter, for example 65536; null: unlimited"
+    )
 
 
 SensorMount = Annotated[
@@ -290,25 +360,29 @@ SensorMount = Annotated[
 ]
 
 
+def _ascending(a: float, b: float) -> tuple[float, float]:
+    return min(a, b), max(a, b)
+
+
 def _within_turn(start: float, end: float) -> float:
-    """Return the last angle of a fan of beams [rad]; a turn rounded to two digits or more, as 6.28319, is a full turn.
+    """Return the last angle of a fan of beams [rad], where a rounded full turn such as 6.28319 is shortened to 2π.
 
     Raises:
-        ValueError: the fan is wider than one turn.
+        ValueError: the fan is wider than a full turn.
     """
     if abs(end - start) > ROUNDED_TURN + 1e-9:
-        raise ValueError(f"from {start:g} to {end:g} rad is more than a turn of {2.0 * pi:.6g} rad")
+        raise ValueError(f"from {start:g} to {end:g} rad is more than a full turn of {2.0 * pi:.6g} rad")
     if abs(end - start) > 2.0 * pi + 1e-6:
         return start + copysign(2.0 * pi, end - start)
     return end
 
 
 def _check_rays(columns: int, rows: int) -> None:
-    """Refuse more rays than fit into memory."""
+    """Check that the rays of a scan fit into memory."""
     if columns * rows > MAX_RAYS:
         raise ValueError(
-            f"{columns} columns x {rows} rows are {columns * rows} rays a scan, which need about "
-            f"{columns * rows * 2e-7:.1f} GB; at most {MAX_RAYS} are cast"
+            f"{columns} columns x {rows} rows are {columns * rows} rays per scan and need about "
+            f"{columns * rows * 2e-7:.1f} GB; allowed: at most {MAX_RAYS} rays"
         )
 
 
@@ -318,21 +392,21 @@ _KINDS: dict[str, type[Any]] = {
 
 
 class SensorsSpec(Schema):
-    """sensors.yaml: mounted sensors by name."""
+    """sensors.yaml: the mounted sensors by name."""
 
     mounts: dict[str, Annotated[SensorMount, BeforeValidator(with_preset)]] = Field(default_factory=dict)
 
 
 def change_mounts(sensors: SensorsSpec, changes: Mapping[str, Mapping[str, Any]], *, source: Source) -> SensorsSpec:
-    """Return mounted sensors with some keys changed; a preset replaces all keys but frame and datum.
+    """Return mounted sensors with some keys changed; a preset replaces all keys except frame and datum.
 
     Args:
         sensors: of a vehicle.
-        changes: by the names of mounts.
-        source: where they were written, for errors.
+        changes: changed keys by the name of the mount.
+        source: file of the changes, for messages.
 
     Raises:
-        ConfigError: no such mount or key, or a value out of range.
+        ConfigError: a mount or key does not exist, or a value is out of range.
     """
     mounts = dict(sensors.mounts)
     for name, keys in changes.items():
