@@ -424,6 +424,19 @@ def test_the_handling_variant_follows_a_step_of_the_steering(
     assert rate.max() < 1.25 * wanted
 
 
+@pytest.mark.parametrize(("mass", "wheelbase", "radius"), [(1.26, 0.25, 0.033), (2.9, 0.27, 0.045)])
+def test_a_small_robot_does_not_overshoot_in_a_step_of_the_steering(
+    mass: float, wheelbase: float, radius: float, tmp_path: Path
+) -> None:
+    """The stability control ignores the lag of a quick yaw motion; with the dead band of a car it reached 1.66."""
+    new_vehicle("robot", wheelbase=wheelbase, track=0.7 * wheelbase, mass=mass, wheel_radius=radius, folder=tmp_path)
+    speed = 6.0 * math.sqrt(wheelbase)
+    run = drive(tmp_path / "robot@handling", 1.5, speed=speed, start=speed, steering=1.5 * wheelbase / speed**2,
+                contact="point")  # fmt: skip
+    rate = run["ego.wz"]
+    assert rate.max() < 1.35 * rate[rate.index >= 1.2].mean()
+
+
 @CAR
 def test_the_diagram_that_comes_along_runs(
     folders: dict[str, Path], tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch

@@ -134,6 +134,7 @@ HOW: dict[str, str] = {
     "patch_half_length": "estimated: 0.2 wheel radii, as tyres of cars",
     "assist_speed": "estimated: 2 m/s for a car, with the root of the wheel radius",
     "stability_gain": "estimated: with mass x wheel radius x root of the wheel radius; the Bolt has 2e4 N m s/rad",
+    "stability_dead_band": "estimated: 0.05 rad/s for a wheelbase of 2.6 m, with 1 / root of the wheelbase, as yaw rates",
     "stability_torque": "estimated: 0.3 of the weight x wheel radius; a car like the Bolt 1500 N m",
     "relaxation_x": "estimated: 0.5 wheel radii",
     "relaxation_y": "estimated: 1.3 wheel radii; cars 0.3 to 0.6 m",
@@ -205,7 +206,8 @@ class Estimates:
         patch_half_length: half the length of a tyre's contact patch [m].
         assist_speed: below it antilock brakes, traction and stability control do nothing [m/s].
         stability_gain: of the stability control [N m s/rad].
-        stability_torque: most that it brakes one wheel with [N m].
+        stability_dead_band: yaw-rate error that the stability control ignores [rad/s].
+        stability_torque: its largest brake torque of one wheel [N m].
         relaxation_x: relaxation length of longitudinal slip [m].
         relaxation_y: relaxation length of lateral slip [m].
     """
@@ -269,6 +271,7 @@ class Estimates:
     patch_half_length: float
     assist_speed: float
     stability_gain: float
+    stability_dead_band: float
     stability_torque: float
     relaxation_x: float
     relaxation_y: float
@@ -422,6 +425,7 @@ def estimate(
         patch_half_length=0.2 * radius,
         assist_speed=2.0 * slow,
         stability_gain=2e4 * mass * radius * slow / (1616.0 * BOLT_RADIUS),
+        stability_dead_band=0.05 * sqrt(2.6 / wheelbase),
         stability_torque=0.3 * mass * GRAVITY * radius,
         relaxation_x=0.5 * radius,
         relaxation_y=1.3 * radius,

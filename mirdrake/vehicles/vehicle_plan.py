@@ -162,6 +162,7 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
             ("relaxation_y", "relaxation length, lateral", "m"),
             ("assist_speed", "antilock, traction and stability control act above", "m/s"),
             ("stability_gain", "gain of the stability control", "N m s/rad"),
+            ("stability_dead_band", "yaw-rate error that the stability control ignores", "rad/s"),
             ("stability_torque", "brake torque of the stability control, one wheel", "N m"),
             ("handling_steering_stiffness", "steering servo", "N m/rad"),
             ("handling_steering_damping", "steering servo", "N m s/rad"),
