@@ -1,6 +1,6 @@
-"""Schemas of vehicle.yaml about what carries the body and what the air does to it: suspension, aerodynamics.
+"""Schemas of vehicle.yaml for suspension and aerodynamics.
 
-Their laws are in :mod:`mirdrake.plant.suspension` and :mod:`mirdrake.plant.aerodynamics`.
+Their force laws are in :mod:`mirdrake.plant.suspension` and :mod:`mirdrake.plant.aerodynamics`.
 """
 
 from pydantic import Field
@@ -11,7 +11,7 @@ from mirdrake.core.yaml_io import Length, Schema
 
 
 class SuspensionJoints(Schema):
-    """The prismatic joints on which the wheels move up against the body; 0 is the loaded car at rest."""
+    """Prismatic joints of the wheel suspension, positive in bump; 0 is the loaded vehicle at rest."""
 
     front_left: str
     front_right: str
@@ -19,28 +19,33 @@ class SuspensionJoints(Schema):
     rear_right: str
 
     def names(self) -> tuple[str, str, str, str]:
-        """Joint names in the order of :data:`mirdrake.vehicles.spec.WHEELS`."""
+        """Return the joint names in the order of :data:`mirdrake.vehicles.spec.WHEELS`."""
         return (self.front_left, self.front_right, self.rear_left, self.rear_right)
 
 
 class AxleSuspension(Schema):
-    """Springs, dampers and anti-roll bar of an axle, all at the wheel."""
+    """Springs, dampers and anti-roll bar of an axle, all referred to the wheel."""
 
-    stiffness: float = Field(gt=0, description="[N/m] of one spring, force over wheel travel")
-    damping: float = Field(ge=0, description="[N s/m] of one damper, force over speed of wheel travel")
+    stiffness: float = Field(gt=0, description="[N/m] stiffness of one spring: force over wheel travel")
+    damping: float = Field(ge=0, description="[N s/m] damping of one damper: force over velocity of the wheel travel")
     anti_roll: float = Field(
-        default=0.0, ge=0, description="[N/m] force of the bar on each wheel over the difference of their travel"
+        default=0.0,
+        ge=0,
+        description="[N/m] force of the anti-roll bar on each wheel over the difference of wheel travel",
     )
 
 
 class Suspension(Schema):
-    """Springs of both axles; their lengths follow from the masses, so that the car stands as designed."""
+    """Suspension of both axles.
+
+    The preload follows from the masses, so that the vehicle rests in its design position.
+    """
 
     front: AxleSuspension
     rear: AxleSuspension
 
     def corners(self) -> tuple[AxleSuspension, AxleSuspension, AxleSuspension, AxleSuspension]:
-        """That of each wheel, in the order of :data:`mirdrake.vehicles.spec.WHEELS`."""
+        """Return the suspension of each wheel, in the order of :data:`mirdrake.vehicles.spec.WHEELS`."""
         return (self.front, self.front, self.rear, self.rear)
 
 
@@ -48,11 +53,15 @@ class Suspension(Schema):
 
 
 class Aerodynamics(Schema):
-    """Air resistance and lift. The drag is 1/2 x density x drag_area x (speed of the air past the car)²."""
+    """Aerodynamic drag and lift. The drag is 1/2 x density x drag_area x (air speed relative to the vehicle)²."""
 
     drag_area: float = Field(ge=0, description="[m²] drag coefficient x frontal area")
     height: Length | None = Field(
-        default=None, ge=0, description="[m] of the drag over the road; empty: that of the centre of mass"
+        default=None,
+        ge=0,
+        description="[m] height of the centre of pressure above the road; null: height of the centre of mass",
     )
     front_lift_area: float = Field(default=0.0, description="[m²] lift coefficient of the front axle x frontal area")
-    rear_lift_area: float = Field(default=0.0, description="[m²] the same at the rear; negative presses down")
+    rear_lift_area: float = Field(
+        default=0.0, description="[m²] lift coefficient of the rear axle x frontal area; negative is downforce"
+    )

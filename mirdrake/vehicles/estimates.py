@@ -1,11 +1,10 @@
-"""What a data sheet does not say about a vehicle, estimated from what it says.
+"""Estimates of vehicle parameters that a data sheet does not contain.
 
-The formulas hold from a car of 1:10 (3.5 kg, wheel radius 0.05 m) to one of 5 t, because each is a number without
-dimension times a power of the given mass m, wheel radius R, wheelbase L and gravity g. The numbers are those of
-vehicles with published figures, above all of the Chevrolet Bolt in models/bolt (called *the Bolt*; its README names
-the sources). Forces scale with m g, lengths with R or L, and times with sqrt(R / g) as in Froude's law, so that a
-small car behaves like a large one seen on a slower film. Two times do not shrink: the step of the plant and the period
-of the controllers; the steering servo keeps theirs.
+The formulas hold from a 1:10 car (3.5 kg, wheel radius 0.05 m) to a vehicle of 5 t: each is a dimensionless number
+times a power of the given mass m, wheel radius R, wheelbase L and gravity g. The numbers come from vehicles with
+published figures, above all the Chevrolet Bolt in models/bolt (*the Bolt*; its README names the sources). Forces
+scale with m g, lengths with R or L, and times with sqrt(R / g) (Froude scaling). Two times do not scale: the time
+step of the plant and the period of the controllers. The steering servo is designed for these.
 """
 
 from dataclasses import dataclass
@@ -15,61 +14,63 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 
 BOLT_RADIUS = 0.3234
-"""Wheel radius for which times are as measured on the Bolt [m]."""
+"""Wheel radius of the Bolt [m], the reference of all time scales."""
 
 HYDROELASTIC_COMPRESSION = (0.021, 0.055)
-"""Tyre compression over wheel radius, in hydroelastic contact under a quarter of the weight: that of the Bolt, and
-the most of a smaller wheel.
+"""Tyre compression over wheel radius in hydroelastic contact under a quarter of the weight: of the Bolt, and the
+largest of smaller wheels.
 
-A step of Drake computes the patch where the wheel was; when the patch moves on by its half length sqrt(2 R d) or more
-in a step, the car rides up and loses grip. Wheels smaller than the Bolt's are therefore softer, in inverse proportion
-to the radius. Measured at steps of 5 ms: with R = 0.13 m and rear drive, accelerating with 3 m/s² to 9.5 m/s ends in a
-spin at 0.021 and 0.035, and is followed within 1.4 % at 0.055; a circle at 4 m/s² becomes 0.15 % wider.
+Drake computes the contact patch at the position of the wheel before the step. If the patch moves by its half length
+sqrt(2 R d) or more in a step, the vehicle lifts and loses grip. Wheels smaller than the Bolt's are therefore softer, in
+inverse proportion to the radius. Measured at steps of 5 ms with R = 0.13 m and rear drive: accelerating with 3 m/s² to
+9.5 m/s ends in a spin at 0.021 and 0.035, and follows the set-point within 1.4 % at 0.055; a circle at 4 m/s² becomes
+0.15 % wider.
 """
 
 POINT_COMPRESSION = 0.061
-"""The same in point contact: tyres of cars have about 200 kN/m, the Bolt's sits 20 mm deep."""
+"""Tyre compression over wheel radius in point contact: car tyres have about 200 kN/m, the Bolt's deflects by 20 mm."""
 
 ROBOT_MASS = 100.0
-"""Below it a vehicle is a robot without a hand wheel and a cabin; its estimates are those of model cars [kg]."""
+"""Mass below which a vehicle counts as a robot, without hand wheel and cabin; model cars give its estimates [kg]."""
 
 TURNING_CIRCLE = 4.0
 """Turning circle between kerbs of a road vehicle, in wheelbases.
 
-Of the 32 vehicles in tests/data/turning_circles.csv (city car to lorry of 12 t) the law has a median error of +1 %, a
-standard deviation of 7 %, and errors from -15 to +17 %. The track explains nothing that the wheelbase does not.
+For the 32 vehicles in tests/data/turning_circles.csv (city car to lorry of 12 t), the median error is +1 %, the
+standard deviation 7 %, and the errors range from -15 to +17 %. The track does not improve the fit.
 """
 
 ROBOT_STEERING = 0.42
 """Steering limit of a robot's inner wheel [rad]: F1TENTH 0.42, AutoRally 0.37, MuSHR 0.34, MIT racecar 0.3 to 0.34."""
 
 STEERING_MOST = 0.8
-"""Largest estimate of a steering limit [rad]; beyond it the joints of driven front wheels end."""
+"""Largest estimate of a steering limit [rad]; the joints of driven front wheels do not allow more."""
 
 YAW_COEFFICIENT = (0.09, 0.13)
 """Yaw inertia over mass x wheelbase x length: of robots and of road vehicles [-].
 
-For road vehicles this form is Burg's, with 0.127 (quoted by MacInnis et al., SAE 970951); four measured ones in
-tests/data/yaw_inertias.csv have 0.12 to 0.15. Model cars have their mass in the middle: F1TENTH 0.067, BARC 0.085 to
-0.106, ORCA and AutoRally 0.10. Between :data:`ROBOT_MASS` and twice of it the logarithm of the mass decides. The
-errors of the whole table have a median of -4 % and a standard deviation of 14 %; F1TENTH has the largest, +34 %.
+Burg uses this form for road vehicles with 0.127 (quoted by MacInnis et al., SAE 970951); the four measured vehicles in
+tests/data/yaw_inertias.csv have 0.12 to 0.15. Model cars have their mass near the middle: F1TENTH 0.067, BARC 0.085 to
+0.106, ORCA and AutoRally 0.10. Between :data:`ROBOT_MASS` and twice that mass, the coefficient is interpolated over the
+logarithm of the mass. Over the whole table the median error is -4 % and the standard deviation 14 %; the largest error
+is +34 % (F1TENTH).
 """
 
 STEERING_ERROR = 1e-3
-"""Deflection of a steering servo under the scrub moment of its tyre [rad]; tyres on contact friction do not slip."""
+"""Deflection of a steering servo under the scrub moment of its tyre [rad], for tyres without a slip model."""
 
 STEERING_FREQUENCY = 10.0
-"""Least natural frequency of a steering servo with its wheel [Hz]; it is damped far beyond the aperiodic limit."""
+"""Smallest natural frequency of a steering servo with its wheel [Hz]; the servo is strongly overdamped."""
 
 HOW: dict[str, str] = {
     "length": "estimated: 1.65 wheelbases (Bolt 1.60, Escape 1.69, MKZ 1.73), at least 2.6 wheel radii longer than one",
     "width": "estimated: 1.03 x (track + wheel width); Bolt 1.765 m of 1.716 m",
     "height": "estimated: 4.6 wheel radii (Bolt 4.9, MKZ 4.5, Unior 4.4)",
     "ground_clearance": "estimated: 0.45 wheel radii; Bolt 0.15 m",
-    "arch_half": "estimated: a tyre turned to the steering limit, and 0.1 wheel radii of air",
+    "arch_half": "estimated: reach of a tyre at the steering limit, plus a clearance of 0.1 wheel radii",
     "front_axle_share": "estimated: 0.5, the mean of front-driven (Bolt 0.56) and rear-driven cars",
-    "com_height": "estimated: 0.37 of the height as in cars without floor battery, at most 0.45 tracks so that the car "
-    "slides before it tips",
+    "com_height": "estimated: 0.37 of the height as in cars without a floor battery, at most 0.45 tracks so that "
+    "the vehicle slides before it rolls over",
     "wheel_mass": "estimated: 283 kg per m³ of wheel cylinder (Bolt 20 kg), at most 2.5 % of the mass (Unior 2.1 %)",
     "knuckle_mass": "estimated: half a wheel, as the Bolt's (10 kg)",
     "kingpin_offset": "estimated: scrub radius of 0.06 wheel radii; Bolt 0.02 m",
@@ -79,36 +80,35 @@ HOW: dict[str, str] = {
     "F1TENTH, BARC, AutoRally",
     "roll_inertia": "estimated: body as a homogeneous box, plus wheels and knuckles",
     "pitch_inertia": "estimated: body as a homogeneous box, plus wheels and knuckles",
-    "tyre_modulus": "estimated: a wheel under a quarter of the weight is pressed in by 0.021 radii (Bolt); a smaller "
-    "wheel than 0.32 m by up to 0.055 radii, so that its patch is long enough for steps of 5 ms",
+    "tyre_modulus": "estimated: compression of 0.021 radii under a quarter of the weight (Bolt); up to 0.055 radii for "
+    "radii below 0.32 m, so that the patch is long enough for steps of 5 ms",
     "tyre_resolution": "estimated: 0.155 wheel radii; Bolt 0.05 m",
-    "tyre_dissipation": "estimated: 0.85 over the speed at which the tread meets the road at top speed, so that the "
-    "patch stays whole; Bolt 0.1 s/m",
-    "tyre_point_stiffness": "estimated: a wheel under a quarter of the weight is pressed in by 0.061 radii; "
-    "Bolt 2e5 N/m",
+    "tyre_dissipation": "estimated: 0.85 over the speed of the tread towards the road at top speed, so that the "
+    "patch does not break up; Bolt 0.1 s/m",
+    "tyre_point_stiffness": "estimated: compression of 0.061 radii under a quarter of the weight; Bolt 2e5 N/m",
     "friction": "estimated: 0.9, a car tyre on dry asphalt (Bolt 0.82 to 1.04)",
     "rolling_resistance": "estimated: 0.01, a common car tyre (Bolt 0.0073, Audibot 0.01)",
     "max_torque": "estimated: half the weight as thrust, 0.5 m g R (Bolt 0.495)",
     "max_power": "estimated: full torque up to 0.45 of the top speed, as the Bolt (93 W/kg)",
     "brake_torque": "estimated: 1.5 times the weight as braking force, so that the tyres limit the braking (Bolt 1.56)",
-    "brake_front_share": "estimated: the front axle's part of the load when braking at 0.5 g",
+    "brake_front_share": "estimated: load share of the front axle when braking with 0.5 g",
     "steering_effort": "estimated: 0.8 x wheel load x wheel radius (Bolt 1000 N m)",
     "steering_rate": "estimated: 0.16 m/s over the wheel radius (Bolt 0.5 rad/s, F1TENTH 3.2 rad/s)",
-    "steering_motor_damping": "estimated: its torque over a speed without load of four times its rate, as the Unior's "
-    "motors (data sheet: 4.1)",
-    "steering_motor_inertia": "estimated: 16 ms x that resistance, as the Unior's motors; with the wheel a joint lags "
-    "by 20 to 25 ms",
-    "steering_ratio": "estimated: hand wheel of 8.2 rad to each side (MKZ) over the steering limit; 1 below 100 kg, "
-    "where there is no hand wheel",
+    "steering_motor_damping": "estimated: torque over the no-load speed, which is four times the rate, as of the "
+    "Unior's motors (data sheet: 4.1)",
+    "steering_motor_inertia": "estimated: 16 ms x the damping of the motor, as of the Unior's motors; with the "
+    "wheel, a joint lags by 20 to 25 ms",
+    "steering_ratio": "estimated: 8.2 rad of the hand wheel to each side (MKZ) over the steering limit; 1 below "
+    "100 kg, without a hand wheel",
     "steering_stiffness": "estimated: 1 mrad under the scrub moment of the tyre, friction x load x the root of an "
     "eighth of the patch's diagonal squared plus the scrub radius squared; at least 10 Hz with the wheel",
     "handling_steering_stiffness": "estimated: 39 per rad x wheel load x wheel radius (Bolt 5e4 N m/rad), as compliant "
     "as a real steering; at least 10 Hz with the wheel",
     "steering_damping": "estimated: time constant 0.02 s, one period of the controllers, as the Bolt",
     "handling_steering_damping": "estimated: time constant 0.02 s, one period of the controllers",
-    "handling_steering_rate": "estimated: 2.5 times the rate of a vehicle that drives itself; a driver turns the hand "
-    "wheel with 1200 deg/s (FMVSS 126), AutoRally's servo 8 rad/s",
-    "wheel_speed_limit": "estimated: 130 rad/s as the Bolt (a turn in ten steps of 5 ms), at most 45 m/s",
+    "handling_steering_rate": "estimated: 2.5 times the rate of an automated vehicle; drivers reach 1200 deg/s at "
+    "the hand wheel (FMVSS 126), the servo of AutoRally 8 rad/s",
+    "wheel_speed_limit": "estimated: 130 rad/s as the Bolt (one revolution in ten steps of 5 ms), at most 45 m/s",
     "wheel_servo_gain": "estimated: time constant 0.42 s for a car, with the root of the wheel radius (Bolt 200)",
     "speed_kp": "estimated: 1, as the Bolt",
     "speed_ki": "estimated: 1 per s for a car, over the root of the wheel radius",
@@ -134,33 +134,33 @@ HOW: dict[str, str] = {
     "patch_half_length": "estimated: 0.2 wheel radii, as tyres of cars",
     "assist_speed": "estimated: 2 m/s for a car, with the root of the wheel radius",
     "stability_gain": "estimated: with mass x wheel radius x root of the wheel radius; the Bolt has 2e4 N m s/rad",
-    "stability_dead_band": "estimated: 0.05 rad/s for a wheelbase of 2.6 m, with 1 / root of the wheelbase, as yaw rates",
+    "stability_dead_band": "estimated: 0.05 rad/s for a wheelbase of 2.6 m, over the root of the wheelbase",
     "stability_torque": "estimated: 0.3 of the weight x wheel radius; a car like the Bolt 1500 N m",
     "relaxation_x": "estimated: 0.5 wheel radii",
     "relaxation_y": "estimated: 1.3 wheel radii; cars 0.3 to 0.6 m",
 }
-"""One line for each field of :class:`Estimates`: how it was found. They go into ``sources`` and README files."""
+"""How each field of :class:`Estimates` is estimated; the text of ``sources`` in vehicle.yaml and of the README."""
 
 
 @dataclass(frozen=True)
 class Estimates:
-    """Estimates of what was not given; what was given is repeated. SI, vehicle frame of :mod:`mirdrake.vehicles`.
+    """Estimated parameters of a vehicle, and the given ones. SI units, vehicle frame of :mod:`mirdrake.vehicles`.
 
     Attributes:
-        length: over all [m].
-        width: without mirrors [m].
-        height: above the road [m].
-        ground_clearance: [m].
-        arch_half: half length of a front wheel's arch [m].
-        front_axle_share: part of the weight on the front axle at rest [-].
+        length: overall length [m].
+        width: overall width without mirrors [m].
+        height: height above the road [m].
+        ground_clearance: height of the underside [m].
+        arch_half: half length of a front wheel arch [m].
+        front_axle_share: share of the weight on the front axle at rest [-].
         com_height: centre of mass of the whole vehicle above the road [m].
         wheel_mass: one wheel with tyre [kg].
         knuckle_mass: one steering knuckle with hub and brake [kg].
-        kingpin_offset: steering axis inside the wheel's middle plane, on the road: the scrub radius [m].
+        kingpin_offset: scrub radius: distance of the steering axis from the wheel's middle plane, on the road [m].
         inertia_edges: edges along x, y, z of a homogeneous box with the body's inertia [m].
-        yaw_inertia: whole vehicle, about its centre of mass [kg m²].
-        roll_inertia: the same about x.
-        pitch_inertia: the same about y.
+        yaw_inertia: of the whole vehicle about its centre of mass [kg m²].
+        roll_inertia: of the whole vehicle about x [kg m²].
+        pitch_inertia: of the whole vehicle about y [kg m²].
         tyre_modulus: hydroelastic modulus of the wheel mesh of :mod:`mirdrake.plant.wheel_shape` [Pa].
         tyre_resolution: Drake's mesh hint [m].
         tyre_dissipation: Hunt-Crossley dissipation [s/m].
@@ -170,16 +170,16 @@ class Estimates:
         max_torque: of the powertrain, at the driven wheels together [N m].
         max_power: of the powertrain [W].
         brake_torque: all four wheels together [N m].
-        brake_front_share: part of it on the front axle [-].
+        brake_front_share: share of the brake torque on the front axle [-].
         steering_effort: of one steering joint [N m].
         steering_rate: at the road wheel [rad/s].
-        steering_motor_damping: resistance of one steering motor, at the road wheel [N m s/rad].
-        steering_motor_inertia: of its rotor, at the road wheel [kg m²].
+        steering_motor_damping: damping of one steering motor, at the road wheel [N m s/rad].
+        steering_motor_inertia: rotor inertia of one steering motor, at the road wheel [kg m²].
         steering_ratio: hand wheel to road wheel [-].
         steering_stiffness: of one steering servo, with tyres on contact friction [N m/rad].
         steering_damping: of one steering servo [N m s/rad].
-        handling_steering_stiffness: the same with tyres that slip.
-        handling_steering_damping: the same.
+        handling_steering_stiffness: of one steering servo in the handling variant [N m/rad].
+        handling_steering_damping: of one steering servo in the handling variant [N m s/rad].
         handling_steering_rate: at the road wheel [rad/s].
         wheel_speed_limit: [rad/s].
         wheel_servo_gain: of one driven wheel [N m s/rad].
@@ -189,22 +189,22 @@ class Estimates:
         max_acceleration: of the speed set-point [m/s²].
         max_deceleration: of the speed set-point [m/s²].
         drag_area: drag coefficient times frontal area [m²].
-        carrier_mass: of what moves up and down with a wheel on springs besides wheel and knuckle [kg].
-        suspension_travel: of a wheel up and down from where the vehicle stands [m].
+        carrier_mass: unsprung mass of a wheel besides wheel and knuckle [kg].
+        suspension_travel: wheel travel up and down from the design position [m].
         front_stiffness: of a front spring, at the wheel [N/m].
-        rear_stiffness: the same at the rear.
+        rear_stiffness: of a rear spring, at the wheel [N/m].
         front_damping: of a front damper, at the wheel [N s/m].
-        rear_damping: the same at the rear.
-        front_anti_roll: force of the bar on a front wheel over the difference of travel [N/m].
-        rear_anti_roll: the same at the rear.
+        rear_damping: of a rear damper, at the wheel [N s/m].
+        front_anti_roll: force of the front anti-roll bar on a wheel over the difference of travel [N/m].
+        rear_anti_roll: force of the rear anti-roll bar on a wheel over the difference of travel [N/m].
         front_load: of a front wheel at rest [N].
-        rear_load: the same at the rear.
+        rear_load: of a rear wheel at rest [N].
         front_cornering_stiffness: of a front tyre at that load [N/rad].
-        rear_cornering_stiffness: the same at the rear.
+        rear_cornering_stiffness: of a rear tyre at that load [N/rad].
         front_slip_stiffness: longitudinal, of a front tyre at that load [N].
-        rear_slip_stiffness: the same at the rear.
+        rear_slip_stiffness: longitudinal, of a rear tyre at that load [N].
         patch_half_length: half the length of a tyre's contact patch [m].
-        assist_speed: below it antilock brakes, traction and stability control do nothing [m/s].
+        assist_speed: lowest speed at which antilock brakes, traction and stability control act [m/s].
         stability_gain: of the stability control [N m s/rad].
         stability_dead_band: yaw-rate error that the stability control ignores [rad/s].
         stability_torque: its largest brake torque of one wheel [N m].
@@ -295,27 +295,28 @@ def estimate(
     power: float | None = None,
     top_speed: float | None = None,
 ) -> Estimates:
-    """Everything that a vehicle folder needs, from a few given numbers; :data:`HOW` says how.
+    """Estimate all parameters of a vehicle folder from a few given ones; see :data:`HOW`.
 
     Args:
         mass: of the whole vehicle [kg].
         wheelbase: [m].
-        track: between the contact centres of an axle's wheels; the mean if they differ [m].
+        track: between the contact centres of the wheels of an axle; the mean if the axles differ [m].
         wheel_radius: [m].
         wheel_width: of the tread [m].
-        height: above the road [m]; estimated if left out, as are the next two.
+        height: above the road [m]; this and the next two are estimated if None.
         length: over all [m].
         width: without mirrors [m].
         driven_wheels: 2 or 4.
         steering_limit: of the inner wheel [rad].
-        front_axle_share: part of the weight on the front axle [-]; one half if left out.
-        com_height: centre of mass of the whole vehicle above the road [m]; estimated if left out, as are the next ones.
+        front_axle_share: share of the weight on the front axle [-]; 0.5 if None.
+        com_height: centre of mass of the whole vehicle above the road [m]; this and the next ones are estimated if
+            None.
         yaw_inertia: of the whole vehicle [kg m²].
         power: of the powertrain [W].
         top_speed: [m/s].
 
     Raises:
-        ConfigError: no distribution of the mass has this yaw inertia.
+        ConfigError: no mass distribution has the given yaw inertia.
     """
     radius = wheel_radius
     load = mass * GRAVITY / 4.0

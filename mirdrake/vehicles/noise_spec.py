@@ -1,13 +1,13 @@
-"""Errors of a sensor as data sheets state them: white noise, bias, bias instability, random walk.
+"""Error models of sensors as in data sheets: white noise, bias, bias instability, random walk.
 
-A plain number is the standard deviation of a sample's white noise; a mapping says more:
+A plain number is the standard deviation of the white noise of a sample; a mapping sets the other terms:
 
 ::
 
     gyro_noise: {density: 0.005 deg/s/√Hz, bias: 0.2 deg/s, instability: 8 deg/h, correlation: 100 s}
 
-In the Allan deviation (IEEE Std 952-1997, annex C) `density` N is the line N/√τ, `instability` B a plateau whose
-highest point, at 1.89 x correlation, is B, and `walk` K the line K √(τ/3). Nothing of it depends on the rate.
+In the Allan deviation (IEEE Std 952-1997, annex C) `density` N is the line N/√τ, `instability` B a plateau with its
+maximum B at 1.89 x correlation, and `walk` K the line K √(τ/3). None of them depends on the sampling rate.
 """
 
 import re
@@ -26,7 +26,7 @@ Units = Mapping[str, float]
 
 
 def _to_si(value: Any, units: Units) -> Any:
-    """A number or a text such as ``"8 deg/h"`` in the SI unit of a table; anything else unchanged."""
+    """Return a number or a text such as ``"8 deg/h"`` in the SI unit of a table, and anything else unchanged."""
     if isinstance(value, bool):
         raise ValueError(f"a number in {next(iter(units))} is expected, not {str(value).lower()}")
     match = _NUMBER.fullmatch(value) if isinstance(value, str) else None
@@ -39,18 +39,22 @@ def _to_si(value: Any, units: Units) -> Any:
 
 
 class NoiseSpec(Schema):
-    """What a sensor adds to the truth, the same for all axes that share it. u is the unit of the quantity."""
+    """Error model of a measured quantity, applied to each axis. u is the unit of the quantity."""
 
     VALUE: ClassVar[Units] = {"1": 1.0}
     DENSITY: ClassVar[Units] = {"1/√Hz": 1.0}
     WALK: ClassVar[Units] = {"1/√s": 1.0}
 
-    white: float = Field(default=0.0, ge=0, description="[u] standard deviation of each sample, independent")
-    density: float | None = Field(default=None, ge=0, description="[u/√Hz] of the white noise, in place of `white`")
-    bias: float = Field(default=0.0, ge=0, description="[u] standard deviation of a constant that the seed draws")
-    instability: float = Field(default=0.0, ge=0, description="[u] of the bias: plateau of the Allan deviation")
-    correlation: Duration = Field(default=100.0, gt=0, description="[s] time over which the bias wanders")
-    walk: float = Field(default=0.0, ge=0, description="[u/√s] random walk: √t times it is its standard deviation")
+    white: float = Field(default=0.0, ge=0, description="[u] standard deviation of white noise, per sample")
+    density: float | None = Field(
+        default=None, ge=0, description="[u/√Hz] density of the white noise, instead of `white`"
+    )
+    bias: float = Field(default=0.0, ge=0, description="[u] standard deviation of a constant bias, drawn once per run")
+    instability: float = Field(default=0.0, ge=0, description="[u] bias instability: plateau of the Allan deviation")
+    correlation: Duration = Field(default=100.0, gt=0, description="[s] correlation time of the bias instability")
+    walk: float = Field(
+        default=0.0, ge=0, description="[u/√s] random walk: after time t its standard deviation is √t x walk"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -75,16 +79,16 @@ class NoiseSpec(Schema):
     @model_validator(mode="after")
     def _one_white(self) -> Self:
         if self.white and self.density is not None:
-            raise ValueError("white and density say the same; leave one of them out")
+            raise ValueError("white and density are both given; give one of them")
         return self
 
     def sample_deviation(self, rate: float) -> float:
-        """Standard deviation of the white noise of one sample [u] at a rate [Hz]."""
+        """Return the standard deviation of the white noise of one sample [u] at a rate [Hz]."""
         return self.white if self.density is None else self.density * sqrt(rate)
 
 
 class LengthNoise(NoiseSpec):
-    """Of a position, in m."""
+    """Error model of a position [m]."""
 
     VALUE: ClassVar[Units] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
     DENSITY: ClassVar[Units] = {"m/√Hz": 1.0, "mm/√Hz": 1e-3}
@@ -92,7 +96,7 @@ class LengthNoise(NoiseSpec):
 
 
 class SpeedNoise(NoiseSpec):
-    """Of a velocity, in m/s."""
+    """Error model of a velocity [m/s]."""
 
     VALUE: ClassVar[Units] = {"m/s": 1.0, "cm/s": 1e-2, "km/h": 1.0 / 3.6}
     DENSITY: ClassVar[Units] = {"m/s/√Hz": 1.0}
@@ -100,7 +104,7 @@ class SpeedNoise(NoiseSpec):
 
 
 class AngleNoise(NoiseSpec):
-    """Of an angle, in rad."""
+    """Error model of an angle [rad]."""
 
     VALUE: ClassVar[Units] = {"rad": 1.0, "deg": _DEGREE, "°": _DEGREE}
     DENSITY: ClassVar[Units] = {"rad/√Hz": 1.0, "deg/√Hz": _DEGREE}
@@ -108,7 +112,7 @@ class AngleNoise(NoiseSpec):
 
 
 class RateNoise(NoiseSpec):
-    """Of an angular rate, in rad/s; an angle random walk in deg/√h is a density."""
+    """Error model of an angular rate [rad/s]; an angle random walk in deg/√h is a density."""
 
     VALUE: ClassVar[Units] = {"rad/s": 1.0, "deg/s": _DEGREE, "deg/h": _DEGREE / _HOUR}
     DENSITY: ClassVar[Units] = {
@@ -118,7 +122,7 @@ class RateNoise(NoiseSpec):
 
 
 class AccelerationNoise(NoiseSpec):
-    """Of an acceleration, in m/s²; a velocity random walk in m/s/√h is a density."""
+    """Error model of an acceleration [m/s²]; a velocity random walk in m/s/√h is a density."""
 
     VALUE: ClassVar[Units] = {"m/s²": 1.0, "g": _G, "mg": 1e-3 * _G, "µg": 1e-6 * _G}
     DENSITY: ClassVar[Units] = {"m/s²/√Hz": 1.0, "mg/√Hz": 1e-3 * _G, "µg/√Hz": 1e-6 * _G, "m/s/√h": 1.0 / sqrt(_HOUR)}

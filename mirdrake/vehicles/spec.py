@@ -1,6 +1,6 @@
-"""The YAML files of a vehicle folder: vehicle.yaml, control.yaml and variants; sensors.yaml is in mounts.py.
+"""Schemas of the YAML files of a vehicle folder: vehicle.yaml, control.yaml, variants; for sensors.yaml see mounts.py.
 
-They hold what a URDF has no words for: which joint is which wheel, what drives and brakes, gains.
+They contain what a URDF cannot express: the role of each joint, powertrain and brakes, controller gains.
 Dimensions and masses are not repeated here; they are measured on the kinematics (:mod:`mirdrake.vehicles.geometry`).
 """
 
@@ -25,7 +25,7 @@ WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 
 
 class WheelJoints(Schema):
-    """The continuous joints of the four wheels, by place."""
+    """Continuous joints of the four wheels."""
 
     front_left: str
     front_right: str
@@ -33,81 +33,84 @@ class WheelJoints(Schema):
     rear_right: str
 
     def names(self) -> tuple[str, str, str, str]:
-        """Joint names in the order of :data:`WHEELS`."""
+        """Return the joint names in the order of :data:`WHEELS`."""
         return (self.front_left, self.front_right, self.rear_left, self.rear_right)
 
 
 class SteeringJoints(Schema):
-    """The revolute joints that turn the front wheels."""
+    """Revolute joints that steer the front wheels."""
 
     left: str
     right: str
 
     def names(self) -> tuple[str, str]:
-        """Joint names, left first."""
+        """Return the joint names, left first."""
         return (self.left, self.right)
 
 
 class Joints(Schema):
-    """Which joint of the URDF has which role."""
+    """Roles of the joints of the URDF."""
 
     wheels: WheelJoints
     steering: SteeringJoints
-    suspension: SuspensionJoints | None = Field(default=None, description="empty: the wheels do not move up and down")
+    suspension: SuspensionJoints | None = Field(default=None, description="null: rigid axles")
 
 
 class Steering(Schema):
-    """How one steering command becomes two wheel angles."""
+    """Steering geometry: from one steering command to two wheel angles."""
 
     law: Literal["ackermann", "unior", "unior_printed"] = Field(
-        default="ackermann", description="exact geometry, or a linkage: see mirdrake/controllers/ackermann.py"
+        default="ackermann", description="ackermann: exact geometry; unior, unior_printed: linkage of the Unior"
     )
     factor: float = Field(
-        default=0.5, gt=0, description="[-] angle of the directly set wheel over the input; unior laws only"
+        default=0.5, gt=0, description="[-] angle of the directly steered wheel over the input; unior laws only"
     )
     limit: Angle | None = Field(
-        default=None, gt=0, lt=1.5, description="[rad] limit of the inner wheel; empty: the joints' own limit"
+        default=None, gt=0, lt=1.5, description="[rad] steering limit of the inner wheel; null: limit of the joints"
     )
     rate: AngularRate | None = Field(
-        default=None, gt=0, description="[rad/s] limit at the road wheel; empty: the joints' own limit"
+        default=None, gt=0, description="[rad/s] steering rate limit at the road wheel; null: limit of the joints"
     )
-    ratio: float = Field(default=1.0, gt=0, description="[-] hand-wheel angle to road-wheel angle")
+    ratio: float = Field(default=1.0, gt=0, description="[-] steering ratio: hand-wheel angle over road-wheel angle")
 
 
 class VehicleSpec(Schema):
     """vehicle.yaml."""
 
-    name: str = Field(min_length=1, description="make and model, for titles")
+    name: str = Field(min_length=1, description="make and model, used in titles")
     grade: Literal["A", "B", "C"] = Field(
-        description="A: measured on the car; B: published figures, the rest assumed; C: mostly assumed"
+        description="quality of the data. A: measured on the vehicle; B: published figures, the rest assumed; C: "
+        "mostly assumed"
     )
-    licence: str = Field(min_length=1)
-    base_link: str = "base_link"
+    licence: str = Field(min_length=1, description="licence of the model")
+    base_link: str = Field(default="base_link", description="link on the road below the centre of the rear axle")
     joints: Joints
-    drive: Drive = Field(description="driven axle; the argument `drive` of the xacro follows it")
+    drive: Drive = Field(description="driven axle; also passed to xacro as the argument `drive`")
     steering: Steering
     tyres: TyreSpec
     powertrain: Powertrain
     brakes: Brakes
     aerodynamics: Aerodynamics
-    suspension: Suspension | None = Field(default=None, description="springs of the joints named as suspension")
+    suspension: Suspension | None = Field(
+        default=None, description="springs and dampers of the joints under joints.suspension"
+    )
     pedals: Pedals = Field(default_factory=Pedals)
     actuators: Actuators = Field(default_factory=Actuators)
     sources: dict[str, str] = Field(
         default_factory=dict,
-        description="dotted path of a number in this file -> where it is from, or why it is assumed",
+        description="dotted path of a number in this file -> its source, or why it is assumed",
     )
 
     def driven_wheels(self) -> tuple[str, ...]:
-        """Names of the driven wheels, in the order of :data:`WHEELS`."""
+        """Return the names of the driven wheels, in the order of :data:`WHEELS`."""
         return {"front": WHEELS[:2], "rear": WHEELS[2:], "all": WHEELS}[self.drive]
 
     def numbers_without_source(self) -> list[str]:
-        """Dotted paths of the numbers in this file that `sources` does not explain."""
+        """Return the dotted paths of the numbers in this file without an entry in `sources`."""
         return [path for path in _number_paths(self) if path not in self.sources]
 
     def sources_without_number(self) -> list[str]:
-        """What is wrong with entries of `sources` that explain nothing: one text each."""
+        """Return a message for each entry of `sources` that does not match a number in this file."""
         paths = list(_number_paths(self))
         return [f"'{path}'; {did_you_mean(path, paths)}" for path in self.sources if path not in paths]
 
@@ -125,21 +128,29 @@ def _number_paths(spec: Schema, prefix: str = "") -> Iterator[str]:
 
 
 class SpeedControl(Schema):
-    """Loop around the vehicle's speed: a PI controller that trims the set-point of the wheels' speed."""
+    """Outer speed loop: a PI controller that corrects the set-point of the wheel speed."""
 
-    kp: float = Field(default=0.5, ge=0, description="[-] extra set-point per speed error")
-    ki: float = Field(default=0.5, ge=0, description="[1/s]")
-    max_correction: Speed = Field(default=2.0, ge=0, description="[m/s] limit of the trim, and of its integral")
-    max_acceleration: Acceleration = Field(default=3.0, gt=0, description="[m/s²] slope of the set-point, faster")
-    max_deceleration: Acceleration = Field(default=5.0, gt=0, description="[m/s²] slope of the set-point, slower")
+    kp: float = Field(default=0.5, ge=0, description="[-] proportional gain: correction over speed error")
+    ki: float = Field(default=0.5, ge=0, description="[1/s] integral gain")
+    max_correction: Speed = Field(
+        default=2.0, ge=0, description="[m/s] limit of the correction and of its integral part"
+    )
+    max_acceleration: Acceleration = Field(
+        default=3.0, gt=0, description="[m/s²] largest slope of the speed set-point when accelerating"
+    )
+    max_deceleration: Acceleration = Field(
+        default=5.0, gt=0, description="[m/s²] largest slope of the speed set-point when decelerating"
+    )
 
 
 class Beliefs(Schema):
-    """Dimensions that the controllers calculate with in place of the model's own; empty: the model's."""
+    """Dimensions that the controllers assume; null: those of the model."""
 
-    wheelbase: Length | None = Field(default=None, gt=0, description="[m]")
-    track: Length | None = Field(default=None, gt=0, description="[m] of both axles, and between the steering axes")
-    wheel_radius: Length | None = Field(default=None, gt=0, description="[m] of all wheels, when rolling")
+    wheelbase: Length | None = Field(default=None, gt=0, description="[m] assumed wheelbase")
+    track: Length | None = Field(
+        default=None, gt=0, description="[m] assumed track of both axles, and distance of the steering axes"
+    )
+    wheel_radius: Length | None = Field(default=None, gt=0, description="[m] assumed rolling radius of all wheels")
 
 
 @dataclass(frozen=True)
@@ -164,8 +175,10 @@ class RuntimeGain:
 class ControlSpec(Schema):
     """control.yaml."""
 
-    rate: Frequency = Field(default=50.0, gt=0, le=10_000, description="[Hz] of every controller")
-    dead_man: Duration = Field(default=0.2, gt=0, description="[s] without a command until zero speed is commanded")
+    rate: Frequency = Field(default=50.0, gt=0, le=10_000, description="[Hz] sampling rate of all controllers")
+    dead_man: Duration = Field(
+        default=0.2, gt=0, description="[s] watchdog timeout: without a command for this time, zero speed is commanded"
+    )
     believes: Beliefs = Field(default_factory=Beliefs)
     speed: SpeedControl = Field(default_factory=SpeedControl)
     wheel_speed: Annotated[WheelSpeedControl, Field(discriminator="kind")]
@@ -196,10 +209,10 @@ class ControlSpec(Schema):
 
 
 class VariantSpec(Schema):
-    """variants/<name>.yaml: what is different from the folder's own files."""
+    """variants/<name>.yaml: the differences from the files of the folder."""
 
     description: str = Field(min_length=1, description="one line")
-    arguments: dict[str, str] = Field(default_factory=dict, description="of the xacro files")
-    vehicle: dict[str, Any] = Field(default_factory=dict, description="laid over vehicle.yaml")
-    control: dict[str, Any] = Field(default_factory=dict, description="laid over control.yaml")
-    sensors: dict[str, Any] = Field(default_factory=dict, description="laid over sensors.yaml")
+    arguments: dict[str, str] = Field(default_factory=dict, description="arguments of the xacro files")
+    vehicle: dict[str, Any] = Field(default_factory=dict, description="merged over vehicle.yaml")
+    control: dict[str, Any] = Field(default_factory=dict, description="merged over control.yaml")
+    sensors: dict[str, Any] = Field(default_factory=dict, description="merged over sensors.yaml")
