@@ -115,7 +115,7 @@ def test_starts_and_goals_are_free_and_connected(name: str, seed: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COUNTS)
 def test_a_world_is_sound(name: str) -> None:
-    assert [str(fault) for fault in check_world(name, patience=60.0)] == []
+    assert [str(fault) for fault in check_world(name, time_limit=60.0)] == []
 
 
 @pytest.mark.parametrize("name", RANDOM)

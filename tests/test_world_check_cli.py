@@ -43,16 +43,16 @@ def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     return run
 
 
-def test_a_sound_world_is_said_to_be_sound_with_its_ways(call: Call) -> None:
+def test_a_world_without_faults_is_reported_with_its_paths(call: Call) -> None:
     code, out, err = call(world_check, "w.yaml", "empty")
     assert (code, err) == (0, [])
     lines = out.splitlines()
     assert lines[0] == "w.yaml: sound, 3 props"
-    assert lines[1].startswith("  bolt has a way of 1")
+    assert lines[1].startswith("  bolt has a path of 1")
     assert lines[2] == "empty: sound"
 
 
-def test_all_faults_of_all_files_are_told_and_the_exit_code_is_2(call: Call) -> None:
+def test_all_faults_of_all_files_are_reported_and_the_exit_code_is_2(call: Call) -> None:
     Path("v.yaml").write_text(WORLD.replace("prop: cone", "prop: cne"), encoding="utf-8")
     code, out, err = call(world_check, "v.yaml", "w.yaml", "nothing", "-p", "x=0.9")
     assert (code, out) == (2, "")
@@ -69,7 +69,7 @@ def test_overrides_and_a_vehicle_reach_the_check(call: Call) -> None:
     assert code == 2
     assert "--vehicle: unknown vehicle 'blt'; did you mean 'bolt'?" in err[0]
     code, _, err = call(world_check, "w.yaml", "--set", "start.gate.at=[-3, 0]", "--vehicle", "mkz")
-    assert [line.partition(" at 'gate' stands in 'a'")[0].rpartition(": ")[2] for line in err] == ["bolt", "mkz"]
+    assert [line.partition(" at 'gate' overlaps 'a'")[0].rpartition(": ")[2] for line in err] == ["bolt", "mkz"]
 
 
 def test_check_without_world_finds_the_same(call: Call, capsys: pytest.CaptureFixture[str]) -> None:
@@ -79,7 +79,7 @@ def test_check_without_world_finds_the_same(call: Call, capsys: pytest.CaptureFi
     assert "'a' overlaps 'b'" in capsys.readouterr().err
 
 
-def test_show_writes_a_page_and_tells_the_faults(call: Call) -> None:
+def test_show_writes_a_page_and_reports_the_faults(call: Call) -> None:
     code, out, err = call(world_show, "w.yaml", "-p", "x=0.9", "--save", "w.html")
     assert (code, out) == (0, "w.html\n")
     assert len(err) == 1
@@ -88,12 +88,12 @@ def test_show_writes_a_page_and_tells_the_faults(call: Call) -> None:
     assert not Path("n.html").exists()
 
 
-def test_the_view_has_all_layers_and_buttons_switch_them(call: Call) -> None:
+def test_the_view_has_all_layers_and_buttons_toggle_them(call: Call) -> None:
     meshcat, view = show_found(examine("w.yaml", overrides=["params.x=0.9"]), port=0)
     for path in ("names/a", "collision", "faults/0 a b/needle", "starts/gate/head", "goals/exit", "visualizer"):
         assert meshcat.HasPath(f"/drake/{path}"), path
-    assert meshcat.HasPath("/drake/ways/0 bolt gate exit")
-    assert view.shown == {"Names": True, "Collision shapes": False, "Faults": True, "Ways": True}
+    assert meshcat.HasPath("/drake/paths/0 bolt gate exit")
+    assert view.shown == {"Names": True, "Collision shapes": False, "Faults": True, "Paths": True}
     assert set(LAYERS) == set(view.shown)
     assert not view.follow()
     meshcat._InjectWebsocketMessage(message=_click("Collision shapes"))

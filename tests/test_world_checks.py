@@ -18,9 +18,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.vehicles import load_vehicle
 from mirdrake.world_checks import Fault, check_world, examine, overlaps
-from mirdrake.world_checks.gaps import Passage
 from mirdrake.world_checks.obstacles import Body, Obstacle, Room
-from mirdrake.world_checks.search import search_way
+from mirdrake.world_checks.passages import Passage
+from mirdrake.world_checks.search import search_path
 from mirdrake.world_checks.separation import separate
 from mirdrake.worlds import PlacedProp, Prop, load_world, make_world
 from mirdrake.worlds.outlines import Outline, gap_between, outlines_of
@@ -146,9 +146,9 @@ def test_one_millimetre_of_overlap_is_found_with_depth_and_place_and_one_of_gap_
     assert "(w.yaml:4)" in fault.text
     assert "1 mm" in fault.text
     assert fault.depth == pytest.approx(0.001, rel=0.01)
-    assert fault.place is not None
+    assert fault.position is not None
     along = np.array([math.cos(0.5), math.sin(0.5)])
-    assert (np.array(fault.place[:2]) - [100, 50]) @ along == pytest.approx(1.0, abs=0.002)
+    assert (np.array(fault.position[:2]) - [100, 50]) @ along == pytest.approx(1.0, abs=0.002)
     assert shapely.Polygon(fault.polygon).buffer(0.002).contains(shapely.Point(100 + along[0], 50 + along[1]))
     assert pair(0.001, other=other, half=half) == []
 
@@ -206,7 +206,7 @@ worker.main()
     [
         ("import os; os.abort()", "signal 6"),
         ("sys.exit('assertion failed')", "assertion failed"),
-        ("time.sleep(60)", "no end after"),
+        ("time.sleep(60)", "did not end within"),
         ("raise RuntimeError('no such pair of shapes')", "no such pair of shapes"),
     ],
 )
@@ -217,7 +217,7 @@ def test_a_query_that_ends_its_process_is_a_fault_and_the_others_are_still_told(
     Path("killer.py").write_text(script, encoding="utf-8")
     monkeypatch.setattr(overlaps, "COMMAND", (sys.executable, "-P", "killer.py"))
     if "sleep" in what:
-        monkeypatch.setattr(overlaps, "PATIENCE", 4.0)
+        monkeypatch.setattr(overlaps, "TIME_LIMIT", 4.0)
     faults = check(
         """
         props:
@@ -241,7 +241,7 @@ def test_a_query_that_ends_its_process_is_a_fault_and_the_others_are_still_told(
 
 def test_if_no_process_starts_all_pairs_are_told_as_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(overlaps, "COMMAND", ("./no_such_program",))
-    monkeypatch.setattr(overlaps, "MOST_DEATHS", 2)
+    monkeypatch.setattr(overlaps, "MOST_FAILURES", 2)
     faults = check("props:\n  - {box: [2, 1, 1], line: {from: [0, 0], to: [6, 0], spacing: 1.5}}\n")
     assert [fault.kind for fault in faults] == ["unchecked"] * 4
 
@@ -493,7 +493,7 @@ def test_a_vehicle_may_stand_below_a_beam_and_on_a_bump_but_not_beyond_the_groun
     """
     faults = check(world, vehicle="bolt")
     assert texts(faults) == [("start", "w.yaml:5")]
-    assert "beyond the ground" in faults[0].text
+    assert "outside the ground" in faults[0].text
 
 
 def test_a_goal_in_a_wall_is_told() -> None:
@@ -528,12 +528,12 @@ def gap_world(width: float) -> str:
 def test_a_gap_narrower_than_the_car_is_no_way_and_half_a_metre_more_is_one(what: str) -> None:
     width = 2.0 * Body.of(load_vehicle("bolt")).half_width
     (fault,) = check(gap_world(width - 0.05) + what)
-    assert texts([fault]) == [("way", "w.yaml:13")]
-    assert "no way for bolt (1.76 m wide" in fault.text or "no way for bolt (1.77 m wide" in fault.text
+    assert texts([fault]) == [("unreachable", "w.yaml:13")]
+    assert "no path for bolt (1.76 m wide" in fault.text or "no path for bolt (1.77 m wide" in fault.text
     assert "1.71 m wide at (0.00, 0.00) m, between 'left' and 'right'" in fault.text
     found = examine(write(gap_world(width + 0.5) + what))
     assert found.faults == []
-    (way,) = found.ways
+    (way,) = found.paths
     assert (way.vehicle, way.start, way.goal) == ("bolt", "gate", "exit")
     assert way.length < 35.0
 
@@ -547,13 +547,13 @@ def test_the_margin_of_the_rule_counts() -> None:
 
 def test_a_goal_behind_walls_all_around_has_no_way() -> None:
     (fault,) = check(gap_world(0.0) + DRIVABLE)
-    assert texts([fault]) == [("way", "w.yaml:13")]
-    assert "nothing leads there" in fault.text
+    assert texts([fault]) == [("unreachable", "w.yaml:13")]
+    assert "the goal is enclosed" in fault.text
 
 
 def test_the_ground_ends_a_way() -> None:
     world = gap_world(0.0).replace("far_left, at: [0, 21.0]", "far_left, at: [0, 35.0]")
-    assert [fault.kind for fault in check(world + DRIVABLE)] == ["way"]
+    assert [fault.kind for fault in check(world + DRIVABLE)] == ["unreachable"]
     wide = world.replace("size: [50, 30]", "size: [50, 44]").replace("at: [0, 35.0]", "at: [0, 60.0]")
     assert check(wide + DRIVABLE) == []
 
@@ -579,12 +579,12 @@ rules:
 
 def test_a_corner_that_the_car_cannot_turn_is_no_way_though_it_is_wide_enough() -> None:
     (fault,) = check(TURN.format(width=2.4))
-    assert texts([fault]) == [("way", "w.yaml:15")]
+    assert texts([fault]) == [("unreachable", "w.yaml:15")]
     assert "cannot turn" in fault.text
     assert "turning radius 4.5 m" in fault.text
     found = examine(write(TURN.format(width=5.0)))
     assert found.faults == []
-    assert len(found.ways) == 1
+    assert len(found.paths) == 1
 
 
 def test_the_robot_turns_where_the_car_cannot() -> None:
@@ -593,8 +593,8 @@ def test_the_robot_turns_where_the_car_cannot() -> None:
 
 
 def test_a_search_that_is_given_up_is_told_as_that() -> None:
-    (fault,) = check(TURN.format(width=5.0), patience=0.0)
-    assert "was found within 0 s of computing" in fault.text
+    (fault,) = check(TURN.format(width=5.0), time_limit=0.0)
+    assert "none was found within 0 s of computing" in fault.text
 
 
 def test_a_way_may_lead_to_a_gate_of_a_track_and_to_a_start() -> None:
@@ -612,13 +612,13 @@ def test_a_way_may_lead_to_a_gate_of_a_track_and_to_a_start() -> None:
         )
     )
     assert found.faults == []
-    assert [(way.start, way.goal) for way in found.ways] == [("gate", "other"), ("gate", "line")]
-    assert found.ways[1].poses[-1, 0] == pytest.approx(30.0, abs=1.0)
+    assert [(way.start, way.goal) for way in found.paths] == [("gate", "other"), ("gate", "line")]
+    assert found.paths[1].poses[-1, 0] == pytest.approx(30.0, abs=1.0)
 
 
 def test_a_way_can_be_driven_it_is_smooth_and_the_box_is_free_all_along() -> None:
     world = load_world(write(gap_world(2.3) + DRIVABLE))
-    (way,) = examine(world).ways
+    (way,) = examine(world).paths
     body = Body.of(load_vehicle("bolt"))
     x, y, yaw = way.poses.T
     boxes = body.boxes(x, y, yaw)
@@ -654,8 +654,8 @@ def test_overrides_reach_the_world_and_its_tests() -> None:
     world = "params: {x: 9}\ngoals: {exit: {at: [$x, 0]}}\nprops:\n  - {prop: wall, at: [0, 5]}\n" + TEST
     assert check(world) == []
     (fault,) = check(world, overrides=("params.x=900",))
-    assert fault.kind == "way"
-    assert "'exit' lies beyond the ground" in fault.text
+    assert fault.kind == "unreachable"
+    assert "'exit' is outside the ground" in fault.text
     (fault,) = check(world, overrides=("params.z=1",))
     assert fault.kind == "test"
     assert "unknown parameter 'z'" in fault.text
@@ -729,7 +729,7 @@ def test_the_narrowest_place_is_found() -> None:
     assert not passage.is_open(0.66)
     gap = passage.narrowest(0.9)
     assert gap.width == pytest.approx(1.3, abs=0.01)
-    assert gap.place == pytest.approx((0.0, -0.05), abs=0.15)
+    assert gap.position == pytest.approx((0.0, -0.05), abs=0.15)
     assert gap.between == (0, 1)
 
 
@@ -737,6 +737,6 @@ def test_a_car_turns_round_in_a_street_by_reversing() -> None:
     walls = [shapely.box(-15, 4, 15, 4.2), shapely.box(-15, -4.2, 15, -4)]
     body = Body("car", -0.8, 3.4, 0.9, 1.6, 4.5)
     room = Room([Obstacle(0, Outline(w, 0.0, 0.0, 1.0)) for w in walls], (-15, -20, 15, 20), body, np.zeros((1, 2)))
-    found = search_way(room, (10.0, 0.0, 0.0), shapely.Point(-13.5, 0.0).buffer(0.5))
+    found = search_path(room, (10.0, 0.0, 0.0), shapely.Point(-13.5, 0.0).buffer(0.5))
     assert found.outcome == "found"
-    assert found.way[-1, 0] < -12.9
+    assert found.path[-1, 0] < -12.9

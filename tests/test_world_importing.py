@@ -752,7 +752,7 @@ def test_a_world_that_makes_the_solver_fail_is_found(tmp_path, monkeypatch):
     ):
         monkeypatch.setattr(first_steps_of, "COMMAND", (sys.executable, "-c", program))
         (fault,) = first_steps_of.find_first_step_fault(world, (), "bolt")
-        assert fault.kind == "steps"
+        assert fault.kind == "first_steps"
         assert re.search(words, fault.text)
         assert "crate" in fault.text
 

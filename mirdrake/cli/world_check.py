@@ -43,6 +43,6 @@ def run(options: argparse.Namespace) -> int:
         for track in result.world.tracks.values():
             for note in track.notes:
                 print(f"  {note}")
-        for way in result.ways:
-            print(f"  {way.vehicle} has a way of {way.length:.1f} m from '{way.start}' to '{way.goal}'")
+        for path in result.paths:
+            print(f"  {path.vehicle} has a path of {path.length:.1f} m from '{path.start}' to '{path.goal}'")
     return code

@@ -1,7 +1,7 @@
-"""A world in Meshcat with what a check of it found: overlaps in red, starts, goals, ways, names, collision shapes.
+"""A world in Meshcat with what a check of it found: overlaps in red, starts, goals, paths, names, collision shapes.
 
 In the scene tree, below ``drake``, are ``visualizer`` (what is seen), ``collision`` (what is felt), and ``names``,
-``faults``, ``starts``, ``goals``, ``ways``; each can be switched there, also in a saved page.
+``faults``, ``starts``, ``goals``, ``paths``; each can be switched there, also in a saved page.
 """
 
 import base64
@@ -35,14 +35,14 @@ from mirdrake.plant.plant import make_plant
 from mirdrake.viewer.meshcat import WORLD_PATH, make_meshcat, make_offline_meshcat
 from mirdrake.viewer.vehicle_view import PERIOD, SHAPE_COLOUR, STOP
 from mirdrake.world_checks import Examination, Fault
-from mirdrake.world_checks.ways import goal_area
+from mirdrake.world_checks.paths import goal_area
 from mirdrake.worlds import World
 from mirdrake.worlds.meshes import Array, fill
 
-LAYERS = {"Names": "KeyN", "Collision shapes": "KeyC", "Faults": "KeyF", "Ways": "KeyW"}
+LAYERS = {"Names": "KeyN", "Collision shapes": "KeyC", "Faults": "KeyF", "Paths": "KeyP"}
 """Buttons in Meshcat's controls, with the keys that press them."""
 
-_PATHS = {"Names": "names", "Collision shapes": "collision", "Faults": "faults", "Ways": "ways"}
+_PATHS = {"Names": "names", "Collision shapes": "collision", "Faults": "faults", "Paths": "paths"}
 _RED, _GREEN, _BLUE, _VIOLET = (
     Rgba(0.95, 0.05, 0.05, 0.75),
     Rgba(0.05, 0.62, 0.20, 1.0),
@@ -51,7 +51,7 @@ _RED, _GREEN, _BLUE, _VIOLET = (
 )
 _MARKED = ("overlap", "start", "goal", "buried", "floating", "gap")
 _MOST_NAMES = 400  # labels; more of them cannot be read, and are slow
-_RIBBON = 0.15  # [m] width of a way
+_RIBBON = 0.15  # [m] width of a path
 
 
 class WorldView:
@@ -59,7 +59,7 @@ class WorldView:
 
     Args:
         meshcat: shows it.
-        found: the world, laid out, and its faults and ways.
+        found: the world, laid out, and its faults and paths.
         collision: show the collision shapes at first.
         names: show the names at first.
     """
@@ -67,7 +67,7 @@ class WorldView:
     def __init__(self, meshcat: Meshcat, found: Examination, *, collision: bool = False, names: bool = True) -> None:
         assert found.world is not None
         self._meshcat, self.world = meshcat, found.world
-        self.shown = {"Names": names, "Collision shapes": collision, "Faults": True, "Ways": True}
+        self.shown = {"Names": names, "Collision shapes": collision, "Faults": True, "Paths": True}
         self._clicks = dict.fromkeys(LAYERS, 0)
         self._low, self._high = _extent(found.world)
         self._size = max(float((self._high - self._low).max()), 8.0)
@@ -77,9 +77,9 @@ class WorldView:
             self._draw_fault(number, fault)
         self._draw_starts()
         self._draw_goals()
-        for number, way in enumerate(found.ways):
-            ribbon = shapely.LineString(way.poses[:, :2]).buffer(0.5 * _RIBBON)
-            self._fill(f"ways/{number} {way.vehicle} {way.start} {way.goal}", ribbon, 0.06, _VIOLET)
+        for number, path in enumerate(found.paths):
+            ribbon = shapely.LineString(path.poses[:, :2]).buffer(0.5 * _RIBBON)
+            self._fill(f"paths/{number} {path.vehicle} {path.start} {path.goal}", ribbon, 0.06, _VIOLET)
         for name, key in LAYERS.items():
             meshcat.AddButton(name, key)
         self._switch()
@@ -136,9 +136,9 @@ class WorldView:
 
     def _draw_fault(self, number: int, fault: Fault) -> None:
         """Red: the area that is covered twice, as high as the place, and a needle that can be seen from afar."""
-        if fault.place is None:
+        if fault.position is None:
             return
-        x, y, z = fault.place
+        x, y, z = fault.position
         base = f"faults/{number} {' '.join(fault.names) or fault.kind}"
         if len(fault.polygon) >= 3:
             area = shapely.Polygon(fault.polygon).buffer(0.02)

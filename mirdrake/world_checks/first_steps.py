@@ -1,7 +1,7 @@
-"""The first steps of a world with a car, in a process of their own, because some worlds end the process.
+"""First steps of a simulation with a car, in a separate process because some worlds end the process.
 
-As a program it takes a JSON text as its argument, ``{"world": path, "overrides": [text, ...], "vehicle": name, "start":
-name}``, and writes a line of JSON: ``{"fault": ""}``, or what went wrong.
+As a program it reads a JSON text as its argument, ``{"world": path, "overrides": [text, ...], "vehicle": name, "start":
+name}``, and writes a line of JSON: ``{"fault": ""}``, or the reason of the failure.
 """
 
 import json
@@ -13,27 +13,28 @@ from pathlib import Path
 import numpy as np
 
 from mirdrake.core.drake_errors import is_solver_failure
+from mirdrake.world_checks import sentences
 from mirdrake.world_checks.faults import Fault
 from mirdrake.worlds import World
 
 STEPS = 20
-PATIENCE = 120.0
-"""Wall time that the first steps may take [s]."""
+TIME_LIMIT = 120.0
+"""Wall time limit of the first steps [s]."""
 
 COMMAND: tuple[str, ...] = (sys.executable, "-m", "mirdrake.world_checks.first_steps")
-"""The process that makes them."""
+"""Command of the process."""
 
-_FASTEST = 30.0  # [m/s] of what stands or falls a tenth of a second long
+_FASTEST = 30.0  # [m/s] of a body that stands or falls for a tenth of a second
 _ROOT = str(Path(__file__).resolve().parents[2])
-_LIGHT, _HEAVY, _SMALL, _LARGE = 1e-3, 1e5, 5e-3, 200.0  # [kg], [m] of loose props that Drake steps well
+_LIGHT, _HEAVY, _SMALL, _LARGE = 1e-3, 1e5, 5e-3, 200.0  # [kg], [m] usual masses and sizes of bodies for Drake's solver
 
 
 def find_first_step_fault(world: World, overrides: tuple[str, ...], vehicle: str) -> list[Fault]:
-    """What happens in the first steps of a world with a car at its first start; nothing if it is sound.
+    """Return the fault of the first steps with a car at the first start, if they fail.
 
     Args:
-        world: laid out, from a file.
-        overrides: with which it was loaded.
+        world: the world, from a file.
+        overrides: overrides of the file.
         vehicle: name of the car.
     """
     if world.path is None:
@@ -44,18 +45,18 @@ def find_first_step_fault(world: World, overrides: tuple[str, ...], vehicle: str
     command = [*COMMAND, json.dumps(job)]
     try:
         done = subprocess.run(
-            command, capture_output=True, timeout=PATIENCE, check=False, env={**os.environ, "PYTHONPATH": paths}
+            command, capture_output=True, timeout=TIME_LIMIT, check=False, env={**os.environ, "PYTHONPATH": paths}
         )
     except subprocess.TimeoutExpired:
-        reason = f"{STEPS} steps take longer than {PATIENCE:.0f} s"
+        reason = f"{STEPS} steps take longer than {TIME_LIMIT:.0f} s"
     except OSError as error:
         reason = f"no process can be started: {error.strerror or error}"
     else:
         reason = _reason(done.stdout.decode(errors="replace"), done.returncode)
     if not reason:
         return []
-    text = f"{world.path.name}: the first steps with {vehicle} at '{job['start']}' fail: {reason}; {_advice(world)}"
-    return [Fault("steps", text)]
+    message = sentences.first_steps(vehicle, next(iter(world.starts)), reason, _advice(world))
+    return [Fault("first_steps", message, world.path.name)]
 
 
 def _reason(out: str, code: int) -> str:
@@ -70,30 +71,33 @@ def _reason(out: str, code: int) -> str:
 
 
 def _advice(world: World) -> str:
-    """What to look at: loose props of extreme size or mass, else those near each other."""
-    odd = []
+    """Return advice: bodies of extreme size or mass, else all bodies."""
+    unusual = []
     for placed in world.props:
         sides = [*np.ptp(np.concatenate([solid.corners for solid in placed.prop.solids]), axis=0)]
         extreme = not _LIGHT <= placed.prop.mass <= _HEAVY or min(sides) < _SMALL or max(sides) > _LARGE
         if not placed.static and extreme:
-            odd.append(f"'{placed.name}' ({placed.prop.mass:.3g} kg, {' x '.join(f'{side:.3g}' for side in sides)} m)")
-    if odd:
-        return f"make these static, or give them a usual size and mass: {', '.join(odd[:4])}{' …' * (len(odd) > 4)}"
+            unusual.append(
+                f"'{placed.name}' ({placed.prop.mass:.3g} kg, {' x '.join(f'{side:.3g}' for side in sides)} m)"
+            )
+    if unusual:
+        names = f"{', '.join(unusual[:4])}{' …' * (len(unusual) > 4)}"
+        return f"make these props static, or give them a usual size and mass: {names}"
     loose = [placed.name for placed in world.props if not placed.static]
     if loose:
-        return f"make props static that overlap or touch others: {', '.join(loose[:4])}{' …' * (len(loose) > 4)}"
-    return "look for props of extreme size, or without a volume"
+        return f"make props static that overlap or touch others, among: {', '.join(loose[:4])}{' …' * (len(loose) > 4)}"
+    return "check for props of extreme size, or without a volume"
 
 
 # --- the program --------------------------------------------------------------------------------------------------
 
 
 def main() -> None:
-    """Do the job of the argument."""
+    """Simulate the steps of the job in the argument."""
     job = json.loads(sys.argv[1])
     try:
         fault = _step(job["world"], job["overrides"], job["vehicle"], job["start"])
-    except (RuntimeError, ValueError) as error:  # Drake's words name no prop
+    except (RuntimeError, ValueError) as error:  # texts of Drake do not name the prop
         fault = "Drake's solver does not converge" if is_solver_failure(str(error)) else "Drake cannot step the plant"
     sys.stdout.write(json.dumps({"fault": fault}) + "\n")
 

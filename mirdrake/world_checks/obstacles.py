@@ -1,4 +1,4 @@
-"""What is in a vehicle's way, and where its box fits: exactly, and quickly by a grid of distances."""
+"""Obstacles of a vehicle, and poses at which its bounding box is free: exactly, and quickly by a grid of distances."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ _FINEST = 0.1  # [m] side of a cell
 
 @dataclass(frozen=True)
 class Body:
-    """A vehicle as the search sees it: a box about its x axis, and a turning circle.
+    """A vehicle for the search of paths: a box about its x axis, and a turning circle.
 
     Attributes:
         name: of the vehicle.
@@ -35,7 +35,7 @@ class Body:
         front: x of its front end in B [m].
         half_width: half of its width [m].
         height: of its top [m].
-        radius: of the smallest circle on which the middle of its rear axle can go [m].
+        radius: smallest turning radius of the middle of its rear axle [m].
     """
 
     name: str
@@ -47,29 +47,29 @@ class Body:
 
     @classmethod
     def of(cls, vehicle: Vehicle, *, name: str = "") -> "Body":
-        """That of a vehicle: its collision shapes, and its steering limit."""
+        """Return the box of a vehicle's collision shapes, and its turning radius."""
         box, steering = outline_of(vehicle), Ackermann(vehicle.geometry)
         radius = steering.wheelbase / math.tan(steering.limit)
         return cls(name or vehicle.name, box.rear, box.front, box.half_width, box.height, radius)
 
     @property
     def text(self) -> str:
-        """For messages: its name and size."""
+        """Its name and size, for messages."""
         return (
             f"{self.name} ({2.0 * self.half_width:.2f} m wide, {self.front - self.rear:.2f} m long, turning radius "
             f"{self.radius:.1f} m)"
         )
 
     def wider(self, margin: float) -> "Body":
-        """With a margin [m] on all sides."""
+        """Return the box with a margin [m] on all sides."""
         return replace(self, rear=self.rear - margin, front=self.front + margin, half_width=self.half_width + margin)
 
     def boxes(self, x: Array, y: Array, yaw: Array) -> NDArray[np.object_]:
-        """Its box at poses (n), as polygons in W."""
+        """Return its box at poses (n), as polygons in W."""
         return np.asarray(shapely.polygons(self.corners(x, y, yaw)))
 
     def corners(self, x: Array, y: Array, yaw: Array) -> Array:
-        """Corners of its box at poses (n): (n, 4, 2) in W [m]."""
+        """Return the corners of its box at poses (n): (n, 4, 2) in W [m]."""
         ahead = np.array([self.rear, self.front, self.front, self.rear])
         left = np.array([-1.0, -1.0, 1.0, 1.0]) * self.half_width
         c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
@@ -78,19 +78,21 @@ class Body:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A solid in a vehicle's way."""
+    """A solid that is an obstacle: index of its prop, and its outline at the vehicle's heights."""
 
     prop: int
     outline: Outline
 
 
 def obstacles_for(near: Neighbours, volume: Volume) -> list[Obstacle]:
-    """The solids that a vehicle cannot go over or below, at its heights."""
-    return [found for index in range(len(near.props)) for found in obstacles_of(near, index, volume.low, volume.high)]
+    """Return the solids that a vehicle cannot pass over or below, cut at its heights."""
+    return [
+        obstacle for index in range(len(near.props)) for obstacle in obstacles_of(near, index, volume.low, volume.high)
+    ]
 
 
 def obstacles_of(near: Neighbours, index: int, low: float, high: float) -> list[Obstacle]:
-    """Those of one prop between two heights [m]."""
+    """Return the solids of one prop between two heights [m]."""
     placed = near.props[index]
     if placed.prop.driven_over or placed.top <= low or placed.bottom >= high:
         return []
@@ -98,14 +100,13 @@ def obstacles_of(near: Neighbours, index: int, low: float, high: float) -> list[
 
 
 class Room:
-    """Where a body has room among obstacles.
+    """Free space of a vehicle among obstacles.
 
     Args:
-        obstacles: in the way.
+        obstacles: the obstacles.
         extent: of the ground: smallest x, y, largest x, y [m].
-        body: of the vehicle, with its margin.
-        around: points that must be looked at, (n, 2) in W [m]; the grid reaches so far around them and the obstacles
-            that the vehicle can pass and turn.
+        body: the vehicle, with its margin.
+        around: points that the grid must cover, (n, 2) in W [m], with room to pass and turn around them and obstacles.
     """
 
     def __init__(self, obstacles: Sequence[Obstacle], extent: Bounds, body: Body, around: Array) -> None:
@@ -126,11 +127,11 @@ class Room:
 
     @cached_property
     def distance(self) -> Array:
-        """Distance of the cells of the grid (y, x) from obstacles and from the domain's edge [m], within 1.5 cells."""
+        """Distances of the cells of the grid (y, x) from obstacles and the domain's edge [m], accurate to 1.5 cells."""
         from scipy.ndimage import distance_transform_edt
 
         nx, ny = (int(n) for n in np.ceil((self.high - self.low) / self.cell))
-        free = np.zeros((ny + 2, nx + 2), dtype=bool)  # with a rim that is not
+        free = np.zeros((ny + 2, nx + 2), dtype=bool)  # with a border that is not free
         free[1:-1, 1:-1] = True
         reach = self.cell * math.sqrt(0.5)
         for area in self.areas:
@@ -148,7 +149,7 @@ class Room:
         return np.asarray(self.cell * distance_transform_edt(free)[1:-1, 1:-1])
 
     def clearance(self, x: Array, y: Array) -> Array:
-        """Distance of points from obstacles and from the edge [m], within 1.5 cells; 0 outside."""
+        """Return the distances of points from obstacles and the edge [m], accurate to 1.5 cells; 0 outside."""
         ny, nx = self.distance.shape
         i = np.floor((x - self.low[0]) / self.cell).astype(np.int64)
         k = np.floor((y - self.low[1]) / self.cell).astype(np.int64)
@@ -156,9 +157,9 @@ class Room:
         return np.where(inside, self.distance[np.clip(k, 0, ny - 1), np.clip(i, 0, nx - 1)], 0.0)
 
     def is_free(self, x: Array, y: Array, yaw: Array) -> Flags:
-        """Whether the body has room at poses (n).
+        """Return whether the vehicle is free at poses (n).
 
-        Discs on the grid of distances decide where it is clear; the box itself is tried where it is close.
+        Discs on the grid of distances decide clear cases; close ones are tested with the box itself.
         """
         body = self.body
         length = body.front - body.rear
@@ -174,14 +175,9 @@ class Room:
         return np.asarray(free)
 
     def fits(self, x: Array, y: Array, yaw: Array) -> Flags:
-        """Whether the box is free at poses (n), exactly."""
+        """Return whether the box is free at poses (n), exactly."""
         corners = self.body.corners(x, y, yaw)
         free = np.asarray(((corners >= self.low) & (corners <= self.high)).all(axis=(1, 2)))
         hit, _ = self._tree.query(shapely.polygons(corners), predicate="intersects")
         free[hit] = False
         return free
-
-    def touched(self, x: float, y: float, yaw: float) -> list[int]:
-        """The obstacles that the box at a pose is in."""
-        box = self.body.boxes(np.array([x]), np.array([y]), np.array([yaw]))[0]
-        return sorted(self._tree.query(box, predicate="intersects").tolist())

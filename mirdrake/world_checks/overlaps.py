@@ -1,11 +1,11 @@
-"""Props in the same place: with depth and place, on the very shapes that are simulated.
+"""Overlapping props, with depth and position, by the collision shapes of the simulation.
 
 ::
 
     boxes seen from above ──► outlines and heights ──► Drake's penetration queries in a process of their own
 
-The first two only rule out what is surely apart, so that a sound world does not start that process. If a query ends the
-process, the pair that did it is told, and a new process goes on with the others.
+The first two steps exclude pairs that cannot overlap, so that a world without faults does not start that process. If a
+query ends the process, its pair is reported, and a new process continues with the others.
 
 The depth of an overlap is the length of the shortest translation that separates the two props, see separation.py.
 """
@@ -26,19 +26,20 @@ from pydrake.geometry import Shape
 from pydrake.math import RigidTransform
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.world_checks.faults import Fault, amount, spot
+from mirdrake.world_checks import sentences
+from mirdrake.world_checks.faults import Fault, Position
 from mirdrake.world_checks.separation import Separation, separate
 from mirdrake.worlds import PlacedProp
 from mirdrake.worlds.outlines import Outline, gap_between, outlines_of
 
 LEAST_DEPTH = 1e-4
-"""Depth from which props overlap [m]; less is touching, and rounding."""
+"""Smallest depth of an overlap [m]; less is contact, or rounding."""
 
 UNCERTAIN = 1e-3
-"""Difference of the bounds of a depth from which both are reported [m]."""
+"""Difference of the bounds of a depth above which both are reported [m]."""
 
-PATIENCE = 10.0
-"""Time that all queries together may take, and 10 ms more for each [s]."""
+TIME_LIMIT = 10.0
+"""Time limit of all queries together [s]; 10 ms are added for each."""
 
 MOST_NEIGHBOURS = 100_000
 """Pairs of props whose bounding boxes touch that are examined."""
@@ -46,14 +47,14 @@ MOST_NEIGHBOURS = 100_000
 MOST_OVERLAPS = 200
 """Pairs of props that are reported as overlapping, or as closer than `min_gap`; the others are counted."""
 
-MOST_DEATHS = 8
-"""Queries that may end the process before the rest is given up."""
+MOST_FAILURES = 8
+"""Queries that may end the process before the others are skipped."""
 
 COMMAND: tuple[str, ...] = (sys.executable, "-P", str(Path(__file__).with_name("worker.py")))
 """The process that asks Drake."""
 
 _LIBRARY = re.compile(r"fcl|qhull|QH\d|\.(?:h|cc|cpp|c):|libccd|::", re.IGNORECASE)
-"""Words of FCL and Qhull, which name functions and no prop."""
+"""Texts of FCL and Qhull, which name functions instead of props."""
 
 _CHUNK = 256  # props whose neighbours are looked up at once
 
@@ -62,7 +63,7 @@ MayOverlap = Callable[[PlacedProp, PlacedProp], bool]
 
 
 class Neighbours:
-    """Which props of a world are near each other, and their outlines.
+    """Search for props of a world that are near each other, and their outlines.
 
     Args:
         props: of the world.
@@ -81,13 +82,13 @@ class Neighbours:
         self._tree = shapely.STRtree(shapely.box(xmin, ymin, xmax, ymax))
 
     def outlines(self, index: int) -> tuple[Outline, ...]:
-        """Of one prop, in the order of its solids."""
+        """Return the outlines of one prop, in the order of its solids."""
         if index not in self._outlines:
             self._outlines[index] = outlines_of(self.props[index])
         return self._outlines[index]
 
     def pairs(self, gap: float = 0.0) -> list[Pair]:
-        """Pairs of props whose boxes are within a gap [m] in x, y and z, the first one earlier in the file."""
+        """Return pairs of props whose bounding boxes are within a gap [m], the first one earlier in the file."""
         wide = self._bounds + gap * np.array([-1.0, -1.0, 1.0, 1.0])
         boxes = np.asarray(shapely.box(*wide.T))
         pairs: list[Pair] = []
@@ -106,12 +107,12 @@ class Neighbours:
                 return pairs[:MOST_NEIGHBOURS]
         return pairs
 
-    def at(self, area: BaseGeometry) -> list[int]:
-        """The props whose boxes seen from above touch that of an area."""
+    def touching(self, area: BaseGeometry) -> list[int]:
+        """Return the props whose bounding boxes seen from above touch that of an area."""
         return sorted(self._tree.query(area).tolist())
 
     def colliding(self, one: int, other: int) -> Iterator[Pair]:
-        """The solids of two props that are not surely apart, or touching."""
+        """Yield the pairs of solids of two props that may overlap."""
         for i, a in enumerate(self.outlines(one)):
             for j, b in enumerate(self.outlines(other)):
                 high = min(a.top, b.top) - max(a.bottom, b.bottom)
@@ -119,19 +120,19 @@ class Neighbours:
                     yield i, j
 
     def gap(self, one: int, other: int) -> float:
-        """Distance of two props seen from above [m]; negative: they overlap there."""
+        """Return the distance of two props seen from above [m], negative if they overlap."""
         return min(gap_between(a, b) for a in self.outlines(one) for b in self.outlines(other))
 
 
 def find_overlaps(near: Neighbours, may_overlap: MayOverlap) -> list[Fault]:
-    """Props that are in the same place, and those of which Drake could not say.
+    """Return the faults of props that overlap, and of those for which Drake gave no result.
 
     Args:
         near: the props.
-        may_overlap: whether two may.
+        may_overlap: whether two props may overlap.
     """
     props = near.props
-    questions: list[_Question] = []
+    queries: list[_Query] = []
     suspects = 0
     for a, b in near.pairs():
         if may_overlap(props[a], props[b]) or not (solids := list(near.colliding(a, b))):
@@ -139,26 +140,20 @@ def find_overlaps(near: Neighbours, may_overlap: MayOverlap) -> list[Fault]:
         suspects += 1
         if suspects > MOST_OVERLAPS:
             break
-        questions += [_Question((a, b), pair) for pair in solids]
-    answer = _ask(props, questions)
+        queries += [_Query((a, b), pair) for pair in solids]
+    answer = _ask(props, queries)
     faults = []
     for (a, b), hit in sorted(answer.hits.items()):
         if hit.depth > LEAST_DEPTH:
             separation = separate(props[a], props[b])
             if separation.depth > LEAST_DEPTH:
                 faults.append(_overlap(near, a, b, hit, separation))
-    told = {fault.names for fault in faults}
+    reported = {fault.names for fault in faults}
     for (a, b), reason in sorted(answer.failed.items()):
-        if (props[a].name, props[b].name) not in told:
+        if (props[a].name, props[b].name) not in reported:
             faults.append(_unchecked(props[a], props[b], reason))
     if suspects > MOST_OVERLAPS or near.is_crowded:
-        faults.append(
-            Fault(
-                "unchecked",
-                f"props: only the first {MOST_OVERLAPS} overlapping pairs, or the first {MOST_NEIGHBOURS} neighbouring "
-                "pairs, of props are examined; correct these, then check again",
-            )
-        )
+        faults.append(Fault("unchecked", sentences.too_many_pairs(MOST_OVERLAPS, MOST_NEIGHBOURS), "props"))
     return faults
 
 
@@ -167,16 +162,16 @@ def find_overlaps(near: Neighbours, may_overlap: MayOverlap) -> list[Fault]:
 
 @dataclass(frozen=True)
 class _Hit:
-    """The deepest overlap of two solids of two props: the solids, their depth by Drake [m], place in W [m]."""
+    """The deepest overlap of two solids of two props: the solids, their depth by Drake [m], position in W [m]."""
 
     solids: Pair
     depth: float
-    place: tuple[float, float, float]
+    position: Position
 
 
 @dataclass(frozen=True)
-class _Question:
-    """A solid of a prop and one of another."""
+class _Query:
+    """A pair of props and a pair of their solids."""
 
     props: Pair
     solids: Pair
@@ -188,8 +183,8 @@ class _Answer:
     failed: dict[Pair, str] = field(default_factory=dict)
 
 
-def _ask(props: Sequence[PlacedProp], questions: list[_Question]) -> _Answer:
-    """What Drake says; where a question ends the process, another one goes on with the next question."""
+def _ask(props: Sequence[PlacedProp], queries: list[_Query]) -> _Answer:
+    """Return the results of Drake; if a query ends the process, another process continues with the next one."""
     shapes: dict[str, tuple[int, Shape]] = {}
 
     def side(prop: int, number: int) -> tuple[int, RigidTransform]:
@@ -197,41 +192,41 @@ def _ask(props: Sequence[PlacedProp], questions: list[_Question]) -> _Answer:
         index, _ = shapes.setdefault(repr(solid.shape), (len(shapes), solid.shape))
         return index, props[prop].X_WP @ solid.X_PS
 
-    pairs = [(*side(q.props[0], q.solids[0]), *side(q.props[1], q.solids[1])) for q in questions]
+    pairs = [(*side(q.props[0], q.solids[0]), *side(q.props[1], q.solids[1])) for q in queries]
     known = [shape for _, shape in shapes.values()]
-    answer, done, deaths = _Answer(), 0, 0
-    while done < len(questions):
+    answer, done, failures = _Answer(), 0, 0
+    while done < len(queries):
         job = pickle.dumps({"shapes": known, "pairs": pairs[done:]})
-        hits, reason = _talk(job, PATIENCE + 0.01 * (len(questions) - done))
-        for question, hit in zip(questions[done:], hits, strict=False):
-            before = answer.hits.get(question.props)
+        hits, reason = _talk(job, TIME_LIMIT + 0.01 * (len(queries) - done))
+        for query, hit in zip(queries[done:], hits, strict=False):
+            before = answer.hits.get(query.props)
             if hit is not None and (before is None or hit[0] > before.depth):
-                answer.hits[question.props] = _Hit(question.solids, hit[0], (hit[1][0], hit[1][1], hit[1][2]))
+                answer.hits[query.props] = _Hit(query.solids, hit[0], (hit[1][0], hit[1][1], hit[1][2]))
         done += len(hits)
-        if done < len(questions):
-            answer.failed[questions[done].props] = reason
-            done, deaths = done + 1, deaths + 1
-        if deaths >= MOST_DEATHS and done < len(questions):
-            reason = f"not asked after {deaths} failures, the last: {reason}"
-            answer.failed |= {question.props: reason for question in questions[done:]}
+        if done < len(queries):
+            answer.failed[queries[done].props] = reason
+            done, failures = done + 1, failures + 1
+        if failures >= MOST_FAILURES and done < len(queries):
+            reason = f"skipped after {failures} failures, the last: {reason}"
+            answer.failed |= {query.props: reason for query in queries[done:]}
             break
     return answer
 
 
-def _talk(job: bytes, patience: float) -> tuple[list[Any], str]:
-    """Run the process with a job: its answers, and why there are not more of them."""
+def _talk(job: bytes, time_limit: float) -> tuple[list[Any], str]:
+    """Run the process with a job; return its results, and the reason if some are missing."""
     try:
         process = subprocess.Popen(COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     except OSError as error:
         return [], f"no process can be started: {error.strerror or error}"
     with process:
         try:
-            out, err = process.communicate(job, timeout=patience)
+            out, err = process.communicate(job, timeout=time_limit)
             reason = f"Drake's query ended its process ({_ending(process.returncode, err)})"
         except subprocess.TimeoutExpired:
             process.kill()
             out, _ = process.communicate()
-            reason = f"Drake's query had no end after {patience:.0f} s"
+            reason = f"Drake's query did not end within {time_limit:.0f} s"
     return [message["hit"] for message in _messages(out) if "hit" in message], reason
 
 
@@ -239,14 +234,14 @@ def _messages(out: bytes) -> Iterator[dict[str, Any]]:
     for line in out.decode(errors="replace").splitlines():
         try:
             message = json.loads(line)
-        except ValueError:  # Drake's own words, or half a line
+        except ValueError:  # text of Drake, or half a line
             continue
         if isinstance(message, dict):
             yield message
 
 
 def _ending(code: int, err: bytes) -> str:
-    """How a process ended: its signal, or its exit code and last message unless it is a library's."""
+    """Return how a process ended: its signal, or its exit code and last message unless it is a library's."""
     if code < 0:
         return f"signal {-code}"
     words = [line.strip() for line in err.decode(errors="replace").splitlines() if line.strip()]
@@ -258,24 +253,11 @@ def _overlap(near: Neighbours, a: int, b: int, hit: _Hit, separation: Separation
     one, other = near.props[a], near.props[b]
     shared = shapely.intersection(near.outlines(a)[hit.solids[0]].area, near.outlines(b)[hit.solids[1]].area)
     polygon = tuple((float(x), float(y)) for x, y in shapely.get_coordinates(shared.convex_hull)[:-1])
-    depth = amount(separation.depth)
-    if separation.depth - separation.least > UNCERTAIN:
-        depth = f"{amount(separation.least)} to {depth}"
-    text = (
-        f"{one.where}: '{one.name}' overlaps '{other.name}' ({place_of(other)}) by {depth} at "
-        f"{spot(*hit.place)}; move one of them, or allow it by a rule allow_overlap"
-    )
-    return Fault("overlap", text, (one.name, other.name), separation.depth, hit.place, polygon)
+    depth = separation.depth
+    least = separation.least if depth - separation.least > UNCERTAIN else depth
+    message = sentences.overlap(one, other, (least, depth), hit.position)
+    return Fault("overlap", message, one.where, (one.name, other.name), depth, hit.position, polygon)
 
 
 def _unchecked(one: PlacedProp, other: PlacedProp, reason: str) -> Fault:
-    text = (
-        f"{one.where}: whether '{one.name}' overlaps '{other.name}' ({place_of(other)}) is not known: {reason}; "
-        "move or turn one of them a little"
-    )
-    return Fault("unchecked", text, (one.name, other.name))
-
-
-def place_of(prop: PlacedProp) -> str:
-    """``file:line`` of a prop's entry."""
-    return prop.where.rpartition(": ")[0] or prop.where or "the world"
+    return Fault("unchecked", sentences.unchecked(one, other, reason), one.where, (one.name, other.name))

@@ -1,12 +1,11 @@
-"""Search for a way that a car can drive: arcs of its turning circle, wider ones and straights, ahead and back.
+"""Search for a path that a car can drive: arcs of two radii and straights, forwards and backwards.
 
 A hybrid A* (D. Dolgov, S. Thrun, M. Montemerlo, J. Diebel, "Path Planning for Autonomous Vehicles in Unknown
-Semi-structured Environments", 2010): states (x, y, yaw) are continuous, so that every way found can be driven; of all
-that fall into one cell of a lattice only the first is kept. Here whole batches of states of nearly equal cost are moved
-at once.
+Semi-structured Environments", 2010): states (x, y, yaw) are continuous, so that every path that is found can be driven;
+only the first state in each cell of a lattice is kept. Batches of states of nearly equal cost are expanded at once.
 
-What can be driven ahead can be driven back, so that a way from start to goal is one from goal to start. Where a search
-from the start has become large, one from everywhere in the goal may soon have nowhere to go: then there is no way.
+A path can be driven in both directions. If the search from the start becomes large, a search from all poses in the goal
+is tried: if that one ends early, there is no path.
 """
 
 import math
@@ -25,12 +24,12 @@ HEADINGS = 72
 """Cells of the lattice in yaw."""
 
 SEARCH_TIME = 6.0
-"""Computing time after which a search is given up [s]."""
+"""Default computing time of a search [s]."""
 
-_FIRST, _BACK = 150_000, 300_000  # states before the search from the goal, and states of that
-_HASTE = 2.0  # weight of what is still to go: a way that is a little longer, after a fiftieth of the states
-_BACKWARD, _SHIFT, _TURN = 1.5, 2.0, 1.05  # cost of going back, of changing the gear [m], of turning
-_SAMPLES = 3  # of a move that are tested
+_FIRST, _BACK = 150_000, 300_000  # states before the search from the goal, and states of that one
+_HASTE = 2.0  # weight of the remaining distance: slightly longer paths with a fiftieth of the states
+_BACKWARD, _SHIFT, _TURN = 1.5, 2.0, 1.05  # costs of reversing, of changing direction [m], of turning
+_SAMPLES = 3  # tested poses of a move
 _MOST_CELLS = 2e8
 
 Index = NDArray[np.int64]
@@ -38,32 +37,32 @@ Outcome = Literal["found", "none", "unknown"]
 
 
 @dataclass(frozen=True)
-class Result:
-    """What became of a search.
+class SearchResult:
+    """Result of a search.
 
     Attributes:
-        outcome: a way was found, there is none, or time was over.
-        way: poses (n, 3) of the vehicle's frame B: x, y [m], yaw [rad]; empty without a way.
-        nearest: x, y [m] of the place nearest to the goal that was reached.
+        outcome: a path was found, there is none, or the computing time is over.
+        path: poses (n, 3) of the vehicle's frame B: x, y [m], yaw [rad]; empty without a path.
+        nearest: x, y [m] of the position nearest to the goal that was reached.
     """
 
     outcome: Outcome
-    way: Array
+    path: Array
     nearest: tuple[float, float]
 
 
-def search_way(
-    room: Room, start: tuple[float, float, float], goal: BaseGeometry, *, patience: float = SEARCH_TIME
-) -> Result:
-    """A way from a pose to anywhere in an area, at any heading.
+def search_path(
+    room: Room, start: tuple[float, float, float], goal: BaseGeometry, *, time_limit: float = SEARCH_TIME
+) -> SearchResult:
+    """Search for a path from a pose to an area, with any heading at its end.
 
     Args:
-        room: where the vehicle has room.
-        start: x, y [m] and yaw [rad] of the vehicle's frame B, where it has room.
-        goal: area that B must reach; a tiny one is made as large as a cell of the lattice.
-        patience: computing time after which the search is given up [s].
+        room: free space of the vehicle.
+        start: x, y [m] and yaw [rad] of the vehicle's frame B, which must be free.
+        goal: area that B must reach; a small one is enlarged to a cell of the lattice.
+        time_limit: computing time [s].
     """
-    end = time.process_time() + patience
+    end = time.process_time() + time_limit
     lattice = _Lattice(room)
     if goal.area < math.pi * lattice.cell**2:
         goal = goal.buffer(lattice.cell)
@@ -77,11 +76,11 @@ def search_way(
             outcome = "none"
         else:
             outcome = ahead.run(10**9, end)
-    return Result(outcome, ahead.way(), ahead.nearest)
+    return SearchResult(outcome, ahead.path(), ahead.nearest)
 
 
 class _Lattice:
-    """Cells of (x, y, yaw), and the moves from one to others."""
+    """Cells of (x, y, yaw), and moves between them."""
 
     def __init__(self, room: Room) -> None:
         self.room, body = room, room.body
@@ -90,7 +89,7 @@ class _Lattice:
         self.cell = max(finest, body.half_width / 3.5, 0.04 * body.radius)
         self.shape = tuple(int(n) + 1 for n in np.ceil(size / self.cell))
         self.length = 2.2 * self.cell
-        """of a move [m]"""
+        """length of a move [m]"""
         moves = []
         for sign in (1.0, -1.0):
             for curvature in np.array([0.0, 0.5, -0.5, 1.0, -1.0]) / body.radius:
@@ -100,20 +99,20 @@ class _Lattice:
                 y = np.zeros_like(s) if curvature == 0.0 else (1.0 - np.cos(turn)) / curvature
                 moves.append(np.column_stack((x, y, turn)))
         self.moves = np.array(moves)
-        """(10, samples, 3): x [m], y [m] and yaw [rad] in the frame of the pose before"""
+        """(10, samples, 3): x [m], y [m] and yaw [rad] in the frame of the pose before the move"""
         self.is_back = np.arange(10) >= 5
         cost = self.length * np.where(self.is_back, _BACKWARD, 1.0)
         self.costs = cost * np.where(np.arange(10) % 5 == 0, 1.0, _TURN)
 
     def keys(self, poses: Array) -> Index:
-        """Cells of poses (..., 3) in the domain."""
+        """Return the cells of poses (..., 3) in the domain."""
         ij = np.floor((poses[..., :2] - self.room.low) / self.cell).astype(np.int64)
         ij = np.clip(ij, 0, np.array(self.shape) - 1)
         turn = np.floor(poses[..., 2] * (HEADINGS / (2.0 * math.pi)) + 0.5).astype(np.int64) % HEADINGS
         return np.asarray((ij[..., 0] * self.shape[1] + ij[..., 1]) * HEADINGS + turn)
 
     def poses_in(self, area: BaseGeometry) -> Array:
-        """One pose of every cell in an area where the vehicle has room."""
+        """Return one pose of every cell in an area in which the vehicle is free."""
         xmin, ymin, xmax, ymax = area.bounds
         steps = [max(1, math.ceil((high - low) / self.cell)) for low, high in ((xmin, xmax), (ymin, ymax))]
         xs, ys = (
@@ -129,9 +128,9 @@ class _Lattice:
 
 
 class _Guide:
-    """Distance to the goal around obstacles [m], for the middle of the box: what the search goes by.
+    """Heuristic of the search: distance to the goal around obstacles [m], for the centre of the box.
 
-    Only a guide: it may be a little too long, which costs a detour, never a way.
+    It may be slightly too long, which costs a detour but never a path.
     """
 
     def __init__(self, room: Room, goal: BaseGeometry) -> None:
@@ -175,7 +174,7 @@ class _Guide:
         self._x, self._y = goal.centroid.x, goal.centroid.y
 
     def __call__(self, poses: Array) -> Array:
-        """Distance to go from poses (n, 3) [m]."""
+        """Return the remaining distance from poses (n, 3) [m]."""
         x = poses[:, 0] + self._ahead * np.cos(poses[:, 2])
         y = poses[:, 1] + self._ahead * np.sin(poses[:, 2])
         i = np.floor((x - self._room.low[0]) / self._room.cell).astype(np.int64) // self._stride
@@ -189,7 +188,7 @@ class _Guide:
 
 
 class _Flood:
-    """States reached from some poses, in the order of cost and, with a guide, of what is still to go."""
+    """States reached from some poses, in the order of cost plus, with a guide, the remaining distance."""
 
     def __init__(self, lattice: _Lattice, poses: Array, guide: _Guide | None, goal: BaseGeometry | None) -> None:
         self._lattice, self._guide, self._goal = lattice, guide, goal
@@ -209,13 +208,13 @@ class _Flood:
         return self._nearest[1:]
 
     def has_reached(self, poses: Array) -> bool:
-        """Whether a cell at or beside a pose was reached."""
+        """Return whether a cell at or beside a pose was reached."""
         cell, turn = self._lattice.cell, 2.0 * math.pi / HEADINGS
         steps = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3) * [cell, cell, turn]
         return bool(self._seen[self._lattice.keys(poses[:, None, :] + steps)].any())
 
     def run(self, most: int, end: float) -> Outcome:
-        """Go on until the goal is reached, nothing is left, there are so many states, or computing time [s] is over."""
+        """Expand states until the goal is reached, none is left, or their number or the computing time [s] is over."""
         while self._waiting and self._found is None:
             if self._count > most or time.process_time() > end:
                 return "unknown"
@@ -224,20 +223,20 @@ class _Flood:
             self._move(number, poses, costs, back)
         return "found" if self._found is not None else "none"
 
-    def way(self) -> Array:
-        """Poses (n, 3) to the goal."""
+    def path(self) -> Array:
+        """Return the poses (n, 3) to the goal."""
         if self._found is None:
             return np.empty((0, 3))
         poses, parents = np.concatenate(self._poses), np.concatenate(self._parents)
         number, last = self._found
-        way = [last]
+        path = [last]
         while number >= 0:
-            way.append(poses[number])
+            path.append(poses[number])
             number = int(parents[number])
-        return np.array(way[::-1])
+        return np.array(path[::-1])
 
     def _move(self, number: Index, poses: Array, costs: Array, back: Flags) -> None:
-        """All moves of some states."""
+        """Expand some states by all moves."""
         lattice, room = self._lattice, self._lattice.room
         if self._reaches(poses, number):
             return
@@ -249,6 +248,7 @@ class _Flood:
         which = np.flatnonzero((inside & ~self._seen[keys]).ravel())
         if not len(which):
             return
+        # Only moves into new cells are tested; of several into one cell the cheapest is kept.
         state, move = which // len(lattice.moves), which % len(lattice.moves)
         samples = _moved(poses[state][:, None], c[state], s[state], lattice.moves[move])
         flat = samples.reshape(-1, 3)
@@ -262,7 +262,7 @@ class _Flood:
         self._add(samples[kept, -1], number[state], cost, lattice.is_back[move])
 
     def _reaches(self, poses: Array, number: Index) -> bool:
-        """Whether one of some states is in the goal; the first that is becomes the end of the way."""
+        """Return whether one of some states is in the goal; the first such state becomes the end of the path."""
         if self._goal is None:
             return False
         inside = np.flatnonzero(shapely.contains_xy(self._goal, poses[:, 0], poses[:, 1]))
@@ -275,7 +275,7 @@ class _Flood:
         return int(np.concatenate(self._parents)[number])
 
     def _add(self, poses: Array, parents: Index, costs: Array, back: Flags) -> None:
-        """Take down new states."""
+        """Add new states."""
         self._seen[self._lattice.keys(poses)] = True
         number = self._count + np.arange(len(poses))
         self._count += len(poses)
@@ -293,7 +293,7 @@ class _Flood:
 
 
 def _moved(poses: Array, c: Array, s: Array, moves: Array) -> Array:
-    """Poses (..., 3) after moves (..., 3) in their frames."""
+    """Return poses (..., 3) after moves (..., 3) in their frames."""
     x, y, yaw = (poses[..., i] for i in range(3))
     dx, dy, turn = (moves[..., i] for i in range(3))
     return np.stack((x + c * dx - s * dy, y + s * dx + c * dy, yaw + turn), axis=-1)

@@ -37,10 +37,10 @@ Vector = tuple[float, float, float]
 TOLERANCE = 5e-4
 """Difference of the bounds at which the search ends [m]."""
 
-_GAP = 1e-6  # [m] accuracy of a ray's end, and of coordinates relative to the sizes of the solids: 1e-9
-_MOST_CASTS = 1_000_000  # of rays against pairs of boxes; then the bounds reached so far are the result
-_MOST_LEVELS = 16  # of splitting: cones of 1e-5 rad
-_POLISHED = 16  # rays per level that are followed by one along the normal of the surface where they end
+_GAP = 1e-6  # [m] accuracy of a ray's end; at least 1e-9 of the size of the solids
+_MOST_CASTS = 1_000_000  # of rays against pairs of boxes, after which the search ends
+_MOST_LEVELS = 16  # of splitting, down to cones of 1e-5 rad
+_POLISHED = 16  # rays per level after which another one is cast along the normal at their end
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
-"""Program that asks Drake how deep shapes overlap; a process of its own, because some queries end the process.
+"""Program that computes overlaps of shapes by Drake, in a separate process because some queries end the process.
 
-It imports nothing but Drake, so that it starts quickly. A pickled job comes on standard input::
+It imports only Drake, so that it starts quickly. A pickled job is read from standard input::
 
     {"shapes": [shape, ...], "pairs": [(shape a, X_WA, shape b, X_WB), ...]}    shapes by their numbers
 
-For each pair it writes a line of JSON before the query, ``{"pair": 3}``, and one behind it: ``{"hit": null}``, or
+For each pair it writes a line of JSON before the query, ``{"pair": 3}``, and one after it: ``{"hit": null}``, or
 ``{"hit": [depth [m], [x, y, z] in W [m]]}``.
 """
 
@@ -18,7 +18,7 @@ from pydrake.math import RigidTransform
 
 
 class Couple:
-    """Two shapes that can be moved: frames of their own, or Drake would not look at props at rest."""
+    """Two shapes with moving frames, because Drake ignores pairs of anchored shapes."""
 
     def __init__(self, one: Shape, other: Shape) -> None:
         self._graph = SceneGraph()
@@ -33,7 +33,7 @@ class Couple:
         self._context = self._graph.CreateDefaultContext()
 
     def find_hit(self, X_WA: RigidTransform, X_WB: RigidTransform) -> list[Any] | None:
-        """Depth [m] and place in W [m] where the shapes overlap, None if they do not; found near the origin."""
+        """Return depth [m] and position in W [m] of an overlap, or None; computed near the origin for accuracy."""
         poses = FramePoseVector()
         poses.set_value(self._frames[0], RigidTransform())
         poses.set_value(self._frames[1], X_WA.inverse() @ X_WB)
@@ -45,17 +45,17 @@ class Couple:
 
 
 def main() -> None:
-    """Do the job of standard input."""
+    """Compute the overlaps of the job on standard input."""
     job = pickle.load(sys.stdin.buffer)
     shapes, couples = job["shapes"], {}
     for number, (a, X_WA, b, X_WB) in enumerate(job["pairs"]):
-        _say({"pair": number})
+        _write({"pair": number})
         if (a, b) not in couples:
             couples[a, b] = Couple(shapes[a], shapes[b])
-        _say({"hit": couples[a, b].find_hit(X_WA, X_WB)})
+        _write({"hit": couples[a, b].find_hit(X_WA, X_WB)})
 
 
-def _say(message: dict[str, Any]) -> None:
+def _write(message: dict[str, Any]) -> None:
     sys.stdout.write(json.dumps(message) + "\n")
     sys.stdout.flush()
 

@@ -39,7 +39,7 @@ from mirdrake.importing.worlds.text import report_text, world_text
 from mirdrake.vehicles.scaffold import check_name
 from mirdrake.world_checks import check_world
 from mirdrake.world_checks.overlaps import Neighbours
-from mirdrake.world_checks.standing import find_unsettled
+from mirdrake.world_checks.support import find_unsupported
 from mirdrake.worlds import World
 from mirdrake.worlds.loading import load_world
 from mirdrake.worlds.props import PlacedProp
@@ -229,7 +229,7 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
 
 def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, add_change: Callable[[Change], None]) -> bool:
     """Lower loose objects above the ground onto it, stacks together; return whether there were any."""
-    hanging = {fault.names[0] for fault in find_unsettled(Neighbours(props), None) if fault.kind == "floating"}
+    hanging = {fault.names[0] for fault in find_unsupported(Neighbours(props), None) if fault.kind == "floating"}
     loose = [prop for prop in props if prop.name in hanging and not prop.static]
     if not loose:
         return False
@@ -254,7 +254,7 @@ def _height_rules(props: list[PlacedProp], where: str, add_change: Callable[[Cha
     """Return tolerances for fixed objects above or below the ground in the source: name -> tolerance [m]."""
     near = Neighbours(props)
     off = {
-        fault.names[0]: math.ceil(100.0 * (fault.depth or 0.0) + 1.0) / 100.0 for fault in find_unsettled(near, None)
+        fault.names[0]: math.ceil(100.0 * (fault.depth or 0.0) + 1.0) / 100.0 for fault in find_unsupported(near, None)
     }
     fixed = {prop.name for prop in props if prop.static}
     off = {name: gap for name, gap in off.items() if name in fixed}

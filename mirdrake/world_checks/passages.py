@@ -1,7 +1,7 @@
-"""How wide the way is from one place to another: the narrowest place on the widest way.
+"""Width of passages: the bottleneck on the widest path between two positions.
 
-A disc of radius r can go from A to B if both lie in one part of what is left when all obstacles have grown by r. That
-is exact, but for the corners of the polygons that stand for discs, and quick; r is found by halving.
+A disc of radius r can move from A to B if both are in one part of the free space after all obstacles are grown by r.
+This is exact except for the polygons that replace discs; r is found by bisection.
 """
 
 from collections.abc import Sequence
@@ -16,27 +16,27 @@ _QUARTER = 8  # segments of a quarter of a disc
 
 
 @dataclass(frozen=True)
-class Gap:
-    """The narrowest place on the widest way.
+class Bottleneck:
+    """The narrowest position on the widest path.
 
     Attributes:
-        width: [m]; 0 if there is no way at all.
-        place: x, y in W [m], None if there is no way at all.
-        between: indices of the areas on both sides; none for the edge of the ground.
+        width: [m]; 0 if there is no path at all.
+        position: x, y in W [m], None if there is no path at all.
+        between: indices of the areas on both sides; the edge of the ground has none.
     """
 
     width: float
-    place: tuple[float, float] | None = None
+    position: tuple[float, float] | None = None
     between: tuple[int, ...] = ()
 
 
 class Passage:
-    """Between two places.
+    """Passage for a disc from a point to an area.
 
     Args:
-        areas: of obstacles.
-        domain: rectangle that must not be left.
-        start: x, y of a point [m].
+        areas: areas of obstacles.
+        domain: rectangle in which the disc stays.
+        start: x, y of the point [m].
         goal: area to reach.
     """
 
@@ -46,32 +46,32 @@ class Passage:
         self._areas, self._domain, self._start, self._goal = areas, domain, shapely.Point(start), goal
 
     def is_open(self, radius: float) -> bool:
-        """Whether a disc of a radius [m] can go."""
+        """Return whether a disc of a radius [m] can pass."""
         return self._ends(radius)[2]
 
-    def narrowest(self, radius: float) -> Gap:
-        """Where a disc of a radius [m], which cannot go, gets stuck; the domain's edge is an obstacle, too."""
+    def narrowest(self, radius: float) -> Bottleneck:
+        """Return where a disc of a radius [m] that cannot pass is stopped; the domain's edge is an obstacle, too."""
         low, high = 1e-3, radius
         if not self.is_open(low):
-            return Gap(0.0)
+            return Bottleneck(0.0)
         for _ in range(_STEPS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.is_open(middle) else (low, middle)
         here, there, _ = self._ends(high)
-        if here is None or there is None:  # it does not even stand at one of the ends
+        if here is None or there is None:  # it does not fit at one of the ends
             end = self._start if here is None else self._goal.centroid
             return self._at(end.x, end.y, low)
-        one, other = nearest_points(here, there)
-        return self._at(0.5 * (one.x + other.x), 0.5 * (one.y + other.y), low)
+        a, b = nearest_points(here, there)
+        return self._at(0.5 * (a.x + b.x), 0.5 * (a.y + b.y), low)
 
-    def _at(self, x: float, y: float, radius: float) -> Gap:
+    def _at(self, x: float, y: float, radius: float) -> Bottleneck:
         point = shapely.Point(x, y)
         far = shapely.distance(self._areas, point)
         near = [int(index) for index in far.argsort()[:2] if far[index] < 1.5 * radius + 0.1]
-        return Gap(2.0 * radius, (x, y), tuple(sorted(near)))
+        return Bottleneck(2.0 * radius, (x, y), tuple(sorted(near)))
 
     def _ends(self, radius: float) -> tuple[BaseGeometry | None, BaseGeometry | None, bool]:
-        """The free parts in which start and goal lie, and whether a disc can go from one to the other."""
+        """Return the free parts that contain start and goal, and whether a disc can pass from one to the other."""
         grown = shapely.union_all(shapely.buffer(list(self._areas), radius, quad_segs=_QUARTER))
         free = shapely.difference(self._domain.buffer(-radius), grown)
         parts = shapely.get_parts(free)

@@ -1,0 +1,125 @@
+"""Buried and floating props, and gaps between props that are too small.
+
+A prop is supported if its lowest point is on the ground, within a tolerance, or if it rests on a supported prop. A
+static prop may also be attached to the side of another, as a sign on a wall; one that can be knocked over would fall.
+The tolerance is 2 cm; the last rule `on_ground` that names a prop sets another one, for example for a hanging lamp.
+"""
+
+from collections.abc import Sequence
+
+from mirdrake.world_checks import sentences
+from mirdrake.world_checks.faults import Fault
+from mirdrake.world_checks.overlaps import LEAST_DEPTH, MOST_OVERLAPS, Neighbours
+from mirdrake.worlds import PlacedProp
+from mirdrake.worlds.outlines import Outline, gap_between
+from mirdrake.worlds.rules import Rules
+from mirdrake.worlds.rules_spec import OnGroundSpec
+
+TOLERANCE = float(OnGroundSpec.model_fields["tolerance"].default)
+"""Largest gap or depth of a prop on the ground [m], unless a rule sets another one."""
+
+
+def find_unsupported(near: Neighbours, rules: Rules | None) -> list[Fault]:
+    """Return the faults of buried and floating props."""
+    props = near.props
+    if not props:
+        return []
+    tolerances = [_tolerance(prop, rules) for prop in props]
+    bottoms = [_bottom(near, index, tolerances[index]) for index in range(len(props))]
+    faults = []
+    for prop, bottom, tolerance in zip(props, bottoms, tolerances, strict=True):
+        if bottom < -tolerance - 1e-9:
+            message = sentences.buried(prop, -bottom)
+            faults.append(Fault("buried", message, prop.where, (prop.name,), -bottom, _centre(prop, bottom)))
+    supported = {index for index, bottom in enumerate(bottoms) if bottom <= tolerances[index] + 1e-9}
+    floating = set(range(len(props))) - supported
+    if not floating:
+        return faults
+
+    # Props that rest on supported props are supported, and so on until nothing changes.
+    neighbours: dict[int, list[int]] = {}
+    for a, b in near.pairs(max(TOLERANCE, *(tolerances[index] for index in floating))):
+        for first, second in ((a, b), (b, a)):
+            if first in floating:
+                neighbours.setdefault(first, []).append(second)
+    while added := {
+        index
+        for index in floating
+        if any(
+            other in supported
+            and _supports(near.outlines(other), near.outlines(index), props[index], tolerances[index])
+            for other in neighbours.get(index, ())
+        )
+    }:
+        supported |= added
+        floating -= added
+    for index in sorted(floating):
+        prop, bottom = props[index], bottoms[index]
+        message = sentences.floating(prop, bottom)
+        faults.append(Fault("floating", message, prop.where, (prop.name,), bottom, _centre(prop, bottom)))
+    return faults
+
+
+def find_gaps(near: Neighbours, rules: Rules | None, skip: set[tuple[str, ...]]) -> list[Fault]:
+    """Return the faults of props side by side that are closer than the rule min_gap allows.
+
+    Args:
+        near: the props.
+        rules: rules of the world.
+        skip: names of pairs that have a fault already.
+    """
+    if rules is None or rules.min_gap <= 0.0:
+        return []
+    props, faults = near.props, []
+    for a, b in near.pairs(rules.min_gap):
+        one, other = props[a], props[b]
+        side_by_side = min(one.top, other.top) - max(one.bottom, other.bottom) > LEAST_DEPTH
+        if not side_by_side or (one.name, other.name) in skip or rules.may_overlap(one, other):
+            continue
+        gap = max(0.0, near.gap(a, b))
+        if gap < rules.min_gap - LEAST_DEPTH:
+            rule = rules.gap_where.rpartition(": ")[0] or "rules"
+            message = sentences.gap(one, other, gap, rules.min_gap, rule)
+            names = (one.name, other.name)
+            faults.append(Fault("gap", message, one.where, names, gap, _centre(one, one.bottom)))
+            if len(faults) == MOST_OVERLAPS:
+                break
+    return faults
+
+
+# --- the inner parts ----------------------------------------------------------------------------------------------
+
+
+def _bottom(near: Neighbours, index: int, tolerance: float) -> float:
+    """Return the height of the lowest point of a prop [m]; from its corners if these are on the ground already.
+
+    The corners of round solids are up to 1 % outside of them.
+    """
+    prop = near.props[index]
+    if abs(prop.bottom) + 0.01 * (prop.top - prop.bottom) <= tolerance:
+        return prop.bottom
+    return min(part.bottom for part in near.outlines(index))
+
+
+def _tolerance(prop: PlacedProp, rules: Rules | None) -> float:
+    tolerances = [rule.tolerance for rule in (rules.on_ground if rules else ()) if prop.is_called(rule.props)]
+    return tolerances[-1] if tolerances else TOLERANCE
+
+
+def _supports(base: Sequence[Outline], upper: Sequence[Outline], prop: PlacedProp, tolerance: float) -> bool:
+    """Return whether a prop rests on another, or is attached to its side."""
+    lowest = min(part.bottom for part in upper)
+    for part in upper:
+        for other in base:
+            if gap_between(part, other) > tolerance:
+                continue
+            if part.bottom <= lowest + tolerance and abs(part.bottom - other.top) <= tolerance:
+                return True
+            if part.bottom < other.top + tolerance and part.top > other.bottom - tolerance and prop.static:
+                return True
+    return False
+
+
+def _centre(prop: PlacedProp, height: float) -> tuple[float, float, float]:
+    point = prop.footprint.centroid
+    return float(point.x), float(point.y), height
