@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -14,8 +15,8 @@ def run_in_copy(
     *,
     new: dict[str, str],
     check: str,
-    line: tuple[str, str, str] | None = None,
-    imported: tuple[str, str] | None = None,
+    lines: Sequence[tuple[str, str, str]] = (),
+    imported: Sequence[tuple[str, str]] = (),
 ) -> None:
     """Run a script against a copy of the package to which a kind was added.
 
@@ -23,8 +24,8 @@ def run_in_copy(
         folder: where the copy is made.
         new: text of each new file, by its path below mirdrake/.
         check: the script; it fails by an exception.
-        line: path of the registry, a text of it, and that text with the new entry.
-        imported: path of the registry, and the import that the new entry needs.
+        lines: path of a registry, a text of it, and that text with the new entry.
+        imported: path of a registry, and the import that the new entry needs.
 
     Raises:
         AssertionError: the script failed; with the end of its output.
@@ -35,13 +36,11 @@ def run_in_copy(
         (folder / name).symlink_to(ROOT / name)
     for path, text in new.items():
         (package / path).write_text(text, encoding="utf-8")
-    if line is not None:
-        path, old, changed = line
+    for path, old, changed in lines:
         text = (package / path).read_text(encoding="utf-8")
         assert text.count(old) == 1, f"{path} has {old!r} {text.count(old)} times"
         (package / path).write_text(text.replace(old, changed), encoding="utf-8")
-    if imported is not None:
-        path, statement = imported
+    for path, statement in imported:
         text = (package / path).read_text(encoding="utf-8")
         head, first, rest = text.partition("\nfrom mirdrake.")
         (package / path).write_text(f"{head}\n{statement}{first}{rest}", encoding="utf-8")

@@ -96,8 +96,8 @@ def run(folder, check):
     run_in_copy(
         folder,
         new={"vehicles/joint_control/sliding.py": KIND},
-        line=(registry, "    | SteeringPid\n", "    | SteeringPid\n    | SlidingControl\n"),
-        imported=(registry, "from mirdrake.vehicles.joint_control.sliding import SlidingControl"),
+        lines=[(registry, "    | SteeringPid\n", "    | SteeringPid\n    | SlidingControl\n")],
+        imported=[(registry, "from mirdrake.vehicles.joint_control.sliding import SlidingControl")],
         check=check,
     )
 

@@ -39,7 +39,7 @@ from mirdrake.core.signals import Signal
 from mirdrake.core.yaml_io import Source, where
 from mirdrake.plant.plant import PlantParts, make_plant, set_start
 from mirdrake.plant.wheels import WheelTyres
-from mirdrake.sensors import Camera, Lidar
+from mirdrake.sensors import Camera
 from mirdrake.sensors.perception import add_cloud_overlays
 from mirdrake.worlds import Start
 
@@ -175,8 +175,8 @@ def assemble(
         params = MeshcatVisualizerParams(publish_period=drawing_period, delete_on_initialization_event=False)
         MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
     if meshcat is not None:
-        lidars = {name: system for name, system in wiring.systems.items() if isinstance(system, Lidar)}
-        add_cloud_overlays(builder, meshcat, lidars)
+        drawn = {name for name, system in wiring.systems.items() if getattr(system, "has_cloud_overlay", False)}
+        add_cloud_overlays(builder, meshcat, {name: wiring.systems[name] for name in drawn})
     taps = add_taps(wiring, parts, rolling, spec) if spec.record.signals else {}
     unread = wiring.export(parts)
     idle = [f"{vehicle}.{sensor}" for vehicle, sensor in cameras_of(spec, vehicles)]

@@ -5,50 +5,25 @@ A kind of sensor is one class here and one system in :mod:`mirdrake.sensors`.
 
 from collections.abc import Mapping
 from math import atan, copysign, degrees, pi, tan
-from typing import Annotated, Any, Literal, NamedTuple, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, validate
+from mirdrake.core.yaml_io import Angle, Length, Schema, Source, Speed, validate
 from mirdrake.core.yaml_tree import below_preset
 from mirdrake.vehicles.lens import LensSpec, check_lens
+from mirdrake.vehicles.mount import FieldOfView, Mount
 from mirdrake.vehicles.noise_spec import AccelerationNoise, AngleNoise, LengthNoise, RateNoise, SpeedNoise
 from mirdrake.vehicles.presets import with_preset
 
 MAX_LATITUDE = 89.9 * pi / 180.0  # east and north are not defined at the poles
 
 
-class FieldOfView(NamedTuple):
-    """Region that a sensor sees, in its mounting frame.
-
-    Attributes:
-        across: azimuth [rad] from right to left, about the x axis.
-        upward: elevation [rad] from below to above.
-        reach: nearest and farthest distance [m].
-    """
-
-    across: tuple[float, float]
-    upward: tuple[float, float]
-    reach: tuple[float, float]
-
-
-class Mount(Schema):
-    """Keys of every mounted sensor."""
-
-    frame: str = Field(min_length=1, description="link of the URDF; x forward, y left, z up, also for cameras")
-    rate: Frequency = Field(gt=0, le=10_000, description="[Hz]")
-    latency: Duration = Field(default=0.0, ge=0, le=10, description="[s] from the sample to its output")
-    dropout: float = Field(default=0.0, ge=0, lt=1, description="[-] probability that a sample is lost")
-    preset: str | None = Field(default=None, description="product whose values are used, see models/sensors/")
-
-    def field_of_view(self) -> FieldOfView | None:
-        """Return the region that the sensor sees; None for a sensor without a viewing direction."""
-        return None
-
-
 class PictureMount(Mount):
     """Keys of every camera. ``horizontal_fov`` sets the focal length; lens distortion does not change it."""
+
+    takes_pictures: ClassVar[bool] = True
 
     width: int = Field(gt=0, le=8192, description="[pixel]")
     height: int = Field(gt=0, le=8192, description="[pixel]")

@@ -1,4 +1,4 @@
-"""The sensors that a diagram names: checked, added, and how they are recorded."""
+"""The sensors that a diagram uses: checks, systems, and how they are recorded."""
 
 from collections.abc import Mapping
 
@@ -10,11 +10,14 @@ from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts, VehicleInPlant
 from mirdrake.sensors import SENSORS, make_sensor, sensor_feeds
 from mirdrake.vehicles import Vehicle
-from mirdrake.vehicles.mounts import PictureMount
 
 
 def check_sensors(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> None:
-    """Refuse sensors that a vehicle does not have, or that are named twice."""
+    """Check the sensors of a diagram.
+
+    Raises:
+        ConfigError: a vehicle does not have a sensor, a sensor is named twice, or pictures of no camera are recorded.
+    """
     for name, names in spec.sensors.items():
         mounts = vehicles[name].sensors.mounts
         for index, sensor in enumerate(names):
@@ -38,33 +41,33 @@ def check_sensors(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> None:
 
 
 def cameras_of(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> list[tuple[str, str]]:
-    """(vehicle, sensor) of the cameras of all kinds that a diagram names."""
+    """Return (vehicle, sensor) of all cameras that a diagram uses."""
     named = [(name, sensor) for name, sensors in spec.sensors.items() for sensor in sensors]
-    return [(name, sensor) for name, sensor in named if isinstance(vehicles[name].sensors.mounts[sensor], PictureMount)]
+    return [(name, sensor) for name, sensor in named if vehicles[name].sensors.mounts[sensor].takes_pictures]
 
 
 def sensors_of(spec: DiagramSpec) -> list[str]:
-    """``<vehicle>.<sensor>`` of all sensors that a diagram names."""
+    """Return ``<vehicle>.<sensor>`` of all sensors that a diagram uses."""
     return [f"{name}.{sensor}" for name, sensors in spec.sensors.items() for sensor in sensors]
 
 
 def how_recorded(wiring: Wiring, name: str) -> str | None:
-    """How a sensor wants to be recorded: "pictures", "array", or None as a vector among the signals."""
+    """Return how a sensor is recorded: "pictures", "array", or None as a vector among the signals."""
     return getattr(wiring.systems.get(name), "record", None)
 
 
 def add_sensors(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> None:
-    """The sensors of one vehicle; a camera only if its pictures are wanted."""
+    """Add the sensors of one vehicle; a camera only if its pictures are recorded or connected."""
     feeds = sensor_feeds(parts)
     for index, sensor in enumerate(spec.sensors.get(part.name, ())):
         name = f"{part.name}.{sensor}"
         if name in wiring.systems or name in wiring.sources:
             raise ConfigError(
-                f"{where(spec, 'sensors', part.name, index)}: '{name}' is no sensor but a part of every vehicle; "
+                f"{where(spec, 'sensors', part.name, index)}: '{name}' is the name of an output of every vehicle; "
                 f"rename the mount in {part.vehicle.folder / 'sensors.yaml'}"
             )
         unread = not any(source.startswith(f"{name}.") for source, _ in spec.connect)
-        if isinstance(part.vehicle.sensors.mounts[sensor], PictureMount) and unread and not spec.record.cameras:
+        if part.vehicle.sensors.mounts[sensor].takes_pictures and unread and not spec.record.cameras:
             continue
         system = make_sensor(sensor, parts=parts, part=part, seed=spec.seed)
         wiring.add(name, system)

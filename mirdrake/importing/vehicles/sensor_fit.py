@@ -8,7 +8,8 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from mirdrake.vehicles.mounts import MAX_RAYS, ROUNDED_TURN, Mount, SensorMount
+from mirdrake.vehicles.mount import Mount
+from mirdrake.vehicles.mounts import MAX_RAYS, ROUNDED_TURN, SensorMount
 
 NEAREST, FARTHEST = 1e-3, 1e5
 """Distances [m] in place of zero or less, and of infinity or more."""

@@ -1,17 +1,18 @@
-"""Drake's VTK renderer for cameras: whether it runs here, what it draws, and how to have it draw quickly.
+"""Drake's VTK renderer for cameras: availability, scene and speed.
 
-On Linux it draws through EGL and needs no display. Without a graphics card Mesa draws in software, and there three
-things took most of the time of a picture, measured: anisotropic filtering of textures (:func:`use_plain_textures`), the
-filter that smooths edges (:func:`smooth_edges_quickly`), and many small things
-(:mod:`mirdrake.sensors.cameras.merging`).
+On Linux it renders through EGL and needs no display. Without a graphics card Mesa renders in software. There, three
+things took most of the measured time of a picture: anisotropic filtering of textures (:func:`use_plain_textures`),
+anti-aliasing (:func:`smooth_edges_quickly`), and many small objects (:mod:`mirdrake.sensors.cameras.merging`).
 """
 
 import ctypes
 import json
+import logging
 import os
 import sys
 from collections.abc import Iterable
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,15 +41,18 @@ if TYPE_CHECKING:
 _DEVICES = 0x313F  # EGL_PLATFORM_DEVICE_EXT, of the extension EGL_EXT_platform_device
 _LINEAR = 9729  # glTF's number of a texture filter without mipmaps
 
+SHADERS_OF = "1.51."
+"""Beginning of the versions of Drake whose VTK has the shaders that are replaced."""
+
 SHADERS = Path(__file__).resolve().parent / "shaders"
-"""Shaders that Mesa takes in place of others."""
+"""Folder of shaders that Mesa uses in place of others."""
 
 
 def vehicle_renderer(parts: "PlantParts", part: "VehicleInPlant") -> str:
-    """Name of the renderer that all cameras of a vehicle share; added if it is not there yet.
+    """Return the name of the renderer that all cameras of a vehicle share; it is added if it does not exist yet.
 
     Raises:
-        MissingDependencyError: there is nothing to render with.
+        MissingDependencyError: EGL is not available.
     """
     renderer = f"cameras/{part.name}"
     if not parts.scene_graph.HasRenderer(renderer):
@@ -63,7 +67,7 @@ def vehicle_renderer(parts: "PlantParts", part: "VehicleInPlant") -> str:
 
 
 def _merge(parts: "PlantParts") -> None:
-    """Draw what stands still at one go, but for the vehicles whose cameras label it."""
+    """Merge the fixed objects into one mesh, except for renderers whose cameras output labels."""
     apart = {
         name
         for name, part in parts.vehicles.items()
@@ -76,11 +80,11 @@ def _merge(parts: "PlantParts") -> None:
 
 
 def camera_params(world: World) -> RenderEngineVtkParams:
-    """Settings of the renderer for a world, with its weak lights from the sky made one.
+    """Return the settings of the renderer for a world, with its two weak sky lights combined into one.
 
-    Each light costs a tenth of a picture without a graphics card. The irradiance of a matt surface is linear in the
-    light's direction, so that the sum of two lights shines on what faces both as they do. The third weak one, from the
-    ground, is left out: what faces downwards is black.
+    Each light takes a tenth of the time of a picture without a graphics card. The irradiance of a matt surface is
+    linear in the direction of the light, so that one light of the summed direction illuminates a surface that faces
+    both lights as they do. The third weak light, from below, is omitted: surfaces that face downwards are black.
     """
     params = render_params(world)
     sun, above, aside, *_ = params.lights
@@ -92,10 +96,10 @@ def camera_params(world: World) -> RenderEngineVtkParams:
 
 
 def add_renderer(scene_graph: SceneGraph, name: str, params: RenderEngineVtkParams) -> None:
-    """Add Drake's VTK renderer to a scene graph, if this machine can run it.
+    """Add Drake's VTK renderer to a scene graph.
 
     Raises:
-        MissingDependencyError: EGL is not there.
+        MissingDependencyError: EGL is not available.
     """
     smooth_edges_quickly()
     reason = _egl_fault() if sys.platform == "linux" else None
@@ -108,24 +112,36 @@ def add_renderer(scene_graph: SceneGraph, name: str, params: RenderEngineVtkPara
 
 
 def smooth_edges_quickly() -> None:
-    """Have Mesa take our filter for smooth edges instead of VTK's, before it reads the first shader.
+    """Replace VTK's anti-aliasing filter by a faster one in Mesa, before it compiles the first shader.
 
-    VTK's walks along every edge, and took two thirds of the time of a picture without a graphics card; ours looks at
-    four neighbours. Mesa finds it by the SHA-1 of the shader that it replaces (its environment variable
-    MESA_SHADER_READ_PATH, of which one that is set already is kept). Where no name fits, as with another version of
-    VTK or a driver that is not Mesa's, VTK's own filter is taken, and all that changes is the time. The variable is for
-    the C library alone; ``os.environ`` is left as it was.
+    VTK's filter follows every edge, and took two thirds of the time of a picture without a graphics card; the filter in
+    :data:`SHADERS` compares four neighbours. Mesa finds it by the SHA-1 of the shader that it replaces (environment
+    variable MESA_SHADER_READ_PATH; a value that is already set is kept). With another version of VTK, or with a driver
+    that is not Mesa's, VTK's own filter is used: pictures take longer. The variable is set in the C library only;
+    ``os.environ`` is not changed.
     """
+    _report_other_vtk(version("drake"))
     setenv = getattr(ctypes.CDLL(None), "setenv", None) if sys.platform == "linux" else None
     if setenv is not None:
         setenv(b"MESA_SHADER_READ_PATH", os.fsencode(SHADERS), 0)
 
 
-def use_plain_textures(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
-    """Take mipmaps from what is fixed in the world and in memory, before a renderer is added.
+@cache  # once for each version
+def _report_other_vtk(drake: str) -> None:
+    """Log that the shaders of another version of VTK are not replaced."""
+    if not drake.startswith(SHADERS_OF):
+        logging.getLogger("mirdrake").info(
+            "Drake %s may have another version of VTK, whose anti-aliasing shader is not replaced by a faster one; "
+            "without a graphics card, cameras may take up to three times as long",
+            drake,
+        )
 
-    With them VTK filters anisotropically, which costs half a second for a picture of grass without a graphics card,
-    ten times the rest. Far ground gets a little rougher.
+
+def use_plain_textures(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Remove the mipmaps of the fixed meshes that are in memory, before a renderer is added.
+
+    With mipmaps VTK filters anisotropically, which takes half a second for a picture of grass without a graphics card,
+    ten times the rest. Without them the far ground looks slightly rougher.
     """
     inspector = scene_graph.model_inspector()
     for geometry in plant.GetVisualGeometriesForBody(plant.world_body()):
@@ -145,9 +161,9 @@ def use_plain_textures(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
 
 @cache
 def _egl_fault() -> str | None:
-    """Why EGL cannot be used, or None if it can: its library must be there, and a driver that starts, if in software.
+    """Return why EGL cannot be used, or None: its library and a driver that starts, possibly in software, are needed.
 
-    VTK would end the process instead of raising.
+    Without this check VTK would end the process instead of raising.
     """
     try:
         egl = ctypes.CDLL("libEGL.so.1")
@@ -171,13 +187,13 @@ def _egl_fault() -> str | None:
 def hide_model(
     plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex, *, accepting: Iterable[str]
 ) -> None:
-    """Show a model to some renderers only: a camera behind a windscreen shall not see its own vehicle from within.
+    """Show a model in some renderers only, since a camera behind the windscreen shall not see its own vehicle.
 
     Args:
         plant: the finalised plant.
         scene_graph: its scene graph, before the renderers are added.
         instance: the model.
-        accepting: names of the renderers that shall show it; none at all hides it from every one.
+        accepting: names of the renderers that show it; if empty, none does.
     """
     base = seen_by(accepting)
     for index in plant.GetBodyIndices(instance):

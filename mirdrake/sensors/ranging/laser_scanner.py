@@ -1,8 +1,9 @@
-"""Rotating laser in one plane: SICK LMS, Hokuyo and their like."""
+"""Laser scanners with one plane, such as those of SICK and Hokuyo."""
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiscreteValues
 
@@ -66,7 +67,7 @@ class LaserScanner(SampledSensor):
             latency=mount.latency,
             dropout=mount.dropout,
         )
-        self.mount, self.rate = mount, mount.rate
+        self.mount, self.rate, self._frame = mount, mount.rate, frame.index()
         self.angles = np.linspace(mount.start_angle, mount.end_angle, mount.beams)
         beams = turning(self.angles, [0.0], rate=mount.rate, rolling=mount.rolling)
         self.times = beams.times
@@ -76,6 +77,20 @@ class LaserScanner(SampledSensor):
         """The scan that is complete now [m] (beams), with its noise."""
         distance = self.caster.look(context).distance[:, 0]
         return self.caster.reading(distance, round(context.get_time() * self.rate))
+
+    def points_seen(self, context: Context, plant: MultibodyPlant) -> tuple[float, Array]:
+        """Return the present time [s] and the points of the last scan (n, 3) [m] in the world, at the present pose.
+
+        Args:
+            context: context of the diagram.
+            plant: the plant.
+        """
+        ranges = np.asarray(self.GetOutputPort("sample").Eval(self.GetMyContextFromRoot(context)))
+        hit = np.isfinite(ranges) & (ranges > 0.0)
+        in_plane = ranges[hit, None] * np.column_stack((np.cos(self.angles[hit]), np.sin(self.angles[hit])))
+        X_WS = plant.get_frame(self._frame).CalcPoseInWorld(plant.GetMyContextFromRoot(context))
+        points: Array = in_plane @ X_WS.rotation().matrix()[:, :2].T + X_WS.translation()
+        return context.get_time(), points
 
     def keep(self, context: Context, state: DiscreteValues) -> None:
         """Where everything is now."""

@@ -1,4 +1,4 @@
-"""Laser with several planes: Velodyne and its like."""
+"""Lidars with several planes, such as those of Velodyne."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, State
 
@@ -98,9 +99,11 @@ class Lidar(SampledValue):
         elevations: of the rows, positive upwards (rows) [rad].
         empty: what is shown before the first turn is complete.
         record: how samples are recorded.
+        has_cloud_overlay: whether a live view draws the output ``cloud``.
     """
 
     record = "array"
+    has_cloud_overlay = True
 
     def __init__(
         self,
@@ -149,6 +152,12 @@ class Lidar(SampledValue):
             np.column_stack((own.R @ X_BS.rotation().matrix(), own.p + arm)),
             np.concatenate((own.w, own.v + np.cross(own.w, arm))),
         )
+
+    def points_seen(self, context: Context, plant: MultibodyPlant) -> tuple[float, Array]:
+        """Return the time of the last scan [s] and its points in the world (n, 3) [m]; context of the diagram."""
+        del plant  # a scan contains its pose
+        scan: LidarScan = self.cloud.Eval(self.GetMyContextFromRoot(context))
+        return scan.time, scan.points_in_world()
 
     def take(self, context: Context, index: int, sample: AbstractValue) -> None:
         """The turn that is complete now."""

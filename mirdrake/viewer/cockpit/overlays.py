@@ -28,7 +28,6 @@ from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.core.constants import GRAVITY
-from mirdrake.sensors import LaserScanner, Lidar
 from mirdrake.sensors.perception import show_points
 from mirdrake.viewer.cockpit.shapes import Triangles, arrows, ribbon
 from mirdrake.worlds.meshes import fill
@@ -76,7 +75,7 @@ class Overlays:
         self._part = assembly.parts.vehicles[name]
         systems = {system.get_name(): system for system in assembly.diagram.GetSystems()}
         self._truth, self._control = systems[f"{name}.truth"], systems[f"{name}.control"]
-        self._rangers = [system for system in systems.values() if isinstance(system, Lidar | LaserScanner)]
+        self._rangers = [system for system in systems.values() if hasattr(system, "points_seen")]
         self._tyres = systems.get(f"{name}.tyres")
         self._size = self._part.vehicle.geometry.wheelbase / 2.6
         plant = assembly.parts.plant
@@ -181,31 +180,14 @@ class Overlays:
     def _draw_points(self, context: Context) -> None:
         share = max(MOST_POINTS // max(len(self._rangers), 1), 1)
         for ranger in self._rangers:
-            own = ranger.GetMyContextFromRoot(context)
-            if isinstance(ranger, Lidar):
-                scan = ranger.cloud.Eval(own)
-                if scan.time == self._seen.get(ranger.get_name()):
-                    continue
-                self._seen[ranger.get_name()] = scan.time
-                points = scan.points_in_world()
-            else:
-                points = self._scanned(ranger, own, context)
+            name = ranger.get_name()
+            time, points = ranger.points_seen(context, self._assembly.parts.plant)
+            if time == self._seen.get(name):
+                continue
+            self._seen[name] = time
             points = points[:: max(-(-len(points) // share), 1)]
-            path = f"{_ROOT}/lidar/{ranger.get_name().replace('.', '/')}"
+            path = f"{_ROOT}/lidar/{name.replace('.', '/')}"
             show_points(self._meshcat, path, points, point_size=0.09 * self._size, height=2.5 * self._size)
-
-    def _scanned(self, scanner: Any, own: Context, context: Context) -> Array:
-        """Points of a laser scanner in the world (n, 3) [m], seen from where it is now."""
-        ranges = np.asarray(scanner.GetOutputPort("sample").Eval(own))
-        mount = scanner.mount
-        angles = np.linspace(mount.start_angle, mount.end_angle, ranges.size)
-        found = np.isfinite(ranges) & (ranges > 0.0)
-        there = ranges[found, None] * np.column_stack((np.cos(angles[found]), np.sin(angles[found])))
-        plant = self._assembly.parts.plant
-        frame = plant.GetFrameByName(mount.frame, self._part.instance)
-        X_WS = frame.CalcPoseInWorld(plant.GetMyContextFromRoot(context))
-        points: Array = there @ X_WS.rotation().matrix()[:, :2].T + X_WS.translation()
-        return points
 
     def _contacts(self, context: Context) -> list[tuple[Array, Array, int]]:
         """Where contacts are [m], their force on what is above or on the vehicle [N], and the vehicle's body, or -1."""
