@@ -472,7 +472,7 @@ def test_a_wheel_that_is_6_mm_off_is_mirrored_and_one_that_is_12_cm_off_is_rejec
     result = repaired(model)
     assert reports(result, "joint 'j2a': place", "mirrored")
     model.joints["j2a"].X_PJ = at(-WHEELBASE / 2 + 0.12, TRACK / 2, 0.0)
-    with pytest.raises(ModelError, match=r"'j2a' is 0\.06 0 0 m beside"):
+    with pytest.raises(ModelError, match=r"'j2a' is 0\.06 0 0 m from the mirrored"):
         repaired(model)
 
 
@@ -513,7 +513,7 @@ def test_a_ball_for_a_wheel_becomes_a_cylinder_and_an_off_centre_shape_is_centre
     result = repaired(model)
     assert result.layout.widths[1] == pytest.approx(0.4 * 2 * RADIUS)
     assert reports(result, "joint 'j2a'", "sphere of radius 0.3 m", "0.24 m wide")
-    assert reports(result, "joint 'j1a'", "0.01 m beside the joint's axis", "centred")
+    assert reports(result, "joint 'j1a'", "0.01 m from the joint's axis", "centred")
 
 
 def test_a_wheel_without_round_collision_shape_is_measured_on_its_visual():
@@ -567,8 +567,8 @@ IMPOSSIBLE = {
     "triangle inequality": np.diag([63.0, 1048.0, 1600.0]),
     "above zero": np.diag([100.0, -1.0, 100.0]),
     "not a number": np.full((3, 3), np.nan),
-    "would have to lie": 1e6 * np.diag([1.0, 1.5, 2.0]),
-    "would lie within": np.diag([1e-3, 1e-3, 1e-3]),
+    "m from its centre, in a link of": 1e6 * np.diag([1.0, 1.5, 2.0]),
+    "would be within": np.diag([1e-3, 1e-3, 1e-3]),
     "placeholder": np.eye(3) * 100.0,
 }
 

@@ -32,7 +32,16 @@ Array = NDArray[np.float64]
 WHOLE = "the whole mesh"
 """What a submesh that does not exist becomes."""
 
-__all__ = ["WHOLE", "MeshError", "convert_collision", "convert_visual", "mesh_bounds", "with_known_submesh"]
+__all__ = [
+    "WHOLE",
+    "MeshError",
+    "convert_collision",
+    "convert_visual",
+    "load_mesh",
+    "load_visual",
+    "mesh_bounds",
+    "with_known_submesh",
+]
 
 _MOST_EXCESS = 100.0  # hull over mesh; beyond it the mesh is a sheet, and the ratio is rounding
 
@@ -51,7 +60,7 @@ def mesh_bounds(shape: Shape) -> tuple[Array, Array]:
         MissingDependencyError: pycollada is not installed.
     """
     if shape.kind == "mesh":
-        pieces, _ = _load(shape)
+        pieces, _ = load_mesh(shape)
         points = np.concatenate([piece.corners.reshape(-1, 3) for piece in pieces])
         points = points @ shape.X_LG.rotation().matrix().T + shape.X_LG.translation()
         return points.min(axis=0), points.max(axis=0)
@@ -102,8 +111,8 @@ def _half_extent(shape: Shape) -> Array:
 def convert_visual(shape: Shape, folder: Path, *, name: str) -> tuple[Shape, list[Change]]:
     """Write a visual mesh as glTF; a primitive stays as it is.
 
-    Colours and textures of the file win over those of the shape, as in RViz; a shape's own texture wins over both. What
-    has no colour at all is grey. Above 500 000 triangles it is simplified.
+    As in RViz, colours and textures of the file take precedence over the colour of the shape, and a texture of the shape
+    over both. Meshes without colour are grey. Meshes of more than 500 000 triangles are simplified.
 
     Args:
         shape: visual shape of a link.
@@ -121,18 +130,7 @@ def convert_visual(shape: Shape, folder: Path, *, name: str) -> tuple[Shape, lis
     """
     if shape.kind != "mesh":
         return shape, []
-    pieces, notes = _load(shape)
-    if shape.texture is not None:
-        picture = TextureFolder(shape.texture.parent, notes).picture(shape.texture.name)
-        if picture is not None:
-            pieces = [replace(p, material=Material(p.material.name, (1.0, 1.0, 1.0, 1.0), picture)) for p in pieces]
-    if shape.rgba is not None:
-        pieces = [
-            replace(p, material=replace(p.material, rgba=shape.rgba))
-            if p.material.rgba is None and p.material.picture is None and p.colors is None
-            else p
-            for p in pieces
-        ]
+    pieces, notes = load_visual(shape)
     target = folder / "meshes" / f"{name}.gltf"
     target.parent.mkdir(parents=True, exist_ok=True)
     notes += write_gltf(pieces, target)
@@ -158,7 +156,7 @@ def convert_collision(
         time: for cutting, shared by several meshes; when it is used up, they become their convex hulls.
 
     Returns:
-        shapes that together stand for the given one, and what was changed.
+        shapes that together replace the given one, and the changes.
 
     Raises:
         MeshError: the mesh is missing, unreadable or empty.
@@ -166,7 +164,7 @@ def convert_collision(
     """
     if shape.kind != "mesh":
         return [shape], []
-    pieces, notes = _load(shape)
+    pieces, notes = load_mesh(shape)
     notes = [note for note in notes if not note.old.startswith(("texture", "material"))]
     parts = split_convex(np.concatenate([piece.corners for piece in pieces]), time)
     if len(parts.hulls) == 1 and not parts.missing:
@@ -218,7 +216,7 @@ def _parts_note(shape: Shape, parts: Parts) -> Note:
     return Note(f"mesh {shape.address}", f"{became} ({excess})", parts.missing or "Drake collides meshes by their hull")
 
 
-def _load(shape: Shape) -> tuple[list[Piece], list[Note]]:
+def load_mesh(shape: Shape) -> tuple[list[Piece], list[Note]]:
     """Return the triangles of a mesh in the frame of the shape, with submesh and scale applied."""
     if shape.mesh is None:
         raise MeshError(shape.address or "without address", "leads to no file")
@@ -238,6 +236,26 @@ def _load(shape: Shape) -> tuple[list[Piece], list[Note]]:
             Note(f"scale {words}", "mirrored, outside kept outside", "a negative factor turns a mesh inside out")
         )
     return [piece.moved(matrix) for piece in pieces], notes
+
+
+def load_visual(shape: Shape) -> tuple[list[Piece], list[Note]]:
+    """Return the triangles of a visual mesh as :func:`load_mesh`, with the texture and colour of the shape.
+
+    A texture of the shape replaces all materials of the file; its colour is that of triangles without one.
+    """
+    pieces, notes = load_mesh(shape)
+    if shape.texture is not None:
+        picture = TextureFolder(shape.texture.parent, notes).picture(shape.texture.name)
+        if picture is not None:
+            pieces = [replace(p, material=Material(p.material.name, (1.0, 1.0, 1.0, 1.0), picture)) for p in pieces]
+    if shape.rgba is not None:
+        pieces = [
+            replace(p, material=replace(p.material, rgba=shape.rgba))
+            if p.material.rgba is None and p.material.picture is None and p.colors is None
+            else p
+            for p in pieces
+        ]
+    return pieces, notes
 
 
 def _changes(shape: Shape, role: str, notes: Sequence[Note]) -> list[Change]:

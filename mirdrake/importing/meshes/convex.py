@@ -90,6 +90,7 @@ class Parts:
 
 def make_hull(points: Array) -> Hull:
     """Return the convex hull of points [m]; points in a plane or on a line become a plate or rod of 1 mm."""
+    # Qhull rejects flat and collinear points: they are thickened to 1 mm first.
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):
@@ -111,11 +112,13 @@ def make_hull(points: Array) -> Hull:
             )
             hull = ConvexHull(cloud)
         points = cloud
+    # Many corners make contact slow and change the shape little.
     corners = points[hull.vertices]
     if len(corners) > CORNER_LIMIT:
         corners = _fewer(corners)
         hull, points = ConvexHull(corners), corners
         corners = points[hull.vertices]
+    # Sorted corners and faces give the same bytes for the same mesh.
     order = np.lexsort(corners.T[::-1])
     place = np.full(len(points), -1)
     place[hull.vertices[order]] = np.arange(len(order))
@@ -149,7 +152,7 @@ def _fewer(corners: Array) -> Array:
 def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
     """Return the convex parts of a mesh.
 
-    Bodies that hang together are looked at one by one. Those that are convex (no triangle lies deeper in the hull than
+    Connected bodies are treated one by one. Those that are convex (no triangle lies deeper in the hull than
     2 % of its size) become their hull; the others are cut by CoACD (Wei et al., ACM Trans. Graph. 41(4), 2022), if it
     is installed. More bodies than parts allowed are cut together.
 
@@ -166,6 +169,7 @@ def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
     volume = _volume(points, faces)
     if not len(faces) or is_convex(points, faces, whole):
         return Parts((whole,), whole, volume)
+    # Separate bodies are decomposed one by one, the largest first, and those below 0.1 % of the size are dropped.
     bodies = _bodies(len(points), faces)
     groups = [faces[bodies == body] for body in range(bodies.max() + 1)]
     groups.sort(key=lambda group: -float(np.ptp(points[np.unique(group)], axis=0).max()))
@@ -175,6 +179,7 @@ def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
         return Parts((whole,), whole, volume, f"{len(groups)} separate bodies are too many for convex decomposition")
     if len(groups) > PART_LIMIT:
         groups = [np.concatenate(groups)]
+    # Each remaining body keeps at least one part of the limit.
     hulls: list[Hull] = []
     missing = ""
     for number, group in enumerate(groups):

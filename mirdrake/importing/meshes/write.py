@@ -58,6 +58,7 @@ def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
             images.append(name)
         return pictures[id(picture)]
 
+    # One primitive per material, since glTF draws each with one material.
     primitives = []
     for piece in _by_material(pieces):
         points, normals, uv, colors, index = _indexed(piece)

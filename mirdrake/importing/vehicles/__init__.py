@@ -94,12 +94,12 @@ def import_vehicle(
         path: the file, or the folder of a package or model.
         name: of the vehicle; that of the model if left out.
         folder: where the vehicle's folder goes; ``models`` in the working directory if left out.
-        packages: ROS package name -> folder, beside those found around the file.
+        packages: ROS package name -> folder, besides those found around the file.
         arguments: values of xacro arguments.
         drive: driven axle: front, rear or all; what the files show_progress if left out.
         force: replace a vehicle of that name.
         convex_time: for cutting collision meshes into convex parts [s]; those left become their convex hulls.
-        progress: called with what is being done.
+        progress: called with the current step.
         finish: called with the complete folder before it takes its place.
 
     Raises:

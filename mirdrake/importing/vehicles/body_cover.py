@@ -18,7 +18,7 @@ COVERED = 0.3
 """Share of wheelbase x track that a body covers at least, seen from above; masts, sensors and plates cover less."""
 
 _NEAR = 0.02  # of the wheelbase, between shapes that hang together
-_INVISIBLE = 0.05  # opacity below which nobody sees a shape
+_INVISIBLE = 0.05  # opacity of shapes that are ignored
 
 
 def body_boxes(shapes: Iterable[Shape], layout: Layout) -> list[Bounds]:
@@ -32,7 +32,7 @@ def body_boxes(shapes: Iterable[Shape], layout: Layout) -> list[Bounds]:
 def plan_cover(boxes: Iterable[Bounds], layout: Layout) -> float:
     """Return the share of wheelbase x track that boxes cover in the plan view.
 
-    Boxes that touch count with their common outline, so that the tubes of a frame cover what is between them.
+    Touching boxes count with their common convex outline, so that the tubes of a frame cover the area between them.
     """
     side, near = 0.5 * min(layout.tracks), _NEAR * layout.wheelbase
     plan = shapely.box(0.0, -side, layout.wheelbase, side)

@@ -31,6 +31,7 @@ def find_drive(
     """
     if asked is not None:
         return asked, "given", []
+    # A controller commands joints, a transmission only connects them, and a plugin may name joints for other reasons.
     places = {joint: name for name, joint in wheels.items()}
     interfaces = ("effort", "velocity")
     moved = {

@@ -35,6 +35,7 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
     place = where(element)
     for child in element:
         tag, text = child.tag, (child.get("value") or child.text or "").strip()  # Gazebo takes either
+        # Tags without effect on a vehicle are ignored; all others are read or reported.
         if tag == "sensor":
             model.sensors.append(read_sensor(child, name, where, model))
         elif tag == "plugin":

@@ -100,6 +100,7 @@ def _in_part(
             became = "none; the part it belongs to has the mass"
             changes.append(Change(Code.MASS, where, f"{what}: mass", f"{inertial.mass:g} kg", became, "not above zero"))
         return Mass()
+    # An impossible tensor is replaced by that of a cylinder for wheels, else of the box around the shapes.
     X_PL = X_PM.multiply(tree.poses[name])
     R_LI = inertial.X_LI.rotation().matrix()
     bounds = link_bounds(link, RigidTransform())
@@ -123,14 +124,16 @@ def _in_part(
         changes.append(Change(Code.INERTIA, where, f"{what}: inertia", was, became, fault))
     else:
         inertia_L = R_LI @ widen(np.asarray(inertial.inertia, dtype=float)) @ R_LI.T
+        # A possible tensor may have exchanged axes, a common mistake of files that were rotated by hand.
         order = _exchanged_axes(inertia_L, mass, bounds, com_L) if wheel is None else (0, 1, 2)
         if order != (0, 1, 2):
             was = moments_along_axes(inertia_L)
             inertia_L = inertia_L[np.ix_(order, order)]
-            why = f"the mass would lie outside of the link's shapes along {_outside(order)}"
+            why = f"the mass would be outside of the link's shapes along {_outside(order)}"
             changes.append(
                 Change(Code.INERTIA, where, f"{what}: inertia along x, y, z", was, moments_along_axes(inertia_L), why)
             )
+    # A centre of mass far outside of the link is usually a value of another frame.
     middle = np.zeros(3) if bounds is None else 0.5 * (bounds[0] + bounds[1])
     distance = float(np.linalg.norm(com_L - middle))
     if not distance <= FARTHEST * _half_size(bounds, size):
@@ -159,9 +162,9 @@ def _fault(inertia: Vector, mass: float, bounds: Bounds | None, size: float) -> 
     half = _half_size(bounds, size)
     gyration = sqrt(high / mass)
     if gyration > FARTHEST * half:
-        return f"the mass would have to lie {gyration:.3g} m from its centre, in a link of {2.0 * half:.3g} m"
+        return f"the mass would be {gyration:.3g} m from its centre, in a link of {2.0 * half:.3g} m"
     if gyration < NEAREST * half:
-        return f"all mass would lie within {gyration:.2g} m, in a link of {2.0 * half:.3g} m"
+        return f"all mass would be within {gyration:.2g} m, in a link of {2.0 * half:.3g} m"
     identity = np.abs(inertia - inertia[0, 0] * np.eye(3)).max() <= 1e-12 * high
     power = np.log10(inertia[0, 0]) if identity else 0.5
     if identity and abs(power - round(power)) < 1e-9 and bounds is not None:

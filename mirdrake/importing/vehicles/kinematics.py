@@ -71,6 +71,7 @@ def make_tree(model: SourceModel) -> tuple[Tree, list[Change]]:
     place = source_name(model)
     if not model.links:
         raise ModelError(f"{place}: no links in it; give the file that describes the vehicle")
+    # Each link has one parent: a second joint would close a loop.
     changes = []
     above: dict[str, Joint] = {}
     for joint in model.joints.values():
@@ -86,6 +87,7 @@ def make_tree(model: SourceModel) -> tuple[Tree, list[Change]]:
             changes.append(Change(Code.JOINT, joint.where, what, was, None, why))
         else:
             above[joint.child] = joint
+    # Files may contain several trees, for example a ground link; the vehicle is the largest.
     roots = [name for name in model.links if name not in above and name != "world"]
     if not roots:
         raise ModelError(f"{place}: the joints form a loop; no link is the root")

@@ -54,6 +54,7 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
     inner: list[tuple[float, str]] = []
     loose: list[tuple[float, str, str, str]] = []  # numbers at joints that have no limits
     changes = []
+    # Joint limits count from the angle that turns left, so those of a reversed axis are exchanged.
     for side, joint in zip(("left", "right"), roles.steering, strict=True):
         axis = roles.tree.axis(joint)
         up = axis is None or axis[2] >= 0.0
@@ -94,6 +95,7 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
             if abs(outer - reach) > 0.01 * reach:
                 why = "the limit is that of the inner wheel; the outer angle follows from the Ackermann law"
                 changes.append(Change(Code.LIMIT, joint.where, what, was, f"±{reach:.4g} rad", why))
+    # Values at joints without limits are used if no joint has valid limits.
     for reach, where, what, was in loose:
         if inner:
             changes.append(
@@ -103,6 +105,7 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
             why = "a continuous joint has no limits; its limit values are used"
             changes.append(Change(Code.LIMIT, where, what, was, f"±{reach:.4g} rad", why))
     inner = inner or [(reach, where) for reach, where, _, _ in loose]
+    # A plugin commands at most its own limit, so the smaller one acts.
     stated = [item for item in read_stated(roles.tree.model.plugins) if item.figure == "steering_limit"]
     tight = min((item for item in stated if item.value > 0.0), key=lambda item: item.value, default=None)
     if tight is not None and tight.value < min((reach for reach, _ in inner), default=inf):

@@ -44,6 +44,7 @@ def gather_masses(
     carriers: Mapping[str, Part] = MappingProxyType({}),
 ) -> list[Change]:
     """Set the mass of each part, from its links or estimated; left and right are equal afterwards."""
+    # Masses of the links first; implausible ones are then treated as missing.
     changes: list[Change] = []
     size = 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
     body.mass = gather(tree, body.links, body.X_MP, size, changes)
@@ -60,6 +61,7 @@ def gather_masses(
         _discard_implausible(part, np.pi * radius**2 * width, WHEEL_DENSITY, tree, changes)
     for part in knuckles:
         _discard_implausible(part, layout.radii[0] ** 3, (0.0, WHEEL_DENSITY[1]), tree, changes)
+    # Missing masses: the body by density, wheels and knuckles relative to it.
     if body.mass.mass <= 0.0:
         edges = bounds[1] - bounds[0]
         mass = DENSITY * float(np.prod(edges))
@@ -80,6 +82,7 @@ def gather_masses(
             continue
         _mirror(f"{end} wheels", pair, tree, changes)
         _repair_wheel(pair, end, radius, width, tree, changes)
+    # A knuckle without links takes its mass from the wheel, so that the sum is unchanged.
     front = (wheels["front_left"], wheels["front_right"])
     if not knuckles[0].links:
         _split(knuckles, front, layout.radii[0], tree, changes)
@@ -205,6 +208,7 @@ def check_balance(
         was = f"{body.mass.mass:.4g} kg of {total:.4g} kg"
         why = "the wheels and knuckles are heavier than the body"
         changes.append(unusual(where, "mass of the body", was, why))
+    # Only the body moves: wheels and knuckles have their place.
     moved = body.mass.com + (wanted - com) * total / body.mass.mass
     body.mass.com = np.where(np.abs(moved) < 1e-6, 0.0, moved)
     edges = _around(layout, bounds)

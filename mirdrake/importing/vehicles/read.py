@@ -26,11 +26,11 @@ def read_source(
     Args:
         path: the file, or the folder of a package or model with one description.
         packages: package name -> folder; others are looked for around the file.
-        arguments: values of xacro arguments; relative paths in them count from the working directory.
+        arguments: values of xacro arguments; relative paths are relative to the working directory.
 
     Raises:
         MissingArgumentsError: xacro arguments need values.
-        ModelError: no such file, nothing that describes a vehicle, or something in it makes no sense.
+        ModelError: there is no such file, or no valid description of a vehicle.
     """
     path = _main_file(Path(path))
     arguments = {name: _absolute(value) for name, value in (arguments or {}).items()}

@@ -42,7 +42,7 @@ def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -
 
     Raises:
         MissingArgumentsError: xacro arguments need values.
-        ModelError: it is no URDF, or something in it makes no sense.
+        ModelError: it is not URDF, or contains invalid values.
     """
     urdf = _render(path, packages, arguments)
     if urdf.root.tag != "robot":
@@ -73,7 +73,7 @@ def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urd
                 raise MissingArgumentsError(missing) from None
             missing |= {name: (file, int(line)) for name, (file, _, line) in places.items()}
         except ModelError:
-            if missing:  # with a stand-in as value, other errors mean nothing
+            if missing:  # other errors may be due to the stand-in values
                 raise MissingArgumentsError(missing) from None
             raise
         else:
@@ -138,7 +138,7 @@ class _Reader:
         table[item.name] = item
 
     def _strays(self, element: ElementTree.Element, kind: str) -> None:
-        """Say what stands there and is not understood."""
+        """Report elements that are not part of URDF."""
         for child in element:
             if child.tag not in _KNOWN[kind] and not child.tag.startswith("{"):
                 name = element.get("name", "")
@@ -295,6 +295,7 @@ class _Reader:
             if link not in self._model.links:
                 raise ModelError(f"{where}: {what}: {tag} link '{link}' does not exist")
             ends.append(link)
+        # Values are read as written; impossible ones are corrected later, with a change.
         axis, mimic = element.find("axis"), element.find("mimic")
         joint = Joint(name, kind, ends[0], ends[1], X_PJ=self._origin(element), where=where)
         joint.axis = read_numbers(

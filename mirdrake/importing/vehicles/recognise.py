@@ -23,13 +23,13 @@ from mirdrake.importing.vehicles.unusable import unusable_steering, unusable_whe
 from mirdrake.vehicles.spec import WHEELS, Drive
 
 LEVEL = 0.35
-"""Largest sine of a wheel axis over the horizontal: camber, and swing arms that do not stand at their rest position."""
+"""Largest sine of a wheel axis over the horizontal: camber, and swing arms that are not at their rest position."""
 
 UPRIGHT = 0.8
 """Smallest cosine between a steering axis and the vertical: kingpins lean by up to 15 degrees, forks of models more."""
 
 LOW = 0.3
-"""Wheels whose lowest points lie within so many radii stand on the same road."""
+"""Height difference of wheels on one road over the radius."""
 
 UP = np.array([0.0, 0.0, 1.0])
 WORLD_LIMIT = 1e15  # SDF writes "no limit" as ±1e16
@@ -45,7 +45,7 @@ class Wheel:
         axis: unit vector, as the source has it: to the left or to the right.
         point: on the axis, in the wheel's middle plane [m].
         off_axis: how far the shape's centre is from the axis [m].
-        shape: what is round.
+        shape: round shape.
         steering: upright joints on the way from the root, the nearest to the wheel last.
         seen: the largest round visual; None if there is none.
     """
@@ -210,7 +210,7 @@ def _axles(tree: Tree, wheels: list[Wheel], blank: list[Joint]) -> list[list[Whe
     if len(wheels) == 4 and [len(axle) for axle in axles] == [2, 2]:
         for left, right in axles:
             if abs((left.point - right.point) @ lateral) < 0.5 * (left.shape.width + right.shape.width):
-                raise _rejection(tree, f"{_named(wheels)}, two of which stand in the same place", wheels)
+                raise _rejection(tree, f"{_named(wheels)}, two of which are at the same place", wheels)
         return axles
     raise _rejection(tree, _other_vehicle(tree, wheels, axles) + _blank_clause(tree, blank), wheels)
 
@@ -259,7 +259,7 @@ def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: list[Change])
         rear = next(axle for axle in axles if axle is not front)
         if (_middle(front) - _middle(rear))[0] < 0.0:
             why = "the steered axle is assumed to be the front"
-            places = f"{_names(front)} lies towards -x"
+            places = f"{_names(front)} towards -x"
             changes.append(
                 Change(
                     Code.DIRECTION, front[0].joint.where, "direction of travel", places, "towards the steered axle", why

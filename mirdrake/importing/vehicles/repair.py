@@ -41,6 +41,7 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
     Raises:
         ModelError: left and right differ too much.
     """
+    # Dimensions and parts.
     changes = [*model.changes, *roles.changes]
     layout, found = straighten(roles)
     changes += found
@@ -48,10 +49,12 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
     sprung, found = find_springs(roles) if springs else ({}, [])
     changes += found
     body, knuckles, wheels, carriers = _make_parts(roles, layout, names, sprung, changes)
+    # Masses, which need the size of the body, and balance, which needs all masses.
     bounds = _body_bounds(body, layout, changes)
     changes += gather_masses(roles.tree, layout, body, knuckles, wheels, bounds, carriers)
     where = model.links[roles.tree.root].where or source_name(model)
     changes += check_balance(body, knuckles, wheels, layout, bounds, where, carriers)
+    # Limits and estimates; the steering limit is an input of the estimates.
     limit, found = steering_limit(roles)
     changes += found
     com = centre_of_mass(body, knuckles, wheels, layout, carriers)
@@ -61,6 +64,7 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
     )
     numbers, found = collect_numbers(roles, limit, whole, (front, rear))
     changes += found
+    # Springs that would carry nothing are fixed instead, which changes the parts: start again without springs.
     suspension = None
     if sprung:
         suspension, found = make_springs(
@@ -70,6 +74,7 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
             car = repair(model, roles, name=name, springs=False)
             return replace(car, changes=[*car.changes, *found])
         changes += found
+    # Names, frames and sensors last, since sensors refer to frames of all parts.
     wheel_joints, steering_joints = _name_joints(roles, names)
     spring_joints = {key: names.joint(item.joint.name) for key, item in sprung.items()}
     changes += report_joints(roles, sprung=[item.joint for item in sprung.values()])
@@ -153,6 +158,7 @@ def _make_parts(
         was = f"link '{tree.root}', {_shown(-x, -y, -z)} m from the new place along its axes"
         became = f"link '{base}', on the road below the centre of the rear axle, x ahead"
         changes.append(Change(Code.FRAME, root.where, "base frame", was, became, "convention of mirdrake"))
+    # A joint that steers and spins has no link between both motions: the knuckle is new.
     knuckles = []
     for side, joint in zip(SIDES, roles.steering, strict=True):
         wheel = roles.wheels[f"front_{side}"]

@@ -36,7 +36,7 @@ def convert_shapes(car: Car, folder: Path, *, convex_time: float = CUT_TIME) -> 
     changes: list[Change] = []
     files: set[str] = set()
     written: dict[tuple[object, ...], Shape] = {}
-    # what is seen
+    # Visuals.
     places = {part.name: part.visuals[0].where for part in car.parts if part.visuals}
     drawn: list[Shape] = []
     for part in car.parts:
@@ -44,14 +44,14 @@ def convert_shapes(car: Car, folder: Path, *, convex_time: float = CUT_TIME) -> 
         part.visuals = [new for _, new in converted if new is not None]
         if part is car.body:
             drawn = [shape for shape, new in converted if new is not None]
-    # what is touched
+    # Collision shapes, raised above the road.
     solid: list[Shape] = []
     time = CutTime(convex_time)
     for shape in car.body.collisions:
         solid += _collision(shape, car.body, folder, files, changes, time)
     low = CLEARANCE * car.layout.wheelbase
     car.body.collisions = [new for shape in solid if (new := _lift(shape, car.body, low, changes)) is not None]
-    # what takes the place of either
+    # Replacements for missing ones.
     bodyless = plan_cover(body_boxes(drawn, car.layout), car.layout) < COVERED
     if bodyless:
         changes += _show_body(car, changes)

@@ -180,6 +180,7 @@ def _fill(
     given = [item.joint.stiffness / item.up**2 for item in pair if item.joint.stiffness is not None]
     good = [value for value in given if isfinite(value) and value > 0.0]
     slow = sqrt(estimates.max_correction / 2.0)  # times of this vehicle over those of a car
+    # A stiffness of the source counts without an anti-roll bar; an estimated one has both.
     if good:
         stiffness = sum(good) / len(good)
         numbers[f"{end}_stiffness"] = Number(stiffness, f"imported: {joint.where}")

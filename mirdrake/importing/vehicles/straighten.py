@@ -53,6 +53,7 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
         radii.append(_mean(place, f"radii of the {end} wheels", [wheel.shape.radius for wheel in pair], pair, changes))
         sizes = [wheel.shape.width for wheel in pair]
         widths.append(_mean(place, f"widths of the {end} wheels", sizes, pair, changes, strict=False))
+    # Base frame from the contact points, then each wheel and steering axis relative to it.
     contact = {
         name: wheel.point - np.array([0.0, 0.0, radii[name.startswith("rear")]]) for name, wheel in wheels.items()
     }
@@ -67,12 +68,13 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
         ideal = np.array([wheelbase * front, (0.5 if left else -0.5) * tracks[not front], 0.0])
         _report_moved(place, wheel, points[name] - ideal, wheelbase, changes)
         parts[name] = _wheel_frame(wheel, X_MB, changes)
+    # Steering axes: left and right must not be exchanged, and are made mirror images.
     kingpins = [_kingpin(tree, joint, X_BM, changes) for joint in roles.steering]
     kingpin_track = float(kingpins[0][1] - kingpins[1][1])
     if kingpin_track <= 0.0:
         names = " and ".join(f"'{joint.name}'" for joint in roles.steering)
         raise ModelError(
-            f"{place}: steering axes {names} cross: the left one lies {-kingpin_track:.4g} m further right"
+            f"{place}: steering axes {names} cross: the left one is {-kingpin_track:.4g} m to the right of the other"
         )
     skew = float(np.abs(kingpins[0] - kingpins[1] * np.array([1.0, -1.0])).max())
     if skew > max(SLACK, ALIKE * wheelbase):
@@ -141,10 +143,10 @@ def _base_frame(place: str, contact: dict[str, Vector], changes: list[Change]) -
     for what, angle in (("pitch", asin(-float(x[2]))), ("roll", asin(float(y[2])))):
         if abs(angle) > LEAN:
             height = ", ".join(f"{name} {contact[name][2]:.4g}" for name in WHEELS)
-            raise ModelError(f"{place}: the wheels do not stand on one level road; their lowest points [m]: {height}")
+            raise ModelError(f"{place}: the wheels are not on one level road; their lowest points [m]: {height}")
         if abs(angle) > WORTH_SAYING:
             why = "the wheels of the source are not level at the zero position"
-            was = f"the wheels stand on a plane with {degrees(angle):.3g} degrees of {what}"
+            was = f"the contact points have {degrees(angle):.3g} degrees of {what}"
             changes.append(Change(Code.GEOMETRY, place, "level", was, "rotated to level", why))
     return RigidTransform(RotationMatrix(np.column_stack([x, y, z])), rear)
 
@@ -154,19 +156,24 @@ def _report_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, cha
     distance, allowed = float(np.linalg.norm(shift)), max(SLACK, ALIKE * wheelbase)
     if distance > allowed:
         raise ModelError(
-            f"{place}: wheel of '{wheel.joint.name}' is {_shown(shift)} m beside the mirror image of the other one of "
-            f"its axle; {allowed:.2g} m are allowed"
+            f"{place}: wheel of '{wheel.joint.name}' is {_shown(shift)} m from the mirrored position of the other "
+            f"wheel of its axle; {allowed:.2g} m is allowed"
         )
     if distance > WORTH_SAYING * wheelbase:
         what = f"joint '{wheel.joint.name}': place"
         why = "left and right are mirror images"
-        changes.append(Change(Code.GEOMETRY, wheel.joint.where, what, f"{_shown(shift)} m beside it", "mirrored", why))
+        changes.append(
+            Change(
+                Code.GEOMETRY, wheel.joint.where, what, f"{_shown(shift)} m from the mirrored position", "mirrored", why
+            )
+        )
 
 
 def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> RigidTransform:
     """Return the frame of a wheel in the source, y along its axis to the left."""
     R_MB = X_MB.rotation().matrix()
     joint, shape = wheel.joint, wheel.shape
+    # Sense of the axis first: camber and toe refer to the corrected one.
     axis = wheel.axis
     what = f"joint '{joint.name}'"
     if axis @ R_MB[:, 1] < 0.0:
@@ -190,7 +197,7 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> R
                 )
             )
     if wheel.off_axis > max(1e-3, 0.01 * shape.radius):
-        was = f"centre {wheel.off_axis:.3g} m beside the joint's axis"
+        was = f"centre {wheel.off_axis:.3g} m from the joint's axis"
         changes.append(
             Change(
                 Code.SHAPE,
@@ -207,8 +214,9 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> R
         changes.append(
             Change(Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, became, "a sphere has no width")
         )
+    # The collision shape decides; a visual that differs from it is a hint to check.
     if wheel.seen is not None and abs(wheel.seen.centre[1] - shape.centre[1]) > BESIDE * shape.radius:
-        was = f"middle {abs(wheel.seen.centre[1] - shape.centre[1]):.3g} m beside what is seen"
+        was = f"middle {abs(wheel.seen.centre[1] - shape.centre[1]):.3g} m from that of the visual"
         changes.append(unusual(shape.shape.where, f"{what}: track", was, "the collision shape counts"))
     if wheel.seen is not None and abs(wheel.seen.radius - shape.radius) > SEEN * shape.radius:
         was = f"radius {shape.radius:.4g} m, looks like {wheel.seen.radius:.4g} m"

@@ -87,10 +87,10 @@ def import_world(
         path: the .world or .sdf file.
         name: of the world; that of the source if left out.
         folder: where it goes; ``worlds`` in the working directory if left out.
-        packages: model or package name -> folder, beside those found around the file and on Gazebo's search paths.
-        strict: refuse a world of which something that could be touched would be left out, in one line.
+        packages: model or package name -> folder, besides those found around the file and on Gazebo's search paths.
+        strict: reject a world if collision geometry would be left out.
         force: replace a world of that name.
-        progress: called with what is being done.
+        progress: called with the current step.
 
     Raises:
         ConfigError: name or place are not allowed.
@@ -119,6 +119,7 @@ def _build(
 ) -> tuple[str, tuple[Change, ...], tuple[str, ...], int]:
     """Write the world into `building`; return its text, changes, checks and number of entries."""
     add_change = world.changes.append
+    # Ground first, since its height is subtracted from all objects.
     ground = make_ground(world, add_change)
     converter = Converter(name, building, ground.height, add_change, show_progress)
     entries = converter.entries(world)
@@ -135,12 +136,14 @@ def _build(
         if sun is not (suns[0] if suns else None):
             why = "a world has one sun" if sun in suns else "the sun is above the horizon"
             add_change(Change(Code.LIGHT, sun.where, f"directional light '{sun.name}'", "…", None, why))
+    # Objects of the source may overlap, float or be buried; rules allow it in the new world.
     show_progress("placing")
     props = place(entries, building)
     overlaps = _overlap_rules(props, where, add_change)
     if _let_fall(entries, props, where, add_change):
         props = place(entries, building)
     heights = _height_rules(props, where, add_change)
+    # Rules name single props, so entries are merged into grids only without rules.
     grids = into_grids(entries) if not overlaps and not heights else entries
     _widen(ground, props, where, add_change)
     starts = {
@@ -164,6 +167,7 @@ def _build(
 
     show_progress("loading")
     laid = write(starts)
+    # The world is loaded before the starts are known, because the search needs it laid out.
     show_progress("looking for a free start")
     first, remark = _free_start(laid, props)
     blocked = [start for start in starts if not FreePlaces(laid).is_start(laid.starts[start])]
@@ -183,6 +187,7 @@ def _build(
     if first:
         became = ", ".join(f"start '{one}': {keys}" for one, keys in first.items())
         add_change(Change(Code.START, where, "start", remark, became, f"free space for a car of the size of {CAR}"))
+    # The report lists what `mirdrake world check` would find.
     show_progress("checking")
     found = [_relative(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
     checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps, ground)))

@@ -33,7 +33,7 @@ class Converter:
         folder: in which it is built; props go to ``<name>/props/`` below it.
         height: of the ground in the source [m].
         add_change: called with every change.
-        progress: called with what is being done.
+        progress: called with the current step.
         lost: ``file:line: fault`` of all objects with collision geometry that were left out.
         starts: vehicles of the source: name -> pose.
     """
@@ -252,7 +252,7 @@ class Converter:
         x, y, z = crowd.obj.X_WM.translation().tolist()
         yaw = _yaw(crowd.obj.X_WM)
         c, s = np.cos(yaw), np.sin(yaw)
-        crowd.obj.X_WM = RigidTransform([x, y, z])  # Gazebo turns the region, not what stands in it
+        crowd.obj.X_WM = RigidTransform([x, y, z])  # Gazebo rotates the region, not the objects in it
         entry = self._entry(crowd.obj)
         if entry is None:
             return None

@@ -18,9 +18,9 @@ HIGHEST = 0.45
 
 _LEVEL = math.cos(math.radians(2.0))  # z of the normal of a level face
 _GENTLE = math.cos(math.radians(10.0))  # of a road that rises and falls
-_RISE = 0.15  # [m] within a sheet that lies on the ground
-_SMALLEST = 1.0  # [m²] of what lies on the ground
-_SMALLEST_RAISED, _NARROWEST_RAISED = 12.0, 1.5  # [m²], [m] of what lies above it
+_RISE = 0.15  # [m] within a sheet on the ground
+_SMALLEST = 1.0  # [m²] of surfaces on the ground
+_SMALLEST_RAISED, _NARROWEST_RAISED = 12.0, 1.5  # [m²], [m] of surfaces above it
 _OBSTACLES = ("kerb", "curb", "sidewalk", "pavement_edge", "barrier", "wall", "platform", "stage", "step", "stair",
               "bump", "table", "pallet", "bed", "container", "trailer", "roof")  # fmt: skip
 _MOST_TRIANGLES = 60_000

@@ -36,7 +36,7 @@ class Entry:
     static: bool = True
     mass: float | None = None
     others: list[str] = field(default_factory=list)
-    """names in the source of objects that a grid holds beside the first"""
+    """names in the source of the objects of a grid after the first"""
 
     def text(self) -> str:
         """Return the entry in YAML's flow style."""

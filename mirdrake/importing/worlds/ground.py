@@ -37,9 +37,9 @@ _WORDS = (
 )  # fmt: skip
 _LEVEL = 1e-3  # [rad] tilt of what counts as level
 _WIDEST = 1e5  # [m] ground
-_UNEVEN = 0.5  # [m] between the highest and the lowest point of roads that lie on level ground
+_UNEVEN = 0.5  # [m] between the highest and the lowest point of roads on level ground
 _LARGEST_BASE = 20.0  # [m²] from which on a floor may be the base plane
-_LIFT = 3e-3  # [m] of what is drawn above the ground, so that it does not flicker
+_LIFT = 3e-3  # [m] height of visuals above the ground, so that they do not flicker
 _LONG_ROUTE = 150.0  # [m] of a track that needs no other
 
 
@@ -73,6 +73,7 @@ def make_ground(world: SourceWorld, add_change: Callable[[Change], None]) -> Gro
         world: its `objects` are changed.
         add_change: called with every change.
     """
+    # All candidates for ground: level planes, and level faces of objects that do not move.
     ground = GroundText()
     level = _level_planes(world, add_change)
     surfaces = [surface for obj in world.objects if _may_be_ground(obj) for surface in surfaces_of(obj)]
@@ -117,7 +118,7 @@ def make_ground(world: SourceWorld, add_change: Callable[[Change], None]) -> Gro
             Change(Code.GROUND, where, "ground", "none", f"{ground.surface} at z = 0", "a world needs a base plane")
         )
 
-    # Slabs and sheets, what is only seen, and roads; then what stands on them.
+    # Slabs and sheets, visual-only surfaces and roads; then the objects on them.
     accepted = [surface for surface in surfaces if is_ground(surface, ground.height)]
     roads = _lay_down(
         world, ground, [surface for surface in accepted if all(surface is not floor for floor in floors)], add_change
@@ -247,7 +248,7 @@ def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, add_change: C
     )
 
 
-# --- slabs, sheets and what is only seen ----------------------------------------------------------------------------
+# --- slabs, sheets and visual-only surfaces ------------------------------------------------------------------------
 
 
 def _lay_down(

@@ -13,16 +13,13 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from trimesh import Trimesh
 
 from mirdrake.importing.changes import Change, Code
-from mirdrake.importing.meshes.convert import convert_collision
+from mirdrake.importing.meshes.convert import convert_collision, load_visual
 from mirdrake.importing.meshes.convex import make_hull
 from mirdrake.importing.meshes.read import (
     Material,
     MeshError,
     Note,
     Piece,
-    TextureFolder,
-    read_mesh,
-    select_submesh,
 )
 from mirdrake.importing.meshes.write import write_gltf, write_obj
 from mirdrake.importing.shape import Shape
@@ -44,7 +41,7 @@ def write_prop(
     """Write an object as a prop.
 
     Args:
-        obj: with collision shapes, none of them a plane; those of kind convex lie in the folder already.
+        obj: with collision shapes, none of them a plane; those of kind convex are in the folder already.
         folder: of the prop; it is made.
         add_change: called with every change.
 
@@ -53,8 +50,9 @@ def write_prop(
         its size along x, y, z [m].
 
     Raises:
-        EmptyPropError: nothing can be touched.
+        EmptyPropError: it has no usable collision geometry.
     """
+    # Collision geometry: convex parts that exist already, and conversions of all other shapes.
     folder.mkdir(parents=True, exist_ok=True)
     solids: list[tuple[Shape, Array]] = []
     for index, shape in enumerate(obj.collisions):
@@ -78,6 +76,7 @@ def write_prop(
         what = f"model '{obj.name}': collisions"
         add_change(Change(Code.MESH, obj.where, what, f"{len(solids)} shapes", f"the {MOST_SOLIDS} largest", why))
         solids = solids[:MOST_SOLIDS]
+    # The frame of the prop is on the ground below the centre of its bounding box.
     cloud = np.concatenate([points for _, points in solids])
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     origin = np.array([*np.round(0.5 * (low + high)[:2], 3), low[2]])
@@ -225,7 +224,7 @@ def _bulges(area: shapely.Geometry) -> bool:
     return whole and float(shapely.area(shapely.convex_hull(area))) <= (1.0 + 1e-6) * size
 
 
-# --- what is seen -------------------------------------------------------------------------------------------------
+# --- visuals --------------------------------------------------------------------------------------------------------
 
 
 def write_visual(obj: SourceObject, X_PM: RigidTransform, folder: Path, add_change: Callable[[Change], None]) -> bool:
@@ -262,30 +261,7 @@ def pieces_of(shape: Shape) -> tuple[list[Piece], list[Note]]:
         mesh = as_mesh(shape)
         corners = np.asarray(mesh.vertices, dtype=float)[np.asarray(mesh.faces)]
         return [Piece((), corners, material=Material("", shape.rgba))], []
-    read = read_mesh(shape.mesh)
-    notes = list(read.notes)
-    pieces = list(select_submesh(read, shape.mesh, shape.submesh))
-    matrix = np.diag([*shape.scale, 1.0])
-    if shape.submesh and shape.center:
-        points = np.concatenate([piece.corners.reshape(-1, 3) for piece in pieces])
-        matrix[:3, 3] = -np.array(shape.scale) * 0.5 * (points.min(axis=0) + points.max(axis=0))
-    if shape.texture is not None:
-        picture = TextureFolder(shape.texture.parent, notes).picture(shape.texture.name)
-        if picture is not None:
-            white = Material("", (1.0, 1.0, 1.0, 1.0), picture)
-            pieces = [replace(piece, material=white) for piece in pieces]
-    if shape.rgba is not None:
-        pieces = [piece if _is_coloured(piece) else _coloured(piece, shape.rgba) for piece in pieces]
-    return [piece.moved(matrix) for piece in pieces], notes
-
-
-def _is_coloured(piece: Piece) -> bool:
-    look = piece.material
-    return look.rgba is not None or look.picture is not None or piece.colors is not None
-
-
-def _coloured(piece: Piece, rgba: tuple[float, float, float, float]) -> Piece:
-    return replace(piece, material=replace(piece.material, rgba=rgba))
+    return load_visual(shape)
 
 
 def _quoted(text: str) -> str:

@@ -44,6 +44,7 @@ def read_crowd(
     obj.X_WM, _ = read_pose(element.find("pose"), tree, version)
     kind = text_of(element, "distribution/type") or text_of(element, "distribution") or "random"
     crowd = Crowd(name, obj, kind, int(number("model_count", 1)), where=where)
+    # SDF 1.4 has a region with corners, later versions a pose and a size.
     old = element.find("region") is not None  # as SDF 1.4 had it: corners of a box instead of pose and size
     low = numbers("region/cuboid/min", 3, [0.0] * 3)
     if kind == "grid":

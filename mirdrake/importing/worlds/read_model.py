@@ -68,7 +68,7 @@ class ModelReader:
     """Reads models.
 
     Args:
-        models: find what is included.
+        models: find included models.
         tree: give the places.
         frames: collect all frames.
         add_change: called with every change.
@@ -83,7 +83,7 @@ class ModelReader:
         self._count = 0
         self.drafts: list[Draft] = []
         self.lights: list[tuple[Element, str]] = []
-        """lights of included files, and the frame they count from"""
+        """lights of included files and the frames of their poses"""
 
     # --- models and includes ---
 
@@ -100,9 +100,9 @@ class ModelReader:
 
         Args:
             element: its ``<model>``.
-            scope: in which it stands.
+            scope: that contains it.
             name: instead of its own.
-            placed: an ``<include>`` whose pose and ``static`` win.
+            placed: an ``<include>`` whose pose and ``static`` take precedence.
             draft: the moving object that it is part of; None for one of its own.
         """
         where = self._tree.where(placed if placed is not None else element)
@@ -190,7 +190,7 @@ class ModelReader:
         if self._count > MOST:
             raise ModelError(f"{where}: more than {MOST} models and links; does something include itself many times?")
 
-    # --- what is in a model ---
+    # --- contents of a model ---
 
     def _inside(self, element: Element, scope: Scope, draft: Draft) -> None:
         for child in element:
@@ -248,6 +248,7 @@ class ModelReader:
         mass = read_number(element.findtext("inertial/mass"), where=where, what="<mass>")
         if mass is not None:
             obj.mass = (obj.mass or 0.0) + mass
+        # A faulty collision shape makes the model faulty, since cars would pass through it; a visual does not.
         for child in element:
             if child.tag in {"visual", "collision"}:
                 try:
@@ -299,6 +300,7 @@ class ModelReader:
             mu = read_mu(element, self._tree)
             if mu is not None:
                 obj.mu = mu if obj.mu is None else min(obj.mu, mu)
+        # A missing mesh may be replaced by a prop of known size, so its report waits until then.
         if shape.kind == "mesh" and shape.mesh is None:
             obj.sources.append(model_name(shape.address))
             if element.tag == "collision":

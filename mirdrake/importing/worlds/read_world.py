@@ -89,6 +89,7 @@ class _Reader:
         self._crowds: list[tuple[Element, range]] = []
 
     def read(self, element: Element) -> None:
+        # The state refers to models by name, so it is read after all of them.
         states = []
         for child in element:
             if child.tag == "state":
@@ -101,6 +102,7 @@ class _Reader:
             self._state(state)
         for light, frame in [*self._lights, *self._models.lights]:
             self._light(light, frame)
+        # Poses are known once all frames are read.
         objects = [self._finish(draft) for draft in self._models.drafts]
         own = {index for _, indices in self._crowds for index in indices}
         for crowd, indices in self._crowds:  # a model may hold nothing but an include

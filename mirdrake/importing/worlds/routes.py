@@ -91,6 +91,7 @@ def route_in_area(area: shapely.Polygon) -> Route | None:
     width = 2.0 * area.area / area.length
     if width > WIDEST or width < 0.05:
         return None
+    # The medial axis is noisy: smooth it until it has a radius that a car can follow.
     line, clear = _medial_line(area, width)
     if len(line) < 2 or float(np.hypot(*np.diff(line, axis=0).T).sum()) < _LONG * width:
         return None
@@ -114,6 +115,7 @@ def route_in_area(area: shapely.Polygon) -> Route | None:
             break
     if best is None:
         return None
+    # The track is the road itself if it covers the area; else it is a line to follow on patches.
     road = route_of_line(best[1], wide)
     if road is not None and road.is_road:
         covered = shapely.intersection(road.track.area, area).area
@@ -176,7 +178,7 @@ def _rounded(
     if len(turns) and np.abs(turns).max() > _BACK:
         return None
 
-    # Each corner takes up to half of the lines beside it, of the first and the last line all.
+    # The arc of a corner uses up to half of the adjacent lines, and all of the first and last line.
     share = np.full(len(lengths), 0.5)
     share[0] = share[-1] = 0.98 if len(lengths) > 1 else 1.0
     cut = np.zeros(len(turns))

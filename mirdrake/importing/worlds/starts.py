@@ -16,7 +16,7 @@ CAR = "bolt"
 
 _ROOM = 0.3  # [m] on all sides
 _AHEAD = (120.0, 60.0, 30.0, 15.0, 6.0, 0.0)  # [m] to be free in front; the first of them for which there is a place
-_LOW = 0.05  # [m] of what is no obstacle
+_LOW = 0.05  # [m] height of objects that are not obstacles
 _STEP = 2.0  # [m] between places that are tried
 _MOST_PLACES = 20_000
 _HEADINGS = np.radians([0.0, 90.0, 180.0, 270.0, 45.0, 135.0, 225.0, 315.0])

@@ -22,7 +22,7 @@ LARGE = 15.0
 FLAT = 0.05
 """Thickness up to which a surface is a part of the ground [m]."""
 
-_ROOM = 2.0  # [m] side of a place that walls may stand around
+_ROOM = 2.0  # [m] smallest side of a room within walls
 _LOW = 0.15  # height over side of what may be terrain or walls around a place
 _UPRIGHT = 0.3  # largest z of the normal of a wall
 _MOST_PARTS = 180
@@ -45,8 +45,8 @@ def corners_of(shape: Shape) -> Array:
 def kind_of(corners: Array) -> str:
     """Return the kind of a mesh [m], z up: solid, walls or terrain.
 
-    Walls stand around a place that is open from above. Terrain is wide and low, and no hull of it will do. Anything
-    else is solid, and convex parts stand for it.
+    Walls enclose a space that is open from above. Terrain is wide and low, so that its hull would be wrong. Any other
+    mesh is solid and becomes convex parts.
     """
     points = corners.reshape(-1, 3)
     edges = np.ptp(points, axis=0)
@@ -115,8 +115,8 @@ def tops_at(corners: Array, places: Array) -> Array:
 def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[Shape]:
     """Return walls as many small convex shapes.
 
-    Each body of the mesh that is convex is one. Of the others, floors do not count, and each shape is what hangs
-    together within a square of a grid. The squares are 0.5 m wide, or as much larger as it takes for 180 parts.
+    Each convex body of the mesh is one shape. Floors of the others are ignored, and each shape is a connected part
+    within a square of a grid. The squares are 0.5 m wide, or as much larger as it takes for 180 parts.
 
     Args:
         shape: that the triangles belong to.

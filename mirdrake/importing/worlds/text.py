@@ -32,9 +32,9 @@ def world_text(
         name: of the world.
         source: origin, for the first line.
         ground: base plane and patches.
-        suns: the first one shines.
+        suns: the first one is used.
         starts: name -> its keys; the first one is that of a run which names none.
-        entries: what stands in it.
+        entries: its objects.
         scenery: keys of meshes that are visual only.
         overlaps: pairs of props that overlap in the source.
         heights: name of a prop -> how far it is off the ground in the source [m].
@@ -45,6 +45,7 @@ def world_text(
         f"name: {name}",
         "",
     ]
+    # Keys are in the order of a world file written by hand.
     parts = [f"surface: {ground.surface}"]
     if ground.mu is not None:
         parts.append(f"mu: {ground.mu:.4g}")
@@ -94,10 +95,10 @@ def report_text(
     Args:
         name: of the world.
         files: of the source.
-        entries: what stands in the new world.
+        entries: objects of the new world.
         changes: with short places.
         places: how files are named.
-        checks: sentences on what a person should look at.
+        checks: sentences on what the user should check.
     """
     lines = [
         f"# Import of {name}",
