@@ -111,8 +111,8 @@ def _half_extent(shape: Shape) -> Array:
 def convert_visual(shape: Shape, folder: Path, *, name: str) -> tuple[Shape, list[Change]]:
     """Write a visual mesh as glTF; a primitive stays as it is.
 
-    As in RViz, colours and textures of the file take precedence over the colour of the shape, and a texture of the shape
-    over both. Meshes without colour are grey. Meshes of more than 500 000 triangles are simplified.
+    As in RViz, colours and textures of the file take precedence over the colour of the shape, and a texture of the
+    shape over both. Meshes without colour are grey. Meshes of more than 500 000 triangles are simplified.
 
     Args:
         shape: visual shape of a link.
