@@ -79,6 +79,7 @@ class Packages:
             the file or None, and "" or what there is to say about it.
         """
         text = unquote(address.strip())
+        # Addresses of packages and models are relative to their folder, all others to that of the file.
         root = folder
         if "://" in text:
             scheme, _, rest = text.partition("://")
@@ -103,6 +104,7 @@ class Packages:
 
     def _nearly(self, path: Path, root: Path) -> tuple[Path | None, str]:
         """Return the file that is probably meant, or the reason why there is none."""
+        # The usual reasons for a missing file: other case, another folder, an archive, or Git LFS.
         other = _any_case(path)
         if other is not None:
             return (None, _POINTER_TEXT) if _is_pointer(other) else (other, "found with different upper and lower case")

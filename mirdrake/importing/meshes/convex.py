@@ -235,6 +235,7 @@ def _bodies(count: int, faces: NDArray[np.int64]) -> NDArray[Any]:
 def _cut(points: Array, faces: NDArray[np.int64], *, limit: int, time: CutTime) -> tuple[list[Hull], str]:
     if find_spec("coacd") is None:
         return [], "coacd is not installed; install it for convex decomposition"
+    # CoACD needs a closed surface and gets slow for many triangles.
     used, index = np.unique(faces, return_inverse=True)
     corners, triangles = _close(points[used], index.reshape(-1, 3))
     if _volume(corners, triangles) is None:

@@ -36,6 +36,7 @@ def read_collada(document: Collada, folder: TextureFolder) -> Iterator[Piece]:
                 "as in Gazebo and RViz, which ignore the up axis of COLLADA files",
             )
         )
+    # Files without a scene, which some exporters write, have geometries only.
     reader = _Reader(folder)
     matrix = np.diag([scale, scale, scale, 1.0])
     if document.scene is not None and document.scene.nodes:

@@ -52,6 +52,7 @@ def read_obj(data: bytes, folder: TextureFolder) -> Iterator[Piece]:
     materials: dict[str, Material] = {}
     for library in dict.fromkeys(content.libraries):
         _read_library(library, folder, materials)
+    # Positions may be followed by a colour, so rows have three or six values.
     points = _table(content.points, 6)
     uv, normals = _table(content.uv, 2), _table(content.normals, 3)
     for polygons in content.polygons.values():
@@ -173,6 +174,7 @@ def _corner(word: str, content: _Content) -> Corner:
 
 def _triangulate(polygons: list[tuple[_Part, list[Corner]]], points: Array) -> None:
     """Add polygons of the same number of corners to their parts: as a fan if convex, else as triangles inside."""
+    # Polygons of one size are checked together: a negative turn along the normal means a concave corner.
     index = np.array([[corner[0] for corner in corners] for _, corners in polygons])
     place = _take(points, index)
     place = place - place[:, :1]
@@ -189,6 +191,7 @@ def _triangulate(polygons: list[tuple[_Part, list[Corner]]], points: Array) -> N
 
 def _triangles_inside(place: Array, normal: Array) -> list[tuple[int, int, int]]:
     """Return the triangles of a concave polygon by their corners; none if it intersects itself."""
+    # Project onto the plane of the polygon; its normal is the Newell normal.
     along = place[np.argmax(np.linalg.norm(place, axis=1))]
     x = along - normal * float(along @ normal) / float(normal @ normal)
     flat = np.column_stack((place @ x, place @ np.cross(normal, x) / np.linalg.norm(normal)))

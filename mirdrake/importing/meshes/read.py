@@ -167,6 +167,7 @@ def _read(path: Path, _changed: int, _size: int) -> ReadMesh:
         raise MeshError(path, f"has an unknown format (supported: .{', .'.join(FORMATS)})")
     if not data:
         raise MeshError(path, "is an empty file")
+    # Readers raise errors of every kind for damaged files; the caller gets one kind with the name of the file.
     notes: list[Note] = []
     folder = TextureFolder(path.parent, notes)
     try:
@@ -178,6 +179,7 @@ def _read(path: Path, _changed: int, _size: int) -> ReadMesh:
     except Exception as error:  # the readers' own errors are of every kind
         reason = " ".join(str(error).split()) or type(error).__name__
         raise MeshError(path, f"cannot be read as {kind.upper()} ({reason})") from error
+    # Triangles that cannot be drawn go first, since winding and doubles need areas and normals.
     pieces = _without_broken(pieces, notes)
     if not pieces:
         raise MeshError(path, "has no triangle")
@@ -203,6 +205,7 @@ def select_submesh(mesh: ReadMesh, path: Path, name: str) -> tuple[Piece, ...]:
 def _without_broken(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
     kept, broken, count = [], 0, 0
     for piece in pieces:
+        # The comparison is false for NaN, too.
         finite = np.asarray((np.abs(piece.corners) < _FAR).all(axis=(1, 2)))  # not so if it is no number
         count += len(finite)
         broken += int((~finite).sum())
@@ -249,6 +252,7 @@ def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
     if not pieces:
         return []
     corners = np.concatenate([piece.corners for piece in pieces])
+    # Corners are compared on a grid of a millionth of the size, so that rounding in the file does not matter.
     low, extent = corners.min(axis=(0, 1)), float(np.ptp(corners.reshape(-1, 3), axis=0).max()) or 1.0
     grid = np.round((corners - low) / (1e-6 * extent)).astype(np.int64)
     codes = np.sort((grid[..., 0] << 42) | (grid[..., 1] << 21) | grid[..., 2], axis=1)
@@ -258,6 +262,7 @@ def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
     same = (codes[order[1:]] == codes[order[:-1]]).all(axis=1) & (owner[order[1:]] == owner[order[:-1]])
     if not same.any():
         return list(pieces)
+    # Of each pair, the textured triangle stays, else the one that faces outwards.
     face = _areas(corners)
     rank = np.einsum("ij,ij->i", face, corners.mean(axis=1) - corners.mean(axis=(0, 1)))
     textured = np.concatenate([np.full(len(piece.corners), piece.material.picture is not None) for piece in pieces])
@@ -354,6 +359,7 @@ def _missing(address: str) -> Note:
 
 
 def _find_any_case(folder: Path, address: str) -> Path | None:
+    # Packages made on file systems without case need a search for each part of the path.
     direct = folder / address
     if direct.is_file():
         return direct

@@ -132,6 +132,7 @@ def _indexed(
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None, NDArray[Any] | None, NDArray[Any]]:
     """Return vertices without repetition as glTF wants them, and the index of each corner."""
     assert piece.normals is not None
+    # Rows are compared as bytes: equal position, normal, texture coordinate and colour are one vertex.
     columns = [piece.corners.reshape(-1, 3), piece.normals.reshape(-1, 3)]
     if piece.uv is not None:
         uv = np.nan_to_num(piece.uv.reshape(-1, 2))
@@ -164,6 +165,7 @@ def corner_normals(piece: Piece) -> Array:
         if good.all():
             given: Array = piece.normals / length
             return given
+    # Sharp edges keep the face normal; other corners get the area-weighted mean of their faces.
     _, vertex = weld(corners.reshape(-1, 3))
     total = np.zeros((vertex.max() + 1, 3))
     for axis in range(3):

@@ -127,6 +127,7 @@ class Models(Packages):
 
     def resolve(self, address: str, *, folder: Path) -> tuple[Path | None, str]:
         """Return the file of an address as :meth:`Packages.resolve` does; remarks name the searched folders."""
+        # An address of the Fuel server is looked up in its cache, then as a model of that name.
         text = unquote(address.strip())
         scheme, mark, rest = text.partition("://")
         if mark and scheme in {"http", "https"}:

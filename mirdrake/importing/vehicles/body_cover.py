@@ -25,6 +25,7 @@ def body_boxes(shapes: Iterable[Shape], layout: Layout) -> list[Bounds]:
     """Return the bounding boxes in base_link of visible shapes that are not larger than a car."""
     limits = np.array(LARGEST) * layout.wheelbase
     opaque = (shape for shape in shapes if shape.rgba is None or shape.rgba[3] >= _INVISIBLE)
+    # Only shapes of a plausible size count: a ground plane or a sky box is not a body.
     boxes = [bounds_in(shape, RigidTransform()) for shape in opaque]
     return [box for box in boxes if box is not None and (box[1] - box[0] <= limits).all()]
 

@@ -154,6 +154,7 @@ def _fault(inertia: Vector, mass: float, bounds: Bounds | None, size: float) -> 
     """Return why no body can have this inertia; "" if one can."""
     if not np.isfinite(inertia).all():
         return "not a number"
+    # 2 % beyond the triangle inequality is rounding in the file.
     low, middle, high = np.linalg.eigvalsh(0.5 * (inertia + inertia.T))
     if low <= 0.0:
         return "principal moments should be above zero"
@@ -165,6 +166,7 @@ def _fault(inertia: Vector, mass: float, bounds: Bounds | None, size: float) -> 
         return f"the mass would be {gyration:.3g} m from its centre, in a link of {2.0 * half:.3g} m"
     if gyration < NEAREST * half:
         return f"all mass would be within {gyration:.2g} m, in a link of {2.0 * half:.3g} m"
+    # A power of ten times the identity is a placeholder, unless the shapes confirm it.
     identity = np.abs(inertia - inertia[0, 0] * np.eye(3)).max() <= 1e-12 * high
     power = np.log10(inertia[0, 0]) if identity else 0.5
     if identity and abs(power - round(power)) < 1e-9 and bounds is not None:

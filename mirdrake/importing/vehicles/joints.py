@@ -26,6 +26,7 @@ def report_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]
         sprung: joints that become the suspension.
     """
     changes: list[Change] = []
+    # Joints are compared by identity: a joint that steers and spins has both roles.
     wheels = [wheel.joint for wheel in roles.wheels.values()]
     used = [*wheels, *(joint for joint in roles.steering if all(joint is not other for other in wheels))]
     reported = {change.part for change in roles.changes if change.code is Code.JOINT_FIXED}

@@ -201,6 +201,7 @@ def collect_numbers(
     ratio = next((item for item in stated if item.figure == "steering_ratio" and 1.0 <= item.value <= 100.0), None)
     if ratio is not None:
         numbers["steering_ratio"] = Number(ratio.value, f"imported: plugin, {ratio.where}")
+    # A source that states a torque or a lower speed limits the power as well.
     # As estimates do it: full torque up to a part of the top speed.
     top = min(numbers["wheel_speed_limit"].value, estimates.wheel_speed_limit)
     limited = numbers["max_torque"].source.startswith("imported") or top < estimates.wheel_speed_limit
@@ -245,6 +246,7 @@ def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, 
 
 def _brakes(stated: Sequence[Stated], estimates: Estimates, changes: list[Change]) -> tuple[Number, Number]:
     """Return the brake torque of all wheels together [N m] and the share of the front axle [-]."""
+    # Plugins state brake torques per wheel, per axle or in total.
     found = [item for item in stated if item.figure == "brake_torque" and isfinite(item.value)]
     estimate, share = _estimate(estimates, "brake_torque"), _estimate(estimates, "brake_front_share")
     if not any(item.value > 0.0 for item in found):
@@ -293,6 +295,7 @@ def _choose_value(
     changes: list[Change],
 ) -> Number:
     """Return the smallest possible value of the source, else the estimate."""
+    # Gazebo files use zero, negative and huge values for "no limit".
     known = [(value, where) for value, where in given if value is not None]
     good = [(value, where) for value, where in known if isfinite(value) and 0.0 < value <= most]
     how = estimate.source.removeprefix("estimated: ")

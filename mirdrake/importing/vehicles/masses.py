@@ -283,6 +283,7 @@ def _repair_wheel(
     if offset > max(1e-3, 0.02 * radius):
         was = f"{offset:.3g} m from the wheel's centre"
         changes.append(Change(Code.MASS, at, f"{what}: centre of mass", was, "in it", "wheels are balanced"))
+    # The largest moment of a wheel is about its axis; files often have it in another slot.
     moments = mass.inertia.diagonal()
     order = np.argsort(moments)
     top = int(order[2])

@@ -34,6 +34,7 @@ def take_plugin(plugin: Plugin, reference: str, model: SourceModel) -> None:
             what = f"plugin '{plugin.name or plugin.filename}'"
             model.changes.append(Change(Code.PLUGIN, plugin.where, what, plugin.filename, None, why))
             return
+    # The file name of the plugin decides, since names of plugins are free text.
     kind = next((kind for words, kind in _KINDS if re.search(words, file, re.IGNORECASE)), None)
     link, named = _link_of(plugin, reference, model)
     # A system of gz-sim, as gz::sim::systems::Imu, serves all sensors of a world and has no link.

@@ -32,6 +32,7 @@ def read_source(
         MissingArgumentsError: xacro arguments need values.
         ModelError: there is no such file, or no valid description of a vehicle.
     """
+    # Relative paths in arguments are those of the user, not of the file.
     path = _main_file(Path(path))
     arguments = {name: _absolute(value) for name, value in (arguments or {}).items()}
     around = Models(path, packages) if _is_sdf(path) else Packages(path, packages)

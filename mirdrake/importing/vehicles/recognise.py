@@ -254,6 +254,7 @@ def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: list[Change])
             raise _rejection(tree, what, wheels)
     if not steered:
         raise _rejection(tree, f"skid-steer: {_named(wheels)}, no steering joint", wheels)
+    # One steered axle is the front. Most sources have it towards +x; others drive backwards.
     if len(steered) == 1:
         front = steered[0]
         rear = next(axle for axle in axles if axle is not front)

@@ -62,6 +62,7 @@ def _read_file(path: Path) -> list[Controller]:
 def _controllers(data: Any, path: tuple[str, ...], where: str) -> Iterator[Controller]:
     if not isinstance(data, Mapping) or len(path) > 8:
         return
+    # A controller is a mapping with a type such as package/Class, or with gains; others are searched inside.
     kind = data.get("type")
     gains = {
         str(name): found

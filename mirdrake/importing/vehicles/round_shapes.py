@@ -98,6 +98,7 @@ def _rounds(shapes: Iterable[Shape], X_WL: RigidTransform, role: str) -> list[Ro
             if 0.0 < radius < LARGEST and 0.0 < width < LARGEST and np.isfinite(X_WG.translation()).all():
                 found.append(Round(radius, width, X_WG.translation(), shape, role))
             continue
+        # Any other shape is round if its extents across the axis are equal.
         box = bounds_in(shape, X_WL)
         if box is None:
             continue

@@ -99,6 +99,7 @@ def _set(mount: MountData, key: str, value: float, why: str, found: list[Correct
 
 def _convert_degrees(cls: type[Mount], mount: MountData, found: list[Correction]) -> None:
     """Convert angles that are impossible in radians from degrees, both ends of a fan together."""
+    # 90 as a limit of a fan can only mean degrees.
     for keys in _ANGLES:
         if any(key not in mount for key in keys):
             continue

@@ -133,6 +133,7 @@ def _lift(shape: Shape, body: Part, low: float, changes: list[Change]) -> Shape 
     if top - low < 0.3 * (top - bottom):
         changes.append(Change(Code.SHAPE, shape.where, what, was, None, why))
         return None
+    # An upright box is cut off at the bottom; any other shape is moved up.
     R = shape.X_LG.rotation().matrix()
     if shape.kind == "box" and np.abs(np.abs(R[2]).max() - 1.0) < _LEVEL:
         edge = int(np.argmax(np.abs(R[2])))

@@ -143,6 +143,7 @@ def make_springs(
     """
     where = next(iter(springs.values())).joint.where
     parts = [body, *knuckles, *wheels.values(), *carriers.values()]
+    # Wheel loads minus the weight below the springs: what each spring carries.
     com, weight = centre_of_mass(body, knuckles, wheels, layout, carriers), total_mass(parts) * GRAVITY
     share = float(com[0]) / layout.wheelbase
     track = share * layout.tracks[0] + (1.0 - share) * layout.tracks[1]
@@ -197,6 +198,7 @@ def _fill(
         why = HOW[f"{end}_stiffness"]
     was = "none" if not given else ", ".join(f"{value:.4g} N/m" for value in given)
     changes.append(Change(Code.SUSPENSION, joint.where, what, was, became, why))
+    # Without damping in the source, the damping ratio is 0.3, common for cars.
     damping = [item.joint.damping / item.up**2 for item in pair]
     good = [value for value in damping if isfinite(value) and value > 0.0]
     if good:

@@ -41,6 +41,7 @@ def read_stated(plugins: Iterable[Plugin]) -> list[Stated]:
     """Return the figures that plugins state."""
     found = [item for plugin in plugins for item in _of_plugin(plugin)]
     # Beside a limit at the road wheel, a larger one is that of the hand wheel; alone it is beyond a right angle.
+    # Steering limits beyond a right angle are those of the hand wheel.
     road = [item.value for item in found if item.figure == "steering_limit" and item.value < 0.5 * pi]
     hand = [item for item in found if item.figure == "steering_limit" and item.value >= 0.5 * pi]
     ratios = [

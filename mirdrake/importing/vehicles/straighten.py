@@ -132,6 +132,7 @@ def _base_frame(place: str, contact: dict[str, Vector], changes: list[Change]) -
     front = 0.5 * (contact["front_left"] + contact["front_right"])
     rear = 0.5 * (contact["rear_left"] + contact["rear_right"])
     across = contact["front_left"] + contact["rear_left"] - contact["front_right"] - contact["rear_right"]
+    # x from axle to axle, y from the wheels of both sides, made orthogonal.
     x = (front - rear) / np.linalg.norm(front - rear)
     across = across / np.linalg.norm(across)
     skew = asin(float(x @ across))
@@ -241,6 +242,7 @@ def _kingpin(tree: Tree, joint: Joint, X_BM: RigidTransform, changes: list[Chang
         changes.append(
             Change(Code.GEOMETRY, joint.where, f"joint '{joint.name}': sense of the axis", "downwards", "upwards", why)
         )
+    # The steering axis is made vertical where it meets the road, which keeps the scrub radius.
     lean = acos(min(1.0, float(up[2])))
     if lean > WORTH_SAYING:
         was = f"{degrees(lean):.3g} degrees off the vertical"

@@ -22,6 +22,7 @@ def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *,
         used: names of joints that steer a wheel.
         upright: smallest cosine between a steering axis and the vertical.
     """
+    # Upright joints without a steering name count only if a wheel is below: others may turn a lidar.
     carrying = {joint.name for name in wheels for joint in tree.path(tree.model.joints[name].child)} - set(wheels)
     named = _named_by_plugins(tree, "steer")
     words = []

@@ -113,6 +113,7 @@ class Converter:
             why = "a vehicle, not a prop; use mirdrake import vehicle"
             self.add_change(Change(Code.START, obj.where, what, was, f"start '{name}'", why))
             return None
+        # A model without its own files becomes a prop of its size, if it is well known.
         known = self._known_for(obj)
         if known is not None:
             why = "the files of the model are missing" if obj.absent else "its meshes are missing"

@@ -30,7 +30,7 @@ ROAD_WORDS = ("asphalt", "road", "street", "track", "circuit", "highway", "tarma
 _NOT_ROAD = (*_OBSTACLES, "sign", "light", "lamp", "mark", "line", "bridge", "building", "house", "fence", "tree")
 
 
-@dataclass
+@dataclass(eq=False)
 class Surface:
     """A part of an object that is ground.
 
@@ -158,6 +158,7 @@ def is_ground(surface: Surface, height: float) -> bool:
         surface: the surface.
         height: of the ground in W [m].
     """
+    # On the ground any thin surface counts; above it only wide ones that are not named as an obstacle.
     above = surface.top - height
     if surface.rise > HIGHEST and not surface.whole:
         return False
@@ -227,8 +228,8 @@ def _upper_faces(corners: Array, shape: Shape) -> tuple[Array, bool]:
 
 def without(obj: SourceObject, surfaces: list[Surface]) -> SourceObject:
     """Return an object without the collision shapes that are ground, except those with something above them."""
-    gone = {id(shape) for surface in surfaces if surface.whole for shape in surface.shapes}
-    return replace(obj, collisions=[shape for shape in obj.collisions if id(shape) not in gone])
+    gone = [shape for surface in surfaces if surface.whole for shape in surface.shapes]
+    return replace(obj, collisions=[shape for shape in obj.collisions if all(shape is not other for other in gone)])
 
 
 def heights_below(surfaces: list[Surface], points: Array, height: float) -> Array:

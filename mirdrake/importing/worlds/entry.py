@@ -106,6 +106,7 @@ def into_grids(entries: list[Entry]) -> list[Entry]:
 
 
 def _grid(group: list[Entry]) -> Entry | None:
+    # A grid is full: as many entries as rows times columns, with equal steps.
     places = np.array([np.round(entry.X_WP.translation()[:2], 4) for entry in group])
     xs, ys = (np.unique(places[:, axis]) for axis in (0, 1))
     if len(xs) * len(ys) != len(group) or len(np.unique(places, axis=0)) != len(group):

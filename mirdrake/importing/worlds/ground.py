@@ -120,9 +120,7 @@ def make_ground(world: SourceWorld, add_change: Callable[[Change], None]) -> Gro
 
     # Slabs and sheets, visual-only surfaces and roads; then the objects on them.
     accepted = [surface for surface in surfaces if is_ground(surface, ground.height)]
-    roads = _lay_down(
-        world, ground, [surface for surface in accepted if all(surface is not floor for floor in floors)], add_change
-    )
+    roads = _lay_down(world, ground, [surface for surface in accepted if surface not in floors], add_change)
     _take_out(world, ground, accepted, add_change)
     roads += _lay_down(world, ground, _take_seen(world, ground, add_change), add_change)
     for road in world.roads:
@@ -255,6 +253,7 @@ def _lay_down(
     world: SourceWorld, ground: GroundText, surfaces: list[Surface], add_change: Callable[[Change], None]
 ) -> list[shapely.Polygon]:
     """Add patches for surfaces, adjacent similar ones together; return the areas of roads."""
+    # Surfaces with the same look and friction that touch become one patch, the lowest first.
     alike: dict[tuple[str, float | None], list[Surface]] = {}
     for surface in sorted(surfaces, key=lambda one: one.top):
         if surface.top < ground.height - FLAT and world.planes:
@@ -308,18 +307,18 @@ def _take_out(
     world: SourceWorld, ground: GroundText, surfaces: list[Surface], add_change: Callable[[Change], None]
 ) -> None:
     """Remove surfaces from their objects; the rest is an obstacle or visual only."""
-    of: dict[int, list[Surface]] = {}
+    of: dict[SourceObject, list[Surface]] = {}
     for surface in surfaces:
-        of.setdefault(id(surface.obj), []).append(surface)
+        of.setdefault(surface.obj, []).append(surface)
     objects = []
     for obj in world.objects:
-        rest = without(obj, of.get(id(obj), []))
-        if rest.collisions or id(obj) not in of:
-            objects.append(rest if id(obj) in of else obj)
+        rest = without(obj, of.get(obj, []))
+        if rest.collisions or obj not in of:
+            objects.append(rest if obj in of else obj)
             continue
         for change in obj.missing:
             add_change(change)
-        own = of[id(obj)]
+        own = of[obj]
         if any(not _looks_like(shape, obj, own) for shape in obj.visuals):
             ground.drawn.append(_lifted(rest, max(surface.top for surface in own) - ground.height))
     world.objects = objects
@@ -443,6 +442,7 @@ def _add_routes(
     longest = max((route.track.length for route in ground.routes.values()), default=0.0)
     areas = [*roads, *(route.track.area for route in ground.routes.values())]
     if areas and longest < _LONG_ROUTE:
+        # Gaps of a few centimetres between slabs are closed before the roads are followed.
         joined = shapely.union_all([area.buffer(2.0 * FLAT, join_style="mitre") for area in areas])
         joined = joined.buffer(-2.0 * FLAT, join_style="mitre")
         parts = sorted(

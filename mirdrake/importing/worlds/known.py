@@ -101,6 +101,7 @@ _OTHERS = {"speed_limit": "speed_limit_sign", "cone": "construction_cone", "barr
 
 def find_known(name: str) -> Known | None:
     """Return the known model of a name in any spelling such as ``Construction Cone_clone_0``; None if unknown."""
+    # Exact names first, then other spellings, then the start of a name such as hatchback_blue.
     plain = plain_name(name)
     if plain in _TABLE:
         return _TABLE[plain]

@@ -13,7 +13,7 @@ from mirdrake.importing.shape import Shape
 Array = NDArray[np.float64]
 
 
-@dataclass
+@dataclass(eq=False)
 class SourceObject:
     """A model of the world; W is the frame of the world, M that of the model, both as in the source.
 

@@ -51,6 +51,7 @@ def find_overlaps(props: list[PlacedProp]) -> list[tuple[str, str]]:
     if not props:
         return []
     prints = [prop.footprint.buffer(-_TOUCH / 2.0) for prop in props]
+    # Footprints are shrunk by the tolerance, so that touching props do not overlap.
     tree = shapely.STRtree(prints)
     first, second = tree.query(prints, predicate="intersects")
     return [

@@ -138,6 +138,7 @@ class ModelReader:
         root = self._parse(path)
         version = version_of(root)
         inside = Scope(scope.prefix, scope.origin, version, path.parent, (*scope.files, path))
+        # Files may contain lights beside or instead of a model, such as model://sun.
         model = root if root.tag == "model" else root.find("model")
         for light in root.findall("light"):
             frame = self._new_name(scope.full(name or light.get("name", "light")), where)

@@ -155,6 +155,7 @@ class _Reader:
             before, lights = len(self._models.drafts), len(self._models.lights)
             self._models.include(child, self._scope)
             added = self._models.drafts[before:]
+            # model://sun is a light; without its files it has the direction of Gazebo's.
             if kind == "sun" and added and added[0].obj.absent:
                 self._models.drafts.pop()
                 X = self._frames.pose(added[0].frame)

@@ -66,6 +66,7 @@ def route_of_line(points: Array, width: float, *, is_road: bool = True) -> Route
         else f"{{arc: {{radius: {size:.12g}, angle: {math.degrees(angle):.13g} deg}}}}"
         for size, angle in segments
     ]
+    # Prefer a road of the full width; tight bends may only allow a narrower line to follow.
     for road, wide in ((True, width), (False, width), (False, 0.5 * width), (False, min(1.0, 0.2 * width))):
         if road and not is_road:
             continue
@@ -212,6 +213,7 @@ def _medial_line(area: shapely.Polygon, width: float) -> tuple[Array, Array]:
         is no line.
     """
     none = np.zeros((0, 2)), np.zeros(0)
+    # Points on the boundary at a quarter of the width give a medial axis without gaps.
     simple = shapely.simplify(area, 0.02 * width)
     step = max(width / 4.0, simple.length / _MOST_POINTS)
     points = np.concatenate([shapely.get_coordinates(shapely.segmentize(ring, step)) for ring in
@@ -235,6 +237,7 @@ def _medial_line(area: shapely.Polygon, width: float) -> tuple[Array, Array]:
     if not len(edges):
         return none
 
+    # A circuit has one long ring; a junction has small ones, where the path is the better line.
     ring = _outer_ring(edges, vertices)
     path = _longest_path(edges, vertices)
     closes = ring is not None and _length(ring) > max(0.5 * _length(path), 4.0 * width)

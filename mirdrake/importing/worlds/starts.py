@@ -63,6 +63,7 @@ class FreePlaces:
     def _find_on_track(self, name: str, ahead: float) -> float | None:
         """Return the first station of a track with a free distance ahead [m]; None if there is none."""
         track = self._world.tracks[name]
+        # An open track needs room for the rear of the car at its start, and for the distance ahead at its end.
         behind = 0.0 if track.closed else min(max(0.0, -self._car.rear) + 0.5, 0.25 * track.length)
         last = track.length if track.closed else min(0.6 * track.length, track.length - ahead - self._car.front)
         count = math.ceil(ahead / _STEP)

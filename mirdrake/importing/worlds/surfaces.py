@@ -48,6 +48,7 @@ def kind_of(corners: Array) -> str:
     Walls enclose a space that is open from above. Terrain is wide and low, so that its hull would be wrong. Any other
     mesh is solid and becomes convex parts.
     """
+    # The share of the plan view that is open from above separates rooms and terrain from solids.
     points = corners.reshape(-1, 3)
     edges = np.ptp(points, axis=0)
     side, height = float(edges[:2].max()), float(edges[2])
@@ -131,6 +132,7 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
     rest: list[NDArray[np.int64]] = []
     for body in bodies if len(bodies) <= _MOST_PARTS else ():
         (whole if _is_full(points, body) else rest).append(body)
+    # Floors and low faces are removed: the ground of the world replaces them.
     faces = np.concatenate(rest or [faces[:0]]) if len(bodies) <= _MOST_PARTS else faces
     parts = [points[np.unique(body)] for body in whole if np.ptp(points[np.unique(body)][:, 2]) > FLAT]
     triangles = points[faces]
