@@ -529,7 +529,7 @@ def test_a_circuit_as_a_mesh_is_a_road(tmp_path, seed):
     assert len(world.spec.scenery) == (0 if seed == 1 else 1)
 
 
-@pytest.mark.parametrize("named_by", ["g", "o", "usemtl"])
+@pytest.mark.parametrize("named_by", ["g", "o", "usemtl", "file"])
 def test_a_road_is_found_in_the_mesh_of_a_whole_town(tmp_path, named_by):
     _, world = imported(traps.town(tmp_path, 60.0, 8.0, named_by=named_by), tmp_path / "worlds")
     track = next(iter(world.tracks.values()))

@@ -380,7 +380,7 @@ def mesh_circuit(folder, radius, width, *, seen_only=False, walls=0.0, rise=0.0,
 
 
 def town(folder, radius, width, *, named_by):
-    """One mesh of level ground, a ring road and two houses; the parts are told apart by OBJ groups or by materials."""
+    """One mesh of level ground, a ring road and two houses; the parts differ in OBJ name or file."""
     turn = np.linspace(0.0, 2.0 * np.pi, 81)
     ring = []
     for a, b in itertools.pairwise(turn):
@@ -395,6 +395,22 @@ def town(folder, radius, width, *, named_by):
         "MainStreet_asphalt": ring,
         "houses": [*box((-20, -5, 0), (-8, 8, 7)), *box((8, -5, 0), (20, 8, 9))],
     }
+    if named_by == "file":
+        geometries = []
+        for name, triangles in parts.items():
+            _write_parts(folder / f"{name}.obj", {name: triangles}, "o")
+            geometries.append(f"<geometry><mesh><uri>{name}.obj</uri></mesh></geometry>")
+        links = "".join(
+            f"<link name='l{i}'><collision name='c'>{text}</collision><visual name='v'>{text}</visual></link>"
+            for i, text in enumerate(geometries)
+        )
+        return world(folder, f"<model name='town'><static>1</static>{links}</model>", plane="")
+    _write_parts(folder / "town.obj", parts, named_by)
+    return world(folder, model("town", "mesh", "town.obj"), plane="")
+
+
+def _write_parts(path, parts, named_by):
+    """An OBJ file of triangles with named parts."""
     lines, count = [], 0
     for name, triangles in parts.items():
         lines.append(f"{named_by} {name}")
@@ -402,5 +418,4 @@ def town(folder, radius, width, *, named_by):
             lines += [f"v {x:.4f} {y:.4f} {z:.4f}" for x, y, z in triangle]
             lines.append(f"f {count + 1} {count + 2} {count + 3}")
             count += 3
-    (folder / "town.obj").write_text("\n".join(lines) + "\n")
-    return world(folder, model("town", "mesh", "town.obj"), plane="")
+    path.write_text("\n".join(lines) + "\n")

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 
 import numpy as np
 import shapely
@@ -27,7 +28,8 @@ _MOST_TRIANGLES = 60_000
 ROAD_WORDS = ("asphalt", "road", "street", "track", "circuit", "highway", "tarmac")
 """Parts of names by which models, materials and parts of a mesh are recognised as roads."""
 
-_NOT_ROAD = (*_OBSTACLES, "sign", "light", "lamp", "mark", "line", "bridge", "building", "house", "fence", "tree")
+_NOT_ROAD = (*_OBSTACLES, "sign", "light", "lamp", "mark", "line", "bridge", "building", "house", "fence", "tree",
+             "field", "grass", "lawn", "terrain", "ground")  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -75,6 +77,9 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
     """
     shapes = obj.visuals if seen else obj.collisions
     words = " ".join([obj.name, obj.kind, *(shape.address for shape in obj.visuals)])
+    # A road of its own mesh beside others, such as track_road.dae beside track_field.dae, is not merged with them.
+    road_meshes = [shape for shape in shapes if _names_a_road((PurePath(shape.address).stem, shape.submesh))]
+    road_meshes = road_meshes if len(road_meshes) < len(shapes) else []
     found: list[Surface] = []
     roads: list[Surface] = []
     for shape in shapes:
@@ -88,11 +93,12 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
             roads.append(road)
         if not len(upper):
             continue
-        surface = _surface(obj, shape, upper, float(corners[:, :, 2].min()), whole=whole, words=words)
+        own = PurePath(shape.address).stem if shape in road_meshes else words
+        surface = _surface(obj, shape, upper, float(corners[:, :, 2].min()), whole=whole, words=own)
         level = abs(float((obj.X_WM @ shape.X_LG).rotation().matrix()[2, 2])) > _LEVEL
         surface.box = shape if shape.kind in {"box", "plane"} and level else None
         top, polygons = surface.top, surface.polygons
-        same = next((other for other in found if abs(other.top - top) <= FLAT), None)
+        same = next((other for other in found if other.words == surface.words and abs(other.top - top) <= FLAT), None)
         if same is None:
             found.append(surface)
             continue
