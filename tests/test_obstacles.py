@@ -56,7 +56,7 @@ def test_the_ground_is_a_half_space_where_drake_can_bear_one(tmp_path, props, ve
     assert signals["car0.z"].abs().max() < 0.02
 
 
-@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
+@pytest.mark.parametrize("contact", ["point", pytest.param("hydroelastic", marks=pytest.mark.slow)])
 def test_on_a_box_a_car_circles_as_on_a_half_space(tmp_path, contact):
     runs = []
     for props in ([], [posts(40, y=60), posts(20, y=-60, step=-2, more=", static: false, mass: 5")]):

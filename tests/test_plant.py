@@ -38,7 +38,7 @@ def test_each_part_alone_with_plain_drake():
     Simulator(diagram).AdvanceTo(0.01)
 
 
-def test_a_plant_without_a_scene_graph_is_refused():
+def test_a_plant_without_a_scene_graph_is_rejected():
     plant = MultibodyPlant(0.001)
     with pytest.raises(ModelError, match="no scene graph"):
         mir.add_vehicle(plant, "bolt")
@@ -80,7 +80,7 @@ def test_at_its_start_the_car_neither_falls_nor_jumps(parked):
     assert after == pytest.approx(before, abs=2e-4)
 
 
-def test_ground_truth_equals_what_the_plant_says_of_itself(parked):
+def test_ground_truth_equals_the_state_of_the_plant(parked):
     builder, parts = parked
     plant, part = parts.plant, parts.vehicles["ego"]
     truth = builder.AddSystem(GroundTruth(plant, part))

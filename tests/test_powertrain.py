@@ -83,7 +83,7 @@ def drag(speed: float) -> float:
 # --- motor -------------------------------------------------------------------------------------------------------
 
 
-def test_a_motor_gives_torque_then_power_then_nothing():
+def test_a_motor_is_limited_by_torque_then_power_then_top_speed():
     motor = Motor(torque=360.0, power=150e3, gear=7.05, top=900.0)
     assert full_torque(motor, 0.0) == 360.0
     assert full_torque(motor, 150e3 / 360.0) == pytest.approx(360.0)
@@ -99,7 +99,7 @@ def test_a_torque_map_limits_the_motor_further():
     assert full_torque(motor, 600.0) == pytest.approx(200.0)
 
 
-def test_regeneration_has_limits_of_its_own_and_fades_at_walking_pace():
+def test_regeneration_has_separate_limits_and_fades_at_walking_pace():
     motor = make_motor(ELECTRIC, radius=RADIUS)
     assert generator_torque(motor, 200.0) == 250.0
     assert generator_torque(motor, 700.0) == pytest.approx(100.0)
@@ -137,7 +137,7 @@ def test_full_throttle_on_a_point_mass_is_what_an_integrator_gives():
     assert set(times) == {13.41, 26.82}
 
 
-def test_top_speed_is_where_power_and_drag_are_equal_or_where_the_governor_stands():
+def test_top_speed_follows_from_power_and_drag_or_from_the_governor():
     free = ELECTRIC.model_copy(update={"governed_speed": None, "max_power": 60e3, "max_speed": 2000.0})
     for powertrain, expected in (
         (free, brentq(lambda v: 60e3 * 0.97 / v - drag(v), 10.0, 80.0)),
@@ -216,7 +216,7 @@ def test_a_car_with_gears_shifts_up_once_each_and_down_again_without_hunting():
     assert gaps == 40  # twice 0.2 s
 
 
-def test_reverse_has_a_ratio_of_its_own_and_neutral_no_torque():
+def test_reverse_has_a_separate_ratio_and_neutral_has_no_torque():
     train = law(powertrain=ENGINE.model_copy(update={"reverse": 5.0}))
     _, back = train.step(train.rest(), (1.0, 0.0, -1.0), rolling(0.0))
     _, ahead = train.step(train.rest(), (1.0, 0.0, 1.0), rolling(0.0))
@@ -352,7 +352,7 @@ def test_actuators_of_the_pedals_delay_what_the_wheels_get():
     assert drives == [False, False, False, True, True, True]
 
 
-def test_a_delay_that_is_no_multiple_of_the_period_is_refused():
+def test_a_delay_must_be_a_multiple_of_the_period():
     with pytest.raises(ConfigError, match=r"delay: 0\.015 s is not a multiple of the 0\.01 s"):
         ActuatorLaw(Actuator(delay=0.015), period=0.01)
 
@@ -424,7 +424,7 @@ def test_antilock_holds_the_slip_and_stops_sooner_than_locked_wheels(friction):
     assert held < 0.9 * locked
 
 
-def test_antilock_costs_little_where_sliding_costs_nothing():
+def test_antilock_hardly_lengthens_braking_where_sliding_friction_equals_the_peak():
     held, _ = quarter_car(27.8, 2500.0, Antilock(), falling=False)
     locked, _ = quarter_car(27.8, 2500.0, None, falling=False)
     assert held < 1.01 * locked
@@ -535,19 +535,19 @@ def change(text: str) -> VehicleSpec:
         ("pedals.brake=[[0.5, 10], [0.4, 20]]", "pedals.brake: the rows should ascend"),
     ],
 )
-def test_bad_input_is_told_with_its_place(override, message):
+def test_bad_input_is_reported_with_its_place(override, message):
     with pytest.raises(ConfigError, match=message):
         change(override)
 
 
-def test_bad_input_is_told_with_file_and_line():
+def test_bad_input_is_reported_with_file_and_line():
     text = (load_vehicle("bolt").folder / "vehicle.yaml").read_text()
     line = text[: text.index("powertrain:")].count("\n") + 2
     with pytest.raises(ConfigError, match=f"^vehicle.yaml:{line}: powertrain.kind: unknown kind 'steam'"):
         parse_yaml(text.replace("powertrain:", "powertrain:\n  kind: steam\n ", 1), VehicleSpec, name="vehicle.yaml")
 
 
-def test_a_gearbox_that_would_hunt_is_refused():
+def test_a_gearbox_that_would_hunt_is_rejected():
     data = ENGINE.model_dump() | {"shift_down": (90.0, 300.0)}
     with pytest.raises(ValueError, match="gear 1 would shift up at 550 rad/s and gear 2 down again at 300"):
         EnginePowertrain.model_validate(data)

@@ -103,7 +103,7 @@ def skid(tmp_path, ground: str, *, contact: str, speed: float, duration: float, 
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
-@pytest.mark.parametrize("time_step", [0.001, 0.005])
+@pytest.mark.parametrize("time_step", [pytest.param(0.001, marks=pytest.mark.slow), 0.005])
 def test_on_ice_a_car_slides_v_squared_over_two_mu_g(tmp_path, contact, time_step):
     ice = "{surface: asphalt, patches: [{rect: {center: [20, 0], size: [80, 20]}, surface: ice, mu: 0.1}]}"
     end, _ = skid(tmp_path, ice, contact=contact, speed=8.0, duration=9.0, time_step=time_step)

@@ -167,7 +167,7 @@ def test_roll_slip_of_an_axle_is_a_softer_axle_in_a_steady_turn():
 
 
 @pytest.mark.parametrize("mass", [1300.0, 1500.0])
-def test_a_rolling_car_without_grip_swings_about_its_centre_of_mass(mass):
+def test_a_rolling_car_without_grip_oscillates_about_its_centre_of_mass(mass):
     """Nothing holds its axles: the car as a whole stays, the sprung part and the rest swing against each other."""
     loose = replace(ROLLING, roll_mass=mass, roll_damping=0.0, front_stiffness=1e-6, rear_stiffness=1e-6)
     linear = linearize_single_track(loose, Variant("linear", roll=True), speed=20.0)
@@ -219,7 +219,7 @@ def test_an_oversteering_car_is_unstable_beyond_its_critical_speed():
     assert growth == pytest.approx(np.exp(lateral.eigenvalues().real.max()), rel=1e-3)
 
 
-def test_the_car_coasts_down_as_the_integral_of_its_losses_says():
+def test_coast_down_equals_the_integral_of_the_losses():
     """M v' = -(A + C v²) has v = sqrt(A/C) tan(atan(v0 sqrt(C/A)) - t sqrt(A C) / M)."""
     a, c, m = 0.01 * 1500.0 * GRAVITY, 0.5, 1540.0
     for variant in (KINEMATIC, LINEAR, BRUSH):
@@ -491,13 +491,13 @@ def test_a_parked_car_stays_where_it_is(variant):
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.9, 2.0, -0.5, -2.5])
-def test_a_slow_car_turns_as_geometry_says(speed):
+def test_a_slow_car_turns_on_the_circle_of_its_geometry(speed):
     ride = Ride(CAR, steering=0.2, drive=0.0, vx=speed, vy=0.3).at(3.0)
     assert ride["wz"] == pytest.approx(ride["vx"] * tan(0.2) / 2.7, rel=0.02)
     assert abs(ride["vy"]) < 0.02 * abs(speed)
 
 
-def test_a_car_that_slides_sideways_is_not_taken_for_a_slow_one():
+def test_a_car_that_slides_sideways_is_not_kinematic():
     ride = Ride(CAR, BRUSH, vy=10.0).at(0.5)
     assert ride["vy"] + 1.5 * ride["wz"] == pytest.approx(10.0 - 0.5 * GRAVITY, rel=0.02)
 
@@ -532,7 +532,7 @@ def test_the_parameters_of_a_vehicle_are_what_its_inspection_measures(name):
 
 
 @pytest.mark.parametrize("name", ["bolt", "bolt@handling", "mkz@handling", "unior@handling"])
-def test_the_centre_of_mass_is_as_high_as_in_the_plant_that_stands_on_its_tyres(name):
+def test_the_height_of_the_centre_of_mass_is_that_of_the_plant_at_rest(name):
     """Of the plant at rest in point contact: tyres of k have given way by N / k, which is 2 cm for a car."""
     vehicle, builder = load_vehicle(name), DiagramBuilder()
     parts = make_plant(builder, load_world("empty"), {"ego": vehicle}, spec=PlantSpec(time_step=0.005, contact="point"))
@@ -559,7 +559,7 @@ def test_a_context_has_its_own_parameters():
         model.set_state(context, v=1.0)
 
 
-def test_what_makes_no_sense_is_refused():
+def test_invalid_arguments_are_rejected():
     vehicle = load_vehicle("bolt")
     with pytest.raises(ConfigError, match="unknown tyres 'brus'; did you mean 'brush'"):
         make_single_track(vehicle, tyres="brus")
@@ -661,7 +661,7 @@ def test_a_delay_shifts_the_response():
     assert times[5] == pytest.approx(0.1)
 
 
-def test_a_centre_of_mass_below_the_road_is_told():
+def test_a_centre_of_mass_below_the_road_is_rejected():
     said = (
         r"catvehicle/\w+\.xacro:\d+: the centre of mass of 'catvehicle@published' is 0\.\d+ m below the road; check "
         r"mass and origin of link '\w+'"

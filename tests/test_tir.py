@@ -124,7 +124,7 @@ def test_old_names_of_version_5_2() -> None:
         (instead("PKX1 = 22", "PKX1 = 22\nPKX1 = 23"),
          "t.tir:17: [LONGITUDINAL_COEFFICIENTS] PKX1: has another value in line 16; keep one of them"),
         (SMALL + "[EXTRA]\nPKX1 = 23\n", "t.tir:23: [EXTRA] PKX1: has another value in line 16; keep one of them"),
-        ("PCX1 = 1\n" + SMALL, "t.tir:1: 'PCX1 = 1' stands before the first [SECTION]"),
+        ("PCX1 = 1\n" + SMALL, "t.tir:1: 'PCX1 = 1' is before the first [SECTION]"),
         (instead("LENGTH = 'meter'", "LENGTH = 'furlong'"),
          "t.tir:2: [UNITS] LENGTH: unknown unit 'furlong'; "
          "(allowed: cm, foot, inch, km, m, meter, millimeter, mm)"),

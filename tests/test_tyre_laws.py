@@ -392,7 +392,7 @@ def test_the_ellipse_at_a_fine_grid() -> None:
 
 
 @given(KAPPA, TAN, LOAD, st.floats(-0.1, 0.1), SPEED)
-def test_the_car_tyre_is_the_same_to_both_sides_and_both_ways(
+def test_the_car_tyre_is_symmetric_to_both_sides_and_in_both_directions(
     kappa: float, slip: float, load: float, gamma: float, vx: float
 ) -> None:
     one = magic_formula(CAR, kappa, slip, load, vx=vx, gamma=gamma)
@@ -404,7 +404,7 @@ def test_the_car_tyre_is_the_same_to_both_sides_and_both_ways(
 
 
 @pytest.mark.parametrize("tyre", [CAR, BOOK, FULL])
-def test_nothing_jumps_at_zero_speed(tyre: MagicFormulaParameters) -> None:
+def test_forces_are_continuous_at_zero_speed(tyre: MagicFormulaParameters) -> None:
     speeds = np.linspace(-2.0, 2.0, 4001)
     forces = magic_formula(tyre, 0.02, 0.03, 4000.0, vx=speeds, gamma=0.02)
     for values in forces:
@@ -538,7 +538,7 @@ def test_a_damper_to_the_side_leads_as_a_body_of_voigt(frequency: float) -> None
     assert found == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_damper_to_the_side_is_one_at_standstill() -> None:
+def test_lateral_damping_acts_at_standstill() -> None:
     still = Motion(0.0, 0.0, 0.01)
     damping = DAMPED.damping + DAMPED.lateral_damping
     _, slip = relaxed_slip(Deflection(0.0, 0.002), still, CONTACT, DAMPED)
@@ -565,7 +565,7 @@ def test_a_short_step_follows_the_rates(
 
 
 @given(st.floats(-5.0, 5.0), st.floats(1e-4, 0.05))
-def test_a_wheel_that_slides_at_standstill_winds_nothing_up(slip: float, period: float) -> None:
+def test_a_wheel_that_slides_at_standstill_keeps_its_deflection_limited(slip: float, period: float) -> None:
     state = Deflection()
     for _ in range(50):
         state = deflection_step(state, Motion(0.0, slip, -slip), CONTACT, period=period)
@@ -574,7 +574,7 @@ def test_a_wheel_that_slides_at_standstill_winds_nothing_up(slip: float, period:
     assert abs(state.across) <= limit_y * 1.1
 
 
-def test_without_contact_nothing_stays() -> None:
+def test_without_contact_the_deflection_is_zero() -> None:
     lifted = CONTACT._replace(stiffness_x=0.0)
     assert deflection_step(Deflection(0.1, 0.1), Motion(1.0, 0.0, 0.0), lifted, period=0.01) == Deflection()
     assert relaxed_slip(Deflection(0.1, 0.1), Motion(1.0, 0.0, 0.0), lifted) == (0.0, 0.0)
@@ -641,7 +641,7 @@ def test_a_locked_stop_ends_without_running_back() -> None:
     assert np.ptp(rows[-2000:, 0]) < 1e-4
 
 
-def test_damping_opposes_the_motion_both_ways() -> None:
+def test_damping_opposes_the_motion_in_both_directions() -> None:
     kappa, tan_alpha = relaxed_slip(Deflection(), Motion(0.0, 0.1, 0.1), CONTACT, RelaxationSettings(damping=1000.0))
     forces = magic_formula(CAR, kappa, tan_alpha, 4000.0, vx=0.0)
     assert forces.fx == pytest.approx(-100.0, rel=1e-3)  # 1000 N s/m × 0.1 m/s

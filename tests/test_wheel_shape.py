@@ -116,8 +116,8 @@ def test_the_load_of_a_patch_is_that_of_a_flat_strip_on_a_round_wheel(depth):
         assert width * np.trapezoid(pressure, x) == pytest.approx(load, rel=0.015)
 
 
-@pytest.mark.parametrize("contact", ["hydroelastic", "point"])
-def test_roll_and_lateral_acceleration_of_a_fast_turn_do_not_hinge_on_the_step(contact):
+@pytest.mark.parametrize("contact", [pytest.param("hydroelastic", marks=pytest.mark.slow), "point"])
+def test_roll_and_lateral_acceleration_of_a_fast_turn_do_not_depend_on_the_step(contact):
     """With shapes that turn, patches held back 15 % of the roll at 5 ms, and 10 % at 2.5 ms."""
     vehicle = load_vehicle("bolt@handling")
     profile = {"kind": "step", "amplitude": 0.02, "start": 0.2, "rise": 0.15}

@@ -151,7 +151,7 @@ def test_the_aligning_moment_of_a_brush_tyre_changes_sign_with_the_direction_of_
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_machine_code_does_what_its_python_text_says(bolt, kind):
+def test_compiled_and_python_steps_are_equal(bolt, kind):
     assembly, random = on_tyres(bolt(kind), contact="point"), np.random.default_rng(5)
     tyres, law = assembly.tyres["ego"], tyre_kind(kind).law.forces
     context = tyres.CreateDefaultContext()
@@ -358,7 +358,7 @@ def test_a_car_at_rest_stays_at_rest(bolt, contact, kind, step):
 
 @pytest.mark.parametrize("contact", CONTACTS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_at_walking_pace_nothing_swings(bolt, contact, kind):
+def test_at_walking_pace_there_is_no_oscillation(bolt, contact, kind):
     run = steer(bolt(kind), speed=0.1, angle=0.1, duration=8.0, contact=contact)
     last = run.iloc[-200:]
     assert last["ego.vx"].between(0.098, 0.102).all()
@@ -406,7 +406,7 @@ def test_a_driven_wheel_on_the_spot_does_not_wind_up(bolt):
     assert (np.diff(wheel[10:]) > 0.0).all()  # after the jolt of the start
 
 
-def test_the_brush_lets_a_car_roll_back_and_trail_the_other_way(bolt):
+def test_on_brush_tyres_the_trail_changes_sign_when_a_car_rolls_back(bolt):
     assembly = on_tyres(bolt("brush_free"), contact="point")
     forward = steady_forces(assembly.tyres["ego"], sliding_state(assembly, vy=0.5), [4000.0] * 4)
     back = steady_forces(assembly.tyres["ego"], sliding_state(assembly, vx=-15.0, vy=0.5), [4000.0] * 4)
@@ -489,7 +489,7 @@ def test_two_cars_each_have_their_tyres(bolt):
         ("{kind: brush, rolling_resistance: 0}", "tyres.front: is missing"),
     ],
 )
-def test_wrong_tyres_are_refused_with_their_place(tmp_path, tyres, said):
+def test_wrong_tyres_are_rejected_with_their_place(tmp_path, tyres, said):
     folder = make_bolts(tmp_path)
     file = folder / "variants" / "wrong.yaml"
     file.write_text(f"description: wrong\nvehicle:\n  tyres: {tyres}\n", encoding="utf-8")

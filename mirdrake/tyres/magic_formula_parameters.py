@@ -1,7 +1,7 @@
-"""The numbers of a Magic Formula tyre, under the names they have in a .tir file.
+"""Parameters of a Magic Formula tyre, with the names of .tir files.
 
 The names are those of the MF-Tyre manuals and of H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 4.3.2 and
-table A3.1 (there pCx1, in the file PCX1, here pcx1). All of them are for ISO-W axes: PKY1 and PDY1 are negative.
+table A3.1 (there pCx1, in the file PCX1, here pcx1). All are for ISO-W axes: PKY1 and PDY1 are negative.
 """
 
 from dataclasses import dataclass
@@ -13,21 +13,21 @@ Version = Literal["5.2", "6.1", "6.2"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MagicFormulaParameters:
-    """Parameters of the Magic Formula in SI units; what a file leaves out has its neutral value.
+    """Parameters of the Magic Formula in SI units; the defaults have no effect.
 
     Attributes:
-        version: which formulas; 6.1 and 6.2 differ in vertical behaviour only, so here they are the same.
+        version: version of the formulas; 6.1 and 6.2 differ in vertical behaviour only, so they are the same here.
         unloaded_radius: free radius R0 [m].
         fnomin: nominal load Fz0 [N].
         longvl: speed of the measurements V0 [m/s].
         vxlow: speed below which shifts and trail fade out [m/s].
-        nompres: nominal inflation pressure [Pa]; 0: the file knows no pressure.
-        inflpres: pressure in use unless another one is given [Pa]; 0: the nominal one.
-        fzmin: smallest load the coefficients hold for [N].
-        fzmax: largest load the coefficients hold for [N].
-        longitudinal_stiffness: of the carcass [N/m]; 0: not known.
-        lateral_stiffness: of the carcass [N/m]; 0: not known.
-        others: coefficients, see the groups below.
+        nompres: nominal inflation pressure [Pa]; 0: no pressure in the file.
+        inflpres: default pressure [Pa]; 0: the nominal one.
+        fzmin: smallest load for which the coefficients hold [N].
+        fzmax: largest load for which the coefficients hold [N].
+        longitudinal_stiffness: longitudinal stiffness of the carcass [N/m]; 0: unknown.
+        lateral_stiffness: lateral stiffness of the carcass [N/m]; 0: unknown.
+        others: coefficients, in groups below.
     """
 
     version: Version = "6.1"

@@ -1,21 +1,20 @@
-"""Tyre property files (.tir) of the Magic Formula 5.2, 6.1 and 6.2: read, checked, written.
+"""Tyre property files (.tir) of the Magic Formula 5.2, 6.1 and 6.2: read, check and write.
 
-A file has sections in brackets and lines ``NAME = value``, with comments after ``$`` or ``!``. Below a name in braces
-or round brackets, as ``{radial width}`` or ``(COMMENTS)``, there are rows of a table or text, which are passed over
-unless they are such lines; so are rows of numbers anywhere. Sections of one name are joined. A name that the formulas
-use may be repeated with an equal value only. The units of the section [UNITS] hold for sizes, loads, stiffnesses and
-speeds, which become SI; the coefficients have none.
-Which formulas: FITTYP 5 (MF 5.0, without a difference in what is used here), 6, 21 or 52 for 5.2, 61, 62; without
-FITTYP a PROPERTY_FILE_FORMAT of PAC2002 or MF_05 means 5.2.
+A file has sections in brackets and lines ``NAME = value``, with comments after ``$`` or ``!``. Rows of a table or text
+follow a name in braces or round brackets, as ``{radial width}`` or ``(COMMENTS)``; they are ignored, and so are rows of
+numbers anywhere. Sections of the same name are merged. A name that the formulas use may be repeated with an equal value
+only. The units of the section [UNITS] hold for sizes, loads, stiffnesses and speeds, which are converted to SI;
+coefficients have no units. FITTYP selects the version of the formulas: 5 (MF 5.0, without a difference in the formulas
+used here), 6, 21 or 52 for 5.2; 61; 62. Without FITTYP a PROPERTY_FILE_FORMAT of PAC2002 or MF_05 means 5.2.
 
 Axes: PKY1 decides. It is negative in ISO-W axes (:mod:`mirdrake.tyres.magic_formula`), where a positive slip angle has
-a negative side force; a positive one means other axes and is rejected. The sign of PDY1 has no meaning of its own: with
-By = Kya / (Cy Dy), Fy = Dy sin(Cy atan(By x - ...)) is odd in Dy twice. PAC2002 files give PDY1 > 0 beside PKY1 < 0;
-they are read as the equal tyre with PDY1 < 0. This negates muy and By, so what is multiplied by them is negated, too:
-PDY2, RVY1 to RVY3 and QBZ10.
+a negative side force; a positive one means other axes and is rejected. The sign of PDY1 has no meaning: with
+By = Kya / (Cy Dy), Fy = Dy sin(Cy atan(By x - ...)) does not change with the sign of Dy. PAC2002 files have PDY1 > 0
+with PKY1 < 0; they are read as the equal tyre with PDY1 < 0. This negates muy and By, so their factors are negated,
+too: PDY2, RVY1 to RVY3 and QBZ10.
 
-Names that the laws here do not use (inertia, contact patch, vertical behaviour, turn slip) are kept in the sections
-whatever their values are, and their names in ``unused``.
+Names that the model does not use (inertia, contact patch, vertical behaviour, turn slip) are kept in the sections,
+whatever their values are, and listed in ``unused``.
 """
 
 import math
@@ -33,7 +32,7 @@ from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters, Vers
 Text = str | float
 
 _FIELDS = {field.name.upper(): field for field in fields(MagicFormulaParameters) if field.name != "version"}
-_OLD_NAMES = {"LGAY": "LKYC", "LGAZ": "LKZC"}  # of 5.2
+_OLD_NAMES = {"LGAY": "LKYC", "LGAZ": "LKZC"}  # names in 5.2
 _VERSIONS: dict[float, Version] = {5: "5.2", 6: "5.2", 21: "5.2", 52: "5.2", 61: "6.1", 62: "6.2"}
 _FORMATS = {"PAC2002", "MF_05", "MF-TYRE", "MF52"}
 
@@ -63,7 +62,7 @@ _UNITS: dict[str, dict[str, float]] = {
 }
 _REQUIRED_UNITS = ("LENGTH", "FORCE", "TIME", "ANGLE")
 
-# Dimension of the names that have one: powers of length, force, time, pressure.
+# Dimensions of names with units: powers of length, force, time, pressure.
 _DIMENSIONS: dict[str, tuple[int, int, int, int]] = {
     "UNLOADED_RADIUS": (1, 0, 0, 0),
     "LONGVL": (1, 0, -1, 0),
@@ -92,7 +91,7 @@ _POSITIVE = (
     "LFZO",
 )
 _NEGATIVE = ("PKY1",)
-_TURNED_WITH_PDY1 = ("pdy1", "pdy2", "rvy1", "rvy2", "rvy3", "qbz10")
+_NEGATED_WITH_PDY1 = ("pdy1", "pdy2", "rvy1", "rvy2", "rvy3", "qbz10")
 _NOT_NEGATIVE = ("FZMIN", "NOMPRES", "INFLPRES", "LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS")
 
 _HEADER = re.compile(r"\[\s*([^\]]+?)\s*\]\s*$")
@@ -101,11 +100,11 @@ _ENTRY = re.compile(r"([A-Za-z_][\w.\-]*)\s*=\s*(.*)$")
 
 
 class Entry(NamedTuple):
-    """One line of a file.
+    """Entry of a file.
 
     Attributes:
-        value: number, or text of any other value, as it is in the file.
-        line: its line, from 1.
+        value: number, or text of any other value, as in the file.
+        line: line number, from 1.
     """
 
     value: Text
@@ -114,13 +113,13 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True)
 class TirFile:
-    """A tyre property file.
+    """Tyre property file.
 
     Attributes:
-        name: what messages call it.
-        sections: entries by section and name, both in upper case, in the order and the units of the file.
-        parameters: what the Magic Formula needs, in SI units.
-        unused: names of entries that no law here uses.
+        name: name for messages.
+        sections: entries by section and name, both in upper case, in the order and units of the file.
+        parameters: parameters of the Magic Formula, in SI units.
+        unused: names of entries that the model does not use.
     """
 
     name: str
@@ -133,7 +132,7 @@ def read_tir(path: Path) -> TirFile:
     """Read and check a .tir file.
 
     Raises:
-        ConfigError: it cannot be read, or something in it is wrong; one line for each fault, ``file:line: [SECTION]
+        ConfigError: it cannot be read, or has errors; one line for each, ``file:line: [SECTION]
             NAME: what is wrong``.
     """
     name = shown(path)
@@ -149,14 +148,16 @@ def read_tir(path: Path) -> TirFile:
 
 
 def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
-    """The same from text."""
+    """Parse and check the text of a .tir file; see :func:`read_tir`."""
+    # Sections, units and version.
     faults: list[str] = []
     sections, lines = _parse(text, name, faults)
-    _fail(faults)
+    _raise_faults(faults)
     scales = _scales(sections, lines, name, faults)
     version = _version(sections, name, faults)
     missing = [section for section in _SECTIONS if section not in sections]
     faults += [f"{name}:1: [{section}]: missing section; the Magic Formula needs it" for section in missing]
+    # Values of known names in SI units; errors are collected.
     values: dict[str, float] = {}
     unused: list[str] = []
     seen: dict[str, int] = {}
@@ -178,24 +179,26 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
             values[known.lower()] = entry.value * _scale(known, scales)
             faults += _range_fault(place, known, entry.value)
         seen[known] = entry.line
+    # Coefficients without a default must be in the file.
     if not missing:
         needed = (name for name, field in _FIELDS.items() if field.default is MISSING and name not in seen)
         faults += [f"{name}:1: {key}: missing; the Magic Formula needs it{_near(key, unused)}" for key in needed]
-    _fail(faults)
+    _raise_faults(faults)
+    # PAC2002 files have a positive PDY1; see the head of the module.
     if values["pdy1"] > 0.0:
-        values |= {key: -values[key] for key in _TURNED_WITH_PDY1 if key in values}
+        values |= {key: -values[key] for key in _NEGATED_WITH_PDY1 if key in values}
     parameters = MagicFormulaParameters(version=version, **values)
     if not parameters.fzmin < parameters.fzmax:
-        _fail([f"{name}:{seen['FZMAX']}: FZMAX: must be larger than FZMIN, {parameters.fzmin:g} N"])
+        _raise_faults([f"{name}:{seen['FZMAX']}: FZMAX: must be larger than FZMIN, {parameters.fzmin:g} N"])
     return TirFile(name, sections, parameters, tuple(unused))
 
 
 def write_tir(parameters: MagicFormulaParameters, *, comments: tuple[str, ...] = ()) -> str:
-    """The text of a .tir file in SI units; :func:`parse_tir` gives equal parameters back.
+    """Return the text of a .tir file in SI units; :func:`parse_tir` returns equal parameters.
 
     Args:
-        parameters: what to write.
-        comments: lines for the head of the file: source, grade, date.
+        parameters: parameters of the tyre.
+        comments: lines for the head of the file, as source, grade and date.
     """
     lines = [f"! {comment}" for comment in comments]
     lines += ["[UNITS]", "LENGTH = 'meter'", "FORCE = 'newton'", "ANGLE = 'radians'", "MASS = 'kg'", "TIME = 'second'"]
@@ -218,7 +221,7 @@ def write_tir(parameters: MagicFormulaParameters, *, comments: tuple[str, ...] =
 
 
 def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str, Entry]], dict[str, int]]:
-    """Entries by section, and the lines of the sections."""
+    """Return the entries by section, and the lines of the sections."""
     sections: dict[str, dict[str, Entry]] = {}
     lines: dict[str, int] = {}
     section, table = "", False
@@ -234,7 +237,7 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
         elif line[0] in "{(":
             table = True  # rows of numbers or text follow: shapes, load curves, comments
         elif not section:
-            faults.append(f"{place}: '{_short(line)}' stands before the first [SECTION]")
+            faults.append(f"{place}: '{_short(line)}' is before the first [SECTION]")
         elif entry := _ENTRY.match(line):
             key, found = entry[1].upper(), Entry(_value(entry[2].strip()), number)
             first = sections[section].setdefault(key, found)
@@ -247,7 +250,7 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
 
 
 def _without_comment(line: str) -> str:
-    """The line up to $ or !, unless they stand in quotes."""
+    """Return a line up to $ or ! outside of quotes."""
     quote = ""
     for index, character in enumerate(line):
         if character in "'\"":
@@ -290,7 +293,7 @@ def _entries(sections: Mapping[str, Mapping[str, Entry]]) -> Iterator[tuple[str,
 def _scales(
     sections: Mapping[str, Mapping[str, Entry]], lines: Mapping[str, int], name: str, faults: list[str]
 ) -> dict[str, float]:
-    """SI value of each unit of the file."""
+    """Return the SI value of each unit of the file."""
     scales = {"PRESSURE": 1.0}
     units = sections.get("UNITS", {})
     for kind, allowed in _UNITS.items():
@@ -302,8 +305,8 @@ def _scales(
         word = str(entry.value).lower()
         if word not in allowed:
             why = "; the coefficients are defined for radians only" if kind == "ANGLE" else ""
-            told = f"unknown unit '{_short(str(entry.value))}'{why}; {did_you_mean(word, allowed)}"
-            faults.append(f"{name}:{entry.line}: [UNITS] {kind}: {told}")
+            message = f"unknown unit '{_short(str(entry.value))}'{why}; {did_you_mean(word, allowed)}"
+            faults.append(f"{name}:{entry.line}: [UNITS] {kind}: {message}")
         else:
             scales[kind] = allowed[word]
     return scales
@@ -320,13 +323,13 @@ def _version(sections: Mapping[str, Mapping[str, Entry]], name: str, faults: lis
     if entry := model.get("FITTYP"):
         if isinstance(entry.value, float) and entry.value in _VERSIONS:
             return _VERSIONS[entry.value]
-        told = entry.value if isinstance(entry.value, str) else f"{entry.value:g}"
-        faults.append(f"{name}:{entry.line}: [MODEL] FITTYP: unknown '{told}'; known: 5, 6, 21, 52 (MF 5.2), 61, 62")
+        given = entry.value if isinstance(entry.value, str) else f"{entry.value:g}"
+        faults.append(f"{name}:{entry.line}: [MODEL] FITTYP: unknown '{given}'; known: 5, 6, 21, 52 (MF 5.2), 61, 62")
     elif entry := model.get("PROPERTY_FILE_FORMAT"):
         if str(entry.value).upper() in _FORMATS:
             return "5.2"
-        told = f"unknown '{_short(str(entry.value))}' without FITTYP; {did_you_mean(entry.value, _FORMATS)}"
-        faults.append(f"{name}:{entry.line}: [MODEL] PROPERTY_FILE_FORMAT: {told}")
+        message = f"unknown '{_short(str(entry.value))}' without FITTYP; {did_you_mean(entry.value, _FORMATS)}"
+        faults.append(f"{name}:{entry.line}: [MODEL] PROPERTY_FILE_FORMAT: {message}")
     elif "MODEL" in sections:
         faults.append(f"{name}:1: [MODEL] FITTYP: missing; give 61, 62 or, for MF 5.2, 6")
     return "6.1"
@@ -351,7 +354,7 @@ def _near(key: str, unused: list[str]) -> str:
 
 
 def _section_of(key: str) -> str:
-    """The section in which :func:`write_tir` puts a name, as MF-Tyre does."""
+    """Return the section of a name in a file, as MF-Tyre writes it."""
     fixed = {
         "UNLOADED_RADIUS": "DIMENSION",
         "LONGVL": "MODEL",
@@ -385,6 +388,6 @@ def _section_of(key: str) -> str:
     return "LONGITUDINAL_COEFFICIENTS" if along else "LATERAL_COEFFICIENTS"
 
 
-def _fail(faults: list[str]) -> None:
+def _raise_faults(faults: list[str]) -> None:
     if faults:
         raise ConfigError("\n".join(faults))
