@@ -284,7 +284,7 @@ SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
         ([*SQUARE[:3], SQUARE[0]], {}, "3 points; a curve needs at least 4"),
         ([1.0, 2.0, 3.0], {}, "points of shape (3,); give N x 2, x and y of each point [m]"),
         ([*SQUARE, (math.nan, 1.0)], {}, "point 5 is not finite; give numbers in m"),
-        ([*SQUARE[:2], *SQUARE[1:]], {}, "point 2 at (10, 0) m is repeated; leave one of them out"),
+        ([*SQUARE[:2], *SQUARE[1:]], {}, "point 2 at (10, 0) m is repeated; remove one of them"),
         (SQUARE, {"smooth": -1.0}, "smooth -1 m, tolerance 0.001 m: make smooth 0 or more and tolerance above 0"),
         (SQUARE, {"tolerance": 0.0}, "make smooth 0 or more and tolerance above 0"),
         (SQUARE, {"smooth": math.nan}, "make smooth 0 or more and tolerance above 0"),

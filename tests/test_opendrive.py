@@ -83,13 +83,13 @@ BEND = [Piece(50.0, 0.0, 0.0), Piece(30.0, 0.0, 1 / 40), Piece(25.0, 1 / 40, 1 /
 # --- the reference line -------------------------------------------------------------------------------------------
 
 
-def test_lines_arcs_and_spirals_are_taken_over_as_they_are(tmp_path: Path):
+def test_lines_arcs_and_spirals_are_read_exactly(tmp_path: Path):
     found = read(tmp_path, road(plan(BEND, (100.0, -20.0, 0.5))))
     assert found.pieces == BEND
     assert found.start == (100.0, -20.0, 0.5)
     assert (found.closed, found.name, found.length) == (False, "1", 135.0)
     assert (set(found.left.tolist()), set(found.right.tolist())) == ({3.0}, {4.0})
-    assert found.left_out == ["lanes other than 'driving', unless they lie between: sidewalk"]
+    assert found.left_out == ["lanes other than 'driving', unless they are between: sidewalk"]
 
 
 def test_a_spiral_ends_where_the_fresnel_integrals_say(tmp_path: Path):
@@ -202,7 +202,7 @@ def test_a_lane_between_driving_lanes_belongs_to_the_road(tmp_path: Path):
     )
     found = read(tmp_path, road(STRAIGHT, lanes=lanes))
     assert set(found.left.tolist()) == {7.0}
-    assert found.left_out == ["lanes other than 'driving', unless they lie between: median, shoulder"]
+    assert found.left_out == ["lanes other than 'driving', unless they are between: median, shoulder"]
 
 
 def test_borders_say_where_a_lane_ends(tmp_path: Path):
@@ -352,19 +352,19 @@ def test_a_road_through_a_junction_is_joined_when_it_is_named(tmp_path: Path):
     assert "junctions: 1" in found.left_out
 
 
-def test_what_is_left_out_is_listed(tmp_path: Path):
+def test_omissions_are_listed(tmp_path: Path):
     more = """<elevationProfile><elevation s="0" a="1.5" b="0" c="0" d="0"/></elevationProfile>
     <objects><object id="1"/><object id="2"/></objects><signals><signal id="1"/></signals>"""
     text = road(STRAIGHT, more=more, lanes=TWO_LANES.replace("<left>", '<left><roadMark type="solid"/>', 1))
     found = read(tmp_path, text + road(STRAIGHT, key="9"), choice="1", more='<junction id="5"/>')
     assert found.left_out == [
-        "heights and slopes: the road lies in the plane",
+        "heights and slopes: the road is flat",
         "other roads: 1",
         "signals: 1",
         "objects: 2",
         "road marks: 1",
         "junctions: 1",
-        "lanes other than 'driving', unless they lie between: sidewalk",
+        "lanes other than 'driving', unless they are between: sidewalk",
     ]
     flat = '<elevationProfile><elevation s="0" a="0.0000000000000000e+00" b="-0" c="0E+00" d="0"/></elevationProfile>'
     assert not any("heights" in note for note in read(tmp_path, road(STRAIGHT, more=flat)).left_out)
@@ -409,9 +409,9 @@ KINK = geometry((0.0, 0.0, 0.0), 50.0, LINE) + geometry((50.0, 0.0, 1.5), 50.0, 
 @pytest.mark.parametrize(
     ("roads", "options", "says"),
     [
-        ("", {}, "road.xodr:2: no road in it"),
+        ("", {}, "road.xodr:2: contains no road"),
         (road(""), {}, "road.xodr:4: road '1' has no <geometry> of any length in <planView>"),
-        (road(STRAIGHT, lanes=""), {}, "road.xodr:4: road '1' has no <laneSection>; it has no width"),
+        (road(STRAIGHT, lanes=""), {}, "road.xodr:4: road '1' has no <laneSection> and therefore no width"),
         (road(STRAIGHT).replace('length="100.0"', ""), {}, "road.xodr:5: <geometry> has no 'length'; give it a number"),
         (
             road(STRAIGHT).replace('x="0.0"', 'x="far"'),
@@ -424,17 +424,21 @@ KINK = geometry((0.0, 0.0, 0.0), 50.0, LINE) + geometry((50.0, 0.0, 1.5), 50.0, 
             "hdg 'nan' of <geometry> should be a number within ±1e8",
         ),
         (road(STRAIGHT).replace('"100.0"', '"-1"'), {}, "length -1 m of <geometry>; it must be from 0 to 100000 m"),
-        (road(STRAIGHT).replace("<line/>", "<curve/>"), {}, "<geometry> holds 'curve'; line, arc, spiral, poly3 and"),
-        (road(STRAIGHT).replace("<line/>", ""), {}, "<geometry> holds ''; line, arc,"),
+        (
+            road(STRAIGHT).replace("<line/>", "<curve/>"),
+            {},
+            "<geometry> contains 'curve'; use line, arc, spiral, poly3 or",
+        ),
+        (road(STRAIGHT).replace("<line/>", ""), {}, "<geometry> contains ''; use line, arc,"),
         (road(STRAIGHT).replace("<line/>", "<arc/>"), {}, "road.xodr:5: <arc> has no 'curvature'; give it a number"),
-        (road(STRAIGHT).replace("<line/>", '<arc curvature="200"/>'), {}, "curvature 200 1/m of <arc> is no road's"),
-        (road(geometry((0.0, 0.0, 0.0), 0.0005, LINE)), {}, "road '1' is 0.0005 m long; leave it out"),
+        (road(STRAIGHT).replace("<line/>", '<arc curvature="200"/>'), {}, "curvature 200 1/m of <arc> is too large"),
+        (road(geometry((0.0, 0.0, 0.0), 0.0005, LINE)), {}, "road '1' is 0.0005 m long; remove it"),
         (
             road(geometry((0.0, 0.0, 0.0), 9.0, ONE)),
             {},
-            "<paramPoly3> is 1 m long, but its <geometry> says 9 m; correct",
+            "<paramPoly3> is 1 m long, but its <geometry> states 9 m; correct",
         ),
-        (road(geometry((0.0, 0.0, 0.0), 9.0, STILL)), {}, "<paramPoly3> is 0 m long, but its <geometry> says 9 m"),
+        (road(geometry((0.0, 0.0, 0.0), 9.0, STILL)), {}, "<paramPoly3> is 0 m long, but its <geometry> states 9 m"),
         (
             road(STRAIGHT + geometry((100.0, 0.0, 0.0), 20.0, LINE, s=50.0)),
             {},
@@ -444,9 +448,9 @@ KINK = geometry((0.0, 0.0, 0.0), 50.0, LINE) + geometry((50.0, 0.0, 1.5), 50.0, 
         (
             road(HAIR),
             {},
-            "road.xodr:6: begins 10 m and 0 deg away from where the part before ends, of road.xodr:5; cor",
+            "road.xodr:6: begins 10 m and 0 deg away from the end of the one before, at road.xodr:5; cor",
         ),
-        (road(KINK), {}, "road.xodr:6: begins 0 m and 85.9 deg away from where the part before ends, of road.xodr:5"),
+        (road(KINK), {}, "road.xodr:6: begins 0 m and 85.9 deg away from the end of the one before, at road.xodr:5"),
         (
             road(STRAIGHT),
             {"lane": "drivin"},
@@ -457,14 +461,14 @@ KINK = geometry((0.0, 0.0, 0.0), 50.0, LINE) + geometry((50.0, 0.0, 1.5), 50.0, 
         (
             road(STRAIGHT) + road(STRAIGHT, key="2"),
             {},
-            "road.xodr: its 2 roads are not one chain; name one, or several in driving order with commas: (",
+            "road.xodr: its 2 roads do not form one chain; select one, or several as '1, 7, 2': (",
         ),
         (road(STRAIGHT) + road(STRAIGHT, key="2"), {"choice": "1,2"}, "road.xodr:14: begins 0 m and 180 deg away"),
         (road(STRAIGHT) + "<road>", {}, "road.xodr:13: not valid XML: mismatched tag"),
         (road(STRAIGHT, lanes=RIGHT_LANE.replace('a="3.5"', 'a="x"')), {}, "road.xodr:8: a 'x' of <width> should be"),
     ],
 )
-def test_faults_are_told_in_one_line(
+def test_faults_are_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, roads: str, options: dict[str, str], says: str
 ):
     monkeypatch.chdir(tmp_path)

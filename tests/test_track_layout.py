@@ -528,7 +528,7 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
         {},
     ),
     ("points: []", "w.yaml:4: tracks.main.points: has 0 items; at least 1", {}),
-    ("points: [[0, 0], [1, 0], [1, 0], [2, 0]]", "tracks.main.points: point 2 at (1, 0) m is repeated; leave one", {}),
+    ("points: [[0, 0], [1, 0], [1, 0], [2, 0]]", "tracks.main.points: point 2 at (1, 0) m is repeated; remove one", {}),
     # crossings
     (
         f"points: {[list(p) for p in EIGHT]}\n    closed: true",
@@ -591,7 +591,7 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
 
 
 @pytest.mark.parametrize(("entry", "says", "files"), FAULTS)
-def test_a_fault_is_told_with_its_line(
+def test_a_fault_is_reported_with_its_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entry: str, says: str, files: dict[str, str]
 ):
     told = message(tmp_path, monkeypatch, world(entry), **files)

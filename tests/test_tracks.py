@@ -404,7 +404,7 @@ def test_a_road_folds_where_samples_of_its_edges_fold(parts: list[Piece], left: 
         (([0.0, 10.0], [1.0, 2.0], [1.0] * 2), "left is 1 m at the start and 2 m at the end of a closed track"),
     ],
 )
-def test_edges_that_do_not_fit_are_refused_in_one_line(edges: tuple[list[float], ...], says: str):
+def test_edges_that_do_not_fit_are_rejected_in_one_line(edges: tuple[list[float], ...], says: str):
     with pytest.raises(WorldError) as caught:
         Track([Piece(10.0, 0.0, 0.0)], closed=True, edges=edges, name="loop")  # type: ignore[arg-type]
     message = str(caught.value)

@@ -70,7 +70,7 @@ def test_a_second_build_writes_the_same_bytes(yard: Path) -> None:
     assert _files(first.folder) == before
 
 
-def test_what_found_no_place_is_told_and_makes_the_exit_code_1(yard: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unplaced_props_are_reported_and_make_the_exit_code_1(yard: Path, capsys: pytest.CaptureFixture[str]) -> None:
     crowd = (
         YARD + "  - {box: [3, 3, 3], name: crowd, scatter: {region: {disc: {center: [30, 0], radius: 4}}, count: 9}}\n"
     )

@@ -1,4 +1,4 @@
-"""Checks of worlds: each planted fault is found, with its line; what is sound is not told."""
+"""Checks of worlds: each planted fault is found with its line, and nothing else."""
 
 import itertools
 import math
@@ -48,7 +48,7 @@ def texts(faults: list[Fault]) -> list[tuple[str, str]]:
     return [(fault.kind, fault.text.split(": ")[0]) for fault in faults]
 
 
-# --- what cannot be laid out --------------------------------------------------------------------------------------
+# --- worlds that cannot be laid out-----------------------------------------------------------------------------------
 
 
 def test_the_worlds_of_mirdrake_are_sound() -> None:
@@ -62,7 +62,7 @@ def test_an_unknown_world_is_one_fault() -> None:
     assert "did you mean 'skidpad'?" in fault.text
 
 
-def test_misspelt_names_are_told_all_at_once_with_what_may_be_meant() -> None:
+def test_all_misspelt_names_are_reported_with_suggestions() -> None:
     faults = check(
         """
         props:
@@ -76,7 +76,7 @@ def test_misspelt_names_are_told_all_at_once_with_what_may_be_meant() -> None:
     assert "did you mean 'sedan'?" in faults[1].text
 
 
-def test_a_gap_in_a_track_is_told_with_its_size() -> None:
+def test_a_gap_in_a_track_is_reported_with_its_size() -> None:
     (fault,) = check(
         """
         tracks:
@@ -90,7 +90,7 @@ def test_a_gap_in_a_track_is_told_with_its_size() -> None:
     assert "1.000 m" in fault.text or "1 m" in fault.text
 
 
-def test_what_finds_no_place_is_told() -> None:
+def test_unplaced_props_are_reported() -> None:
     (fault,) = check(
         """
         props:
@@ -100,7 +100,7 @@ def test_what_finds_no_place_is_told() -> None:
     assert (fault.kind, fault.text.split(": ")[0]) == ("unplaced", "w.yaml:3")
 
 
-def test_broken_rules_are_told_each_with_its_prop() -> None:
+def test_each_broken_rule_is_reported_with_its_prop() -> None:
     faults = check(
         """
         start: {gate: {at: [0, 0]}}
@@ -154,13 +154,13 @@ def test_one_millimetre_of_overlap_is_found_with_depth_and_place_and_one_of_gap_
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, math.pi / 2, 2.0])
-def test_touching_is_no_overlap(yaw: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_contact_is_not_an_overlap(yaw: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(overlaps, "COMMAND", (sys.executable, "-c", "raise SystemExit(9)"))  # nobody is to ask
     assert pair(0.0, yaw=yaw) == []
     assert pair(0.0, yaw=yaw, other="cylinder: [0.3, 1]", half=0.3) == []
 
 
-def test_what_stands_on_top_and_what_is_allowed_to_is_no_overlap() -> None:
+def test_props_on_top_and_allowed_overlaps_are_not_reported() -> None:
     world = """
     props:
       - {box: [2, 2, 1], name: base, at: [0, 0]}
@@ -171,7 +171,7 @@ def test_what_stands_on_top_and_what_is_allowed_to_is_no_overlap() -> None:
     assert check(world + "rules:\n      - {allow_overlap: [base, 'si*']}\n") == []
 
 
-def test_every_pair_is_told_and_meshes_count_as_they_collide() -> None:
+def test_every_pair_is_reported_by_its_collision_shapes() -> None:
     faults = check(
         """
         props:
@@ -210,7 +210,7 @@ worker.main()
         ("raise RuntimeError('no such pair of shapes')", "no such pair of shapes"),
     ],
 )
-def test_a_query_that_ends_its_process_is_a_fault_and_the_others_are_still_told(
+def test_a_query_that_ends_its_process_is_a_fault_and_the_others_are_still_reported(
     what: str, word: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     script = KILLER.format(folder=str(Path(overlaps.__file__).parent), what=what)
@@ -239,7 +239,7 @@ def test_a_query_that_ends_its_process_is_a_fault_and_the_others_are_still_told(
     assert "\n" not in faults[2].text
 
 
-def test_if_no_process_starts_all_pairs_are_told_as_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_pairs_are_unchecked_if_no_process_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(overlaps, "COMMAND", ("./no_such_program",))
     monkeypatch.setattr(overlaps, "MOST_FAILURES", 2)
     faults = check("props:\n  - {box: [2, 1, 1], line: {from: [0, 0], to: [6, 0], spacing: 1.5}}\n")
@@ -354,7 +354,7 @@ def test_the_depth_of_an_overlap_agrees_with_closed_forms(
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_bounds_of_the_depth_of_unions_hold_the_truth_of_all_corners(seed: int) -> None:
+def test_the_bounds_of_the_depth_of_unions_contain_the_exact_depth(seed: int) -> None:
     rng = np.random.default_rng(seed)
     middles, halves = rng.uniform(-1.0, 1.0, (2, 4, 3)), rng.uniform(0.1, 0.8, (2, 4, 3))
     one, other = (
@@ -412,7 +412,7 @@ def test_a_world_check_reports_the_depth_that_separates_all_solids() -> None:
 # --- on the ground ------------------------------------------------------------------------------------------------
 
 
-def test_what_is_buried_and_what_hangs_in_the_air_is_told_with_how_much() -> None:
+def test_buried_and_floating_props_are_reported_with_their_distance() -> None:
     faults = check(
         """
         props:
@@ -428,7 +428,7 @@ def test_what_is_buried_and_what_hangs_in_the_air_is_told_with_how_much() -> Non
     assert "30 cm" in faults[0].text
 
 
-def test_what_rests_on_something_that_stands_does_not_hang() -> None:
+def test_props_on_supported_props_are_not_floating() -> None:
     world = """
     props:
       - {box: [1, 1, 1], name: first, at: [0, 0]}
@@ -460,7 +460,7 @@ def test_the_rule_on_ground_sets_the_tolerance_and_the_last_one_counts() -> None
 # --- starts and goals ---------------------------------------------------------------------------------------------
 
 
-def test_a_start_in_a_wall_is_told_for_the_box_of_the_vehicle_and_without_one_for_its_middle() -> None:
+def test_a_start_in_a_wall_is_reported_for_the_vehicle_or_else_for_its_centre() -> None:
     world = """
     start:
       gate: {at: [0, 0]}
@@ -496,12 +496,12 @@ def test_a_vehicle_may_stand_below_a_beam_and_on_a_bump_but_not_beyond_the_groun
     assert "outside the ground" in faults[0].text
 
 
-def test_a_goal_in_a_wall_is_told() -> None:
+def test_a_goal_in_a_wall_is_reported() -> None:
     (fault,) = check("goals:\n  exit: {at: [5, 0], radius: 0.5}\nprops:\n  - {box: [2, 2, 1], at: [5, 0]}\n")
     assert texts([fault]) == [("goal", "w.yaml:3")]
 
 
-# --- ways ---------------------------------------------------------------------------------------------------------
+# --- paths --------------------------------------------------------------------------------------------------------
 
 GAP = """
 ground: {{size: [50, 30]}}
@@ -525,7 +525,7 @@ def gap_world(width: float) -> str:
 
 
 @pytest.mark.parametrize("what", [DRIVABLE, TEST])
-def test_a_gap_narrower_than_the_car_is_no_way_and_half_a_metre_more_is_one(what: str) -> None:
+def test_there_is_a_path_through_a_gap_only_if_it_is_wider_than_the_car(what: str) -> None:
     width = 2.0 * Body.of(load_vehicle("bolt")).half_width
     (fault,) = check(gap_world(width - 0.05) + what)
     assert texts([fault]) == [("unreachable", "w.yaml:13")]
@@ -545,13 +545,13 @@ def test_the_margin_of_the_rule_counts() -> None:
     assert "1.97 m are needed" in fault.text or "1.96 m are needed" in fault.text
 
 
-def test_a_goal_behind_walls_all_around_has_no_way() -> None:
+def test_an_enclosed_goal_is_unreachable() -> None:
     (fault,) = check(gap_world(0.0) + DRIVABLE)
     assert texts([fault]) == [("unreachable", "w.yaml:13")]
     assert "the goal is enclosed" in fault.text
 
 
-def test_the_ground_ends_a_way() -> None:
+def test_a_path_stays_on_the_ground() -> None:
     world = gap_world(0.0).replace("far_left, at: [0, 21.0]", "far_left, at: [0, 35.0]")
     assert [fault.kind for fault in check(world + DRIVABLE)] == ["unreachable"]
     wide = world.replace("size: [50, 30]", "size: [50, 44]").replace("at: [0, 35.0]", "at: [0, 60.0]")
@@ -577,7 +577,7 @@ rules:
 """
 
 
-def test_a_corner_that_the_car_cannot_turn_is_no_way_though_it_is_wide_enough() -> None:
+def test_there_is_no_path_around_a_wide_corner_that_the_car_cannot_turn() -> None:
     (fault,) = check(TURN.format(width=2.4))
     assert texts([fault]) == [("unreachable", "w.yaml:15")]
     assert "cannot turn" in fault.text
@@ -592,12 +592,12 @@ def test_the_robot_turns_where_the_car_cannot() -> None:
     assert check(world) == []
 
 
-def test_a_search_that_is_given_up_is_told_as_that() -> None:
+def test_a_search_that_reaches_its_time_limit_is_reported() -> None:
     (fault,) = check(TURN.format(width=5.0), time_limit=0.0)
     assert "none was found within 0 s of computing" in fault.text
 
 
-def test_a_way_may_lead_to_a_gate_of_a_track_and_to_a_start() -> None:
+def test_a_path_may_lead_to_a_gate_of_a_track_and_to_a_start() -> None:
     found = examine(
         write(
             """
@@ -616,7 +616,7 @@ def test_a_way_may_lead_to_a_gate_of_a_track_and_to_a_start() -> None:
     assert found.paths[1].poses[-1, 0] == pytest.approx(30.0, abs=1.0)
 
 
-def test_a_way_can_be_driven_it_is_smooth_and_the_box_is_free_all_along() -> None:
+def test_a_path_is_smooth_and_free_for_the_box_of_the_vehicle() -> None:
     world = load_world(write(gap_world(2.3) + DRIVABLE))
     (way,) = examine(world).paths
     body = Body.of(load_vehicle("bolt"))
@@ -688,7 +688,7 @@ def test_outlines_have_the_heights_and_widths_of_the_solids() -> None:
 @given(
     x=st.floats(-3, 3), y=st.floats(-3, 3), yaw=st.floats(0, 6.3), radius=st.sampled_from([0.0, 0.4]),
 )  # fmt: skip
-def test_a_push_by_the_depth_parts_two_outlines(x: float, y: float, yaw: float, radius: float) -> None:
+def test_a_translation_by_the_depth_separates_two_outlines(x: float, y: float, yaw: float, radius: float) -> None:
     one = Outline(shapely.box(-1.0, -0.5, 1.0, 0.5), 0.0, 0.0, 1.0)
     other = shapely.affinity.rotate(shapely.box(-1.5, -0.2, 1.5, 0.2), yaw, use_radians=True, origin=(0, 0))
     two = Outline(shapely.affinity.translate(other, x, y), radius, 0.0, 1.0)
@@ -721,7 +721,7 @@ def test_room_agrees_with_the_box_itself() -> None:
     assert (free == exact).all()
 
 
-def test_the_narrowest_place_is_found() -> None:
+def test_the_bottleneck_is_found() -> None:
     walls = [shapely.box(-0.1, 0.6, 0.1, 20), shapely.box(-0.1, -20, 0.1, -0.7), shapely.box(5, 1.0, 5.2, 20),
              shapely.box(5, -20, 5.2, -1.0)]  # fmt: skip
     passage = Passage(walls, shapely.box(-20, -20, 20, 20), (-10, 3), shapely.Point(10, -4).buffer(1.0))
@@ -733,7 +733,7 @@ def test_the_narrowest_place_is_found() -> None:
     assert gap.between == (0, 1)
 
 
-def test_a_car_turns_round_in_a_street_by_reversing() -> None:
+def test_a_car_turns_around_in_a_street_by_reversing() -> None:
     walls = [shapely.box(-15, 4, 15, 4.2), shapely.box(-15, -4.2, 15, -4)]
     body = Body("car", -0.8, 3.4, 0.9, 1.6, 4.5)
     room = Room([Obstacle(0, Outline(w, 0.0, 0.0, 1.0)) for w in walls], (-15, -20, 15, 20), body, np.zeros((1, 2)))

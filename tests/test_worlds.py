@@ -180,7 +180,7 @@ def test_a_clothoid_given_by_its_angle_has_twice_that_angle_over_the_sum_of_its_
 # --- messages -----------------------------------------------------------------------------------------------------
 
 
-def test_an_unclosed_track_says_by_how_much():
+def test_an_unclosed_track_is_reported_with_its_gap():
     square = "[{line: 20}, {arc: {radius: 5, angle: 90 deg}}]"
     assert message(track(square, closed="true")) == (
         "w.yaml:3: tracks.main: does not close: gap 25.5 m, 90 deg; allowed are 1 mm and 0.01 deg; make the angles add "

@@ -1,20 +1,22 @@
-"""Worlds: the world language, tracks, props, starts, friction, and what they look like.
+"""Worlds: the world language, tracks, props, starts, friction, and their appearance.
 
 ::
 
-    world.yaml ── load_world ──► World                 loading.py, world.py; language: spec.py, props_spec.py
-    parameters, chance ──► values                      values.py, draw.py
+    world.yaml ── load_world ──► World                 loading.py, world.py; language: *_spec.py, spec.py
+    expressions ──► values                             values.py, draw.py
     tracks: ── make_track ──► Track                    track_layout.py
         Piece ──► Curve ──► Track                      pieces.py, curve.py, tracks.py
         points ──► pieces                              csv_tracks.py, centre_lines.py, clothoids.py
         .xodr ──► pieces, edges                        opendrive.py, opendrive_lanes.py, opendrive_parts.py
     patches: ──► Patch                                 regions.py
-    props: ──► Prop, PlacedProp                        props.py, arrange.py, layouts.py
+    props: ──► Prop, PlacedProp                        props.py, solids.py, arrange.py; kinds: shapes.py, layouts.py
     props ──► outlines between heights                 outlines.py
-    vehicle, props, vehicles ──► how far apart         clearance.py
-    rules: ──► what may overlap, and keep how far      rules.py
-    World ──► what is seen of it                       scenery.py, meshes.py
+    vehicle, props, vehicles ──► distances             clearance.py
+    rules: ──► allowed overlaps, distances             rules.py
+    World ──► visual geometry                          scenery.py, meshes.py
+    World ──► areas and lines seen from above          drawing.py
     World ──► lock file, SDF world with meshes         lock.py, sdf_export.py, obj_files.py
+    World ◄─► data of a run folder                     stored.py
 """
 
 from mirdrake.worlds.loading import load_world, make_world

@@ -1,12 +1,12 @@
-"""Centre lines through points: from a list of points to pieces of linear curvature.
+"""Centre lines through points: pieces of linear curvature.
 
 A chain of clothoids through points, with heading and curvature continuous at the joints, is to a plane curve what a
 cubic spline is to a function: between joints the curvature is linear along the arc (do Carmo, "Differential Geometry of
 Curves and Surfaces", section 1-5). Here joints are chosen among the points; clothoids.py finds the chain through them.
 
-Where points are spaced unevenly such a chain may swing far out beside the line from point to point. There points of a
+If points are spaced unevenly, such a chain may bulge far from the polyline through the points. There, points of a
 centripetal Catmull-Rom curve (P. J. Schneider and others; C. Yuksel, S. Schaefer and J. Keyser, "Parameterization and
-Applications of Catmull-Rom Curves", Computer-Aided Design 43, 2011), which stays near that line, are put between them.
+Applications of Catmull-Rom Curves", Computer-Aided Design 43, 2011), which stays near the polyline, are inserted.
 
 Noisy points are smoothed first by a cubic smoothing spline (C. H. Reinsch, "Smoothing by spline functions", Numerische
 Mathematik 10, 1967; P. J. Green and B. W. Silverman, "Nonparametric Regression and Generalized Linear Models", section
@@ -16,7 +16,7 @@ Mathematik 10, 1967; P. J. Green and B. W. Silverman, "Nonparametric Regression 
 import math
 
 import numpy as np
-import scipy  # which imports its parts when they are first named
+import scipy  # it imports its parts when they are first used
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
@@ -25,35 +25,35 @@ from mirdrake.worlds.clothoids import distances, solve
 from mirdrake.worlds.pieces import Array, Piece, Placement, advance
 from mirdrake.worlds.tracks import Track
 
-_TURN = 0.35  # [rad] by which the first choice of joints may turn from one to the next
-_FAR = 40.0  # [m] between joints of the first choice
-_BULGE = 0.05  # distance of the curve from the line from point to point, over the distance of the points, that is small
-_WIDER = 2.0  # times the distance of the Catmull-Rom curve that it may have
-_SPLITS = 4  # times that points between points are doubled where the curve swings out farther
-_GAP = (1e-6, 1e-8)  # [m], [rad] by which a closed curve may miss its start
+_TURN = 0.35  # [rad] largest heading change between the initial joints
+_FAR = 40.0  # [m] largest distance between the initial joints
+_BULGE = 0.05  # small distance of the curve from a chord, over the length of the chord
+_WIDER = 2.0  # largest bulge, over that of the Catmull-Rom curve
+_SPLITS = 4  # number of times that inserted points are doubled where the curve bulges more
+_GAP = (1e-6, 1e-8)  # [m], [rad] largest gap of a closed curve
 
 
 def pieces_through(
     points: ArrayLike, *, closed: bool, smooth: float = 0.0, spacing: float = math.inf, tolerance: float = 1e-3
 ) -> tuple[list[Piece], Placement]:
-    """A curve through points, with curvature that is linear along every piece and continuous at the joints.
+    """Return a curve through points whose curvature is linear along every piece and continuous at the joints.
 
-    Joints are put where they are needed: at few points where the curve is smooth, at every point if it must be. A
+    Joints are at few points where the curve is smooth, and at every point where necessary. A
     closed curve meets its start within 1e-6 m and 1e-8 rad, with the same curvature.
 
     Args:
         points: N x 2 [m], four or more in driving order; the first of a closed curve may be repeated at its end.
-        closed: the curve goes on from the last point to the first.
+        closed: the curve continues from the last point to the first.
         smooth: root mean square [m] of the distances by which noisy points may be moved; 0 keeps them.
-        spacing: distance [m] of points above which points of a centripetal Catmull-Rom curve are put between them,
-            before smoothing.
+        spacing: distance [m] of points above which points of a centripetal Catmull-Rom curve are inserted between
+            them, before smoothing.
         tolerance: largest distance [m] of a point, after smoothing, from the curve.
 
     Returns:
-        the pieces, and the pose (x [m], y [m], yaw [rad]) where they start: at the first point, after smoothing.
+        the pieces, and the pose (x [m], y [m], yaw [rad]) at their start: the first point, after smoothing.
 
     Raises:
-        WorldError: the points are too few, repeated or not finite; `smooth` or `tolerance` makes no sense.
+        WorldError: the points are too few, repeated or not finite; `smooth` or `tolerance` is out of range.
     """
     places = _check_points(points, closed)
     if not (0.0 <= smooth < math.inf and 0.0 < tolerance < math.inf):
@@ -81,10 +81,10 @@ def pieces_through(
 
 
 def edges_from_widths(track: Track, points: ArrayLike, left: ArrayLike, right: ArrayLike) -> tuple[Array, Array, Array]:
-    """The `edges` of a :class:`Track` from widths that were measured at points along it.
+    """Return the `edges` of a :class:`Track` from widths that were measured at points along it.
 
-    The edges stay where they were measured: where the centre line passes a point at a distance, for it was smoothed,
-    one side becomes wider and the other narrower.
+    The edges keep their measured positions: where the smoothed centre line passes a point at a distance, one side
+    becomes wider and the other narrower.
 
     Args:
         track: the centre line; its width is not used.
@@ -96,7 +96,7 @@ def edges_from_widths(track: Track, points: ArrayLike, left: ArrayLike, right: A
         s [m] from 0 to the length, and the widths to the left and to the right [m].
 
     Raises:
-        WorldError: a point is so far off the centre line that this lies outside the road there.
+        WorldError: a point is so far from the centre line that the line is outside the road there.
     """
     places = _check_points(points, track.closed)
     count = len(places)
@@ -106,13 +106,13 @@ def edges_from_widths(track: Track, points: ArrayLike, left: ArrayLike, right: A
     chords = _chords(places, track.closed)
     near = np.concatenate(([0.0], np.cumsum(chords)))[:count] * (track.length / chords.sum())
     s, offset = track.project(places[:, 0], places[:, 1], near=near)
-    if track.closed:  # the first point may lie just before the start
+    if track.closed:  # the first point may be just before the start
         s = near + np.mod(s - near + track.length / 2.0, track.length) - track.length / 2.0
     widths = np.column_stack((sides[0] + offset, sides[1] - offset))
     if not (widths > 0.0).all():
-        at = int(np.argmin(widths.min(axis=1)))
+        i = int(np.argmin(widths.min(axis=1)))
         raise WorldError(
-            f"point {at + 1} is {abs(offset[at]):.3g} m off the centre line, more than the road is wide there; "
+            f"point {i + 1} is {abs(offset[i]):.3g} m off the centre line, more than the road is wide there; "
             "make smooth smaller"
         )
     forward = np.concatenate(([True], s[1:] > np.maximum.accumulate(s)[:-1] + 1e-6))
@@ -128,10 +128,10 @@ def edges_from_widths(track: Track, points: ArrayLike, left: ArrayLike, right: A
 
 
 def _check_points(points: ArrayLike, closed: bool) -> Array:
-    """The points as an array, without a repeated last one.
+    """Return the points as an array, without a repeated last one.
 
     Raises:
-        WorldError: no curve goes through them.
+        WorldError: the points are invalid.
     """
     places = np.asarray(points, dtype=float)
     if places.ndim != 2 or places.shape[1] != 2:
@@ -147,23 +147,21 @@ def _check_points(points: ArrayLike, closed: bool) -> Array:
     chords = _chords(places, closed)
     if chords.min() < 1e-6:
         at = int(np.argmin(chords))
-        raise WorldError(
-            f"point {at + 1} at ({places[at, 0]:g}, {places[at, 1]:g}) m is repeated; leave one of them out"
-        )
+        raise WorldError(f"point {at + 1} at ({places[at, 0]:g}, {places[at, 1]:g}) m is repeated; remove one of them")
     return places
 
 
 def _chords(places: Array, closed: bool) -> Array:
-    """Distances [m] from each point to the next; of a closed curve also from the last to the first."""
+    """Return the distances [m] from each point to the next; of a closed curve also from the last to the first."""
     ahead = np.roll(places, -1, axis=0) if closed else places[1:]
     return np.asarray(np.hypot(*(ahead - places[: len(ahead)]).T))
 
 
 def _curve(places: Array, closed: bool, tolerance: float) -> tuple[Array, tuple[Array, Array, Array]]:
-    """The points that clothoids go through, and their headings, curvatures and lengths, with small bulges.
+    """Return points, and headings, curvatures and lengths of clothoids through them with small bulges.
 
     Raises:
-        WorldError: none are found.
+        WorldError: there is no solution.
     """
     best: tuple[float, Array, tuple[Array, Array, Array]] | None = None
     chords = _chords(places, closed)
@@ -186,17 +184,17 @@ def _curve(places: Array, closed: bool, tolerance: float) -> tuple[Array, tuple[
         around |= np.roll(wide, -1) if closed else np.append(wide[1:], False)
         parts = np.where(around, 2 * parts, parts)
     if best is None:
-        raise WorldError("no smooth curve through the points was found; are they in driving order? add more of them")
+        raise WorldError("no smooth curve through the points was found; sort them in driving order, or add more")
     return best[1], best[2]
 
 
 def _between(places: Array, closed: bool, parts: NDArray[np.int_]) -> Array:
-    """The points, and between each and the next so many parts of a centripetal Catmull-Rom curve."""
+    """Return the points, with centripetal Catmull-Rom curves of the given numbers of parts between them."""
     if (parts == 1).all():
         return places
     if closed:
         padded = np.vstack((places[-1:], places, places[:2]))
-    else:  # the ends go on as they begin
+    else:  # the ends are extended straight
         padded = np.vstack((2.0 * places[0] - places[1], places, 2.0 * places[-1] - places[-2]))
     rows = []
     for index, count in enumerate(parts.tolist()):
@@ -211,7 +209,7 @@ def _between(places: Array, closed: bool, parts: NDArray[np.int_]) -> Array:
 
 
 def _usual_bulges(places: Array, closed: bool) -> Array:
-    """The same of a centripetal Catmull-Rom curve."""
+    """Return the largest distances of a centripetal Catmull-Rom curve from each chord, over the chord's length."""
     chords = _chords(places, closed)
     curve = _between(places, closed, np.full(len(chords), 8))[: 8 * len(chords)].reshape(-1, 8, 2)
     ahead = (np.roll(places, -1, axis=0)[: len(chords)] - places[: len(chords)]) / chords[:, None]
@@ -221,7 +219,7 @@ def _usual_bulges(places: Array, closed: bool) -> Array:
 
 
 def _bulges(places: Array, closed: bool, ring: Array, found: tuple[Array, Array, Array]) -> Array:
-    """Largest distance of the curve from each chord of the points that is nearest to it, over the chord's length."""
+    """Return the largest distance of the curve from each chord, where that is nearest, over the chord's length."""
     yaw, k, length = found
     following = np.append(k[1:], k[0]) if closed else k[1:]
     pieces = [Piece(*row) for row in np.column_stack((length, k[: len(length)], following)).tolist()]
@@ -236,10 +234,10 @@ def _bulges(places: Array, closed: bool, ring: Array, found: tuple[Array, Array,
 
 
 def _smooth(places: Array, closed: bool, rms: float) -> Array:
-    """Points moved by that root mean square [m], so that the cubic spline through them bends as little as possible.
+    """Return points moved by a root mean square [m] that minimise the bending energy of the cubic spline through them.
 
     With second derivatives g of the spline, Q their second differences and R their products, the smoothed points are
-    y - a Q g with (R + a Q' Q) g = Q' y. The deviation rises with a, which is found by bisection.
+    y - a Q g with (R + a Q' Q) g = Q' y. The deviation increases with a, which is found by bisection.
     """
     count = len(places)
     extent = math.sqrt(float((places**2).sum(axis=1).mean()))
@@ -284,10 +282,10 @@ def _smooth(places: Array, closed: bool, rms: float) -> Array:
 
 
 def _fit(places: Array, closed: bool, tolerance: float) -> tuple[Array, Array, Array] | None:
-    """Headings, curvatures and lengths of clothoids within the tolerance of all points; None if none are found.
+    """Return headings, curvatures and lengths of clothoids within the tolerance of all points; None without solution.
 
-    The first choice of joints turns little from one to the next; where a point between them is too far from the curve,
-    the middle one becomes a joint too.
+    Initial joints have small heading changes; where a point between two joints is too far from the curve, the middle
+    point becomes a joint, too.
     """
     count = len(places)
     t = np.concatenate(([0.0], np.cumsum(_chords(places, closed))))
@@ -308,12 +306,12 @@ def _fit(places: Array, closed: bool, tolerance: float) -> tuple[Array, Array, A
         if not split.size:
             return found
         joints = np.union1d(joints, (ends[split] + ends[split + 1]) // 2)
-        if split.size > 0.5 * len(found[2]) and len(joints) > 0.25 * count:  # the points are the joints
+        if split.size > 0.5 * len(found[2]) and len(joints) > 0.25 * count:  # all points become joints
             joints = np.arange(count)
 
 
 def _first_joints(places: Array, t: Array, closed: bool) -> NDArray[np.intp]:
-    """Indices of points between which the chords turn at most 0.35 rad and that are at most 40 m apart."""
+    """Return indices of points between which the chords turn by at most 0.35 rad and that are at most 40 m apart."""
     ahead = np.roll(places, -1, axis=0)[: len(t) - 1] - places[: len(t) - 1]
     heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])).tolist()
     at, joints, base = t.tolist(), [0], heading[0]

@@ -1,12 +1,12 @@
-"""How far a vehicle is from props and from other vehicles, on what it can touch.
+"""Clearance of a vehicle from props and other vehicles, by its collision shapes.
 
-A vehicle is a :class:`Volume`: outlines seen from above, each between two heights. Each is compared with the parts of
-the solids at its own heights only, so that a vehicle passes below a crown or a bridge, and beside a post below a table
-top. What wheels roll over is no obstacle.
+A vehicle is a :class:`Volume`: outlines seen from above, each between two heights. Each is compared only with the parts
+of solids at its own heights, so that a vehicle can pass below a tree crown or a bridge. Steps that wheels roll over are
+not obstacles.
 
-The depth of an overlap is the shortest way in the plane by which the vehicle leaves a body: all parts of the vehicle
-are then free of all parts of that body. Moved by t, two convex parts A and B overlap if t lies within the Minkowski
-difference {b - a}, so the way leads from the origin to the edge of the union of these polygons.
+The depth of an overlap is the length of the shortest translation in the plane that separates the vehicle from a body.
+After a translation t two convex parts A and B overlap if t is inside the Minkowski difference {b - a}, so the depth is
+the distance from the origin to the boundary of the union of these polygons.
 """
 
 import itertools
@@ -28,24 +28,24 @@ ROLLS_OVER = 2.0 / 3.0
 """Height over the radius of a wheel up to which it rolls over a step."""
 
 FLAT = 0.02
-"""What is no higher than this [m] never is an obstacle: plates, and lines of paint."""
+"""Height [m] up to which nothing is an obstacle, as plates and paint."""
 
-_SLICES = 4  # heights at which a part that is no prism is cut
-_ALIKE = 1e-6  # [m], [rad] poses that differ less have one depth
-_REACH = 1e-9  # [m] heights that are shared by less only touch
+_SLICES = 4  # slices of a part that is not a prism
+_ALIKE = 1e-6  # [m], [rad] resolution of poses for which depths are cached
+_REACH = 1e-9  # [m] smallest common height
 
 
 class Part(NamedTuple):
     """A convex part of a vehicle."""
 
     points: Array
-    """whose convex hull it is (n, 3), in the vehicle's frame B [m]"""
+    """points whose convex hull it is (n, 3), in the vehicle's frame B [m]"""
     wheel: bool
-    """whether it turns with a wheel"""
+    """whether it belongs to a wheel"""
 
 
 class Slab(NamedTuple):
-    """What a vehicle covers between two heights."""
+    """Area of a vehicle between two heights."""
 
     outline: Array
     """corners of a convex polygon (n, 2), in the vehicle's frame B [m]"""
@@ -57,11 +57,11 @@ class Slab(NamedTuple):
 
 @dataclass(frozen=True)
 class Volume:
-    """What a vehicle can touch something with.
+    """Collision volume of a vehicle.
 
     Attributes:
         slabs: outlines between heights.
-        low: height above the ground from which something is in its way [m].
+        low: height above the ground from which props are obstacles [m].
     """
 
     slabs: tuple[Slab, ...]
@@ -69,9 +69,9 @@ class Volume:
 
     @classmethod
     def of(cls, parts: Sequence[Part], wheel_radius: float) -> "Volume":
-        """That of a vehicle's convex parts.
+        """Return the volume of a vehicle's convex parts.
 
-        It begins at the ground clearance, or where wheels of a radius [m] no longer roll over a step.
+        It begins at the ground clearance, or at the height of a step that wheels of a radius [m] cannot roll over.
         """
         body = [float(part.points[:, 2].min()) for part in parts if not part.wheel]
         low = max(FLAT, min([ROLLS_OVER * wheel_radius, *body]))
@@ -89,15 +89,15 @@ class Volume:
 
     @cached_property
     def bands(self) -> dict[tuple[float, float], list[Array]]:
-        """Outlines by the heights that they lie between."""
-        found: dict[tuple[float, float], list[Array]] = {}
+        """Outlines by their heights."""
+        bands: dict[tuple[float, float], list[Array]] = {}
         for slab in self.slabs:
-            found.setdefault((slab.low, slab.high), []).append(slab.outline)
-        return found
+            bands.setdefault((slab.low, slab.high), []).append(slab.outline)
+        return bands
 
 
 def _slabs(points: Array, low: float) -> Iterator[Slab]:
-    """A convex part above a height, as few slabs: one of a prism, else slices that hold it."""
+    """Yield slabs that contain a convex part above a height: one for a prism, else slices."""
     bottom, top = max(low, float(points[:, 2].min())), float(points[:, 2].max())
     if top - bottom <= _REACH:
         return
@@ -120,23 +120,23 @@ def _area(corners: Array) -> float:
 
 
 def place_outline(outline: Array, poses: Array) -> Array:
-    """Corners (n, m, 2) in W of an outline (m, 2) at poses (n, 3): x, y [m], yaw [rad]."""
+    """Return the corners (n, m, 2) in W of an outline (m, 2) at poses (n, 3): x, y [m], yaw [rad]."""
     cos, sin = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
     x, y = outline.T
     return np.stack((poses[:, :1] + cos * x - sin * y, poses[:, 1:2] + sin * x + cos * y), axis=-1)
 
 
 def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any = slice(None)) -> Array:
-    """Distance of a vehicle to the nearest prop in the plane [m] (n); negative: how deep they overlap.
+    """Return the distance of a vehicle to the nearest prop in the plane [m] (n), negative for the depth of an overlap.
 
-    Props that are made to be driven over do not count; without any other it is infinite, as where a pose is not
-    finite.
+    Props that vehicles drive over do not count. The distance is infinite without other props, and for poses that are
+    not finite.
 
     Args:
         volume: of the vehicle.
         poses: x, y [m] and yaw [rad] of its frame B (n, 3).
         props: with `between` and `prop.driven_over`, see :class:`mirdrake.worlds.PlacedProp`.
-        rows: of the poses that count; the others are infinite.
+        rows: rows of the poses to evaluate; the others are infinite.
     """
     result = np.full(len(poses), math.inf)
     good = np.zeros(len(poses), dtype=bool)
@@ -174,14 +174,14 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
 def clearance_between(
     one: Volume, poses: Array, other: Volume, other_poses: Array, *, rows: Any = slice(None)
 ) -> Array:
-    """Distance of two vehicles that both move in the plane [m] (n); negative: how deep they overlap.
+    """Return the distance of two moving vehicles in the plane [m] (n), negative for the depth of an overlap.
 
     Args:
-        one: volume of the one.
+        one: volume of the first vehicle.
         poses: x, y [m] and yaw [rad] of its frame B (n, 3).
-        other: volume of the other.
+        other: volume of the second vehicle.
         other_poses: its poses (n, 3) at the same times.
-        rows: of the poses that count; the others are infinite.
+        rows: rows of the poses to evaluate; the others are infinite.
     """
     result = np.full(len(poses), math.inf)
     good = np.zeros(len(poses), dtype=bool)
@@ -210,10 +210,10 @@ def clearance_between(
 
 
 def depth(pairs: Iterable[tuple[Array, Array]]) -> float:
-    """Length of the shortest move in the plane after which no pair overlaps [m]; 0 where none does.
+    """Return the length of the shortest translation in the plane that separates all pairs [m]; 0 without overlap.
 
     Args:
-        pairs: corners of a convex outline that moves (n, 2), and of one that stays (m, 2) [m].
+        pairs: corners of a convex outline that is translated (n, 2), and of a fixed one (m, 2) [m].
     """
     forbidden = [
         shapely.MultiPoint((stays[None] - moves[:, None]).reshape(-1, 2)).convex_hull for moves, stays in pairs

@@ -1,8 +1,8 @@
 """Clothoids through given joints: Newton's method for headings, curvatures and lengths.
 
-Unknown are heading and curvature at every joint and the length of every piece; each piece must end at the next joint
-with its heading, three equations. A cubic spline is the first guess; as every piece only knows its neighbours, the
-matrix is sparse.
+The unknowns are heading and curvature at every joint and the length of every piece. Each piece must end at the next
+joint with its heading: three equations. A cubic spline is the initial guess. The matrix is sparse because each piece
+depends only on its own joints.
 """
 
 import math
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy  # which imports its parts when they are first named
+import scipy  # it imports its parts when they are first used
 from numpy.typing import ArrayLike, NDArray
 
 from mirdrake.worlds.pieces import Array
@@ -22,7 +22,7 @@ _NODES, _WEIGHTS = (_NODES + 1.0) / 2.0, _WEIGHTS / 2.0  # on [0, 1]
 
 @dataclass(frozen=True)
 class _Arcs:
-    """What the quadrature says of pieces from heading and curvature at their ends and their lengths, N each."""
+    """Displacements of pieces and their derivatives, N each."""
 
     chord: Array
     """displacement [m], N x 2"""
@@ -33,7 +33,7 @@ class _Arcs:
 
 
 def _integrate(yaw: Array, first: Array, last: Array, length: Array) -> _Arcs:
-    """Displacement of clothoids, and its derivatives by heading, both curvatures and length, N x 2 each."""
+    """Return displacements of clothoids, and their derivatives by heading, both curvatures and length, N x 2 each."""
     u = _NODES
     bend = first[:, None] * u + (last - first)[:, None] * u * u / 2.0  # times the length it is the heading change
     angle = yaw[:, None] + length[:, None] * bend
@@ -55,9 +55,9 @@ def _integrate(yaw: Array, first: Array, last: Array, length: Array) -> _Arcs:
 
 
 def solve(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array] | None:
-    """Headings [rad] and curvatures [1/m] at the joints, N, and lengths [m] of clothoids through them all.
+    """Return headings [rad] and curvatures [1/m] at the joints, N, and lengths [m] of clothoids; None without solution.
 
-    An open curve has two unknowns more than equations: its first two pieces, and its last two, are made one clothoid.
+    An open curve has two more unknowns than equations: its first two pieces, and its last two, form one clothoid.
     """
     nodes, parts = len(places), len(t) - 1
     yaw, k, length = _guess(places, t, closed)
@@ -66,7 +66,7 @@ def solve(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array] |
     ahead = (np.arange(parts) + 1) % nodes
     chord = places[ahead] - places[:parts]
     lap = np.where((np.arange(parts) == parts - 1) & closed, turn, 0.0)
-    size = float(length.mean())  # curvatures times it are of the order of headings
+    size = float(length.mean())  # scales curvatures to the order of headings
 
     def residual(yaw: Array, k: Array, length: Array) -> tuple[Array, _Arcs]:
         arcs = _integrate(yaw[:parts], k[:parts], k[ahead], length)
@@ -84,7 +84,7 @@ def solve(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array] |
         if not np.isfinite(step).all():
             return None
         by_yaw, by_k, by_length = step[:nodes], step[nodes : 2 * nodes] / size, step[2 * nodes :] * size
-        share = min(1.0, 0.7 / max(1e-12, float((-by_length / length).max())))  # a length stays positive
+        share = min(1.0, 0.7 / max(1e-12, float((-by_length / length).max())))  # lengths stay positive
         for _ in range(8):
             trial = yaw + share * by_yaw, k + share * by_k, length + share * by_length
             after, arcs_after = residual(*trial)
@@ -101,12 +101,12 @@ def solve(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array] |
 
 
 def _ends(nodes: int) -> tuple[tuple[int, int, int, int, int], ...]:
-    """Three joints at either end of an open curve, and the two pieces between them."""
+    """Return three joints at both ends of an open curve, and the two pieces between them."""
     return (0, 1, 2, 0, 1), (nodes - 3, nodes - 2, nodes - 1, nodes - 3, nodes - 2)
 
 
 def _jacobian(k: Array, length: Array, arcs: _Arcs, size: float, closed: bool) -> Any:
-    """Derivatives of the residual in :func:`solve` by headings, curvatures times `size` and lengths over `size`."""
+    """Return the derivatives of the residual of :func:`solve` by headings, curvatures · `size`, lengths / `size`."""
     nodes, parts = len(k), len(length)
     i = np.arange(parts)
     ahead = (i + 1) % nodes
@@ -145,7 +145,7 @@ def _jacobian(k: Array, length: Array, arcs: _Arcs, size: float, closed: bool) -
 
 
 def _guess(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array]:
-    """Headings and curvatures at the joints, of a closed curve also at the end of the lap, and lengths: of a spline."""
+    """Return headings, curvatures (of a closed curve also at the end of the lap) and lengths of a cubic spline."""
     ring = np.vstack((places, places[:1])) if closed else places
     spline = scipy.interpolate.CubicSpline(t, ring, bc_type="periodic" if closed else "not-a-knot")
     fine = np.interp(np.arange((len(t) - 1) * _SAMPLES + 1) / _SAMPLES, np.arange(len(t)), t)
@@ -161,7 +161,7 @@ def _guess(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array]:
 
 
 def distances(places: Array, t: Array, joints: NDArray[np.intp], found: tuple[Array, Array, Array]) -> Array:
-    """Distance [m] of every point from the piece between its neighbouring joints; no less than that from the curve."""
+    """Return the distance [m] of every point from the piece between its joints, an upper bound of that to the curve."""
     yaw, k, length = found
     i = np.minimum(np.searchsorted(joints, np.arange(len(places)), side="right") - 1, len(length) - 1)
     last = k[(i + 1) % len(k)]

@@ -1,6 +1,6 @@
-"""Flat polygons to textured triangles, and triangles to a glTF text.
+"""Triangulation of flat polygons with textures, and glTF texts of triangles.
 
-Follows the Khronos glTF 2.0 specification: buffers embedded as data URIs, y up. Drake turns glTF's y up into its z up.
+Follows the Khronos glTF 2.0 specification: buffers embedded as data URIs, y up. Drake converts it to z up.
 A glTF texture repeats outside 0 .. 1 by default, both in Meshcat and in Drake's VTK renderer (an OBJ's does not).
 """
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 class Surface:
     """Triangles of one material.
 
-    Its normals point the way the triangles are wound (counter-clockwise seen from outside).
+    Its normals agree with the winding of the triangles (counter-clockwise seen from outside).
     """
 
     vertices: Array
@@ -44,7 +44,7 @@ class Surface:
 def fill(
     polygon: BaseGeometry, *, z: float, tile: float, color: tuple[float, float, float], texture: str | None
 ) -> Surface:
-    """A horizontal polygon, holes and all, as triangles.
+    """Return a horizontal polygon with its holes as triangles.
 
     Args:
         polygon: polygon or multipolygon in the xy plane [m].
@@ -68,7 +68,7 @@ def fill(
 def skirt(
     polygon: BaseGeometry, *, top: float, bottom: float, tile: float, color: tuple[float, float, float]
 ) -> Surface:
-    """The vertical sides [m] of a slab with that outline, facing outwards, without texture."""
+    """Return the vertical sides [m] of a slab of an outline, facing outwards, without texture."""
     vertices: list[Array] = []
     triangles: list[Array] = []
     normals: list[Array] = []
@@ -102,10 +102,10 @@ def make_gltf(surfaces: Sequence[Surface]) -> str:
 
 
 def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]:
-    """A polygon with holes cut along a grid, for the time to triangulate grows faster than the number of corners.
+    """Return a polygon cut along a grid, because the time of triangulation grows faster than the number of corners.
 
-    The grid is the same for all polygons, so that neighbours are cut at the same points and no crack opens between
-    them. Parts are halved again and again, so that every cut is of a part that is small already; rectangles are left.
+    The grid is the same for all polygons, so that neighbours are cut at the same points, without cracks between them.
+    Parts are halved repeatedly, so that every cut is of a small part; rectangles are not cut.
     """
     parts = np.asarray(shapely.get_parts(polygon))
     if shapely.get_num_coordinates(polygon) < 200:

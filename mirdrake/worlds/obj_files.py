@@ -1,6 +1,6 @@
-"""Meshes as OBJ files with their materials, for programs that take a glTF mesh for another one than Drake does.
+"""Meshes as OBJ files with their materials, for SDF export.
 
-Drake turns a glTF mesh from y up to z up and Gazebo does not, but both take an OBJ as it stands.
+Drake converts a glTF mesh from y up to z up and Gazebo does not, but both read an OBJ file unchanged.
 """
 
 import io
@@ -52,15 +52,15 @@ class ObjFiles:
         self._folders: dict[str, Path] = {}
 
     def add_mesh(self, kind: str, path: Path, paint: str | None) -> list[tuple[str, Color | None]]:
-        """A mesh that is seen.
+        """Add a visual mesh.
 
         Args:
             kind: name of the prop.
             path: glTF or OBJ.
-            paint: material that has the colour of the prop.
+            paint: material that gets the colour of the prop.
 
         Returns:
-            paths of OBJ files with the colour they are to get; None where they bring their own.
+            paths of OBJ files with their colours; None where the file contains its own.
 
         Raises:
             WorldError: the mesh cannot be read.
@@ -83,14 +83,14 @@ class ObjFiles:
         return found
 
     def add_gltf(self, name: str, data: Mapping[str, Any]) -> list[tuple[str, Color | None]]:
-        """A glTF document with everything in it; as :meth:`add_mesh`."""
+        """Add a self-contained glTF document; returns as :meth:`add_mesh`."""
         return self._write(f"meshes/{name}", _parts(io.BytesIO(json.dumps(data).encode()), name))
 
     def add_hull(self, name: str, shape: Convex) -> str:
-        """The convex hull of a mesh, in its unscaled size; returns the path of the OBJ file."""
+        """Add the convex hull of a mesh, unscaled; return the path of the OBJ file."""
         path = Path(shape.source().path())
         if ("hull", path) not in self._known:
-            read_bytes(path)  # tells of a file that has gone
+            read_bytes(path)  # reports a missing file
             hull = Convex(str(path), np.ones(3)).GetConvexHull()
             kind, _, stem = name.partition("/")
             target = f"{self._folder(kind, path)}/{stem}.obj"
@@ -103,7 +103,7 @@ class ObjFiles:
         return self._known["hull", path][0][0]
 
     def _folder(self, kind: str, path: Path) -> str:
-        """A folder for the meshes of a kind of prop; another one for another kind of the same name."""
+        """Return a folder for the meshes of a kind of prop; kinds of the same name have different folders."""
         plain = re.sub(r"\W+", "_", kind, flags=re.ASCII).strip("_") or "mesh"
         name, number = plain, 1
         while self._folders.setdefault(name, path.parent) != path.parent:
@@ -112,7 +112,7 @@ class ObjFiles:
         return f"meshes/{name}"
 
     def _write(self, stem: str, parts: Sequence[_Part], *, colored: bool = True) -> list[tuple[str, Color | None]]:
-        """Parts as one OBJ file with its materials."""
+        """Write parts as one OBJ file with its materials."""
         if not parts:
             return []
         name = stem.rpartition("/")[2]
@@ -148,9 +148,9 @@ class ObjFiles:
 
 
 def plain_color(data: Mapping[str, Any]) -> dict[str, Any]:
-    """A glTF document of :mod:`mirdrake.worlds.scenery` with the mean colours of its textures in their place.
+    """Return a glTF document of :mod:`mirdrake.worlds.scenery` with mean colours instead of textures.
 
-    A texture of an OBJ file does not repeat in Drake, so that a tiled one would be smeared.
+    Textures of OBJ files are not repeated in Drake, so that tiled ones would be stretched.
     """
     document: dict[str, Any] = json.loads(json.dumps(data))
     images = [Path(image["uri"]).stem for image in document.pop("images", ())]
@@ -173,23 +173,23 @@ def _mean_color(surface: str) -> Color:
 
 def _load(path: Path) -> list[_Part]:
     for file in mesh_files(path):
-        read_bytes(file)  # a missing buffer or picture is told by its name
+        read_bytes(file)  # reports a missing buffer or picture by its name
     return _parts(path, path.name)
 
 
 def _parts(source: Path | io.BytesIO, name: str) -> list[_Part]:
-    """The parts of a glTF mesh.
+    """Return the parts of a glTF mesh.
 
     Raises:
-        WorldError: it is none.
+        WorldError: it is not a mesh.
     """
     kind = source.suffix.lower().lstrip(".") if isinstance(source, Path) else "gltf"
     try:
         scene = trimesh.load(source, file_type=kind, force="scene", process=False)
         meshes = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    except Exception as error:  # whatever a reader of foreign files raises
+    except Exception as error:  # readers of mesh files raise many types
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise WorldError(f"{name}: is no mesh that can be read: {reason}") from None
+        raise WorldError(f"{name}: is not a mesh that can be read: {reason}") from None
     found = []
     for mesh in meshes:
         material, uv, picture = getattr(mesh.visual, "material", None), getattr(mesh.visual, "uv", None), None
@@ -211,6 +211,6 @@ def _parts(source: Path | io.BytesIO, name: str) -> list[_Part]:
 
 
 def _linear(factor: Any) -> Array:
-    """A colour factor of trimesh, bytes or fractions, as linear red, green, blue."""
+    """Return a colour factor of trimesh, bytes or fractions, as linear red, green, blue."""
     values = np.asarray(factor)
     return np.asarray(values[:3] / 255.0 if values.dtype == np.uint8 else values[:3], dtype=float)

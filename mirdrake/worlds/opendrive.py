@@ -1,16 +1,16 @@
 """Roads from OpenDRIVE files (.xodr, 1.4 to 1.8): one road or a chain of them, as pieces and edges of a track.
 
 After ASAM OpenDRIVE, chapters "Geometry" and "Lanes": the reference line of a road is a row of geometries, each with
-its own pose and length. Lines, arcs and spirals are pieces of linear curvature, taken over as they are; `poly3` and
-`paramPoly3` are sampled and fitted, and so is a reference line whose geometries do not meet. Lanes lie side by side
+its own pose and length. Lines, arcs and spirals become pieces of linear curvature; `poly3` and `paramPoly3` are
+sampled and fitted, and so is a reference line whose geometries do not meet. Lanes lie side by side
 from the reference line, shifted by `laneOffset`, with widths or borders that are cubic in s. Heights, junctions,
-signals and objects are left out; what was there is listed.
+signals and objects are left out, and listed.
 
 ::
 
     .xodr ── parse_opendrive ──► elements, their lines       opendrive_parts.py
     <geometry> ── read_leg ──► Leg                           opendrive_parts.py
-    <road> ──► Part: legs, edges of its lanes                opendrive_lanes.py
+    <road> ──► RoadPart: legs, edges of its lanes                opendrive_lanes.py
     parts end to end ── read_opendrive ──► OpenDriveRoad     here
 """
 
@@ -26,13 +26,13 @@ import numpy as np
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import shown
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
-from mirdrake.worlds.opendrive_lanes import Part
+from mirdrake.worlds.opendrive_lanes import RoadPart
 from mirdrake.worlds.opendrive_parts import LONGEST, Leg, parse_opendrive
 from mirdrake.worlds.pieces import Array, Piece, Placement, advance
 from mirdrake.worlds.tracks import Track
 
-_EXACT = (1e-4, 1e-4)  # [m], [rad] by which geometries may miss one another and still be laid end to end
-_APART = (0.5, 0.5)  # [m], [rad]; more is a gap or a corner, not rounding
+_EXACT = (1e-4, 1e-4)  # [m], [rad] largest gaps between geometries that are joined exactly
+_APART = (0.5, 0.5)  # [m], [rad] largest gaps between geometries
 _TOLERANCE = 2e-4  # [m] of fitted curves
 _RAMP = 0.1  # [m] over which a step in width is spread
 _THINNEST = 0.01  # [m] least width to either side
@@ -41,10 +41,10 @@ _WIDEST = 500.0  # [m]
 
 @dataclass(frozen=True)
 class OpenDriveRoad:
-    """A road, or a chain of roads, of an OpenDRIVE file; ``Track(pieces, start=..., closed=..., edges=...)`` is it."""
+    """A road, or a chain of roads, of an OpenDRIVE file: the arguments of a :class:`Track`."""
 
     name: str
-    """of the file's road, else its id; of a chain the first and the last"""
+    """name of the road in the file, else its id; of a chain the first and the last"""
     pieces: list[Piece]
     """the centre line"""
     start: Placement
@@ -58,39 +58,39 @@ class OpenDriveRoad:
     right: Array
     """distance [m] of the right edge at s"""
     left_out: list[str]
-    """what the file has and this has not, or not exactly; a line each"""
+    """parts of the file that are left out or approximated, one line each"""
 
     @property
     def length(self) -> float:
-        """Of the centre line [m]."""
+        """Length of the centre line [m]."""
         return math.fsum(piece.length for piece in self.pieces)
 
     @property
     def edges(self) -> tuple[Array, Array, Array]:
-        """What :class:`mirdrake.worlds.Track` takes as `edges`."""
+        """Argument `edges` of :class:`mirdrake.worlds.Track`."""
         return self.s, self.left, self.right
 
 
 def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "driving") -> OpenDriveRoad:
-    """A road of an OpenDRIVE file.
+    """Read a road of an OpenDRIVE file.
 
     Args:
         path: the file.
-        road: id of the road, or several in driving order with commas between them. None takes the only road outside
-            junctions, or all of these when their links make them one chain.
-        lane: type of the lanes that make the road, from the leftmost to the rightmost of them, or the id of one lane.
+        road: id of the road, or several in driving order, separated by commas. None selects the only road outside
+            junctions, or all of them if their links form one chain.
+        lane: type of the lanes that form the road, from the leftmost to the rightmost of them, or the id of one lane.
             If the reference line is not within them, the centre line is moved there.
 
     Raises:
-        ConfigError: the file cannot be understood, the road is not in it or is none.
+        ConfigError: the file or the road is invalid, or there is no such road.
     """
     path = Path(path)
     root, places = parse_opendrive(path)
     roads = {element.get("id", ""): element for element in root.iterfind("road")}
     if not roads:
-        raise ConfigError(f"{places[root]}: no road in it")
+        raise ConfigError(f"{places[root]}: contains no road")
     ids = _choose(road, roads, shown(path))
-    parts = [Part(roads[key], lane, places) for key in ids]
+    parts = [RoadPart(roads[key], lane, places) for key in ids]
     legs, (s, top, bottom), closed = _join(parts)
     where = parts[0].where
     if sum(leg.length for leg in legs) > LONGEST:
@@ -134,10 +134,10 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
 
 
 def _choose(road: str | None, roads: Mapping[str, Element], name: str) -> list[str]:
-    """Ids of the roads in driving order.
+    """Return the ids of the roads in driving order.
 
     Raises:
-        ConfigError: one is not there, or without a choice the roads are not one chain.
+        ConfigError: a road does not exist, or no road is selected and they do not form one chain.
     """
     if road is not None:
         ids = [road] if road in roads else [key.strip() for key in str(road).split(",")]
@@ -159,14 +159,14 @@ def _choose(road: str | None, roads: Mapping[str, Element], name: str) -> list[s
         following = next((key for key in beside[following] if key not in chain), "")
     if len(chain) < len(free) or any(len(found) > 2 for found in beside.values()):
         raise ConfigError(
-            f"{name}: its {len(free)} roads are not one chain; name one, or several in driving order with commas: "
+            f"{name}: its {len(free)} roads do not form one chain; select one, or several as '1, 7, 2': "
             f"{did_you_mean('', free)}"
         )
     return chain
 
 
 def _links(road: Element, among: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Predecessor and successor of a road, if they are such roads and not itself."""
+    """Yield predecessor and successor of a road, if they are among some roads."""
     for key in ("predecessor", "successor"):
         link = road.find(f"link/{key}")
         other = "" if link is None or link.get("elementType") != "road" else link.get("elementId", "")
@@ -178,12 +178,12 @@ def _links(road: Element, among: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _miss(a: Placement, b: Placement) -> tuple[float, float]:
-    """Distance [m] and difference in heading [rad] between two poses."""
+    """Return the distance [m] and the difference in heading [rad] between two poses."""
     return math.hypot(a[0] - b[0], a[1] - b[1]), abs(math.remainder(a[2] - b[2], 2.0 * math.pi))
 
 
-def _join(parts: Sequence[Part]) -> tuple[list[Leg], tuple[Array, Array, Array], bool]:
-    """Legs and edges of all roads, each turned to go on from the one before, and whether the end meets the start.
+def _join(parts: Sequence[RoadPart]) -> tuple[list[Leg], tuple[Array, Array, Array], bool]:
+    """Return legs and edges of all roads, reversed where necessary, and whether the end meets the start.
 
     Raises:
         ConfigError: two geometries or two roads do not meet.
@@ -194,7 +194,7 @@ def _join(parts: Sequence[Part]) -> tuple[list[Leg], tuple[Array, Array, Array],
     bottoms: list[Array] = []
     for part in parts:
         turned = [leg.reversed() for leg in reversed(part.legs)]
-        # The first road ends where the second has an end; every other begins where the one before ends.
+        # The first road ends at an end of the second; every other begins where the one before ends.
         follow = [parts[1].legs[0].begin, parts[1].legs[-1].end] if len(parts) > 1 else [part.legs[-1].end]
         misses = [
             _miss(legs[-1].end, run[0].begin)[0] if legs else min(_miss(run[-1].end, at)[0] for at in follow)
@@ -206,8 +206,8 @@ def _join(parts: Sequence[Part]) -> tuple[list[Leg], tuple[Array, Array, Array],
             gap = _miss(legs[-1].end, leg.begin) if legs else (0.0, 0.0)
             if gap[0] > _APART[0] or gap[1] > _APART[1]:
                 raise ConfigError(
-                    f"{leg.where}: begins {gap[0]:.3g} m and {math.degrees(gap[1]):.3g} deg away from where the part "
-                    f"before ends, of {legs[-1].where}; correct x, y, hdg or length, or the order of the roads"
+                    f"{leg.where}: begins {gap[0]:.3g} m and {math.degrees(gap[1]):.3g} deg away from the end of the "
+                    f"one before, at {legs[-1].where}; correct x, y, hdg or length, or the order of the roads"
                 )
             legs.append(leg)
         stations.append(travelled + (part.length - part.s[::-1] if back else part.s))
@@ -224,7 +224,7 @@ def _join(parts: Sequence[Part]) -> tuple[list[Leg], tuple[Array, Array, Array],
 
 
 def _spread_steps(s: Array, top: Array, bottom: Array) -> tuple[Array, Array, Array]:
-    """Stations that rise: of two at the same place the first goes, or where the edges step it moves back by 0.1 m."""
+    """Return increasing stations: of two equal ones the first is removed, or moved back by 0.1 m if the edges step."""
     same = np.append(np.diff(s) < 1e-6, False)
     step = np.append(np.maximum(np.abs(np.diff(top)), np.abs(np.diff(bottom))) > 1e-4, False)
     before = np.append(s[0] - 2.0 * _RAMP, s[:-1])
@@ -235,7 +235,7 @@ def _spread_steps(s: Array, top: Array, bottom: Array) -> tuple[Array, Array, Ar
 
 
 def _exact(legs: Sequence[Leg], closed: bool, middle: Array) -> list[Piece] | None:
-    """The pieces of the legs, moved sideways by a steady offset; None if they cannot be laid end to end as they are."""
+    """Return the pieces of the legs, moved sideways by a constant offset; None if they cannot be joined exactly."""
     offset = float(middle[0])
     if np.ptp(middle) > 1e-9 or any(leg.piece is None for leg in legs):
         return None
@@ -254,7 +254,7 @@ def _exact(legs: Sequence[Leg], closed: bool, middle: Array) -> list[Piece] | No
 
 
 def _why(legs: Sequence[Leg], closed: bool) -> str:
-    """Why the pieces could not be taken as they are."""
+    """Return the reason for which the pieces are not used exactly."""
     kinds = sorted({leg.kind for leg in legs if leg.piece is None})
     pairs = [*itertools.pairwise(legs), *([(legs[-1], legs[0])] if closed else [])]
     gaps = [_miss(a.end, b.begin) for a, b in pairs] or [(0.0, 0.0)]
@@ -264,7 +264,7 @@ def _why(legs: Sequence[Leg], closed: bool) -> str:
 
 
 def _sample(legs: Sequence[Leg], closed: bool, s: Array, middle: Array) -> tuple[Array, Array]:
-    """Points of the centre line, N x 2, and their s along the reference line [m]."""
+    """Return points of the centre line, N x 2, and their s along the reference line [m]."""
     total = sum(leg.length for leg in legs)
     step = max(min(1.0, total / 32.0), total / 20_000.0)
     points: list[Array] = []
@@ -285,7 +285,7 @@ def _sample(legs: Sequence[Leg], closed: bool, s: Array, middle: Array) -> tuple
     return places[far], at[far]
 
 
-# --- what is left out --------------------------------------------------------------------------------------------
+# --- omissions ---------------------------------------------------------------------------------------------------
 
 _HEIGHTS = (
     "elevationProfile/elevation",
@@ -296,12 +296,12 @@ _HEIGHTS = (
 
 
 def _left_out(root: Element, roads: Mapping[str, Element], ids: Sequence[str], lane: str) -> list[str]:
-    """What the file has and a track has not, a line each."""
+    """Return the parts of the file that a track does not represent, one line each."""
     chosen = [roads[key] for key in ids]
     notes = []
     heights = [part for road in chosen for path in _HEIGHTS for part in road.iterfind(path)]
     if any((part.get(key) or "0").strip("-+.0eE") for part in heights for key in "abcd"):
-        notes.append("heights and slopes: the road lies in the plane")
+        notes.append("heights and slopes: the road is flat")
     if len(ids) < len(roads):
         notes.append(f"other roads: {len(roads) - len(set(ids))}")
     for what, path in (("signals", "signals/signal"), ("objects", "objects/object"), ("road marks", ".//roadMark")):
@@ -311,8 +311,8 @@ def _left_out(root: Element, roads: Mapping[str, Element], ids: Sequence[str], l
         notes.append(f"junctions: {found}")
     lanes = {e.get("type", "") for road in chosen for e in road.iter("lane") if e.get("id") != "0"}
     if others := sorted(kind for kind in lanes if kind != lane):
-        notes.append(f"lanes other than '{lane}', unless they lie between: {', '.join(others)}")
+        notes.append(f"lanes other than '{lane}', unless they are between: {', '.join(others)}")
     offset = root.find("header/offset")
     if offset is not None and any((offset.get(key) or "0").strip("-+.0eE") for key in ("x", "y", "hdg")):
-        notes.append("offset of the header: places are as the roads say")
+        notes.append("offset of the header: positions are those of the roads")
     return notes

@@ -21,23 +21,23 @@ _SHORTEST = 1e-3  # [m] road
 
 @dataclass(frozen=True)
 class _Lane:
-    """A lane of a section: what it answers to, and the records of its width or its outer border."""
+    """A lane of a section: its type and id, and the records of its width or its outer border."""
 
     names: set[str | None]
     widths: Array
     borders: Array
 
 
-class Part:
+class RoadPart:
     """A road of the file: its legs, and the t coordinates [m, + left] of the edges of its lanes over s.
 
     Args:
         road: its element.
-        lane: type or id of the lanes that count.
+        lane: type or id of the lanes that are used.
         places: line of each element, for messages.
 
     Raises:
-        ConfigError: it has no length, no lanes, or none that count.
+        ConfigError: it has no length, no lanes, or none of them is used.
 
     Attributes:
         where: ``file:line`` of the road.
@@ -60,7 +60,7 @@ class Part:
             raise ConfigError(f"{self.where}: road '{self.name}' has no <geometry> of any length in <planView>")
         self.length = math.fsum(leg.length for leg in self.legs)
         if self.length < _SHORTEST:
-            raise ConfigError(f"{self.where}: road '{self.name}' is {self.length:.3g} m long; leave it out")
+            raise ConfigError(f"{self.where}: road '{self.name}' is {self.length:.3g} m long; remove it")
         declared = np.array([s for s, leg in legs if leg is not None])
         declared = np.append(declared - declared[0], declared[-1] - declared[0] + self.legs[-1].length)
         real = np.cumsum([0.0] + [leg.length for leg in self.legs])
@@ -74,11 +74,11 @@ class Part:
         self.s = np.interp(s, declared, real)
 
     def _edges(self, road: Element, length: float) -> tuple[Array, Array, Array]:
-        """Stations, and the left and right edge there; twice the same station where they may jump."""
+        """Return stations, and the left and right edges there; twice the same station where they may jump."""
         offsets = self._records(road.iterfind("lanes/laneOffset"), "s", 0.0)
         sections = sorted(road.iterfind("lanes/laneSection"), key=lambda part: number_of(part, "s", self._places))
         if not sections:
-            raise ConfigError(f"{self.where}: road '{self.name}' has no <laneSection>; it has no width")
+            raise ConfigError(f"{self.where}: road '{self.name}' has no <laneSection> and therefore no width")
         sides: dict[str, list[tuple[float, list[_Lane]]]] = {"left": [], "right": []}
         breaks = {0.0, length, *offsets[:, 0]}
         for section in sections:
@@ -127,11 +127,11 @@ class Part:
     def _lane_edges(
         self, sections: Sequence[tuple[float, list[_Lane]]], s: Array, middle: Array, sign: float
     ) -> Iterator[Array]:
-        """Inner and outer edges of the chosen lanes on one side, at stations between two breaks."""
+        """Yield inner and outer edges of the selected lanes on one side, at stations between two breaks."""
         lanes = next((rows for begin, rows in reversed(sections) if begin <= s[0] + 1e-6), [])
         inner = middle
         for lane in lanes:
-            if len(lane.widths) or not len(lane.borders):  # widths count when both are there
+            if len(lane.widths) or not len(lane.borders):  # widths have priority over borders
                 outer = inner + sign * np.maximum(_cubic(lane.widths, s), 0.0)
             else:
                 outer = middle + _cubic(lane.borders, s)
@@ -141,7 +141,7 @@ class Part:
             inner = outer
 
     def _records(self, elements: Iterable[Element], key: str, begin: float) -> Array:
-        """Cubic polynomials: where each begins [m], then a, b, c and d, N x 5, sorted."""
+        """Return cubic polynomials: start [m], a, b, c and d, N x 5, sorted."""
         rows = [
             [begin + number_of(e, key, self._places), *(number_of(e, name, self._places) for name in "abcd")]
             for e in elements
@@ -150,7 +150,7 @@ class Part:
 
 
 def _cubic(records: Array, s: Array) -> Array:
-    """Values at stations between two breaks: the record that holds there counts; 0 where there is none."""
+    """Return values at stations between two breaks by the record that is valid there; 0 without a record."""
     holding = np.flatnonzero(records[:, 0] <= s[0] + 1e-6)
     if not holding.size:
         return np.zeros_like(s)

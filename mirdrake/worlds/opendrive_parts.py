@@ -43,10 +43,10 @@ def parse_opendrive(path: Path) -> tuple[Element, Places]:
 
 
 def number_of(element: Element, key: str, places: Places, default: float | None = None) -> float:
-    """An attribute as a number within ±1e8.
+    """Return an attribute as a number within ±1e8.
 
     Raises:
-        ConfigError: it is none, or is missing and has no default.
+        ConfigError: it is not such a number, or is missing without a default.
     """
     text = element.get(key)
     if text is None and default is not None:
@@ -80,7 +80,7 @@ class Leg:
     """x, y and yaw at distances from the start"""
 
     def reversed(self) -> "Leg":
-        """The same, driven the other way."""
+        """Return the leg in the opposite direction."""
 
         def pose(u: Array) -> tuple[Array, Array, Array]:
             x, y, yaw = self.pose(self.length - u)
@@ -94,7 +94,7 @@ class Leg:
 
 
 def read_leg(geometry: Element, places: Places) -> Leg | None:
-    """A geometry; None if it has no length."""
+    """Return a geometry, or None if its length is 0."""
     where = places[geometry]
     x, y, yaw, length = (number_of(geometry, key, places) for key in ("x", "y", "hdg", "length"))
     if not 0.0 <= length <= LONGEST:
@@ -104,7 +104,7 @@ def read_leg(geometry: Element, places: Places) -> Leg | None:
     shape = next(iter(geometry), None)
     kind = "" if shape is None else shape.tag
     if shape is None or kind not in {"line", "arc", "spiral", "poly3", "paramPoly3"}:
-        raise ConfigError(f"{where}: <geometry> holds '{kind}'; line, arc, spiral, poly3 and paramPoly3 are understood")
+        raise ConfigError(f"{where}: <geometry> contains '{kind}'; use line, arc, spiral, poly3 or paramPoly3")
     if kind in {"poly3", "paramPoly3"}:
         pose = _read_polynomial(shape, (x, y, yaw), length, places)
         x0, y0, yaw0 = (float(v[0]) for v in pose(np.array([0.0])))
@@ -117,7 +117,7 @@ def read_leg(geometry: Element, places: Places) -> Leg | None:
         first, last = number_of(shape, "curvStart", places), number_of(shape, "curvEnd", places)
     piece = Piece(length, first, last)
     if max(abs(first), abs(last)) > 100.0 or length * max(abs(first), abs(last)) > 1e3:
-        raise ConfigError(f"{places[shape]}: curvature {max(first, last, key=abs):g} 1/m of <{kind}> is no road's")
+        raise ConfigError(f"{places[shape]}: curvature {max(first, last, key=abs):g} 1/m of <{kind}> is too large")
 
     def along(u: Array) -> tuple[Array, Array, Array]:
         return Track([piece], start=(x, y, yaw)).pose(u)
@@ -128,9 +128,9 @@ def read_leg(geometry: Element, places: Places) -> Leg | None:
 def _read_polynomial(
     shape: Element, start: Placement, length: float, places: Places
 ) -> Callable[[Array], tuple[Array, Array, Array]]:
-    """Poses along a `poly3` (v over u) or a `paramPoly3` (u and v over p), by arc length.
+    """Return poses along a `poly3` (v over u) or a `paramPoly3` (u and v over p), by arc length.
 
-    Without `pRange` p ends at 1 or at the length, whichever makes the curve about as long as it should be.
+    Without `pRange` p ends at 1 or at the length, whichever gives the better length of the curve.
     """
     if shape.tag == "poly3":
         v = [number_of(shape, key, places) for key in "abcd"]
@@ -148,14 +148,14 @@ def _read_polynomial(
         travelled = np.append(0.0, np.cumsum((speed[:-1] + 4.0 * halfway + speed[1:]) / 6.0 * np.diff(p)))  # Simpson
         tables.append((abs(travelled[-1] - length), p, travelled))
     _, p, travelled = min(tables, key=lambda table: float(table[0]))
-    if shape.tag == "poly3":  # u ends where the length is reached
+    if shape.tag == "poly3":  # u ends at the given length
         p, travelled = p[travelled < length], travelled[travelled < length]
         rest = length - travelled[-1]
         p = np.append(p, p[-1] + rest / math.hypot(1.0, float(across.deriv()(p[-1]))))
         travelled = np.append(travelled, length)
     if not np.isfinite(travelled).all() or not 0.5 < travelled[-1] / length < 2.0 or (np.diff(travelled) <= 0.0).any():
         raise ConfigError(
-            f"{places[shape]}: <{shape.tag}> is {travelled[-1]:.4g} m long, but its <geometry> says {length:.4g} m; "
+            f"{places[shape]}: <{shape.tag}> is {travelled[-1]:.4g} m long, but its <geometry> states {length:.4g} m; "
             "correct the length, the coefficients or pRange"
         )
     x0, y0, yaw0 = start

@@ -1,7 +1,7 @@
 """Solids of props seen from above: a convex core and a radius about it, whole or between two heights.
 
-A disc is its middle and its radius, so that nothing is lost by a polygon: two barrels side by side really touch. A
-cylinder that lies or leans is taken for the polygon around it, which is at most 0.9 % of its radius too wide.
+A disc is its centre and its radius, which is exact: two barrels side by side touch. A cylinder that is not upright is
+replaced by the prism around it, which is at most 0.9 % of its radius too wide.
 """
 
 import math
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_UPRIGHT = 1e-9  # 1 - |cosine| of an axis that counts as upright: 45 µrad
-_TOUCH = 1e-9  # [m] what is lower than this between two heights only touches one of them
+_UPRIGHT = 1e-9  # 1 - |cosine| of an upright axis: 45 µrad
+_TOUCH = 1e-9  # [m] smallest height of a solid between two heights
 _QUARTER = 24  # segments of a quarter of a disc that becomes a polygon
 
 
 @dataclass(frozen=True)
 class Outline:
-    """A solid in the world.
+    """A solid in the world, seen from above.
 
     Attributes:
         core: convex hull of its points seen from above, in W [m]; a point for a disc.
@@ -44,7 +44,7 @@ class Outline:
 
     @cached_property
     def area(self) -> BaseGeometry:
-        """What it covers, as a polygon in W [m]."""
+        """Covered area as a polygon in W [m]."""
         return self.core.buffer(self.radius, _QUARTER) if self.radius else self.core
 
     @cached_property
@@ -54,7 +54,7 @@ class Outline:
         return xmin - self.radius, ymin - self.radius, xmax + self.radius, ymax + self.radius
 
     def may_touch(self, other: "Outline") -> bool:
-        """Whether the boxes around both touch, seen from above."""
+        """Return whether both bounding boxes touch, seen from above."""
         a, b = self.bounds, other.bounds
         return a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3]
 
@@ -77,28 +77,27 @@ class Outline:
 
 
 def outlines_of(placed: "PlacedProp", low: float = -math.inf, high: float = math.inf) -> tuple[Outline, ...]:
-    """The solids of a prop seen from above, in their order.
+    """Return the solids of a prop seen from above, in their order.
 
     Args:
         placed: the prop.
-        low: what lies below this height is cut off [m], and so is what lies above `high`; solids of which nothing is
-            left are left out.
-        high: see `low` [m].
+        low: height below which solids are cut off [m]; solids outside of both heights are left out.
+        high: height above which solids are cut off [m].
     """
     return tuple(_outlines(placed, low, high))
 
 
 def section(points: Array, low: float, high: float) -> Array:
-    """Points (m, 2) whose convex hull is a convex solid between two heights, seen from above.
+    """Return points (m, 2) whose convex hull is a convex solid between two heights, seen from above.
 
     Args:
-        points: whose convex hull is the solid (n, 3) [m].
+        points: points whose convex hull is the solid (n, 3) [m].
         low: height of the lower plane [m].
         high: height of the upper plane [m].
     """
     z = points[:, 2]
     kept = [points[(z >= low) & (z <= high)]]
-    for level in (low, high):  # every segment through the plane: those that are no edges end inside of the hull
+    for level in (low, high):  # all segments through the plane; those that are not edges end inside the hull
         below, above = points[z < level], points[z > level]
         if len(below) and len(above):
             share = (level - below[:, 2])[:, None] / (above[None, :, 2] - below[:, None, 2])
@@ -137,10 +136,10 @@ def _outlines(placed: "PlacedProp", low: float, high: float) -> Iterator[Outline
 
 
 def gap_between(one: Outline, other: Outline) -> float:
-    """Distance of two outlines seen from above [m]; negative: how deep they overlap.
+    """Return the distance of two outlines seen from above [m], negative for the depth of an overlap.
 
-    The depth is the smallest push that parts them, exact for polygons, and for a disc whose middle is outside of the
-    other core; otherwise it may be too large.
+    The depth is the length of the shortest translation that separates them: exact for polygons, and for a disc whose
+    centre is outside the other core; otherwise an upper bound.
     """
     apart = float(one.core.distance(other.core))
     if apart > 0.0:

@@ -1,12 +1,12 @@
-"""Pieces of a centre line, whose curvature changes linearly: where they lead.
+"""Pieces of a centre line with linear curvature: poses along them.
 
 Track coordinates: s [m] along the centre line, e_y [m] to its left. With curvature k(u) = k0 + c u over a piece, the
 heading is yaw(u) = yaw0 + k0 u + c u²/2 and the position is the integral of its cosine and sine: a straight line
 (k0 = c = 0), a circle (c = 0) or a clothoid (do Carmo, "Differential Geometry of Curves and Surfaces", section 1-5: a
-plane curve is found from its curvature by these two integrations).
+plane curve follows from its curvature by these two integrations).
 
 Each piece is cut into cells that turn at most 0.08 rad; within a cell three-point Gauss quadrature of the integral is
-exact to 1e-12 m, without the cancellation that the closed form by Fresnel integrals suffers when c is small.
+exact to 1e-12 m, without the cancellation of the closed form by Fresnel integrals for small c.
 """
 
 import math
@@ -43,9 +43,9 @@ class Piece(NamedTuple):
 
 
 def advance(pose: Placement, piece: Piece) -> Placement:
-    """The pose (x [m], y [m], yaw [rad]) at the end of a piece that starts at `pose`.
+    """Return the pose (x [m], y [m], yaw [rad]) at the end of a piece that starts at `pose`.
 
-    Lines and arcs by their closed forms, clothoids by Gauss quadrature over their cells.
+    Closed forms are used for lines and arcs, Gauss quadrature over their cells for clothoids.
     """
     x, y, yaw = pose
     if piece.start_curvature == piece.end_curvature:
@@ -60,14 +60,14 @@ def advance(pose: Placement, piece: Piece) -> Placement:
 
 
 def cells_of(piece: Piece) -> tuple[float, int, float]:
-    """Cell length [m], number of cells and rate of curvature [1/m²] of a piece."""
+    """Return the cell length [m], the number of cells and the rate of curvature [1/m²] of a piece."""
     sharpest = max(abs(piece.start_curvature), abs(piece.end_curvature))
     cells = max(_CELLS, math.ceil(piece.length / _CELL_LENGTH), math.ceil(piece.length * sharpest / _CELL_ANGLE))
     return piece.length / cells, cells, (piece.end_curvature - piece.start_curvature) / piece.length
 
 
 def displace(yaw: Array, k: Array, c: Array, u: Array) -> tuple[Array, Array]:
-    """Displacement [m] in x and y over a length u from where heading, curvature and its rate are yaw, k and c."""
+    """Return the displacement [m] in x and y over a length u for initial heading yaw, curvature k and its rate c."""
     dx, dy = np.zeros_like(u), np.zeros_like(u)
     for node, weight in zip(NODES, WEIGHTS, strict=True):
         part = node * u

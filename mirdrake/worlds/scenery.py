@@ -1,9 +1,9 @@
-"""What a world looks like: ground, roads and paint as meshes for Drake, sun and sky as data.
+"""Visual geometry of a world: ground, roads and paint as meshes for Drake, sun and sky as data.
 
-Road, paint and ground are cut out of each other, so that no two surfaces lie close above one another: nothing flickers
-(z-fighting), however far away the camera is. The road's top is at z = 0, where the physical plane is; the ground beside
-it lies lower by the road's thickness. A friction patch is cut out likewise; one without a surface of its own lets what
-lies below be seen, darker and shinier, as if it were wet.
+Road, paint and ground are cut out of each other, so that no two surfaces are close above each other, which would cause
+z-fighting. The road's top is at z = 0, where the physical plane is; the ground beside
+it lies lower by the road's thickness. A friction patch is cut out likewise; one without its own surface
+shows the surface below, darker and glossier, as if it were wet.
 """
 
 from collections.abc import Callable
@@ -26,6 +26,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.paths import data_root, resolved
+from mirdrake.worlds.drawing import EDGE_LINE_INSET
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.spec import MarkingSpec, ScenerySpec
@@ -40,21 +41,26 @@ SKIES = {"clear": ((70, 125, 200), (205, 222, 238)), "overcast": ((176, 182, 190
 
 _WHITE = (0.86, 0.86, 0.84)
 _WET, _WET_ROUGHNESS = (0.62, 0.66, 0.74), 0.55
-_EDGE = {"asphalt": 0.10, "grass": 0.12, "concrete": 0.35, "gravel": 0.22, "ice": 0.70}  # linear grey of a slab's side
+_SIDE_GREY = {
+    "asphalt": 0.10,
+    "grass": 0.12,
+    "concrete": 0.35,
+    "gravel": 0.22,
+    "ice": 0.70,
+}  # linear grey
 _APRON = 1000.0  # [m] visible ground beyond the world, up to the horizon
-_INSET = 0.05  # [m] between the edge of the road and an edge line
-_SAGITTA = 5e-3  # [m] by which the visible outline may miss the true one
+_SAGITTA = 5e-3  # [m] accuracy of the visible outline
 
 
 @dataclass(frozen=True)
 class SceneryItem:
-    """A thing to see, fixed in the world."""
+    """A visual geometry fixed in the world."""
 
     name: str
     shape: Shape
     X_WG: RigidTransform
     rgba: Array | None = None
-    """colour, or None when the mesh brings its own"""
+    """colour, or None if the mesh contains its own"""
 
 
 @dataclass(frozen=True)
@@ -70,14 +76,14 @@ class SunLight:
 
 
 def texture_path(surface: str) -> Path:
-    """The texture file of a surface."""
+    """Return the texture file of a surface."""
     return data_root() / "worlds" / "textures" / f"{surface}.jpg"
 
 
 def scenery(world: World) -> list[SceneryItem]:
-    """Ground, roads and painted lines of a world, to be registered on the world body as visual geometry.
+    """Return ground, roads and painted lines of a world as visual geometry of the world body.
 
-    The meshes are in memory and name their textures by path; nothing is written.
+    The meshes are in memory and refer to their textures by path; nothing is written.
     """
     items: list[SceneryItem] = []
     roads = {name: _simple(track.outline(sagitta=_SAGITTA)) for name, track in world.roads().items()}
@@ -89,7 +95,7 @@ def scenery(world: World) -> list[SceneryItem]:
         others = [roads[other] for other in names if other != name]
         later = shapely.union_all([roads[other] for other in names[index + 1 :]])
 
-        # Paint: the lines that are on no other road; then the road around them.
+        # Paint: the parts of lines that are not on other roads; then the road around them.
         lines = shapely.union_all([_line(track, marking) for marking in spec.markings])
         lines = shapely.difference(shapely.intersection(lines, road), shapely.union_all(others))
         bare = shapely.difference(shapely.difference(shapely.difference(road, lines), later), covered)
@@ -101,7 +107,7 @@ def scenery(world: World) -> list[SceneryItem]:
             paint = _wetted(lines, wet, lambda part: fill(part, z=0.0, tile=1.0, color=_WHITE, texture=None))
             items.append(_item(f"world/{name}/lines", paint))
 
-    # Ground: everything that is no road, as much lower as the roads are thick.
+    # Ground: everything beside the roads, lower by the largest thickness of the roads.
     depth = max((track.thickness for track in world.spec.tracks.values()), default=0.0)
     plane = shapely.box(*world.ground.extent)
     wide = plane.buffer(_APRON, join_style="mitre")
@@ -119,7 +125,7 @@ def scenery(world: World) -> list[SceneryItem]:
         parts += _textured(part, world.ground.surface, wet, z=-depth)
     items.insert(0, _item("world/ground", parts))
 
-    # Patches: on the road as high as the road, beside it as high as the ground.
+    # Patches: at the height of the road on it, at that of the ground beside it.
     looks = {patch.name: patch.surface for patch in world.patches if patch.surface is not None}
     for name, area in patches.items():
         above, beside = (
@@ -131,7 +137,7 @@ def scenery(world: World) -> list[SceneryItem]:
         if both:
             items.append(_item(f"world/patch.{name}", both))
 
-    # Meshes that are only drawn.
+    # Meshes without collision geometry.
     for index, mesh in enumerate(world.spec.scenery):
         X_WG = RigidTransform(RollPitchYaw(mesh.roll, mesh.pitch, mesh.yaw), mesh.at)
         items.append(SceneryItem(f"world/scenery.{index}", Mesh(str(scenery_file(world, mesh))), X_WG))
@@ -139,12 +145,12 @@ def scenery(world: World) -> list[SceneryItem]:
 
 
 def scenery_file(world: World, mesh: ScenerySpec) -> Path:
-    """The file of a mesh that is only drawn."""
+    """Return the file of a mesh without collision geometry."""
     return resolved(world.path.parent if world.path is not None else Path.cwd()) / mesh.file
 
 
 def sun_light(world: World) -> SunLight:
-    """The sun of a world."""
+    """Return the sun of a world."""
     sun = world.spec.lights.sun
     level = np.cos(sun.elevation)
     towards = np.array([level * np.cos(sun.azimuth), level * np.sin(sun.azimuth), np.sin(sun.elevation)])
@@ -152,17 +158,17 @@ def sun_light(world: World) -> SunLight:
 
 
 def sky_colors(world: World) -> tuple[Array, Array]:
-    """Red, green and blue, 0 .. 1, of the sky at the zenith and at the horizon."""
+    """Return red, green and blue, 0 .. 1, of the sky at the zenith and at the horizon."""
     zenith, horizon = SKIES[world.spec.sky]
     return np.array(zenith) / 255.0, np.array(horizon) / 255.0
 
 
 def lights(world: World) -> list[LightParameter]:
-    """The lights of a world for Drake's renderers: the sun, and three weak ones from sky and ground as ambient light.
+    """Return the lights of a world for Drake's renderers: the sun, and three weak ones as ambient light.
 
-    Without a light of its own, Drake's VTK renderer puts one on the camera, and the ground seen by a driver is almost
-    black. Physically based shading, which a glTF mesh switches on, divides the light of a matt surface by π; the
-    intensities are multiplied by it, so that a white sheet which faces a sun of intensity 1 is just white.
+    Without lights, Drake's VTK renderer puts one on the camera, and the ground in a driver's view is almost black.
+    Physically based shading, which glTF meshes enable, divides the light of a matt surface by π. Intensities are
+    multiplied by π, so that a white surface that faces a sun of intensity 1 is just white.
     """
     sun, ambient = sun_light(world), world.spec.lights.ambient
     level = sun.direction * [1.0, 1.0, 0.0]
@@ -183,24 +189,28 @@ def lights(world: World) -> list[LightParameter]:
 
 
 def render_params(world: World) -> RenderEngineVtkParams:
-    """Settings of Drake's VTK renderer for a world: its lights, and a sky of one colour.
+    """Return the settings of Drake's VTK renderer for a world: its lights, and a sky of one colour.
 
-    An environment map would draw the sky's gradient too, but it takes nearly two minutes to prepare without a graphics
+    An environment map would also show the sky's gradient, but takes nearly two minutes to prepare without a graphics
     card.
     """
     return RenderEngineVtkParams(lights=lights(world), default_clear_color=sky_colors(world)[1], force_to_pbr=True)
 
 
 def set_sky(meshcat: Meshcat, world: World) -> None:
-    """Give Meshcat the sky of a world and a view that reaches to the horizon; the grid and the axes go.
+    """Set the sky of a world in Meshcat and a view up to the horizon; hide the grid and the axes.
 
-    Meshcat also lights the scene with its background. A true blue would colour the ground, so the sky is paler here.
+    Meshcat also lights the scene with its background. A saturated blue would colour the ground, so the sky is paler.
     """
     zenith, horizon = sky_colors(world)
     meshcat.SetProperty("/Background", "top_color", (0.35 * zenith + 0.65).tolist())
     meshcat.SetProperty("/Background", "bottom_color", (0.5 * horizon + 0.5).tolist())
     towards = -sun_light(world).direction
-    for lamp in ("SpotLight", "PointLightNegativeX", "PointLightPositiveX"):  # near the origin: a bright spot there
+    for lamp in (
+        "SpotLight",
+        "PointLightNegativeX",
+        "PointLightPositiveX",
+    ):  # bright spots near the origin
         meshcat.SetProperty(f"/Lights/{lamp}", "visible", False)
     meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 0.6)
     meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 1.5 * world.spec.lights.sun.intensity)
@@ -215,7 +225,7 @@ def set_sky(meshcat: Meshcat, world: World) -> None:
 
 
 def _seen_patches(world: World) -> tuple[dict[str, BaseGeometry], BaseGeometry]:
-    """What is seen of every patch with a surface, by name, and where it looks wet."""
+    """Return the visible area of every patch with a surface, by name, and the area that looks wet."""
     seen: dict[str, BaseGeometry] = {}
     above: BaseGeometry = shapely.Polygon()
     wet: BaseGeometry = shapely.Polygon()
@@ -230,7 +240,7 @@ def _seen_patches(world: World) -> tuple[dict[str, BaseGeometry], BaseGeometry]:
 
 
 def _patch(track: Track, stations: Array, begin: float, end: float, right: Offset, left: Offset) -> shapely.Polygon:
-    """The part of a track from one s [m] to another and between two offsets [m], as a polygon."""
+    """Return the part of a track from one s [m] to another and between two offsets [m], as a polygon."""
     between = stations[(stations > begin + 1e-6) & (stations < end - 1e-6)]
     s = np.concatenate(([begin], between, [end]))
     a, b = (np.column_stack(track.point(s, offset_at(side, s))) for side in (left, right))
@@ -238,7 +248,7 @@ def _patch(track: Track, stations: Array, begin: float, end: float, right: Offse
 
 
 def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
-    """A painted line as a polygon."""
+    """Return a painted line as a polygon."""
     half = marking.width / 2.0
     stations = track.stations(sagitta=_SAGITTA)
     if marking.line == "start":
@@ -248,14 +258,14 @@ def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
             stations,
             begin,
             begin + marking.width,
-            lambda s: _INSET - track.right_width(s),
-            lambda s: track.left_width(s) - _INSET,
+            lambda s: EDGE_LINE_INSET - track.right_width(s),
+            lambda s: track.left_width(s) - EDGE_LINE_INSET,
         )
 
     def middle(s: Array) -> Array:
         if marking.line == "left":
-            return track.left_width(s) - _INSET - half
-        return np.zeros_like(s) if marking.line == "center" else _INSET + half - track.right_width(s)
+            return track.left_width(s) - EDGE_LINE_INSET - half
+        return np.zeros_like(s) if marking.line == "center" else EDGE_LINE_INSET + half - track.right_width(s)
 
     def right(s: Array) -> Array:
         return middle(s) - half
@@ -275,19 +285,19 @@ def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
 
 
 def _simple(shape: BaseGeometry) -> BaseGeometry:
-    """The same without the points that do not matter; a road from a file has one per metre."""
+    """Return a shape without negligible points; a road from a file has one per metre."""
     return shapely.simplify(shape, _SAGITTA / 2.0)
 
 
 def _polygons(shape: BaseGeometry) -> shapely.MultiPolygon:
-    """Only the polygons of a shape; an intersection may also leave lines and points."""
+    """Return only the polygons of a shape; an intersection may also contain lines and points."""
     return shapely.MultiPolygon(
         [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and part.area > 1e-8]
     )
 
 
 def _textured(polygon: BaseGeometry, surface: str, wet: BaseGeometry, *, z: float) -> list[Surface]:
-    """A horizontal polygon with the texture of a surface."""
+    """Return a horizontal polygon with the texture of a surface."""
     return _wetted(
         polygon,
         wet,
@@ -296,18 +306,18 @@ def _textured(polygon: BaseGeometry, surface: str, wet: BaseGeometry, *, z: floa
 
 
 def _sides(slab: BaseGeometry, surface: str, thickness: float) -> list[Surface]:
-    """The vertical sides of a road or of a patch on it; those between the two are below them, not to be seen."""
+    """Return the vertical sides of a road or of a patch on it; those between the two are hidden below them."""
     outline = _polygons(slab)
     if outline.is_empty or not thickness:
         return []
-    grey = _EDGE[surface]
+    grey = _SIDE_GREY[surface]
     return [skirt(outline, top=0.0, bottom=-thickness, tile=TILES[surface], color=(grey, grey, grey))]
 
 
 def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeometry], Surface]) -> list[Surface]:
-    """A polygon as surfaces: what is dry of it, and what is wet, as far as there is any."""
+    """Return the dry and the wet part of a polygon as surfaces, as far as they are not empty."""
     dry, damp = _polygons(polygon), shapely.MultiPolygon()
-    if not wet.is_empty:  # in this order: GEOS refuses to cut some collections of polygons and lines
+    if not wet.is_empty:  # in this order, because GEOS cannot cut some collections of polygons and lines
         dry, damp = _polygons(shapely.difference(dry, wet)), _polygons(shapely.intersection(dry, wet))
     surfaces = [] if dry.is_empty else [make(dry)]
     if not damp.is_empty:
@@ -318,7 +328,7 @@ def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeomet
 
 
 def _item(name: str, surfaces: list[Surface]) -> SceneryItem:
-    """Surfaces as one thing to see."""
+    """Return surfaces as one visual geometry."""
     textures = {surface.texture for surface in surfaces if surface.texture}
     named = [replace(surface, texture=f"{surface.texture}.jpg") if surface.texture else surface for surface in surfaces]
     mesh = InMemoryMesh(
