@@ -361,7 +361,7 @@ def test_files_of_points_alone_have_no_widths(tmp_path: Path):
     assert named.right is None
 
 
-def test_a_repeated_last_point_says_that_the_track_is_closed(tmp_path: Path):
+def test_a_repeated_last_point_means_a_closed_track(tmp_path: Path):
     angle = 2 * np.pi * np.arange(41) / 40
     points = 20.0 * np.column_stack((np.cos(angle), np.sin(angle)))
     points[-1] = points[0]

@@ -153,7 +153,7 @@ def test_geometries_that_nearly_meet_are_smoothed_over(tmp_path: Path):
     assert track_of(found).folds() is None
 
 
-def test_geometries_of_no_length_are_skipped(tmp_path: Path):
+def test_geometries_of_zero_length_are_skipped(tmp_path: Path):
     text = geometry((0.0, 0.0, 0.0), 0.0, LINE) + plan(BEND) + geometry((0.0, 0.0, 0.0), 1e-9, LINE, s=135.0)
     assert read(tmp_path, road(text)).pieces == BEND
 
@@ -260,7 +260,7 @@ def test_lanes_that_wander_are_followed_in_their_middle(tmp_path: Path):
     assert track.length == pytest.approx(math.hypot(100.0, 10.0), abs=1e-3)
 
 
-def test_lanes_of_no_width_get_a_centimetre(tmp_path: Path):
+def test_lanes_of_zero_width_get_a_centimetre(tmp_path: Path):
     lanes = widths((1, "driving", width(0.0, 0.03)), (-1, "none", width(1.0)))
     found = read(tmp_path, road(STRAIGHT, lanes=lanes))
     assert found.left.min() == 0.01
@@ -488,13 +488,13 @@ def test_faults_are_reported_in_one_line(
         '<!DOCTYPE a [\n<!ENTITY % x SYSTEM "file:///etc/hostname">\n%x;]>\n',
     ],
 )
-def test_entities_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, head: str):
+def test_entities_are_rejected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, head: str):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=r"^road\.xodr:3: declares the XML entity '.*'; write out what"):
         read(tmp_path, road(STRAIGHT), head=head)
 
 
-def test_files_that_are_no_opendrive_are_told_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_files_that_are_not_opendrive_are_reported_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=r"^none\.xodr: No such file or directory$"):
         read_opendrive("none.xodr")

@@ -184,7 +184,7 @@ def test_a_csv_file_is_looked_for_beside_the_world_file_wherever_one_is(
 
 
 @pytest.mark.parametrize("closed", [True, False])
-def test_closed_says_more_than_the_file(tmp_path: Path, closed: bool):
+def test_the_key_closed_overrides_the_file(tmp_path: Path, closed: bool):
     track = track_of(tmp_path, f"csv: track.csv, closed: {str(closed).lower()}", csv=circuit_csv(10.0))
     assert track.closed == closed
     assert track.length == pytest.approx(CIRCUIT_LENGTH - (0.0 if closed else 10.0), rel=1e-3)
@@ -346,7 +346,7 @@ def seen_from_above(corners: np.ndarray) -> np.ndarray:
     return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] / 2)
 
 
-def test_patches_are_seen_and_no_surface_lies_above_another(tmp_path: Path):
+def test_patches_are_visible_and_surfaces_do_not_overlap(tmp_path: Path):
     loaded = load_world(str(write(tmp_path, PATCHES)))
     items = {item.name: item for item in scenery(loaded)}
     assert {"world/patch.ice", "world/patch.stones", "world/patch.roof"} < set(items)
@@ -371,7 +371,7 @@ def test_patches_are_seen_and_no_surface_lies_above_another(tmp_path: Path):
             assert middle[:, 2] == pytest.approx(np.where(on_road, 0.0, -0.02))
 
 
-def test_a_patch_without_a_surface_darkens_what_is_below(tmp_path: Path):
+def test_a_patch_without_a_surface_darkens_the_surface_below(tmp_path: Path):
     loaded = load_world(str(write(tmp_path, PATCHES)))
     damp: dict[str, float] = {}
     for item in scenery(loaded):

@@ -58,7 +58,7 @@ def test_a_clothoid_from_straight_ends_where_the_fresnel_integrals_say():
 
 @pytest.mark.parametrize("length", [0.05, 3.0, 40.0])
 @pytest.mark.parametrize(("start", "end"), list(itertools.permutations([0.0, 1 / 7, -1 / 12, 1 / 300], 2)))
-def test_a_clothoid_ends_where_an_independent_quadrature_says(length: float, start: float, end: float):
+def test_the_end_of_a_clothoid_agrees_with_an_independent_quadrature(length: float, start: float, end: float):
     def yaw(u: float) -> float:
         return 0.3 + start * u + (end - start) / length * u * u / 2
 

@@ -131,7 +131,7 @@ def test_a_full_disk_leaves_no_half_files(yard: Path, monkeypatch: pytest.Monkey
     assert _files(yard) == {"yard.yaml", *(["out"] if existing else [])}
 
 
-def test_names_that_no_file_can_have_become_such_that_one_can(tmp_path: Path) -> None:
+def test_invalid_file_names_are_replaced(tmp_path: Path) -> None:
     assert file_name("../my world/ü:1") == "my_world_ü_1"
     assert file_name("..") == file_name("") == "world"
     build = build_world(make_world({"mirdrake": "world/1", "name": "../a b"}), tmp_path)

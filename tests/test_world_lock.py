@@ -102,7 +102,7 @@ def test_the_hash_is_the_same_in_every_python() -> None:
     assert lock_hash(make_world(spec)) == "c0a12b6281eab9cb8a1b11cd2542bc20c24e02105ca12bd9bec7943bdbad9ec7"
 
 
-def test_what_is_read_back_has_the_hash_that_stands_in_it(lot: Path) -> None:
+def test_the_content_of_a_lock_file_has_the_hash_in_it(lot: Path) -> None:
     world = load_world(str(lot))
     back = yaml.safe_load(lock_text(world))
     assert back["hash"] == lock_hash(world) == content_hash(back)

@@ -72,7 +72,7 @@ def spoil(tree, chance):
 
 
 @pytest.mark.parametrize("name", sorted(WORLDS))
-def test_a_spoilt_world_is_laid_out_or_refused_in_lines(tmp_path, name):
+def test_a_mutated_world_is_laid_out_or_rejected_line_by_line(tmp_path, name):
     chance = random.Random(name)
     (tmp_path / "groups").mkdir()
     sound = 0
@@ -85,7 +85,7 @@ def test_a_spoilt_world_is_laid_out_or_refused_in_lines(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", sorted(WORLDS))
-def test_a_torn_file_is_refused_in_lines(tmp_path, name):
+def test_a_truncated_file_is_rejected_line_by_line(tmp_path, name):
     chance, text = random.Random(name), WORLDS[name]
     for number in range(25):
         cut = chance.randrange(len(text))

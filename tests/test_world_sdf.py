@@ -164,7 +164,7 @@ def test_gravity_leans_with_the_slope_and_the_sun_shines_down(world: World, expo
     assert float(str(tree.findtext("light/direction")).split()[2]) < 0.0
 
 
-def test_the_file_names_meshes_beside_it_and_no_other_file(export: SdfExport) -> None:
+def test_the_file_refers_only_to_meshes_beside_it(export: SdfExport) -> None:
     text = export.files["shop.sdf"].decode()
     uris = set(re.findall(r"<uri>(.*?)</uri>", text))
     assert uris == {name for name in export.files if name.endswith(".obj")}

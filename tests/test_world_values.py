@@ -121,7 +121,7 @@ def test_a_range_keeps_its_promise(low, width):
     assert low <= value <= low + width
 
 
-def test_what_is_random_says_so():
+def test_random_expressions_are_recognised():
     assert [is_random(value) for value in (3, "3 m", "1 .. 2", "1 +- 2", "a | b", "$x")] == [False] * 2 + [True] * 3 + [
         False
     ]

@@ -281,7 +281,7 @@ def test_the_version_of_the_language_is_required():
         parse_yaml("mirdrake: world/2", WorldSpec, name="w.yaml")
 
 
-def test_all_faults_of_the_starts_are_told_at_once():
+def test_all_faults_of_the_starts_are_reported_at_once():
     assert len(message("start: {a: {at: [1000, 0]}, b: {at: [0, 1000]}}").splitlines()) == 2
 
 
