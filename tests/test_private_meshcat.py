@@ -1,6 +1,7 @@
 """A Meshcat outlives what draws in it, whichever thread collects the garbage."""
 
 import gc
+import os
 import threading
 from pathlib import Path
 
@@ -9,7 +10,9 @@ from pydrake.geometry import MeshcatVisualizer, SceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.viewer import private_meshcat
+from mirdrake.viewer.inline import show
 from mirdrake.viewer.private_meshcat import make_private_meshcat
+from mirdrake.worlds import load_world
 
 
 def test_garbage_is_collected_on_another_thread_without_ending_the_process() -> None:
@@ -58,3 +61,11 @@ def test_without_proc_no_other_meshcat_is_made_first(monkeypatch) -> None:
     monkeypatch.setattr(private_meshcat, "_DESCRIPTORS", Path("/nonexistent"))
     make_private_meshcat()
     assert made == ["127.0.0.1:6000"]
+
+
+def test_views_for_notebooks_free_their_file_descriptors() -> None:
+    show(load_world("empty"))  # opens files that stay open
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(3):
+        assert "<html" in show(load_world("empty")).page
+    assert len(os.listdir("/proc/self/fd")) <= before

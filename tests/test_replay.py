@@ -102,7 +102,7 @@ def test_what_cannot_be_replayed_is_told(tmp_path: Path, capsys: pytest.CaptureF
     (tmp_path / "bare" / "spec.yaml").write_bytes((run.folder or tmp_path).joinpath("spec.yaml").read_bytes())
     told = {
         "not a run folder": [str(tmp_path), "--out", str(tmp_path / "x.html")],
-        "has no samples; there is nothing to replay": [str(tmp_path / "bare"), "--out", str(tmp_path / "x.html")],
+        "has no samples to replay": [str(tmp_path / "bare"), "--out", str(tmp_path / "x.html")],
         "is a folder; a file is expected": [str(run.folder), "--out", str(tmp_path)],
         "cannot listen on port 70000": [str(run.folder), "--port", "70000"],
     }

@@ -171,7 +171,7 @@ def test_the_verdicts_are_what_the_file_asks_for(done: Path) -> None:
 
 def test_the_report_shows_every_case_and_its_links_lead_somewhere(done: Path) -> None:
     page = (done / "report.html").read_text(encoding="utf-8")
-    assert "4 of 8 cases passed; 1 failed, 2 could not be judged, 1 invalid" in page
+    assert "4 of 8 cases passed; 1 failed, 2 could not be evaluated, 1 invalid" in page
     for name in ("cruise-1", "cruise-2", "crowded-2", "own-3"):
         assert f'id="case-{name}"' in page
     links = re.findall(r'href="([^"#][^"]*)"', page)

@@ -1,7 +1,7 @@
 """Charts over time, drawn by Matplotlib without pyplot, each in a wide and a narrow version.
 
-Curves are thinned to what the eye can see before they are drawn (:func:`thin`), so a run of an hour costs as much as
-one of a minute. Text inside a chart is text, not outlines; its font comes from the page.
+Curves are thinned to the resolution of the screen (:func:`thin`), so that a run of an hour costs as much as one of a
+minute. Texts in a chart are SVG texts in the font of the page.
 """
 
 import io
@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from mirdrake.report.svg import THEME, embed_svg
-from mirdrake.report.words import format_quantity
+from mirdrake.report.words import format_quantity, format_unit
 
 Array = NDArray[np.float64]
 
@@ -37,11 +37,11 @@ class Curve:
     """One line of a panel.
 
     Attributes:
-        name: as the legend says it.
+        name: in the legend.
         values: N numbers in the unit of the panel; NaN where there is none.
         colour: a key of :data:`mirdrake.report.svg.THEME`.
-        dashed: for what was asked, against what was done.
-        width: of the line [px]; the lower of two lines that may coincide is the wider one.
+        dashed: for set-points.
+        width: of the line [px]; of two lines that may coincide, the lower one is wider.
     """
 
     name: str
@@ -59,10 +59,10 @@ class Panel:
         label: of the vertical axis, without the unit.
         unit: of the vertical axis.
         curves: drawn in this order, the last one on top.
-        limits: of the vertical axis; by default what the curves need.
+        limits: of the vertical axis; by default those of the curves.
         bands: (low, high, colour): shaded ranges of the vertical axis.
         zero: keep zero in view.
-        trim: leave spikes outside the frame that take less than so many percent of the samples, and say so.
+        trim: cut off spikes of fewer samples than this share [%], with a note.
         relative_height: 1 for a usual panel.
     """
 
@@ -77,7 +77,7 @@ class Panel:
 
 
 def drawing_style() -> AbstractContextManager[None]:
-    """Matplotlib settings of the report, whatever the user's matplotlibrc says; put back on leaving."""
+    """Return a context with the Matplotlib settings of reports, independent of the user's matplotlibrc."""
     kept = {
         name: matplotlib.rcParamsDefault[name]
         for name in ("font.family", "font.sans-serif", "path.simplify", "path.simplify_threshold", "axes.unicode_minus")
@@ -115,14 +115,14 @@ def drawing_style() -> AbstractContextManager[None]:
 
 
 def to_svg(figure: Figure) -> str:
-    """A figure as an SVG document, the same bytes each time."""
+    """Return a figure as an SVG document; the same figure gives the same bytes."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
 
 
 def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
-    """A curve with the same outline in at most two points per bucket: the lowest and the highest of each.
+    """Return a curve with the same outline in at most two points per bucket: the lowest and the highest.
 
     Args:
         x: N abscissae.
@@ -150,13 +150,13 @@ def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
 def draw_chart(
     time: Array, panels: Sequence[Panel], prefix: str, description: str, *, marks: Sequence[float] = ()
 ) -> Markup:
-    """Panels one above the other with a common time axis.
+    """Return panels one above the other with a common time axis.
 
     Args:
         time: N stamps [s], increasing.
         panels: from top to bottom.
         prefix: of ids, unique in the page.
-        description: what a listener is told in place of the picture.
+        description: text for readers who cannot see the picture.
         marks: times [s] of events, drawn as vertical lines.
 
     Returns:
@@ -188,7 +188,7 @@ def _draw(
         axes.text(
             -(_LEFT - 4.0) / (width - _LEFT - _RIGHT),
             1.0 + lift,
-            f"{panel.label} [{panel.unit}]",
+            f"{panel.label} [{format_unit(panel.unit)}]",
             transform=axes.transAxes,
         )
         if note:
@@ -199,7 +199,13 @@ def _draw(
         else:
             axes.tick_params(labelbottom=False)
         boxes.append(
-            {"x": [_LEFT, width - _RIGHT], "t": span, "y": [top + height, top], "v": [low, high], "unit": panel.unit}
+            {
+                "x": [_LEFT, width - _RIGHT],
+                "t": span,
+                "y": [top + height, top],
+                "v": [low, high],
+                "unit": format_unit(panel.unit),
+            }
         )
         for index, curve in enumerate(panel.curves):
             data[f"curve-{number}-{index}"] = {"data-panel": str(number), "data-name": curve.name}
@@ -253,7 +259,7 @@ def _time_span(time: Array) -> tuple[float, float]:
 
 
 def _limits(panel: Panel) -> tuple[float, float, str]:
-    """Lower and upper end of the vertical axis, and a note on what is outside of it."""
+    """Return the limits of the vertical axis, and a note about values outside."""
     if panel.limits is not None:
         return *panel.limits, ""
     values = np.concatenate([curve.values for curve in panel.curves]) if panel.curves else np.zeros(0)

@@ -20,7 +20,7 @@ from mirdrake.manoeuvres.results import HandlingResults, format_number, format_s
 from mirdrake.report.figures import drawing_style, thin, to_svg
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import THEME, embed_svg
-from mirdrake.report.words import format_quantity
+from mirdrake.report.words import format_quantity, format_unit
 
 _TEMPLATE = "handling.html.jinja"
 _COLOURS = ("main", "own1", "edge", "own2", "own3")
@@ -73,7 +73,7 @@ def render_handling(results: HandlingResults) -> str:
     facts = results.facts
     return render_page(
         _TEMPLATE,
-        filters={"figure": _figure, "value": format_setting, "status": format_status},
+        filters={"figure": _figure, "units": format_unit, "value": format_setting, "status": format_status},
         title=f"{facts.title} · handling",
         over=f"{facts.name} · handling report · {'full plant' if results.model == 'full' else 'single-track model'}",
         headline=f"{facts.title}: {_headline(results.outcomes)}",

@@ -22,6 +22,7 @@ from mirdrake.identification.identify import Identification
 from mirdrake.report.figures import Curve, Panel, draw_chart, drawing_style, to_svg
 from mirdrake.report.page import render_page
 from mirdrake.report.svg import THEME, embed_svg
+from mirdrake.report.words import format_unit
 
 _TEMPLATE = "identification.html.jinja"
 _LEVEL = 3.84  # rise of the cost at the ends of a 95 % interval
@@ -136,6 +137,7 @@ def _render(**values: Any) -> str:
         _TEMPLATE,
         filters={
             "breaks": _breaks,
+            "units": format_unit,
             "number": _number,
             "tone": lambda word: _TONES.get(word, "plain"),
             "chance": _chance,
@@ -348,7 +350,7 @@ def _profile(fit: Fit, name: str, number: int) -> Profile:
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.yaxis.set_major_locator(MaxNLocator(4))
     known = next((one for one in fit.parameters if one.name == name), None)
-    axes.set_xlabel(f"{name} [{known.unit if known else ''}]", labelpad=3.0)
+    axes.set_xlabel(f"{name} [{format_unit(known.unit) if known else ''}]", labelpad=3.0)
     if known is not None and known.given is not None and value.min() <= known.given <= value.max():
         axes.axvline(known.given, color=THEME["muted"], linewidth=1.0)
     picture = embed_svg(

@@ -1,7 +1,7 @@
-"""Results of a suite as JUnit XML, which every continuous integration service reads.
+"""Results of a suite as JUnit XML, for continuous integration services.
 
-The file keeps to the strictest of the schemas in use, the one that Ant's JUnit task writes (windyroad's JUnit.xsd): a
-test suite for every world file, a test case for every variation, `failure` for what failed, `error` for the rest.
+The file conforms to the strictest of the schemas in use, that of Ant's JUnit task (windyroad's JUnit.xsd): a test
+suite for each world file, a test case for each variation, `failure` for a failed requirement, `error` for the rest.
 """
 
 import re
@@ -33,7 +33,7 @@ def write_junit(suite: Suite, path: Path) -> Path:
 
 
 def render_junit(suite: Suite, *, now: datetime | None = None) -> str:
-    """The text of the file; `now` is the time that it tells, UTC."""
+    """Return the text of the file; `now` is its time stamp, UTC."""
     stamp = (now or datetime.now(UTC)).strftime("%Y-%m-%dT%H:%M:%S")
     cases = {case.name: case for case in suite.cases}
     worlds: dict[str, list[tuple[Case, Result]]] = {}
@@ -87,10 +87,10 @@ def _detail(case: Case, result: Result) -> str:
         mark = "holds" if finding["passed"] else "FAILS"
         lines.append(f"{mark}: {finding['text']} (margin {margin} at {finding['worst_time']:g} s)")
     lines += [result.reason] if not result.findings else []
-    lines.append(f"again: {case.command}")
+    lines.append(f"run again: {case.command}")
     return "\n".join(lines)
 
 
 def _clean(text: str) -> str:
-    """The text without characters that XML cannot hold."""
+    """Return a text without characters that XML does not allow."""
     return _NO_XML.sub("?", text)

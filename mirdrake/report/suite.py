@@ -1,6 +1,6 @@
-"""A suite as one HTML page: the worst cases first, with the place from above and every margin.
+"""The suite report: the worst cases first, with a map of each and every margin.
 
-The page needs no network and no other file; only links to recordings and run folders lead out of it.
+The page needs no network and no other file; only its links to recordings and run folders do.
 """
 
 import math
@@ -32,7 +32,7 @@ _MOST_COLUMNS = 60  # of a matrix
 
 @dataclass(frozen=True)
 class Line:
-    """A requirement of a case, as a line with a bar and a curve."""
+    """A requirement of a case: a line with a bar and a curve."""
 
     text: str
     passed: bool
@@ -59,7 +59,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Detail:
-    """A case with its pictures."""
+    """A case with its map and its requirements."""
 
     row: Row
     picture: Markup | None
@@ -71,20 +71,20 @@ class Detail:
 
 @dataclass(frozen=True)
 class Matrix:
-    """All variations of a test as squares: a row for each combination of all parameters but one."""
+    """All variations of a test as squares; one parameter varies along the rows, the others from row to row."""
 
     test: str
     across: str
     columns: list[str]
     rows: list[tuple[str, list[tuple[str, str, str]]]]
-    """label, and for each column verdict, anchor and what a tooltip says"""
+    """label, and for each column verdict, anchor and tooltip"""
 
 
 def write_suite_report(suite: Suite) -> Path:
     """Write report.html into the folder of a suite.
 
     Args:
-        suite: complete or not, with a folder.
+        suite: with a folder, complete or not.
 
     Returns:
         the path of the file. The same suite gives the same bytes.
@@ -99,7 +99,7 @@ def write_suite_report(suite: Suite) -> Path:
 
 
 def render_suite(suite: Suite) -> str:
-    """The text of the page; see :func:`write_suite_report`."""
+    """Return the page; see :func:`write_suite_report`."""
     ranked = suite.ranked()
     largest = _largest(suite.results)
     rows = [_row(case, result, largest, detailed=index < _MOST_DETAILS) for index, (case, result) in enumerate(ranked)]
@@ -135,13 +135,13 @@ def _headline(suite: Suite) -> str:
         return "No case was run"
     if counts["pass"] == total:
         return "The case passed" if total == 1 else f"All {total} cases passed"
-    words = {"fail": "failed", "error": "could not be judged", "invalid": "invalid"}
+    words = {"fail": "failed", "error": "could not be evaluated", "invalid": "invalid"}
     parts = [f"{counts[key]} {text}" for key, text in words.items() if counts[key]]
     return f"{counts['pass']} of {total} cases passed; " + ", ".join(parts)
 
 
 def _largest(results: Sequence[Result]) -> dict[str, float]:
-    """Largest size of a finite margin per requirement, which its bars are drawn against."""
+    """Return the largest finite margin of each requirement, the scale of its bars."""
     found: dict[str, float] = {}
     for finding in (finding for result in results for finding in result.findings):
         if finding["margin"] is not None:
@@ -168,7 +168,7 @@ def _row(case: Case, result: Result, largest: dict[str, float], *, detailed: boo
 
 
 def _asked(result: Result) -> str:
-    """The requirement that decides, and how many more failed; or why there is none."""
+    """Return the decisive requirement and the number of other failures; or the reason why there is none."""
     worst = result.worst
     if worst is None:
         return result.reason
@@ -223,7 +223,7 @@ def _world(case: Case, folder: Path | None) -> World | None:
 
 
 def _matrices(suite: Suite) -> list[Matrix]:
-    """A matrix for every test that varies."""
+    """Return a matrix for each test with variations."""
     results = {result.name: result for result in suite.results}
     tests: dict[tuple[str, str], list[Case]] = {}
     for case in suite.cases:
@@ -242,8 +242,8 @@ def _matrices(suite: Suite) -> list[Matrix]:
             label = ", ".join(f"{key} {_value(value)}" for key, value in case.values.items() if key != across)
             result = results.get(case.name)
             verdict = result.verdict if result is not None else "none"
-            told = f"{case.name}: {verdict}" + (f", {_margin(result.worst)}" if result and result.worst else "")
-            rows.setdefault(label, {})[_value(case.values[across])] = (verdict, f"case-{case.slug}", told)
+            tooltip = f"{case.name}: {verdict}" + (f", {_margin(result.worst)}" if result and result.worst else "")
+            rows.setdefault(label, {})[_value(case.values[across])] = (verdict, f"case-{case.slug}", tooltip)
         blank = ("none", "", "")
         cells = [(label, [found.get(column, blank) for column in columns]) for label, found in rows.items()]
         matrices.append(Matrix(test, across, columns, cells))

@@ -1,4 +1,4 @@
-"""Recordings of the cases of a suite that did not pass, made from their run folders."""
+"""Recordings of the cases of a suite that did not pass."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,7 +12,7 @@ from mirdrake.suites import Suite
 from mirdrake.viewer import write_recording
 
 MOST = 20
-"""Recordings of a suite; each takes some four megabytes."""
+"""Largest number of recordings of a suite; each has about 4 MB."""
 
 RECORDING = "recording.html"
 
@@ -30,7 +30,7 @@ def write_recordings(
         progress: called with the number of recordings done and of all of them.
 
     Returns:
-        what could not be recorded: name of the case, and why on one line.
+        failures: name of the case, and the reason in one line.
     """
     assert suite.folder is not None
     chosen = [result for _, result in suite.ranked() if result.folder is not None][:most]
@@ -48,7 +48,7 @@ def write_recordings(
 
 
 def _record(place: Path) -> None:
-    """Record a run as far as all its vehicles are somewhere; a run that ended before it began has nothing to show."""
+    """Record a run up to the first pose that is not finite; a run with one sample or none has no recording."""
     run = load_run(place)
     known = until_lost(run)
     if len(known.signals) > 1:
@@ -56,7 +56,7 @@ def _record(place: Path) -> None:
 
 
 def until_lost(run: Run) -> Run:
-    """The samples of a run before the first in which the pose of a vehicle is no number."""
+    """Return the samples of a run before the first one with a pose that is not finite."""
     table = run.signals
     names = [f"{vehicle}.{key}" for vehicle in run.spec["vehicles"] for key in _POSE]
     lost = ~np.isfinite(table[[name for name in names if name in table]].to_numpy()).all(axis=1)

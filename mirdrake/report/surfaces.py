@@ -80,7 +80,7 @@ def collect_surfaces(
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, base, RigidTransform())
     for name, angle in zip(vehicle.spec.joints.steering.names(), steering, strict=True):
         plant.GetJointByName(name).set_angle(context, angle)
-    found = []
+    surfaces: list[Surface] = []
     for number in range(1, plant.num_bodies()):
         body = plant.get_body(BodyIndex(number))
         X_BL = plant.EvalBodyPoseInWorld(context, body)
@@ -92,14 +92,14 @@ def collect_surfaces(
             X_BG = X_BL @ inspector.GetPoseInFrame(geometry)
             for points, faces, colours in _triangulate(inspector, geometry, collision=collision):
                 placed = points @ X_BG.rotation().matrix().T + X_BG.translation()
-                found.append(Surface(body.name(), placed[faces], colours))
-    return found
+                surfaces.append(Surface(body.name(), placed[faces], colours))
+    return surfaces
 
 
 def _triangulate(
     inspector: SceneGraphInspector, geometry: GeometryId, *, collision: bool
 ) -> list[tuple[Array, NDArray[np.int64], Array]]:
-    """(points, faces, colours) of a shape in its own frame."""
+    """Return (points, faces, colours) of a shape in its own frame."""
     shape = inspector.GetShape(geometry)
     properties = None if collision else inspector.GetIllustrationProperties(geometry)
     colour: Sequence[float] = GREY
@@ -129,7 +129,7 @@ def _report_hull(name: str) -> None:
 
 
 def _primitive(shape: Shape) -> trimesh.Trimesh | None:
-    """A shape with a formula as a mesh; None for others."""
+    """Return a primitive shape as a mesh; None for other shapes."""
     if isinstance(shape, Box):
         return trimesh.creation.box(extents=shape.size())
     if isinstance(shape, Cylinder):
@@ -147,25 +147,25 @@ def _primitive(shape: Shape) -> trimesh.Trimesh | None:
 
 
 def _read_mesh(path: Path, colour: Sequence[float]) -> list[tuple[Array, NDArray[np.int64], Array]]:
-    """The parts of a mesh file with the colours of their materials; nothing if it cannot be read."""
+    """Return the parts of a mesh file with the colours of their materials; none if it cannot be read."""
     try:
         scene = trimesh.load(path, force="scene")
         parts = scene.dump()
     except Exception:  # whatever a reader of foreign files raises; the hull is drawn instead
         return []
     upright = path.suffix.lower() in {".gltf", ".glb"}
-    found = []
+    surfaces = []
     for part in parts:
         if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
             continue
         points = np.asarray(part.vertices) @ (_UPRIGHT.T if upright else np.eye(3))
         colours = _face_colours(part, colour)
-        found.append((points, np.asarray(part.faces), colours ** (1.0 / 2.2) if upright else colours))
-    return found
+        surfaces.append((points, np.asarray(part.faces), colours ** (1.0 / 2.2) if upright else colours))
+    return surfaces
 
 
 def _face_colours(part: trimesh.Trimesh, colour: Sequence[float]) -> Array:
-    """Colours (n, 3) of the faces, 0 .. 1: those of the texture, of the material, or the one given."""
+    """Return colours (n, 3) of the faces, 0 .. 1: of the texture, of the material, or the given one."""
     material = getattr(part.visual, "material", None)
     if material is None:
         return np.tile(colour, (len(part.faces), 1))

@@ -1,15 +1,15 @@
-"""SVG made fit to stand inside an HTML page.
+"""SVG documents as elements of an HTML page.
 
-Matplotlib and Graphviz write whole SVG documents. :func:`embed_svg` turns one into an element that cannot disturb the
-page around it: no scripts, no outside references, ids that are unique in the page, coordinates as short as the eye
-allows, and reserved colours (:data:`THEME`) replaced by CSS variables, so that one drawing serves light and dark pages.
+Matplotlib and Graphviz write whole SVG documents. :func:`embed_svg` turns one into an element without effects on the
+page: no scripts, no external references, ids that are unique in the page, coordinates with few decimals. Reserved
+colours (:data:`THEME`) become CSS variables, so that one drawing serves light and dark pages.
 """
 
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping
 
-# Colours that stand for a CSS variable: draw with the value, the page decides what it looks like.
+# Colours that stand for CSS variables: drawings use these values, the page defines their appearance.
 THEME: dict[str, str] = {
     "ink": "#010101",
     "muted": "#010102",
@@ -60,7 +60,7 @@ def embed_svg(
     decimals: int = 1,
     scope: str = "",
 ) -> str:
-    """An SVG document as an element for an HTML page.
+    """Return an SVG document as an element for an HTML page.
 
     Args:
         text: the document.
@@ -68,7 +68,7 @@ def embed_svg(
         attributes: set on the root in place of its width and height.
         data: further attributes by the id of an element, for example ``{"curve": {"data-name": "speed"}}``.
         decimals: of coordinates that are kept.
-        scope: CSS selector inside which style sheets of the document hold; without it they are dropped.
+        scope: CSS selector to which style sheets of the document are limited; without it they are dropped.
 
     Raises:
         ValueError: `text` is not an SVG document.
@@ -97,7 +97,7 @@ def embed_svg(
 
 
 def svg_size(text: str) -> tuple[float, float] | None:
-    """Width and height of an SVG document in user units, from its viewBox; None when it has none."""
+    """Return width and height of an SVG document in user units, from its viewBox; None if it has none."""
     match = re.search(r"viewBox\s*=\s*['\"]\s*[-\d.eE+]+[\s,]+[-\d.eE+]+[\s,]+([\d.eE+]+)[\s,]+([\d.eE+]+)", text)
     return (float(match.group(1)), float(match.group(2))) if match else None
 
@@ -123,7 +123,7 @@ def _drop_unsafe(parent: ElementTree.Element, scope: str) -> None:
 
 
 def _is_tame(css: str) -> bool:
-    """Whether a style sheet asks for nothing outside and keeps its braces to itself."""
+    """Whether a style sheet has balanced braces and no external references."""
     depth = 0
     for character in css:
         depth += {"{": 1, "}": -1}.get(character, 0)

@@ -10,6 +10,7 @@ from mirdrake.manoeuvres.published import KNOWN, ROLES, Role
 from mirdrake.manoeuvres.results import format_number, format_setting
 from mirdrake.manoeuvres.validation import Comparison, ValidationResults, error_told, format_published
 from mirdrake.report.page import Tile, render_page
+from mirdrake.report.words import format_unit
 
 _TEMPLATE = "validation.html.jinja"
 _WIDTH, _LEFT, _RIGHT, _ROW, _TOP = 1000.0, 400.0, 80.0, 30.0, 34.0  # of the chart [px]
@@ -33,7 +34,7 @@ def render_validation(results: ValidationResults) -> str:
     none_because = results.published.none_because
     return render_page(
         _TEMPLATE,
-        filters={"number": _number, "value": format_setting},
+        filters={"number": _number, "units": format_unit, "value": format_setting},
         title=f"{results.facts.title} · validation",
         over=f"{results.facts.name} · validation report · simulated against published figures of the real vehicle",
         headline=f"{results.facts.title}: {results.headline}",

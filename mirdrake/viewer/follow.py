@@ -12,7 +12,7 @@ from mirdrake.assembly.diagram import DRAWING_PERIOD, Assembly
 from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, place_camera
 
 LAG = 0.5
-"""Time constant with which the camera turns after the vehicle [s]."""
+"""Time constant of the camera's heading [s]."""
 
 
 class FollowCamera:
@@ -20,7 +20,7 @@ class FollowCamera:
 
     Args:
         meshcat: shows the run.
-        assembly: the diagram that runs.
+        assembly: the simulated diagram.
     """
 
     def __init__(self, meshcat: Meshcat, assembly: Assembly) -> None:
@@ -32,7 +32,7 @@ class FollowCamera:
             place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
 
     def __call__(self, context: Context) -> None:
-        """Move the world under the camera, if it is time to.
+        """Move the world under the camera, once per drawing period.
 
         Args:
             context: Context of the whole diagram.

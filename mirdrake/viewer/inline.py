@@ -22,7 +22,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import write_file
 from mirdrake.runs.logs import Run
 from mirdrake.vehicles import Vehicle
-from mirdrake.viewer.meshcat import make_offline_meshcat
+from mirdrake.viewer.meshcat import offline_meshcat
 from mirdrake.viewer.recording import draw_run
 from mirdrake.viewer.show import show_diagram, show_vehicle, show_world
 from mirdrake.worlds import World, load_world
@@ -40,18 +40,18 @@ class InlineView:
         self.page, self.height = page, height
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """Return the HTML element for a notebook."""
         return (
             f'<iframe srcdoc="{escape(self.page, quote=True)}" width="100%" height="{self.height}" '
             'style="border: 0"></iframe>'
         )
 
     def __repr__(self) -> str:
-        """Where there is no page to show."""
-        return 'a 3D view; a notebook shows it, and .save("view.html") writes it into a file'
+        """Return a hint for consoles."""
+        return '3D view: shown in a notebook; .save("view.html") writes it to a file'
 
     def save(self, path: Path | str) -> Path:
-        """The page as a file that opens offline.
+        """Write the page to a file that opens offline.
 
         Raises:
             RunError: it cannot be written.
@@ -61,7 +61,7 @@ class InlineView:
 
 
 def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 420, **options: Any) -> InlineView:
-    """Show something in a notebook; make it the last line of a cell.
+    """Return a 3D view for a notebook; it is shown as the last value of a cell.
 
     Args:
         thing: a vehicle, a world, a diagram spec, a run, or a Meshcat with what you drew.
@@ -69,25 +69,29 @@ def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 
         **options: of a vehicle ``frames``, ``collision``, ``meshes``; of a run ``frames_per_second``.
 
     Raises:
-        ConfigError: it is none of these.
+        ConfigError: the object has another type.
     """
     if isinstance(thing, Meshcat):
         return InlineView(thing.StaticHtml(), height=height)
-    if isinstance(thing, Vehicle):
-        meshcat = make_offline_meshcat(world=load_world("empty"))
-        show_vehicle(thing, meshcat, **options)
+    scene = make_scene(thing) if isinstance(thing, DiagramSpec) else thing.scene() if isinstance(thing, Run) else None
+    if scene is not None:
+        world = scene.world
+    elif isinstance(thing, Vehicle):
+        world = load_world("empty")
     elif isinstance(thing, World):
-        meshcat = make_offline_meshcat(world=thing)
-        show_world(thing, meshcat, **options)
-    elif isinstance(thing, DiagramSpec):
-        scene = make_scene(thing)
-        meshcat = make_offline_meshcat(world=scene.world)
-        show_diagram(thing, meshcat, scene=scene, **options)
-    elif isinstance(thing, Run):
-        meshcat = make_offline_meshcat(world=thing.scene().world)
-        draw_run(thing, meshcat, **options)
+        world = thing
     else:
         raise ConfigError(
-            f"show: a {type(thing).__name__} cannot be shown; give a vehicle, a world, a diagram spec or a run"
+            f"show: cannot show a {type(thing).__name__}; expected a vehicle, world, diagram spec, run or Meshcat"
         )
-    return InlineView(meshcat.StaticHtml(), height=height)
+    with offline_meshcat(world=world) as meshcat:
+        if isinstance(thing, Vehicle):
+            show_vehicle(thing, meshcat, **options)
+        elif isinstance(thing, World):
+            show_world(thing, meshcat, **options)
+        elif isinstance(thing, DiagramSpec):
+            show_diagram(thing, meshcat, scene=scene, **options)
+        else:
+            draw_run(thing, meshcat, **options)
+        page = meshcat.StaticHtml()
+    return InlineView(page, height=height)

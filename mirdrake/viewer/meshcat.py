@@ -1,4 +1,4 @@
-"""A Meshcat that listens on this machine only, with the sky, the sun and the camera where a driver expects them."""
+"""Meshcat on this machine only, with sky, sun and cameras for vehicles."""
 
 import weakref
 from collections.abc import Iterator
@@ -10,13 +10,13 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.core.drake_errors import is_meshcat_crash
 from mirdrake.core.errors import RunError
-from mirdrake.viewer.private_meshcat import Upstream, make_private_meshcat
+from mirdrake.viewer.private_meshcat import Upstream, make_private_meshcat, release
 from mirdrake.viewer.server import PageServer
 from mirdrake.worlds import World
 from mirdrake.worlds.scenery import set_sky
 
 WORLD_PATH, LIGHTS_PATH = "/drake", "/Lights"
-"""Where Drake puts the world, and the lights, in Meshcat's scene tree."""
+"""Paths of the world and the lights in Meshcat's scene tree."""
 
 
 def make_meshcat(*, port: int | None = None, world: World | None = None) -> Meshcat:
@@ -27,7 +27,7 @@ def make_meshcat(*, port: int | None = None, world: World | None = None) -> Mesh
 
     Args:
         port: None takes the first free one from 7000 on, 0 any free one; otherwise a free port from 1024 on.
-        world: gives sky and sun, if there is one.
+        world: defines sky and sun, if given.
 
     Raises:
         RunError: the port is taken.
@@ -49,7 +49,7 @@ def make_offline_meshcat(*, world: World | None = None) -> Meshcat:
     """Return a Meshcat without a page, for ``StaticHtml()``.
 
     Args:
-        world: gives sky and sun, if there is one.
+        world: defines sky and sun, if given.
 
     Raises:
         RunError: Meshcat is disabled.
@@ -60,11 +60,26 @@ def make_offline_meshcat(*, world: World | None = None) -> Meshcat:
     return meshcat
 
 
+@contextmanager
+def offline_meshcat(*, world: World | None = None) -> Iterator[Meshcat]:
+    """Yield a Meshcat without a page, for ``StaticHtml()``; it is freed at the end.
+
+    Args:
+        world: defines sky and sun, if given.
+
+    Raises:
+        RunError: Meshcat is disabled.
+    """
+    meshcat = make_offline_meshcat(world=world)
+    yield meshcat
+    release(meshcat)  # not after an error, whose traceback may keep a diagram that draws in it
+
+
 def make_meshcat_behind(*, world: World) -> tuple[Meshcat, Upstream]:
     """Return a Meshcat without a page, and the way to it for a server with a page of its own.
 
     Args:
-        world: gives sky and sun.
+        world: defines sky and sun.
 
     Raises:
         RunError: Meshcat is disabled.
@@ -85,7 +100,7 @@ def _set_up(meshcat: Meshcat, world: World | None) -> None:
 
 @contextmanager
 def meshcat_faults() -> Iterator[None]:
-    """While inside, the end of Meshcat's thread is a :class:`RunError`; Drake reports it as a RuntimeError.
+    """Raise the end of Meshcat's thread as a :class:`RunError`; Drake raises a RuntimeError.
 
     Raises:
         RunError: Meshcat has ended.
@@ -99,12 +114,12 @@ def meshcat_faults() -> Iterator[None]:
 
 
 def place_camera(meshcat: Meshcat, *, x: float, y: float, yaw: float, distance: float = 6.0) -> None:
-    """Look at a vehicle from behind its left shoulder.
+    """Place the camera behind a vehicle, to its left.
 
     Args:
         meshcat: where.
         x: position of the vehicle [m].
-        y: the same, to the left [m].
+        y: position of the vehicle [m].
         yaw: heading of the vehicle [rad].
         distance: from the vehicle [m].
     """
@@ -115,7 +130,7 @@ def place_camera(meshcat: Meshcat, *, x: float, y: float, yaw: float, distance: 
 
 
 def overlook(meshcat: Meshcat, world: World) -> None:
-    """Look at all of a world from above its south side."""
+    """Place the camera above the south side of a world, with the whole world in view."""
     left, south, right, north = world.ground.extent
     size = max(right - left, north - south)
     x, y = 0.5 * (left + right), 0.5 * (south + north)
@@ -123,14 +138,14 @@ def overlook(meshcat: Meshcat, world: World) -> None:
 
 
 def chase(*, x: float, y: float, yaw: float) -> tuple[RigidTransform, RigidTransform]:
-    """Where world and lights have to be for a camera at rest to follow a vehicle.
+    """Return the poses of world and lights with which a fixed camera follows a vehicle.
 
-    Meshcat's camera looks at a fixed point, whatever happens to the scene tree above it. So the world is moved under
-    the camera, until the vehicle is at the origin and heads along x; the mouse can still turn the view around it.
+    Meshcat's camera has a fixed target. So the world is moved under the camera: the vehicle is at the origin and heads
+    along x, and the mouse can turn the view around it.
 
     Args:
         x: position of the vehicle [m].
-        y: the same, to the left [m].
+        y: position of the vehicle [m].
         yaw: heading to follow [rad].
 
     Returns:

@@ -15,6 +15,7 @@ the Fetch standard forbids to web pages.
 
 import contextlib
 import ctypes
+import gc
 import http.client
 import logging
 import os
@@ -35,9 +36,9 @@ BLOCKED_PORTS = (6000, 6566, 6665, 6666, 6667, 6668, 6669, 6679, 6697, 10080, 41
 """Ports that no web page may use, by the Fetch standard's list of bad ports."""
 
 _MADE: list[Meshcat] = []
-"""Every Meshcat of this process, with five file descriptors each. Drake ends the process when a Meshcat is destroyed on
-another thread than the one that made it, and Python's garbage collector runs on whichever thread allocates, for example
-one of the page server."""
+"""Meshcats of this process that were not released, with five file descriptors each. Drake ends the process when a
+Meshcat is destroyed on another thread than the one that made it, and Python's garbage collector runs on any thread that
+allocates, for example one of the page server."""
 
 _DESCRIPTORS = Path("/proc/self/fd")
 
@@ -121,6 +122,15 @@ def make_private_meshcat(*, url: str = "http://localhost:{port}") -> tuple[Meshc
         with contextlib.suppress(RuntimeError):
             return _make(host="127.0.0.1", port=port, url=url), Upstream(port=port)
     raise RunError(f"Meshcat cannot listen: {reason.strip().splitlines()[0]}")
+
+
+def release(meshcat: Meshcat) -> None:
+    """Let a Meshcat be destroyed with its last reference, and free its file descriptors.
+
+    To be called on the thread that made it, when no diagram draws in it any more.
+    """
+    gc.collect()  # diagrams are reference cycles: those that drew in it go now, on this thread
+    _MADE[:] = [one for one in _MADE if one is not meshcat]
 
 
 def _make(*, host: str, port: int, url: str) -> Meshcat:

@@ -1,7 +1,7 @@
 """A Meshcat recording of a run that opens offline: one HTML file, with the camera following the first vehicle.
 
-The recording is made from the run's signals, not during the run: it costs the simulation nothing, and a run that was
-killed can be watched too.
+The recording is made from the signals after the run, so that it does not slow the simulation down and also works for a
+run that was killed.
 """
 
 from math import ceil
@@ -19,16 +19,16 @@ from mirdrake.core.files import write_file
 from mirdrake.plant.plant import PlantSpec, make_plant
 from mirdrake.runs.logs import Run
 from mirdrake.vehicles import WHEELS
-from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, make_offline_meshcat, place_camera
+from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, offline_meshcat, place_camera
 from mirdrake.viewer.views import View, make_views, with_views
 
 Array = NDArray[np.float64]
 
 CAMERA_SWING = 1.6
-"""Time over which the following camera averages the heading [s]."""
+"""Averaging time of the camera's heading [s]."""
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
-_ENDLESS = 10**6  # times that a recording is repeated
+_ENDLESS = 10**6  # repetitions of a recording
 
 
 def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
@@ -43,10 +43,11 @@ def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
     """
     if run.folder is None or run.signals.empty:
         raise RunError("recording: the run has no folder or no samples")
-    meshcat = make_offline_meshcat(world=run.scene().world)
-    draw_run(run, meshcat, frames_per_second=frames_per_second)
     path = run.folder / "recording.html"
-    write_file(path, with_views(meshcat.StaticHtml(), views_of(run)))
+    with offline_meshcat(world=run.scene().world) as meshcat:
+        draw_run(run, meshcat, frames_per_second=frames_per_second)
+        page = meshcat.StaticHtml()
+    write_file(path, with_views(page, views_of(run)))
     return path
 
 
@@ -106,7 +107,7 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
 
 
 def smooth_headings(times: Array, yaw: Array) -> Array:
-    """The heading that a camera follows: the mean over :data:`CAMERA_SWING` around each moment, for a soft swing.
+    """Return the heading of the following camera: the moving average over :data:`CAMERA_SWING`.
 
     Args:
         times: [s] (n), equally spaced.

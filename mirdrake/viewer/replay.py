@@ -1,7 +1,7 @@
-"""A run again: the Meshcat recording, and beside it what its cameras saw, in step.
+"""Replay of a run: the Meshcat recording with a panel of synchronised camera pictures.
 
-The page is the Meshcat recording with a panel. For a look on this machine a small server gives each picture when it is
-asked for; a page that opens offline has pictures in itself: smaller ones, and so few that the file stays handy.
+On this machine a server delivers each picture on request. A page that opens offline contains the pictures, reduced in
+size and number.
 """
 
 import base64
@@ -18,19 +18,19 @@ from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_file
 from mirdrake.core.recording.pictures import Picture
 from mirdrake.runs.logs import Run, reads_run
-from mirdrake.viewer.meshcat import make_offline_meshcat
+from mirdrake.viewer.meshcat import offline_meshcat
 from mirdrake.viewer.recording import draw_run, views_of
 from mirdrake.viewer.server import Answer, PageServer
 from mirdrake.viewer.views import with_views
 
 WIDTH = 400
-"""Of pictures in a page that opens offline [pixel]."""
+"""Width of pictures in a page that opens offline [pixel]."""
 
 QUALITY = 75
-"""Of these pictures, as JPEG."""
+"""JPEG quality of these pictures."""
 
 MOST = 2400
-"""Pictures in a page that opens offline; of a longer run every second one is left out, or more."""
+"""Largest number of pictures in a page that opens offline; longer runs are thinned."""
 
 _PANEL = """
 <style>
@@ -89,7 +89,7 @@ def write_replay(run: Run, path: Path, *, frames_per_second: float = 20.0) -> No
     """Write a page that opens offline.
 
     Args:
-        run: a run with a folder and signals; with pictures or without.
+        run: with a folder and signals, with or without pictures.
         path: of the page.
         frames_per_second: of the Meshcat recording, in simulated time [Hz].
 
@@ -111,7 +111,7 @@ class Replay:
         frames_per_second: of the Meshcat recording, in simulated time [Hz].
 
     Attributes:
-        url: where the page is.
+        url: address of the page.
 
     Raises:
         RunError: the run has no samples, or the port is taken.
@@ -131,11 +131,11 @@ class Replay:
         self.url = self._server.url
 
     def serve(self) -> None:
-        """Answer until :meth:`close` is called, or Ctrl-C."""
+        """Serve until :meth:`close` or Ctrl-C."""
         self._server.serve()
 
     def close(self) -> None:
-        """Stop serving; from another thread than the one that serves, or after it."""
+        """Stop serving; to be called from another thread, or after :meth:`serve`."""
         self._server.close()
 
 
@@ -144,7 +144,7 @@ def _address(name: str, picture: Picture) -> str:
 
 
 def visible(picture: Picture) -> tuple[bytes, str]:
-    """A picture as a browser shows it, and its type; depths and labels as shades of grey."""
+    """Return a picture for a browser and its content type; depths and labels are grey levels."""
     if picture.path.suffix == ".jpg":
         return picture.path.read_bytes(), "image/jpeg"
     file = io.BytesIO()
@@ -153,12 +153,12 @@ def visible(picture: Picture) -> tuple[bytes, str]:
 
 
 def grey(numbers: Any) -> Any:
-    """Numbers of 16 bits as shades of grey: the highest is white, 0 black."""
+    """Return 16-bit numbers as grey levels: the largest is white, 0 black."""
     return (255.0 * numbers / max(int(numbers.max()), 1)).astype(np.uint8)
 
 
 def embedded(picture: Picture) -> str:
-    """A picture, not wider than :data:`WIDTH`, as an address that holds it."""
+    """Return a picture, at most :data:`WIDTH` wide, as a ``data:`` address."""
     with Image.open(picture.path) as image:
         small = image if image.mode == "RGB" else Image.fromarray(grey(np.asarray(image)))
         if small.width > WIDTH:
@@ -175,11 +175,12 @@ def _page(
     *,
     frames_per_second: float,
 ) -> str:
-    """The Meshcat recording of a run with the panel of its cameras."""
+    """Return the Meshcat recording of a run with the panel of its cameras."""
     if run.signals.empty:
-        raise RunError(f"{run.folder}: has no samples; there is nothing to replay")
-    meshcat = make_offline_meshcat(world=run.scene().world)
-    draw_run(run, meshcat, frames_per_second=frames_per_second)
+        raise RunError(f"{run.folder}: has no samples to replay")
+    with offline_meshcat(world=run.scene().world) as meshcat:
+        draw_run(run, meshcat, frames_per_second=frames_per_second)
+        recording = meshcat.StaticHtml()
     began = float(run.signals.index[0])
     cameras = [
         {
@@ -192,7 +193,7 @@ def _page(
         for name, one in pictures.items()
         if one
     ]
-    page = with_views(meshcat.StaticHtml(), views_of(run))
+    page = with_views(recording, views_of(run))
     if not cameras:
         return page
     data = json.dumps(cameras).replace("</", "<\\/")

@@ -37,16 +37,16 @@ from mirdrake.viewer.websocket import (
 HOST = "127.0.0.1"
 
 MOST = 65536
-"""Bytes of a request's body."""
+"""Largest size of a request body [byte]."""
 
 CONNECTIONS = 64
-"""Connections at a time; more of them are closed at once."""
+"""Largest number of simultaneous connections; others are closed at once."""
 
 RATE = 1000
-"""Web socket frames of a page within a second; a page that sends more is disconnected."""
+"""Largest number of web socket frames of a page per second; a page that sends more is disconnected."""
 
 PATIENCE = 20.0
-"""Time that a request, or a browser that does not read, may take [s]."""
+"""Timeout of a request, and of a browser that does not read [s]."""
 
 _NAMES = {"127.0.0.1", "localhost"}
 _ICON = (
@@ -68,15 +68,15 @@ class PageServer:
     """Serves a page until it is closed.
 
     Args:
-        name: of what is served, for the message about a port that is taken.
-        ports: of localhost, tried in turn; 0 is any free one.
-        files: gives the content below a path of the page, "" for the page itself; None if there is none.
-        posts: path of the page -> what answers a JSON object that is sent there; called in threads of the server.
-        upstream: Meshcat, which has the page and the files that `files` does not have.
+        name: of the service, for the error message of a port in use.
+        ports: of localhost, tried in this order; 0 is any free one.
+        files: returns the content of a path of the page, "" for the page itself; None if there is none.
+        posts: from a path to the function that answers a JSON object posted there, in threads of the server.
+        upstream: Meshcat, for the page and files that `files` does not have.
 
     Attributes:
         token: random, in the page's address.
-        url: where the page is.
+        url: address of the page.
 
     Raises:
         RunError: no port is free.
@@ -97,20 +97,20 @@ class PageServer:
         self._thread: threading.Thread | None = None
 
     def serve(self) -> None:
-        """Answer until :meth:`close` is called."""
+        """Serve until :meth:`close` is called."""
         self._server.serve_forever(poll_interval=0.1)
 
     def start(self) -> None:
-        """Answer in a thread of its own."""
+        """Serve in a new thread."""
         self._thread = threading.Thread(target=self.serve, name="page server", daemon=True)
         self._thread.start()
 
     def stop_listening(self) -> None:
-        """Release the port of a server that does not serve."""
+        """Release the port of a server that has not started."""
         self._server.server_close()
 
     def close(self) -> None:
-        """Stop serving; from another thread than the one that serves, or after it."""
+        """Stop serving; to be called from another thread, or after :meth:`serve`."""
         self._server.shutdown()
         self.stop_listening()
         if self._thread is not None:
@@ -135,7 +135,7 @@ class _Server(ThreadingHTTPServer):
             self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer, and make room for another connection."""
+        """Answer, then release the connection."""
         try:
             super().process_request_thread(request, client_address)
         finally:
@@ -155,7 +155,7 @@ class _Handler(BaseHTTPRequestHandler):
         super().__init__(*arguments)
 
     def do_GET(self) -> None:
-        """Answer with the page, with one of its files or with Meshcat's web socket."""
+        """Answer with the page, one of its files or Meshcat's web socket."""
         path = self._path()
         if path is None:
             return
@@ -163,15 +163,15 @@ class _Handler(BaseHTTPRequestHandler):
         if upgrade == "websocket" and path == "":
             self._tunnel()
             return
-        found = self._site.files(path)
-        if found is None and self._site.upstream is not None:
-            found = self._fetch(path)
-            if found is None:
+        content = self._site.files(path)
+        if content is None and self._site.upstream is not None:
+            content = self._fetch(path)
+            if content is None:
                 return
-        if found is None:
+        if content is None:
             self.send_error(404)
         else:
-            self._answer(*found)
+            self._answer(*content)
 
     def do_POST(self) -> None:
         """Answer a JSON object."""
@@ -194,12 +194,12 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(json.dumps(self._site.posts[path](message)).encode(), "application/json")
 
     def _path(self) -> str | None:
-        """The path below the page; None if the request was rejected or redirected."""
+        """Return the path below the page; None if the request was rejected or redirected."""
         head, mark, path = urlsplit(self.path).path.removeprefix("/").partition("/")
         host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
         origin = self.headers.get("Origin")
         if host not in _NAMES or (origin is not None and origin != f"http://{self.headers.get('Host')}"):
-            self._refuse("another page may not use this one")
+            self._reject("another page has no access to this one")
         elif secrets.compare_digest(head.encode(), self._site.token.encode()):
             if mark:
                 return path
@@ -210,10 +210,10 @@ class _Handler(BaseHTTPRequestHandler):
         elif self.path == "/favicon.ico" and self.command == "GET":
             self._answer(_ICON, "image/svg+xml")
         else:
-            self._refuse("wrong token; open the whole address that mirdrake printed")
+            self._reject("wrong token; open the whole address that mirdrake printed")
         return None
 
-    def _refuse(self, text: str) -> None:
+    def _reject(self, text: str) -> None:
         self.close_connection = True
         length = self.headers.get("Content-Length", "")
         if length.isdecimal() and len(length) < 10 and int(length) <= MOST:
@@ -230,7 +230,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def _fetch(self, path: str) -> Answer | None:
-        """What Meshcat has under a path; None if the request was answered with an error."""
+        """Return Meshcat's content of a path; None if the request was answered with an error."""
         assert self._site.upstream is not None
         try:
             status, kind, content = self._site.upstream.get(
@@ -268,7 +268,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _open_socket(upstream: Upstream) -> tuple[socket.socket, bytes]:
-    """A web socket to Meshcat and the first bytes of its frames.
+    """Return a web socket to Meshcat and the first bytes of its frames.
 
     Raises:
         OSError: Meshcat has ended.
@@ -296,7 +296,7 @@ def _open_socket(upstream: Upstream) -> tuple[socket.socket, bytes]:
 
 
 def _pump(here: socket.socket, there: socket.socket) -> None:
-    """Pass the scene to the browser as it is, and well-formed events of the browser to Meshcat."""
+    """Pass the scene to the browser, and well-formed events of the browser to Meshcat."""
     reader, second, count = FrameReader(), 0, 0
     for side in (here, there):
         side.settimeout(PATIENCE)  # a browser that does not read would fill Meshcat's memory

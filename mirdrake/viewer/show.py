@@ -19,7 +19,7 @@ __all__ = ["show_diagram", "show_vehicle", "show_world", "write_page"]
 
 
 def show_world(world: World, meshcat: Meshcat) -> Diagram:
-    """A world from above."""
+    """Show a world from above."""
     builder = DiagramBuilder()
     parts = make_plant(builder, world, {})
     MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat)
@@ -48,12 +48,12 @@ def show_diagram(spec: DiagramSpec, meshcat: Meshcat, *, scene: Scene | None = N
 
 
 def write_page(meshcat: Meshcat, path: Path, *, views: Iterable[View] = ()) -> None:
-    """What a Meshcat shows, as one HTML file that opens offline.
+    """Write the content of a Meshcat as one HTML file that opens offline.
 
     Args:
-        meshcat: what it shows.
+        meshcat: its content.
         path: of the file.
-        views: that the page has buttons for.
+        views: with buttons in the page.
     """
     chosen, page = tuple(views), meshcat.StaticHtml()
     write_file(path, with_views(page, chosen) if chosen else page)
