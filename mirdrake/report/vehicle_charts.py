@@ -1,4 +1,4 @@
-"""The charts of one vehicle: which signals they show, in which unit, and what their captions say."""
+"""The charts of one vehicle: signals, units and captions."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ _WIDTHS = {"left": 2.1, "right": 1.3}  # [px]: where both coincide, both are see
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart with the words around it; `legend` has (name, colour, "dashed" or "") of each curve once."""
+    """A chart with its title, caption and legend; `legend` has (name, colour, "dashed" or "") of each curve once."""
 
     slug: str
     title: str
@@ -49,12 +49,12 @@ class VehicleSignals:
         return numbers(self.frame[f"{self.name}.{column}"])
 
     def has(self, *columns: str) -> bool:
-        """Whether all these columns are there, and each has at least one finite value."""
+        """Whether all columns exist and each has at least one finite value."""
         return all(column in self and bool(np.isfinite(self[column]).any()) for column in columns)
 
 
 def numbers(values: Any) -> Array:
-    """A column as floats; what is no number, or not finite, is NaN."""
+    """Return a column as floats; other values, and those that are not finite, are NaN."""
     array = np.array(pandas.to_numeric(pandas.Series(values), errors="coerce"), dtype=np.float64)
     array[~np.isfinite(array)] = np.nan
     return array
@@ -69,7 +69,7 @@ def make_charts(
     geometry: Mapping[str, float] | None = None,
     marks: Sequence[float] = (),
 ) -> list[Chart]:
-    """The charts that the signals at hand allow, in reading order.
+    """Return the charts for which there are signals, in reading order.
 
     Args:
         signals: of the vehicle.
@@ -154,7 +154,7 @@ def _plan_steering(signals: VehicleSignals) -> Plan | None:
     if not curves:
         return None
     furthest = max(float(np.nanmax(np.abs(curve.values))) for curve in curves)
-    caption = f"Positive is to the left; the furthest is {format_quantity(furthest, '°')}. "
+    caption = f"Positive is to the left; the largest is {format_quantity(furthest, '°')}. "
     caption += "The command is the angle of a single wheel at the middle of the front axle."
     return "steering", "Steering", [Panel("Steering angle", "°", curves, zero=True)], caption
 
@@ -255,7 +255,7 @@ def _plan_wheels(
 
 
 def middle_tangent(left: Array, right: Array) -> Array:
-    """The tangent of the angle of one wheel in the middle of the axle that turns about the same point as both wheels.
+    """Return the tangent of the angle of a single wheel in the middle of the axle, with the same turning centre.
 
     With Ackermann steering cot δ of the middle wheel is the mean of cot δ of both (Rajamani, Vehicle Dynamics and
     Control, chapter 2), so its tangent is their harmonic mean. Wheels that point apart have no common point: there the
@@ -272,7 +272,7 @@ def middle_tangent(left: Array, right: Array) -> Array:
 
 
 def distance(signals: VehicleSignals) -> float:
-    """Length of the path [m] of the vehicle's origin over ground; 0 without a position."""
+    """Return the length of the path [m] of the vehicle's origin; 0 without a position."""
     if not signals.has("x", "y"):
         return 0.0
     points = np.column_stack((signals["x"], signals["y"]))

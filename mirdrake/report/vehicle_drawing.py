@@ -1,4 +1,4 @@
-"""A vehicle drawn to scale as SVG: from the right, from above, and at full lock; colours are the page's variables."""
+"""Drawings of a vehicle to scale as SVG: from the right, from above, at full lock; in the colours of the page."""
 
 import html
 import math
@@ -34,31 +34,31 @@ class Sheet:
         self._wedges: set[tuple[str, ...]] = set()
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """A point [m] in units."""
+        """Return a point [m] in units of the page."""
         return (x - self._left) * self.scale, (self._top - y) * self.scale
 
     def add(self, text: str) -> None:
-        """Add SVG as it stands."""
+        """Add SVG without changes."""
         self._parts.append(text)
 
     def line(self, start: tuple[float, float], end: tuple[float, float], kind: str) -> None:
-        """A straight line between two points [m]; `kind` is its CSS class."""
+        """Add a straight line between two points [m]; `kind` is its CSS class."""
         (x1, y1), (x2, y2) = self.at(*start), self.at(*end)
         self.add(f'<line class="{kind}" x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"/>')
 
     def text(self, x: float, y: float, words: str, *, kind: str = "label", anchor: str = "middle") -> None:
-        """Words at a place in units."""
+        """Add a text at a position in units of the page."""
         self.add(f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{html.escape(words)}</text>')
 
     def image(self, address: str, box: tuple[float, float, float, float]) -> None:
-        """A picture of a box left, low, right, high [m]."""
+        """Add a picture of a box left, low, right, high [m]."""
         left, low, right, high = box
         x, y = self.at(left, high)
         size = f'width="{(right - left) * self.scale:.1f}" height="{(high - low) * self.scale:.1f}"'
         self.add(f'<image x="{x:.1f}" y="{y:.1f}" {size} preserveAspectRatio="none" href="{address}"/>')
 
     def across(self, start: float, end: float, level: float, words: str, *, touch: float) -> None:
-        """A dimension from one x [m] to another at a level in units; its witness lines begin at height `touch` [m]."""
+        """Add a dimension between two x [m] at a level of the page; its witness lines begin at height `touch` [m]."""
         (x1, y0), (x2, _) = self.at(start, touch), self.at(end, touch)
         for x in (x1, x2):
             self.add(f'<line class="witness" x1="{x:.1f}" y1="{y0:.1f}" x2="{x:.1f}" y2="{level + 5:.1f}"/>')
@@ -66,7 +66,7 @@ class Sheet:
         self.text(0.5 * (x1 + x2), level - 6.0, words, kind="size")
 
     def upward(self, start: float, end: float, place: float, words: str, *, touch: float) -> None:
-        """The same from one height [m] to another at a place in units; the witness lines begin at x = `touch` [m]."""
+        """Add a dimension between two heights [m]; its witness lines begin at x = `touch` [m]."""
         (x0, y1), (_, y2) = self.at(touch, start), self.at(touch, end)
         outward = 5.0 if place > x0 else -5.0
         for y in (y1, y2):
@@ -80,14 +80,14 @@ class Sheet:
         )
 
     def balance(self, x: float, y: float, *, radius: float = 9.0) -> None:
-        """The sign of a centre of mass at a place [m]: a disc with black and white quarters."""
+        """Add the symbol of a centre of mass [m]: a disc with black and white quarters."""
         u, v = self.at(x, y)
         r = radius
         quarters = f"M{u:.1f} {v:.1f}v{-r}a{r} {r} 0 0 1 {r} {r}zM{u:.1f} {v:.1f}v{r}a{r} {r} 0 0 1 {-r} {-r}z"
         self.add(f'<circle class="disc" cx="{u:.1f}" cy="{v:.1f}" r="{r}"/><path class="quarters" d="{quarters}"/>')
 
     def wedge(self, x: float, y: float, begin: float, end: float, reach: float) -> None:
-        """What a sensor sees: a sector about a place [m] between two angles [rad], or a disc."""
+        """Add a field of view: a sector about a point [m] between two angles [rad], or a disc."""
         u, v = self.at(x, y)
         r = reach * self.scale
         key = tuple(f"{value:.2f}" for value in (u, v, begin, end, r))
@@ -103,14 +103,14 @@ class Sheet:
         self.add(f'<path class="sees" d="M{u:.1f} {v:.1f}L{x1:.1f} {y1:.1f}{arc}z"/>')
 
     def outline(self, surface: Surface, axes: tuple[int, int], *, kind: str = "solid") -> None:
-        """The hull of a shape as seen along the third axis."""
+        """Add the hull of a shape in the projection along the third axis."""
         hull = shapely.MultiPoint(surface.triangles.reshape(-1, 3)[:, axes]).convex_hull
         if isinstance(hull, shapely.Polygon):
             points = " ".join("{:.1f},{:.1f}".format(*self.at(x, y)) for x, y in hull.exterior.coords[:-1])
             self.add(f'<polygon class="{kind}" points="{points}"/>')
 
     def numbers(self, sensors: Sequence[SensorFigures], axes: tuple[int, int]) -> None:
-        """Dots where sensors are, with their numbers beside them; those in one place share a tag."""
+        """Add the sensors as dots with numbers; sensors at the same position share a tag."""
         places: dict[tuple[int, int], list[int]] = {}
         for number, sensor in enumerate(sensors, start=1):
             u, v = self.at(sensor.place[axes[0]], sensor.place[axes[1]])
@@ -129,7 +129,7 @@ class Sheet:
             self.text(x, y + 3.6, words, kind="number")
 
     def svg(self, label: str) -> str:
-        """The drawing."""
+        """Return the drawing."""
         return (
             f'<svg class="sheet" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:.0f} {self._height:.0f}" '
             f'role="img" aria-label="{html.escape(label)}">{"".join(self._parts)}</svg>'
@@ -137,7 +137,7 @@ class Sheet:
 
 
 def draw_side(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surface]) -> str:
-    """A vehicle from the right, with its lengths and axle loads."""
+    """Return a vehicle from the right, with lengths and axle loads."""
     points = _points([*seen, *solid])
     low, high = points.min(axis=0), points.max(axis=0)
     scale = 0.74 * WIDTH / (high[0] - low[0])
@@ -181,7 +181,7 @@ def draw_side(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surf
 
 
 def draw_top(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surface]) -> str:
-    """A vehicle from above, with its widths and what its sensors see."""
+    """Return a vehicle from above, with widths and fields of view."""
     points = _points([*seen, *solid])
     low, high = points.min(axis=0), points.max(axis=0)
     scale = 0.74 * WIDTH / (high[0] - low[0])
@@ -212,7 +212,7 @@ def draw_top(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surfa
 
 
 def draw_lock(figures: Inspection, seen: Sequence[Surface], wheels: Sequence[Surface]) -> str:
-    """A vehicle at full lock to the left, with the circles that it turns on.
+    """Return a vehicle at full lock to the left, with its turning circles.
 
     Args:
         figures: of the vehicle.
@@ -255,7 +255,7 @@ def draw_lock(figures: Inspection, seen: Sequence[Surface], wheels: Sequence[Sur
 
 
 def _ranges(numbers: Sequence[int]) -> str:
-    """Rising numbers as words: 2, 5–10."""
+    """Return increasing numbers as a text: 2, 5–10."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:
@@ -266,7 +266,7 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 
 def _points(surfaces: Sequence[Surface]) -> np.ndarray:
-    """All corners (n, 3) [m]; those of a small box if there is nothing to see."""
+    """Return all corners (n, 3) [m]; those of a small box if there are no shapes."""
     if not surfaces:
         return np.array([[-0.1, -0.1, 0.0], [0.1, 0.1, 0.1]])
     points: np.ndarray = np.concatenate([surface.triangles.reshape(-1, 3) for surface in surfaces])
@@ -274,6 +274,6 @@ def _points(surfaces: Sequence[Surface]) -> np.ndarray:
 
 
 def _drawn_reach(sensor: SensorFigures, figures: Inspection) -> float:
-    """How far a field of view is drawn [m]: sonars to their end, others are cut short."""
+    """Return the drawn range of a field of view [m]: all of a sonar, others are cut."""
     most = _WEDGE * max(figures.size[0], figures.wheelbase)
     return min(sensor.reach[1], most) if sensor.reach else most

@@ -1,4 +1,4 @@
-"""A still picture of a vehicle: on asphalt, from ahead of its left side, drawn by Drake's renderer without a screen.
+"""A still picture of a vehicle on asphalt, from its front left, rendered offscreen by Drake.
 
 ``python -m mirdrake.viewer.portrait FOLDER`` adds it to the README.md of a vehicle folder.
 """
@@ -39,7 +39,7 @@ from mirdrake.worlds.scenery import lights, sky_colors
 Array = NDArray[np.float64]
 
 FIELD_OF_VIEW = 28.0 * pi / 180.0
-"""Horizontal [rad]; that of a lens of 72 mm before film of 36 mm, which keeps a car's proportions."""
+"""Horizontal field of view [rad], of a 72 mm lens on 36 mm film; longer lenses distort the proportions less."""
 
 PORTRAIT = "portrait.png"
 """Picture in a vehicle folder."""
@@ -55,7 +55,7 @@ _STEER = 0.35  # part of the steering limit that the wheels are turned by
 
 
 def draw_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> Image.Image:
-    """A picture of a vehicle.
+    """Return a picture of a vehicle.
 
     Args:
         vehicle: to draw.
@@ -63,7 +63,7 @@ def draw_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> I
         height: of the picture [pixel].
 
     Raises:
-        MissingDependencyError: there is nothing to render with.
+        MissingDependencyError: there is no renderer.
     """
     builder = DiagramBuilder()
     world = load_world("empty")
@@ -89,7 +89,7 @@ def draw_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> I
 
 
 def try_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> Image.Image | None:
-    """The same where a picture is no more than an ornament: None where there is nothing to render with."""
+    """Return a picture of a vehicle, or None without a renderer."""
     try:
         return draw_portrait(vehicle, width=width, height=height)
     except MissingDependencyError:
@@ -117,7 +117,7 @@ def _pose(parts: PlantParts, part: VehicleInPlant, context: Context) -> Context:
 
 
 def _seen_points(parts: PlantParts, part: VehicleInPlant, context: Context) -> list[Array]:
-    """Points (n, 3) [m] whose hull is that of a shape, for each shape that is seen."""
+    """Return points (n, 3) [m] with the hull of each visual shape."""
     inspector = parts.scene_graph.model_inspector()
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
     found = [np.array([[0.0, 0.0, 0.0], [part.vehicle.geometry.wheelbase, 0.0, 0.0]])]
@@ -138,7 +138,7 @@ def _seen_points(parts: PlantParts, part: VehicleInPlant, context: Context) -> l
 
 
 def _add_shadow(parts: PlantParts, points: list[Array]) -> None:
-    """A soft shadow on the road: dark layers, each a little smaller than the one below.
+    """Add a soft shadow on the road: dark layers, each a little smaller than the one below.
 
     The renderer's own shadows are as coarse as the ground is wide, a texel a metre.
     """
@@ -167,7 +167,7 @@ def _add_shadow(parts: PlantParts, points: list[Array]) -> None:
 
 
 def _write_obj(triangles: Array, height: float) -> str:
-    """Horizontal triangles (n, 3, 2) [m] at a height [m] as an OBJ file."""
+    """Return horizontal triangles (n, 3, 2) [m] at a height [m] as an OBJ file."""
     lines = [f"v {x:.6f} {y:.6f} {height:.6f}" for x, y in triangles.reshape(-1, 2).tolist()]
     lines.append("vn 0 0 1")
     lines += [f"f {i}//1 {i + 1}//1 {i + 2}//1" for i in range(1, 3 * len(triangles), 3)]
@@ -175,7 +175,7 @@ def _write_obj(triangles: Array, height: float) -> str:
 
 
 def _lights(world: World) -> list[LightParameter]:
-    """The lights of a world with the sun on the camera's side."""
+    """Return the lights of a world with the sun on the camera's side."""
     azimuth, elevation = _SUN
     towards = np.array([cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)])
     _, *ambient = lights(world)
@@ -197,7 +197,7 @@ def _add_renderer(scene_graph: SceneGraph, world: World) -> None:
 
 
 def _place(corners: Array, aspect: float) -> tuple[RigidTransform, float]:
-    """Pose of the camera (z ahead, x to the right, y down) from which points just fill the picture, and its distance.
+    """Return pose (z ahead, x to the right, y down) and distance of a camera whose picture the points fill.
 
     Args:
         corners: what shall be seen (n, 3) [m].
@@ -227,7 +227,7 @@ def _place(corners: Array, aspect: float) -> tuple[RigidTransform, float]:
 
 
 def _with_sky(pixels: Array, world: World) -> Array:
-    """A picture (height, width, 3), 0 .. 255, with a sky that is paler towards the horizon."""
+    """Return a picture (height, width, 3), 0 .. 255, with a sky that is paler towards the horizon."""
     sky = np.abs(pixels - 255.0 * np.array(_KEY)).max(axis=2) < 2.0
     if not sky.any():
         return pixels

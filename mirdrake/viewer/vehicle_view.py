@@ -1,4 +1,4 @@
-"""A vehicle on the road in Meshcat, with sliders for its joints, and layers to switch: meshes, shapes, frames."""
+"""A vehicle in Meshcat with sliders for its joints and buttons for layers: meshes, collision shapes, frames."""
 
 import time
 from math import cos, pi, sin
@@ -23,18 +23,18 @@ from mirdrake.viewer.meshcat import WORLD_PATH
 from mirdrake.worlds import load_world
 
 BUTTONS = {"Frames": "KeyF", "Collision shapes": "KeyC", "Meshes": "KeyM"}
-"""Buttons in Meshcat's controls, with the keys that press them."""
+"""Buttons in Meshcat's controls, and their keys."""
 
 STOP = "Stop"
 PERIOD = 1.0 / 32.0
-"""Time between two looks at the controls [s]."""
+"""Time between two readings of the controls [s]."""
 
 SHAPE_COLOUR = Rgba(1.0, 0.30, 0.05, 0.5)
 _AXES = (Rgba(0.90, 0.10, 0.10, 1.0), Rgba(0.10, 0.65, 0.15, 1.0), Rgba(0.10, 0.30, 0.95, 1.0))
 
 
 class VehicleView:
-    """Sliders and buttons of a vehicle in Meshcat, and what they move and switch.
+    """Sliders and buttons of a vehicle in Meshcat, and their effects.
 
     Args:
         meshcat: shows the vehicle.
@@ -101,7 +101,7 @@ class VehicleView:
             self._meshcat.DeleteButton(STOP)
 
     def follow(self) -> bool:
-        """Take over what sliders and buttons say now; whether anything has changed."""
+        """Apply the present values of sliders and buttons; return whether anything has changed."""
         changed = False
         for name in BUTTONS:
             clicks = self._meshcat.GetButtonClicks(name)
@@ -118,12 +118,12 @@ class VehicleView:
         return changed
 
     def _clipped(self, name: str, value: float) -> float:
-        """A value within the range of its slider; Meshcat takes any that a browser sends."""
+        """Return a value limited to the range of its slider; browsers can send any value."""
         low, high = self._ranges[name]
         return min(max(value, low), high)
 
     def publish(self) -> None:
-        """Show the joints where the sliders are."""
+        """Set the joints to the values of the sliders."""
         context = self._plant_context
         positions = self._plant.GetPositions(context).copy()
         for name, joint in self._joints.items():
@@ -146,7 +146,7 @@ class VehicleView:
         self._meshcat.SetProperty(self._path("frames"), "visible", self.shown["Frames"])
 
     def _draw_frames(self) -> None:
-        """A triad for each link, and a ball at the centre of mass."""
+        """Draw a triad for each link and a ball at the centre of mass."""
         length = 0.15 * self._part.vehicle.geometry.wheelbase
         for index in self._plant.GetBodyIndices(self._part.instance):
             draw_triad(self._meshcat, self._path("frames", self._plant.get_body(index).name()), length)
@@ -159,7 +159,7 @@ class VehicleView:
 def show_vehicle(
     vehicle: Vehicle, meshcat: Meshcat, *, frames: bool = False, collision: bool = False, meshes: bool = True
 ) -> tuple[Diagram, VehicleView]:
-    """A vehicle at rest on an empty plane with a slider for each of its joints, and buttons for what is shown.
+    """Show a vehicle at rest on an empty plane, with a slider for each joint and buttons for layers.
 
     Args:
         vehicle: to look at.
@@ -184,7 +184,7 @@ def show_vehicle(
 
 
 def look_at(meshcat: Meshcat, vehicle: Vehicle) -> None:
-    """Look at a vehicle from ahead of its left side, from as far as its size asks for."""
+    """Place the camera ahead of a vehicle, to its left, at a distance for its size."""
     geometry = vehicle.geometry
     size = geometry.wheelbase + geometry.front_wheel_radius + geometry.rear_wheel_radius
     target = np.array([0.5 * geometry.wheelbase, 0.0, 0.13 * size])
@@ -195,7 +195,7 @@ def look_at(meshcat: Meshcat, vehicle: Vehicle) -> None:
 
 
 def draw_triad(meshcat: Meshcat, path: str, length: float) -> None:
-    """Axes of a frame as three rods, x red, y green, z blue.
+    """Draw the axes of a frame as three rods: x red, y green, z blue.
 
     Args:
         meshcat: where.
@@ -211,7 +211,7 @@ def draw_triad(meshcat: Meshcat, path: str, length: float) -> None:
 
 
 def draw_ball(meshcat: Meshcat, path: str, radius: float) -> None:
-    """The sign of a centre of mass: a ball with black and white octants.
+    """Draw the symbol of a centre of mass: a ball with black and white octants.
 
     Args:
         meshcat: where.
@@ -249,7 +249,7 @@ def draw_ball(meshcat: Meshcat, path: str, radius: float) -> None:
 
 
 def _draw_over(meshcat: Meshcat, path: str, *, order: float) -> None:
-    """Show an object through whatever is before it: frames are inside of bodies.
+    """Show an object through others in front of it: frames are inside bodies.
 
     To see through the bodies would not do: Meshcat's opacity misses glTF meshes, which load after it is set.
     """
@@ -259,6 +259,6 @@ def _draw_over(meshcat: Meshcat, path: str, *, order: float) -> None:
 
 
 def _moving_joints(plant: MultibodyPlant, part: VehicleInPlant) -> dict[str, Joint]:
-    """The joints of a vehicle that have one coordinate, by name; its floating base has seven."""
+    """Return the joints of a vehicle with one coordinate, by name; its floating base has seven."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(part.instance)]
     return {joint.name(): joint for joint in joints if joint.num_positions() == 1}

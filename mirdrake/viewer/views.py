@@ -1,4 +1,4 @@
-"""The views that all pages share: follow, cockpit and map, as cameras beside a vehicle.
+"""The views of all pages (follow, cockpit, map) as cameras relative to a vehicle.
 
 Meshcat's camera looks at a fixed point, so the world is moved under it until the vehicle is at the origin and heads
 along x (:func:`mirdrake.viewer.meshcat.chase`). A view is then a place of the camera, and the same for a drive, for a
@@ -14,7 +14,7 @@ from pydrake.geometry import Meshcat
 from mirdrake.vehicles import Vehicle
 
 CAR = 2.6
-"""Wheelbase that the distances below are meant for [m]; they grow and shrink with it."""
+"""Wheelbase of the distances below [m]; they scale with the wheelbase of a vehicle."""
 
 FOLLOW, COCKPIT, MAP = "follow", "cockpit", "map"
 """Names of the views."""
@@ -63,7 +63,7 @@ _PANEL = """
 
 @dataclass(frozen=True)
 class View:
-    """A camera beside a vehicle that stands at the origin and heads along x.
+    """A camera relative to a vehicle at the origin that heads along x.
 
     Attributes:
         name: of the view.
@@ -79,7 +79,7 @@ class View:
 
 
 def make_views(vehicle: Vehicle) -> tuple[View, ...]:
-    """The views of a vehicle, the first of them the usual one.
+    """Return the views of a vehicle, the default first.
 
     Args:
         vehicle: what is looked at; its wheelbase gives the distances.
@@ -113,7 +113,7 @@ class ViewButtons:
             meshcat.AddButton(name, f"Digit{number}")
 
     def follow(self) -> str | None:
-        """Take over what was pressed since the last call; the name of the new view, or None."""
+        """Return the name of the view that was selected since the last call, or None."""
         taken = None
         for name, view in self._views.items():
             clicks = self._meshcat.GetButtonClicks(name)
@@ -125,7 +125,7 @@ class ViewButtons:
 
 
 def with_views(page: str, views: Iterable[View]) -> str:
-    """A page of Meshcat with buttons for views.
+    """Return a page of Meshcat with buttons for views.
 
     Args:
         page: of :meth:`pydrake.geometry.Meshcat.StaticHtml`, or of a server.

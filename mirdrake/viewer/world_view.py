@@ -1,4 +1,4 @@
-"""A world in Meshcat with what a check of it found: overlaps in red, starts, goals, paths, names, collision shapes.
+"""A world in Meshcat with the findings of its check: overlaps in red, starts, goals, paths, names, collision shapes.
 
 In the scene tree, below ``drake``, are ``visualizer`` (what is seen), ``collision`` (what is felt), and ``names``,
 ``faults``, ``starts``, ``goals``, ``paths``; each can be switched there, also in a saved page.
@@ -40,7 +40,7 @@ from mirdrake.worlds import World
 from mirdrake.worlds.meshes import Array, fill
 
 LAYERS = {"Names": "KeyN", "Collision shapes": "KeyC", "Faults": "KeyF", "Paths": "KeyP"}
-"""Buttons in Meshcat's controls, with the keys that press them."""
+"""Buttons in Meshcat's controls, and their keys."""
 
 _PATHS = {"Names": "names", "Collision shapes": "collision", "Faults": "faults", "Paths": "paths"}
 _RED, _GREEN, _BLUE, _VIOLET = (
@@ -55,7 +55,7 @@ _RIBBON = 0.15  # [m] width of a path
 
 
 class WorldView:
-    """A world with what was found in it.
+    """A world with the findings of its check.
 
     Args:
         meshcat: shows it.
@@ -86,7 +86,7 @@ class WorldView:
         self._look()
 
     def follow(self) -> bool:
-        """Take over what the buttons say now; whether anything has changed."""
+        """Apply the present values of the buttons; return whether anything has changed."""
         changed = False
         for name in LAYERS:
             clicks = self._meshcat.GetButtonClicks(name)
@@ -113,7 +113,7 @@ class WorldView:
             self._meshcat.SetProperty(_path(path), "visible", self.shown[name])
 
     def _draw_props(self) -> None:
-        """Scenery and props, and the shapes that collide."""
+        """Draw scenery, props and collision shapes."""
         builder = DiagramBuilder()
         parts = make_plant(builder, self.world, {})
         MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, self._meshcat)
@@ -125,7 +125,7 @@ class WorldView:
         diagram.ForcedPublish(context)
 
     def _draw_names(self) -> None:
-        """A label above each prop, tilted towards the south, where the camera is."""
+        """Draw a label above each prop, tilted towards the camera in the south."""
         for placed in self.world.props[:_MOST_NAMES]:
             xmin, ymin, xmax, ymax = placed.footprint.bounds
             height = min(max(0.15 * max(xmax - xmin, ymax - ymin), 0.018 * self._size), 0.03 * self._size)
@@ -135,7 +135,7 @@ class WorldView:
             self._meshcat.SetTransform(path, RigidTransform(RollPitchYaw(math.radians(-35.0), 0.0, 0.0), place))
 
     def _draw_fault(self, number: int, fault: Fault) -> None:
-        """Red: the area that is covered twice, as high as the place, and a needle that can be seen from afar."""
+        """Draw a fault in red: the overlapping area at its height, and a needle that is visible from far away."""
         if fault.position is None:
             return
         x, y, z = fault.position
@@ -158,7 +158,7 @@ class WorldView:
             self._meshcat.SetTransform(_path(f"{base}/{part}"), RigidTransform([x, y, height]))
 
     def _draw_starts(self) -> None:
-        """Green arrows along the heading."""
+        """Draw starts as green arrows along the heading."""
         for name, start in self.world.starts.items():
             X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, start.yaw), [start.x, start.y, 0.12])
             along = RollPitchYaw(0.0, 0.5 * math.pi, 0.0)
@@ -170,21 +170,21 @@ class WorldView:
             self._meshcat.SetTransform(head, X_WB @ RigidTransform(tip, [2.4, 0.0, 0.0]))
 
     def _draw_goals(self) -> None:
-        """Blue discs, and gates."""
+        """Draw goals as blue areas."""
         for name in self.world.goals:
             area = goal_area(self.world, name)
             if area is not None:
                 self._fill(f"goals/{name}", area, 0.04, _BLUE)
 
     def _fill(self, path: str, area: BaseGeometry, height: float, colour: Rgba) -> None:
-        """A flat area that is seen from above and below."""
+        """Draw a flat area, visible from above and below."""
         surface = fill(area, z=height, tile=1.0, color=(0.0, 0.0, 0.0), texture=None)
         vertices = np.asfortranarray(surface.vertices.T)
         faces = np.asfortranarray(surface.triangles.T.astype(np.int32))
         self._meshcat.SetTriangleMesh(_path(path), vertices, faces, colour, side=Meshcat.SideOfFaceToRender.kDoubleSide)
 
     def _look(self) -> None:
-        """Look at all that stands there from above its south side."""
+        """Place the camera above the south side, with everything in view."""
         x, y = (0.5 * (self._low + self._high)).tolist()
         self._meshcat.SetCameraPose([x, y - 0.45 * self._size, 0.5 * self._size], [x, y, 0.0])
 
@@ -192,7 +192,7 @@ class WorldView:
 def show_found(
     found: Examination, *, offline: bool = False, port: int | None = None, collision: bool = False, names: bool = True
 ) -> tuple[Meshcat, WorldView]:
-    """A Meshcat on localhost with a world and what was found in it.
+    """Return a Meshcat on localhost with a world and the findings of its check.
 
     Args:
         found: see :func:`mirdrake.world_checks.examine`; its world must be laid out.
@@ -209,7 +209,7 @@ def show_found(
 
 
 def _extent(world: World) -> tuple[Array, Array]:
-    """Smallest and largest x, y of all that stands in a world, and of its places [m]."""
+    """Return the smallest and largest x, y of props, starts, goals and tracks of a world [m]."""
     boxes = [placed.footprint.bounds for placed in world.props]
     boxes += [(start.x, start.y, start.x, start.y) for start in world.starts.values()]
     boxes += [area.bounds for name in world.goals if (area := goal_area(world, name)) is not None]
@@ -223,7 +223,7 @@ def _path(*names: str) -> str:
 
 
 def _label(text: str) -> InMemoryMesh:
-    """A text on white as a glTF mesh 1 m high, in the x-z plane, seen from -y; Meshcat itself has no text."""
+    """Return a text on white as a glTF mesh of 1 m height, in the x-z plane, facing -y; Meshcat has no texts."""
     from PIL import Image, ImageDraw, ImageFont
 
     font = ImageFont.load_default(size=40)
