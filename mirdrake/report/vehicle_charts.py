@@ -229,8 +229,8 @@ def _plan_wheels(
     signals: VehicleSignals, stem: str, title: str, what: str, unit: str, plural: str, factor: float
 ) -> Plan | None:
     panels: list[Panel] = []
-    constant: list[Panel] = []  # told in words only, unless there is nothing else
-    told: list[str] = []
+    constant: list[Panel] = []  # in the caption only, unless there are no others
+    ranges: list[str] = []
     for axle in _AXLES:
         curves = [
             Curve(side, factor * signals[f"{stem}.{axle}_{side}"], side, width=_WIDTHS[side])
@@ -243,15 +243,15 @@ def _plan_wheels(
         highest = max(float(np.nanmax(curve.values)) for curve in curves)
         panel = Panel(f"{axle.capitalize()} {what}", unit, curves, zero=True, trim=0.5, relative_height=0.8)
         if lowest == highest:
-            told.append(f"{axle} {format_quantity(lowest, unit)} throughout")
+            ranges.append(f"{axle} {format_quantity(lowest, unit)} throughout")
             constant.append(panel)
         else:
-            told.append(f"{axle} {format_quantity(lowest)} to {format_quantity(highest, unit)}")
+            ranges.append(f"{axle} {format_quantity(lowest)} to {format_quantity(highest, unit)}")
             panels.append(panel)
     panels = panels or constant[:1]
     if not panels:
         return None
-    return stem.replace("_", "-"), title, panels, f"Range of the {plural}: {'; '.join(told)}."
+    return stem.replace("_", "-"), title, panels, f"Range of the {plural}: {'; '.join(ranges)}."
 
 
 def middle_tangent(left: Array, right: Array) -> Array:
