@@ -15,7 +15,7 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.vectors import STATE
 from mirdrake.core.yaml_io import parse_yaml
-from mirdrake.execution.parameters import find_knobs
+from mirdrake.execution.parameters import find_context_parameters
 from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track.control import SingleTrackControl
 from mirdrake.tuning.apply import plan_apply
@@ -100,7 +100,7 @@ def test_the_single_track_model_has_the_same_gains(scheduled: Path) -> None:
 
 def test_gains_on_a_schedule_are_no_knobs(scheduled: Path) -> None:
     vehicle = load_vehicle(str(scheduled))
-    knobs = find_knobs({"ego": vehicle}, load_world("empty"))
+    knobs = find_context_parameters({"ego": vehicle}, load_world("empty"))
     assert "ego.speed.kp" in knobs
     assert not any(".wheel_speed." in name for name in knobs)
     assert [gain.path for gain in vehicle.control.gains()] == ["speed.kp", "speed.ki"]

@@ -48,7 +48,7 @@ class SlidingControl(JointControl):
 CHECK = """\
 from mirdrake.assembly.diagram import assemble
 from mirdrake.core.errors import ConfigError
-from mirdrake.execution.parameters import find_knobs
+from mirdrake.execution.parameters import find_context_parameters
 from mirdrake.runs.simulation import Simulation
 from mirdrake.single_track import estimate_parameters
 from mirdrake.vehicles.joint_control import JOINT_CONTROLS
@@ -70,7 +70,8 @@ assert 0.17 < run["ego.wz"].iloc[-1] < 0.23, run["ego.wz"].iloc[-1]
 # Its gains can be changed at run time, and its reduced model has the default lag.
 assembly = assemble(spec(False))
 vehicle = assembly.parts.vehicles["ego"].vehicle
-assert {"ego.steering.width", "ego.steering.damping"} <= set(find_knobs({"ego": vehicle}, assembly.parts.world))
+parameters = find_context_parameters({"ego": vehicle}, assembly.parts.world)
+assert {"ego.steering.width", "ego.steering.damping"} <= set(parameters)
 assert estimate_parameters(vehicle).steering_lag == 0.02
 
 # Its keys are checked like those of every kind.

@@ -266,7 +266,7 @@ def test_the_hash_is_that_of_the_contents(tmp_path: Path) -> None:
 
 
 def test_a_vehicle_that_nobody_drives_is_told_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"control: nobody drives 'ego' .*ego\.speed_reference.*; add control\.ego"):
+    with pytest.raises(ConfigError, match=r"control: 'ego' has no driver .*ego\.speed_reference.*; add control\.ego"):
         simulate(drive(control={}), folder=tmp_path / "run")
     assert not (tmp_path / "run").exists()
 

@@ -1,4 +1,4 @@
-"""Studies: the same rows whatever runs them, whatever dies meanwhile; values of knobs; faults of a study file."""
+"""Studies: rows do not depend on what runs them or crashes; context parameters; faults of a study file."""
 
 import gc
 import json
@@ -23,7 +23,7 @@ from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.execution.job import run_job
 from mirdrake.execution.workers import WorkerLostError
 from mirdrake.runs.simulation import Simulation
-from mirdrake.studies import Workers, find_knobs, load_results, load_study, make_study, run_study
+from mirdrake.studies import Workers, find_context_parameters, load_results, load_study, make_study, run_study
 from mirdrake.studies import run as study_run
 from mirdrake.studies.folder import JOURNAL_FILE, RESULTS_FILE, read_rows
 from mirdrake.studies.plan import make_plan
@@ -38,7 +38,7 @@ DIAGRAM = {
 
 
 def study(**changes: Any) -> dict[str, Any]:
-    """A small study of eight short runs: knobs and a path of the diagram."""
+    """A small study of eight short runs: context parameters and a path of the diagram."""
     return {
         "diagram": DIAGRAM,
         "parameters": {
@@ -147,7 +147,7 @@ def test_a_metric_that_raises_fails_its_run_only(tmp_path: Path) -> None:
     assert set(fast["reason"]) == {f"metric {name}:errors: ValueError: too fast"}
     assert fast[metrics[0]].isna().all()
     result = run_study(study(metrics=[f"{name}:errors.itea"], folder=str(tmp_path)), workers=0)
-    assert "gives no 'itea'; (allowed: iae, last, text)" in " ".join(result.table["reason"])
+    assert "does not return 'itea'; (allowed: iae, last, text)" in " ".join(result.table["reason"])
 
 
 def test_a_worker_that_crashes_costs_its_run_only(tmp_path: Path) -> None:
@@ -332,19 +332,19 @@ def test_rows_of_a_folder_survive_between_all_steps_of_writing(tmp_path: Path) -
     assert not journal.exists()
 
 
-# --- knobs ---
+# --- context parameters ---
 
 
-def test_knobs_change_the_context_and_nothing_else() -> None:
+def test_context_parameters_change_the_context_and_nothing_else() -> None:
     assembly = assemble(make_spec(DIAGRAM))
     parts = assembly.parts
-    knobs = find_knobs({"ego": parts.vehicles["ego"].vehicle}, parts.world)
+    parameters = find_context_parameters({"ego": parts.vehicles["ego"].vehicle}, parts.world)
     plant, instance = parts.plant, parts.vehicles["ego"].instance
     context, other = assembly.make_context(), assembly.make_context()
     mass = plant.CalcTotalMass(plant.GetMyContextFromRoot(context), [instance])
     values = {"ego.mass_scale": 1.2, "road.friction": 0.4, "ego.speed.ki": 7.0}
     for name, value in values.items():
-        knobs[name].turn(assembly, context, value)
+        parameters[name].apply(assembly, context, value)
     assert plant.CalcTotalMass(plant.GetMyContextFromRoot(context), [instance]) == pytest.approx(1.2 * mass)
     assert plant.CalcTotalMass(plant.GetMyContextFromRoot(other), [instance]) == pytest.approx(mass)
     control = assembly.diagram.GetSubsystemByName("ego.control")
@@ -407,16 +407,16 @@ duration: 1 s
         (
             "ego.speed.kp",
             "ego.speed.kpp",
-            "study.yaml:7: parameters.ego.speed.kpp: no such knob, nor a path of the diag",
+            "study.yaml:7: parameters.ego.speed.kpp: neither a context parameter nor a path of the diag",
         ),
-        ("ego.speed.kp", "ego.steering.kp", "study.yaml:7: parameters.ego.steering.kp: no such knob"),
+        ("ego.speed.kp", "ego.steering.kp", "study.yaml:7: parameters.ego.steering.kp: neither a context parameter"),
         (
             "ego.speed.kp",
             "control.ego.sped",
             "study.yaml:7: parameters.control.ego.sped: sped: unknown field",
         ),
         ("ego.speed.kp", "connect.3.x", "study.yaml:7: parameters.connect.3.x: a list of 0 has no item '3'"),
-        ("ego.speed.kp", "duration", "study.yaml:7: parameters.duration: cannot vary"),
+        ("ego.speed.kp", "duration", "study.yaml:7: parameters.duration: cannot differ"),
         (
             "ego.speed.kp: {low: 0.5",
             "ego.mass_scale: {low: 0",
@@ -437,10 +437,10 @@ duration: 1 s
             "study.yaml:7: parameters.ego.speed.kp: 'much' is not a num",
         ),
         (", count: 2", "", "study.yaml:7: parameters.ego.speed.kp: a grid needs a count, or values"),
-        ("[ego.distance_m]", "[ego.distanc]", "study.yaml:8: metrics.0: no figure 'ego.distanc'"),
+        ("[ego.distance_m]", "[ego.distanc]", "study.yaml:8: metrics.0: neither a figure"),
         ("[ego.distance_m]", "[nowhere_at_all:f]", "study.yaml:8: metrics.0: module 'nowhere_at_all' cannot be import"),
         ("[ego.distance_m]", "['math:sine']", "study.yaml:8: metrics.0: no function 'sine' in math; did you mean"),
-        ("[ego.distance_m]", "[status]", "study.yaml:8: metrics.0: 'status' is a column already"),
+        ("[ego.distance_m]", "[status]", "study.yaml:8: metrics.0: 'status' is already a column"),
         ("speed: 5}", "sped: 5}", "study.yaml:5: diagram.control.ego.sped: unknown field"),
         ("duration: 1 s", "sampling: {kind: halton, runs: 3}", "study.yaml:9: sampling.kind: unknown kind 'halton'"),
         ("duration: 1 s", "duration: 0 s", "study.yaml:9: duration: '0 s' is not allowed"),
@@ -478,7 +478,7 @@ def test_a_loop_that_is_not_connected_is_refused(tmp_path: Path, monkeypatch: py
     )
     with pytest.raises(MirdrakeError) as caught:
         run_study("study.yaml", out="out", workers=0)
-    assert str(caught.value).startswith("car.yaml:1: control: nobody drives 'ego' (open inputs: ego.speed_reference")
+    assert str(caught.value).startswith("car.yaml:1: control: 'ego' has no driver (open inputs: ego.speed_reference")
     block = "systems: {half: {kind: gain, gain: 0.5}}\ncontrol: {ego: {kind: constant, speed: 5}}\n"
     Path("car.yaml").write_text(_UNDRIVEN + block, encoding="utf-8")
     with pytest.raises(MirdrakeError) as caught:
@@ -568,8 +568,8 @@ def test_memory_and_time_of_a_run_do_not_grow(tmp_path: Path) -> None:
             gc.collect()
             sizes.append(int(Path("/proc/self/statm").read_text().split()[1]) * page / 1e6)
 
-    knobs = {name: study()["parameters"][name] for name in ("ego.speed.kp", "ego.mass_scale", "road.friction")}
-    given = study(parameters=knobs, sampling={"kind": "sobol", "runs": 200})
+    parameters = {name: study()["parameters"][name] for name in ("ego.speed.kp", "ego.mass_scale", "road.friction")}
+    given = study(parameters=parameters, sampling={"kind": "sobol", "runs": 200})
     run_study(given, out=tmp_path / "out", workers=0, progress=look)
     assert sizes[-1] - sizes[0] < 5.0, sizes
     each = np.diff(times)

@@ -24,7 +24,7 @@ from pydrake.systems.primitives import (
 
 from mirdrake.controllers import DiscretePid, PidGains, PidLimits
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.user_systems import make_own_system
+from mirdrake.core.user_systems import make_user_system
 from mirdrake.core.yaml_io import Duration, Period, Schema, Source, validate
 
 
@@ -171,7 +171,7 @@ def make_block(kind: str, parameters: Mapping[str, Any], *, source: Source, fold
     """
     where = source.where("kind")
     if ":" in kind:
-        return make_own_system(kind, parameters, where=where, folder=folder)
+        return make_user_system(kind, parameters, where=where, folder=folder)
     if kind not in BLOCKS:
         words = did_you_mean(kind, BLOCKS)
         raise ConfigError(f"{where}: unknown kind '{kind}'; {words}, or a class of your own as module:Class")

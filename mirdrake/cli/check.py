@@ -50,7 +50,7 @@ def _check_name(
     """Check a name; return the faults, the failures of a vehicle at rest, and remarks."""
     from mirdrake.assembly.diagram import assemble, load_diagram
     from mirdrake.assembly.diagram_spec import without_user_systems
-    from mirdrake.core.user_modules import without_own_code
+    from mirdrake.core.user_modules import without_user_code
     from mirdrake.schemas import check_file
     from mirdrake.world_checks import check_world
 
@@ -65,13 +65,13 @@ def _check_name(
         if kind == "worlds":
             return [fault.text for fault in check_world(name, overrides=overrides)], (), ()
         if kind in {"studies", "files"}:
-            with nullcontext(skipped) if trust else without_own_code() as skipped:
+            with nullcontext(skipped) if trust else without_user_code() as skipped:
                 check_file(find("studies", name) if kind == "studies" else Path(name), overrides=overrides)
             return (), (), skipped_lines(skipped)
         spec = load_diagram(str(Path(name) / "spec.yaml") if kind == "runs" else name, overrides=overrides)
         if not trust:
             spec, skipped = without_user_systems(spec)
-        with nullcontext() if trust else without_own_code():
+        with nullcontext() if trust else without_user_code():
             assembly = assemble(spec)
         unread = [] if skipped else [f"output '{port}' is not read" for port in assembly.unread]
         return (), (), [*unread, *skipped_lines(skipped)]

@@ -33,13 +33,13 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.assembly.diagram_spec import without_user_systems
     from mirdrake.assembly.drawing import draw_svg, write_dot
     from mirdrake.core.files import write_file
-    from mirdrake.core.user_modules import without_own_code
+    from mirdrake.core.user_modules import without_user_code
 
     spec = load_diagram(options.diagram, overrides=options.set)
     skipped: list[str] = []
     if not options.trust:
         spec, skipped = without_user_systems(spec)
-    with nullcontext() if options.trust else without_own_code():
+    with nullcontext() if options.trust else without_user_code():
         assembly = assemble(spec)
     if options.ports:
         for title, ports in (("outputs", assembly.outputs), ("inputs", assembly.inputs)):

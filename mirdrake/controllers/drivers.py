@@ -32,7 +32,7 @@ from mirdrake.controllers.path_tracking import PathTrackingSpec
 from mirdrake.controllers.schedule import ConstantSpec, ScheduleSpec
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.leaf_system import LeafSystem
-from mirdrake.core.user_systems import make_own_system
+from mirdrake.core.user_systems import make_user_system
 from mirdrake.core.vectors import COMMAND
 from mirdrake.core.yaml_io import Source, validate
 
@@ -78,7 +78,7 @@ class OwnDriverSpec(Driver):
             ConfigError: no such module or class, it rejects its parameters, or it is not a driver.
         """
         offered = {"vehicle": vehicle, "world": world}
-        driver = make_own_system(self.kind, dict(self.model_extra or {}), where=where, folder=folder, offered=offered)
+        driver = make_user_system(self.kind, dict(self.model_extra or {}), where=where, folder=folder, offered=offered)
         if not driver.HasOutputPort("command") or driver.GetOutputPort("command").size() != len(COMMAND):
             ports = [driver.get_output_port(number).get_name() for number in range(driver.num_output_ports())]
             raise ConfigError(

@@ -11,14 +11,14 @@ from typing import Any
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 
-__all__ = ["import_own_module", "load_own_function", "without_own_code"]
+__all__ = ["import_user_module", "load_user_function", "without_user_code"]
 
 _FOREIGN: set[str] = set()  # modules that were imported here
 _SKIPPED: ContextVar[list[str] | None] = ContextVar("skipped", default=None)
 
 
 @contextmanager
-def without_own_code() -> Iterator[list[str]]:
+def without_user_code() -> Iterator[list[str]]:
     """While inside, no module of the user's is imported; yields the names of those that were asked for.
 
     A function is replaced by one that cannot be called, a system is a :class:`ConfigError`.
@@ -31,7 +31,7 @@ def without_own_code() -> Iterator[list[str]]:
         _SKIPPED.reset(token)
 
 
-def import_own_module(name: str, *, folder: str | Path | None = None) -> ModuleType:
+def import_user_module(name: str, *, folder: str | Path | None = None) -> ModuleType:
     """A module by its name.
 
     Args:
@@ -62,7 +62,7 @@ def import_own_module(name: str, *, folder: str | Path | None = None) -> ModuleT
     return module
 
 
-def load_own_function(name: str, *, folder: str | Path | None = None) -> Callable[..., Any]:
+def load_user_function(name: str, *, folder: str | Path | None = None) -> Callable[..., Any]:
     """A function ``module:name``.
 
     Args:
@@ -77,7 +77,7 @@ def load_own_function(name: str, *, folder: str | Path | None = None) -> Callabl
         skipped.append(name)
         return _not_executed
     module_name, _, function_name = name.partition(":")
-    module = import_own_module(module_name, folder=folder)
+    module = import_user_module(module_name, folder=folder)
     function = getattr(module, function_name, None)
     if not callable(function):
         known = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]

@@ -8,10 +8,10 @@ from typing import Any
 from pydrake.systems.framework import System
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.user_modules import import_own_module
+from mirdrake.core.user_modules import import_user_module
 
 
-def make_own_system(
+def make_user_system(
     kind: str,
     parameters: Mapping[str, Any],
     *,
@@ -57,7 +57,7 @@ def _load_class(kind: str, *, where: str, folder: Path | None) -> type[System]:
     """The class ``module:Class``; the module may lie in the folder or in the working directory."""
     module_name, _, class_name = kind.partition(":")
     try:
-        module = import_own_module(module_name, folder=folder)
+        module = import_user_module(module_name, folder=folder)
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
     maker = getattr(module, class_name, None)

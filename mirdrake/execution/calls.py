@@ -1,4 +1,4 @@
-"""Many calls through an executor, each of which may be lost without the others."""
+"""Many calls through an executor, of which each may be lost without affecting the others."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -12,7 +12,7 @@ from mirdrake.execution.job import one_line
 from mirdrake.execution.workers import InProcess, WorkerLostError, Workers
 
 AHEAD = 256
-"""Calls that are handed to a foreign executor before their forerunners have come back."""
+"""Number of calls that are submitted to a user's executor before earlier ones have returned."""
 
 WAIT = 0.5
 """Longest uninterrupted wait for a result [s], so that Ctrl-C is noticed on every system."""
@@ -35,19 +35,19 @@ class Lost:
 def open_executor(
     executor: Executor | None, workers: int | None, *, calls: int, limit: float | Callable[..., float]
 ) -> Iterator[tuple[Executor, int]]:
-    """An executor, and how many calls to hand to it ahead; processes of our own end with the block.
+    """Yield an executor, and the number of calls to submit ahead; our own worker processes end with the block.
 
     Args:
-        executor: the user's; it is not shut down.
+        executor: the user's executor; it is not shut down.
         workers: number of processes if no executor is given; 0: this process; None: as many as cores.
-        calls: number of calls there are to make; no more processes than that are started.
+        calls: number of calls that will be made; no more processes than that are started.
         limit: wall time that a call may take in worker processes [s]; or a function of its arguments that returns it.
 
     Raises:
         ConfigError: a negative number of workers.
     """
     if workers is not None and workers < 0:
-        raise ConfigError(f"workers: {workers} is not allowed; it must be 0 or more")
+        raise ConfigError(f"workers: {workers} is not allowed; it must be at least 0")
     count = min(os.cpu_count() or 1 if workers is None else workers, calls)
     if executor is not None:
         yield executor, AHEAD
@@ -68,16 +68,16 @@ def call_all(
     *,
     ahead: int,
 ) -> Iterator[tuple[int, Any]]:
-    """Call a function with each of the arguments; yields position and result, or :class:`Lost`, as they come.
+    """Call a function with each of the arguments; yield position and result, or :class:`Lost`, as they finish.
 
     Args:
         executor: makes the calls.
-        function: can be pickled, as can its arguments, unless the executor stays in this process.
-        arguments: taken one by one, as far ahead as needed.
-        ahead: calls that are handed in at a time.
+        function: must be picklable, as must its arguments, unless the executor stays in this process.
+        arguments: consumed one by one, as far ahead as needed.
+        ahead: number of calls that are submitted at a time.
 
     Raises:
-        RunError: the executor gave up, or worker processes cannot start.
+        RunError: the executor has failed, or worker processes cannot start.
     """
     rest = enumerate(arguments)
     waiting: dict[Future[Any], int] = {}
@@ -96,11 +96,11 @@ def call_all(
 
 
 def _result(future: Future[Any]) -> Any:
-    """What a call gave, also if its process did not survive it."""
+    """Return the result of a call, or why there is none."""
     try:
         return future.result()
     except (BrokenExecutor, CancelledError) as error:
-        raise RunError(f"the executor gave up ({one_line(error)}); resume with another one") from None
+        raise RunError(f"the executor has failed ({one_line(error)}); resume with another one") from None
     except RunError:  # its processes cannot start
         raise
     except WorkerLostError as error:

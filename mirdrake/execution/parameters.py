@@ -1,15 +1,15 @@
-"""Knobs: numbers of a built diagram that a run may change in its Context, so that nothing is built anew.
+"""Context parameters: numbers of a built diagram that a run may change in its Context, without building it again.
 
 ==============================  ======  =============================================================================
 ``<vehicle>.speed.kp``, ``ki``  1, 1/s  trim of the speed loop; not of a vehicle with pedals
 ``<vehicle>.wheel_speed.*``     own     gains of the wheel loops' kind: kp, ki, kd of pid; kp, ki of pedals
 ``<vehicle>.steering.*``        own     gains of the steering loops' kind: kp, ki, kd of pid
-``<vehicle>.mass_scale``        1       mass and inertia of all its bodies, times this; its controllers do not know
+``<vehicle>.mass_scale``        1       factor of mass and inertia of all bodies; controllers are not adapted
 ``road.friction``               1       coefficient of the whole road, where it is the same everywhere
 ==============================  ======  =============================================================================
 
-A new knob is a line in :func:`find_knobs`. Gains of servos are no knobs: Drake keeps them in the plant, not in the
-Context. Nor are gains that control.yaml schedules over speed.
+A new context parameter is a line in :func:`find_context_parameters`. Gains of servos are not among them, as Drake keeps
+them in the plant and not in the Context; nor are gains that control.yaml schedules over speed.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,38 +31,39 @@ from mirdrake.worlds import World
 
 
 @dataclass(frozen=True)
-class Knob:
-    """One knob.
+class ContextParameter:
+    """A number that a run may change in its Context.
 
     Attributes:
         name: as in the table above.
         unit: of its value.
-        turn: changes a new Context of the assembly's diagram.
+        apply: sets the value in a new Context of the assembly's diagram.
         positive: whether its value must be above zero.
     """
 
     name: str
     unit: str
-    turn: Callable[[Assembly, Context, float], None]
+    apply: Callable[[Assembly, Context, float], None]
     positive: bool = False
 
 
-def find_knobs(vehicles: Mapping[str, Vehicle], world: World) -> dict[str, Knob]:
-    """The knobs of a diagram, by name.
+def find_context_parameters(vehicles: Mapping[str, Vehicle], world: World) -> dict[str, ContextParameter]:
+    """Return the context parameters of a diagram by name.
 
     Args:
         vehicles: of the diagram, by name.
         world: of the diagram.
     """
-    knobs: list[Knob] = []
+    parameters: list[ContextParameter] = []
     for name, vehicle in vehicles.items():
-        knobs += [
-            Knob(f"{name}.{gain.path}", gain.unit, partial(_set_gain, name, gain)) for gain in vehicle.control.gains()
+        parameters += [
+            ContextParameter(f"{name}.{gain.path}", gain.unit, partial(_set_gain, name, gain))
+            for gain in vehicle.control.gains()
         ]
-        knobs.append(Knob(f"{name}.mass_scale", "1", partial(_scale_mass, name), positive=True))
+        parameters.append(ContextParameter(f"{name}.mass_scale", "1", partial(_scale_mass, name), positive=True))
     if len({world.ground.mu, *(mu for _, mu in world.friction_areas)}) == 1:
-        knobs.append(Knob("road.friction", "1", _set_friction, positive=True))
-    return {knob.name: knob for knob in knobs}
+        parameters.append(ContextParameter("road.friction", "1", _set_friction, positive=True))
+    return {parameter.name: parameter for parameter in parameters}
 
 
 def _set_gain(vehicle: str, gain: RuntimeGain, assembly: Assembly, context: Context, value: float) -> None:
@@ -101,7 +102,7 @@ def _set_friction(assembly: Assembly, context: Context, value: float) -> None:
 
 
 def _on_plane(tyre: float, road: float, plane: float) -> float:
-    """Friction of a tyre's shape for which the pair with the plane has that of tyre or road, the smaller one."""
+    """Return the friction of a tyre's shape that gives the contact with the plane that of tyre or road, the smaller."""
     if min(tyre, road) > 1.9 * plane:  # Drake's mean with the plane stays below twice the plane's
-        raise ConfigError(f"road.friction {road:g} is out of reach; with this world it may be at most {1.9 * plane:g}")
+        raise ConfigError(f"road.friction {road:g} is too large; in this world it may be at most {1.9 * plane:g}")
     return matched_friction(tyre, road, plane=plane)

@@ -1,4 +1,4 @@
-"""Worker processes: how they start, how they are ended, and why one is lost."""
+"""A worker process seen from the main process: its start, its end, and the reason why it was lost."""
 
 import faulthandler
 import os
@@ -17,21 +17,21 @@ from mirdrake.core.yaml_io import shown
 STARTING = 120.0
 """Wall time that a worker may take to start [s]."""
 
-_LAST_WORDS = re.compile(r"Failure at |Fatal Python error|terminate called|what\(\):|Assertion .* failed|Error: ")
+_LAST_MESSAGE = re.compile(r"Failure at |Fatal Python error|terminate called|what\(\):|Assertion .* failed|Error: ")
 _FRAME = re.compile(r'\s*File "(?P<file>.*)", line (?P<line>\d+) in (?P<name>.*)')
 
 
 @dataclass
 class WorkerProcess:
-    """A process that takes work through a pipe.
+    """A process that receives calls through a pipe.
 
     Attributes:
         process: the process.
-        pipe: work in, results out.
-        log: file that takes everything it prints.
-        since: when its work began, by ``time.monotonic``.
-        deadline: when it is given up.
-        offset: length of the log when its work began.
+        pipe: sends calls, receives results.
+        log: file of everything that the process prints.
+        since: start of the present call, by ``time.monotonic``.
+        deadline: time at which the call is given up.
+        offset: length of the log at the start of the call.
     """
 
     process: BaseProcess
@@ -42,13 +42,13 @@ class WorkerProcess:
     offset: int = 0
 
     def begin(self, limit: float) -> None:
-        """Its work begins, and may take so long [s]."""
+        """Begin a call that may take so long [s]."""
         self.since = time.monotonic()
         self.deadline = self.since + limit
         self.offset = self.log.stat().st_size if self.log.exists() else 0
 
     def kill(self) -> None:
-        """End it."""
+        """End the process."""
         self.pipe.close()
         if self.process.is_alive():
             self.process.kill()
@@ -56,33 +56,33 @@ class WorkerProcess:
         self.process.close()
 
     def why_lost(self) -> str:
-        """Why it does not answer, in one line: it hangs, with the place where, or it has ended."""
+        """Return why the process does not answer, in one line: where it hangs, or how it ended."""
         late = time.monotonic() >= self.deadline
         if not late:
             self.process.join(timeout=5.0)
         return self._hung() if late and self.process.is_alive() else self.why_ended()
 
     def why_ended(self) -> str:
-        """Why it ended: its signal or exit code, and its last words."""
+        """Return why the process ended: its signal or exit code, and its last message."""
         code = self.process.exitcode
         name = signal.Signals(-code).name if code is not None and code < 0 else ""
         ended = f"the process was ended by {name}" if name else f"the process ended with exit code {code}"
-        words = [line.strip() for line in self._said() if line.strip()]
-        told = next((line for line in words if _LAST_WORDS.search(line)), "")
-        return f"{ended}: {told[:300]}" if told else ended
+        lines = [line.strip() for line in self._printed() if line.strip()]
+        message = next((line for line in lines if _LAST_MESSAGE.search(line)), "")
+        return f"{ended}: {message[:300]}" if message else ended
 
     def _hung(self) -> str:
         waited = f"no end after {self.deadline - self.since:g} s of wall time"
         if self.process.pid is not None and hasattr(signal, "SIGUSR1"):
             os.kill(self.process.pid, signal.SIGUSR1)
             time.sleep(0.2)
-        frames = [match for match in map(_FRAME.match, self._said()) if match]
+        frames = [match for match in map(_FRAME.match, self._printed()) if match]
         if not frames:
             return waited
         return f"{waited}; it was in {frames[0]['name']} of {shown(Path(frames[0]['file']))}:{frames[0]['line']}"
 
-    def _said(self) -> list[str]:
-        """The lines that it printed since its work began."""
+    def _printed(self) -> list[str]:
+        """Return the lines that the process has printed since the call began."""
         try:
             with self.log.open("rb") as file:
                 file.seek(self.offset)
@@ -95,9 +95,9 @@ def initialise_worker(log: str) -> None:
     """Make this process a worker: it prints to a file, reports where it hangs on SIGUSR1, and ends with its parent.
 
     Args:
-        log: file that takes everything that is printed, so that the last words of a crash can be read.
+        log: file for everything that is printed, so that the last message before a crash can be read.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its workers
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C concerns the parent, which ends its workers
     stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for number in (1, 2):
         os.dup2(stream, number)

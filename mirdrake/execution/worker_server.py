@@ -1,7 +1,7 @@
-"""Where worker processes come from: a server that imports once, and from which they fork.
+"""The server that worker processes fork from, and which imports everything once.
 
-It takes as long to import as the program itself. What will need workers calls :func:`start_server` first and imports
-then, so that both go on at the same time.
+The server takes as long to import as the program itself. Code that will need workers calls :func:`start_server` before
+its own imports, so that both import at the same time.
 """
 
 import os
@@ -15,28 +15,29 @@ from types import ModuleType
 from typing import Any
 
 METHOD = "forkserver" if sys.platform != "win32" else "spawn"
-"""How a process starts: from a server that has imported everything, which takes half the time of a fresh one."""
+"""Start method: forking from a server that has imported everything takes half the time of a fresh process."""
 
 STUDY, LOOP = "mirdrake.execution.job", "mirdrake.tuning.loops.evaluate"
-"""What a server imports for runs of diagrams, and for trials of gains."""
+"""Modules that the server imports for runs of diagrams, and for trials of gains."""
 
 ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
     "GLIBC_TUNABLES": "glibc.malloc.tcache_count=127:glibc.malloc.hugetlb=1",
 }
-"""Of a worker, unless the user has set it: linear algebra keeps to one thread, as there are as many processes as cores
-already. A step of a plant takes and frees hundreds of small blocks of memory: with more than seven of a size at hand,
-and all of them on large pages, it takes a seventh less time. Only glibc reads that."""
+"""Environment variables of a worker, unless the user has set them.
 
-_starting = threading.Lock()  # what is set while a process starts is the whole program's
+Linear algebra uses one thread, as there are as many processes as cores. A step of a plant allocates and frees hundreds
+of small blocks of memory; a larger cache per thread and huge pages save a seventh of its time (glibc only)."""
+
+_starting = threading.Lock()  # the settings at the start of a process are those of the whole program
 
 
 def start_server(module: str) -> None:
-    """Start the server unless it runs, and do not wait for it. It ends with this program.
+    """Start the server unless it is running, without waiting for it; it ends with this program.
 
     Args:
-        module: what it imports.
+        module: that the server imports.
     """
     if METHOD == "forkserver":
         with worker_start():
@@ -47,10 +48,10 @@ def start_server(module: str) -> None:
 
 @contextmanager
 def worker_start() -> Iterator[None]:
-    """Inside, a process may start as a worker.
+    """Prepare the program for starting a worker process within the block.
 
-    It does not import the program again, so that a user's script needs no ``if __name__ == ...``; does not know Ctrl-C;
-    and has :data:`ENVIRONMENT`.
+    The worker does not import the main script again, so that this needs no ``if __name__ == "__main__"``; it ignores
+    Ctrl-C; and it has :data:`ENVIRONMENT`.
     """
     with ExitStack() as stack:
         for entry in (_starting, _without_main(), _environment(), _without_interrupts()):
@@ -81,7 +82,7 @@ def _environment() -> Iterator[None]:
 
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
-    """A Ctrl-C comes behind it: what starts has the mask of this thread, and other threads may take the signal."""
+    """Defer Ctrl-C until after the block: a new process inherits the signal mask of this thread."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -1,4 +1,4 @@
-"""Worker processes behind the interface of ``concurrent.futures``, which a call may hang or take down with it."""
+"""Worker processes with the interface of ``concurrent.futures`` that survive calls which hang or crash."""
 
 import gc
 import os
@@ -39,10 +39,10 @@ class WorkerLostError(Exception):
 
 
 class InProcess(Executor):
-    """Calls at once, in this process."""
+    """Executor that makes calls immediately, in this process."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call it; the future is done."""
+        """Make a call, and return its finished future."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -52,13 +52,13 @@ class InProcess(Executor):
 
 
 class Workers(Executor):
-    """Processes that take calls one by one.
+    """Executor whose processes take calls one by one.
 
-    A call that hangs or takes its process down gives its future a :class:`WorkerLostError`; a new process goes on with
+    The future of a call that hangs or ends its process raises :class:`WorkerLostError`; a new process continues with
     the next call.
 
     Args:
-        count: number of processes; they start at once.
+        count: number of processes, which start immediately.
         limit: wall time that a call may take [s]; or a function of its arguments that returns it.
     """
 
@@ -74,13 +74,13 @@ class Workers(Executor):
             thread.start()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Hand in a call; it and its arguments can be pickled."""
+        """Submit a call; the function and its arguments must be picklable."""
         future: Future[Any] = Future()
         self._calls.put((future, (fn, args, kwargs)))
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes: after the calls that were handed in, or at once if these shall be cancelled."""
+        """End the processes after the submitted calls, or immediately if these are to be cancelled."""
         self._closing = self._closing or cancel_futures
         if cancel_futures:
             with suppress(queue.Empty):
@@ -99,7 +99,7 @@ class Workers(Executor):
             self._logs.cleanup()
 
     def _serve(self, slot: int) -> None:
-        """Hand calls to the process of a slot, and replace it when it is lost; the body of a thread."""
+        """Pass calls to the process of a slot, and replace the process when it is lost; the body of a thread."""
         while not self._closing:
             fault = self._ready(slot)
             call = self._calls.get()
@@ -120,11 +120,11 @@ class Workers(Executor):
             self._workers.pop(slot).kill()
 
     def _ready(self, slot: int) -> Exception | None:
-        """See to it that a slot has a process that lives; what prevents it."""
+        """Ensure that a slot has a live process; return the error if one cannot be started."""
         worker = self._workers.get(slot)
         if worker is not None and worker.process.is_alive():
             return None
-        if worker is not None:  # it died while it had nothing to do
+        if worker is not None:  # it ended between two calls
             self._workers.pop(slot).kill()
         try:
             self._workers[slot] = self._start()

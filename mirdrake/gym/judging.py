@@ -23,7 +23,7 @@ from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.user_modules import load_own_function
+from mirdrake.core.user_modules import load_user_function
 from mirdrake.gym.readings import Readings
 from mirdrake.worlds import Start
 
@@ -137,7 +137,7 @@ def find_function(
             raise ConfigError(f"unknown {what} '{given}'; {did_you_mean(given, offered)}, or module:name of your own")
         return offered[given]
     try:
-        return load_own_function(given, folder=folder)  # type: ignore[return-value]
+        return load_user_function(given, folder=folder)  # type: ignore[return-value]
     except ConfigError as error:
         raise ConfigError(f"{what} '{given}': {error}") from None
 

@@ -1,4 +1,4 @@
-"""A requirement that was understood, and what it has to say of a run."""
+"""A parsed requirement, and its verdict and margin for a run."""
 
 import math
 from copy import copy
@@ -62,17 +62,17 @@ class Requirement:
 
     @property
     def goals(self) -> tuple[str, ...]:
-        """Names of the goals that it speaks of; "goal" is the goal of the test."""
+        """Names of the goals in the requirement; "goal" is the goal of the test."""
         events = [atom.event for atom in self.atoms if isinstance(atom, Happening)]
         return tuple(dict.fromkeys(event.removeprefix("at ") for event in events if event.startswith("at ")))
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """Names of the signals that it speaks of."""
+        """Names of the signals in the requirement."""
         return tuple(dict.fromkeys(atom.signal for atom in self.atoms if isinstance(atom, Comparison)))
 
     def judge(self, seen: Observation) -> Finding:
-        """Whether it holds in a run, and by how much.
+        """Judge a run: whether the requirement holds, and with which margin.
 
         Raises:
             ConfigError: the run has no such signal or goal, or the unit is another.
@@ -125,14 +125,14 @@ class _Cut:
         self.truth, self.margin, self.atom = truth[rows], margin[rows], atom[rows]
 
     def until(self, end: int) -> "_Cut":
-        """The samples before one."""
+        """Return the samples before another one."""
         cut = copy(self)
         cut.truth, cut.margin, cut.atom = self.truth[:end], self.margin[:end], self.atom[:end]
         return cut
 
 
 def _until(hold: _Cut, aim: _Cut) -> tuple[bool, _Cut, int]:
-    """Truth of ``hold until aim``; which of the two decides, as far as it counts; and the deciding sample."""
+    """Return the truth of ``hold until aim``, which of the two decides, and the deciding sample."""
     before = np.concatenate(([math.inf], np.minimum.accumulate(hold.margin)[:-1]))
     held = np.concatenate(([True], np.logical_and.accumulate(hold.truth)[:-1]))
     passed = bool((aim.truth & held).any())

@@ -119,7 +119,7 @@ def observe(
     goal: str | None = None,
     others: Mapping[str, Vehicle] | None = None,
 ) -> Observation:
-    """All signals and events of one vehicle in a run.
+    """Return all signals and events of one vehicle in a run.
 
     Args:
         run: a run with samples.
@@ -173,7 +173,7 @@ def observe(
 
 
 def outline(vehicle: Vehicle) -> Outline:
-    """The box around all collision shapes of a vehicle that stands at its design position; a point if it has none."""
+    """Return the bounding box of a vehicle's collision shapes at its design position; a point if there are none."""
     box = measure_outline(vehicle.urdf, packages=vehicle.packages, base_link=vehicle.spec.base_link)
     return box or Outline(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -182,14 +182,14 @@ def outline(vehicle: Vehicle) -> Outline:
 
 
 def _motion(times: Array, signals: Mapping[str, Array]) -> dict[str, Array]:
-    """Speed and accelerations of the vehicle's origin, along its own axes."""
+    """Return speed and accelerations of the vehicle's origin, along its axes."""
     vx, vy, wz = signals["vx"], signals["vy"], signals["wz"]
     rate_x, rate_y = (np.gradient(v, times) if times.size > 1 else np.zeros(1) for v in (vx, vy))
     return {"speed": np.hypot(vx, vy), "accel": rate_x - wz * vy, "lateral_accel": rate_y + wz * vx, "yaw_rate": wz}
 
 
 def _slip(signals: Mapping[str, Array], geometry: VehicleGeometry) -> Array:
-    """Largest slip of the four wheels, of their unloaded radius."""
+    """Return the largest slip of the four wheels, with their unloaded radius."""
     slips = []
     for i, wheel in enumerate(WHEELS):
         front, side = i < 2, (1.0, -1.0)[i % 2]
@@ -210,7 +210,7 @@ def _lap_time(times: Array, lap: Array) -> Array:
 
 
 def _tilt(signals: Mapping[str, Array]) -> Array:
-    """Angle between the vehicle's z axis and that of W [rad]."""
+    """Return the angle between the vehicle's z axis and that of W [rad]."""
     return np.asarray(np.arccos(np.clip(np.cos(signals["roll"]) * np.cos(signals["pitch"]), -1.0, 1.0)))
 
 
@@ -218,12 +218,12 @@ def _tilt(signals: Mapping[str, Array]) -> Array:
 
 
 def _poses(signals: Mapping[str, Array], prefix: str) -> Array:
-    """x, y and yaw of a vehicle in W (n, 3)."""
+    """Return x, y and yaw of a vehicle in W (n, 3)."""
     return np.column_stack([signals[f"{prefix}{name}"] for name in ("x", "y", "yaw")])
 
 
 def _corners(signals: Mapping[str, Array], box: Outline) -> Array:
-    """Corners of the outline in W [m] (n, 4, 2)."""
+    """Return the corners of the outline in W [m] (n, 4, 2)."""
     ahead = np.array([box.front, box.rear, box.rear, box.front])
     aside = np.array([box.left, box.left, box.right, box.right])
     x, y, yaw = (signals[name][:, None] for name in ("x", "y", "yaw"))
@@ -239,7 +239,7 @@ def _event(margin: Array, unit: str) -> Event:
 
 
 def _collision(signals: Mapping[str, Array]) -> Event:
-    """The collision shapes overlap a prop or vehicle, or the physics reports a contact near one."""
+    """Return the event that collision shapes overlap a prop or vehicle, or a contact force acts near one."""
     free = signals["clearance"].copy()
     touching = (signals.get("other_contacts", np.zeros(free.size)) > 0.0) & (free < NEAR)
     free[touching] = np.minimum(free[touching], -TOUCH)
@@ -247,7 +247,7 @@ def _collision(signals: Mapping[str, Array]) -> Event:
 
 
 def _on_road(world: World, signals: Mapping[str, Array], geometry: VehicleGeometry) -> Event:
-    """Signed distance of the outermost wheel's middle to the edge of the road."""
+    """Return the event of being on the road, with the signed distance of the outermost wheel to its edge."""
     x, y, yaw = signals["x"], signals["y"], signals["yaw"]
     roads = [track.area for track in world.roads().values()]
     if not roads:
@@ -261,7 +261,7 @@ def _on_road(world: World, signals: Mapping[str, Array], geometry: VehicleGeomet
 
 
 def _inside_by(area: Any, x: Array, y: Array) -> Array:
-    """Distance to the edge of an area [m] (n), negative outside."""
+    """Return the distance to the edge of an area [m] (n), negative outside."""
     result = np.full(x.size, math.nan)
     good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     lines = [shapely.get_coordinates(part) for part in shapely.get_parts(shapely.boundary(area))]
@@ -276,7 +276,7 @@ def _inside_by(area: Any, x: Array, y: Array) -> Array:
 
 
 def _at_goal(world: World, goal: Any, signals: Mapping[str, Array], spec: Mapping[str, Any], name: str) -> Event | None:
-    """Being in an area, beyond a gate, or through with the laps; None where the run cannot tell."""
+    """Return the event of being in an area, beyond a gate, or at the end of the laps; None if it is not known."""
     x, y = signals["x"], signals["y"]
     if goal.area is not None:
         return _event(_inside_by(goal.area, x, y), "m")

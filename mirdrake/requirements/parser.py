@@ -1,4 +1,4 @@
-"""Requirements from their text; the grammar is that of :mod:`mirdrake.requirements`."""
+"""Parser of requirements; the grammar is in :mod:`mirdrake.requirements`."""
 
 import math
 import re
@@ -29,20 +29,20 @@ AtomT = TypeVar("AtomT", Comparison, Happening)
 
 
 def parse_requirement(text: str, *, where: str = "") -> Requirement:
-    """A requirement from its text.
+    """Parse a requirement.
 
     Args:
-        text: see the grammar above.
+        text: of the requirement.
         where: ``file:line: path`` for messages.
 
     Raises:
-        ConfigError: it is none; the message says what is allowed.
+        ConfigError: the text is not a requirement; the message states what is allowed.
     """
     return _Parser(text, where).requirement()
 
 
 class _Parser:
-    """Recursive descent; a text that is no requirement ends in a ConfigError, whatever it is."""
+    """Recursive descent parser; any other text raises a ConfigError."""
 
     def __init__(self, text: str, where: str) -> None:
         self._text, self._where = text, where
@@ -51,7 +51,7 @@ class _Parser:
         self._tokens = list(self._tokenise(text.rstrip()))
 
     def requirement(self) -> Requirement:
-        """The whole text."""
+        """Parse the whole text."""
         after, within = 0.0, math.inf
         if not self._tokens:
             self._fail("it is empty")
@@ -151,7 +151,7 @@ class _Parser:
                 f"'{signal}' needs a comparison with a value, one of < <= > >= == !=, for example '{signal} < 1'"
             )
         if sign in {"==", "!="} and signal not in COUNTS:
-            self._fail(f"'{signal}' is not a count, so {sign} says nothing; compare it with < or >")
+            self._fail(f"'{signal}' is not a count, so {sign} is not allowed; compare it with < or >")
         self._at += 1
         known = {**RECORDED, **{name: unit for name, (unit, _) in DERIVED.items()}}.get(signal)
         value, unit = self._value(known)
@@ -159,7 +159,7 @@ class _Parser:
         return self._add(Comparison(len(self._atoms), signal, sign, value, unit, absolute, text))
 
     def _value(self, known: str | None) -> tuple[float, str | None]:
-        """A number in SI, and the SI unit that was written; `known` is that of the signal, None if it is not known."""
+        """Parse a number, and return it in SI with the unit that was written; `known` is that of the signal, if known."""
         number = self._number()
         words = []
         while self._at < len(self._tokens) and self._tokens[self._at][0] == "word" and self._peek() not in _WORDS:
@@ -171,7 +171,7 @@ class _Parser:
         if given == "%" and known in {"", None}:
             return number / 100.0, ""
         if known is not None and known not in _UNITS:
-            self._fail(f"unit '{given}' does not fit; it is {f'in {known}' if known else 'a pure number'}")
+            self._fail(f"unit '{given}' does not fit; the signal is {f'in {known}' if known else 'a pure number'}")
         fault = f"unknown unit '{given}'"
         for unit in _UNITS if known is None else (known,):
             try:
@@ -220,5 +220,5 @@ class _Parser:
     def _fail(self, what: str) -> NoReturn:
         place = f"{self._where}: " if self._where else ""
         text = self._text if len(self._text) <= 80 else f"{self._text[:79]}…"
-        line = f"'{text}' is no requirement: {what}; {_ALLOWED}"
+        line = f"'{text}' is not a requirement: {what}; {_ALLOWED}"
         raise ConfigError(place + "".join(c if c.isprintable() else " " for c in line))

@@ -1,4 +1,4 @@
-"""The terms of a requirement: comparisons, events and what joins them, evaluated sample by sample."""
+"""The terms of a requirement: comparisons, events, negations and junctions, evaluated sample by sample."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ COUNTS = ("wheels_on_road", "other_contacts")
 
 
 USUAL = {"rad": 0.1, "rad/s": 0.1}
-"""Margins by unit that count as much as 1 m, 1 m/s or 1 s."""
+"""Usual sizes of margins by unit; 1 for other units."""
 
 
 class Verdict(NamedTuple):
@@ -35,12 +35,12 @@ class Comparison:
     sign: str
     value: float
     unit: str | None
-    """SI unit that was written; None: none"""
+    """SI unit in the text; None if there is none."""
     absolute: bool
     text: str
 
     def evaluate(self, seen: Observation) -> Verdict:
-        """Sample by sample."""
+        """Evaluate the term at every sample."""
         values = seen.signals[self.signal]
         values = np.abs(values) if self.absolute else values
         below, strict = self.sign in {"<", "<="}, self.sign in {"<", ">"}
@@ -49,27 +49,27 @@ class Comparison:
             truth = np.asarray(values == self.value if self.sign == "==" else values != self.value)
         else:
             bound = self.value
-            if self.signal in COUNTS:  # halfway between the last good and the first bad count
+            if self.signal in COUNTS:  # halfway between the last allowed and the first other count
                 bound = math.ceil(bound) - 0.5 if below == strict else math.floor(bound) + 0.5
             margin = bound - values if below else values - bound
             truth = np.asarray(margin > 0.0 if strict else margin >= 0.0)
         return Verdict(truth, margin, np.full(len(values), self.index))
 
     def unit_in(self, seen: Observation) -> str:
-        """Unit of the margin."""
+        """Return the unit of the margin."""
         return seen.units.get(self.signal, "")
 
     def scale_in(self, seen: Observation) -> float:
-        """Size that is usual for the margin: the value compared with, or what counts as much in its unit."""
+        """Return the usual size of the margin: the value compared with, or :data:`USUAL` of its unit."""
         usual = USUAL.get(seen.units.get(self.signal, ""), 1.0)
         return abs(self.value) if self.value and self.signal not in COUNTS else usual
 
     def check(self, seen: Observation, place: str) -> None:
-        """Refuse what this run does not have.
+        """Check that the run has the signal.
 
         Raises:
-            ConfigError: no such signal, or its unit is another.
-            RunError: it is no number somewhere.
+            ConfigError: the run has no such signal, or its unit differs.
+            RunError: a sample is not a number.
         """
         if self.signal not in seen.signals:
             raise ConfigError(
@@ -80,12 +80,12 @@ class Comparison:
             raise ConfigError(f"{place}'{self.signal}' is in {have or 'pure numbers'}, not in {self.unit}")
         bad = np.isnan(seen.signals[self.signal])
         if bad.any():
-            raise RunError(f"{place}'{self.signal}' is no number at t = {seen.times[int(np.argmax(bad))]:g} s")
+            raise RunError(f"{place}'{self.signal}' is not a number at t = {seen.times[int(np.argmax(bad))]:g} s")
 
 
 @dataclass(frozen=True)
 class Happening:
-    """An event."""
+    """An event, such as a collision."""
 
     index: int
     event: str
@@ -95,28 +95,28 @@ class Happening:
         return f"at {seen.goal}" if self.event == "at goal" and seen.goal else self.event
 
     def evaluate(self, seen: Observation) -> Verdict:
-        """Sample by sample."""
+        """Evaluate the term at every sample."""
         event = seen.events[self._name(seen)]
         return Verdict(event.truth, event.margin, np.full(len(event.truth), self.index))
 
     def unit_in(self, seen: Observation) -> str:
-        """Unit of the margin."""
+        """Return the unit of the margin."""
         return seen.events[self._name(seen)].unit
 
     def scale_in(self, seen: Observation) -> float:
-        """Size that is usual for the margin."""
+        """Return the usual size of the margin."""
         return seen.events[self._name(seen)].scale
 
     def check(self, seen: Observation, place: str) -> None:
-        """Refuse a goal that is not there, and margins that are no numbers."""
+        """Check that the run has the event, and that its margins are numbers."""
         name = self._name(seen)
         if name not in seen.events:
             if name == "at goal":
                 raise ConfigError(f"{place}the test has no goal; add goal: NAME to it")
             known = [event.removeprefix("at ") for event in seen.events if event.startswith("at ")]
             given = name.removeprefix("at ")
-            hint = did_you_mean(given, known) if known else "it has none; add it under goals"
-            raise ConfigError(f"{place}the world has no goal '{given}' that this run can tell; {hint}")
+            hint = did_you_mean(given, known) if known else "the world has none; add it under goals"
+            raise ConfigError(f"{place}the world has no goal '{given}' that this run can reach; {hint}")
         bad = np.isnan(seen.events[name].margin)
         if bad.any():
             raise RunError(f"{place}'{name}' cannot be judged at t = {seen.times[int(np.argmax(bad))]:g} s")
@@ -124,25 +124,25 @@ class Happening:
 
 @dataclass(frozen=True)
 class Negation:
-    """What is not so."""
+    """The negation of a term."""
 
     part: "Expression"
 
     def evaluate(self, seen: Observation) -> Verdict:
-        """Sample by sample."""
+        """Evaluate the term at every sample."""
         truth, margin, atom = self.part.evaluate(seen)
         return Verdict(~truth, -margin, atom)
 
 
 @dataclass(frozen=True)
 class Junction:
-    """Several that must all hold, or of which one must."""
+    """Terms of which all must hold (and), or one (or)."""
 
     parts: tuple["Expression", ...]
     every: bool
 
     def evaluate(self, seen: Observation) -> Verdict:
-        """Sample by sample."""
+        """Evaluate the term at every sample."""
         parts = [part.evaluate(seen) for part in self.parts]
         margins = np.array([part.margin for part in parts])
         row = (margins.argmin(axis=0) if self.every else margins.argmax(axis=0))[None]

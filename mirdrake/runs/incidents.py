@@ -67,7 +67,7 @@ class Incidents:
         self._outside: set[str] = set()
 
     def check_starts(self, starts: Mapping[str, Start]) -> list[Incident]:
-        """What is impossible about the starts of the vehicles, by name."""
+        """Return the impossible starts of vehicles."""
         found = [
             Incident(0.0, "start", f"{name}: {text}", name)
             for name, start in starts.items()
@@ -134,7 +134,7 @@ class Incidents:
     def _collisions(
         self, name: str, poses: Mapping[str, Array], times: Array, columns: Mapping[str, Array]
     ) -> Iterator[Incident]:
-        """What a vehicle touches for the first time: its shapes overlap it, or the physics has a contact near it."""
+        """Return the first contacts of a vehicle with each object: overlapping shapes, or a contact force near it."""
         volume, mine = self.volumes[name], poses[name]
         contacts = columns.get("other_contacts", np.zeros(len(times))) > 0.0
         known = {(one.vehicle, one.other) for one in self.found if one.kind == "collision"}
@@ -170,7 +170,7 @@ class Incidents:
     # --- what is near ---------------------------------------------------------------------------------------------
 
     def _near(self, volume: Volume, poses: Array) -> list[PlacedProp]:
-        """Props that a vehicle may touch on its way, or have a contact with."""
+        """Return the props that a vehicle may touch on its path, or have a contact with."""
         good = poses[np.isfinite(poses).all(axis=1)]
         if not self._props or not volume.slabs or not len(good):
             return []
@@ -196,7 +196,7 @@ class Incidents:
 
 
 def top_speeds(part: VehicleInPlant) -> tuple[float, float]:
-    """Top speed of a vehicle ahead and backwards [m/s], of its wheels' limits, its motor's and its governor's."""
+    """Return the top speeds forward and in reverse [m/s] from the limits of wheels, motor and governor."""
     radius, drive = min(part.vehicle.geometry.wheel_radii), part.vehicle.spec.powertrain
     limits = [float(joint.velocity_upper_limits()[0]) * radius for joint in part.wheels]
     wheels = min([limit for limit in limits if limit > 0.0], default=math.inf)

@@ -114,14 +114,14 @@ class Run:
         return {path.name: read_pictures(path, self.start) for path in picture_folders(self.folder)}
 
     def __getitem__(self, name: str) -> pd.Series:
-        """One signal by name."""
+        """Return a signal by name."""
         if name not in self.signals:
             raise ConfigError(f"run: no signal '{name}'; {did_you_mean(name, map(str, self.signals.columns))}")
         return self.signals[name]
 
 
 def load_run(folder: Path | str) -> Run:
-    """A run folder, also one whose run was killed.
+    """Load a run folder, also one whose run was killed.
 
     Raises:
         ConfigError: it is no run folder.
@@ -179,7 +179,7 @@ def _mapping(data: Any) -> dict[str, Any]:
 
 
 def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> pd.DataFrame:
-    """The samples in a run folder, index ``time`` [s].
+    """Read the samples in a run folder, index ``time`` [s].
 
     Args:
         folder: the run folder; None gives an empty table.

@@ -1,4 +1,4 @@
-"""What a run keeps while it goes on: blocks of samples, events, and what sensors say, sample by sample."""
+"""Recording of a run in progress: blocks of samples, events, and the samples of sensors."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -47,7 +47,7 @@ class Blocks:
             self._columns.append(columns)
 
     def frame(self) -> pd.DataFrame:
-        """All blocks as one table."""
+        """Return all blocks as one table."""
         if not self._times:
             return pd.DataFrame(index=pd.Index([], name="time"))
         data = {name: np.concatenate([block[name] for block in self._columns]) for name in self._columns[0]}
@@ -69,7 +69,7 @@ class Events:
             self._writer.write_event(time, kind, text)
 
     def look(self, times: Array, columns: Columns, vehicles: list[str]) -> None:
-        """Wheels that leave or regain the road, laps, and contacts that are not tyres on the road."""
+        """Add events of wheels that leave or regain the road, laps, and contacts other than tyres on the road."""
         if not len(times):  # a run may end before the first sample of a block
             return
         watched = {f"{name}.wheels_on_road": "road" for name in vehicles} | {f"{name}.lap": "lap" for name in vehicles}
@@ -155,7 +155,7 @@ class Recorder:
             raise fault
 
     def __call__(self, context: Context) -> None:
-        """Look at every sensor."""
+        """Record new samples of every sensor."""
         self._context = context
         for stream in self._streams:
             stream.look(context)
@@ -174,7 +174,7 @@ class Recorder:
 
 
 def vector_sensors(assembly: Assembly) -> dict[str, Any]:
-    """The sensors of a diagram whose samples are vectors and shall be recorded, by name."""
+    """Return the sensors of a diagram whose vector samples are to be recorded, by name."""
     names = [f"{vehicle}.{sensor}" for vehicle, sensors in assembly.spec.sensors.items() for sensor in sensors]
     if not assembly.spec.record.signals:
         return {}
@@ -216,7 +216,7 @@ class _Camera:
         self._look(context)
 
     def finish(self, context: Context) -> None:
-        """The end of the run: write what is shown and what is under way."""
+        """Finish the run: write the samples that are shown and those in progress."""
         if self.camera.HasOutputPort("stamp"):
             self._look(context)
         if hasattr(self.camera, "under_way"):
@@ -243,7 +243,7 @@ class _Camera:
             self.logs[path].write(time, pixels, steering=steering, speed=speed)
 
     def close(self) -> None:
-        """All pictures to disk."""
+        """Write all pictures to disk."""
         _close_all(list(self.logs.values()))
 
 
@@ -272,7 +272,7 @@ class _Samples:
             self._look(context)
 
     def finish(self, context: Context) -> None:
-        """The end of the run: write what is shown and what is under way."""
+        """Finish the run: write the samples that are shown and those in progress."""
         self._look(context)
         if hasattr(self.sensor, "under_way"):
             for time, sample in self.sensor.under_way(self.sensor.GetMyContextFromRoot(context)):
@@ -303,7 +303,7 @@ class _Samples:
         return self._count / float(self.sensor.rate) + float(getattr(self.sensor, "latency", 0.0))
 
     def close(self) -> None:
-        """All samples to disk, as one file."""
+        """Write all samples to disk as one file."""
         self.log.close()
 
 

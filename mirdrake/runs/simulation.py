@@ -1,4 +1,4 @@
-"""From a diagram to a run: seed, initial state, advance, progress, reasons to stop."""
+"""Simulation of a diagram: seed, initial state, time steps, progress, stop reasons."""
 
 import math
 import os
@@ -103,7 +103,7 @@ class Simulation:
         until: Callable[[Context], bool] | None = None,
         report: Report | None = None,
     ) -> Run:
-        """One run; see :func:`simulate`.
+        """Run the simulation; see :func:`simulate`.
 
         Args:
             duration: see :func:`simulate`, as are the next three.
@@ -112,9 +112,9 @@ class Simulation:
             progress: see :func:`simulate`.
             change: changes the new Context before the start, for example gains or masses.
             monitor: called with the Context after every step; it looks and changes nothing.
-            until: asked with the Context after every step, and at the start; the run ends as soon as it says True, with
+            until: called with the Context at the start and after every step; when it returns True, the run ends with
                 the stop reason "condition".
-            report: called at once with every impossible start, collision, and vehicle that leaves the ground.
+            report: called immediately for every impossible start, collision, and vehicle that leaves the ground.
         """
         assembly, simulator = self.assembly, self._simulator
         end = assembly.spec.duration if duration is None else duration
@@ -156,10 +156,10 @@ class Simulation:
         except KeyboardInterrupt:
             reason = "interrupted"
         except RunError as error:
-            if not isinstance(error, DivergedError):  # the folder cannot be written any more
+            if not isinstance(error, DivergedError):  # the folder can no longer be written
                 raise
             reason = f"diverged: {error}"
-        except (Exception, SystemExit) as error:  # a block of the user's may call sys.exit
+        except (Exception, SystemExit) as error:  # a user's block may call sys.exit
             if _is_divergence(error):
                 reason = f"diverged: the solver failed: {str(error).strip().split('. ')[0].splitlines()[0]}"
             else:
@@ -178,7 +178,7 @@ class Simulation:
         if view is not None:
             view.draw(context)
             if view.failed:
-                events.add(view.failed_at, "view", "Meshcat has ended; the run went on without its page")
+                events.add(view.failed_at, "view", "Meshcat has ended; the run continued without its page")
         figures = partial(
             make_summary, assembly, data, simulated=simulated, wall=wall, reason=reason, incidents=incidents.found
         )
@@ -197,7 +197,7 @@ class Simulation:
         return Run(written, data, summary, telemetry.units, events.entries, table, assembly.scene)
 
     def _starts(self, context: Context) -> dict[str, Start]:
-        """Where the vehicles start: as asked for, or where `change` put them."""
+        """Return the starts of the vehicles: those of the diagram, or as changed by `change`."""
         plant = self.assembly.parts.plant
         plant_context, starts = plant.GetMyContextFromRoot(context), {}
         for name, part in self.assembly.parts.vehicles.items():
@@ -212,15 +212,15 @@ class Simulation:
         return starts
 
     def _check_inputs(self, context: Context) -> None:
-        """Refuse a diagram with open inputs, as of a vehicle that nobody drives, unless `change` gave them values."""
+        """Reject a diagram with open inputs, such as a vehicle without a driver, unless `change` has set them."""
         diagram, spec = self.assembly.diagram, self.assembly.spec
         ports = [diagram.get_input_port(index) for index in range(diagram.num_input_ports())]
         open_ports = [port.get_name() for port in ports if not port.HasValue(context)]
         if open_ports:
             place, name = where(spec, "control"), open_ports[0].split(".")[0]
             raise ConfigError(
-                f"{place}: nobody drives '{name}' (open inputs: {', '.join(open_ports)}); "
-                f"add control.{name}, for example {{kind: constant, speed: 5}}, or connect blocks of yours to them"
+                f"{place}: '{name}' has no driver (open inputs: {', '.join(open_ports)}); "
+                f"add control.{name}, for example {{kind: constant, speed: 5}}, or connect your own blocks to them"
             )
 
     def _advance(
@@ -232,7 +232,7 @@ class Simulation:
         interrupted: threading.Event,
         met: threading.Event,
     ) -> str:
-        """Advance block by block until something stops the run; returns the reason."""
+        """Advance block by block until the run stops, and return the stop reason."""
         telemetry, blocks, events = logs.telemetry, logs.blocks, logs.events
         plant = self.assembly.parts.plant
         plant_context = plant.GetMyContextFromRoot(context)
@@ -242,7 +242,7 @@ class Simulation:
         commands = [source for source, sink in self.assembly.spec.connect if sink.split(".")[0] in vehicles]
         watched = blocks.written or laps is not None or progress is not None
         slices = round((BLOCK if watched else LONG_BLOCK) / SLICE)
-        if blocks.written and self.assembly.cameras:  # may be slower than real time, and a kill shall not lose more
+        if blocks.written and self.assembly.cameras:  # it may be slower than real time; a kill must not lose more
             slices = round(SLOW_BLOCK / SLICE)
         while context.get_time() < end - 1e-9:
             count += 1
@@ -258,7 +258,7 @@ class Simulation:
             if progress is not None:
                 progress(context.get_time(), end)
             if not np.all(np.isfinite(plant.GetPositionsAndVelocities(plant_context))):
-                return f"diverged: {_not_finite(times, columns) or 'a position or velocity is no number'}"
+                return f"diverged: {_not_finite(times, columns) or 'a position or velocity is not finite'}"
             fault = _not_finite(times, {name: columns[name] for name in commands if name in columns})
             if fault is not None:
                 return f"diverged: {fault}"
@@ -273,7 +273,7 @@ class Simulation:
 
 
 class _Logs(NamedTuple):
-    """What takes the samples of a run."""
+    """The consumers of the samples of a run."""
 
     telemetry: Telemetry
     blocks: Blocks
@@ -282,7 +282,7 @@ class _Logs(NamedTuple):
     reporter: Report | None
 
     def report(self, incidents: Sequence[Incident]) -> None:
-        """Keep incidents as events, and pass them on at once."""
+        """Record incidents as events, and report them immediately."""
         for incident in incidents:
             self.events.add(incident.time, incident.kind, incident.text)
             if self.reporter is not None:
@@ -290,7 +290,7 @@ class _Logs(NamedTuple):
 
 
 def _is_divergence(error: BaseException) -> bool:
-    """Whether Drake itself, not a block written in Python, gave up because of numbers that it cannot go on with."""
+    """Return whether Drake itself, not a block written in Python, has failed because of a divergent state."""
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:
         frame = frame.tb_next
@@ -299,7 +299,7 @@ def _is_divergence(error: BaseException) -> bool:
 
 
 def _not_finite(times: Array, columns: Columns) -> str | None:
-    """The first sample that is no finite number, in words."""
+    """Return a description of the first sample that is not finite; None if there is none."""
     bad = {name: ~np.isfinite(values) for name, values in columns.items()}
     wrong = [(int(np.argmax(rows)), name) for name, rows in bad.items() if rows.any()]
     if not wrong:
@@ -310,10 +310,10 @@ def _not_finite(times: Array, columns: Columns) -> str | None:
 
 @contextmanager
 def _interrupt() -> Iterator[threading.Event]:
-    """While inside, Ctrl-C sets the event, and the run stops between two slices; a second Ctrl-C stops it at once.
+    """Have Ctrl-C set the event within the block, so that the run stops between two steps; a second Ctrl-C stops at once.
 
-    An exception in the middle of a step would leave logs of unequal length. Outside the main thread, and where somebody
-    else handles Ctrl-C, everything stays as it is.
+    An exception in the middle of a step would leave logs of unequal length. Outside the main thread, or where Ctrl-C
+    has another handler, nothing is changed.
     """
     event = threading.Event()
     mine = threading.current_thread() is threading.main_thread()
@@ -334,7 +334,7 @@ def _interrupt() -> Iterator[threading.Event]:
 
 
 def _failure(error: BaseException) -> str:
-    """An exception of a block as one line, with the file and line that raised it if these are the user's."""
+    """Return the exception of a block as one line, with file and line if the code is the user's."""
     lines = str(error).strip().splitlines()
     text = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
     frame = error.__traceback__
@@ -401,7 +401,7 @@ def _watch(
     met: threading.Event,
     context: Context,
 ) -> EventStatus:
-    """Drake's monitor: everybody looks; the event is set when the condition is met, and the step was the last."""
+    """Call all watchers; set `met` and terminate once `until` holds. This is Drake's monitor."""
     for watcher in watchers:
         watcher(context)
     if until is None or not until(context):
@@ -411,7 +411,7 @@ def _watch(
 
 
 def default_folder(name: str, *, base: Path | None = None) -> Path:
-    """``runs/<name>-<UTC time>`` below a folder, with a number added if it is taken."""
+    """Return ``runs/<name>-<UTC time>`` below a folder, with a number if it exists already."""
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
     root = (base or Path.cwd()) / "runs"
     folder, number = root / f"{name}-{stamp}", 1

@@ -1,4 +1,4 @@
-"""What a run was made from, and its figures: the provenance in spec.yaml, and summary.json."""
+"""Provenance of a run in spec.yaml, and its figures in summary.json."""
 
 import platform
 import sys
@@ -24,16 +24,18 @@ VEHICLE_FIGURES = (
 """Figures of each vehicle in summary.json."""
 
 STRAIGHT = 1e-4
-"""Curvature below which a track counts as straight [1/m], and time for which a command must have been constant [s]."""
+"""Curvature below which a track counts as straight [1/m]."""
+
 STEADY = 2.0
+"""Time for which a command must have been constant to count as steady [s]."""
 
 
 def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
-    """The spec with every default, the hash of what it refers to, and the versions in use: enough to repeat a run."""
+    """Return the spec with all defaults, digests of its models and worlds, and versions: enough to repeat a run."""
     data = assembly.spec.model_dump(mode="json")
     data["duration"] = duration
     data.pop("provenance", None)
-    folder = data.pop("folder", None)  # the hash is that of the contents, wherever they lie
+    folder = data.pop("folder", None)  # the digest is that of the contents, in whatever folder
     vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
     content = scene_hashes(Scene(assembly.parts.world, vehicles))
     for name, driver in assembly.spec.control.items():
@@ -79,7 +81,7 @@ def changed_since(scene: Scene, provenance: Mapping[str, Any] | None) -> list[st
 
 
 def _source_text(system: System) -> str:
-    """The file that defines a user's class; empty for a class without one."""
+    """Return the source of the file that defines a user's class; empty for a class without a file."""
     module = sys.modules.get(type(system).__module__)
     file = getattr(module, "__file__", None)
     return Path(file).read_text(encoding="utf-8", errors="replace") if file and file.endswith(".py") else ""
@@ -95,7 +97,7 @@ def make_summary(
     reason: str,
     incidents: Sequence[Incident] = (),
 ) -> dict[str, Any]:
-    """The figures of a run, as in summary.json."""
+    """Return the content of summary.json."""
     summary: dict[str, Any] = {
         "diagram": data["name"],
         "world": data["world"]["name"],
@@ -122,12 +124,12 @@ _FIGURES = ("vx", "speed_command", "wheels_on_road", "lap", "lateral_error", "cu
 
 
 def figure_columns(assembly: Assembly) -> list[str]:
-    """The signals that the figures of a summary are made of."""
+    """Return the signals from which the figures of a summary are computed."""
     return [f"{name}.{signal}" for name in assembly.parts.vehicles for signal in _FIGURES]
 
 
 def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, Any]:
-    """Figures of one vehicle; those that the world or the run cannot give are None."""
+    """Return the figures of one vehicle; None for those that the world or the run does not have."""
 
     def column(suffix: str) -> Array | None:
         key = f"{name}.{suffix}"
@@ -159,7 +161,7 @@ def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, Any]:
 
 
 def _steady(values: Array, *, samples: int) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Where a signal has not changed during the last samples."""
+    """Return at which samples a signal has been constant for a number of samples."""
     changed = np.abs(np.diff(values, prepend=values[0])) > 1e-9
     changed[0] = True
     last = np.maximum.accumulate(np.where(changed, np.arange(values.size), 0))

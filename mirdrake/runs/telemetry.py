@@ -1,7 +1,7 @@
-"""From logged vectors to named signals with units: the columns of signals.parquet.
+"""Telemetry: named signals with units, the columns of signals.parquet, from the vectors that Drake logs.
 
-Only raw vectors are logged while a simulation runs. Everything that follows from them, such as roll and pitch or the
-lateral error on the track, is computed here for a whole block of samples at once.
+Only raw vectors are logged during a simulation. Derived signals, such as roll and pitch or the lateral error on the
+track, are computed here for a whole block of samples at once.
 """
 
 from typing import Any
@@ -19,12 +19,12 @@ from mirdrake.worlds.tracks import Track
 Array = NDArray[np.float64]
 
 LEAP = 1.0
-"""Progress [m] beyond twice the distance travelled that is taken for another stretch of road."""
+"""Change of progress beyond twice the distance travelled that means another section of the road [m]."""
 Columns = dict[str, Array]
 
 
 class Telemetry:
-    """Reads the logs of a running assembly, block by block.
+    """Reader of the logs of a running assembly, block by block.
 
     Attributes:
         units: unit of every column, "" for pure numbers.
@@ -40,7 +40,7 @@ class Telemetry:
         self.units: dict[str, str] = {"time": "s"}
 
     def read(self, context: Context) -> tuple[Array, Columns]:
-        """All samples since the last call, which are then forgotten by the logs.
+        """Return all samples since the last call, and clear the logs.
 
         Args:
             context: Context of the whole diagram.
@@ -56,7 +56,7 @@ class Telemetry:
             taken, raw[name] = log.sample_times().copy(), log.data().copy()
             log.Clear()
             times = taken if len(raw) == 1 or taken.size < times.size else times
-        if any(values.shape[1] > times.size for values in raw.values()):  # a block raised between two logs of a moment
+        if any(values.shape[1] > times.size for values in raw.values()):  # an error in a block left logs of unequal length
             raw = {name: values[:, : times.size] for name, values in raw.items()}
         columns: Columns = {}
         if "plant_state" not in raw:
@@ -84,7 +84,7 @@ class Telemetry:
         self.units[name] = unit
 
     def _add_named(self, columns: Columns, tap: Tap, values: Array, *, prefix: str) -> None:
-        """One column an element, named by its contents, or numbered if the system did not say."""
+        """Add a column per element, named by the port's signals, or numbered if it does not declare any."""
         for index, row in enumerate(values):
             if tap.contents is None:
                 name = prefix if len(values) == 1 else f"{prefix}.{index}"
@@ -95,7 +95,7 @@ class Telemetry:
                 self._put(columns, name, row, signal.unit)
 
     def _add_vehicle(self, columns: Columns, part: VehicleInPlant, raw: dict[str, Array]) -> None:
-        """Pose, twist, joints, commands and track coordinates of one vehicle."""
+        """Add pose, twist, joints, commands and track coordinates of one vehicle."""
         x, plant, name = raw["plant_state"], self._assembly.parts.plant, part.name
         positions = plant.num_positions()
         pose = x[part.base.floating_positions_start() :][:7]
@@ -129,7 +129,7 @@ class Telemetry:
         self._add_track(columns, part, state)
 
     def _add_track(self, columns: Columns, part: VehicleInPlant, state: Array) -> None:
-        """Where the vehicle is on its track, and how many of its wheels are on a road."""
+        """Add the track coordinates of a vehicle, and the number of its wheels on a road."""
         world, name = self._assembly.parts.world, part.name
         px, py, yaw = state[0], state[1], state[5]
         geometry = part.vehicle.geometry
@@ -162,13 +162,13 @@ class Telemetry:
 
 
 def _follow(track: Track, x: Array, y: Array, last: float | None) -> tuple[Array, Array]:
-    """Track coordinates of a path, which does not leap to another stretch of road where the track meets itself.
+    """Return the track coordinates of a path; where the track crosses itself, they stay on the same section.
 
     Args:
         track: the track.
         x: positions [m] (n).
-        y: the same, to the left [m] (n).
-        last: s [m] before the first position, at any lap; None at the start.
+        y: positions [m] (n).
+        last: s before the first position, in any lap [m]; None at the start.
     """
     s, lateral = track.project(x, y)
     if not s.size:
@@ -185,7 +185,7 @@ def _follow(track: Track, x: Array, y: Array, last: float | None) -> tuple[Array
 
 
 def vehicle_states(pose: Array, twist: Array) -> Array:
-    """State vectors of a floating body, sample by sample; see :func:`mirdrake.sensors.ground_truth.vehicle_state`.
+    """Return the state vectors of a floating body; see :func:`mirdrake.sensors.ground_truth.vehicle_state`.
 
     Args:
         pose: quaternion w, x, y, z of R_WB and position p_WB [m] (7 x n).
@@ -194,7 +194,7 @@ def vehicle_states(pose: Array, twist: Array) -> Array:
     Returns:
         12 x n in the order of :data:`mirdrake.core.vectors.STATE`.
     """
-    w, i, j, k = pose[:4] / np.linalg.norm(pose[:4], axis=0)  # Drake lets the norm drift
+    w, i, j, k = pose[:4] / np.linalg.norm(pose[:4], axis=0)  # the norm drifts in Drake
     x, y, z = pose[4:]
     w_W, v_W = twist[:3], twist[3:]
     R: Any = np.array(

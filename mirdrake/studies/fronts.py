@@ -1,14 +1,14 @@
-"""Several objectives at once: what is not beaten, and where giving more no longer pays."""
+"""Several objectives: the Pareto front and its knee."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
 def pareto_front(values: NDArray[np.float64]) -> list[int]:
-    """Rows that no other row dominates: not larger anywhere and smaller somewhere; of equal rows the first.
+    """Return the rows that no other row dominates (nowhere larger, somewhere smaller); of equal rows the first.
 
     Args:
-        values: objectives to be made small, shape (n, m), finite.
+        values: objectives to minimise, shape (n, m), finite.
     """
     kept: list[int] = []
     for k in np.lexsort(values.T[::-1]):  # a row is only dominated by rows before it
@@ -18,7 +18,7 @@ def pareto_front(values: NDArray[np.float64]) -> list[int]:
 
 
 def find_knee(values: NDArray[np.float64]) -> int:
-    """The row of a front at which giving up a little of one objective stops gaining much in the others.
+    """Return the row of a front beyond which a better objective costs more in the others than it gains.
 
     Each objective is scaled to run from 0, its best on the front, to 1, its worst. The knee is the row with the
     smallest sum: for two objectives the one farthest from the line through the front's ends (I. Das, On characterizing

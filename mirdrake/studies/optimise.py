@@ -1,7 +1,7 @@
-"""What proposes the next points to try: a list made at once, or a sampler of Optuna that learns from what it is told.
+"""Proposers of the next points of a search: a fixed list, or a sampler of Optuna that learns from results.
 
-Everything is asked and told in batches of fixed size and in order, so that the points depend on the seed and on what
-came of the points before, and on nothing else. Numbers that are not finite never reach a sampler.
+Points are asked for and results are told in batches of fixed size and in order, so that the points depend only on the
+seed and on earlier results. A sampler gets finite numbers only.
 
 Sources: TPE: J. Bergstra et al., Algorithms for Hyper-Parameter Optimization, NIPS 2011; CMA-ES: N. Hansen, The CMA
 Evolution Strategy: A Tutorial (2016); NSGA-II: K. Deb et al., IEEE Trans. Evol. Comput. 6 (2002) 182; all as in Optuna.
@@ -27,26 +27,26 @@ LEARNING = ("tpe", "cma", "nsga2")
 METHODS = (*LEARNING, "grid", "latin_hypercube", "sobol", "random")
 
 LARGEST = 1e15
-"""Objectives beyond this [their unit] are told as this."""
+"""Upper limit of the objectives that a sampler is told [their unit]."""
 
 
 class Proposer(Protocol):
-    """Proposes points."""
+    """Source of points to evaluate."""
 
     @property
     def batch(self) -> int | None:
-        """How many points it wants to be asked for at a time; None: all at once."""
+        """Number of points per batch; None: all at once."""
 
     def ask(self, count: int) -> list[Point]:
-        """The next points, `count` at most; none when there are no more."""
+        """Return the next points, at most `count`; none at the end."""
         ...
 
     def tell(self, objectives: Sequence[float], violation: float) -> None:
-        """What came of the first point that nothing was told about.
+        """Report the result of the oldest point without one.
 
         Args:
-            objectives: to be made small; may be anything, also nan.
-            violation: 0 if it is allowed, the larger the worse if not; finite.
+            objectives: to be minimised; they need not be finite.
+            violation: 0 if the constraints hold, otherwise a finite measure of their violation.
         """
         ...
 
@@ -54,33 +54,33 @@ class Proposer(Protocol):
 def make_proposer(
     method: str, space: Space, *, trials: int, objectives: int, seed: int, batch: int, start: Sequence[Point]
 ) -> Proposer:
-    """A proposer.
+    """Return the proposer of a method.
 
     Args:
         method: one of :data:`METHODS`.
-        space: a range for each coordinate; for a grid its count, or values, else `trials` are shared evenly.
-        trials: number of points, those of `start` with them; a grid has no more of its own.
+        space: range of each coordinate; a grid uses its count or values, otherwise `trials` are divided evenly.
+        trials: number of points including those of `start`; a grid must not have more.
         objectives: number of objectives; more than one for nsga2 only.
-        seed: of all that is drawn.
-        batch: points that a sampler gives before it is told of the first of them.
+        seed: of all random numbers.
+        batch: number of points that a sampler proposes before it needs a result.
         start: points to begin with.
 
     Raises:
-        ConfigError: no such method, or it cannot search this space.
+        ConfigError: the method is unknown, or cannot search this space.
         MissingDependencyError: Optuna is not installed.
     """
     if method not in METHODS:
-        raise ConfigError(f"method: no way to search is called '{method}'; {did_you_mean(method, METHODS)}")
+        raise ConfigError(f"method: unknown method '{method}'; {did_you_mean(method, METHODS)}")
     if method in LEARNING:
         return OptunaProposer(method, space, trials=trials, objectives=objectives, seed=seed, batch=batch, start=start)
     return ListProposer([*start, *_listed(method, space, trials - len(start), seed)])
 
 
 class ListProposer:
-    """Proposes the points of a list.
+    """Proposer of a fixed list.
 
     Args:
-        points: in their order.
+        points: in the order of proposal.
     """
 
     batch = None
@@ -89,18 +89,18 @@ class ListProposer:
         self._rest = list(points)
 
     def ask(self, count: int) -> list[Point]:
-        """The next points."""
+        """Return the next points."""
         given, self._rest = self._rest[:count], self._rest[count:]
         return given
 
     def tell(self, objectives: Sequence[float], violation: float) -> None:
-        """Nothing is learnt from it."""
+        """Ignore the result."""
 
 
 class OptunaProposer:
-    """A sampler of Optuna; arguments as those of :func:`make_proposer`.
+    """Proposer that uses a sampler of Optuna; arguments as in :func:`make_proposer`.
 
-    CMA-ES knows no constraints: a point that is not allowed is told as worse than all that are, by its violation.
+    CMA-ES has no constraints: a point that violates one is reported as worse than all that do not, by its violation.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class OptunaProposer:
         start: Sequence[Point],
     ) -> None:
         if objectives > 1 and method != "nsga2":
-            raise ConfigError(f"method: {method} has one objective; take nsga2 for {objectives}")
+            raise ConfigError(f"method: {method} optimises one objective; use nsga2 for {objectives}")
         for name, entry in space.items():
             if entry.low is None:
                 raise ConfigError(f"{name}: {method} needs a range, low and high, not values")
@@ -135,14 +135,14 @@ class OptunaProposer:
         self._open: list[Any] = []
 
     def ask(self, count: int) -> list[Point]:
-        """The next points."""
+        """Return the next points."""
         with self._quietly():
             asked = [self._study.ask(self._space) for _ in range(count)]
         self._open += asked
         return [{name: float(trial.params[name]) for name in self._space} for trial in asked]
 
     def tell(self, objectives: Sequence[float], violation: float) -> None:
-        """Learn."""
+        """Report the result to the sampler."""
         trial = self._open.pop(0)
         values = [min(value, LARGEST) if math.isfinite(value) else LARGEST for value in objectives]
         if self._barrier:
@@ -161,7 +161,7 @@ class OptunaProposer:
             crossover = samplers.nsgaii.BLXAlphaCrossover()
             return samplers.NSGAIISampler(seed=seed, population_size=population, crossover=crossover)
         if len(self._space) < 2:
-            raise ConfigError("method: cma needs two ranges at least; take tpe for one")
+            raise ConfigError("method: cma needs at least two ranges; use tpe for one")
         try:
             import_module("cmaes")
         except ImportError:
@@ -171,7 +171,7 @@ class OptunaProposer:
 
     @contextmanager
     def _quietly(self) -> Iterator[None]:
-        """Inside, Optuna says nothing; what it says outside stays as it was."""
+        """Silence Optuna within the block."""
         logging = self._optuna.logging
         before = logging.get_verbosity()
         logging.set_verbosity(logging.ERROR)
@@ -184,7 +184,7 @@ class OptunaProposer:
 
 
 def _listed(method: str, space: Space, count: int, seed: int) -> list[Point]:
-    """The points of a method that learns nothing."""
+    """Return the points of a method that does not learn."""
     names = list(space)
     if method == "grid":
         each = max(2, math.floor(max(count, 1) ** (1.0 / len(names)) + 1e-9))
@@ -196,7 +196,7 @@ def _listed(method: str, space: Space, count: int, seed: int) -> list[Point]:
         if rows is None:
             size = " x ".join(str(len(values)) for values in lists)
             raise ConfigError(
-                f"trials: a grid of {size} has more than {count} points; take more trials, or fewer values"
+                f"trials: a grid of {size} has more than {count} points; use more trials, or fewer values"
             )
     else:
         unit = draw(method, max(count, 0), len(names), seed)

@@ -1,4 +1,4 @@
-"""From a study spec to the jobs of its runs: the diagram is read, and everything named in the study is looked up."""
+"""The plan of a study: its diagram is loaded, every name in it is checked, and each run becomes a job."""
 
 import copy
 import json
@@ -12,35 +12,35 @@ from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import installed_version
-from mirdrake.core.user_modules import load_own_function
+from mirdrake.core.user_modules import load_user_function
 from mirdrake.core.yaml_io import Source, validate, where
 from mirdrake.execution.job import Job, function_of
-from mirdrake.execution.parameters import Knob, find_knobs
+from mirdrake.execution.parameters import ContextParameter, find_context_parameters
 from mirdrake.runs.summary import VEHICLE_FIGURES
 from mirdrake.studies.sampling import sample
 from mirdrake.studies.spec import StudySpec
 
 _RESERVED = {"run", "status", "reason", "simulated"}
 _FIGURES = ("simulated_s",)
-_CHECKED = 200  # values of one parameter that are tried before the start
+_CHECKED = 200  # values of one parameter that are checked before the start
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A study that has been checked.
+    """A checked study.
 
     Attributes:
         spec: of the study.
         diagram: data of the diagram, with the values of all runs.
-        knobs: those that vary, by name.
+        parameters: context parameters that vary, by name.
         rows: values of each run, in the order of the parameters.
         duration: simulated time of a run [s].
-        content: digest of what the diagram refers to.
+        content: digest of the vehicles and the world of the diagram.
     """
 
     spec: StudySpec
     diagram: dict[str, Any]
-    knobs: dict[str, Knob]
+    parameters: dict[str, ContextParameter]
     rows: list[tuple[Any, ...]]
     duration: float
     content: str
@@ -51,27 +51,27 @@ class Plan:
         return self.spec.time_limit or 60.0 + 10.0 * self.duration
 
     def job(self, index: int) -> Job:
-        """The job of a run."""
+        """Return the job of a run."""
         values = dict(zip(self.spec.parameters, self.rows[index], strict=True))
         diagram = self.diagram
         for name, value in values.items():
-            if name not in self.knobs:
+            if name not in self.parameters:
                 diagram = put(diagram, name, value)
-        knobs = {name: float(value) for name, value in values.items() if name in self.knobs}
+        parameters = {name: float(value) for name, value in values.items() if name in self.parameters}
         spec = self.spec
-        return Job(index, diagram, knobs, tuple(spec.metrics), self.duration, spec.folder, self.limit)
+        return Job(index, diagram, parameters, tuple(spec.metrics), self.duration, spec.folder, self.limit)
 
     @cached_property
     def units(self) -> dict[str, str | None]:
-        """Unit of each parameter, empty if it is that of the diagram file; None if its values are no numbers."""
+        """Unit of each parameter; empty if it is that of the diagram file, None if values are not numbers."""
         units: dict[str, str | None] = {}
         for at, name in enumerate(self.spec.parameters):
             texts = any(isinstance(row[at], str) for row in self.rows)
-            units[name] = None if texts else self.knobs[name].unit if name in self.knobs else ""
+            units[name] = None if texts else self.parameters[name].unit if name in self.parameters else ""
         return units
 
     def manifest(self) -> dict[str, Any]:
-        """What was asked, as JSON knows it."""
+        """Return the content of study.json."""
         study = self.spec.model_dump(mode="json", exclude={"time_limit", "folder"})
         study["diagram"] = self.diagram
         versions = {
@@ -95,17 +95,17 @@ def make_plan(spec: StudySpec) -> Plan:
         ConfigError, ModelError, WorldError: ``file:line: path: what is wrong``.
     """
     diagram = _read_diagram(spec)
-    assembly = _checked(diagram)
+    assembly = _assemble(diagram)
     data = diagram.model_dump(mode="json")
     data.pop("provenance", None)
     vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
     world = assembly.parts.world
-    known = find_knobs(vehicles, world)
-    knobs = {name: known[name] for name in spec.parameters if _is_knob(spec, name, known)}
+    known = find_context_parameters(vehicles, world)
+    parameters = {name: known[name] for name in spec.parameters if _is_context_parameter(spec, name, known)}
     for name, entry in spec.parameters.items():
         place = where(spec, "parameters", name)
-        if name in knobs:
-            _check_knob(place, knobs[name], entry.ends())
+        if name in parameters:
+            _check_values(place, parameters[name], entry.ends())
             continue
         for value in entry.ends()[:_CHECKED]:
             try:
@@ -115,21 +115,21 @@ def make_plan(spec: StudySpec) -> Plan:
     _check_metrics(spec, list(vehicles))
     content = {name: [vehicle.urdf, *_specs(vehicle)] for name, vehicle in vehicles.items()}
     digest = digest_data({"vehicles": content, "world": world.spec.model_dump(mode="json")})
-    return Plan(spec, data, knobs, sample(spec), spec.duration or diagram.duration, digest)
+    return Plan(spec, data, parameters, sample(spec), spec.duration or diagram.duration, digest)
 
 
 def put(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
-    """Data with a value set at a dotted path; what is on the way is copied, not changed.
+    """Return data with a value set at a dotted path; the containers on the path are copied.
 
     Raises:
-        ConfigError: the path leads through something that has no keys, or to an item that a list does not have.
+        ConfigError: the path leads to an item that a list does not have.
     """
     head, _, rest = path.partition(".")
     result: Any = copy.copy(data) if isinstance(data, dict | list) else {}
     key: Any = head
     if isinstance(result, list):
         if not (head.isdecimal() and int(head) < len(result)):
-            raise ConfigError(f"a list of {len(result)} has no item '{head}'; they count from 0")
+            raise ConfigError(f"a list of {len(result)} has no item '{head}'; items count from 0")
         key = int(head)
     below = result[key] if isinstance(result, list) else result.get(key)
     result[key] = put(below, rest, value) if rest else value
@@ -159,8 +159,8 @@ def _read_diagram(spec: StudySpec) -> DiagramSpec:
     return make_spec(data)
 
 
-def _checked(diagram: DiagramSpec) -> Assembly:
-    """The diagram, built; one that cannot be, or whose inputs are open, is refused."""
+def _assemble(diagram: DiagramSpec) -> Assembly:
+    """Build the diagram; one with open inputs is rejected."""
     assembly = assemble(diagram)
     context = assembly.make_context()
     ports = [assembly.diagram.get_input_port(index) for index in range(assembly.diagram.num_input_ports())]
@@ -168,32 +168,32 @@ def _checked(diagram: DiagramSpec) -> Assembly:
     if names:
         place, name = where(diagram, "control"), names[0].split(".")[0]
         raise ConfigError(
-            f"{place}: nobody drives '{name}' (open inputs: {', '.join(names)}); "
-            f"add control.{name}, or connect blocks of yours to them"
+            f"{place}: '{name}' has no driver (open inputs: {', '.join(names)}); "
+            f"add control.{name}, or connect your own blocks to them"
         )
     return assembly
 
 
-def _is_knob(spec: StudySpec, name: str, known: Mapping[str, Knob]) -> bool:
-    """Whether a parameter is a knob; if not, it is a path of the diagram."""
+def _is_context_parameter(spec: StudySpec, name: str, known: Mapping[str, ContextParameter]) -> bool:
+    """Return whether a parameter is one of the Context; otherwise it is a path of the diagram."""
     if name in known:
         return True
     head = name.partition(".")[0]
     place = where(spec, "parameters", name)
     if name in _RESERVED:
-        raise ConfigError(f"{place}: is a column of the results; it cannot vary")
+        raise ConfigError(f"{place}: is a column of the results and cannot be a parameter")
     if head in DiagramSpec.model_fields:
         if head in {"folder", "name", "provenance", "record", "duration"}:
-            raise ConfigError(f"{place}: cannot vary from run to run")
+            raise ConfigError(f"{place}: cannot differ between runs")
         return False
-    raise ConfigError(f"{place}: no such knob, nor a path of the diagram; {did_you_mean(name, known)}")
+    raise ConfigError(f"{place}: neither a context parameter nor a path of the diagram; {did_you_mean(name, known)}")
 
 
-def _check_knob(place: str, knob: Knob, values: list[Any]) -> None:
+def _check_values(place: str, parameter: ContextParameter, values: list[Any]) -> None:
     for value in values:
         if isinstance(value, str | bool):
             raise ConfigError(f"{place}: {value!r} is not a number")
-        if knob.positive and value <= 0.0:
+        if parameter.positive and value <= 0.0:
             raise ConfigError(f"{place}: {value:g} is not allowed; it must be above 0")
 
 
@@ -205,16 +205,18 @@ def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
     for at, name in enumerate(spec.metrics):
         place = where(spec, "metrics", at)
         if name in seen:
-            raise ConfigError(f"{place}: '{name}' is a column already")
+            raise ConfigError(f"{place}: '{name}' is already a column")
         seen = seen | {name}
         function, _ = function_of(name)
         if function:
             try:
-                load_own_function(function, folder=spec.folder)
+                load_user_function(function, folder=spec.folder)
             except ConfigError as error:
                 raise ConfigError(f"{place}: {error}") from None
         elif name not in figures:
-            raise ConfigError(f"{place}: no figure '{name}', nor a function module:name; {did_you_mean(name, figures)}")
+            raise ConfigError(
+                f"{place}: neither a figure of the summary nor a function module:name; {did_you_mean(name, figures)}"
+            )
 
 
 def _specs(vehicle: Any) -> list[Any]:

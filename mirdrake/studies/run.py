@@ -1,4 +1,4 @@
-"""A study: all runs through an executor, written down as they come, so that a study that was killed can go on."""
+"""Run a study through an executor; each row is written as soon as its run is finished, so that it can be resumed."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -33,18 +33,18 @@ GRACE = 30.0
 """Wall time above a run's limit after which its process is ended [s]; building the diagram is in it."""
 
 StudyProgress = Callable[[int, int, Row], None]
-"""Called with the number of runs done, of all runs, and the latest row."""
+"""Called with the number of finished runs, of all runs, and the latest row."""
 
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What became of the runs of a study.
+    """The rows of a study.
 
     Attributes:
-        arrow: a row per run that is done, in the order of the runs: run, the parameters, status (ok, unstable, failed),
+        arrow: a row per finished run, in the order of the runs: run, the parameters, status (ok, unstable, failed),
             reason, simulated [s], the metrics (empty unless ok); units in the metadata of the columns.
         runs: number of all runs.
-        folder: where it was written; None if it is only in memory.
+        folder: the study folder; None if the rows are only in memory.
     """
 
     arrow: pa.Table
@@ -61,7 +61,7 @@ class StudyResult:
 
     @property
     def complete(self) -> bool:
-        """Whether every run is done."""
+        """Whether every run is finished."""
         return bool(self.arrow.num_rows == self.runs)
 
     @property
@@ -82,17 +82,18 @@ def run_study(
 ) -> StudyResult:
     """Run a study.
 
-    A run that diverges, raises, hangs or takes its process down becomes a row with its status and reason; the others go
-    on. Rows do not depend on the executor, the number of workers or the order. Ctrl-C gives what is done.
+    A run that diverges, raises an error, hangs or crashes its process becomes a row with its status and reason; the
+    others continue. Rows do not depend on the executor, the number of workers or the order. After Ctrl-C the result
+    has the finished runs.
 
     Args:
         study: a study spec, its data or its file.
-        out: study folder; made, must be empty unless `resume`. None keeps the rows in memory.
-        executor: runs everything, for example ``ProcessPoolExecutor()``, or ``get_executor()`` of a Dask client; it is
-            not shut down. A run that hangs in a user's block is given up only by processes of our own.
-        workers: number of processes if no executor is given; 0 runs in this process. As many as cores if left out.
-        resume: keep the rows that `out` has of this very study.
-        progress: called after every run, or True for a bar with the time left.
+        out: study folder; it is created, and must be empty unless `resume`. None keeps the rows in memory.
+        executor: runs the jobs, for example ``ProcessPoolExecutor()``, or ``get_executor()`` of a Dask client; it is
+            not shut down. Only our own worker processes end a run that hangs in a user's block.
+        workers: number of processes if no executor is given; 0 runs in this process. As many as cores if omitted.
+        resume: continue with the rows that `out` has of this study.
+        progress: called after every run, or True for a progress bar.
 
     Raises:
         ConfigError, ModelError, WorldError: the study, its diagram, a model or the world has faults.
@@ -122,10 +123,10 @@ def run_study(
 
 
 def load_results(folder: Path | str) -> StudyResult:
-    """The rows of a study folder, as far as it was done.
+    """Load the rows of a study folder, complete or not.
 
     Raises:
-        ConfigError: it is no folder of a study, or is damaged.
+        ConfigError: the folder is not that of a study, or is damaged.
     """
     folder = Path(folder)
     manifest = read_manifest(folder)
@@ -155,7 +156,7 @@ def _run_all(
 
 
 def _row(plan: Plan, outcome: Outcome) -> Row:
-    """A row of the table."""
+    """Return the row of an outcome."""
     row: Row = {"run": outcome.index}
     for (name, unit), value in zip(plan.units.items(), plan.rows[outcome.index], strict=True):
         row[name] = str(value) if unit is None else float(value)

@@ -1,4 +1,4 @@
-"""From ranges and lists to the values of each run."""
+"""Sampling of a study: from ranges and lists to the values of each run."""
 
 import math
 import warnings
@@ -17,10 +17,10 @@ MOST = 10_000_000
 
 
 def sample(spec: StudySpec) -> list[tuple[Any, ...]]:
-    """Values of every run, one tuple a run, in the order of the parameters.
+    """Return the values of every run as a tuple in the order of the parameters.
 
     Raises:
-        ConfigError: the parameters do not fit to the way of sampling.
+        ConfigError: the parameters do not fit the kind of sampling.
     """
     sampling, parameters = spec.sampling, spec.parameters
     if isinstance(sampling, DrawnSampling):
@@ -34,7 +34,7 @@ def sample(spec: StudySpec) -> list[tuple[Any, ...]]:
     lists = [divide(entry) for entry in parameters.values()]
     if isinstance(sampling, GridSampling):
         if math.prod(map(len, lists)) > MOST:
-            raise ConfigError(f"{where(spec, 'parameters')}: the grid has more than {MOST} runs; take fewer values")
+            raise ConfigError(f"{where(spec, 'parameters')}: the grid has more than {MOST} runs; use fewer values")
         return list(product(*lists))
     first = next(iter(parameters))
     for name, values in zip(parameters, lists, strict=True):
@@ -47,7 +47,7 @@ def sample(spec: StudySpec) -> list[tuple[Any, ...]]:
 
 
 def draw(kind: str, runs: int, size: int, seed: int) -> NDArray[np.float64]:
-    """Points of the unit cube, shape (runs, size).
+    """Draw points of the unit cube, shape (runs, size).
 
     Args:
         kind: random, latin_hypercube, or sobol (scrambled); the last two by ``scipy.stats.qmc``.
@@ -58,17 +58,17 @@ def draw(kind: str, runs: int, size: int, seed: int) -> NDArray[np.float64]:
     generator = np.random.default_rng(seed)
     if kind == "random":
         return generator.random((runs, size))
-    from scipy.stats import qmc  # takes half a second, which no worker shall spend
+    from scipy.stats import qmc  # the import takes half a second, which a worker does not need
 
     if kind == "latin_hypercube":
         return np.asarray(qmc.LatinHypercube(size, seed=generator).random(runs))
-    with warnings.catch_warnings():  # of a number of runs that is no power of two, which a user may want
+    with warnings.catch_warnings():  # SciPy warns of a number of runs that is not a power of two
         warnings.simplefilter("ignore", UserWarning)
         return np.asarray(qmc.Sobol(size, seed=generator).random(runs))
 
 
 def spread(entry: ParameterSpec, unit: NDArray[np.float64]) -> list[Any]:
-    """Numbers between 0 and 1, shape (n,), as values of a parameter."""
+    """Map numbers between 0 and 1, shape (n,), to values of a parameter."""
     if entry.values is not None:
         count = len(entry.values)
         return [entry.values[min(int(u * count), count - 1)] for u in unit]
@@ -81,7 +81,7 @@ def spread(entry: ParameterSpec, unit: NDArray[np.float64]) -> list[Any]:
 
 
 def divide(entry: ParameterSpec) -> list[Any]:
-    """The values of a list, or of a range divided evenly into its count."""
+    """Return the values of a list, or of a range divided evenly into its count."""
     if entry.values is not None:
         return list(entry.values)
     assert entry.low is not None

@@ -1,4 +1,4 @@
-"""The study file: one diagram, what varies in it, how that is sampled, and what is measured."""
+"""The study file: a diagram, the parameters that vary, how they are sampled, and the metrics."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -45,7 +45,7 @@ class ParameterSpec(Schema):
         return self
 
     def ends(self) -> list[Any]:
-        """Values that bound the others, to check that they are allowed."""
+        """Return the values that bound all others, for checks."""
         return list(self.values) if self.values is not None else [self.low, self.high]
 
 
@@ -75,28 +75,30 @@ class StudySpec(Schema):
     """A study file."""
 
     mirdrake: Literal["study/1"] = Field("study/1", description="format of this file [-]")
-    name: str = Field("study", min_length=1, description="the file's own if left out [-]")
+    name: str = Field("study", min_length=1, description="default: that of the file [-]")
     diagram: str | dict[str, Any] = Field(description="name of a diagram, a path, or the diagram itself [-]")
     overrides: dict[str, Any] = Field(
         default_factory=dict, description="values of the diagram for all runs, by dotted path [-]"
     )
     parameters: dict[str, ParameterSpec] = Field(
-        min_length=1, description="what varies: dotted paths of the diagram, and knobs such as ego.speed.kp [-]"
+        min_length=1, description="dotted paths of the diagram, and context parameters such as ego.speed.kp [-]"
     )
     sampling: Sampling = Field(default_factory=GridSampling, description="how values are combined [-]")
     metrics: list[str] = Field(
-        min_length=1, description="figures of a run, as ego.distance_m, or functions as module:name [-]"
+        min_length=1, description="figures of a run such as ego.distance_m, or functions as module:name [-]"
     )
-    duration: Duration | None = Field(None, gt=0.0, le=1e6, description="simulated time [s]; the diagram's if left out")
-    seed: int = Field(0, ge=0, description="of drawn values [-]; runs take the diagram's own, all the same")
+    duration: Duration | None = Field(
+        None, gt=0.0, le=1e6, description="simulated time [s]; default: that of the diagram"
+    )
+    seed: int = Field(0, ge=0, description="of the drawn values [-]; the runs use the seed of the diagram")
     time_limit: Duration | None = Field(
-        None, gt=0.0, description="wall time of a run [s]; a minute and ten times its simulated time if left out"
+        None, gt=0.0, description="wall time of a run [s]; default: 60 s and ten times its simulated time"
     )
-    folder: str | None = Field(None, description="where modules of metrics lie; the file's folder if left out [-]")
+    folder: str | None = Field(None, description="folder of the modules of metrics; default: that of the file [-]")
 
 
 def load_study(path: Path | str, *, overrides: Iterable[str] = ()) -> StudySpec:
-    """A study file, checked as far as it can be without its diagram.
+    """Load a study file, checked as far as possible without its diagram.
 
     Args:
         path: the file.
@@ -117,7 +119,7 @@ def load_study(path: Path | str, *, overrides: Iterable[str] = ()) -> StudySpec:
 
 
 def make_study(study: StudySpec | Mapping[str, Any] | Path | str) -> StudySpec:
-    """A study spec from itself, its data or its file.
+    """Return a study spec from a spec, its data or its file.
 
     Raises:
         ConfigError: it has faults.
@@ -127,5 +129,5 @@ def make_study(study: StudySpec | Mapping[str, Any] | Path | str) -> StudySpec:
     if isinstance(study, Mapping):
         return validate(dict(study), StudySpec, Source("study", {}))
     if not Path(study).suffix:
-        raise ConfigError(f"{shown(Path(study))}: not the file of a study; it ends with .yaml")
+        raise ConfigError(f"{shown(Path(study))}: not a study file, whose name ends in .yaml")
     return load_study(study)

@@ -4,10 +4,10 @@
 
     world.yaml ── collect_cases ──► [Case] ── run_suite ──► Suite of [Result], one verdict each
                                 │
-                                └── search ──► the values of parameters for which it goes worst
+                                └── search ──► the parameter values with the smallest margin
 
 Verdicts: ``pass``, ``fail`` (a requirement does not hold), ``error`` (it could not be judged: it hung, crashed, raised
-or diverged), ``invalid`` (the world cannot be laid out, or breaks its own rules).
+an error or diverged), ``invalid`` (the world cannot be laid out, or violates its own rules).
 """
 
 from mirdrake.suites.cases import Case, Result, Verdict, collect_cases, collect_searches, vary

@@ -1,4 +1,4 @@
-"""Cases: one variation of one test of a world file, as plain data; and what became of one."""
+"""Cases: variations of the tests of a world file as plain data, and their results."""
 
 import json
 import math
@@ -62,39 +62,39 @@ class Case:
 
     @property
     def slug(self) -> str:
-        """The name as a file name."""
+        """The name of the case as a file name."""
         return self.name.replace("#", "-")
 
     @property
     def command(self) -> str:
-        """The command that runs it again, in this working directory."""
+        """The command that runs the case again, in this working directory."""
         number = self.name.rpartition("#")[2]
         name = self.test if self.pinned.keys() >= self.values.keys() and self.pinned else f"{self.test}#{number}"
         pins = "".join(f" -p {key}={shlex.quote(str(value))}" for key, value in self.pinned.items())
         return f"mirdrake world test {shlex.quote(shown(Path(self.world)))} --case {name}{pins}"
 
     def digest(self) -> str:
-        """Equal cases have equal digests."""
+        """Return the digest of the case; equal cases have equal digests."""
         return digest_data(self.data())
 
     def data(self) -> dict[str, Any]:
-        """As JSON knows it."""
+        """Return plain data for JSON."""
         return asdict(self) | {"expect": [list(pair) for pair in self.expect]}
 
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a case.
+    """The result of a case.
 
     Attributes:
         name: of the case.
         verdict: pass, fail, error or invalid.
         reason: one line; empty for a pass.
         findings: per requirement: text, passed, margin, unit, share, worst_time, decided_by. A margin of None is
-            infinite; share is the margin over a size that is usual for it, by which margins of all units compare.
+            infinite; share is the margin over a usual size, so that margins of all units can be compared.
         simulated: simulated time [s].
         wall: computing time [s].
-        folder: run folder of a failure, below that of the suite.
+        folder: run folder of a case that did not pass, below that of the suite.
         digest: of the case.
     """
 
@@ -130,7 +130,7 @@ class Result:
         return ({"error": 0, "invalid": 1, "fail": 2, "pass": 3}[self.verdict], self.share)
 
     def data(self) -> dict[str, Any]:
-        """As JSON knows it."""
+        """Return plain data for JSON."""
         return asdict(self)
 
 
@@ -139,14 +139,14 @@ def _rank(finding: Mapping[str, Any]) -> tuple[bool, float]:
 
 
 def _share(finding: Mapping[str, Any]) -> float:
-    """A margin over a size that is usual for it [-]; suites of before have margins alone."""
+    """Return the margin of a finding over a usual size [-]; older suites only have margins."""
     return math.inf if finding["margin"] is None else float(finding.get("share", finding["margin"]))
 
 
 def collect_cases(
     files: Iterable[str | Path], *, only: Collection[str] = (), values: Values | None = None
 ) -> list[Case]:
-    """All variations of all tests of some worlds, in the order of the files.
+    """Return all variations of all tests of some worlds, in the order of the files.
 
     Args:
         files: names or paths of world files.
@@ -154,7 +154,7 @@ def collect_cases(
         values: of parameters or of the seed, in place of their variations.
 
     Raises:
-        ConfigError: a file, a test or a requirement has faults, one per line; or a name of `only` is not there.
+        ConfigError: a file, a test or a requirement has faults, one per line; or a name of `only` is unknown.
     """
     faults: list[str] = []
     found: list[tuple[str, Case]] = []
@@ -186,7 +186,7 @@ def collect_cases(
 def collect_searches(
     file: str | Path, *, only: Collection[str] = (), values: Values | None = None
 ) -> list[tuple[Case, SearchSpec]]:
-    """The tests of a world that say what to search, each with the first of its variations.
+    """Return the tests of a world that have a search, each with the first of its variations.
 
     Args:
         file: name or path of a world file.
@@ -194,7 +194,7 @@ def collect_searches(
         values: of parameters or of the seed, in place of their variations.
 
     Raises:
-        ConfigError: see :func:`collect_cases`; or there is nothing to search.
+        ConfigError: see :func:`collect_cases`; or no test has a search.
     """
     cases = collect_cases([file], only=only, values=values)
     spec = load_world(cases[0].world).spec
@@ -202,16 +202,16 @@ def collect_searches(
     firsts = {case.test: case for case in reversed(cases)}
     for name in dict.fromkeys(case.test for case in cases if only and case.test not in searched):
         hint = f"these do: {', '.join(searched)}" if searched else "add search: {over: {NAME: [LOW, HIGH]}}"
-        raise ConfigError(f"{where(spec, 'tests')}: '{name}' does not say what to search; {hint}")
+        raise ConfigError(f"{where(spec, 'tests')}: '{name}' has no search; {hint}")
     if not searched:
         raise ConfigError(
-            f"{where(spec, 'tests')}: no test says what to search; add search: {{over: {{NAME: [LOW, HIGH]}}}} to one"
+            f"{where(spec, 'tests')}: no test has a search; add search: {{over: {{NAME: [LOW, HIGH]}}}} to one"
         )
     return [(firsts[name], searched[name]) for name in dict.fromkeys(case.test for case in cases) if name in searched]
 
 
 def vary(case: Case, values: Values, *, name: str | None = None) -> Case:
-    """The same case with other values of parameters or of the seed."""
+    """Return the same case with other values of parameters or of the seed."""
     merged, path = {**case.values, **values}, Path(case.world)
     seed = int(merged.get("seed", case.diagram["seed"]))
     test = _varied(case.test, path, merged) if _varies(case.test, path) else None
@@ -222,7 +222,7 @@ def vary(case: Case, values: Values, *, name: str | None = None) -> Case:
 
 
 def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator[Case]:
-    """The variations of one test, all with all, the last key changing fastest."""
+    """Yield the variations of one test: all combinations, the last key varies fastest."""
     axes = {key: _axis(key, given, world.spec.seed) for key, given in test.variations.items()}
     axes |= {key: [value] for key, value in values.items()}
     expect = tuple((text, where(test, "expect", index)) for index, text in enumerate(test.expect))
@@ -237,7 +237,7 @@ def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator
 
 
 def _content(world: World, test: CaseSpec, path: Path) -> str:
-    """Changes when a file does that the test is made of."""
+    """Return the digest of the files that the test consists of."""
     behaviour = test.behaviour if isinstance(test.behaviour, str) else str(test.behaviour.get("kind", ""))
     beside = [*world.spec.include, *([f"{behaviour.split(':')[0].replace('.', '/')}.py"] if ":" in behaviour else [])]
     files = [path, *(path.parent / name for name in beside)]
@@ -245,14 +245,14 @@ def _content(world: World, test: CaseSpec, path: Path) -> str:
 
 
 def _varies(name: str, path: Path) -> bool:
-    """Whether the behaviour of a test depends on parameters or chance."""
+    """Return whether the behaviour of a test depends on parameters or random values."""
     tree, _ = read_tree(path)
     raw = [test for test in tree.get("tests", ()) if test.get("name") == name]
     return any(mark in f"{test.get('behaviour')} {test.get('duration')}" for test in raw for mark in _MARKS)
 
 
 def _varied(name: str, path: Path, values: Values) -> CaseSpec | None:
-    """A test as it reads with other values; None if the world cannot be laid out, which its run will tell."""
+    """Return a test with other values; None if the world cannot be laid out, which its run will report."""
     try:
         world = load_world(str(path), overrides=overrides(values))
     except WorldError:
@@ -261,12 +261,12 @@ def _varied(name: str, path: Path, values: Values) -> CaseSpec | None:
 
 
 def overrides(values: Values) -> list[str]:
-    """Values as overrides of the world file, see :func:`mirdrake.worlds.load_world`."""
+    """Return values as overrides of the world file, see :func:`mirdrake.worlds.load_world`."""
     return [f"{key if key == 'seed' else f'params.{key}'}={json.dumps(value)}" for key, value in values.items()]
 
 
 def _axis(key: str, given: int | Sequence[Any], seed: int) -> list[Any]:
-    """The values of a variation; a number of seeds counts up from the seed of the world."""
+    """Return the values of a variation; a number of seeds counts up from the seed of the world."""
     if isinstance(given, int):
         return [seed + index for index in range(given)] if key == "seed" else [given]
     return list(given)
@@ -295,7 +295,7 @@ def _world_entry(path: str, values: Values) -> str | dict[str, Any]:
 
 
 def _distinct(found: Sequence[tuple[str, Case]]) -> list[Case]:
-    """Cases with names of their own: with the world in front where two files have a test of the same name."""
+    """Make the names of cases unique: the world's name precedes tests that have the same name in two files."""
     worlds: dict[str, set[str]] = {}
     for _, case in found:
         worlds.setdefault(case.test, set()).add(case.world)
@@ -309,11 +309,11 @@ def _distinct(found: Sequence[tuple[str, Case]]) -> list[Case]:
     return cases
 
 
-# --- what can be found before anything runs -----------------------------------------------------------------------
+# --- faults that are found before anything runs -----------------------------------------------------------------------
 
 
 def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterator[str]:
-    """Everything that is wrong with a test, one line each."""
+    """Yield the faults of a test, a line each."""
     spec = world.spec
     if test.start is not None and test.start not in world.starts:
         yield f"{where(test, 'start')}: unknown start '{test.start}'; {did_you_mean(test.start, world.starts)}"
@@ -333,7 +333,7 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
     try:
         load_world(str(path), overrides=overrides(values)) if values else None
     except WorldError:
-        pass  # its runs will tell
+        pass  # its runs will report it
     except ConfigError as error:
         yield str(error)
     try:
@@ -351,7 +351,7 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
 
 
 def _unfit(requirement: Requirement, world: World, test: CaseSpec) -> Iterator[str]:
-    """What a requirement asks for that the world or the test does not have."""
+    """Yield what a requirement needs that the world or the test does not have."""
     place = f"{requirement.where}: '{requirement}'"
     for goal in requirement.goals:
         if goal == "goal" and test.goal is None and "goal" not in world.goals:

@@ -1,4 +1,4 @@
-"""A suite: all cases in a folder, written down one by one, so that a suite that was killed can go on."""
+"""A suite: cases whose results are written one by one, so that a suite that was killed can be resumed."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -17,17 +17,17 @@ from mirdrake.suites.worker import open_case_workers
 CASES_FILE, RESULTS_FILE = "suite.json", "results.jsonl"
 
 SuiteProgress = Callable[[int, int, Result], None]
-"""Called with the number of cases done, of all cases, and the latest result."""
+"""Called with the number of finished cases, of all cases, and the latest result."""
 
 
 @dataclass(frozen=True)
 class Suite:
-    """Cases and what became of them.
+    """Cases and their results.
 
     Attributes:
         cases: in the order of the world files.
-        results: of the cases that were done, in the same order, whatever the number of workers.
-        folder: where everything was written; None if nothing was.
+        results: of the finished cases, in the same order, whatever the number of workers.
+        folder: of the suite; None if nothing was written.
     """
 
     cases: tuple[Case, ...]
@@ -52,7 +52,7 @@ class Suite:
         return 2 if counts["error"] or counts["invalid"] else 1 if counts["fail"] else 0
 
     def ranked(self) -> list[tuple[Case, Result]]:
-        """The worst first; see :attr:`mirdrake.suites.cases.Result.place`."""
+        """Return cases and results, the worst first; see :attr:`mirdrake.suites.cases.Result.place`."""
         cases = {case.name: case for case in self.cases}
         order = sorted(self.results, key=lambda result: result.place)
         return [(cases[result.name], result) for result in order]
@@ -70,17 +70,17 @@ def run_suite(
 ) -> Suite:
     """Run cases in worker processes.
 
-    A case that hangs, crashes its process or raises becomes an error; the others go on. Every result is appended to
-    results.jsonl at once. Ctrl-C ends the workers and gives what is done.
+    A case that hangs, crashes its process or raises an error has the verdict error; the others continue. Every result
+    is immediately appended to results.jsonl. Ctrl-C ends the workers; the suite then has the finished cases.
 
     Args:
         cases: from :func:`mirdrake.suites.collect_cases`.
         workers: number of processes.
-        folder: made; must be empty unless `resume`. None writes nothing.
-        timeout: wall time a case may take [s]; a minute and ten times its simulated time if left out.
+        folder: of the suite; it is created, and must be empty unless `resume`. None writes nothing.
+        timeout: wall time that a case may take [s]; 60 s and ten times its simulated time if omitted.
         progress: see :data:`SuiteProgress`.
-        resume: keep the results that `folder` has of these very cases.
-        keep_all: keep the run folders of cases that passed, too.
+        resume: continue with the results that `folder` has of these cases.
+        keep_all: also keep the run folders of cases that passed.
 
     Raises:
         RunError: the folder cannot be written, or worker processes cannot start.
@@ -115,10 +115,10 @@ def run_suite(
 
 
 def load_suite(folder: Path | str) -> Suite:
-    """A suite from its folder, as far as it was done.
+    """Load a suite from its folder, complete or not.
 
     Raises:
-        ConfigError: it is no folder of a suite.
+        ConfigError: the folder is not that of a suite, or is damaged.
     """
     folder = Path(folder)
     file = folder / CASES_FILE

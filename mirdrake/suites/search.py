@@ -1,9 +1,9 @@
-"""Search for the values of parameters with which a case goes worst.
+"""Search for the parameter values for which a case has the smallest margin.
 
 Half of the budget goes to a Halton sequence (J. H. Halton 1960) over the ranges, shifted by a random vector; the other
-half to the simplex search of J. A. Nelder and R. Mead (1965) from the worst point found, and when that gets no further,
-from the next one. What is minimised is the smallest margin of the requirements, each over a size that is usual for it,
-so that metres and seconds compare. The same seed tries the same points, on any number of workers.
+half to the simplex search of J. A. Nelder and R. Mead (1965) from the worst point found, and when that converges, from
+the next one. The objective is the smallest margin of the requirements, each over a usual size, so that metres and
+seconds can be compared. The same seed tries the same points, on any number of workers.
 """
 
 import math
@@ -27,35 +27,35 @@ SIMPLEX = 0.12
 """Edges of the first simplex, as a share of the ranges."""
 
 DIGITS = 6
-"""Significant digits of the values tried: what is written down is what was run."""
+"""Significant digits of the values tried, so that the reported values are exactly those that were run."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One point of a search."""
+    """A point of a search and its result."""
 
     values: dict[str, Any]
     result: Result
 
     @property
     def margin(self) -> float:
-        """Margin of its worst requirement, in its unit; infinite where there is none, or it could not be judged."""
+        """Margin of the worst requirement in its unit; infinite if there is none, or it could not be judged."""
         return self.result.margin
 
     @property
     def share(self) -> float:
-        """That margin over a size that is usual for it [-]."""
+        """That margin over a usual size [-]."""
         return self.result.share
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search found.
+    """The result of a search.
 
     Attributes:
-        case: what was varied.
+        case: the case that was varied.
         tried: the trials in their order.
-        interrupted: by Ctrl-C.
+        interrupted: whether Ctrl-C ended the search.
     """
 
     case: Case
@@ -74,12 +74,12 @@ class SearchResult:
         return [trial for trial in self.tried if trial.result.verdict == "fail"]
 
     def ranked(self) -> list[Trial]:
-        """The worst first: failures, what could not be judged, passes, invalid worlds; each by the smallest share."""
+        """Return the trials, the worst first: failures, errors, passes, invalid worlds; each by the smallest share."""
         order = ("fail", "error", "pass", "invalid")
         return sorted(self.tried, key=lambda trial: (order.index(trial.result.verdict), trial.share))
 
     def replay(self, trial: Trial) -> Case:
-        """The case that a trial was."""
+        """Return the case of a trial."""
         return vary(self.case, trial.values)
 
 
@@ -97,25 +97,25 @@ def search(
     timeout: float | None = None,
     progress: Callable[[int, int, Trial], None] | None = None,
 ) -> SearchResult:
-    """Look for the values with the smallest margin.
+    """Search for the values with the smallest margin.
 
     Args:
-        case: its other values stay as they are.
-        over: range of each parameter; `seed` may be one, its values are whole numbers.
+        case: the case to vary; its other values are kept.
+        over: range of each parameter; `seed` may be one of them, its values are integers.
         budget: number of runs.
         seed: of the points tried.
-        workers: number of processes for the first half; one goes on.
-        timeout: wall time a run may take [s]; see :func:`mirdrake.suites.worker.time_limit`.
-        progress: called with the number of runs done, the budget and the latest trial.
+        workers: number of processes for the first half; the simplex search uses one.
+        timeout: wall time that a run may take [s]; see :func:`mirdrake.suites.worker.time_limit`.
+        progress: called with the number of finished runs, the budget and the latest trial.
 
     Raises:
         ConfigError: a range is empty, or there is nothing to search.
     """
     for name, (low, high) in over.items():
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ConfigError(f"search.over.{name}: [{low:g}, {high:g}] is no range; give [low, high]")
+            raise ConfigError(f"search.over.{name}: [{low:g}, {high:g}] is not a range; give [low, high]")
     if not over or budget < 1:
-        raise ConfigError("search: name at least one parameter under over, and a budget of at least one run")
+        raise ConfigError("search: give at least one parameter under over, and a budget of at least one run")
     seeker = _Seeker(case, dict(over), budget, progress)
     first = min(budget, max(budget // 2, 2 * len(over)))
     with open_case_workers(workers, cases=budget, timeout=timeout) as run_cases:
@@ -133,26 +133,26 @@ def search(
                 minimize(margin, corner, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(over), options=options)
         except _Spent:
             pass
-        except KeyboardInterrupt:  # what was found until now counts
+        except KeyboardInterrupt:  # the finished trials are kept
             return SearchResult(case, tuple(seeker.tried.values()), interrupted=True)
     return SearchResult(case, tuple(seeker.tried.values()))
 
 
 def _halton(dimensions: int, count: int, seed: int) -> Array:
-    """Points in the unit cube (count, dimensions): a Halton sequence, shifted as a whole."""
+    """Return points in the unit cube (count, dimensions): a Halton sequence with a random shift."""
     points = qmc.Halton(dimensions, scramble=False).random(count)
     return np.asarray((points + np.random.default_rng(seed).random(dimensions)) % 1.0)
 
 
 def _inward(point: Array, axis: int) -> Array:
-    """A unit vector along an axis, towards the farther end of the range."""
+    """Return a unit vector along an axis, towards the farther end of the range."""
     step = np.zeros(len(point))
     step[axis] = 1.0 if point[axis] < 0.5 else -1.0
     return step
 
 
 class _Seeker:
-    """Runs points of the unit cube, each of them once, until the budget is spent."""
+    """Evaluation of points of the unit cube, each once, until the budget is spent."""
 
     def __init__(
         self, case: Case, over: dict[str, Range], budget: int, progress: Callable[[int, int, Trial], None] | None
@@ -161,7 +161,7 @@ class _Seeker:
         self.tried: dict[tuple[float, ...], Trial] = {}
 
     def values(self, point: Array) -> dict[str, Any]:
-        """The values of the parameters at a point."""
+        """Return the values of the parameters at a point."""
         found: dict[str, Any] = {}
         for share, (name, (low, high)) in zip(point, self._over.items(), strict=True):
             value = low + float(share) * (high - low)
@@ -169,12 +169,12 @@ class _Seeker:
         return found
 
     def objective(self, point: Array) -> float:
-        """The smallest share at a point that was run; a large number where there is none."""
+        """Return the smallest share at a point that was run; a large number if there is none."""
         share = self.tried[tuple(self.values(point).values())].share
         return share if math.isfinite(share) else 1e9
 
     def evaluate(self, run_cases: RunCases, points: Array) -> None:
-        """Run the points that were not run yet.
+        """Run the points that have not been run yet.
 
         Raises:
             _Spent: the budget is used up.
@@ -195,5 +195,5 @@ class _Seeker:
                 if self._progress is not None:
                     self._progress(number + len(trials), self._budget, trials[index])
         finally:
-            for index in sorted(trials):  # in the order of the points, whoever was done first
+            for index in sorted(trials):  # in the order of the points, whichever finished first
                 self.tried[list(new)[index]] = trials[index]

@@ -82,7 +82,7 @@ def run_in_worker(case: Case, folder: Path | None, keep_all: bool) -> Result:
 
 
 def _forget(before: set[str], folder: Path) -> None:
-    """Import a user's modules anew for the next case, so that it does not depend on the cases before it."""
+    """Unload a user's modules, so that the next case does not depend on the cases before it."""
     for name in set(sys.modules) - before:
         file = getattr(sys.modules[name], "__file__", None)
         own = file is not None and Path(file).is_relative_to(folder) and "site-packages" not in file
@@ -91,14 +91,14 @@ def _forget(before: set[str], folder: Path) -> None:
 
 
 def run_case(case: Case, *, folder: Path | None = None, keep_all: bool = False) -> Result:
-    """Simulate and judge one case; whatever happens is its result.
+    """Simulate and judge one case; an error is a result, too.
 
-    The run is written while it goes on, so that there is something to look at even if it takes the process down.
+    The run is written while it is in progress, so that it can be inspected even if it crashes the process.
 
     Args:
-        case: what to run.
-        folder: of the suite; the run goes below it, and stays unless the case passed. None writes nothing.
-        keep_all: keep the run of a case that passed, too.
+        case: the case.
+        folder: of the suite; the run folder below it is kept unless the case passed. None writes nothing.
+        keep_all: also keep the run folder of a case that passed.
     """
     began = time.perf_counter()
     random.seed(0)
@@ -112,7 +112,7 @@ def run_case(case: Case, *, folder: Path | None = None, keep_all: bool = False) 
         result = Result(case.name, "invalid", _line(error))
     except MirdrakeError as error:
         result = Result(case.name, "error", _line(error).removeprefix(f"{place}: "))
-    except BaseException as error:  # also SystemExit, and KeyboardInterrupt raised by a behaviour
+    except BaseException as error:  # also SystemExit, and a KeyboardInterrupt that a behaviour raises
         result = Result(case.name, "error", f"{type(error).__name__}: {_line(error)}".removesuffix(": "))
     if place is not None and result.verdict == "pass" and not keep_all:
         shutil.rmtree(place, ignore_errors=True)
@@ -121,7 +121,7 @@ def run_case(case: Case, *, folder: Path | None = None, keep_all: bool = False) 
 
 
 def run_folder(case: Case, folder: Path | None) -> str | None:
-    """The run folder of a case, below the folder of its suite; None if it has none."""
+    """Return the run folder of a case, below that of its suite; None if there is none."""
     if folder is None or not (folder / CASES / case.slug).is_dir():
         return None
     return f"{CASES}/{case.slug}"
@@ -163,17 +163,17 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
 
 
 def _lost_command(run: Run) -> str:
-    """When the behaviour gave a command that is no number, which the vehicle does not follow; "" if it never did."""
+    """Return the first command of the behaviour that is not finite, which the vehicle does not follow; "" if none."""
     for key in ("speed", "steering"):
         signal_ = run.signals.get(f"{VEHICLE}.{key}_command")
         if signal_ is not None and not np.isfinite(signal_).all():
             row = int(np.argmin(np.isfinite(signal_)))
-            return f"the behaviour gave {signal_.iloc[row]:g} as {key} at t = {signal_.index[row]:g} s"
+            return f"the behaviour commanded a {key} of {signal_.iloc[row]:g} at t = {signal_.index[row]:g} s"
     return ""
 
 
 def _broken(world: World) -> list[str]:
-    """Why a world is invalid: what found no place in it, and rules that it breaks."""
+    """Return why a world is invalid: unplaced props, and violated rules."""
     return [*world.unplaced_props, *(world.rules.broken(world.props) if world.rules is not None else ())]
 
 

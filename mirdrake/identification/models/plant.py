@@ -33,7 +33,7 @@ from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, MirdrakeError
-from mirdrake.execution.parameters import find_knobs
+from mirdrake.execution.parameters import find_context_parameters
 from mirdrake.identification.models.base import SPEED, Array, ModelOptions, Segment, find_channel, select_outputs
 from mirdrake.identification.models.plant_context import body_inertia, measure, set_damping
 from mirdrake.identification.models.plant_parameters import plant_parameters
@@ -122,7 +122,7 @@ class PlantModel(SimulatedModel):
         part = self.assembly.parts.vehicles[EGO]
         self._part, plant = part, self.assembly.parts.plant
         self._whole, self._rest = measure(plant, part), measure(plant, part, base=False)
-        self._knobs = find_knobs({EGO: loaded}, self.assembly.parts.world)
+        self._knobs = find_context_parameters({EGO: loaded}, self.assembly.parts.world)
         friction = float(self.assembly.parts.world.ground.mu) if "road.friction" in self._knobs else None
         damping = float(part.wheels[0].default_damping_vector()[0])
         self.parameters = plant_parameters(loaded, self._steer, self._whole, self._rest, damping, friction)
@@ -242,7 +242,7 @@ class PlantModel(SimulatedModel):
         set_damping(plant_context, part, p["wheel_damping"])
         if "friction" in p and p["friction"] != assembly.parts.world.ground.mu:
             # A friction other than that of the world is a parameter of the ground.
-            self._knobs["road.friction"].turn(assembly, context, p["friction"])
+            self._knobs["road.friction"].apply(assembly, context, p["friction"])
         angle = steering_angle({"steering_lag": 0.0, **p}, drive, self._steer, _sample_times(drive))
         self._fill(context, "steering_table", drive, angle, self._lead)
         if self._way == "speed":

@@ -17,7 +17,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.core.pid import PidLimits
-from mirdrake.execution.parameters import find_knobs
+from mirdrake.execution.parameters import find_context_parameters
 from mirdrake.plant.wheels import RoadFriction
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.blocks import DelayedActuator, NoisySensor
@@ -57,7 +57,7 @@ class PlantBench:
         self.period = float(spec.period or 0.0)
         self._initial: Context | None = None  # Context at the start of a test, to which the working one is reset
         self._context: Context | None = None
-        knobs = find_knobs({spec.vehicle: part.vehicle}, self.assembly.parts.world)
+        knobs = find_context_parameters({spec.vehicle: part.vehicle}, self.assembly.parts.world)
         self._knobs = {name.removeprefix(f"{spec.vehicle}."): knob for name, knob in knobs.items()}
         self._delay: DelayedActuator = self.assembly.diagram.GetSubsystemByName("delay")
         self._noise: NoisySensor | None = self.assembly.diagram.GetSubsystemByName("noise") if spec.noisy else None
@@ -105,9 +105,9 @@ class PlantBench:
                 raise ConfigError(f"no gain '{name}'; {did_you_mean(name, spec.gains)}")
             self._knobs[spec.gains[name].path].turn(assembly, context, float(value))
         if conditions.mass != 1.0:
-            self._knobs["mass_scale"].turn(assembly, context, conditions.mass)
+            self._knobs["mass_scale"].apply(assembly, context, conditions.mass)
         if conditions.friction is not None and conditions.friction != spec.friction:
-            self._knobs["road.friction"].turn(assembly, context, conditions.friction)
+            self._knobs["road.friction"].apply(assembly, context, conditions.friction)
         delay = spec.delay if conditions.delay is None else conditions.delay
         delay = max(delay + 0.5 * self.period - spec.time_step, 0.0)  # a step of the plant is part of the delay
         self._delay.set_delay(self._delay.GetMyContextFromRoot(context), delay)

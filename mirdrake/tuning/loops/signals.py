@@ -24,7 +24,7 @@ from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import where
-from mirdrake.execution.parameters import find_knobs
+from mirdrake.execution.parameters import find_context_parameters
 from mirdrake.runs.simulation import Simulation
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, Evaluation, Gain, LoopSpec
 from mirdrake.tuning.loops.judge import judge
@@ -198,7 +198,7 @@ def find_setters(assembly: Assembly) -> dict[str, Setter]:
     """Return functions that write a parameter to a Context of a diagram, by name of the parameter."""
     vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
     setters: dict[str, Setter] = {
-        name: partial(knob.turn, assembly) for name, knob in find_knobs(vehicles, assembly.parts.world).items()
+        name: partial(knob.turn, assembly) for name, knob in find_context_parameters(vehicles, assembly.parts.world).items()
     }
     for system, names in _blocks_with_gains(assembly):
         setters |= {f"{system.get_name()}.{gain}": partial(_set_gain, system, gain) for gain in names}
