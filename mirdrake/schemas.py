@@ -1,8 +1,8 @@
-"""JSON Schemas of the YAML files, so that editors complete keys, show units and mark faults while one types.
+"""JSON Schemas of the YAML files, with which editors complete keys, show units and mark faults.
 
-They come from the same models that read the files; what a reader takes beside that (a bare name for a world, ``$mu`` in
-a world file, a preset in place of a kind) is added here. A schema knows nothing of other files: whether a start or a
-joint exists says ``mirdrake check``.
+They are derived from the models of the files. Short forms that readers accept besides (a bare name for a world, ``$mu``
+in a world file, a preset in place of a kind) are added here. A schema does not know other files: ``mirdrake check``
+reports whether a start or a joint exists.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -24,11 +24,11 @@ class Kind(NamedTuple):
     """A file format.
 
     Attributes:
-        model: where its pydantic model is, as ``module:Class``.
-        files: what such files are called.
-        text: what they are.
-        head: value of the key ``mirdrake`` in such a file; "" for a format that is known by the name of the file.
-        reader: what reads and checks such a file beyond its model, as ``module:function``.
+        model: its pydantic model as ``module:Class``.
+        files: name of such files.
+        text: their content.
+        head: value of the key ``mirdrake`` in such a file; "" for a format that is recognised by the name of the file.
+        reader: function that reads such a file and checks it beyond its model, as ``module:function``.
     """
 
     model: str
@@ -41,10 +41,10 @@ class Kind(NamedTuple):
 KINDS: dict[str, Kind] = {
     "vehicle": Kind("mirdrake.vehicles.spec:VehicleSpec", "vehicle.yaml", "joints, tyres, powertrain of a vehicle"),
     "control": Kind("mirdrake.vehicles.spec:ControlSpec", "control.yaml", "gains and limits of a vehicle"),
-    "sensors": Kind("mirdrake.vehicles.mounts:SensorsSpec", "sensors.yaml", "what a vehicle mounts"),
-    "variant": Kind("mirdrake.vehicles.spec:VariantSpec", "variants/*.yaml", "what a variant of a vehicle changes"),
+    "sensors": Kind("mirdrake.vehicles.mounts:SensorsSpec", "sensors.yaml", "sensors of a vehicle and their mounts"),
+    "variant": Kind("mirdrake.vehicles.spec:VariantSpec", "variants/*.yaml", "changes of a variant of a vehicle"),
     "figures": Kind(
-        "mirdrake.manoeuvres.published:PublishedFigures", "published_figures.yaml", "what is published of a vehicle"
+        "mirdrake.manoeuvres.published:PublishedFigures", "published_figures.yaml", "published figures of a vehicle"
     ),
     "presets": Kind("mirdrake.vehicles.presets:PresetsSpec", "models/sensors/*.yaml", "sensors as products"),
     "prop": Kind("mirdrake.worlds.props:PropFile", "prop.yaml", "a prop"),
@@ -90,7 +90,7 @@ def format_of(path: Path) -> str:
     A file without either is a diagram.
 
     Raises:
-        ConfigError: it cannot be read, or its key ``mirdrake`` names no format.
+        ConfigError: the file cannot be read, or its key ``mirdrake`` is not a format.
     """
     data, source = read_tree(path)
     head = data.get("mirdrake") if isinstance(data, dict) else None
@@ -112,7 +112,7 @@ def check_file(path: Path, *, overrides: Iterable[str] = ()) -> None:
     """Read a file with the reader of its format, or check it against its model.
 
     Raises:
-        ConfigError: its faults.
+        ConfigError: the file has faults.
     """
     entry = KINDS[format_of(path)]
     if not entry.reader:
@@ -128,16 +128,16 @@ def check_file(path: Path, *, overrides: Iterable[str] = ()) -> None:
 
 
 def make_schema(kind: str) -> Json:
-    """The JSON Schema of one kind of file.
+    """Return the JSON Schema of a file format.
 
     Args:
         kind: a name in :data:`KINDS`.
 
     Raises:
-        ConfigError: there is no such kind.
+        ConfigError: the format is unknown.
     """
     if kind not in KINDS:
-        raise ConfigError(f"no schema for '{kind}'; {did_you_mean(kind, KINDS)}")
+        raise ConfigError(f"unknown file format '{kind}'; {did_you_mean(kind, KINDS)}")
     entry = KINDS[kind]
     schema = _schema_of(entry.model)
     _add_short_forms(schema)
@@ -153,13 +153,13 @@ def _schema_of(model: str) -> Json:
 
 
 def _load(place: str) -> Any:
-    """What is at ``module:name``."""
+    """Return the object ``module:name``."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 
 
 def _nodes(schema: Any) -> Iterator[Json]:
-    """Every mapping of a schema, inner ones first."""
+    """Yield every mapping of a schema, inner ones first."""
     if isinstance(schema, dict):
         for value in list(schema.values()):
             yield from _nodes(value)
@@ -169,7 +169,7 @@ def _nodes(schema: Any) -> Iterator[Json]:
             yield from _nodes(value)
 
 
-# --- what readers take beside their models ---------------------------------------------------------------------------
+# --- short forms that readers accept besides their models -----------------------------------------------------------
 
 
 _SHORT: dict[str, Json] = {
@@ -181,11 +181,11 @@ _SHORT: dict[str, Json] = {
     "XodrSpec": {"type": "string"},
     "DepthNoiseSpec": {"type": "string"},
 }
-"""What may stand for a mapping of that name."""
+"""Short forms of mappings, by the name of their model."""
 
 
 def _add_short_forms(schema: Json) -> None:
-    """A word, number or truth in place of a mapping; numbers of noise with units."""
+    """Add a text, number or boolean in place of a mapping, and units for numbers of noise."""
     from mirdrake.vehicles.noise_spec import NoiseSpec
 
     noises = {model.__name__ for model in NoiseSpec.__subclasses__()}
@@ -201,7 +201,7 @@ def _add_short_forms(schema: Json) -> None:
 
 
 def _add_to_world(schema: Json) -> None:
-    """Parameters and random values stand wherever a number may."""
+    """Add parameters and random values wherever a number is allowed."""
     for node in _nodes(schema):
         if node.get("type") in {"number", "integer"}:
             limits = {key: node.pop(key) for key in list(node) if key in _NUMERIC}
@@ -212,7 +212,7 @@ _NUMERIC = {"type", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"
 
 
 def _add_to_diagram(schema: Json) -> None:
-    """A bare name of a world; blocks of ours with their parameters, and classes of the user's."""
+    """Add the bare name of a world, mirdrake's blocks with their parameters, and user classes."""
     from mirdrake.assembly.blocks import BLOCKS
 
     definitions, properties = schema["$defs"], schema["properties"]
@@ -224,7 +224,7 @@ def _add_to_diagram(schema: Json) -> None:
         if "oneOf" in option:
             option["oneOf"].append({"type": "string"})
             option.pop("discriminator", None)
-    own = {"type": "string", "pattern": "^[^:]+:[^:]+$", "description": "class of your own, module:Class [-]"}
+    own = {"type": "string", "pattern": "^[^:]+:[^:]+$", "description": "user class, module:Class [-]"}
     definitions["OwnDriverSpec"]["properties"]["kind"] = own
     blocks = []
     for kind, model in BLOCKS.items():
@@ -237,13 +237,13 @@ def _add_to_diagram(schema: Json) -> None:
 
 
 def _add_to_sensors(schema: Json) -> None:
-    """A preset in place of a kind, with any key of any sensor over it."""
+    """Add a preset in place of a kind, with any key of any sensor."""
     from mirdrake.vehicles.presets import presets
 
     union = schema["properties"]["mounts"]["additionalProperties"]
     names = [option["$ref"].rsplit("/", 1)[1] for option in union["oneOf"]]
-    known: Json = {"anyOf": [{"enum": sorted(presets())}, {"type": "string"}]}  # others may come in files of the user's
-    keys: Json = {"preset": known | {"description": "a product, see models/sensors [-]"}}
+    known: Json = {"anyOf": [{"enum": sorted(presets())}, {"type": "string"}]}  # the user may have files with others
+    keys: Json = {"preset": known | {"description": "sensor product, see models/sensors [-]"}}
     for name in names:
         for key, value in schema["$defs"][name]["properties"].items():
             if key != "kind":
@@ -260,14 +260,14 @@ def _add_to_sensors(schema: Json) -> None:
 
 
 def _add_to_variant(schema: Json) -> None:
-    """Parts of the vehicle's own files, with nothing required in them."""
+    """Add the parts of the vehicle's own files, without required keys."""
     for part in ("vehicle", "control", "sensors"):
         if part not in schema["properties"]:
             continue
         inner = make_schema(part)
         for node in _nodes(inner):
             node.pop("required", None)
-            if "oneOf" in node:  # without the key that tells them apart several may fit
+            if "oneOf" in node:  # without the discriminating key several may fit
                 node["anyOf"] = node.pop("oneOf")
                 node.pop("discriminator", None)
         schema.setdefault("$defs", {}).update(inner.pop("$defs", {}))
@@ -277,7 +277,7 @@ def _add_to_variant(schema: Json) -> None:
 
 
 def _add_to_identification(schema: Json) -> None:
-    """The kind of a model alone."""
+    """Add the kind of a model as a text."""
     schema["properties"]["model"]["type"] = ["object", "string"]
 
 

@@ -1,4 +1,4 @@
-"""The whole flow in one call: simulate, then write the recording and the report."""
+"""The complete workflow in one call: simulate, then write the recording and the report."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A world as files for others: lock file, SDF world with its meshes, plan from above."""
+"""Files of a built world: lock file, SDF world with its meshes, plan view."""
 
 import re
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from mirdrake.worlds.sdf_export import export_sdf
 
 @dataclass(frozen=True)
 class Build:
-    """What was written.
+    """The files of a built world.
 
     Attributes:
-        folder: where.
+        folder: of the files.
         lock: the lock file; `sdf` and `plan` likewise.
         meshes: number of files of meshes.
-        hash: SHA-256 of all that is settled.
-        left_out: what the SDF world cannot say, one line each.
+        hash: digest of the lock file.
+        left_out: features that SDF cannot represent, one line each.
         overlaps: props that overlap: two names, and the area [m].
     """
 
@@ -36,13 +36,11 @@ class Build:
 
 
 def build_world(world: World, folder: Path | str) -> Build:
-    """Write a world's lock file, SDF world and plan.
-
-    Everything is made before anything is written; a folder that cannot take all files gets none.
+    """Write a world's lock file, SDF world and plan: all files or none.
 
     Args:
         world: the world.
-        folder: for the files; made if there is none.
+        folder: for the files; it is created if it does not exist.
 
     Raises:
         WorldError: a mesh cannot be read.
@@ -62,7 +60,7 @@ def build_world(world: World, folder: Path | str) -> Build:
 
 
 def file_name(name: str) -> str:
-    """The name of a world as that of a file: letters, digits, underscores, dots and dashes."""
+    """Return the name of a world as a file name of letters, digits, underscores, dots and dashes."""
     return re.sub(r"[^\w.-]+", "_", name)[:100].strip("._") or "world"
 
 
@@ -70,7 +68,7 @@ def file_name(name: str) -> str:
 
 
 def _write_all(folder: Path, files: dict[str, bytes]) -> None:
-    """Write all files or none: into a folder beside them first, then each renamed."""
+    """Write all files or none."""
     with write_errors(Path(shown(folder))):
         for name in files:
             if (folder / name).is_dir():

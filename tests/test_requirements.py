@@ -295,7 +295,7 @@ def test_a_missing_signal_goal_or_unit_is_told() -> None:
 
 
 def test_numbers_that_are_none_and_runs_that_end_early_are_told() -> None:
-    with pytest.raises(RunError, match=r"no number at t = 0.5 s"):
+    with pytest.raises(RunError, match=r"not a number at t = 0.5 s"):
         parse_requirement("always speed < 1 m/s").judge(_seen(speed=[1.0, math.nan]))
     with pytest.raises(RunError, match=r"ended at 0.5 s"):
         parse_requirement("after 3 s always speed < 1 m/s").judge(_seen(speed=[1.0, 2.0]))

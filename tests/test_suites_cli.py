@@ -248,7 +248,7 @@ def test_a_value_is_a_name_and_a_number_or_word(lot: Path, text, capsys: pytest.
 
 def test_faults_of_a_file_are_told_with_their_lines(tmp_path: Path) -> None:
     path = _world(tmp_path, WORLD.replace("never collision]\n    search", "never colision]\n    search"))
-    with pytest.raises(ConfigError, match=r"lot.yaml:16: tests.0.expect.1: 'never colision' is no requirement"):
+    with pytest.raises(ConfigError, match=r"lot.yaml:16: tests.0.expect.1: 'never colision' is not a requirement"):
         test(path)
 
 

@@ -1,1 +1,1 @@
-"""Errors, paths, YAML with line numbers, named signals, user code, compiled functions: what every stage uses."""
+"""Foundations of all stages: errors, files, paths, YAML with line numbers, named signals, user code, compiled code."""

@@ -16,12 +16,12 @@ def check_number(
     at_most: float = math.inf,
     infinite: bool = False,
 ) -> float:
-    """The value as a float, if it is a number in the allowed range.
+    """Return the value as a float if it is a number in the allowed range.
 
     Args:
-        owner: what the setting belongs to, for the message.
+        owner: the object that has the setting, for the message.
         name: name of the setting.
-        value: what was given.
+        value: of the setting.
         unit: unit of the setting, for the message.
         at_least: smallest allowed value.
         above: the value must be larger than this.
@@ -42,6 +42,6 @@ def check_number(
         limits += [f"<= {at_most:g}"] if at_most < math.inf else []
         limits += [] if infinite else ["finite"]
         allowed = " and ".join(limits) or "a number"
-        shown = f"{number:g} {unit}".strip()
-        raise ConfigError(f"{owner}: {name} must be {allowed}{f' [{unit}]' if unit else ''}, got {shown}")
+        given = f"{number:g} {unit}".strip()
+        raise ConfigError(f"{owner}: {name} must be {allowed}{f' [{unit}]' if unit else ''}, got {given}")
     return number

@@ -1,13 +1,12 @@
-"""Machine code for what happens in every step of the plant, and records of numbers for it.
+"""Compiled functions for the equations of each plant step, and records of numbers as their arguments.
 
-Python takes a hundred times as long for a formula as the processor would, which is too much for what is asked at every
-step of the plant. What is asked there is therefore written as plain Python functions of floats, arrays and records of
-numbers, and compiled by Numba [1]: the text that is read is the text that runs. Rules for such functions are Numba's:
-indices instead of unpacking, no None, no closures, no keyword-only arguments. Arithmetic is IEEE's, in the order in
-which it is written.
+Python evaluates a formula a hundred times more slowly than machine code, too slowly for every step of the plant. These
+equations are therefore plain Python functions of floats, arrays and records of numbers, compiled by Numba [1]: the same
+source runs with and without compilation. Numba sets the rules: indices instead of unpacking, no None, no closures, no
+keyword-only arguments. Arithmetic follows IEEE 754, in the order of the source.
 
-Compiling takes some seconds, once: the code is kept beside the source files, or in the user's cache where these cannot
-be written, until one of the source files changes.
+Compiling takes a few seconds, once: the machine code is cached beside the source files, or in the user's cache folder
+if these are not writable, until one of the source files changes.
 
 [1] S. K. Lam, A. Pitrou, S. Seibert, Numba: a LLVM-based Python JIT compiler, LLVM-HPC 2015.
 """
@@ -27,15 +26,15 @@ from mirdrake.core.digest import digest
 from mirdrake.core.maths import COMPILED_FORMS
 
 Records = npt.NDArray[np.void]
-"""An array of records; machine code reads and writes their fields with dots."""
+"""An array of records; compiled functions access the fields as attributes."""
 
 
 def record_type(kind: type[Any]) -> np.dtype[np.void]:
-    """The record of a named tuple or dataclass, with fields of the same names.
+    """Return the NumPy type of the record of a named tuple or dataclass, with the same fields.
 
     Args:
-        kind: the class; its fields are floats, ints, bools, tuples of one of these, or such classes again; of any
-            kind: floats.
+        kind: the class; its fields are floats, ints, bools, tuples of one of these, or such classes again. Fields of
+            type Any are floats.
     """
     return np.dtype([(name, *_field(hint)) for name, hint in get_type_hints(kind).items()], align=True)
 
@@ -51,12 +50,12 @@ def _field(hint: Any) -> tuple[Any, ...]:
 
 
 def records(kind: type[Any], values: Iterable[Any]) -> Records:
-    """Named tuples or dataclasses of one class as records."""
+    """Return named tuples or dataclasses of one class as an array of records."""
     return np.array([plain(value) for value in values], dtype=record_type(kind))
 
 
 def plain(value: Any) -> Any:
-    """Named tuples and dataclasses, nested or not, as plain tuples: what a record can be set to."""
+    """Return a named tuple or dataclass, nested or not, as plain tuples, which can be assigned to a record."""
     if is_dataclass(value) and not isinstance(value, type):
         value = astuple(value)
     return tuple(map(plain, value)) if isinstance(value, tuple) else value
@@ -68,14 +67,14 @@ def compiled(
     *,
     parts: Sequence[Callable[..., Any]],
 ) -> Callable[..., Any]:
-    """A function in machine code.
+    """Return a compiled function.
 
-    The first call for arguments of new types loads the code, or makes it.
+    The first call with arguments of new types loads the machine code, or compiles it.
 
     Args:
-        function: to compile.
-        law: its first argument, or its first three, if these are functions; the compiled one goes without.
-        parts: what both call, and what those call.
+        function: the function.
+        law: its first argument, or its first three, if these are functions; the compiled function does not have them.
+        parts: functions that these call, directly or indirectly.
     """
     laws = () if law is None else law if isinstance(law, tuple) else (law,)
     return _compiled(function, laws, tuple(parts))
@@ -90,7 +89,7 @@ def _compiled(
     everything = [function, *laws, *parts, *COMPILED_FORMS]
     for part in everything:
         _register(part)
-    version = _version(everything)  # a part of the key under which Numba keeps code: it looks at one source file only
+    version = _version(everything)  # part of the cache key, as Numba itself only checks one source file
 
     def call(*arguments: Any) -> Any:
         _ = version
@@ -109,7 +108,7 @@ def _compiled(
     calling: Callable[..., Any] = {0: call, 1: call_with_law, 3: call_with_three}[len(laws)]
     try:
         compiling: Callable[..., Any] = njit(cache=True)(calling)
-    except RuntimeError:  # nowhere to write
+    except RuntimeError:  # no folder is writable
         compiling = njit(calling)
     return compiling
 
@@ -126,6 +125,6 @@ def _register(function: Callable[..., Any]) -> None:
 
 
 def _version(functions: Iterable[Callable[..., Any]]) -> int:
-    """A number that is another one when a source file of the functions, or a library below, is another one."""
+    """Return a number that changes with the source files of the functions and the versions of Python and NumPy."""
     files = sorted({inspect.getsourcefile(function) or "" for function in functions})
     return int(digest(f"{sys.version} {np.__version__}", *(Path(file).read_bytes() for file in files))[:14], 16)

@@ -1,8 +1,8 @@
-"""The exception tree.
+"""Exceptions of mirdrake.
 
 ::
 
-    MirdrakeError            base of all; the command line prints it as one line and exits 2
+    MirdrakeError            base of all; the command line prints it and exits with code 2
     ├── ConfigError          a file or an override is wrong: carries file, line and dotted path
     ├── ModelError           a vehicle folder cannot become a plant (xacro, URDF, meshes, inertia)
     ├── WorldError           a world cannot be laid out (unclosed track, start outside the world)
@@ -11,7 +11,7 @@
     │   └── DivergedError    the state of a run is not finite any more
     └── MissingDependencyError   an optional package or system library is not installed
 
-Every message is one line: what was given, where, what is allowed, what to do.
+Every message is one line that states what was given, where, what is allowed, and what to do.
 """
 
 from collections.abc import Hashable, Iterable, Sequence
@@ -91,7 +91,7 @@ class RunError(MirdrakeError):
 
 
 class DivergedError(RunError):
-    """A block found that the state is not finite: the simulation has become unstable."""
+    """The state is not finite: the simulation has diverged."""
 
 
 class MissingDependencyError(MirdrakeError):
@@ -116,11 +116,11 @@ def dotted(path: Iterable[Hashable]) -> str:
 
 
 def did_you_mean(given: object, allowed: Iterable[str]) -> str:
-    """The tail of an error message that names the nearest allowed word and all allowed words.
+    """Return the tail of an error message: the most similar allowed name, and all allowed names.
 
     Args:
-        given: what the user wrote.
-        allowed: the names that would have been right.
+        given: the name that the user wrote.
+        allowed: the allowed names.
 
     Returns:
         for example ``"did you mean 'bolt'? (allowed: bolt, unior)"``; the list is cut after 12 names, or 180

@@ -1,17 +1,17 @@
-"""JSON from files that a user may have edited."""
+"""Reader of JSON files that a user may have edited."""
 
 import json
 from typing import Any
 
 _MOST_DIGITS = 300
-"""Digits of a whole number; one with more is read as a float, which may be infinite."""
+"""Digits of an integer; a longer one is read as a float, which may be infinite."""
 
 
 def parse_json(text: str) -> Any:
-    """A JSON text as plain data.
+    """Parse a JSON text.
 
     Raises:
-        ValueError: it is not JSON (:class:`json.JSONDecodeError`), or is nested too deeply.
+        ValueError: the text is not JSON (:class:`json.JSONDecodeError`), or nested too deeply.
     """
     try:
         return json.loads(text, parse_int=_whole_number)

@@ -1,16 +1,16 @@
-"""Base classes of systems written in Python, which garbage collection can free with their diagram.
+"""Base classes of systems written in Python that garbage collection can free with their diagram.
 
-A class derived from pydrake's own LeafSystem is never freed in Drake 1.51, nor is anything that it refers to, such as
-the diagram it is part of, for two reasons:
+An object of a class derived from pydrake's own LeafSystem is never freed in Drake 1.51, nor are the objects that it
+refers to, such as its diagram, for two reasons:
 
-- A class statement adds an instance dictionary to that which pydrake's classes have. Both are one object, so garbage
-  collection visits it twice, counts one reference too many and takes the system for one that is in use.
-  :class:`FreeableType` leaves the second one out.
+- A class statement adds a second reference to the instance dictionary of pydrake's classes. Garbage collection visits
+  the dictionary twice, counts one reference too many, and considers the system to be in use. Classes of
+  :class:`FreeableType` do not have the second reference.
 - C++ holds the callbacks of ports and cache entries. A bound method refers to its system, and garbage collection
-  cannot see this reference. The ``Declare...`` functions here hand over callbacks that refer to the system weakly.
+  cannot see this reference. The ``Declare...`` functions here pass callbacks that refer to the system weakly.
 
-What else a system keeps must not refer to its diagram out of sight: Drake's bodies, joints, frames, ports of a plant
-(``get_body_poses_output_port`` and others) and Simulators do; keep their indices or the plant itself.
+A system must not keep other objects with such hidden references to its diagram: Drake's bodies, joints, frames, ports
+of a plant (``get_body_poses_output_port`` and others) and Simulators. Keep their indices, or the plant itself.
 """
 
 import weakref
@@ -28,7 +28,7 @@ Callback = Callable[..., Any]
 _PydrakeType: Any = type(DrakeLeafSystem)
 
 if TYPE_CHECKING or _PydrakeType.__module__.startswith("nanobind"):
-    FreeableType = _PydrakeType  # which nobody can derive from
+    FreeableType = _PydrakeType  # it cannot be derived from
 else:
 
     class FreeableType(_PydrakeType):
@@ -61,7 +61,7 @@ class CachedValue:
     """Value that a system calculates once for a Context and the inputs and parameters in it.
 
     Args:
-        system: the system; only weakly referred to, as pydrake's CacheEntry refers to it out of sight.
+        system: the system; referred to weakly, as pydrake's CacheEntry has a hidden reference to it.
         entry: its cache entry.
     """
 
@@ -69,12 +69,12 @@ class CachedValue:
         self._system, self._index, self._ticket = weakref.ref(system), entry.cache_index(), entry.ticket()
 
     def evaluate(self, context: ContextBase) -> Any:
-        """Return the value, calculated anew if what it depends on has changed."""
+        """Return the value, recalculated if its dependencies have changed."""
         system: Any = self._system()
         return system.get_cache_entry(self._index).Eval(context)
 
     def ticket(self) -> DependencyTicket:
-        """Return the ticket of those that depend on the value."""
+        """Return the ticket for values that depend on this one."""
         return self._ticket
 
 
@@ -86,9 +86,9 @@ def declare_cached_value(
     Args:
         system: the system.
         name: name of the entry.
-        allocate: makes an AbstractValue to hold the value.
-        calc: sets it, from a Context.
-        needs: tickets of what the value depends on; of all sources if None.
+        allocate: creates an AbstractValue for the value.
+        calc: calculates the value from a Context.
+        needs: tickets of the dependencies of the value; all sources if None.
     """
     producer = ValueProducer(allocate=_weaken(system, allocate), calc=_weaken(system, calc))
     arguments = {} if needs is None else {"prerequisites_of_calc": set(needs)}

@@ -1,13 +1,13 @@
-"""Where models, worlds, diagrams and studies are found.
+"""Search paths of models, worlds, diagrams and studies.
 
-A name is looked up, first match wins, as
+A name is looked up in this order:
 
-1. a path as it stands (absolute, or relative to the working directory),
-2. ``<folder>/{models,worlds,diagrams,studies}/<name>`` in each folder of the environment variable ``MIRDRAKE_PATH``,
+1. as a path (absolute, or relative to the working directory),
+2. as ``<folder>/{models,worlds,diagrams,studies}/<name>`` in each folder of the environment variable ``MIRDRAKE_PATH``,
 3. the same below the working directory,
-4. the data shipped with mirdrake.
+4. in the data shipped with mirdrake.
 
-Hidden files and folders have no name: new vehicles and worlds are made in them (:func:`mirdrake.core.files.staging`).
+Hidden files and folders are ignored; new vehicles and worlds are made in them (:func:`mirdrake.core.files.staging`).
 """
 
 import os
@@ -20,18 +20,18 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def data_root() -> Path:
-    """Folder that holds models/, worlds/, diagrams/ and studies/: share/ when installed, else the checkout."""
+    """Return the folder of models/, worlds/, diagrams/ and studies/: share/ if installed, otherwise the checkout."""
     share = _PACKAGE / "share"
     return share if share.is_dir() else _PACKAGE.parent
 
 
 def resolved(path: Path) -> Path:
-    """Return an absolute path without links; a loop of links is no error here, but where the file is opened."""
+    """Return an absolute path without links; a loop of links raises an error only when the file is opened."""
     return Path(os.path.realpath(path))
 
 
 def search_folders(kind: str) -> list[Path]:
-    """The existing folders in which names of one kind are looked up, first one first.
+    """Return the existing folders in which names of one kind are looked up, in order of priority.
 
     Args:
         kind: "models", "worlds", "diagrams" or "studies".
@@ -48,7 +48,7 @@ def search_folders(kind: str) -> list[Path]:
 
 
 def names(kind: str) -> dict[str, Path]:
-    """All names of one kind with their files (for models: their folders), sorted by name.
+    """Return all names of one kind with their files (for models: their folders), sorted by name.
 
     Args:
         kind: "models", "worlds", "diagrams" or "studies".
@@ -66,12 +66,12 @@ def names(kind: str) -> dict[str, Path]:
 
 
 def is_hidden(name: str) -> bool:
-    """Whether a file or folder of that name is never listed, as those in which something is being made."""
+    """Return whether a file or folder of that name is hidden and never listed."""
     return name.startswith(".")
 
 
 def find(kind: str, name: str, *, where: str = "") -> Path:
-    """The file (for models: the folder) that a name stands for.
+    """Return the file (for models: the folder) of a name.
 
     Args:
         kind: "models", "worlds", "diagrams" or "studies".
@@ -79,11 +79,11 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
         where: prefix of the error message, for example ``"drive.yaml:3: world"``.
 
     Raises:
-        ConfigError: nothing has that name.
+        ConfigError: the name is unknown.
     """
     one = {"models": "vehicle", "worlds": "world", "diagrams": "diagram", "studies": "study"}[kind]
     prefix = f"{where}: " if where else ""
-    as_path = Path(os.path.expanduser(name))  # leaves "~nobody" alone, where Path.expanduser raises
+    as_path = Path(os.path.expanduser(name))  # keeps "~nobody", for which Path.expanduser raises an error
     is_yaml = as_path.suffix in {".yaml", ".yml"}
     if _is_file(as_path / "vehicle.yaml") if kind == "models" else is_yaml and _is_file(as_path):
         return resolved(as_path)
@@ -97,21 +97,21 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether there is such a file; no for a name that no file can have."""
+    """Return whether a file exists; False for a name that a file cannot have."""
     try:
         return path.is_file()
-    except OSError:  # too long, or in a folder we may not enter
+    except OSError:  # the name is too long, or the folder is not accessible
         return False
 
 
 def cache_folder(kind: str) -> Path:
-    """Folder for what can be computed again: ``mirdrake/<kind>`` in the user's cache (XDG_CACHE_HOME); may not exist.
+    """Return the cache folder ``mirdrake/<kind>`` of the user (XDG_CACHE_HOME); it may not exist.
 
     Args:
         kind: of the content, for example "convex".
     """
     given = os.environ.get("XDG_CACHE_HOME", "")
-    if os.path.isabs(given):  # the XDG specification has relative paths ignored
+    if os.path.isabs(given):  # the XDG specification ignores relative paths
         base = Path(given)
     elif sys.platform == "darwin":
         base = Path(os.path.expanduser("~/Library/Caches"))
@@ -123,7 +123,7 @@ def cache_folder(kind: str) -> Path:
 
 
 def installed_version(distribution: str) -> str | None:
-    """Version of an installed distribution, or None where Python finds its package without one, as in a source tree."""
+    """Return the version of an installed distribution; None if only its sources are on the import path."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:

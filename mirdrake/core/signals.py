@@ -1,8 +1,8 @@
-"""Named vectors with units, shared by systems, wiring checks and logs.
+"""Named vectors with units, for systems, checks of connections, and logs.
 
-A port of a LeafSystem that is declared through :func:`declare_vector_input` or :func:`declare_vector_output` remembers
-the name and unit of each element. :func:`signals_of` gives them back for any port; ports of other systems have none,
-and are then checked by size only.
+A port of a LeafSystem that is declared by :func:`declare_vector_input` or :func:`declare_vector_output` has a name and
+a unit for each element, which :func:`signals_of` returns. Ports of other systems have none; only their size is
+checked.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -15,7 +15,7 @@ from mirdrake.core.leaf_system import LeafSystem
 
 
 class Signal(NamedTuple):
-    """One scalar: name, SI unit ("" for a pure number) and meaning."""
+    """Name, SI unit ("" for a pure number) and meaning of a scalar."""
 
     name: str
     unit: str
@@ -26,10 +26,10 @@ Signals = tuple[Signal, ...]
 
 
 def signals(*entries: tuple[str, str] | tuple[str, str, str]) -> Signals:
-    """A named vector from (name, unit[, meaning]) tuples.
+    """Return a named vector from (name, unit[, meaning]) tuples.
 
     Raises:
-        DiagramError: two elements have one name.
+        DiagramError: two elements have the same name.
     """
     vector = tuple(Signal(*entry) for entry in entries)
     repeated = {signal.name for signal in vector if sum(other.name == signal.name for other in vector) > 1}
@@ -39,7 +39,7 @@ def signals(*entries: tuple[str, str] | tuple[str, str, str]) -> Signals:
 
 
 def declare_vector_input(system: LeafSystem, name: str, contents: Sequence[Signal]) -> InputPort:
-    """A vector input port whose elements have names and units."""
+    """Declare a vector input port whose elements have names and units."""
     port = system.DeclareVectorInputPort(name, len(contents))
     _remember(system, "input", name, contents)
     return port
@@ -53,7 +53,7 @@ def declare_vector_output(
     *,
     prerequisites: Iterable[Any] | None = None,
 ) -> OutputPort:
-    """A vector output port whose elements have names and units."""
+    """Declare a vector output port whose elements have names and units."""
     arguments = {} if prerequisites is None else {"prerequisites_of_calc": set(prerequisites)}
     port = system.DeclareVectorOutputPort(name, BasicVector(len(contents)), calc, **arguments)
     _remember(system, "output", name, contents)
@@ -61,14 +61,14 @@ def declare_vector_output(
 
 
 def declare_state_output(system: LeafSystem, name: str, contents: Sequence[Signal], state_index: Any) -> OutputPort:
-    """An output port that is a discrete state vector: evaluated in C++, never in Python."""
+    """Declare an output port of the discrete state, which Drake evaluates in C++ instead of Python."""
     port = system.DeclareStateOutputPort(name, state_index)
     _remember(system, "output", name, contents)
     return port
 
 
 def signals_of(port: InputPort | OutputPort) -> Signals | None:
-    """Names and units of a port's elements, or None if the system did not say."""
+    """Return names and units of a port's elements; None if the system has not declared them."""
     direction = "input" if isinstance(port, InputPort) else "output"
     book: dict[tuple[str, str], Signals] = getattr(port.get_system(), "_mirdrake_signals", {})
     return book.get((direction, port.get_name()))

@@ -1,4 +1,4 @@
-"""Code of the user's own: what stands in a module of his, named ``module:name``."""
+"""Import of user code, which is named ``module:name``."""
 
 import importlib
 import sys
@@ -13,15 +13,16 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 
 __all__ = ["import_user_module", "load_user_function", "without_user_code"]
 
-_FOREIGN: set[str] = set()  # modules that were imported here
+_FOREIGN: set[str] = set()  # user modules that were imported by this module
 _SKIPPED: ContextVar[list[str] | None] = ContextVar("skipped", default=None)
 
 
 @contextmanager
 def without_user_code() -> Iterator[list[str]]:
-    """While inside, no module of the user's is imported; yields the names of those that were asked for.
+    """Do not import user modules within the block; yield the names of those that are skipped.
 
-    A function is replaced by one that cannot be called, a system is a :class:`ConfigError`.
+    A user function is replaced by one that raises an error when it is called; a user system is a
+    :class:`ConfigError`.
     """
     skipped: list[str] = []
     token = _SKIPPED.set(skipped)
@@ -32,19 +33,19 @@ def without_user_code() -> Iterator[list[str]]:
 
 
 def import_user_module(name: str, *, folder: str | Path | None = None) -> ModuleType:
-    """A module by its name.
+    """Import a user module.
 
     Args:
-        name: of the module, dotted.
-        folder: where it may lie, besides the working directory and the import path.
+        name: dotted name of the module.
+        folder: searched besides the working directory and the import path.
 
     Raises:
-        ConfigError: there is none, or it fails on import.
+        ConfigError: the module does not exist, or fails on import.
     """
     skipped = _SKIPPED.get()
     if skipped is not None:
         skipped.append(name)
-        raise ConfigError(f"module '{name}' is not executed; --trust does")
+        raise ConfigError(f"module '{name}' is not executed; add --trust to execute it")
     folders = [Path(path) for path in (folder, Path.cwd()) if path is not None]
     extra = [str(path) for path in folders if str(path) not in sys.path]
     sys.path[:0] = extra
@@ -63,14 +64,14 @@ def import_user_module(name: str, *, folder: str | Path | None = None) -> Module
 
 
 def load_user_function(name: str, *, folder: str | Path | None = None) -> Callable[..., Any]:
-    """A function ``module:name``.
+    """Load a user function.
 
     Args:
-        name: of the module and the function.
-        folder: where the module may lie, besides the working directory and the import path.
+        name: ``module:name``.
+        folder: searched for the module besides the working directory and the import path.
 
     Raises:
-        ConfigError: there is no such module or function.
+        ConfigError: the module or the function does not exist.
     """
     skipped = _SKIPPED.get()
     if skipped is not None:
@@ -86,12 +87,12 @@ def load_user_function(name: str, *, folder: str | Path | None = None) -> Callab
 
 
 def _not_executed(*_: Any, **__: Any) -> Any:
-    """Stand for a function of the user's that was not loaded."""
-    raise ConfigError("a function of the user's is not executed; --trust does")
+    """Replace a user function that was not loaded."""
+    raise ConfigError("user functions are not executed; add --trust to execute them")
 
 
 def _forget_namesake(name: str, folders: list[Path]) -> None:
-    """Let a module be imported anew if the one of that name was imported for a file in another folder."""
+    """Unload a module of this name that was imported for a file in another folder."""
     file = getattr(sys.modules.get(name), "__file__", None)
     wanted = [path for folder in folders if (path := folder / f"{name.replace('.', '/')}.py").is_file()]
     if name in _FOREIGN and file and wanted and not Path(file).samefile(wanted[0]):

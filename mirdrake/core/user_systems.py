@@ -1,4 +1,4 @@
-"""Systems of the user's own: a class in a file of his, named ``module:Class``."""
+"""User systems: classes in user modules, named ``module:Class``."""
 
 import inspect
 from collections.abc import Mapping
@@ -19,23 +19,23 @@ def make_user_system(
     folder: Path | None = None,
     offered: Mapping[str, Any] | None = None,
 ) -> System:
-    """A system from ``module:Class``.
+    """Construct a user system.
 
     Args:
-        kind: ``module:Class``; the class is a Drake system.
-        parameters: for its constructor.
+        kind: ``module:Class``; the class must be a Drake system.
+        parameters: arguments of its constructor.
         where: ``file:line: path`` of the entry, for errors.
-        folder: where the module may lie, besides the import path and the working directory.
-        offered: further arguments, which it gets if its constructor names them.
+        folder: searched for the module besides the import path and the working directory.
+        offered: further arguments, which are passed if the constructor has parameters of these names.
 
     Raises:
-        ConfigError: no such module or class, or it refuses its parameters.
+        ConfigError: the module or class does not exist, or its constructor rejects the parameters.
     """
     maker, offered = _load_class(kind, where=where, folder=folder), offered or {}
     arguments = dict(parameters)
     try:
         named = tuple(inspect.signature(maker).parameters.values())
-    except ValueError:  # a class of C++ has no signature to look into
+    except ValueError:  # C++ classes have no signature
         named = ()
     allowed = [p.name for p in named if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
     if named and not any(p.kind is p.VAR_KEYWORD for p in named):
@@ -54,7 +54,7 @@ def make_user_system(
 
 
 def _load_class(kind: str, *, where: str, folder: Path | None) -> type[System]:
-    """The class ``module:Class``; the module may lie in the folder or in the working directory."""
+    """Load the class ``module:Class``."""
     module_name, _, class_name = kind.partition(":")
     try:
         module = import_user_module(module_name, folder=folder)
@@ -65,6 +65,6 @@ def _load_class(kind: str, *, where: str, folder: Path | None) -> type[System]:
         own = {name: value for name, value in vars(module).items() if getattr(value, "__module__", "") == module_name}
         classes = [name for name, value in own.items() if isinstance(value, type) and issubclass(value, System)]
         raise ConfigError(
-            f"{where}: '{class_name}' is no Drake system in {module_name}; {did_you_mean(class_name, classes)}"
+            f"{where}: '{class_name}' is not a Drake system in {module_name}; {did_you_mean(class_name, classes)}"
         )
     return maker

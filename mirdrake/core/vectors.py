@@ -1,4 +1,4 @@
-"""Named vectors that the controllers exchange with each other, with vehicles and with logs.
+"""Named vectors that controllers exchange with each other, with vehicles and with logs.
 
 Units are SI, angles in radians; x forward, y left, z up (ISO 8855); positive steering turns left. ``steering`` is
 always the angle of an ideal bicycle wheel at the centre of the front axle, never the angle of a real wheel.

@@ -1,4 +1,4 @@
-"""Set single values in a YAML text and leave every other byte of it as it is: comments, order, layout, line ends.
+"""Editor of single values in a YAML text that keeps every other byte: comments, order, layout, line ends.
 
 :func:`edit_yaml` finds the places by the marks of PyYAML's events and cuts there; the text is never written anew. What
 comes out is read again and compared with what was wanted, so an edit either changes the wanted values alone or is
@@ -53,7 +53,7 @@ class Edit:
 
 
 def edit_yaml(text: str, edits: Iterable[Edit], *, name: str = "<text>") -> str:
-    """A YAML text with some values changed.
+    """Return a YAML text with some values changed.
 
     A key that is missing is added at the end of its mapping, and so is a mapping that is missing. A value that is
     already there, or a key to remove that is not, leaves the text as it is, but for the comment.
@@ -73,7 +73,7 @@ def edit_yaml(text: str, edits: Iterable[Edit], *, name: str = "<text>") -> str:
 
 
 def value_at(data: Any, keys: Sequence[str]) -> Any:
-    """What stands at a path of plain data; :data:`REMOVED` if nothing does."""
+    """Return the value at a path of plain data; :data:`REMOVED` if there is none."""
     for key in keys:
         if isinstance(data, dict) and key in data:
             data = data[key]
@@ -89,7 +89,7 @@ def _value_text(value: Value) -> str:
 
 
 def scalar_text(value: Scalar) -> str:
-    """A value in YAML that versions 1.1 and 1.2 read alike.
+    """Return a value as YAML that has the same meaning in versions 1.1 and 1.2.
 
     Raises:
         ConfigError: a number that is not finite.
@@ -100,7 +100,7 @@ def scalar_text(value: Scalar) -> str:
         return str(int(value))
     if isinstance(value, float):
         if not math.isfinite(value):
-            raise ConfigError(f"{value} cannot be written; a finite number is needed")
+            raise ConfigError(f"{value} cannot be written; it must be a finite number")
         digits, mark, power = repr(float(value)).partition("e")
         return f"{digits if '.' in digits else f'{digits}.0'}{mark}{power}" if mark else digits
     plain = re.fullmatch(r"[A-Za-z_](?:[A-Za-z0-9_./()%+=*-]| (?! )(?![#:]))*", value) and not value.endswith(" ")
@@ -155,14 +155,14 @@ class _Editor:
         self.newline = match.group() if match else "\n"
 
     def edited(self) -> str:
-        """The text with the edit made.
+        """Return the text with the edit made.
 
         Raises:
             ConfigError: it cannot be made.
         """
         keys, value = self.edit.keys, self.edit.value
         if not keys or not all(keys):
-            raise ConfigError(f"{self.name}: '{dotted(keys)}' is no path; write for example speed.kp")
+            raise ConfigError(f"{self.name}: '{dotted(keys)}' is not a path such as speed.kp")
         before = value_at(self.data, keys)
         wanted: Any = self.data
         text = self.text
@@ -206,12 +206,12 @@ class _Editor:
         return self._put(node, written)
 
     def _put(self, node: _Node, written: str) -> str:
-        """The new text in the place of a scalar, which may be empty."""
+        """Return the text with a scalar replaced, which may be empty."""
         space = " " if node.start == node.end and self.text[node.start - 1 : node.start] not in {" ", ""} else ""
         return f"{self.text[: node.start]}{space}{written}{self.text[node.end :]}"
 
     def _add(self, node: _Node, keys: Sequence[str], written: str) -> str:
-        """A new entry at the end of a mapping."""
+        """Return the text with a new entry at the end of a mapping."""
         if node.flow:
             inner = "".join(f"{scalar_text(key)}: {{" for key in keys[:-1])
             entry = f"{inner}{scalar_text(keys[-1])}: {written}{'}' * (len(keys) - 1)}"
@@ -263,7 +263,7 @@ class _Editor:
 
 
 def _typed(data: Any, keys: Sequence[str]) -> Iterator[str | int]:
-    """The keys with the indices of lists as numbers, as :class:`Source` has them."""
+    """Return the keys with the indices of lists as numbers, as in :class:`Source`."""
     for key in keys:
         yield int(key) if isinstance(data, list) and key.isdecimal() else key
         data = value_at(data, (key,))
@@ -277,7 +277,7 @@ def _same(before: Any, value: Any) -> bool:
 
 
 def _with(data: Any, keys: Sequence[str], value: Any) -> Any:
-    """The data with a value set or removed; nothing is changed in place, so aliases part."""
+    """Return the data with a value set or removed; containers are copied, so that aliases are independent."""
     key, rest = keys[0], keys[1:]
     if isinstance(data, list):
         return [_into(item, rest, value) if str(place) == key else item for place, item in enumerate(data)]
@@ -297,7 +297,7 @@ def _canonical(data: Any) -> str:
 
 
 def _tree(text: str) -> _Node | None:
-    """The events of a text as a tree with places; None: nothing in it."""
+    """Return the events of a text as a tree with positions; None if the text is empty."""
     events: Iterator[Any] = yaml.parse(text, Loader=yaml.SafeLoader)
     for event in events:
         if isinstance(event, yaml.DocumentStartEvent):
@@ -333,7 +333,7 @@ def _compose(event: Any, events: Iterator[Any], text: str) -> _Node:
 
 
 def _child(node: _Node, key: str) -> tuple[int, _Node] | None:
-    """Place and value of a key or list item; None if it has none."""
+    """Return position and value of a key or list item; None if there is none."""
     if node.kind == "list":
         place = int(key) if key.isdecimal() and len(key) < 7 else -1
         return (place, node.values[place]) if 0 <= place < len(node.values) else None
@@ -344,13 +344,13 @@ def _child(node: _Node, key: str) -> tuple[int, _Node] | None:
 
 
 def _block(keys: Sequence[str], written: str, indent: str, newline: str) -> str:
-    """Lines of a new entry, each level of keys two spaces deeper."""
+    """Return the lines of a new entry; each level of keys is indented by two spaces."""
     lines = [f"{indent}{'  ' * depth}{scalar_text(key)}:" for depth, key in enumerate(keys)]
     return f"{newline.join(lines)} {written}"
 
 
 def _appended(text: str, lines: str, newline: str) -> str:
-    """Lines at the end of a text that has nothing but comments."""
+    """Append lines to a text that has only comments."""
     between = newline if text and not _BREAK.search(text[-1]) else ""
     return f"{text}{between}{lines}{newline}"
 
@@ -369,7 +369,7 @@ def _line_end(text: str, at: int) -> int:
 
 
 def _commented(text: str, edit: Edit) -> str:
-    """The comment above the line of the key; a key in braces has it above the line where its entry begins."""
+    """Set the comment above the line of a key; of a key in braces above the line where its entry begins."""
     if not edit.comment.isprintable():
         raise ConfigError(f"{dotted(edit.keys)}: a comment is one line of printable text, not {edit.comment[:60]!r}")
     root = _tree(text)

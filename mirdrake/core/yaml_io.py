@@ -1,8 +1,8 @@
-"""YAML files into pydantic models, with errors that name file, line and key.
+"""Reader of YAML files to pydantic models, with errors that name file, line and key.
 
 Every file format of mirdrake is a pydantic model derived from :class:`Schema`. :func:`load_yaml` reads a file,
-:func:`parse_yaml` a text. Both keep the line of every key, so that later stages can still point into the file
-with :func:`where`.
+:func:`parse_yaml` a text. Both keep the line of every key, so that errors of later stages can also name it,
+by :func:`where`.
 
 Numbers may carry a unit (``90 deg``, ``8 m/s``, ``36 km/h``, ``20 ms``): annotate the field with one of
 :data:`Angle`, :data:`Length`, :data:`Speed`, :data:`Duration` and so on; the value becomes SI.
@@ -26,16 +26,16 @@ from mirdrake.core.yaml_tree import parse_tree as parse_tree
 SchemaT = TypeVar("SchemaT", bound="Schema")
 
 MOST_FAULTS = 50
-"""Faults of one file that are reported."""
+"""Maximum number of faults reported for a file."""
 
 SHORTEST_PERIOD = 1e-5
-"""Shortest step or period that a file may ask for [s]."""
+"""Shortest step or period in a file [s]."""
 
 
 class Schema(BaseModel):
-    """Base of every file format: unknown keys, NaN and infinity are refused; so is, in a file, `true` for a number.
+    """Base of every file format. Unknown keys, NaN and infinity are rejected, and so is `true` for a number in a file.
 
-    Two models are equal when their fields are, wherever they were read from.
+    Two models are equal if their fields are, whatever their files.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, validate_default=False)
@@ -47,7 +47,7 @@ class Schema(BaseModel):
 
 
 def where(spec: Schema, *path: Hashable) -> str:
-    """``file:line: dotted.path`` of a key of a loaded spec, for error messages of later stages."""
+    """Return ``file:line: dotted.path`` of a key of a loaded spec, for error messages of later stages."""
     source = spec._source or Source(type(spec).__name__, {})
     return source.where(*path)
 
@@ -73,10 +73,10 @@ _NUMBER = re.compile(r"([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s
 
 
 def to_si(value: Any, unit: str) -> Any:
-    """A number or a text such as ``"90 deg"`` as a number in the SI unit given; anything else unchanged.
+    """Return a number or a text such as ``"90 deg"`` as a number in a given SI unit, other values unchanged.
 
     Raises:
-        ValueError: the text has a unit that does not fit.
+        ValueError: the unit in the text does not fit.
     """
     if not isinstance(value, str):
         return value
@@ -94,7 +94,7 @@ def to_si(value: Any, unit: str) -> Any:
 
 
 def any_to_si(value: str) -> float | str:
-    """A text such as ``"90 deg"`` as a number in the SI unit of its kind; any other text unchanged."""
+    """Return a text such as ``"90 deg"`` as a number in the SI unit of its quantity, other texts unchanged."""
     match = _NUMBER.fullmatch(value.strip())
     for known in _UNITS.values():
         if match is not None and match.group(2) in known:
@@ -105,7 +105,7 @@ def any_to_si(value: str) -> float | str:
 def _quantity(unit: str) -> BeforeValidator:
     def convert(value: Any) -> Any:
         if isinstance(value, bool):
-            raise ValueError(f"a number in {unit} is expected, not {str(value).lower()}")
+            raise ValueError(f"must be a number in {unit}, not {str(value).lower()}")
         return to_si(value, unit)
 
     return BeforeValidator(convert, json_schema_input_type=float | str)
@@ -139,24 +139,24 @@ Acceleration = Annotated[float, _quantity("m/s^2")]
 
 
 def parse_yaml(text: str, schema: type[SchemaT], *, name: str = "<text>", overrides: Iterable[str] = ()) -> SchemaT:
-    """A YAML text as a checked model.
+    """Parse a YAML text to a validated model.
 
     Args:
-        text: the YAML text; empty means all defaults.
+        text: the YAML text; empty for all defaults.
         schema: the pydantic model of the format.
-        name: what error messages call the text, normally the file name.
+        name: of the text in error messages, normally the file name.
         overrides: ``"dotted.path=value"`` texts, applied over the file in their order; the value is YAML, a number in
             the path is the index of a list item, as in ``connect.0=[a.y, b.u]``.
 
     Raises:
-        ConfigError: one line per fault, each ``name:line: dotted.path: what is wrong``.
+        ConfigError: the text has faults; one line each, ``name:line: dotted.path: fault``.
     """
     data, source = _overridden(text, name, overrides)
     return validate(data, schema, source)
 
 
 def read_tree(path: Path, *, overrides: Iterable[str] = ()) -> tuple[Any, Source]:
-    """A YAML file as plain data with its places, overrides applied; see :func:`parse_yaml`.
+    """Read a YAML file as plain data with the locations of its keys, overrides applied; see :func:`parse_yaml`.
 
     Raises:
         ConfigError: the file cannot be read, is not YAML, or an override is wrong.
@@ -165,15 +165,15 @@ def read_tree(path: Path, *, overrides: Iterable[str] = ()) -> tuple[Any, Source
 
 
 def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
-    """Plain data as a checked model that remembers its source.
+    """Validate plain data; the model keeps its source.
 
     Args:
-        data: what :func:`parse_tree` gives, or a part of it.
+        data: from :func:`parse_tree`, or a part of it.
         schema: the pydantic model of the format.
-        source: where the data stand; its prefix is the place of `data` in the file.
+        source: locations of the keys; its prefix is the path of `data` in the file.
 
     Raises:
-        ConfigError: one line per fault.
+        ConfigError: the data have faults, one per line.
     """
     try:
         spec = schema.model_validate(data)
@@ -197,13 +197,13 @@ def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
 def load_yaml(
     path: Path, schema: type[SchemaT], *, overrides: Iterable[str] = (), over: tuple[Any, Source] | None = None
 ) -> SchemaT:
-    """A YAML file as a checked model; see :func:`parse_yaml`.
+    """Load a YAML file as a validated model; see :func:`parse_yaml`.
 
     Args:
         path: the file.
         schema: the pydantic model of the format.
         overrides: ``"dotted.path=value"`` texts.
-        over: a partial tree and its places, laid over the file; see :func:`mirdrake.core.yaml_tree.lay_over`.
+        over: a partial tree and its locations, merged over the file; see :func:`mirdrake.core.yaml_tree.lay_over`.
 
     Raises:
         ConfigError: the file cannot be read, or has faults.
@@ -216,10 +216,10 @@ def load_yaml(
 
 
 def read_text(path: Path) -> str:
-    """A text file.
+    """Read a text file.
 
     Raises:
-        ConfigError: it cannot be read, or is not UTF-8.
+        ConfigError: the file cannot be read, or is not UTF-8.
     """
     name = shown(path)
     try:
@@ -236,10 +236,10 @@ def read_text(path: Path) -> str:
 
 
 def shown(path: Path) -> str:
-    """A path as people like to read it: relative to the working directory when it lies below it."""
+    """Return a path for display: relative to the working directory if it is below that."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
-    except (OSError, RuntimeError, ValueError):  # no working directory, a loop of links, somewhere else
+    except (OSError, RuntimeError, ValueError):  # no working directory, a loop of links, or another folder
         return str(path)
 
 
@@ -247,7 +247,7 @@ def shown(path: Path) -> str:
 
 
 def _shown_value(value: Any) -> str:
-    """A value as a user would write it in YAML, cut when long."""
+    """Return a value as in YAML, truncated if it is long."""
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, dict | list | Schema):
@@ -260,7 +260,7 @@ _NOT_NUMBERS = {"float_type", "float_parsing", "int_type", "int_parsing", "int_f
 
 
 def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
-    """Return a pydantic error in our words, with its location."""
+    """Return an error of pydantic in the words of this module, with its location."""
     location = tuple(entry["loc"])
     path = in_file(location, source)
     kind, given, context = entry["type"], entry["input"], entry.get("ctx", {})
@@ -308,7 +308,7 @@ def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
 
 
 def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
-    """The keys a mapping at this location may have, read from the JSON schema."""
+    """Return the keys that a mapping at this location may have, from the JSON Schema."""
     root = schema.model_json_schema()
     nodes = [root]
 
@@ -331,7 +331,7 @@ def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
                 following.append(node["additionalProperties"])
             else:  # a mapping whose keys must match a pattern
                 following += node.get("patternProperties", {}).values()
-        if following:  # a step that is not in the schema is the tag of a union: keep the candidates with that tag
+        if following:  # otherwise the step is the tag of a union: keep the candidates with that tag
             nodes = following
         else:
             tagged = [
@@ -345,20 +345,20 @@ def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
 
 
 def _overridden(text: str, name: str, overrides: Iterable[str]) -> tuple[Any, Source]:
-    """A text as plain data with overrides applied."""
+    """Parse a text to plain data, and apply overrides."""
     data, source = parse_tree(text, name)
     data = {} if data is None else data
-    if isinstance(data, dict):  # anything else is refused by the schema
+    if isinstance(data, dict):  # other data are rejected by the schema
         for override in overrides:
             data, source = _apply_override(data, override, source)
     return data, source
 
 
 def _apply_override(data: dict[str, Any], override: str, source: Source) -> tuple[dict[str, Any], Source]:
-    """Data and source with one ``dotted.path=value`` set; containers on the way are copied, not changed.
+    """Return data and source with one ``dotted.path=value`` set; containers on the path are copied.
 
     Raises:
-        ConfigError: not of that form, not YAML, or a list index that does not exist.
+        ConfigError: the override is malformed, not YAML, or has a list index that does not exist.
     """
     printable = override if override.isprintable() else repr(override)
     given_as = f"--set {printable}" if len(printable) <= 80 else f"--set {printable[:79]}…"
@@ -372,7 +372,7 @@ def _apply_override(data: dict[str, Any], override: str, source: Source) -> tupl
     result = dict(data)
     node: Any = result
     full: Key = ()
-    replaced = len(keys)  # from this depth on, what stands there comes from the override
+    replaced = len(keys)  # from this depth on, values come from the override
     for depth, key in enumerate(keys, start=1):
         step: Any = key
         if isinstance(node, list):
@@ -398,7 +398,7 @@ def _apply_override(data: dict[str, Any], override: str, source: Source) -> tupl
 
 
 def _truth_for_number(value: Any, data: Any, path: Key) -> Iterator[tuple[Key, str]]:
-    """Places where the data say true or false and the model holds a number: pydantic reads true as 1.0."""
+    """Yield where the data have true or false and the model a number, as pydantic reads true as 1.0."""
     if isinstance(data, bool) and isinstance(value, int | float) and not isinstance(value, bool):
         yield path, str(data).lower()
     elif isinstance(data, dict) and isinstance(value, Schema):
@@ -414,7 +414,7 @@ def _truth_for_number(value: Any, data: Any, path: Key) -> Iterator[tuple[Key, s
 
 
 def _attach(value: Any, source: Source, path: Key) -> None:
-    """Tell every nested model its own place in the source."""
+    """Set the source of every nested model."""
     if isinstance(value, Schema):
         value._source = source._replace(prefix=path)
         for name, field in type(value).model_fields.items():

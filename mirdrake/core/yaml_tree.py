@@ -1,8 +1,7 @@
-"""YAML text into plain data, with the line of every key.
+"""Parser of YAML to plain data with the line of every key.
 
-:func:`parse_tree` is the only door. It understands a safe part of YAML 1.2: mappings with text keys, lists, texts,
-numbers, true, false and null, with anchors, aliases and ``<<`` merges, but no other tags. What pydantic makes of
-the data is in :mod:`mirdrake.core.yaml_io`.
+:func:`parse_tree` reads a safe subset of YAML 1.2: mappings with text keys, lists, texts, numbers, true, false and
+null, with anchors, aliases and ``<<`` merges, but no other tags. :mod:`mirdrake.core.yaml_io` validates the data.
 """
 
 import re
@@ -17,7 +16,7 @@ Key = tuple[Hashable, ...]
 
 
 class Source(NamedTuple):
-    """Where a model came from: a file, the line of every key path in it, the overrides, and its own place in them."""
+    """Origin of a model: a file, the lines of its keys, the overrides, and the model's own path in the file."""
 
     name: str
     lines: Mapping[Key, int]
@@ -25,7 +24,7 @@ class Source(NamedTuple):
     overrides: Mapping[Key, str] = {}  # key path -> the command line's "--set KEY=VALUE"
 
     def where(self, *path: Hashable) -> str:
-        """``file:line: dotted.path`` of a key below this place, or the line of its nearest parent in the file."""
+        """Return ``file:line: dotted.path`` of a key below the prefix; or with the line of its parent."""
         full = (*self.prefix, *path)
         place = self.place(*path)
         return f"{place}: {dotted(full)}" if full else place
@@ -53,19 +52,19 @@ class Source(NamedTuple):
 
 
 def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple[Any, Source]:
-    """A tree with a partial tree laid over it.
+    """Merge a partial tree over a tree.
 
-    Mappings merge key by key unless their kinds differ; anything else is replaced. Of a mapping over which another
-    preset is laid, only what :func:`below_preset` keeps remains.
+    Mappings merge key by key unless their kinds differ; other values are replaced. Where the partial tree names a
+    preset, only the keys of :func:`below_preset` remain of the mapping below.
 
     Args:
-        data: the tree below, not changed.
-        source: its places.
+        data: the tree below; it is not changed.
+        source: locations of its keys.
         over: the partial tree.
-        over_source: its places; its prefix is the place of `over` in its file.
+        over_source: locations of its keys; its prefix is the path of `over` in its file.
 
     Returns:
-        the merged tree, and a source that finds every key where it was written last.
+        the merged tree, and a source that locates every key where it was last set.
     """
     lines, places = dict(source.lines), dict(source.overrides)
 
@@ -95,20 +94,20 @@ def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple
 def below_preset(below: dict[Any, Any], above: Mapping[Any, Any]) -> dict[Any, Any]:
     """Return what remains of a mapping when another is merged over it.
 
-    All of it, unless the one above names a preset: its numbers are those of the product, so those of the former product
-    and those written over these must not remain. What belongs to the place (:data:`_PLACE`) does.
+    All of it, unless the other names a preset: this sets the numbers of another product, so that those of the former
+    product are removed. Keys of the installation (:data:`_PLACE`) remain.
     """
     return {key: value for key, value in below.items() if key in _PLACE} if "preset" in above else below
 
 
-_PLACE = {"frame", "datum"}  # where a sensor is mounted, and where on the Earth the world is
+_PLACE = {"frame", "datum"}  # mounting frame of a sensor, position of the world on the Earth
 
 
 def parse_tree(text: str, name: str) -> tuple[Any, Source]:
-    """A YAML text as plain Python data, with the line of every key; an empty text is an empty mapping.
+    """Parse a YAML text to plain data with the line of every key; an empty text is an empty mapping.
 
     Raises:
-        ConfigError: not YAML, a key is repeated, or the text means too much data.
+        ConfigError: the text is not YAML, repeats a key, or expands to too much data.
     """
     lines: dict[Key, int] = {}
     try:
@@ -126,20 +125,20 @@ def parse_tree(text: str, name: str) -> tuple[Any, Source]:
         code = error.character if isinstance(error.character, int) else ord(str(error.character))
         text = f"not valid YAML: character {code:#x} is not allowed"
         raise ConfigError(text, file=name, line=line, code="not_yaml") from None
-    except (ValueError, OverflowError):  # PyYAML lets a few out: "\UFFFFFFFF", %YAML 9999…
+    except (ValueError, OverflowError):  # PyYAML does not catch a few errors: "\UFFFFFFFF", %YAML 9999…
         text = "not valid YAML: a code or version out of range"
         raise ConfigError(text, file=name, line=loader.line + 1, code="not_yaml") from None
 
 
 def _yaml_problem(error: yaml.MarkedYAMLError) -> str:
-    """What is wrong, in one line, from PyYAML's two half sentences."""
+    """Return one line about an error of PyYAML, which has its message in two parts."""
     context, problem = error.context or "", error.problem or "unreadable"
     if "duplicate anchor" in context:
         problem = context.removeprefix("found ").partition(";")[0] + "; give each anchor its own name"
     elif "single document" in context:
         problem = "more than one document; remove the line '---'"
     elif "'\\t'" in problem:
-        problem = "a tab stands here; indent with spaces"
+        problem = "this line is indented with a tab; use spaces"
     elif "could not determine a constructor" in problem:
         problem = problem.replace("could not determine a constructor for the tag", "unknown tag")
     elif isinstance(error, _FileFaultError):
@@ -155,12 +154,12 @@ _MAX_VALUES = 200_000  # keys and list items with aliases written out: a small f
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain data only, YAML 1.2 scalars: no on/off/yes/no, no base-60 numbers, 1e-3 is a number, keys are text."""
+    """Loader of plain data with YAML 1.2 scalars: on, off, yes and no are texts, 1e-3 is a number, keys are texts."""
 
     depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """The next node; nesting too deep is an error with a line instead of a stack overflow."""
+        """Return the next node; nesting that is too deep raises an error with its line."""
         self.depth += 1
         if self.depth > _MAX_DEPTH:
             raise _FileFaultError(problem=_TOO_DEEP, problem_mark=self.get_mark())
@@ -169,26 +168,26 @@ class _Loader(yaml.SafeLoader):
         return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        """A dict whose keys are the texts as written; ``<<`` merges first."""
+        """Return a dict whose keys are the texts as written, after ``<<`` merges."""
         if not isinstance(node, yaml.MappingNode):
             raise _FileFaultError(problem="a mapping is expected", problem_mark=node.start_mark)
         self.flatten_mapping(node)
         return {key.value: self.construct_object(value, deep=deep) for key, value in node.value}
 
     def construct_number(self, node: yaml.ScalarNode) -> int | float:
-        """An int if the text is one, else a float."""
+        """Return an int or a float."""
         text = str(self.construct_scalar(node))
         try:
             if node.tag.endswith(":int"):
                 number = int(text)
-                float(number)  # a longer one could not be computed with
+                float(number)  # a longer one cannot be used in computations
                 return number
             return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
         except (ValueError, OverflowError):
             raise _FileFaultError(problem="not a number, or too long", problem_mark=node.start_mark) from None
 
     def construct_truth(self, node: yaml.ScalarNode) -> bool:
-        """True unless the text is false."""
+        """Return a bool."""
         return str(self.construct_scalar(node)).lower() != "false"
 
 
@@ -220,30 +219,30 @@ _Loader.yaml_constructors = {
 
 
 class _FileFaultError(yaml.MarkedYAMLError):
-    """Valid YAML that a file of ours may not hold."""
+    """Valid YAML that mirdrake does not accept."""
 
 
 class _LineCollector:
-    """Fills `lines` with the line of every key and list item, aliases and merges written out."""
+    """Collector of the line of every key and list item, with aliases and merges expanded."""
 
     def __init__(self, lines: dict[Key, int]) -> None:
         self.lines = lines
         self.visited = 0
-        self.open: set[int] = set()  # nodes we are inside of
+        self.open: set[int] = set()  # nodes that contain the present one
 
     def visit(self, node: yaml.Node, path: Key) -> None:
-        """Take in a node and all below it.
+        """Collect the lines of a node and all nodes below it.
 
         Raises:
-            _FileFaultError: repeated or odd keys, an alias inside itself, too deep or too much.
+            _FileFaultError: repeated or complex keys, an alias inside itself, too many levels or values.
         """
         self.visited += 1
         if id(node) in self.open:
-            raise _fault_at(node, f"{dotted(path)}: an alias stands inside what it repeats")
+            raise _fault_at(node, f"{dotted(path)}: an alias is inside its own anchor")
         if len(path) > _MAX_DEPTH:
             raise _fault_at(node, _TOO_DEEP)
         if self.visited > _MAX_VALUES:
-            raise _fault_at(node, f"more than {_MAX_VALUES} values (aliases written out)")
+            raise _fault_at(node, f"more than {_MAX_VALUES} values (with aliases expanded)")
         self.open.add(id(node))
         self.lines.setdefault(path, node.start_mark.line + 1)
         if isinstance(node, yaml.MappingNode):
@@ -258,7 +257,7 @@ class _LineCollector:
         merged: list[yaml.Node] = []
         for key, value in node.value:
             if not isinstance(key, yaml.ScalarNode):
-                raise _fault_at(key, f"{dotted(path)}: a key must be a plain word".removeprefix(": "))
+                raise _fault_at(key, f"{dotted(path)}: a key must be a plain scalar".removeprefix(": "))
             here = (*path, key.value)
             if key.value in own:
                 raise _fault_at(key, f"{dotted(here)}: repeated key; keep one of them")
@@ -268,7 +267,7 @@ class _LineCollector:
                 continue
             self.lines.setdefault(here, key.start_mark.line + 1)
             self.visit(value, here)
-        for mapping in merged:  # after the own keys, which win
+        for mapping in merged:  # after the mapping's own keys, which have priority
             self.visit(mapping, path)
 
 
@@ -277,7 +276,7 @@ def _fault_at(node: yaml.Node, problem: str) -> _FileFaultError:
 
 
 def in_file(location: Iterable[Hashable], source: Source) -> Key:
-    """The part of an error location below a source that stands in the file or an override (union tags do not)."""
+    """Return the part of an error location that is in the file or an override; tags of unions are not."""
     key = source.prefix
     for step in location:
         for candidate in ((*key, step), (*key, str(step))):

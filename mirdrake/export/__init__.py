@@ -1,1 +1,1 @@
-"""A run in formats of other tools: MCAP for Foxglove, CSV for a spreadsheet, MP4 of the cameras."""
+"""Export of a run: MCAP for Foxglove, CSV for spreadsheets, MP4 of the cameras."""

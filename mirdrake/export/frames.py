@@ -1,6 +1,6 @@
-"""Where things are in a run: vehicles, their links and loose props in the world, sensors on their vehicles.
+"""Frames of a run: vehicles, their links and loose props in the world, sensors on their vehicles.
 
-All is read from the scene of the run (:mod:`mirdrake.assembly.scene`) and from its signals.
+They are computed from the scene of the run (:mod:`mirdrake.assembly.scene`) and from its signals.
 """
 
 from collections.abc import Iterator
@@ -26,18 +26,18 @@ Entry = tuple[str, str, Pose]
 
 WORLD = "world"
 X_SC = RigidTransform(RotationMatrix(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])))
-"""The frame of a camera's pictures (z ahead, x to the right, y down) in that of its mount (x ahead, y left, z up)."""
+"""Pose of a camera's optical frame (z forward, x right, y down) in that of its mount (x forward, y left, z up)."""
 
 _KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def optical_name(name: str) -> str:
-    """The frame of a camera's pictures: z ahead, x to the right, y down."""
+    """Return the name of a camera's optical frame: z forward, x right, y down."""
     return f"{name}.optical"
 
 
 def eyes_of(name: str, mount: Any) -> dict[str, float]:
-    """The eyes of a camera by the name of their pictures, and how far each is to the left of its mount [m]."""
+    """Return the lenses of a camera by the names of their pictures, with their y position in the mount [m]."""
     if not hasattr(mount, "width"):
         return {}
     half = 0.5 * getattr(mount, "baseline", 0.0)
@@ -45,12 +45,12 @@ def eyes_of(name: str, mount: Any) -> dict[str, float]:
 
 
 def link_name(vehicle: str, body: RigidBody) -> str:
-    """The frame of a link of a vehicle; that of its base link is the vehicle's own."""
+    """Return the frame name of a vehicle's link; the frame of the base link has the vehicle's name."""
     return f"{vehicle}/{body.name()}"
 
 
 def sensor_mounts(run: Run) -> dict[str, Any]:
-    """The mounts of the sensors in use by ``<vehicle>.<sensor>``, as they were in the run."""
+    """Return the mounts of the sensors in use by ``<vehicle>.<sensor>``, as in the run."""
     vehicles = run.scene().vehicles
     return {
         f"{name}.{sensor}": vehicles[name].sensors.mounts[sensor]
@@ -60,7 +60,7 @@ def sensor_mounts(run: Run) -> dict[str, Any]:
 
 
 def joint_columns(run: Run, part: VehicleInPlant) -> list[tuple[Joint, str, str | None]]:
-    """The joints of a vehicle whose positions were recorded: the column of each, and that of its velocity if any."""
+    """Return the recorded joints of a vehicle, with the columns of position and velocity; the latter may be None."""
     joints = [
         (joint, f"wheel_angle.{wheel}", f"wheel_speed.{wheel}")
         for wheel, joint in zip(WHEELS, part.wheels, strict=True)
@@ -78,7 +78,7 @@ class Frames:
         run: with a folder and a scene.
 
     Attributes:
-        parts: a plant of the scene; its vehicles are moved by :meth:`moving`.
+        parts: a plant of the scene; :meth:`moving` moves its vehicles.
     """
 
     def __init__(self, run: Run) -> None:
@@ -90,7 +90,7 @@ class Frames:
         self._context = self._plant.CreateDefaultContext()
 
     def moving(self) -> Iterator[tuple[float, list[Entry]]]:
-        """Yield at each sample of the signals the time [s], and where all that moves is."""
+        """Yield the time [s] and the poses of all moving frames at each sample of the signals."""
         assert self._run.folder is not None
         units, vehicles = self._run.units, self.parts.vehicles
         props = [name.removesuffix(".yaw") for name in units if name.startswith("props.") and name.endswith(".yaw")]
@@ -118,7 +118,7 @@ class Frames:
                 yield time, entries
 
     def sensors(self) -> list[Entry]:
-        """Where the sensors in use are on their vehicles; a camera also has a frame of its pictures."""
+        """Return the poses of the sensors in use on their vehicles, with the optical frames of cameras."""
         entries = []
         for name, mount in sensor_mounts(self._run).items():
             vehicle = name.split(".")[0]
@@ -131,7 +131,7 @@ class Frames:
         return entries
 
     def _links(self, part: VehicleInPlant) -> list[RigidBody]:
-        """The links of a vehicle that are seen, but its base link."""
+        """Return the visible links of a vehicle without its base link."""
         bodies = [self._plant.get_body(index) for index in self._plant.GetBodyIndices(part.instance)]
         return [b for b in bodies if b.index() != part.base.index() and self._plant.GetVisualGeometriesForBody(b)]
 
@@ -141,5 +141,5 @@ class Frames:
 
 
 def pose_of(transform: RigidTransform) -> Pose:
-    """A transform as position and quaternion."""
+    """Return a transform as position and quaternion."""
     return (*transform.translation().tolist(), *transform.rotation().ToQuaternion().wxyz().tolist())

@@ -1,4 +1,4 @@
-"""A run as an MCAP file that Foxglove opens: its schemas in Protobuf, two of ROS 2, and the signals as JSON.
+"""Export of a run as MCAP for Foxglove: its schemas in Protobuf, two of ROS 2, and the signals as JSON.
 
 =========================  ===========================  ===========================================================
 topic                      schema                       what
@@ -97,7 +97,7 @@ def write_mcap(run: Run, path: Path) -> dict[str, int]:
 
 
 def _register(writer: Any, message: Message, schema: dict[str, Any] | None) -> int:
-    """A channel for a topic; its number."""
+    """Register the channel of a topic, and return its number."""
     content = message.content
     if isinstance(content, Ros2Message):
         number = writer.register_schema(content.kind, SCHEMA, DEFINITIONS[content.kind].encode())
@@ -124,7 +124,7 @@ def _import(name: str) -> Any:
 
 
 def _make(kind: str) -> Any:
-    """A message class of Foxglove's schemas."""
+    """Return a message class of Foxglove's schemas."""
     return getattr(_import(f"foxglove_schemas_protobuf.{kind}_pb2"), kind)
 
 
@@ -142,7 +142,7 @@ class _Streams:
         }
 
     def all(self) -> list[Iterator[Message]]:
-        """All streams."""
+        """Return all streams."""
         run, streams = self._run, [self._events()]
         if run.folder is not None and stored(run.folder / SIGNALS):
             streams += [self._signals(vehicle) for vehicle in run.spec["vehicles"]]
@@ -190,7 +190,7 @@ class _Streams:
                 yield self._message(time, _topic(name), "LocationFix", frame_id=name, **where)
 
     def _transforms(self) -> Iterator[Message]:
-        """Poses of what moves at each sample, and of the sensors on their vehicles once a second: they do not move."""
+        """Yield the poses of moving frames at each sample, and those of the sensors on their vehicles once a second."""
         transform, many = _make("FrameTransform"), _make("FrameTransforms")
         fixed, next_fixed = self._frames.sensors(), 0.0
         for time, poses in self._frames.moving():
@@ -207,7 +207,7 @@ class _Streams:
             yield Message(at, "/tf", content)
 
     def _scene(self) -> Iterator[Message]:
-        """The shapes of all that is seen, once at the first sample; they follow the frames of :meth:`_transforms`."""
+        """Yield the visible shapes once, at the first sample; they move with the frames of :meth:`_transforms`."""
         first = next(iter(self._rows([])), None)
         if first is None:
             return
@@ -252,12 +252,12 @@ class _Streams:
             yield self._message(picture.time, topic, "CameraCalibration", frame_id=frame, **fields)
 
     def _mounted(self, name: str) -> str:
-        """The sensor that a stream of pictures comes from: ``ego.kinect`` of ``ego.kinect.depth``."""
+        """Return the sensor of a stream of pictures: ``ego.kinect`` for ``ego.kinect.depth``."""
         sensors = [f"{vehicle}.{one}" for vehicle, names in self._run.spec["sensors"].items() for one in names]
         return next((one for one in sensors if name == one or name.startswith(f"{one}.")), name)
 
     def _scans(self, name: str, samples: Samples) -> Iterator[Message]:
-        """A cloud of a lidar, a fan of a laser scanner; anything else as it is, in JSON."""
+        """Yield point clouds of a lidar, scans of a laser scanner, and other samples as JSON."""
         topic, make = _topic(name) + ("/sample" if set(samples) >= _GPS else ""), self._values
         if {"azimuths", "elevations"} <= set(samples):
             make = self._cloud

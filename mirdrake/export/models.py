@@ -1,4 +1,4 @@
-"""What a run looks like, as the entities of a foxglove.SceneUpdate: the world, its props and the links of the vehicles.
+"""Visual shapes of a run as entities of a foxglove.SceneUpdate: the world, its props and the links of vehicles.
 
 All visual shapes of the plant are taken as they are drawn in Meshcat. A glTF mesh is put into the message as GLB, with
 its buffers and pictures; meshes of other formats and convex hulls become triangles.
@@ -57,7 +57,7 @@ def scene_entities(frames: Frames) -> Iterator[tuple[str, str, list[tuple[str, d
 
 
 def _primitives(shape: Shape, X_FG: RigidTransform, color: tuple[float, ...]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The primitives of a shape; none of one that has no end."""
+    """Return the primitives of a shape; none for an unbounded shape."""
     given: dict[str, Any] = {"pose": pose_of(X_FG), "color": color}
     if isinstance(shape, Box):
         yield "cubes", given | {"size": shape.size().tolist()}

@@ -1,4 +1,4 @@
-"""Messages of ROS 2 for an MCAP file: their definitions as text, and their contents in the encoding CDR.
+"""ROS 2 messages for an MCAP file: their definitions, and their contents in CDR encoding.
 
 Foxglove and ROS both read sensor_msgs/msg/Imu and sensor_msgs/msg/JointState. CDR is that of the OMG's Common Object
 Request Broker (formal/2021-11-03, section 9.3): little-endian, each number aligned to its own size counted from behind

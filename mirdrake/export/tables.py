@@ -1,4 +1,4 @@
-"""Signals as a CSV table with units in its header, and a table beside it for each sensor whose samples are vectors.
+"""Export of signals as a CSV table with units in its header, with a table for each sensor of vector samples.
 
 The header has ``name [unit]`` for each column, ``name`` alone for pure numbers: ``time [s],ego.x [m],ego.lap``. Numbers
 are in full precision; what is no number is empty. ``mirdrake run --commands`` reads such a table. Beside
@@ -20,7 +20,7 @@ from mirdrake.runs.logs import SIGNALS, Run, reads_run
 
 
 def title(name: str, units: Mapping[str, str]) -> str:
-    """A column's name with its unit in brackets."""
+    """Return a column's name with its unit in brackets."""
     unit = units.get(name, "")
     return f"{name} [{unit}]" if unit else name
 

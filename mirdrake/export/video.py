@@ -1,4 +1,4 @@
-"""The pictures of a camera as a video: MP4 with H.264, each frame at the time it was taken."""
+"""Export of a camera's pictures as a video: MP4 with H.264, each frame at its simulated time."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -20,7 +20,7 @@ QUALITY = 20
 
 @reads_run
 def write_videos(run: Run, folder: Path) -> dict[Path, int]:
-    """A video for each camera of a run, ``<camera>.mp4``; depths and labels are left out.
+    """Write a video for each camera of a run, ``<camera>.mp4``; depths and labels are not exported.
 
     Args:
         run: with pictures.
@@ -42,7 +42,7 @@ def write_videos(run: Run, folder: Path) -> dict[Path, int]:
 
 
 def write_video(pictures: list[Picture], path: Path) -> int:
-    """A video of pictures.
+    """Write a video of pictures.
 
     Args:
         pictures: of one camera, in the order of time.

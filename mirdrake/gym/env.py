@@ -1,4 +1,4 @@
-"""The environment: a diagram that takes an action, runs for one period, and shows what is observed."""
+"""The Gymnasium environment: a diagram that takes an action, runs for one period, and returns an observation."""
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -134,7 +134,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         self._steps = 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
-        """A new episode of the same diagram; nothing is built again.
+        """Start a new episode of the same diagram, without building it again.
 
         Args:
             seed: of random starts; noise of sensors is that of the diagram's own seed in each episode.
@@ -166,7 +166,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         return self._observation(), {"time": 0.0}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """One period with one action.
+        """Advance by one period with one action.
 
         Returns:
             observation, reward, terminated, truncated, and an info with ``time`` [s]; ``ended_by`` names what ended the
@@ -185,7 +185,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
                 self.assembly.parts.plant.GetMyContextFromRoot(self._context)
             )
             diverged = not np.isfinite(state).all()
-        except RuntimeError as error:  # Drake gives up
+        except RuntimeError as error:  # Drake cannot continue
             diverged, info["error"] = True, str(error).strip().splitlines()[0]
         info["time"] = self._context.get_time()
         if diverged:
@@ -202,7 +202,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         return self._observation(), reward or 0.0, "ended_by" in info, truncated, info
 
     def _command(self, action: NDArray[np.float64]) -> dict[str, float]:
-        """Put an action on the inputs; returns it by name in SI units."""
+        """Set the inputs from an action, and return it by name in SI units."""
         assert self._context is not None
         low, high = self.action_bounds[:, 0], self.action_bounds[:, 1]
         share = np.clip(np.nan_to_num(action), -1.0, 1.0)
@@ -216,7 +216,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         return values
 
     def _at_rest(self) -> NDArray[np.float64]:
-        """The action that holds before the first one: the speed of the start, everything else at zero."""
+        """Return the action before the first one: the speed of the start, and zero for everything else."""
         low, high = self.action_bounds.T
         speeds = {f"{name}.{_SPEED}": start.speed for name, start in self.assembly.starts.items()}
         values = np.array([speeds.get(name, 0.0) for name in self.action_names])
@@ -254,7 +254,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         raise ConfigError(f"act: the range of '{name}' is not known; give bounds={{'{name}': (low, high)}}")
 
     def _check_dead_man(self) -> None:
-        """A command that comes more seldom than the dead-man waits would stop the vehicle between two steps."""
+        """Check the period of commands: beyond the timeout of the watchdog the vehicle would stop between two steps."""
         for one in self._inputs:
             if one.stamp:
                 control = self.assembly.parts.vehicles[one.port.split(".")[0]].vehicle.control
@@ -280,7 +280,7 @@ class _Input:
 
 
 def _insert_actions(spec: DiagramSpec, names: Sequence[str], bounded: set[str]) -> list[_Input]:
-    """Put a block that holds a vector before each input that is acted on; the spec is changed."""
+    """Insert a block that holds a vector before each input that an action sets; the spec is changed."""
     if not names:
         raise ConfigError("act: nothing; name an input at least")
     repeated = sorted({name for name in names if list(names).count(name) > 1})

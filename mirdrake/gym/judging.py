@@ -1,4 +1,4 @@
-"""Rewards, ends of an episode and starts: built-in ones by name, and functions of your own as ``module:name``.
+"""Rewards, termination conditions and starts: built-in ones by name, and user functions as ``module:name``.
 
 ::
 
@@ -52,12 +52,12 @@ class Moment:
     context: Context
 
     def __getitem__(self, name: str) -> float:
-        """A signal by name, observed or not."""
+        """Return a signal by name, observed or not."""
         reading = self.readings.known.get(name) or self.readings.find(name)[0]
         return reading.read(self.context)
 
     def of_vehicle(self, name: str) -> float:
-        """A signal of the vehicle that acts."""
+        """Return a signal of the controlled vehicle."""
         return self[f"{self.vehicle}.{name}"]
 
 
@@ -67,7 +67,7 @@ Starts = Callable[[Assembly, np.random.Generator], dict[str, Start]]
 
 
 def progress(moment: Moment) -> float:
-    """Way along the track in this step [m]; without a track, way ahead."""
+    """Return the progress along the track in this step [m]; without a track, the distance travelled forward."""
     speed = moment.of_vehicle("vx")
     if f"{moment.vehicle}.heading_error" in moment.readings.known:
         speed *= cos(moment.of_vehicle("heading_error"))
@@ -75,27 +75,27 @@ def progress(moment: Moment) -> float:
 
 
 def centred_progress(moment: Moment) -> float:
-    """The same, less with the distance from the centre line: nothing at 2 m and beyond [m]."""
+    """Return the progress, reduced with the distance from the centre line to zero at 2 m and beyond [m]."""
     return progress(moment) * max(0.0, 1.0 - abs(moment.of_vehicle("lateral_error")) / 2.0)
 
 
 def off_road(moment: Moment) -> bool:
-    """Two wheels or more are beside the road."""
+    """Return whether two or more wheels are off the road."""
     return moment.of_vehicle("wheels_on_road") < 3.0
 
 
 def collision(moment: Moment) -> bool:
-    """A vehicle touches something, other than the road with its tyres."""
+    """Return whether a vehicle has a contact other than its tyres on the road."""
     return moment["other_contacts"] > 0.0
 
 
 def rollover(moment: Moment) -> bool:
-    """The vehicle leans by more than 45 degrees."""
+    """Return whether the vehicle is tilted by more than 45 degrees."""
     return max(abs(moment.of_vehicle("roll")), abs(moment.of_vehicle("pitch"))) > TIPPED
 
 
 def anywhere_on_track(assembly: Assembly, rng: np.random.Generator) -> dict[str, Start]:
-    """Each vehicle somewhere on its track, along it, with the speed of its own start."""
+    """Start every vehicle at a random station of its track, aligned with it, at its own start speed."""
     starts = {}
     for name, start in assembly.starts.items():
         track_name = assembly.tracks[name]
@@ -117,7 +117,7 @@ FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 def find_function(
     given: str | FunctionT, offered: Mapping[str, FunctionT], *, what: str, folder: Path | None
 ) -> FunctionT:
-    """A function from itself, from its built-in name, or from ``module:name``.
+    """Return a function from itself, its built-in name, or ``module:name``.
 
     Args:
         given: what the user wrote.
@@ -143,6 +143,6 @@ def find_function(
 
 
 def finite(value: Any) -> float | None:
-    """A reward as a number, or None if it is no finite one."""
+    """Return a reward as a float; None if it is not finite."""
     number = float(value)
     return number if isfinite(number) else None

@@ -1,4 +1,4 @@
-"""Signals of a diagram by name while it runs, and the range of each.
+"""Signals of a running diagram by name, and their ranges.
 
 Names are those of a run's signals: ``ego.vx``, ``ego.lateral_error``, ``ego.imu.wz``, ``notch.y``. Only the ports that
 are asked for are evaluated.
@@ -72,7 +72,7 @@ class Readings:
                 self.known |= {reading.name: reading for reading in self._of_system(name, self._systems[name])}
 
     def find(self, name: str, *, bounds: Mapping[str, Sequence[float]] | None = None) -> list[Reading]:
-        """The signals that a name stands for: itself, or all whose names begin with it.
+        """Return the signals of a name: the signal itself, or all whose names begin with it.
 
         Args:
             name: of a signal, or of a port or sensor with several of them.
@@ -91,7 +91,7 @@ class Readings:
         return [_within(reading, (bounds or {}).get(reading.name, (bounds or {}).get(name))) for reading in found]
 
     def _of_vehicle(self, name: str, part: VehicleInPlant) -> Iterator[Reading]:
-        """Ground truth, place on the track and set-points of one vehicle."""
+        """Add ground truth, track coordinates and set-points of one vehicle."""
         assembly = self._assembly
         truth, control = self._systems[f"{name}.truth"], self._systems[f"{name}.control"]
         left, south, right, north = assembly.parts.world.ground.extent
@@ -131,7 +131,7 @@ class Readings:
         yield self._ahead(f"{name}.curvature", name, "0")
 
     def _ahead(self, full: str, vehicle: str, metres: str) -> Reading:
-        """Curvature of the track a distance ahead."""
+        """Return the curvature of the track at a distance ahead."""
         try:
             distance = float(metres)
         except ValueError:
@@ -151,7 +151,7 @@ class Readings:
         return Reading(full, "1/m", -1.0, 1.0, curvature)
 
     def _wheels_on_road(self, truth: System, part: VehicleInPlant) -> Callable[[Context], float]:
-        """How many wheels stand on a road; all of them in a world without."""
+        """Return the number of wheels on a road; four in a world without roads."""
         world, geometry, state = self._assembly.parts.world, part.vehicle.geometry, truth.GetOutputPort("state")
         front, rear, base = geometry.front_track / 2.0, geometry.rear_track / 2.0, geometry.wheelbase
         corners = np.array([[base, front], [base, -front], [0.0, rear], [0.0, -rear]])
@@ -166,7 +166,7 @@ class Readings:
         return count
 
     def _of_system(self, name: str, system: System) -> Iterator[Reading]:
-        """The vector outputs of a sensor or of a block of the user's, as a run calls their elements."""
+        """Add the vector outputs of a sensor or user block, with the names of their elements in a run."""
         ports = [system.get_output_port(index) for index in range(system.num_output_ports())]
         for port in ports:
             if port.get_data_type() != PortDataType.kVectorValued:
@@ -179,13 +179,13 @@ class Readings:
                 yield Reading(full, signal.unit, -LARGE, LARGE, _reader(system, port, index))
 
     def _port_of_others(self) -> tuple[System, OutputPort]:
-        """Who counts contacts of vehicles that are not tyres on the road."""
+        """Return the port that counts contacts of vehicles other than tyres on the road."""
         system = next(system for system in self._systems.values() if system.HasOutputPort("other_contacts"))
         return system, system.GetOutputPort("other_contacts")
 
 
 def top_speed(part: VehicleInPlant) -> float:
-    """The speed that a vehicle is governed to, or its motor ends at, else :data:`TOP_SPEED` [m/s]."""
+    """Return the limit of a vehicle's governor or motor, otherwise :data:`TOP_SPEED` [m/s]."""
     drive = part.vehicle.spec.powertrain
     if isinstance(drive, ElectricPowertrain):
         motor = float(drive.max_speed / drive.gear * min(part.vehicle.geometry.wheel_radii))
@@ -194,7 +194,7 @@ def top_speed(part: VehicleInPlant) -> float:
 
 
 def steering_limit(part: VehicleInPlant) -> float:
-    """The largest bicycle angle of a vehicle [rad]."""
+    """Return the largest bicycle steering angle of a vehicle [rad]."""
     steering = part.vehicle.spec.steering
     return float(make_steering_law(part.vehicle.geometry, steering.law, factor=steering.factor).limit)
 
@@ -216,7 +216,7 @@ def _within(reading: Reading, bounds: Sequence[float] | None) -> Reading:
 
 
 def check_bounds(bounds: Sequence[float], name: str) -> tuple[float, float]:
-    """A range of two finite numbers, the second one above the first.
+    """Check that a range is two finite numbers, of which the second is larger.
 
     Raises:
         ConfigError: it is none.

@@ -1,4 +1,4 @@
-"""Unit tests of your own systems in three lines: drive the inputs, read the outputs, compare with a closed form.
+"""Unit tests of user systems in three lines: set inputs, record outputs, compare them with a closed form.
 
 ::
 
@@ -99,7 +99,7 @@ def drive(
     times = np.arange(int(np.floor(duration / step + 1e-6)) + 1) * step
     rows = []
     for time in times:
-        if time > 0.0:  # to advance to the start would make its update
+        if time > 0.0:  # advancing to the start would perform its update
             simulator.AdvanceTo(time * _BEFORE)
         inner = system.GetMyContextFromRoot(context)
         rows.append([_read(port, element, inner) for _, port, element, _ in columns])
@@ -109,7 +109,7 @@ def drive(
 
 
 def evaluate(system: System, inputs: Mapping[str, Input] | None = None, **options: Any) -> dict[str, Any]:
-    """The outputs of a system at its start, for laws without memory.
+    """Return the outputs of a system at its start, for systems without state.
 
     Args:
         system: a system.
@@ -139,7 +139,7 @@ def assert_follows(
         expected: a function of time [s]; as many numbers as there are samples; or one number for all of them.
         atol: largest difference, in the unit of the samples.
         rtol: the same relative to what is expected; both add up.
-        after: samples before this time do not count [s].
+        after: samples before this time are ignored [s].
 
     Raises:
         AssertionError: where the difference is largest, how large, and how many samples are outside.
@@ -161,7 +161,7 @@ def assert_follows(
         raise ConfigError(f"no samples after {after:g} s; the last one is at {times[-1] if times.size else 0.0:g} s")
     times, have, want = times[counts], have[counts], want[counts]
     excess = np.abs(have - want) - (atol + rtol * np.abs(want))
-    outside = ~(excess <= 0.0)  # no number is outside, too
+    outside = ~(excess <= 0.0)  # NaN is outside, too
     if not outside.any():
         return
     worst = int(np.argmax(np.where(np.isfinite(excess), excess, np.inf)))
@@ -177,7 +177,7 @@ def assert_follows(
 
 
 class _Source(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Feeds one input port with what a test wants; it can be told something else for the next drive."""
+    """Source of an input port; its value can be replaced for the next drive."""
 
     def __init__(self, port: InputPort) -> None:
         super().__init__()
@@ -195,7 +195,7 @@ class _Source(LeafSystem):  # type: ignore[misc, unused-ignore]
 
 
 class _Bench:
-    """A system between its sources; made once, as Drake lets a system join one diagram only."""
+    """A system with sources at its inputs; built once, as Drake allows a system in one diagram only."""
 
     def __init__(self, system: System, driven: Sequence[str], ports: Mapping[str, InputPort]) -> None:
         builder = DiagramBuilder()
@@ -213,7 +213,7 @@ class _Bench:
 
 
 def _bench(system: System, inputs: Mapping[str, Input]) -> _Bench:
-    """The system with its inputs set."""
+    """Return the test bench of a system with its inputs set."""
     ports = _ports([system.get_input_port(index) for index in range(system.num_input_ports())])
     wanted: dict[str, dict[str, Input]] = {}
     for name, value in inputs.items():
@@ -240,7 +240,7 @@ def _bench(system: System, inputs: Mapping[str, Input]) -> _Bench:
 
 
 def _port_function(port: InputPort, name: str, parts: Mapping[str, Input]) -> Callable[[float], Any]:
-    """What an input port gets, as a function of time."""
+    """Return the value of an input port as a function of time."""
     if port.get_data_type() != PortDataType.kVectorValued:
         (value,) = parts.values()
         held: Callable[[float], Any] = value if callable(value) else _always(value)
@@ -260,7 +260,7 @@ def _port_function(port: InputPort, name: str, parts: Mapping[str, Input]) -> Ca
 
 
 def _function(value: Input, name: str, size: int) -> Callable[[float], Array]:
-    """A constant, function or table as a function of time that gives `size` numbers."""
+    """Return a constant, function or table as a function of time with `size` numbers."""
 
     def checked(numbers: Any) -> Array:
         vector = np.atleast_1d(np.asarray(numbers, dtype=float))
@@ -289,7 +289,7 @@ def _always(value: Any) -> Callable[[float], Any]:
 
 
 def _columns(system: System, outputs: Sequence[str] | None) -> list[tuple[str, OutputPort, int | None, str]]:
-    """Name, port, element and unit of every column."""
+    """Return name, port, element and unit of every column."""
     ports = _ports([system.get_output_port(index) for index in range(system.num_output_ports())])
     every: dict[str, tuple[str, OutputPort, int | None, str]] = {}
     whole: dict[str, list[str]] = {}
@@ -319,7 +319,7 @@ def _read(port: OutputPort, element: int | None, context: Context) -> Any:
 
 
 def _ports(ports: Sequence[Any]) -> dict[str, Any]:
-    """Ports by the names that diagram files have for them: u and y where Drake has no word for the only one."""
+    """Return ports by their names in diagram files; a single port without a name is u or y."""
     words = {"u0": "u", "y0": "y", "delayed_u": "y"} if len(ports) == 1 else {}
     return {words.get(port.get_name(), port.get_name()): port for port in ports}
 
@@ -343,7 +343,7 @@ def _drive_file(
     period: float | None,
     prepare: Callable[[Context], None] | None,
 ) -> pd.DataFrame:
-    """:func:`drive` of a diagram with vehicles: a run in memory, its open inputs held from step to step."""
+    """Drive a diagram with vehicles: a run in memory, whose open inputs are held from step to step."""
     spec = load_diagram(diagram) if isinstance(diagram, str) else diagram
     spec = spec.model_copy(deep=True) if isinstance(spec, DiagramSpec) else make_spec(spec)
     if period is not None:

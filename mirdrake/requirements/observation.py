@@ -1,4 +1,4 @@
-"""What happened to one vehicle in one run, as requirements see it: signals and events with margins.
+"""Signals and events of one vehicle in one run, with margins, for requirements.
 
 :func:`observe` works it all out from a run's samples. Signals are those of the run, without the vehicle's name in
 front, and :data:`DERIVED` ones. An event has, for every sample, a truth and a margin: how far it is from changing,

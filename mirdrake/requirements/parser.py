@@ -159,7 +159,7 @@ class _Parser:
         return self._add(Comparison(len(self._atoms), signal, sign, value, unit, absolute, text))
 
     def _value(self, known: str | None) -> tuple[float, str | None]:
-        """Parse a number, and return it in SI with the unit that was written; `known` is that of the signal, if known."""
+        """Parse a number; return it in SI with the unit in the text. `known` is the unit of the signal, if known."""
         number = self._number()
         words = []
         while self._at < len(self._tokens) and self._tokens[self._at][0] == "word" and self._peek() not in _WORDS:

@@ -77,7 +77,7 @@ class Incidents:
         return found
 
     def look(self, times: Array, columns: Mapping[str, Array]) -> list[Incident]:
-        """New incidents in some samples.
+        """Return the new incidents in some samples.
 
         Args:
             times: of the samples (n) [s].

@@ -161,7 +161,7 @@ class Recorder:
             stream.look(context)
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """How many samples there are by sensor (``recorded``), and how many of them, the last, nobody was shown yet.
+        """Return the number of samples by sensor (``recorded``), and how many of the last ones are not yet written.
 
         These (``under_way``) were taken so shortly before the end that their latency had not passed.
         """

@@ -310,7 +310,7 @@ def _not_finite(times: Array, columns: Columns) -> str | None:
 
 @contextmanager
 def _interrupt() -> Iterator[threading.Event]:
-    """Have Ctrl-C set the event within the block, so that the run stops between two steps; a second Ctrl-C stops at once.
+    """Have Ctrl-C set the event, so that the run stops between two steps; a second Ctrl-C stops it immediately.
 
     An exception in the middle of a step would leave logs of unequal length. Outside the main thread, or where Ctrl-C
     has another handler, nothing is changed.

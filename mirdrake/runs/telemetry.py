@@ -56,7 +56,9 @@ class Telemetry:
             taken, raw[name] = log.sample_times().copy(), log.data().copy()
             log.Clear()
             times = taken if len(raw) == 1 or taken.size < times.size else times
-        if any(values.shape[1] > times.size for values in raw.values()):  # an error in a block left logs of unequal length
+        if any(
+            values.shape[1] > times.size for values in raw.values()
+        ):  # an error in a block left logs of unequal length
             raw = {name: values[:, : times.size] for name, values in raw.items()}
         columns: Columns = {}
         if "plant_state" not in raw:

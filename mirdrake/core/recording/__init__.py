@@ -1,1 +1,1 @@
-"""What a run leaves on disk while it goes on: tables in parts, pictures, arrays of laser scanners and lidars."""
+"""Files of a run in progress: tables in parts, pictures, arrays of laser scanners and lidars."""

@@ -1,4 +1,4 @@
-"""Samples that are arrays: the scans of laser scanners and lidars, in a compact table of their own.
+"""Array samples: the scans of laser scanners and lidars, each sensor in a compact table.
 
 ``ego.front_lidar.parquet`` has a row for each scan: ``time`` [s], and a column for each array of it, flat, with its
 shape in the column's metadata. Distances are float32 [m]; inf where there was no return. Any reader of Parquet opens
@@ -84,7 +84,7 @@ class ArrayLog:
 
 
 def columns_of(sample: Any) -> dict[str, Array]:
-    """The arrays of a sample by name, without its time; a bare array is ``ranges``, distances."""
+    """Return the arrays of a sample by name, without its time; a bare array has the name ``ranges``."""
     if not is_dataclass(sample):
         return {"ranges": np.asarray(sample, dtype=np.float32)}
     pairs = ((field.name, getattr(sample, field.name)) for field in fields(sample) if field.name != "time")
@@ -117,7 +117,7 @@ class Samples(Mapping[str, Any]):
 
     @property
     def times(self) -> NDArray[np.float64]:
-        """When each was taken [s] (n)."""
+        """Times of the samples [s] (n)."""
         parts = [table["time"].to_numpy() for table in read_groups(self.path, ["time"])]
         return np.concatenate(parts)
 
@@ -127,7 +127,7 @@ class Samples(Mapping[str, Any]):
         return {name: (self._schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in self}
 
     def __getitem__(self, name: str) -> Any:
-        """One column: an array (n, ...), or a list of arrays where the samples differ in size."""
+        """Return a column: an array (n, ...), or a list of arrays if the samples differ in size."""
         if name not in self._schema.names or name == "time":
             raise ConfigError(f"{self.path.stem}: no array '{name}'; {did_you_mean(name, self)}")
         with read_errors(self.path):
@@ -137,11 +137,11 @@ class Samples(Mapping[str, Any]):
         return [array for part in parts for array in part]
 
     def is_number(self, name: str) -> bool:
-        """Whether each sample has one number of this name, and no array."""
+        """Return whether each sample has a single number of this name."""
         return not pa.types.is_list(self._schema.field(name).type)
 
     def frame(self) -> pd.DataFrame:
-        """All columns of a sensor whose samples are vectors, or flat arrays in cells, index ``time`` [s]."""
+        """Return all columns, with arrays as cells, index ``time`` [s]."""
         table: pd.DataFrame = pa.concat_tables(list(read_groups(self.path))).to_pandas()
         return table.set_index("time")
 

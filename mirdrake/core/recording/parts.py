@@ -61,7 +61,7 @@ class PartedTable:
         self._pending = []
 
     def finish(self) -> None:
-        """Make it one file."""
+        """Merge the parts into one file."""
         self.flush()
         if not self.path.is_dir():
             return
@@ -76,25 +76,25 @@ class PartedTable:
 
 
 def _aside(path: Path) -> Path:
-    """Where the parts are between two renames."""
+    """Return the path of the parts between two renames."""
     return path.with_name(f".{path.name}.parts")
 
 
 def stored(path: Path) -> list[Path]:
-    """The Parquet files that hold a table: one, or the parts of a run that did not end; none if there is none."""
+    """Return the Parquet files of a table: one, or the parts of a run that did not end; none if there is no table."""
     if path.is_file():
         return [path]
     return sorted((path if path.is_dir() else _aside(path)).glob("part-*.parquet"))  # or killed between two renames
 
 
 def read_part(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """A Parquet file, read in this thread: the reader's own pool would keep some ten megabytes for good."""
+    """Read a Parquet file in this thread, as the reader's own thread pool keeps some 10 MB."""
     with read_errors(path), pq.ParquetFile(path) as file:
         return file.read(columns=columns, use_threads=False)
 
 
 def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-    """A stored table, a row group at a time.
+    """Yield a stored table by row groups.
 
     Args:
         path: of the table.
@@ -114,7 +114,7 @@ def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa
 
 
 def _regroup(parts: Sequence[Path], rows: int) -> Iterator[pa.Table]:
-    """The rows of many files in groups of the same size, few at a time in memory."""
+    """Yield the rows of many files in groups of equal size, with few in memory at a time."""
     rest: pa.Table | None = None
     for part in parts:
         table = read_part(part)

@@ -1,4 +1,4 @@
-"""Pictures on disk, named by time, and the driving log beside them.
+"""Pictures of cameras, in files named by time, and their driving log.
 
 A picture is called ``YYYY-mm-dd-HH-MM-SS-ffffff`` after the simulated time, counted from a start time: 1970-01-01 if
 nothing else is said, so that equal runs give equal files. ``driving_log.txt`` is that of the paper (vehicles.md 3.4): a
@@ -38,7 +38,7 @@ _NAME = "%Y-%m-%d-%H-%M-%S-%f"
 
 
 def parse_start(text: str | None) -> datetime:
-    """The date and time of the start of a run; that of Greenwich if it does not say of where.
+    """Return the date and time of the start of a run; UTC if it has no time zone.
 
     Args:
         text: as ``2026-05-31 12:00``; None stands for 1970-01-01.
@@ -54,12 +54,12 @@ def parse_start(text: str | None) -> datetime:
 
 
 def picture_name(at: float, start: datetime = EPOCH) -> str:
-    """A simulated time [s] as date and time, counted from a start, to the microsecond."""
+    """Return a simulated time [s] as date and time after a start, to the microsecond."""
     return (start + timedelta(microseconds=round(1e6 * at))).strftime(_NAME)
 
 
 def picture_time(name: str, start: datetime = EPOCH) -> float:
-    """The simulated time [s] that a picture's name stands for, with or without a suffix.
+    """Return the simulated time [s] of a picture's name, with or without a suffix.
 
     Raises:
         ValueError: it is no such name.
@@ -69,7 +69,7 @@ def picture_time(name: str, start: datetime = EPOCH) -> float:
 
 
 def make_pool() -> ThreadPoolExecutor:
-    """Threads that encode and write pictures, while the next are drawn; Pillow lets go of Python's lock."""
+    """Return threads that encode and write pictures while the next ones are rendered; Pillow releases Python's lock."""
     return ThreadPoolExecutor(min(2, os.cpu_count() or 1), thread_name_prefix="pictures")
 
 
@@ -123,14 +123,14 @@ class PictureLog:
         self._settle(0)
 
     def close(self) -> None:
-        """The end: all pictures are on disk."""
+        """Write all pictures to disk, and finish."""
         try:
             self.flush()
         finally:
             self._log.close()
 
     def _settle(self, most: int) -> None:
-        """Put down the pictures that are ready; wait for the first ones if more than so many are not."""
+        """Log the pictures that are written; wait for the first ones if more than so many are not."""
         while self._waiting and (len(self._waiting) > most or self._waiting[0][0].done()):
             future, line = self._waiting.popleft()
             future.result()
@@ -146,7 +146,7 @@ def _write_picture(path: Path, pixels: NDArray[Any]) -> None:
 
 
 def encode(pixels: NDArray[Any]) -> bytes:
-    """A picture as the bytes of a file: JPEG of colours, PNG of depths and labels.
+    """Return a picture as the bytes of a file: JPEG of colours, PNG of depths and labels.
 
     Args:
         pixels: colours uint8 (height, width, 3), depths float32 [m], or numbers of 16 bits (height, width).
@@ -186,7 +186,7 @@ class Picture:
 
 
 def read_pictures(folder: Path, start: datetime = EPOCH) -> list[Picture]:
-    """The pictures in a folder that its driving log names; a last line that is not whole does not count.
+    """Return the pictures in the driving log of a folder; an incomplete last line is ignored.
 
     Args:
         folder: of one camera.
@@ -202,5 +202,5 @@ def read_pictures(folder: Path, start: datetime = EPOCH) -> list[Picture]:
 
 
 def picture_folders(folder: Path | None) -> Sequence[Path]:
-    """The folders of a run that hold pictures."""
+    """Return the folders of a run that have pictures."""
     return [] if folder is None else sorted(path.parent for path in folder.glob(f"*/{DRIVING_LOG}"))

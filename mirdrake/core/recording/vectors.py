@@ -1,4 +1,4 @@
-"""Samples that are vectors: those of an IMU, a receiver or an encoder, each at the sensor's own rate.
+"""Vector samples: of an IMU, a GPS receiver or an encoder, each at the sensor's own rate.
 
 ``ego.imu.parquet`` has a row for each sample: ``time`` [s], when it was taken, and a column for each element, with its
 unit in the column's metadata. What signals.parquet has of the sensor is what it shows at the rate of the signals.
@@ -71,7 +71,7 @@ class VectorLog:
 
 
 def make_table(times: NDArray[np.float64], columns: Mapping[str, Any], units: Mapping[str, str]) -> pa.Table:
-    """An Arrow table of samples: each column's metadata has its ``unit``; pandas finds all in ``attrs["units"]``."""
+    """Return an Arrow table of samples: units are in the metadata of the columns, in pandas in ``attrs["units"]``."""
     names = ["time", *columns]
     fields = [pa.field(name, pa.float64(), metadata={"unit": units.get(name, "")}) for name in names]
     attributes = json.dumps({"units": {name: units.get(name, "") for name in names}})
