@@ -156,7 +156,7 @@ FAULTS = {
         "duration: 0.1",
         "systems: {a: {kind: 'blocks:Plain'}}",
         8,
-        ["systems.a.kind", "'Plain'", "no Drake system"],
+        ["systems.a.kind", "'Plain'", "not a Drake system"],
     ),
     "no class at all": ("duration: 0.1", "systems: {a: {kind: 'blocks:RATE'}}", 8, ["systems.a.kind", "'RATE'"]),
     "wrong parameter": (

@@ -551,7 +551,7 @@ def test_a_class_of_the_users_own_drives(tmp_path):
     for behaviour, message in [
         ("my_drivers:Mute", "my_drivers:Mute is not a driver: it needs an output port 'command' of 3 elements"),
         ("my_drivers:Broken", "my_drivers:Broken cannot be made: ValueError: not today"),
-        ("my_drivers:Slwo", "'Slwo' is no Drake system in my_drivers; did you mean 'Slow'?"),
+        ("my_drivers:Slwo", "'Slwo' is not a Drake system in my_drivers; did you mean 'Slow'?"),
         ({"kind": "my_drivers:Slow", "sped": 1}, "my_drivers:Slow has no parameter 'sped'; did you mean 'speed'?"),
     ]:
         with pytest.raises(ConfigError) as caught:

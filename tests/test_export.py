@@ -319,7 +319,7 @@ def test_what_cannot_be_exported_is_told(folder: Path, tmp_path: Path, capsys: p
         "is not a run folder": lambda: export(tmp_path / "nothing", "csv", tmp_path / "x.csv"),
         "no signals were recorded": lambda: export(bare, "csv", tmp_path / "x.csv"),
         "has no pictures; record them": lambda: export(bare, "video", tmp_path),
-        "is no folder; make it first": lambda: export(folder, "video", tmp_path / "nowhere"),
+        "is not a folder; make it first": lambda: export(folder, "video", tmp_path / "nowhere"),
         "is a folder; a file is expected": lambda: export(folder, "mcap", tmp_path),
         "cannot be written: No such file": lambda: export(folder, "mcap", tmp_path / "nowhere" / "run.mcap"),
     }

@@ -136,7 +136,7 @@ def test_the_verb_lists_prints_and_writes(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert all("# yaml-language-server: $schema=file:///" in line for line in lines)
     assert main(["schema", "diagramm"]) == 2
-    assert "no schema for 'diagramm'; did you mean 'diagram'?" in capsys.readouterr().err
+    assert "unknown file format 'diagramm'; did you mean 'diagram'?" in capsys.readouterr().err
 
 
 def test_an_unknown_kind_is_told():

@@ -17,8 +17,8 @@ from typing import Any
 METHOD = "forkserver" if sys.platform != "win32" else "spawn"
 """Start method: forking from a server that has imported everything takes half the time of a fresh process."""
 
-STUDY, LOOP = "mirdrake.execution.job", "mirdrake.tuning.loops.evaluate"
-"""Modules that the server imports for runs of diagrams, and for trials of gains."""
+STUDY, LOOP, CASE = "mirdrake.execution.job", "mirdrake.tuning.loops.evaluate", "mirdrake.suites.worker"
+"""Modules that workers import for runs of diagrams, trials of gains, and cases of suites."""
 
 ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",

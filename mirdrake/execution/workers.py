@@ -6,9 +6,10 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import suppress
+from importlib import import_module
 from multiprocessing import connection, get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +17,7 @@ from typing import Any
 
 from mirdrake.core.errors import RunError
 from mirdrake.execution.processes import STARTING, WorkerProcess, initialise_worker, resident_memory
-from mirdrake.execution.worker_server import LOOP, METHOD, STUDY, start_server, worker_start
+from mirdrake.execution.worker_server import CASE, LOOP, METHOD, STUDY, start_server, worker_start
 
 MEMORY_GROWTH = 400 * 2**20
 """Resident memory that a worker process may gain before a new one replaces it [bytes].
@@ -152,14 +153,15 @@ class Workers(Executor):
         return fault, result
 
     def _start(self) -> WorkerProcess:
-        start_server(LOOP if LOOP in sys.modules else STUDY)
+        modules = [name for name in (LOOP, CASE, STUDY) if name in sys.modules] or [STUDY]
+        start_server(modules[0])
         context: Any = get_context(METHOD)
         mine, theirs = context.Pipe()
         with worker_start():
             self._started += 1
             log = Path(self._logs.name) / f"{self._started}.log"
             name = f"mirdrake worker {self._started}"
-            arguments = (theirs, str(log), dict(os.environ))
+            arguments = (theirs, str(log), dict(os.environ), modules)
             process = context.Process(target=serve, args=arguments, daemon=True, name=name)
             process.start()
         theirs.close()
@@ -182,17 +184,20 @@ def _lost(worker: WorkerProcess) -> WorkerLostError:
     return WorkerLostError(reason, time.monotonic() - worker.since)
 
 
-def serve(pipe: connection.Connection, log: str, environment: dict[str, str]) -> None:
+def serve(pipe: connection.Connection, log: str, environment: dict[str, str], modules: Sequence[str]) -> None:
     """Make the calls that come through a pipe until it closes; the body of a worker process.
 
     Args:
         pipe: takes calls; returns for each its exception, its result, and whether this process is to be replaced.
         log: file for everything that is printed, so that the last messages before a crash can be read.
         environment: environment variables of the main process; the server that workers fork from may have older ones.
+        modules: imported before the first call, so that its time limit does not include them.
     """
     os.environ.clear()
     os.environ.update(environment)
     initialise_worker(log)
+    for module in modules:
+        import_module(module)
     gc.freeze()  # imported objects stay; garbage collection need not visit them again and again
     pipe.send("ready")
     initial = resident_memory()
