@@ -103,7 +103,7 @@ class PlantBench:
         for name, value in gains.items():
             if name not in spec.gains:
                 raise ConfigError(f"no gain '{name}'; {did_you_mean(name, spec.gains)}")
-            self._knobs[spec.gains[name].path].turn(assembly, context, float(value))
+            self._knobs[spec.gains[name].path].apply(assembly, context, float(value))
         if conditions.mass != 1.0:
             self._knobs["mass_scale"].apply(assembly, context, conditions.mass)
         if conditions.friction is not None and conditions.friction != spec.friction:

@@ -198,8 +198,8 @@ def find_setters(assembly: Assembly) -> dict[str, Setter]:
     """Return functions that write a parameter to a Context of a diagram, by name of the parameter."""
     vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
     setters: dict[str, Setter] = {
-        name: partial(knob.turn, assembly)
-        for name, knob in find_context_parameters(vehicles, assembly.parts.world).items()
+        name: partial(parameter.apply, assembly)
+        for name, parameter in find_context_parameters(vehicles, assembly.parts.world).items()
     }
     for system, names in _blocks_with_gains(assembly):
         setters |= {f"{system.get_name()}.{gain}": partial(_set_gain, system, gain) for gain in names}
