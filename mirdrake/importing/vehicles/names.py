@@ -27,10 +27,6 @@ class Names:
         """Return a new name for a joint."""
         return self.unique(wanted, self._joints)
 
-    def has_link(self, name: str) -> bool:
-        """Return whether a link has this name."""
-        return name in self._links
-
     def _kept(self, kind: str, source: str, taken: set[str]) -> str:
         key = (kind, source)
         if key not in self._of:
