@@ -134,7 +134,7 @@ def _build(
     suns = [sun for sun in world.suns if _shines(sun.direction)]
     for sun in world.suns:
         if sun is not (suns[0] if suns else None):
-            why = "a world has one sun" if sun in suns else "the sun is above the horizon"
+            why = "a world has one sun" if sun in suns else "it shines upwards; the sun has to be above the horizon"
             add_change(Change(Code.LIGHT, sun.where, f"directional light '{sun.name}'", "…", None, why))
     # Objects of the source may overlap, float or be buried; rules allow it in the new world.
     show_progress("placing")
