@@ -189,7 +189,7 @@ def test_view_starts_with_the_layers_that_are_asked_for(
 def test_view_has_no_layers_of_a_world(here: Call) -> None:
     code, _, err = here("view", "empty", "--frames", "--no-meshes")
     assert code == 2
-    assert err == ["error: --frames, --no-meshes: for a vehicle only; 'empty' is none"]
+    assert err == ["error: --frames, --no-meshes: only for a vehicle; 'empty' is not a vehicle"]
 
 
 def test_the_help_of_view_names_the_layers(here: Call) -> None:
