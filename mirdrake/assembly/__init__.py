@@ -1,1 +1,1 @@
-"""The diagram: its file format, blocks and wiring, made into a Drake Diagram and drawn."""
+"""Diagrams: file format, blocks, wiring, assembly into a Drake Diagram, and drawing."""

@@ -1,4 +1,4 @@
-"""Blocks that a diagram file may add by kind, and a user's own classes.
+"""Blocks of a diagram file: those of mirdrake by kind, and user classes.
 
 A new block of ours is one schema with a ``make`` method here and one entry in :data:`BLOCKS`.
 """
@@ -34,7 +34,7 @@ class ConstantBlock(Schema):
     value: list[float] = Field([0.0], min_length=1, description="the elements [-]")
 
     def make(self) -> System:
-        """The system."""
+        """Return the system."""
         return ConstantVectorSource(self.value)
 
 
@@ -46,7 +46,7 @@ class SineBlock(Schema):
     phase: float = Field(0.0, description="[rad]")
 
     def make(self) -> System:
-        """The system."""
+        """Return the system."""
         return Sine(amplitude=self.amplitude, frequency=2.0 * np.pi * self.frequency, phase=self.phase, size=1)
 
 
@@ -57,18 +57,18 @@ class GainBlock(Schema):
     size: int = Field(1, ge=1, description="elements [-]")
 
     def make(self) -> System:
-        """The system."""
+        """Return the system."""
         return Gain(self.gain, self.size)
 
 
 class AdderBlock(Schema):
-    """The sum of inputs u0, u1 and so on; its output is called sum."""
+    """sum = u0 + u1 + …; the output is called sum."""
 
     inputs: int = Field(2, ge=2, description="input ports [-]")
     size: int = Field(1, ge=1, description="elements [-]")
 
     def make(self) -> System:
-        """The system."""
+        """Return the system."""
         return Adder(self.inputs, self.size)
 
 
@@ -80,7 +80,7 @@ class SaturationBlock(Schema):
     size: int = Field(1, ge=1, description="elements [-]")
 
     def make(self) -> System:
-        """The system."""
+        """Return the system."""
         if not self.minimum <= self.maximum:
             raise ConfigError(f"saturation: minimum {self.minimum} is above maximum {self.maximum}")
         return Saturation(min_value=[self.minimum] * self.size, max_value=[self.maximum] * self.size)
@@ -93,7 +93,7 @@ class LowPassBlock(Schema):
     size: int = Field(1, ge=1, description="elements [-]")
 
     def make(self) -> System:
-        """The system."""
+        """Return the system."""
         return FirstOrderLowPassFilter(time_constant=self.time_constant, size=self.size)
 
 
@@ -105,7 +105,7 @@ class DelayBlock(Schema):
     size: int = Field(1, ge=1, description="elements [-]")
 
     def make(self) -> System:
-        """The system."""
+        """Return the system."""
         steps = max(1, round(self.delay / self.period))
         return DiscreteTimeDelay(self.period, steps, self.size)
 
@@ -117,7 +117,7 @@ class HoldBlock(Schema):
     size: int = Field(1, ge=1, description="elements [-]")
 
     def make(self) -> System:
-        """The system."""
+        """Return the system."""
         return ZeroOrderHold(self.period, self.size)
 
 
@@ -134,7 +134,7 @@ class PidBlock(Schema):
     rate: float | None = Field(None, gt=0.0, description="largest change per second [-]")
 
     def make(self) -> System:
-        """The system."""
+        """Return the system."""
         limits = PidLimits(
             minimum=-inf if self.minimum is None else self.minimum,
             maximum=inf if self.maximum is None else self.maximum,
@@ -158,7 +158,7 @@ BLOCKS: dict[str, type[Schema]] = {
 
 
 def make_block(kind: str, parameters: Mapping[str, Any], *, source: Source, folder: Path | None = None) -> System:
-    """A system by kind.
+    """Return the system of a kind.
 
     Args:
         kind: a name in :data:`BLOCKS`, or ``module:Class`` of the user's.
@@ -167,7 +167,7 @@ def make_block(kind: str, parameters: Mapping[str, Any], *, source: Source, fold
         folder: where a user's module may lie, besides the import path and the working directory.
 
     Raises:
-        ConfigError: unknown kind, module, class or parameter, or the class refuses its parameters.
+        ConfigError: unknown kind, module, class or parameter, or the class rejects its parameters.
     """
     where = source.where("kind")
     if ":" in kind:

@@ -1,4 +1,4 @@
-"""From a diagram spec to a Drake Diagram: make the systems, wire them by name, check the wiring.
+"""Assembly of a diagram spec into a Drake Diagram: make the systems, connect them by name, check the connections.
 
 Every subsystem is named ``<vehicle>.<part>`` or as the user called it, every port can be reached as
 ``<vehicle>.<port>`` or ``<system>.<port>``. Per vehicle the chain is
@@ -51,7 +51,7 @@ DRAWING_PERIOD = 1.0 / 32.0
 
 @dataclass(frozen=True)
 class Assembly:
-    """A built diagram with what is needed to run it and to read its logs.
+    """A built diagram with the handles to run it and to read its logs.
 
     Attributes:
         spec: what it was made from.
@@ -94,7 +94,7 @@ class Assembly:
         return {system.get_name(): system for system in self.diagram.GetSystems() if system.get_name() in own}
 
     def make_context(self) -> Any:
-        """A new Context with every vehicle at its start."""
+        """Return a new Context with every vehicle at its start."""
         context = self.diagram.CreateDefaultContext()
         plant = self.parts.plant
         plant_context = plant.GetMyMutableContextFromRoot(context)
@@ -106,7 +106,7 @@ class Assembly:
 
 
 def make_diagram(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshcat | None = None) -> Diagram:
-    """An ordinary Drake Diagram from a diagram spec, its data or its name.
+    """Return an ordinary Drake Diagram for a diagram spec, its data or its name.
 
     A vehicle without an entry under ``control`` gets its ports exported as inputs ``<name>.speed_reference`` [m/s],
     ``<name>.steering_reference`` [rad] and ``<name>.reference_stamp`` [s]; the state of every vehicle is exported as
@@ -203,7 +203,7 @@ def assemble(
 
 
 def _build_fault(error: Exception) -> str:
-    """What Drake says when it cannot build a diagram, on one line; an algebraic loop as the ports it runs through."""
+    """Return Drake's error of a diagram that cannot be built, in one line; an algebraic loop as the ports along it."""
     text = str(error).strip()
     loop = algebraic_loop(text)
     if loop is None:

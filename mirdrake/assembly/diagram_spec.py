@@ -24,7 +24,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="le
 
 
 class Place(Schema):
-    """A place on the ground of the world."""
+    """A pose on the ground of the world."""
 
     x: Length = Field(0.0, description="of the rear axle's centre [m]")
     y: Length = Field(0.0, description="the same, to the left [m]")
@@ -51,19 +51,19 @@ class VehicleEntry(Schema):
 
 
 class SystemEntry(Schema):
-    """A block of the user's: a kind of ours, or a class of theirs as ``module:Class``; the rest are its parameters."""
+    """A block: a kind of mirdrake, or a user class as ``module:Class``; the other keys are its parameters."""
 
     model_config = ConfigDict(extra="allow", allow_inf_nan=False)
 
     kind: str = Field(description="a kind of ours, or module:Class [-]")
 
     def parameters(self) -> dict[str, Any]:
-        """What was written beside the kind."""
+        """Return the keys other than the kind."""
         return dict(self.model_extra or {})
 
 
 class RecordSpec(Schema):
-    """What a run writes down."""
+    """What a run records."""
 
     signals: bool = Field(True, description="signals.parquet [-]")
     rate: Frequency = Field(50.0, gt=0.0, le=2000.0, description="samples of the signals per second [Hz]")
@@ -91,7 +91,7 @@ class RecordSpec(Schema):
 
 
 class WorldEntry(Schema):
-    """A world with values of its own."""
+    """A world with changed values."""
 
     name: str = Field(description="name of a world, or a path [-]")
     seed: int | None = Field(None, description="instead of the file's [-]")
@@ -112,7 +112,7 @@ class WorldEntry(Schema):
 
 
 def _named(value: Any) -> Any:
-    """A bare name stands for the world as its file has it."""
+    """Return a mapping with a name; a bare name is the world as in its file."""
     return {"name": value} if isinstance(value, str) else value
 
 
@@ -184,7 +184,7 @@ def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
 
 
 def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
-    """A diagram file, checked.
+    """Return a checked diagram file.
 
     Args:
         name: a name below diagrams/, or a path.
@@ -210,7 +210,7 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
 
 
 def _absolute(name: str, folder: Path) -> str:
-    """A path as an absolute one, taken from the folder if it leads somewhere there; a bare name as it is."""
+    """Return a path as an absolute one, relative to the folder if it exists there; a bare name unchanged."""
     if os.sep not in name and not name.endswith((".yaml", ".yml")):
         return name
     for path in (folder / name, Path(name)):
@@ -220,7 +220,7 @@ def _absolute(name: str, folder: Path) -> str:
 
 
 def make_spec(data: Mapping[str, Any]) -> DiagramSpec:
-    """A diagram from a plain mapping, as :meth:`DiagramSpec.model_dump` gives it; the twin of :func:`load_diagram`.
+    """Return a checked diagram from plain data, such as :meth:`DiagramSpec.model_dump` returns.
 
     Raises:
         ConfigError: it has faults.

@@ -1,4 +1,4 @@
-"""A diagram as a picture: blocks, and what flows between them.
+"""Block diagrams as pictures: blocks and their connections.
 
 Signals run from left to right, driver to control to plant, and back from the plant to whoever measures it; the blocks
 of a vehicle stand in a frame with its name. Needs Graphviz' ``dot``, which is no Python package; without it there is
@@ -30,7 +30,7 @@ digraph {
 
 
 def write_dot(assembly: Assembly) -> str:
-    """The blocks of a diagram in Graphviz' language; log sinks are left out.
+    """Return the blocks of a diagram in the DOT language of Graphviz, without log sinks.
 
     Arrows are labelled with the output's name, and with the input's where that says more. The bars that split a command
     and join it again are drawn as bars.
@@ -63,7 +63,7 @@ def write_dot(assembly: Assembly) -> str:
 
 
 def draw_svg(assembly: Assembly) -> str:
-    """The same as an SVG picture.
+    """Return the block diagram as an SVG picture.
 
     Raises:
         MissingDependencyError: Graphviz is not installed.
@@ -72,7 +72,7 @@ def draw_svg(assembly: Assembly) -> str:
 
 
 def run_dot(text: str, *, purpose: str) -> str:
-    """A text in Graphviz' language as SVG.
+    """Return a text in the DOT language as SVG.
 
     Raises:
         MissingDependencyError: Graphviz is not installed; `purpose` says what it is needed for.
@@ -89,13 +89,13 @@ def run_dot(text: str, *, purpose: str) -> str:
 
 
 def _vehicle_of(name: str, assembly: Assembly) -> str | None:
-    """The vehicle whose frame a system stands in."""
+    """Return the vehicle in whose frame a system is drawn."""
     vehicle, dot, _ = name.partition(".")
     return vehicle if dot and vehicle in assembly.parts.vehicles else None
 
 
 def _node(name: str, system: object, assembly: Assembly) -> str:
-    """A block; a bar for what splits or joins a command."""
+    """Return a block; a bar for a multiplexer or demultiplexer of a command."""
     vehicle = _vehicle_of(name, assembly)
     if vehicle and name.endswith((".split", ".join")):
         return f'  "{name}" [label="", style=filled, fillcolor="#455a64", width=0.07, height=0.8, tooltip="{name}"];'
@@ -109,7 +109,7 @@ def _node(name: str, system: object, assembly: Assembly) -> str:
 
 
 def _edge(tail: str, head: str, labels: list[str]) -> str:
-    """All connections from one block to another as one arrow; measurements run back and do not order the blocks."""
+    """Return all connections from one block to another as one arrow; those of measurements do not order the blocks."""
     text = "\\n".join(dict.fromkeys(label for label in labels if label))
     if {tail, head} == {"plant", "scene_graph"}:
         text = "poses" if tail == "plant" else "contact"
@@ -120,14 +120,14 @@ def _edge(tail: str, head: str, labels: list[str]) -> str:
 
 
 def _bar_port(system: str, port: str) -> str:
-    """The name a port has in diagram files, for the numbered ports of the bars; others keep their own."""
+    """Return the name of a port in diagram files, for the numbered ports of the bars; others keep their own."""
     kind, number = system.rpartition(".")[2], port[1:]
     names = {"split": SPLIT, "join": JOIN}.get(kind)
     return names[int(number)] if names and number.isdigit() and port[0] == {"split": "y", "join": "u"}[kind] else port
 
 
 def _edge_label(output: str, given: str) -> str:
-    """Names of both ends, or of one where the other adds nothing, such as a numbered port or one that ends alike."""
+    """Return the names of both ends, or of one where the other adds nothing, such as a numbered port."""
     names = [_ELEMENTS.get(name, name) for name in (output, given) if not _NUMBERED.fullmatch(name)]
     if len(names) == 2 and names[1].endswith(names[0]):
         names.pop()

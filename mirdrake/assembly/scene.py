@@ -1,4 +1,4 @@
-"""What a diagram is driven with: the world that is laid out and the vehicles that are loaded.
+"""Scene of a diagram: the world laid out and the vehicles loaded.
 
 ::
 
@@ -58,7 +58,7 @@ _DAMAGE = (
     RuntimeError,  # of Drake
     ExpatError,
 )
-"""What reading damaged data raises."""
+"""Exceptions raised by reading damaged data."""
 
 _DATA = "mirdrake://"  # begins a reference to a file that is shipped with mirdrake
 
@@ -79,7 +79,7 @@ class Scene:
 
     @cached_property
     def files(self) -> dict[str, str | bytes]:
-        """The files of a scene in a run folder: their contents by name.
+        """Return the files of a scene in a run folder: their contents by name.
 
         Raises:
             WorldError: a file of a prop cannot be read.
@@ -112,7 +112,7 @@ def make_scene(spec: DiagramSpec) -> Scene:
 
 
 def _load_by_name(spec: DiagramSpec, name: str) -> Vehicle:
-    """The vehicle of one entry of ``vehicles``, with the diagram's changes to its control and mounted sensors."""
+    """Return the vehicle of an entry of ``vehicles``, with the diagram's changes to its control and mounted sensors."""
     entry = spec.vehicles[name]
     vehicle = load_vehicle(entry.model, arguments=entry.arguments, where=where(spec, "vehicles", name, "model"))
     source = entry._source or Source("diagram", {}, ("vehicles", name))
@@ -128,7 +128,7 @@ def _load_by_name(spec: DiagramSpec, name: str) -> Vehicle:
 
 
 def change_control(control: ControlSpec, changes: Mapping[str, Any], *, source: Source) -> ControlSpec:
-    """Gains and limits with some entries changed; an entry of another kind is replaced as a whole.
+    """Return control data with changed entries; an entry of another kind is replaced as a whole.
 
     Args:
         control: of a vehicle.
@@ -229,25 +229,25 @@ def _read(data: Mapping[str, Any], place: Path) -> Scene:
 
 
 def _reference(path: Path) -> str:
-    """A file or folder as text: relative to the shipped data if it is one of these, else its absolute path."""
+    """Return a file or folder as text: relative to the bundled data if it is one of these, else its absolute path."""
     path = Path(os.path.abspath(path))
     root = data_root()
     return f"{_DATA}{path.relative_to(root).as_posix()}" if path.is_relative_to(root) else str(path)
 
 
 def _resolve(reference: str) -> Path:
-    """The path of a reference."""
+    """Return the path of a reference."""
     return data_root() / reference.removeprefix(_DATA) if reference.startswith(_DATA) else Path(reference)
 
 
 def _find(reference: str) -> Path | None:
-    """The file of a reference, if it is there."""
+    """Return the file of a reference, if it exists."""
     path = _resolve(reference)
     return path if path.is_file() else None
 
 
 def _meshes(scene: Scene) -> list[Path]:
-    """All mesh files of a scene, with the buffers and pictures that they name; those that exist."""
+    """Return all existing mesh files of a scene, with the buffers and pictures that they refer to."""
     roots: list[Path] = []
     for vehicle in scene.vehicles.values():
         document = minidom.parseString(vehicle.urdf)
@@ -262,7 +262,7 @@ def _meshes(scene: Scene) -> list[Path]:
 
 
 def _mesh_path(address: str, packages: Mapping[str, str]) -> Path:
-    """The file of an address in a rendered URDF."""
+    """Return the file of a URI in a rendered URDF."""
     for scheme in ("package://", "model://"):
         if address.startswith(scheme):
             package, _, rest = address.removeprefix(scheme).partition("/")
@@ -271,7 +271,7 @@ def _mesh_path(address: str, packages: Mapping[str, str]) -> Path:
 
 
 def _without_missing(urdf: str, packages: Mapping[str, str]) -> str:
-    """A URDF without the visual and collision elements whose mesh is missing; the same text if all are there."""
+    """Return a URDF without the visual and collision elements whose mesh is missing; the same text if none is."""
     document: Any = minidom.parseString(urdf)
     changed = False
     for mesh in document.getElementsByTagName("mesh"):
@@ -283,7 +283,7 @@ def _without_missing(urdf: str, packages: Mapping[str, str]) -> str:
 
 
 def _digest_of(path: Path) -> str:
-    """SHA-256 of a file."""
+    """Return the SHA-256 of a file."""
     status = path.stat()
     return _digest(path, status.st_mtime_ns, status.st_size)
 

@@ -16,7 +16,7 @@ from mirdrake.plant.plant import PlantParts
 
 SPLIT = ("speed_command", "steering_command", "command_stamp")
 JOIN = ("speed_reference", "steering_reference", "reference_stamp")
-"""What the ports between a driver and a vehicle's control unit are called, where a user's blocks may stand."""
+"""Names of the ports between a driver and a vehicle's control unit, where user blocks may be inserted."""
 
 _RESERVED = {"plant", "scene_graph", "meshcat_visualizer"}  # Drake gives its own systems these names
 
@@ -37,7 +37,7 @@ class Wiring:
     read: set[str] = field(default_factory=set)
 
     def add(self, name: str, system: System) -> None:
-        """Add a system under a name; the ports of a user's own become known as ``name.port``."""
+        """Add a system under a name; the ports of a user system are named ``name.port``."""
         if name in self.systems or name in self.spec.vehicles or name in _RESERVED:
             place = where(self.spec, "systems", name)
             raise ConfigError(f"{place}: the name '{name}' is taken; choose another")
@@ -51,11 +51,11 @@ class Wiring:
             self.sinks |= {f"{name}.{_short(port, inputs)}": (port, signals_of(port)) for port in inputs}
 
     def link(self, source: OutputPort, sink: InputPort) -> None:
-        """Connect two ports of ours."""
+        """Connect two ports."""
         self.builder.Connect(source, sink)
 
     def connect(self) -> None:
-        """Make the user's connections, then those of the defaults whose input is still free."""
+        """Make the user's connections, then the default ones whose input is still open."""
         taken: dict[str, str] = {}
         for index, (source, sink) in enumerate(self.spec.connect):
             place = where(self.spec, "connect", index)
@@ -85,7 +85,7 @@ class Wiring:
     def _find(
         self, name: str, ports: Mapping[str, Any], others: Mapping[str, Any], place: str, kind: str, advice: str
     ) -> tuple[str, str | None]:
-        """The port that a name in `connect` means, and the element of it, if it names one."""
+        """Return the port of a name in `connect`, and its element if the name has one."""
         port = _port_of(name, ports)
         if port and port == name:
             return port, None
@@ -109,7 +109,7 @@ class Wiring:
         raise ConfigError(f"{place}: unknown {kind} '{name}'{hint}{listed}")
 
     def _output(self, source: str) -> OutputPort:
-        """The port of a source; that of an element comes from a demultiplexer, one for each port."""
+        """Return the port of a source; that of an element is from a demultiplexer, one for each port."""
         name = _port_of(source, self.sources)
         self.read.add(name)
         port, contents = self.sources[name]
@@ -124,7 +124,7 @@ class Wiring:
         return self.systems[full].get_output_port(names.index(source.removeprefix(f"{name}.")))
 
     def _join(self, name: str, given: Mapping[str, str]) -> None:
-        """Feed an input by elements; those that are not given come from its default.
+        """Connect an input by elements; the others come from its default.
 
         Raises:
             ConfigError: an element is not given, and the input has no default.
@@ -155,7 +155,7 @@ class Wiring:
         taker: tuple[str, str | None],
         place: str,
     ) -> None:
-        """Sizes, types and units of a connection."""
+        """Check sizes, types and units of a connection."""
         port, contents, size = _part(self.sources[output[0]], output[1])
         taking, wanted, taken_size = _part(self.sinks[taker[0]], taker[1])
         if port.get_data_type() != taking.get_data_type():
@@ -174,7 +174,7 @@ class Wiring:
                 )
 
     def export(self, parts: PlantParts) -> tuple[str, ...]:
-        """Export what the outside may need, refuse inputs that are open, name the outputs that nothing reads."""
+        """Export ports, reject open inputs, and return the names of outputs that are not connected."""
         for name in parts.vehicles:
             self.builder.ExportOutput(self.sources[f"{name}.state"][0], f"{name}.state")
             for port in JOIN:
@@ -196,7 +196,7 @@ class Wiring:
 
 
 def _port_of(name: str, ports: Mapping[str, Any]) -> str:
-    """The port that a name begins with: the name itself, or that of which it is an element; "" if there is none."""
+    """Return the port that a name begins with: the name itself, or the vector of an element; "" if there is none."""
     parts = name.split(".")
     for count in range(len(parts), 1, -1):
         if (port := ".".join(parts[:count])) in ports:
@@ -205,7 +205,7 @@ def _port_of(name: str, ports: Mapping[str, Any]) -> str:
 
 
 def _part(entry: tuple[Any, tuple[Signal, ...] | None], element: str | None) -> tuple[Any, tuple[Signal, ...], int]:
-    """A port with the names and the number of its elements, or of one of them."""
+    """Return a port with the names and the number of its elements, or of one of them."""
     port, contents = entry
     if element is not None:
         return port, tuple(signal for signal in contents or () if signal.name == element), 1
@@ -213,6 +213,6 @@ def _part(entry: tuple[Any, tuple[Signal, ...] | None], element: str | None) -> 
 
 
 def _short(port: InputPort | OutputPort, ports: Sequence[InputPort | OutputPort]) -> str:
-    """The name of a port in diagram files: u or y where it is the only one, and Drake has no word for it."""
+    """Return the name of a port in diagram files: u or y for the only port of a system without a name in Drake."""
     name: str = port.get_name()
     return {"u0": "u", "y0": "y", "delayed_u": "y"}.get(name, name) if len(ports) == 1 else name

@@ -35,7 +35,7 @@ LINKAGES = ("ackermann", "unior", "unior_printed")
 
 
 class SteeringGeometry(Protocol):
-    """What this module needs to know of a vehicle; lengths [m], angles [rad]."""
+    """The properties of a vehicle that the steering laws use; lengths [m], angles [rad]."""
 
     @property
     def wheelbase(self) -> float: ...  # noqa: D102
@@ -53,7 +53,7 @@ class SteeringGeometry(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class AxleGeometry:
-    """Steering geometry given by hand.
+    """Steering geometry of given numbers.
 
     Attributes:
         wheelbase: distance of the axles [m].
@@ -148,12 +148,12 @@ def unior_angles(numbers: SteeringNumbers, wanted: float) -> WheelAngles:
 
 
 def ackermann_wheels(numbers: SteeringNumbers, steering: float) -> tuple[WheelAngles, WheelRatios]:
-    """Angles of the wheels and ratios of their speeds for a bicycle angle."""
+    """Return the angles of the wheels and the ratios of their speeds for a bicycle angle."""
     return wheel_angles(numbers, steering), wheel_speed_ratios(numbers, steering)
 
 
 def unior_wheels(numbers: SteeringNumbers, steering: float) -> tuple[WheelAngles, WheelRatios]:
-    """The same for an input of the Unior's linkages."""
+    """Return the angles of the wheels and the ratios of their speeds for an input of the Unior's linkages."""
     angles = unior_angles(numbers, steering)
     return angles, wheel_speed_ratios(numbers, bicycle_angle(numbers, angles[0], angles[1]))
 
@@ -211,11 +211,11 @@ class Ackermann:
         return self.numbers.rate
 
     def clip(self, steering: float) -> float:
-        """The bicycle angle [rad], limited so that the inner wheel stays within its limit."""
+        """Return the bicycle angle [rad], limited so that the inner wheel stays within its limit."""
         return min(max(steering, -self.limit), self.limit)
 
     def approach(self, steering: float, wanted: float, *, period: float) -> float:
-        """The bicycle angle one period after `steering` on the way to `wanted` [rad], within limit and rate.
+        """Return the bicycle angle one period after `steering` on the way to `wanted` [rad], within limit and rate.
 
         Args:
             steering: present angle [rad].
@@ -225,11 +225,11 @@ class Ackermann:
         return approach(self.numbers, steering, wanted, period)
 
     def wheel_angles(self, steering: float) -> tuple[float, float]:
-        """Left and right wheel angle [rad] for a bicycle angle in (-pi/2, pi/2); not clipped."""
+        """Return left and right wheel angle [rad] for a bicycle angle in (-pi/2, pi/2); not limited."""
         return wheel_angles(self.numbers, steering)
 
     def wheel_speed_ratios(self, steering: float) -> tuple[float, float, float, float]:
-        """Speed of the four wheel centres along their wheels over that of the rear axle centre [1].
+        """Return the speed of the four wheel centres along their wheels over that of the rear axle centre [1].
 
         Divided by the wheel radius and times the speed they are the spin rates of free rolling at constant steering
         angle. While the angle changes, the front wheels also roll about their kingpins: scrub radius times rate, not
@@ -244,15 +244,15 @@ class Ackermann:
         return wheel_speed_ratios(self.numbers, steering)
 
     def curvature(self, steering: float) -> float:
-        """Curvature of the path of the rear axle centre [1/m] for a bicycle angle [rad]."""
+        """Return the curvature of the path of the rear axle centre [1/m] for a bicycle angle [rad]."""
         return math.tan(steering) / self.wheelbase
 
     def steering(self, curvature: float) -> float:
-        """Bicycle angle [rad] for a curvature of the path of the rear axle centre [1/m]."""
+        """Return the bicycle angle [rad] for a curvature of the path of the rear axle centre [1/m]."""
         return math.atan(self.wheelbase * curvature)
 
     def bicycle_angle(self, left: float, right: float) -> float:
-        """Bicycle angle [rad] of two wheel angles, the inverse of :meth:`wheel_angles`.
+        """Return the bicycle angle [rad] of two wheel angles, the inverse of :meth:`wheel_angles`.
 
         Each wheel alone fixes a turning centre. When the two do not agree, the mean of the two curvatures counts.
 
@@ -265,7 +265,7 @@ class Ackermann:
     # --- the linkage of the Avrora Unior ---------------------------------------------------------------------------
 
     def unior_wheel_angles(self, wanted: float, *, factor: float = 0.5, printed: bool = False) -> tuple[float, float]:
-        """Left and right wheel angle [rad] after the steering equation published for the Avrora Unior.
+        """Return left and right wheel angle [rad] by the steering equation published for the Avrora Unior.
 
         One wheel is set directly, the other follows ("Avrora Unior Car-like Robot in Gazebo Environment")::
 
@@ -285,7 +285,7 @@ class Ackermann:
         return unior_angles(self.numbers._replace(factor=factor, printed=printed), wanted)
 
     def unior_input(self, steering: float, *, factor: float = 0.5) -> float:
-        """Input [rad] of :meth:`unior_wheel_angles` (outer wheel direct) that turns like a bicycle angle.
+        """Return the input [rad] of :meth:`unior_wheel_angles` (outer wheel direct) equivalent to a bicycle angle.
 
         Args:
             steering: bicycle angle [rad].
@@ -317,20 +317,20 @@ class UniorLinkage(Ackermann):
         self.numbers = self.numbers._replace(limit=limit, rate=rate, factor=factor, printed=printed)
 
     def wheel_angles(self, steering: float) -> tuple[float, float]:
-        """Left and right wheel angle [rad] for an input [rad]; not clipped."""
+        """Return left and right wheel angle [rad] for an input [rad]; not limited."""
         return unior_angles(self.numbers, steering)
 
     def wheel_speed_ratios(self, steering: float) -> tuple[float, float, float, float]:
-        """Those of the bicycle angle that the two wheels come nearest to."""
+        """Return the ratios of the bicycle angle nearest to the two wheel angles."""
         return unior_wheels(self.numbers, steering)[1]
 
     def bicycle_angle(self, left: float, right: float) -> float:
-        """Input [rad] of two wheel angles: the wheel set directly turns less."""
+        """Return the input [rad] of two wheel angles: the directly set wheel turns less."""
         return min(left, right, key=abs) / self.numbers.factor
 
 
 def make_steering_law(geometry: SteeringGeometry, linkage: str = "ackermann", *, factor: float = 0.5) -> Ackermann:
-    """The steering law of a name.
+    """Return the steering law of a linkage.
 
     Args:
         geometry: lengths and limits of the vehicle.

@@ -1,7 +1,7 @@
-"""Velocity command interface: limits, refusal of nonsense, and the dead-man.
+"""Velocity command interface: limits, rejection of invalid messages, and the dead-man switch.
 
 A command is a message (speed, steering, stamp); the stamp says when it was made, so a message that no longer comes can
-be told from one that repeats. When the last good message is older than 0.2 s, the speed set-point becomes zero,
+be distinguished from one that repeats. When the last good message is older than 0.2 s, the speed set-point becomes zero,
 explicitly, and the steering angle is held; it recovers with the next message (0.2 s and the held angle as in the MIR
 Bolt and the CAT Vehicle, vehicles.md 2.2, whose scripts forgot to send the zero).
 """
@@ -63,7 +63,7 @@ class CommandState(NamedTuple):
 
 
 class CommandResult(NamedTuple):
-    """What becomes of a message.
+    """Result of a message.
 
     Attributes:
         setpoint: speed and steering within the limits.
@@ -85,14 +85,14 @@ def command_step(
     time: float,
     limits: CommandLimits = NO_COMMAND_LIMITS,
 ) -> tuple[CommandState, CommandResult]:
-    """Take in a message, or the same message again, or nonsense.
+    """Process a message, which may be new, repeated or invalid.
 
     A message counts when its three numbers are finite and its stamp is neither older than the last one's nor in the
     future. Anything else is no message, and the last good one ages on.
 
     Args:
         state: what the last step returned; ``CommandState()`` at first.
-        speed: wanted speed [m/s].
+        speed: set-point of the speed [m/s].
         steering: wanted bicycle angle [rad].
         stamp: when the message was made [s].
         time: now [s].
@@ -110,7 +110,7 @@ def command_step(
 
 
 class VelocityCommand(LeafSystem):
-    """The door through which every driver, human or not, commands a vehicle.
+    """Interface through which every driver, human or not, commands a vehicle.
 
     Input ports:
         command (3) [m/s, rad, s]: speed, steering, stamp; see :data:`~mirdrake.core.vectors.COMMAND`.

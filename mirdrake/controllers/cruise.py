@@ -1,4 +1,4 @@
-"""Speed loop of a vehicle: wheel-speed set-points, trimmed until the vehicle has the wanted speed.
+"""Speed loop of a vehicle: wheel-speed set-points, trimmed until the vehicle reaches its set-point.
 
 The feed-forward is free rolling, speed over wheel radius times the Ackermann ratio of each wheel; a PI controller adds
 a speed trim, which takes up slip and tyre deflection.
@@ -27,7 +27,7 @@ _EMPTY = PidState()
 
 
 def wheel_speed_setpoints(speed: float, ratios: WheelRates, radii: WheelRates) -> WheelRates:
-    """Spin rates of free rolling [rad/s].
+    """Return the spin rates of free rolling [rad/s].
 
     Args:
         speed: speed of the rear axle centre [m/s].
@@ -51,14 +51,14 @@ def cruise_step(
     gains: PidGains | PidNumbers = CRUISE_GAINS,
     limits: PidLimits = CRUISE_LIMITS,
 ) -> tuple[PidState, float]:
-    """One step of the speed loop.
+    """Advance the speed loop by one period.
 
-    When the wanted speed is exactly zero there is no trim and the integral is emptied, so that the wheels stop and
+    When the set-point is exactly zero there is no trim and the integral is reset, so that the wheels stop and
     stay stopped.
 
     Args:
         state: what the last step returned, or its numbers; ``PidState()`` at first.
-        reference: wanted speed [m/s].
+        reference: set-point of the speed [m/s].
         measurement: speed of the rear axle centre [m/s].
         period: time since the last step [s].
         gains: gains from speed error to speed trim.
@@ -127,7 +127,7 @@ class SpeedControl(LeafSystem):
         context.get_mutable_numeric_parameter(self._gains).SetFromVector([gains.kp, gains.ki])
 
     def get_gains(self, context: Context) -> PidGains:
-        """The gains in a Context of this system."""
+        """Return the gains of a Context of this system."""
         return PidGains(*context.get_numeric_parameter(self._gains).value().tolist())
 
     def _step(self, context: Context) -> tuple[PidState, WheelRates]:
@@ -140,7 +140,7 @@ class SpeedControl(LeafSystem):
         return state, wheel_speed_setpoints(trimmed, ratios, radii=(self.wheel_radius,) * 4)
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
-        """Show the set-points of the first inputs; the first update, at the same time, counts as the first step."""
+        """Output the set-points of the first inputs; the first update, at the same time, counts as the first step."""
         values.set_value(self._wheels, self._step(context)[1])
 
     def _update(self, context: Context, values: DiscreteValues) -> None:

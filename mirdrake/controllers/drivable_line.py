@@ -1,4 +1,4 @@
-"""What a car can drive of a track, worked out once: a line with bounded steering rate, and a speed profile.
+"""Drivable line of a track: a line with bounded steering rate, and a speed profile, both planned in advance.
 
 A track of straights and arcs has jumps in its curvature, which no steering follows at speed. So before driving, the
 centre line is replaced by a line close to it whose steering rate the vehicle has. With e(s) the offset of that line
@@ -34,7 +34,7 @@ _ROUNDS = 30  # most rounds of raising the weights
 
 
 class Track(Protocol):
-    """What a tracker needs to know of a track; all methods work on arrays and, when closed, for any s."""
+    """The properties of a track that a tracker uses; all methods accept arrays and, if closed, any s."""
 
     @property
     def length(self) -> float:
@@ -42,18 +42,18 @@ class Track(Protocol):
 
     @property
     def closed(self) -> bool:
-        """Whether the end is the start."""
+        """Whether the end of the track is its start."""
 
     def pose(self, s: Any) -> tuple[Any, Any, Any]:
-        """Position x, y [m] and direction yaw [rad] of the centre line at arc lengths s [m]."""
+        """Return position x, y [m] and direction yaw [rad] of the centre line at arc lengths s [m]."""
 
     def project(self, x: Any, y: Any, *, near: Any = None) -> tuple[Any, Any]:
-        """Arc length s [m] and offset to the left e_y [m] of points."""
+        """Return arc length s [m] and offset to the left e_y [m] of points."""
 
 
 @dataclass(frozen=True)
 class DrivingLimits:
-    """How hard a path tracker drives.
+    """Limits of the accelerations and of the offset that a path tracker plans with.
 
     Attributes:
         lateral: largest lateral acceleration v^2 kappa [m/s^2].
@@ -89,7 +89,7 @@ def make_speed_profile(
     closed: bool,
     end_speed: float = math.inf,
 ) -> Array:
-    """The highest speeds below a ceiling that acceleration and deceleration allow.
+    """Return the highest speeds below given limits that acceleration and deceleration allow.
 
     Each point takes part with v^2 <= v_j^2 + 2 a |s - s_j| from every other point j, forwards with the acceleration,
     backwards with the deceleration; that is what a forward and a backward pass give.
@@ -126,7 +126,7 @@ def _pass(square: Array, gain: float) -> Array:
 
 @dataclass(frozen=True)
 class CentreLine:
-    """A track as tables, evenly spaced; closed tracks repeat their first point at the end.
+    """Evenly spaced tables of a track; closed tracks repeat their first point at the end.
 
     Attributes:
         length: length of the track [m].
@@ -148,7 +148,7 @@ class CentreLine:
 
 
 def make_centre_line(track: Track, *, spacing: float = _STEP) -> CentreLine:
-    """Sample a track.
+    """Return the tables of a track.
 
     Args:
         track: the track.
@@ -191,7 +191,7 @@ def make_drivable_line(
     steering_rate: float,
     limits: DrivingLimits,
 ) -> DrivableLine:
-    """Plan line and speeds; see the head of the module.
+    """Plan line and speeds; the head of the module explains how.
 
     Args:
         centre: the track.
@@ -255,7 +255,7 @@ def make_drivable_line(
 
 
 def _smooth(kappa: Array, h: float, speeds: Array, *, wheelbase: float, rate: float) -> tuple[Array, Array]:
-    """Offset and curvature (N) of the line with bounded steering rate, from the curvature of the intervals (N - 1).
+    """Return offset and curvature (N) of the line with bounded steering rate for curvatures of the intervals (N - 1).
 
     With e at the points, the curvature of the line at an inner point is that of the centre line plus the second
     difference of e; the change of curvature from one inner point to the next is ``rise`` plus the third difference of
@@ -280,7 +280,7 @@ def _smooth(kappa: Array, h: float, speeds: Array, *, wheelbase: float, rate: fl
 
 
 def _solve(weight: Array, rise: Array, h: float) -> Array:
-    """The e with the least sum of e^2 + weight (third difference of e / h^3 + rise)^2: a banded system of equations."""
+    """Return the e that minimises the sum of e² + weight (third difference of e / h³ + rise)²: a banded system."""
     third = np.array([-1.0, 3.0, -3.0, 1.0]) / h**3
     rows = weight.size
     band = np.zeros((4, rows + 3))
@@ -294,5 +294,5 @@ def _solve(weight: Array, rise: Array, h: float) -> Array:
 
 
 def _at_points(inner: Array) -> Array:
-    """Values at the inner points (N - 2) carried on to the ends (N)."""
+    """Return values at all points (N): those of the inner points (N - 2), repeated at the ends."""
     return np.concatenate([inner[:1], inner, inner[-1:]])

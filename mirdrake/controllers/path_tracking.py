@@ -94,7 +94,7 @@ class PathGains:
 
 
 class Place(NamedTuple):
-    """A point in the frame of the centre line.
+    """Position and direction in the frame of the centre line.
 
     Attributes:
         s: arc length of the nearest point [m]; in [0, length) on a closed track, may lie outside an open one.
@@ -110,7 +110,7 @@ class Place(NamedTuple):
 
 
 class PathTables:
-    """Centre line as plain lists, for quick look-up.
+    """Centre line as plain lists, for fast access.
 
     Args:
         centre: the sampled track.
@@ -125,7 +125,7 @@ class PathTables:
         self._last = len(self._curvature) - 1
 
     def project(self, x: float, y: float, *, near: float) -> Place | None:
-        """The nearest point of the centre line, by Newton's method from a nearby one.
+        """Return the nearest point of the centre line, by Newton's method from a nearby one.
 
         Args:
             x: position [m].
@@ -156,7 +156,7 @@ class PathTables:
 
 
 class LineTables:
-    """Drivable line as plain lists, for quick look-up.
+    """Drivable line as plain lists, for fast access.
 
     Args:
         line: the planned line.
@@ -179,13 +179,13 @@ class LineTables:
         return i, min(max(position - i, 0.0), 1.0)
 
     def at(self, s: float) -> tuple[float, float, float]:
-        """Offset [m], its slope [1] and the curvature of the line [1/m] at arc length s [m]."""
+        """Return offset [m], its slope [1] and the curvature of the line [1/m] at arc length s [m]."""
         i, part = self._find(s)
         e, z, k = self._offset, self._slope, self._curvature
         return e[i] + part * (e[i + 1] - e[i]), z[i] + part * (z[i + 1] - z[i]), k[i] + part * (k[i + 1] - k[i])
 
     def speed(self, s: float) -> float:
-        """Planned speed [m/s] at arc length s [m]."""
+        """Return the planned speed [m/s] at arc length s [m]."""
         i, part = self._find(s)
         return float(self._speed[i] + part * (self._speed[i + 1] - self._speed[i]))
 
@@ -209,7 +209,7 @@ class PathState(NamedTuple):
 def steering_step(
     place: Place, course: float, speed: float, *, line: LineTables, gains: PathGains, law: Ackermann
 ) -> float:
-    """Bicycle steering angle [rad] that takes the rear axle centre to the drivable line; see the head of the module.
+    """Return the bicycle angle [rad] that leads the rear axle centre to the drivable line; equations above.
 
     The steering rate bounds what feedback can do over the distance d: curvature by rate d/(L v), slope by d times that.
     Asking for more only makes it late, and in the end oscillate, so both parts of the feedback are limited, one inside
@@ -252,7 +252,7 @@ def speed_step(
     limits: DrivingLimits,
     period: float,
 ) -> float:
-    """Speed command [m/s]: the profile of the line, approached with the allowed acceleration.
+    """Return the speed command [m/s]: the profile of the line, approached with the allowed acceleration.
 
     Args:
         previous: last speed command [m/s].
@@ -273,7 +273,7 @@ def speed_step(
 
 
 def _wrap(angle: float) -> float:
-    """The same angle in [-pi, pi] [rad]."""
+    """Return an angle in [-pi, pi] [rad]."""
     return math.remainder(angle, 2.0 * math.pi)
 
 
@@ -342,7 +342,7 @@ class PathTracker(LeafSystem):
         context.get_mutable_numeric_parameter(self._gains).SetFromVector(_to_vector(gains))
 
     def get_gains(self, context: Context) -> PathGains:
-        """Gains and speed set-point in a Context of this system."""
+        """Return gains and speed set-point of a Context of this system."""
         return PathGains(*context.get_numeric_parameter(self._gains).value().tolist())
 
     def _read(self, context: Context) -> PathState:
@@ -351,7 +351,7 @@ class PathTracker(LeafSystem):
         return PathState(progress, laps, speed, context.get_discrete_state(self._started).value().item())
 
     def _find(self, x: float, y: float, state: PathState) -> Place:
-        """The place of a point: near the last one, else anywhere on the track."""
+        """Return the projection of a point: near the last one, else anywhere on the track."""
         if not math.isfinite(x + y):
             raise DivergedError(f"path tracking: the vehicle is at ({x}, {y}); the simulation has become unstable")
         place = self.path.project(x, y, near=state.progress) if state.started else None
@@ -398,7 +398,7 @@ class PathTracker(LeafSystem):
         values.set_value(self._error, [place.lateral, _wrap(yaw - place.yaw), place.s, state.laps + covered / length])
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
-        """Show the first values; the first update, at the same time, is the first step that counts."""
+        """Output the first values; the first update, at the same time, is the first step that counts."""
         if not self._read(context).started:
             self._step(context, values)
 
@@ -410,7 +410,7 @@ class PathTracker(LeafSystem):
 def _planner(
     centre: CentreLine, path: PathTables, law: Ackermann, limits: DrivingLimits
 ) -> Callable[[float], LineTables]:
-    """A function from speed set-point to line that remembers what it has planned."""
+    """Return a function from speed set-point to line that caches its plans."""
     known: dict[int, LineTables] = {}
 
     def line_for(speed: float) -> LineTables:

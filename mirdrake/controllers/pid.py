@@ -74,7 +74,7 @@ class DiscretePid(LeafSystem):
         context.get_mutable_numeric_parameter(self._gains).SetFromVector(_to_vector(gains))
 
     def get_gains(self, context: Context) -> PidGains:
-        """The gains in a Context of this system."""
+        """Return the gains of a Context of this system."""
         kp, ki, kd, filter_time, b, c, tracking_time = context.get_numeric_parameter(self._gains).value().tolist()
         return PidGains(kp, ki, kd, filter_time, b, c, None if tracking_time < 0.0 else tracking_time)
 
@@ -84,7 +84,7 @@ class DiscretePid(LeafSystem):
         context.SetDiscreteState(self._memory, list(memory[1:]))
 
     def get_integral(self, context: Context) -> float:
-        """The integral part [control_unit] in a Context of this system."""
+        """Return the integral part [control_unit] of a Context of this system."""
         return self._read(context).integral
 
     def _read(self, context: Context) -> PidState:
@@ -103,7 +103,7 @@ class DiscretePid(LeafSystem):
         )
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
-        """Show the control of the first inputs; the first update, at the same time, is the first step that counts."""
+        """Output the control of the first inputs; the first update, at the same time, is the first step that counts."""
         state = self._read(context)
         if not state.started:
             values.set_value(self._control, [self._step(context, state)[1]])

@@ -61,11 +61,11 @@ class Schedule:
 
     @property
     def rows(self) -> list[tuple[float, float, float]]:
-        """(time [s], speed [m/s], steering [rad]), times rising."""
+        """Rows (time [s], speed [m/s], steering [rad]), times strictly increasing."""
         return list(self._rows)
 
     def at(self, time: float) -> Setpoint:
-        """Speed [m/s] and steering [rad] at a time [s]."""
+        """Return speed [m/s] and steering [rad] at a time [s]."""
         after = bisect_right(self._times, time)
         t0, speed, steering = self._rows[max(after - 1, 0)]
         if not self._linear or after in (0, len(self._rows)):
@@ -103,13 +103,13 @@ class CommandSchedule(LeafSystem):
 
 
 class ConstantCommand(CommandSchedule):
-    """A driver that always wants the same.
+    """A driver with constant set-points.
 
     Output ports:
         command (3) [m/s, rad, s]: speed, steering, stamp; see :class:`CommandSchedule`.
 
     Args:
-        speed: wanted speed [m/s].
+        speed: set-point of the speed [m/s].
         steering: wanted bicycle angle [rad].
         period: time between messages [s].
 

@@ -25,7 +25,7 @@ from mirdrake.core.checks import check_number
 
 
 class PidNumbers(NamedTuple):
-    """What :func:`pid_step` needs of :class:`PidGains`, checked and worked out: for loops of many steps."""
+    """Gains as :func:`pid_step` uses them: checked, with the anti-windup time computed."""
 
     kp: float = 0.0
     ki: float = 0.0
@@ -78,7 +78,7 @@ class PidGains:
         object.__setattr__(self, "anti_windup_time", tracking)
 
     def numbers(self) -> PidNumbers:
-        """The gains in use as plain numbers."""
+        """Return the gains as plain numbers."""
         return PidNumbers(*(getattr(self, name) for name in PidNumbers._fields))
 
 
@@ -143,7 +143,7 @@ def pid_step(
     limits: PidLimits = NO_LIMITS,
     feedforward: float = 0.0,
 ) -> tuple[PidState, float]:
-    """One step of the controller; equations in the head of the module.
+    """Advance the controller by one period; equations in the head of the module.
 
     Args:
         state: what the last step returned, or its numbers; ``PidState()`` at first, ``PidState(integral=...)`` for a
@@ -201,7 +201,7 @@ def pid_step(
 
 
 def read_pid(memory: Sequence[float], at: int) -> PidState:
-    """The memory of a controller from its place in a longer one."""
+    """Return the state of a controller that begins at an index of a longer memory."""
     return PidState(
         memory[at], memory[at + 1], memory[at + 2], memory[at + 3], memory[at + 4], memory[at + 5], memory[at + 6],
         memory[at + 7], memory[at + 8],
@@ -209,7 +209,7 @@ def read_pid(memory: Sequence[float], at: int) -> PidState:
 
 
 def write_pid(memory: MutableSequence[float], at: int, state: PidState) -> None:
-    """The reverse of :func:`read_pid`."""
+    """Write the state of a controller into a longer memory; the inverse of :func:`read_pid`."""
     memory[at], memory[at + 1], memory[at + 2] = state.control, state.integral, state.filtered
     memory[at + 3], memory[at + 4], memory[at + 5] = state.kp, state.kd, state.filter_time
     memory[at + 6], memory[at + 7] = state.proportional_weight, state.derivative_weight

@@ -1,4 +1,4 @@
-"""Sensors: what a vehicle knows of itself and of its surroundings.
+"""Sensors of a vehicle.
 
 A new kind is a module with a function ``make_...`` and a line in :data:`SENSORS`; its data are a Mount in
 :mod:`mirdrake.vehicles.mounts`. The system's inputs are named after what they need (:func:`sensor_feeds`); its output
@@ -64,11 +64,11 @@ SENSORS: dict[str, Callable[..., System]] = {
     "stereo_camera": make_camera,
     "wheel_encoder": make_wheel_encoder,
 }
-"""How to make a sensor, by the kind in sensors.yaml."""
+"""Function that makes the system of each kind in sensors.yaml."""
 
 
 def make_sensor(name: str, *, parts: "PlantParts", part: "VehicleInPlant", seed: int) -> System:
-    """A mounted sensor of a vehicle.
+    """Return the system of a mounted sensor.
 
     Args:
         name: of the mount in the vehicle's sensors.yaml.
@@ -84,7 +84,7 @@ def make_sensor(name: str, *, parts: "PlantParts", part: "VehicleInPlant", seed:
 
 
 def sensor_feeds(parts: "PlantParts") -> dict[str, OutputPort]:
-    """What the inputs of sensors are connected to, by their names."""
+    """Return the output ports to which inputs of sensors are connected, by the names of the inputs."""
     plant, scene_graph = parts.plant, parts.scene_graph
     return {
         "plant_state": plant.get_state_output_port(),

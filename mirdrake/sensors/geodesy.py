@@ -1,4 +1,4 @@
-"""From the world to the Earth and back, on the WGS 84 ellipsoid; the arithmetic is pymap3d's."""
+"""Conversion between the world and the WGS 84 ellipsoid, with pymap3d."""
 
 from collections.abc import Sequence
 from math import cos, degrees, sin
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def to_geodetic(point: Sequence[float] | Array, datum: DatumSpec) -> Array:
-    """Latitude [deg], longitude [deg] and altitude above the ellipsoid [m] of a point of the world (3).
+    """Return latitude [deg], longitude [deg] and altitude above the ellipsoid [m] of a point of the world (3).
 
     The world's plane z = 0 touches the Earth at the datum, so 1 km from it the altitude of a point of that plane is
     78 mm above the datum's.
@@ -29,7 +29,7 @@ def to_geodetic(point: Sequence[float] | Array, datum: DatumSpec) -> Array:
 
 
 def from_geodetic(place: Sequence[float] | Array, datum: DatumSpec) -> Array:
-    """The point of the world, x, y, z [m] (3), at a place on the Earth; the inverse of :func:`to_geodetic`.
+    """Return the point of the world, x, y, z [m] (3), of a position on the Earth; the inverse of :func:`to_geodetic`.
 
     Args:
         place: latitude [deg], longitude [deg], altitude above the ellipsoid [m] (3).

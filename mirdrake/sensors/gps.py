@@ -1,4 +1,4 @@
-"""Position receiver: place on the Earth and in the world, velocity, NMEA sentences."""
+"""GPS receiver: position on the Earth and in the world, velocity, NMEA sentences."""
 
 from math import atan2, cos, hypot, inf, nan, pi, sin
 from typing import TYPE_CHECKING
@@ -32,14 +32,14 @@ GPS = signals(
     ("longitude", "deg", "east"),
     ("altitude", "m", "above the WGS 84 ellipsoid"),
 )
-"""Position and velocity of the mount's origin in the world, and the same place on the Earth."""
+"""Position and velocity of the mount's origin in the world, and its position on the Earth."""
 
 QUALITY = {"single": 1, "differential": 2, "rtk": 4}
-"""What GGA calls the kinds of a fix."""
+"""Quality indicator of GGA for each kind of fix."""
 
 
 class Gps(SampledSensor):
-    """Position and velocity of a frame in the world, and its place on the Earth.
+    """Position and velocity of a frame in the world, and its position on the Earth.
 
     Input ports:
         body_poses, body_spatial_velocities: the plant's outputs of all bodies.
@@ -88,13 +88,13 @@ class Gps(SampledSensor):
         self.declare_first_sample()
 
     def measure(self, context: Context) -> Array:
-        """Position of the antenna [m] and its velocity [m/s], in the world (6)."""
+        """Return position [m] and velocity [m/s] of the antenna in the world (6)."""
         X_WB, V_WB = self.body_poses.Eval(context)[self._body], self.body_velocities.Eval(context)[self._body]
         arm = X_WB.rotation().multiply(self._place)
         return np.concatenate((X_WB.translation() + arm, V_WB.translational() + np.cross(V_WB.rotational(), arm)))
 
     def report(self, values: Array) -> Array:
-        """The same with the place on the Earth [deg, deg, m] (9)."""
+        """Return the reading and the position on the Earth [deg, deg, m] (9)."""
         return np.concatenate((values, to_geodetic(values[:3], self._datum)))
 
     def _calc_nmea(self, context: Context, output: AbstractValue) -> None:
@@ -112,7 +112,7 @@ class Gps(SampledSensor):
 
 
 def make_gps(mount: GpsMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Gps:
-    """The receiver of a vehicle as its sensors.yaml describes it."""
+    """Return the GPS receiver of a mount."""
     noise = [mount.noise, mount.noise, mount.vertical_noise, *[mount.velocity_noise] * 3]
     return Gps(
         parts.plant.GetFrameByName(mount.frame, part.instance),

@@ -1,4 +1,4 @@
-"""Ground truth: the exact state of a vehicle, as no sensor gives it."""
+"""Ground truth: the exact state of a vehicle."""
 
 from collections.abc import Sequence
 from math import asin, atan2, pi, remainder, sqrt
@@ -78,7 +78,7 @@ class GroundTruth(LeafSystem):  # type: ignore[misc, unused-ignore]
 
 
 class TruthSensor(SampledSensor):
-    """Pose and twist of a frame, sampled as a sensor would.
+    """Pose and twist of a frame, sampled like a sensor's output.
 
     Input ports:
         body_poses, body_spatial_velocities: the plant's outputs of all bodies.
@@ -108,7 +108,7 @@ class TruthSensor(SampledSensor):
         self.declare_first_sample()
 
     def measure(self, context: Context) -> Array:
-        """The state of the frame (12)."""
+        """Return the state of the frame (12)."""
         X_WB, V_WB = self.body_poses.Eval(context)[self._body], self.body_velocities.Eval(context)[self._body]
         X_WS, turn = X_WB.multiply(self._X_BS), V_WB.rotational()
         velocity = V_WB.translational() + np.cross(turn, X_WS.translation() - X_WB.translation())
@@ -119,13 +119,13 @@ class TruthSensor(SampledSensor):
 def make_ground_truth(
     mount: GroundTruthMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
 ) -> TruthSensor:
-    """The exact state of a frame of a vehicle as its sensors.yaml asks for it."""
+    """Return the ground-truth sensor of a mount."""
     frame = parts.plant.GetFrameByName(mount.frame, part.instance)
     return TruthSensor(frame, rate=mount.rate, stream=stream, latency=mount.latency, dropout=mount.dropout)
 
 
 def vehicle_state(pose: Sequence[float], twist: Sequence[float]) -> list[float]:
-    """The state vector of a floating body as the vectors of this package have it.
+    """Return the state vector of a floating body.
 
     Args:
         pose: quaternion w, x, y, z of R_WB and position p_WB [m] (7).

@@ -108,7 +108,7 @@ class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
 
 
 class _Sampler(SampledSensor):
-    """Samples force and rates together."""
+    """Return specific force and angular velocity of the present time."""
 
     def __init__(
         self, *, rate: float, noise: Noise, stream: int, latency: float, dropout: float, period: float
@@ -132,7 +132,7 @@ class _Sampler(SampledSensor):
 
 
 def make_imu(mount: ImuMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Imu:
-    """The IMU of a vehicle as its sensors.yaml describes it."""
+    """Return the IMU of a mount."""
     return Imu(
         parts.plant,
         parts.plant.GetFrameByName(mount.frame, part.instance),

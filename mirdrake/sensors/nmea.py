@@ -1,4 +1,4 @@
-"""Sentences of NMEA 0183, as position receivers send them: GGA and RMC."""
+"""NMEA 0183 sentences of a GPS receiver: GGA and RMC."""
 
 from datetime import UTC, datetime, timedelta
 from typing import NamedTuple
@@ -10,7 +10,7 @@ _SATELLITES, _HDOP = 12, 0.8  # of an open sky; nothing simulates them
 
 
 class Fix(NamedTuple):
-    """What a receiver knows.
+    """Data of one fix.
 
     Attributes:
         time: since 1970-01-01 00:00:00 UTC [s].
@@ -32,14 +32,14 @@ class Fix(NamedTuple):
 
 
 def gga(fix: Fix) -> str:
-    """Time, place and quality of a fix: the sentence GGA with its end of line."""
+    """Return the sentence GGA with its end of line: time, position and quality of a fix."""
     clock, _ = _clock(fix.time)
     place = f"{_angle(fix.latitude, 'NS', 2)},{_angle(fix.longitude, 'EW', 3)}"
     return _sentence(f"GPGGA,{clock},{place},{fix.quality},{_SATELLITES},{_HDOP},{fix.altitude:.3f},M,0.0,M,,")
 
 
 def rmc(fix: Fix) -> str:
-    """Time, date, place, speed [knots] and course of a fix: the sentence RMC with its end of line."""
+    """Return the sentence RMC with its end of line: time, date, position, speed [knots] and course of a fix."""
     clock, date = _clock(fix.time)
     place = f"{_angle(fix.latitude, 'NS', 2)},{_angle(fix.longitude, 'EW', 3)}"
     course = round(fix.course, 2) % 360.0
@@ -48,7 +48,7 @@ def rmc(fix: Fix) -> str:
 
 
 def checksum(body: str) -> str:
-    """Exclusive or of all characters between $ and *, two hexadecimal digits."""
+    """Return the checksum: exclusive or of all characters between $ and *, two hexadecimal digits."""
     total = 0
     for code in body.encode("ascii"):
         total ^= code
@@ -60,13 +60,13 @@ def _sentence(body: str) -> str:
 
 
 def _clock(time: float) -> tuple[str, str]:
-    """hhmmss.ss and ddmmyy."""
+    """Return a time as hhmmss.ss and ddmmyy."""
     moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(milliseconds=10 * round(time * 100.0))
     return f"{moment:%H%M%S}.{moment.microsecond // 10_000:02d}", f"{moment:%d%m%y}"
 
 
 def _angle(angle: float, letters: str, digits: int) -> str:
-    """Degrees and minutes (to 0.2 mm) in one number, and the hemisphere: 45.5 is ``4530.0000000,N``."""
+    """Return degrees and minutes (to 0.2 mm) in one number, and the hemisphere: 45.5 is ``4530.0000000,N``."""
     units = round(abs(angle) * 60e7)  # 1e-7 minutes, so that 59.99999999 becomes a degree
     minutes, fraction = divmod(units, 10_000_000)
     return f"{minutes // 60:0{digits}d}{minutes % 60:02d}.{fraction:07d},{letters[angle < 0.0]}"

@@ -1,4 +1,4 @@
-"""Noise that depends on nothing but the seed, the sensor's name and the number of the sample.
+"""Noise that depends only on the seed, the sensor's name and the number of the sample.
 
 A counter-based generator (Philox 4x64, Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3") gives the
 numbers of sample k directly. So no sensor keeps a generator: a Context holds all there is to repeat a run, a sample
@@ -24,7 +24,7 @@ correlation time: √(2/u (1 - (3 - 4 exp(-u) + exp(-2 u)) / (2 u))) at u = 1.89
 
 
 def noise_stream(seed: int, name: str) -> int:
-    """The random stream of a sensor: the first 128 bits of SHA-256 of ``seed/name``.
+    """Return the random stream of a sensor: the first 128 bits of SHA-256 of ``seed/name``.
 
     Args:
         seed: of the whole diagram.
@@ -34,12 +34,12 @@ def noise_stream(seed: int, name: str) -> int:
 
 
 def substream(stream: int, name: str) -> int:
-    """Another stream of the same sensor, so that what is drawn from one changes nothing in the other."""
+    """Return another, independent stream of the same sensor."""
     return noise_stream(stream, name)
 
 
 def sample_noise(stream: int, index: int) -> np.random.Generator:
-    """The generator of one sample; up to 2^192 numbers until it would run into the next one.
+    """Return the generator of one sample; it gives up to 2^192 numbers before it meets that of the next sample.
 
     Args:
         stream: from :func:`noise_stream`.
@@ -49,7 +49,7 @@ def sample_noise(stream: int, index: int) -> np.random.Generator:
 
 
 def is_lost(stream: int, index: int, dropout: float) -> bool:
-    """Whether a sample is lost on its way, which it is with the probability `dropout`."""
+    """Return whether a sample is lost, with the probability `dropout`."""
     return dropout > 0.0 and bool(sample_noise(substream(stream, "dropout"), index).random() < dropout)
 
 
@@ -73,7 +73,7 @@ class Noise:
 
     @classmethod
     def of(cls, specs: Sequence[NoiseSpec], rate: float) -> Self:
-        """What data sheets say (n), sampled at a rate [Hz]."""
+        """Return the noise of data-sheet figures (n), sampled at a rate [Hz]."""
         return cls(
             white=np.array([spec.sample_deviation(rate) for spec in specs]),
             bias=np.array([spec.bias for spec in specs]),
@@ -84,16 +84,16 @@ class Noise:
 
     @classmethod
     def plain(cls, deviations: Sequence[float]) -> Self:
-        """White noise only, of these standard deviations (n)."""
+        """Return white noise of these standard deviations (n)."""
         white = np.array(deviations, dtype=float)
         return cls(white, *(np.zeros(white.size) for _ in range(4)))
 
     def constant(self, stream: int) -> Array:
-        """The constant part of the error (n)."""
+        """Return the constant part of the error (n)."""
         return self.bias * sample_noise(substream(stream, "bias"), 0).standard_normal(self.bias.size)
 
     def start(self, stream: int) -> Array:
-        """What wanders, at the first sample: random walk and drift (2 n), or (0) if nothing does."""
+        """Return the slowly varying errors at the first sample: random walk and drift (2 n), or (0) without them."""
         if not (self.walk.any() or self.drift.any()):
             return np.zeros(0)
         first = sample_noise(substream(stream, "drift"), 0).standard_normal(self.drift.size)

@@ -1,4 +1,4 @@
-"""What programs make of range sensors: the distance to what is ahead, and the cloud of a lidar as points to see."""
+"""Processing of range scans: the distance to the nearest object ahead, and overlays of lidar clouds in Meshcat."""
 
 from collections.abc import Mapping
 from math import inf, isfinite, nan
@@ -27,13 +27,13 @@ NEAREST = signals(
     ("angle", "rad", "of that return, positive to the left; 0 without one"),
     ("relative_speed", "m/s", "at which it moves away, negative when it comes nearer; 0 until it is known"),
 )
-"""What a distance estimator tells."""
+"""Output of a distance estimator."""
 
 
 def nearest_return(
     ranges: ArrayLike, angles: ArrayLike, *, low: float = -SECTOR, high: float = SECTOR
 ) -> tuple[float, float]:
-    """Distance [m] and angle [rad] of the nearest return in a sector; inf and 0 if there is none.
+    """Return distance [m] and angle [rad] of the nearest return in a sector; inf and 0 if there is none.
 
     Args:
         ranges: along the beams, inf: no return (n) [m].
@@ -50,7 +50,7 @@ def nearest_return(
 
 
 class DistanceEstimator(LeafSystem):
-    """The nearest return of a laser scanner in a sector, and how fast it moves away.
+    """Nearest return of a laser scanner in a sector, and its rate of change.
 
     It looks at its inputs at a rate and takes each scan once, when its stamp changes. The relative speed is the change
     of distance from one scan to the next over the time between them, and passes a first-order filter if asked. A change
@@ -113,7 +113,7 @@ class DistanceEstimator(LeafSystem):
 
     @classmethod
     def of(cls, scanner: LaserScanner, *, low: float = -SECTOR, high: float = SECTOR) -> "DistanceEstimator":
-        """An estimator for a scanner; connect its two ports."""
+        """Return an estimator for a scanner, whose two ports are still to be connected."""
         mount = scanner.mount
         return cls(beams=mount.beams, start_angle=mount.start_angle, end_angle=mount.end_angle, low=low, high=high)
 
@@ -135,7 +135,7 @@ class DistanceEstimator(LeafSystem):
 
 
 class CloudOverlay(LeafSystem):
-    """Draws the returns of a lidar in Meshcat, where they are in the world.
+    """Overlay of the returns of a lidar in Meshcat, at their places in the world.
 
     Input ports:
         cloud: the output of a :class:`mirdrake.sensors.Lidar`.

@@ -1,4 +1,4 @@
-"""A scan of distances to the props of a world and to other vehicles: ground truth, as no sensor gives it.
+"""Ideal range scan: exact distances to the props of a world and to other vehicles.
 
 The origin is the middle of the front bumper; the beams lie in the ground plane and see, from above, what the vehicle
 can touch: of props and of other vehicles the parts between `height` and the roof of the vehicle.
@@ -35,18 +35,18 @@ _GRAZING = 1e-12  # beams this close to the end of a segment hit it [rad]
 
 
 class SeenProp(Protocol):
-    """What the scan needs to know of a placed prop."""
+    """The properties of a placed prop that the scan uses."""
 
     @property
     def name(self) -> str:
-        """Unique in the world."""
+        """Name, unique in the world."""
 
     def between(self, low: float, high: float) -> Sequence[Any]:
-        """What it covers between two heights [m], from above in the world: shapely polygons [m]."""
+        """Return the area covered between two heights [m], seen from above: shapely polygons in the world [m]."""
 
     @property
     def prop(self) -> Any:
-        """Its kind, which says by `driven_over` whether it is made to be driven over."""
+        """Kind of the prop; its `driven_over` is true if vehicles may drive over it."""
 
     @property
     def static(self) -> bool:
@@ -58,15 +58,15 @@ class SeenProp(Protocol):
 
 
 class SeenWorld(Protocol):
-    """What the scan needs to know of a world."""
+    """The properties of a world that the scan uses."""
 
     @property
     def props(self) -> Sequence[Any]:
-        """Its props, each a :class:`SeenProp`."""
+        """Props, each a :class:`SeenProp`."""
 
 
 def scan(segments: ArrayLike, x: float, y: float, yaw: float, angles: ArrayLike, reach: float = REACH) -> Array:
-    """Distances along beams to the nearest of some line segments.
+    """Return the distances along beams to the nearest line segment.
 
     Args:
         segments: ends x0, y0, x1, y1 in the world (m, 4) [m].
@@ -92,7 +92,7 @@ def scan(segments: ArrayLike, x: float, y: float, yaw: float, angles: ArrayLike,
 
 
 def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: float = 0.0) -> Array:
-    """Distances along beams to chains of segments.
+    """Return the distances along beams to chains of segments.
 
     Args:
         x: corners in the frame of the scan (m) [m].
@@ -144,7 +144,7 @@ def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: 
 
 
 class _Shapes:
-    """Rings of many polygons as chains of corners, with the circles around the polygons.
+    """Return the rings of many polygons as chains of corners, with the circles around the polygons.
 
     The polygons stand in the world, or each in a frame of its own.
     """
@@ -164,19 +164,19 @@ class _Shapes:
 
 
 def _rings(polygon: Any) -> list[Array]:
-    """Corners of the rings of a polygon, each (m, 2) [m], first and last alike; the polygon is on their left."""
+    """Return the closed rings of a polygon, each (m, 2) [m]; the polygon is on their left."""
     polygon = orient(polygon)
     return [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
 
 
 def _polygons(geometry: Any) -> list[Any]:
-    """The polygons of a footprint."""
+    """Return the polygons of a footprint."""
     parts = shapely.get_parts(geometry, return_index=False)
     return [part for part in parts if shapely.get_dimensions(part) == 2 and not part.is_empty]
 
 
 class RangeScan(LeafSystem):
-    """Distances from the front bumper to the props and vehicles around.
+    """Distances from the front bumper to props and other vehicles.
 
     Input ports:
         state (12) [m, rad, m/s, rad/s]: of the vehicle, :data:`~mirdrake.core.vectors.STATE`.
@@ -271,7 +271,7 @@ class RangeScan(LeafSystem):
         output.SetFromVector(self.look(x + self.front * math.cos(yaw), y + self.front * math.sin(yaw), yaw, poses))
 
     def look(self, x: float, y: float, yaw: float, poses: Array | None = None) -> Array:
-        """The scan from a place.
+        """Return the scan from a pose.
 
         Args:
             x: origin of the scan in the world [m].
@@ -335,13 +335,13 @@ _NOWHERE = (1e9, 1e9, 0.0)  # [m], [rad] a pose that is out of sight
 
 
 def _planar_pose(X_WP: RigidTransform) -> tuple[float, float, float]:
-    """x, y [m] and yaw [rad] of a pose."""
+    """Return x, y [m] and yaw [rad] of a pose."""
     x, y, _ = X_WP.translation().tolist()
     return x, y, float(RollPitchYaw(X_WP.rotation()).yaw_angle())
 
 
 def _at_origin(prop: SeenProp, areas: Sequence[Any]) -> Any:
-    """Areas that a prop covers in its own frame P, as one."""
+    """Return the union of the areas that a prop covers, in its frame P."""
     x, y, yaw = _planar_pose(prop.X_WP)
     cos, sin = math.cos(yaw), math.sin(yaw)
 
@@ -353,7 +353,7 @@ def _at_origin(prop: SeenProp, areas: Sequence[Any]) -> Any:
 
 
 def _outline_between(vehicle: ShapedVehicle, low: float, high: float) -> Any:
-    """What a vehicle covers between two heights, in its frame B."""
+    """Return the area that a vehicle covers between two heights, in its frame B."""
     slabs = [slab for slab in volume_of(vehicle).slabs if slab.low < high and slab.high > low]
     return shapely.union_all([shapely.Polygon(slab.outline) for slab in slabs])
 

@@ -1,4 +1,4 @@
-"""What all sensors have in common: a rate, noise, a way to their reader that takes time and may lose a sample.
+"""Base of all sensors: rate, noise, latency and dropout.
 
 A sample taken at time t is shown from t + latency on, exactly, and held until the next one is. However long the
 latency, every sample is shown: those on their way wait in a queue. Samples, queue and what wanders in the noise are
@@ -26,11 +26,11 @@ from mirdrake.sensors.noise import Noise, is_lost
 Array = NDArray[np.float64]
 
 STAMP = signals(("stamp", "s", "time at which the sample was taken; -inf: there was none yet"))
-"""When a sample that is shown was taken; its age is the time now less the stamp."""
+"""Time at which the sample at the output was taken; its age is the present time minus the stamp."""
 
 
 class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Measures a vector at a rate and holds the sample until the next.
+    """A sensor that measures a vector at a rate and holds the sample until the next.
 
     A sample taken at time t is at the output at t + latency; without latency, that of t = 0 comes right after 0. The
     output depends on no input directly and closes no algebraic loop. Of a lost sample nothing is seen: the one before
@@ -86,17 +86,17 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     @abstractmethod
     def measure(self, context: Context) -> Array:
-        """What a sensor without noise reads now (m)."""
+        """Return the present reading without noise (m)."""
 
     def report(self, values: Array) -> Array:
-        """What it says (n) when it reads `values` (m), noise included: for example steps of a resolution."""
+        """Return the output (n) for a noisy reading (m), for example rounded to a resolution."""
         return values
 
     def keep(self, context: Context, state: DiscreteValues) -> None:
-        """Write down what the next measurement needs to know of this one; most sensors need nothing."""
+        """Store what the next measurement needs of this one; most sensors need nothing."""
 
     def under_way(self, context: Context) -> list[tuple[float, Array]]:
-        """Samples that were taken and are not shown yet: when [s] and what (n), in the order of time.
+        """Return the samples that are not output yet: time [s] and value (n), in the order of time.
 
         Args:
             context: Context of this system.
@@ -108,7 +108,7 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         return [(float(row[0]), row[1:].copy()) for row in rows[np.argsort(rows[:, 0])] if row[0] > shown]
 
     def declare_first_sample(self) -> None:
-        """Have a sample from the start, for sensors whose inputs are known then; not with a latency."""
+        """Take a sample at initialisation, for sensors whose inputs are known then; not with a latency."""
         if not self._latency:
             self.DeclareInitializationDiscreteUpdateEvent(self._begin)
 
@@ -132,7 +132,7 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
             self._put(state, time, values)
 
     def _read(self, context: Context) -> tuple[Array, Array]:
-        """The sample of now, and what wanders, at the next one."""
+        """Return the present sample, and the state of the slowly varying errors at the next one."""
         wandering = np.zeros(0)
         if self._wandering is not None:
             wandering = context.get_discrete_state(self._wandering).get_value()
@@ -148,7 +148,7 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         return slice(place, place + self._row)
 
     def _show(self, context: Context, state: DiscreteValues) -> None:
-        """The sample that has been on its way for the latency arrives."""
+        """Output the sample whose latency has passed."""
         index = round((context.get_time() - self._latency) * self._rate)
         row = context.get_discrete_state(self._queue).get_value()[self._slot(index)]
         if row[0] > -inf:
@@ -156,7 +156,7 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
 
 
 class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """The same for what is no vector: pictures, clouds. Derive from it, declare inputs, and write :meth:`take`.
+    """A sensor whose samples are not vectors: pictures, clouds. Subclasses declare inputs and define :meth:`take`.
 
     Output ports:
         the one named `port`: the last sample.
@@ -200,10 +200,10 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     @abstractmethod
     def take(self, context: Context, index: int, sample: AbstractValue) -> None:
-        """Write the sample of now, the one with this number, into `sample`."""
+        """Write the present sample, which has this number, into `sample`."""
 
     def under_way(self, context: Context) -> list[tuple[float, Any]]:
-        """Samples that were taken and are not shown yet: when [s] and what, in the order of time.
+        """Return the samples that are not output yet: time [s] and value, in the order of time.
 
         Args:
             context: Context of this system.
@@ -240,7 +240,7 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
 
 
 def sample_period(rate: float) -> float:
-    """Time between two samples, 1e-15 of it short, so that a sample comes before a plant's step at the same time.
+    """Return the time between two samples, shortened by 1e-15 of it, so that a sample precedes a plant step.
 
     Args:
         rate: [Hz].
@@ -270,10 +270,10 @@ def aligned_period(rate: float, step: float) -> float:
 
 
 def slots(latency: float, rate: float) -> int:
-    """How many samples are on their way at most, with one to spare for what arrives as another one is taken."""
+    """Return the largest number of samples within the latency, plus one that is output when another is taken."""
     return floor(latency * rate + 1e-6) + 2
 
 
 def mount_pose(frame: Any) -> tuple[Any, Any]:
-    """The body that a frame of a plant is fixed to, and the pose X_BS of the frame in it."""
+    """Return the body that a frame of a plant is fixed to, and the pose X_BS of the frame in it."""
     return frame.body(), frame.GetFixedPoseInBodyFrame()

@@ -20,7 +20,7 @@ STEERING_ANGLE = signals(
     ("angle", "rad", "positive to the left, in whole steps"),
     ("counts", "", "the same in steps; 0 for a sensor without steps"),
 )
-"""What a steering angle sensor shows."""
+"""Output of a steering angle sensor."""
 
 
 class SteeringAngle(SampledSensor):
@@ -75,12 +75,12 @@ class SteeringAngle(SampledSensor):
         self.declare_first_sample()
 
     def measure(self, context: Context) -> Array:
-        """The angle before it is rounded (1) [rad]."""
+        """Return the angle before rounding (1) [rad]."""
         angle = self._ratio * self.plant_state.Eval(context)[self._angles].mean() + self._offset
         return np.array([angle])
 
     def report(self, values: Array) -> Array:
-        """The angle in whole steps [rad], and how many (2)."""
+        """Return the angle in whole steps [rad] and their number (2)."""
         if not self._resolution:
             return np.array([values[0], 0.0])
         steps = float(np.rint(values[0] / self._resolution))
@@ -90,7 +90,7 @@ class SteeringAngle(SampledSensor):
 def make_steering_angle(
     mount: SteeringAngleMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
 ) -> SteeringAngle:
-    """The steering angle sensor of a vehicle as its sensors.yaml describes it."""
+    """Return the steering angle sensor of a mount."""
     left, right = part.steering
     joints = {"left": [left], "right": [right]}.get(mount.of, [left, right])
     return SteeringAngle(

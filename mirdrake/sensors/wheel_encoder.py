@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 COUNTS = signals(("counts", "", "of the counter, 0 where the wheel's angle is 0"))
-"""What an encoder shows."""
+"""Output of an encoder."""
 
 
 class WheelEncoder(SampledSensor):
-    """Counter of the edges that pass on a wheel; rolling forward counts up.
+    """Counter of the edges of a wheel encoder; rolling forward counts up.
 
     The count is the whole number of steps in the wheel's angle. Without quadrature, an encoder cannot tell the
     direction: what the wheel has turned from sample to sample is added, either way.
@@ -68,7 +68,7 @@ class WheelEncoder(SampledSensor):
         return floor(float(self.plant_state.Eval(context)[self._angle]) * self._per_radian + 1e-9)
 
     def measure(self, context: Context) -> Array:
-        """The count (1) [-]."""
+        """Return the count (1) [-]."""
         steps = self._steps(context)
         if self._seen is not None:
             before, total = context.get_discrete_state(self._seen).get_value()
@@ -76,7 +76,7 @@ class WheelEncoder(SampledSensor):
         return np.array([float(steps if self._wrap is None else steps % self._wrap)])
 
     def keep(self, context: Context, state: DiscreteValues) -> None:
-        """Without quadrature: where the wheel stands and what it has turned."""
+        """Update the total rotation, for an encoder without quadrature."""
         if self._seen is not None:
             steps = self._steps(context)
             before, total = context.get_discrete_state(self._seen).get_value()
@@ -86,7 +86,7 @@ class WheelEncoder(SampledSensor):
 def make_wheel_encoder(
     mount: WheelEncoderMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
 ) -> WheelEncoder:
-    """The encoder of a vehicle as its sensors.yaml describes it.
+    """Return the encoder of a mount.
 
     Raises:
         ConfigError: it is mounted on what is no wheel.

@@ -1,4 +1,4 @@
-"""What acts on the plant from outside: rolling resistance, tyres, air, anti-roll bars, and their sum."""
+"""External forces on the plant: rolling resistance, tyres, air, anti-roll bars, and their sum."""
 
 from pydrake.systems.framework import OutputPort
 from pydrake.systems.primitives import Adder
@@ -13,7 +13,7 @@ from mirdrake.plant.wheels import LOAD_PERIOD, RollingResistance, WheelTyres, ma
 
 
 def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> RollingResistance:
-    """One system for all wheels, so that contact results are read once."""
+    """Add one system for all wheels, so that contact results are read once."""
     plant = parts.plant
     rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
     wheels = [wheel for part in parts.vehicles.values() for wheel in make_rolling_wheels(part)]
@@ -37,7 +37,7 @@ def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec)
 
 
 def add_tyres(wiring: Wiring, parts: PlantParts, rolling: RollingResistance) -> dict[str, WheelTyres]:
-    """Tyre models of the vehicles that have one; a powertrain drives and brakes their wheels."""
+    """Add the tyre models of the vehicles that have one; a powertrain drives and brakes their wheels."""
     plant, found = parts.plant, {}
     for index, (name, part) in enumerate(parts.vehicles.items()):
         first, loads = index * len(part.wheels), len(parts.vehicles) * len(part.wheels)
@@ -56,7 +56,7 @@ def add_tyres(wiring: Wiring, parts: PlantParts, rolling: RollingResistance) -> 
 
 
 def add_outer_forces(wiring: Wiring, parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec) -> None:
-    """Air and anti-roll bars, and the sum of all that acts on the plant from outside."""
+    """Add aerodynamics and anti-roll bars, and the sum of all external forces."""
     plant = parts.plant
     forces: list[OutputPort] = [rolling.generalized_force]
     for name, part in parts.vehicles.items():

@@ -1,4 +1,4 @@
-"""Where the vehicles of a diagram start."""
+"""Start poses of the vehicles of a diagram."""
 
 from collections.abc import Mapping
 from itertools import combinations
@@ -12,7 +12,7 @@ from mirdrake.worlds import Start, World
 
 
 def find_start(spec: DiagramSpec, name: str, world: World) -> Start:
-    """Where a vehicle starts: at a place of its own, at a start of the world, or at the origin."""
+    """Return the start of a vehicle: a given pose, a start of the world, or the origin."""
     entry = spec.vehicles[name]
     if isinstance(entry.start, Place):
         start = Start(entry.start.x, entry.start.y, entry.start.yaw)
@@ -26,7 +26,7 @@ def find_start(spec: DiagramSpec, name: str, world: World) -> Start:
 
 
 def check_starts(spec: DiagramSpec, vehicles: Mapping[str, Vehicle], starts: Mapping[str, Start]) -> None:
-    """Refuse vehicles that start inside one another: nearer than a track width, however they are turned."""
+    """Reject vehicles that start nearer than a track width to one another, in any direction."""
     for (first, a), (second, b) in combinations(starts.items(), 2):
         width = min(vehicles[name].geometry.rear_track for name in (first, second))
         if hypot(a.x - b.x, a.y - b.y) < width:

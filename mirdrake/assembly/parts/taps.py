@@ -1,4 +1,4 @@
-"""What a run writes down of a diagram."""
+"""Logs of the vectors of a diagram that a run records."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ class Tap:
 
 
 def add_taps(wiring: Wiring, parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec) -> dict[str, Tap]:
-    """Log sinks, which are C++ and cost nothing to speak of, on what a run writes down."""
+    """Add log sinks for the recorded signals; they are C++ and take little time."""
     wanted: dict[str, tuple[OutputPort, tuple[Signal, ...] | None]] = {
         "plant_state": (parts.plant.get_state_output_port(), None),
         "wheel_load": (rolling.wheel_load, signals_of(rolling.wheel_load)),

@@ -1,4 +1,4 @@
-"""What every vehicle of a diagram gets: control unit, ground truth, driver, powertrain."""
+"""Systems of every vehicle of a diagram: control unit, ground truth, driver, powertrain."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,7 +21,7 @@ from mirdrake.worlds.tracks import Track
 
 
 def _track_at(start: Start, tracks: Mapping[str, Track]) -> str | None:
-    """The track that a vehicle is measured against if its driver names none: the one it starts on or nearest to."""
+    """Return the reference track of a vehicle whose driver has none: the one that it starts on or nearest to."""
     if start.track is not None or not tracks:
         return start.track
     return min(tracks, key=lambda name: abs(float(tracks[name].project(start.x, start.y)[1])))
@@ -30,7 +30,7 @@ def _track_at(start: Start, tracks: Mapping[str, Track]) -> str | None:
 def add_vehicle_systems(
     wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec, start: Start
 ) -> str | None:
-    """Control unit, ground truth and driver of one vehicle; returns the track it is measured against."""
+    """Add control unit, ground truth and driver of one vehicle, and return its reference track."""
     plant, name, tracks = parts.plant, part.name, parts.world.tracks
     driver_spec = spec.control.get(name)
     track = getattr(driver_spec, "track", None) or _track_at(start, tracks)
@@ -94,7 +94,7 @@ def add_vehicle_systems(
 def _add_powertrain(
     wiring: Wiring, parts: PlantParts, part: VehicleInPlant, control: VehicleControl
 ) -> Powertrain | None:
-    """Powertrain and brakes of a vehicle that is driven by pedals; the tyres take its torques."""
+    """Add powertrain and brakes of a vehicle that is driven by pedals; the tyres take its torques."""
     name = part.name
     if not control.HasOutputPort("pedals"):
         return None
@@ -110,7 +110,7 @@ def _add_powertrain(
 
 
 def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, truth: GroundTruth) -> None:
-    """The stated ground-truth range sensor of one vehicle, for a driver that looks."""
+    """Add the ideal range scan of one vehicle, for a driver that reads it."""
     others = {name: other for name, other in parts.vehicles.items() if name != part.name}
     scan = RangeScan(parts.world, part.vehicle, vehicles={name: other.vehicle for name, other in others.items()})
     wiring.add(f"{part.name}.scan", scan)

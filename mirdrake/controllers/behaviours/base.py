@@ -1,4 +1,4 @@
-"""What all behaviours have in common: ports, period, and a decision that is held until the next."""
+"""Base of the behaviours: ports, period, and a decision that is held until the next."""
 
 import math
 from abc import abstractmethod
@@ -18,7 +18,7 @@ from mirdrake.core.vectors import COMMAND, STATE, Command
 
 
 class View(NamedTuple):
-    """What a behaviour knows at one time.
+    """Inputs of a behaviour at one time.
 
     Attributes:
         x: position of the vehicle frame B in the world [m].
@@ -38,10 +38,10 @@ class View(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What a behaviour wants.
+    """Set-points of a behaviour.
 
     Attributes:
-        speed: wanted speed [m/s].
+        speed: set-point of the speed [m/s].
         steering: wanted bicycle angle [rad].
     """
 
@@ -50,7 +50,7 @@ class Decision(NamedTuple):
 
 
 class Behaviour(LeafSystem):
-    """A driver that looks and decides every `period`.
+    """A driver that reads the range scan and decides every `period`.
 
     Input ports:
         state (12) [m, rad, m/s, rad/s]: :data:`~mirdrake.core.vectors.STATE`.
@@ -65,7 +65,7 @@ class Behaviour(LeafSystem):
     State: discrete, group 0 the command, group 1 the memory of the behaviour, NaN before the first decision.
 
     Args:
-        vehicle: what is driven.
+        vehicle: vehicle to drive.
         period: time between decisions [s].
         memory: numbers that the behaviour remembers.
 
@@ -94,7 +94,7 @@ class Behaviour(LeafSystem):
 
     @abstractmethod
     def decide(self, view: View, memory: Array) -> Decision:
-        """What to do now.
+        """Return the set-points for the present view.
 
         Deciding twice on the same view must give the same: initialisation and the first update both do.
 

@@ -30,12 +30,12 @@ class DriveToNearest(Behaviour):
     Memory: x, y of the object in the world [m].
 
     Args:
-        vehicle: what is driven.
-        speed: wanted speed [m/s].
-        distance: where to stop [m].
+        vehicle: vehicle to drive.
+        speed: set-point of the speed [m/s].
+        distance: distance to the object at which the vehicle stops [m].
         deceleration: of the braking profile [m/s^2].
-        reaction: delay of the brakes that the profile allows for [s].
-        lateral_acceleration: largest one in curves [m/s^2].
+        reaction: brake delay assumed by the braking profile [s].
+        lateral_acceleration: largest lateral acceleration in curves [m/s^2].
         period: time between decisions [s].
 
     Raises:
@@ -62,7 +62,7 @@ class DriveToNearest(Behaviour):
         self.lateral = check_number(owner, "lateral_acceleration", lateral_acceleration, unit="m/s^2", above=0.0)
 
     def decide(self, view: View, memory: Array) -> Decision:
-        """Towards the object, on the braking profile."""
+        """Steer towards the object, within the braking profile."""
         points = view.points
         if len(points) == 0:
             memory[:] = math.nan
@@ -93,7 +93,7 @@ class DriveToNearestSpec(BehaviourDriver):
     system = DriveToNearest
 
     kind: Literal["drive_to_nearest_and_stop"] = Field(description="to the nearest object, and stop before it [-]")
-    speed: Speed = Field(3.0, ge=0.0, le=100.0, description="wanted speed [m/s]")
+    speed: Speed = Field(3.0, ge=0.0, le=100.0, description="set-point of the speed [m/s]")
     distance: Length = Field(2.0, ge=0.0, description="distance of the front edge to the object at the end [m]")
     deceleration: Acceleration = Field(2.0, gt=0.0, description="of the braking profile [m/s^2]")
     reaction: Reaction = 0.3

@@ -19,23 +19,23 @@ START_ANGLE = -0.5 * math.pi
 END_ANGLE = 0.5 * math.pi
 """Angle of the last beam [rad]."""
 REACH = 50.0
-"""Nothing farther away is seen [m]."""
+"""Range of the scan [m]."""
 
 
 def beam_angles(beams: int = BEAMS, start_angle: float = START_ANGLE, end_angle: float = END_ANGLE) -> Array:
-    """Angles of the beams (n) [rad], evenly spaced; a single beam looks into the middle."""
+    """Return the angles of the beams (n) [rad], evenly spaced; a single beam is in the middle."""
     if beams == 1:
         return np.array([0.5 * (start_angle + end_angle)])
     return np.linspace(start_angle, end_angle, beams)
 
 
 def range_signals(beams: int = BEAMS) -> Signals:
-    """Names and units of a scan: ``beam[0]`` to ``beam[n - 1]`` [m]."""
+    """Return names and units of a scan: ``beam[0]`` to ``beam[n - 1]`` [m]."""
     return tuple(Signal(f"beam[{number}]", "m") for number in range(beams))
 
 
 class Fan:
-    """Turns the distances of a scan into points.
+    """Conversion of the distances of a scan to points.
 
     Args:
         front: how far the scan's origin is ahead of the vehicle frame B [m].
@@ -51,7 +51,7 @@ class Fan:
         self._front, self._cos, self._sin = front, np.cos(self.angles), np.sin(self.angles)
 
     def points(self, ranges: Array) -> Array:
-        """What the beams hit, in B (m, 2) [m]; beams that hit nothing (inf) are left out."""
+        """Return the points hit by the beams in B (m, 2) [m]; beams without a hit (inf) are omitted."""
         hit = np.isfinite(ranges)
         reach = ranges[hit]
         return np.column_stack((self._front + reach * self._cos[hit], reach * self._sin[hit]))

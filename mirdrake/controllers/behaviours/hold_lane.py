@@ -1,4 +1,4 @@
-"""Hold a lane of a track, a line at a constant offset from its centre, and stop before what stands in it."""
+"""Hold a lane of a track, a line at a constant offset from its centre, and stop before obstacles in it."""
 
 import math
 from pathlib import Path
@@ -24,7 +24,7 @@ _SPACING = 0.05  # of the table of arc lengths [m]
 
 
 class Lane:
-    """A line at a constant offset from a track, itself a track.
+    """A line at a constant offset from a track; it is a track, too.
 
     Its arc length is s' = s - offset (yaw(s) - yaw(0)), exactly, for any centre line.
 
@@ -50,7 +50,7 @@ class Lane:
         self.length = float(self._along[-1])
 
     def pose(self, s: Any) -> tuple[Any, Any, Any]:
-        """Position x, y [m] and direction [rad] at arc lengths s [m] of the lane."""
+        """Return position x, y [m] and direction [rad] at arc lengths s [m] of the lane."""
         s = np.asarray(s, dtype=float)
         s = np.mod(s, self.length) if self.closed else s
         beyond = s - np.clip(s, 0.0, self.length)  # an open track goes on straight
@@ -58,7 +58,7 @@ class Lane:
         return x - self._offset * np.sin(yaw), y + self._offset * np.cos(yaw), yaw
 
     def project(self, x: Any, y: Any, *, near: Any = None) -> tuple[Any, Any]:
-        """Arc length s [m] along the lane and offset to its left [m] of points; `near` is along the lane."""
+        """Return arc length s [m] along the lane and offset to its left [m] of points; `near` is an arc length."""
         hint = None if near is None else np.interp(near, self._along, self._s)
         s, lateral = self._track.project(x, y, near=hint)
         return np.interp(s, self._s, self._along), lateral - self._offset
@@ -79,13 +79,13 @@ class HoldLane(PathTracker):
     distance to it is taken along the lane.
 
     Args:
-        vehicle: what is driven.
+        vehicle: vehicle to drive.
         track: the track.
         gains: of the tracker, with the speed.
         offset: of the lane, to the left of the centre line [m].
         distance: gap in front of the car when it stops [m].
         clearance: distance to the side within which something is in the way [m].
-        reaction: delay of the brakes that the profile allows for [s].
+        reaction: brake delay assumed by the braking profile [s].
         limits: accelerations; its deceleration is also that of the stop.
         period: time between updates [s].
 
@@ -127,7 +127,7 @@ class HoldLane(PathTracker):
         values.set_value(self._command, Command(min(speed, profile), steering, stamp))
 
     def _gap(self, context: Context, progress: float) -> float:
-        """Free distance along the lane [m] before the bumper; inf if it is farther than it matters."""
+        """Return the free distance along the lane [m] ahead of the bumper; inf beyond the stopping distance."""
         x, y, _, _, _, yaw, *_ = self.state.Eval(context).tolist()
         points = self.fan.points(self.ranges.Eval(context))
         matters = self.distance + stopping_distance(
@@ -149,7 +149,7 @@ class HoldLane(PathTracker):
 
 
 class HoldLaneSpec(Driver):
-    """Hold a lane of a track, and stop before what stands in it."""
+    """Hold a lane of a track, and stop before obstacles in it."""
 
     kind: Literal["hold_lane"] = Field(description="hold a lane of a track, and stop before obstacles in it [-]")
     track: str | None = Field(None, description="name of a track of the world, default its first [-]")

@@ -1,4 +1,4 @@
-"""Arithmetic of the behaviours, on plain numbers and arrays: how fast, where to, how far it is free.
+"""Laws of the behaviours on plain numbers and arrays: speed, steering and free distance.
 
 Points are in the vehicle frame B: origin below the rear axle centre, x ahead, y left.
 """
@@ -18,7 +18,7 @@ _AT_REST = 0.01  # a gap this small needs no more driving [m]
 
 
 def brake_speed(gap: float, *, deceleration: float, reaction: float) -> float:
-    """Speed [m/s] from which the car still stops within a distance.
+    """Return the speed [m/s] from which the car stops within a distance.
 
     The distance is that of the reaction time t at constant speed, and of braking with the deceleration a::
 
@@ -40,12 +40,12 @@ def brake_speed(gap: float, *, deceleration: float, reaction: float) -> float:
 
 
 def stopping_distance(speed: float, *, deceleration: float, reaction: float) -> float:
-    """The gap [m] of :func:`brake_speed` for a speed [m/s]."""
+    """Return the distance [m] that :func:`brake_speed` needs for a speed [m/s]."""
     return speed * reaction + 0.5 * speed * speed / deceleration
 
 
 def line_curvature(lateral: float, heading: float, *, distance: float) -> float:
-    """Curvature [1/m] that takes the rear axle centre back to a straight line, critically damped over a distance.
+    """Return the curvature [1/m] that leads the rear axle centre to a straight line, critically damped over a distance.
 
     The law of :mod:`mirdrake.controllers.path_tracking` for a straight line: e'' = -(2/d) e' - e/d^2 with e' = tan of
     the course; far away the line is approached at an angle of at most 27 degrees.
@@ -61,13 +61,13 @@ def line_curvature(lateral: float, heading: float, *, distance: float) -> float:
 
 
 def gap_to(points: Array, outline: Outline) -> Array:
-    """Distances (m) [m] from the front edge of a vehicle to points (m, 2) ahead of it."""
+    """Return the distances (m) [m] from the front edge of a vehicle to points (m, 2) ahead of it."""
     beside = np.maximum(np.abs(points[:, 1]) - outline.half_width, 0.0)
     return np.asarray(np.hypot(np.maximum(points[:, 0] - outline.front, 0.0), beside))
 
 
 def free_distance(points: Array, curvatures: ArrayLike, outline: Outline, *, reach: float = math.inf) -> Array:
-    """How far the rear axle centre can go on circles until the vehicle's box meets a point.
+    """Return the distances that the rear axle centre can travel on circles until the vehicle's box touches a point.
 
     Exact. In the box's frame a point moves on a circle of radius rho about the turning centre C = (0, R). It enters
     through the front end, through the inner side ahead of the rear axle, or through the outer side behind it, where
@@ -118,7 +118,7 @@ def free_distance(points: Array, curvatures: ArrayLike, outline: Outline, *, rea
 
 
 def headway(distance: Array, curvatures: Array, heading: float, *, lever: float = 0.0) -> Array:
-    """Way made along a line (k) [m] by going distances (k) [m] on circles, at most until square to the line.
+    """Return the progress along a line (k) [m] after distances (k) [m] on circles, at most until perpendicular to it.
 
     Args:
         distance: of the rear axle centre along each circle [m].

@@ -34,13 +34,13 @@ class ObstacleStopper(Behaviour):
     """Constant steering, and a stop before an obstacle. Ports as in :class:`Behaviour`.
 
     Args:
-        vehicle: what is driven.
-        speed: wanted speed [m/s].
+        vehicle: vehicle to drive.
+        speed: set-point of the speed [m/s].
         steering: bicycle angle [rad].
         distance: as published: distance at which speed 0 is commanded; else the gap that is left [m].
         as_published: the published switch; else a braking profile over what the car's width sweeps.
         deceleration: of the profile [m/s^2].
-        reaction: delay of the brakes that the profile allows for [s].
+        reaction: brake delay assumed by the braking profile [s].
         period: time between decisions [s].
 
     Raises:
@@ -70,7 +70,7 @@ class ObstacleStopper(Behaviour):
         self._ahead = np.abs(self.fan.angles) < PUBLISHED_ANGLE
 
     def decide(self, view: View, memory: Array) -> Decision:  # noqa: ARG002
-        """The published switch, or the profile over the free way along the circle."""
+        """Apply the published switch, or the braking profile over the free distance along the circle."""
         if self.as_published:
             dist = float(view.ranges[self._ahead].min())
             return Decision(published_speed(self.speed, dist, distance=self.distance), self.steering)
@@ -80,12 +80,12 @@ class ObstacleStopper(Behaviour):
 
 
 def published_speed(speed: float, dist: float, *, distance: float = PUBLISHED_DISTANCE) -> float:
-    """The published law: v sign(clip(dist - distance, 0, 1)) [m/s]."""
+    """Return the speed of the published law: v sign(clip(dist - distance, 0, 1)) [m/s]."""
     return speed if dist > distance else 0.0
 
 
 def free_way(points: Array, curvature: float, outline: Outline) -> float:
-    """Free distance [m] along one circle; inf if there is nothing, 0 in contact."""
+    """Return the free distance [m] along one circle; inf without an obstacle, 0 in contact."""
     return float(free_distance(points, [curvature], outline)[0])
 
 
@@ -95,7 +95,7 @@ class ObstacleStopperSpec(BehaviourDriver):
     system = ObstacleStopper
 
     kind: Literal["obstacle_stopper"] = Field(description="constant steering, and a stop before an obstacle [-]")
-    speed: Speed = Field(5.0, ge=0.0, le=100.0, description="wanted speed [m/s]")
+    speed: Speed = Field(5.0, ge=0.0, le=100.0, description="set-point of the speed [m/s]")
     steering: SteeringAngle = 0.0
     distance: Length = Field(
         PUBLISHED_DISTANCE,

@@ -1,4 +1,4 @@
-"""What of a vehicle is kept clear of things: its volume, and the box about its x axis; also without a URDF."""
+"""Outline of a vehicle for obstacle avoidance: its volume, and the box about its x axis; also without a URDF."""
 
 import math
 from itertools import product
@@ -14,7 +14,7 @@ _CLEARANCE = 0.06  # ground clearance of an ordinary car over its wheelbase
 
 
 class ShapedVehicle(Protocol):
-    """What is needed of a vehicle; one that also has `urdf`, `packages` and `spec.base_link` is measured."""
+    """A vehicle as a driver uses it; with `urdf`, `packages` and `spec.base_link` it is measured."""
 
     @property
     def geometry(self) -> SteeringGeometry:
@@ -38,7 +38,7 @@ class Outline(NamedTuple):
 
 
 def outline_of(vehicle: ShapedVehicle) -> Outline:
-    """The box around a vehicle's collision shapes, all joints at zero.
+    """Return the box around a vehicle's collision shapes, with all joints at zero.
 
     See :func:`mirdrake.vehicles.outline.measure_outline`. A vehicle without a URDF, or without such shapes, is taken
     for an ordinary car: 0.3 wheelbases behind and 1.4 before its rear axle, 0.7 wide and 0.6 high.
@@ -54,7 +54,7 @@ def outline_of(vehicle: ShapedVehicle) -> Outline:
 
 
 def volume_of(vehicle: ShapedVehicle) -> Volume:
-    """What a vehicle can touch something with: its collision shapes, all joints at zero, else :func:`outline_of`."""
+    """Return the volume of a vehicle's collision shapes, with all joints at zero, else of :func:`outline_of`."""
     urdf, radii = getattr(vehicle, "urdf", None), getattr(vehicle.geometry, "wheel_radii", ())
     parts: list[Part] = []
     if urdf:
@@ -71,5 +71,5 @@ def volume_of(vehicle: ShapedVehicle) -> Volume:
 
 
 def front_of(vehicle: ShapedVehicle) -> float:
-    """How far the front bumper is ahead of the rear axle [m]; see :func:`outline_of`."""
+    """Return the distance of the front bumper from the rear axle [m]; see :func:`outline_of`."""
     return outline_of(vehicle).front

@@ -42,14 +42,14 @@ class StraightAndAvoid(Behaviour):
     Memory: x, y, yaw of the line in the world [m, rad]; last curvature [1/m]; x and y of points in the world [m].
 
     Args:
-        vehicle: what is driven.
-        speed: wanted speed [m/s].
+        vehicle: vehicle to drive.
+        speed: set-point of the speed [m/s].
         clearance: wanted distance to the side of obstacles [m]; it brakes for what is nearer than half of it.
         distance: gap in front of the car when it stops [m].
         lookahead: how far it looks at least [m]; never less than it takes to stop.
         deceleration: of the braking profile [m/s^2].
-        reaction: delay of the brakes that the profile allows for [s].
-        lateral_acceleration: largest one in curves [m/s^2].
+        reaction: brake delay assumed by the braking profile [s].
+        lateral_acceleration: largest lateral acceleration in curves [m/s^2].
         convergence_distance: distance over which the line is come back to [m].
         period: time between decisions [s].
 
@@ -85,7 +85,7 @@ class StraightAndAvoid(Behaviour):
         self._shares = share * np.abs(share)  # closer together near straight ahead
 
     def decide(self, view: View, memory: Array) -> Decision:
-        """The best circle, and how fast it may be driven."""
+        """Choose the best circle, and the speed allowed on it."""
         if math.isnan(memory[0]):
             memory[:4] = view.x, view.y, view.yaw, 0.0
         x0, y0, yaw0, previous = memory[:4].tolist()
@@ -153,7 +153,9 @@ class StraightAndAvoidSpec(BehaviourDriver):
     system = StraightAndAvoid
 
     kind: Literal["straight_and_avoid"] = Field(description="straight on, around obstacles [-]")
-    speed: Speed = Field(4.0, ge=0.0, le=100.0, description="wanted speed [m/s]; curves and stops are driven slower")
+    speed: Speed = Field(
+        4.0, ge=0.0, le=100.0, description="set-point of the speed [m/s]; curves and stops are driven slower"
+    )
     clearance: Length = Field(0.5, ge=0.0, description="wanted distance to the side of obstacles [m]")
     distance: Length = Field(1.0, ge=0.0, description="gap in front of the car when it stops [m]")
     lookahead: Length = Field(

@@ -1,4 +1,4 @@
-"""Cameras: colour, depth, stereo; labels; lenses that distort. Drawn by Drake's VTK renderer, without a display."""
+"""Cameras: colour, depth, stereo, labels and lens distortion; rendered by Drake's VTK engine without a display."""
 
 from mirdrake.sensors.cameras.camera import X_SC, Camera, Shot, make_camera
 from mirdrake.sensors.cameras.merging import merge_still_things

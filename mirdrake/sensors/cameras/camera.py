@@ -1,4 +1,4 @@
-"""Cameras: colours, depths and labels at a rate, drawn when they are taken and never in between."""
+"""Cameras: colour, depth and label pictures at a rate; nothing is rendered between samples."""
 
 import os
 from math import tan
@@ -40,13 +40,13 @@ X_SC = RigidTransform(RotationMatrix(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]
 """Drake's camera frame C (z ahead, x to the right, y down) in the mounting frame S (x ahead, y left, z up)."""
 
 BYTES_PER_PIXEL = 64
-"""Memory of a pixel while it is drawn, buffers of the renderer and the drawing included, roughly."""
+"""Approximate memory per pixel while rendering, including the buffers of the renderer."""
 
 _EMPTY = 32766  # the number of RenderLabel.kEmpty
 
 
 class Shot:
-    """What a camera took at one moment: pictures by name, which nobody changes any more; so copies are the same object.
+    """Pictures of one sample by name. They are read-only, so that a copy is the same object.
 
     Attributes:
         pictures: ``color`` (of a stereo camera ``left`` and ``right``) uint8 (height, width, 3), ``depth`` float32
@@ -63,7 +63,7 @@ class Shot:
 
 
 class Camera(SampledValue):
-    """Takes pictures at a rate, and holds them until the next.
+    """A camera that takes pictures at a rate and holds them until the next.
 
     As with all held samples, a picture taken at time t is at the output right after t + latency. Pixel (u, v) is column
     u from the left and row v from above; the middle of the first one is at (0, 0). A point (x, y, z) of the mounting
@@ -134,7 +134,7 @@ class Camera(SampledValue):
             self._declare_image(name)
 
     def look(self, context: Context) -> dict[str, NDArray[Any]]:
-        """The pictures that it would take now by name, noise included; see :class:`Shot`.
+        """Return the pictures of the present time by name, with noise; see :class:`Shot`.
 
         Args:
             context: Context of the whole diagram.
@@ -143,7 +143,7 @@ class Camera(SampledValue):
         return dict(shot.pictures)
 
     def take(self, context: Context, index: int, sample: AbstractValue) -> None:  # noqa: ARG002
-        """The pictures of now; drawn once, also if somebody looked already."""
+        """Write the present pictures; they are rendered once, even if :meth:`look` was called before."""
         sample.set_value(self._now.evaluate(context))
 
     def _render_cameras(self, renderer: str) -> tuple[ColorRenderCamera, DepthRenderCamera]:
@@ -211,7 +211,7 @@ class Camera(SampledValue):
 
 
 def _black(mount: PictureMount) -> dict[str, NDArray[Any]]:
-    """The pictures of a mount before the first is taken: black, nothing in sight."""
+    """Return the pictures before the first sample: black, without any object."""
     size = (mount.height, mount.width)
     names = ["left", "right"] if isinstance(mount, StereoCameraMount) else ["color"]
     if isinstance(mount, DepthCameraMount) and not mount.color:
@@ -225,7 +225,7 @@ def _black(mount: PictureMount) -> dict[str, NDArray[Any]]:
 
 
 def make_camera(mount: PictureMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Camera:
-    """A camera of any kind of a vehicle as its sensors.yaml describes it; adds a renderer if there is none yet.
+    """Return the camera of a mount, of any kind; adds the vehicle's renderer if there is none yet.
 
     Raises:
         ConfigError: its pictures do not fit into memory.
@@ -239,7 +239,7 @@ def make_camera(mount: PictureMount, *, parts: "PlantParts", part: "VehicleInPla
 
 
 def check_memory(mount: PictureMount, part: "VehicleInPlant") -> None:
-    """Refuse more pixels than this machine has memory for.
+    """Check that the pictures fit into the memory of this machine.
 
     Raises:
         ConfigError: the reason.

@@ -1,4 +1,4 @@
-"""Which object a pixel shows: a number for each, and a table of their names."""
+"""Label pictures: a number for each object, and a table of their names."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -10,11 +10,11 @@ if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts
 
 SKY = 0
-"""Label where nothing is."""
+"""Label of a pixel that shows no object."""
 
 
 def label_names(parts: "PlantParts") -> dict[int, str]:
-    """Names by label: ``sky`` (0), ``ground``, ``road``, ``line``, ``patch/<name>``, ``vehicle/<name>``, ``prop/...``.
+    """Return the names by label: ``sky`` (0), ``ground``, ``road``, ``line``, ``patch/<name>``, ``vehicle/…`` …
 
     Roads share a label, and so do painted lines. The numbers follow from the world and the vehicles alone.
     """
@@ -22,7 +22,7 @@ def label_names(parts: "PlantParts") -> dict[int, str]:
 
 
 def assign_labels(parts: "PlantParts") -> None:
-    """Give every visual geometry the label of the object it belongs to, before a renderer is added."""
+    """Assign to every visual geometry the label of its object, before a renderer is added."""
     numbers, plant, scene_graph = _numbers(parts), parts.plant, parts.scene_graph
     for geometry, name in _owners(parts):
         look = PerceptionProperties(scene_graph.model_inspector().GetPerceptionProperties(geometry))
@@ -36,7 +36,7 @@ def _numbers(parts: "PlantParts") -> dict[str, int]:
 
 
 def _owners(parts: "PlantParts") -> Iterator[tuple[GeometryId, str]]:
-    """Visual geometries and the object that each belongs to."""
+    """Yield visual geometries and the object that each belongs to."""
     plant, inspector = parts.plant, parts.scene_graph.model_inspector()
     vehicles = {part.instance: f"vehicle/{name}" for name, part in parts.vehicles.items()}
     props = {body.index(): f"prop/{name}" for name, body in parts.props.bodies.items()}
@@ -51,7 +51,7 @@ def _owners(parts: "PlantParts") -> Iterator[tuple[GeometryId, str]]:
 
 
 def _fixed(name: str) -> str | None:
-    """The object that a geometry fixed in the world belongs to, by its name."""
+    """Return the object that a geometry fixed in the world belongs to, by its name."""
     kind, _, rest = name.partition("/")
     if kind == "prop":
         return f"prop/{rest.rpartition('/')[0]}"

@@ -1,4 +1,4 @@
-"""Pictures through a lens that distorts, cut out of one that is drawn without it and is large enough."""
+"""Lens distortion: a distorted picture is resampled from a larger one rendered without distortion."""
 
 from math import ceil, tan
 from typing import Any
@@ -11,7 +11,7 @@ from mirdrake.vehicles.mounts import PictureMount
 
 
 class LensMap:
-    """Where in the picture that is drawn each pixel of a distorted picture is found.
+    """Position of each pixel of a distorted picture in the rendered picture.
 
     Both have the same focal length. The drawn one reaches a pixel beyond what the lens sees, so that no pixel of the
     distorted one is empty. Colours are mixed of the four pixels around, depths and labels are those of the nearest.
@@ -44,7 +44,7 @@ class LensMap:
         )
 
     def colors(self, drawn: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Colours of the distorted picture, from those drawn (self.height, self.width, n)."""
+        """Return the colours of the distorted picture from those rendered (self.height, self.width, n)."""
         channels = drawn.shape[2]
         mixed = self._mix @ drawn.reshape(-1, channels).astype(np.float32)
         mixed += 0.5
@@ -52,6 +52,6 @@ class LensMap:
         return colors
 
     def nearest(self, drawn: NDArray[Any]) -> NDArray[Any]:
-        """Depths or labels of the distorted picture, from those drawn (self.height, self.width)."""
+        """Return depths or labels of the distorted picture from those rendered (self.height, self.width)."""
         found: NDArray[Any] = drawn.reshape(-1)[self._nearest].reshape(self.shape)
         return found

@@ -1,4 +1,4 @@
-"""Who sees a geometry: perception properties that Drake lets nobody replace."""
+"""Visibility of geometries in renderers: perception properties, which Drake does not allow to replace."""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""What stands still drawn at one go: boxes and cylinders of one colour as one mesh.
+"""Fixed objects merged for rendering: boxes and cylinders of one colour become one mesh.
 
 VTK spends time on each thing that it draws, however small, while all processors but one wait: without a graphics card
 some 0.1 ms in colour and depth, a fifth of a picture of 36 obstacles. Labels tell things apart, so that a renderer
@@ -104,7 +104,7 @@ def _moved(faces: Faces, X_WG: RigidTransform) -> Faces:
 
 
 def _box(box: Box) -> Faces:
-    """The faces of a box."""
+    """Return the faces of a box."""
     points: list[Array] = []
     normals: list[Array] = []
     triangles: list[NDArray[np.int64]] = []
@@ -120,7 +120,7 @@ def _box(box: Box) -> Faces:
 
 
 def _cylinder(cylinder: Cylinder) -> Faces:
-    """The faces of a cylinder; it looks round, as the normals of its sides are those of the true one."""
+    """Return the faces of a cylinder; it looks round, since the normals of its sides are exact."""
     angle = 2.0 * np.pi / SIDES * np.arange(SIDES)
     ring = np.column_stack((np.cos(angle), np.sin(angle), np.zeros(SIDES)))
     up, here = np.array([0.0, 0.0, 1.0]), np.arange(SIDES)

@@ -1,4 +1,4 @@
-"""Noise of image sensors, quickly: random bits stand for equally likely quantiles of the normal distribution.
+"""Fast noise of image sensors: random bits select equally likely quantiles of the normal distribution.
 
 Like all noise it is a function of the stream and the number of the sample alone. The bits are SFC64's, seeded with
 both, which are made in a third of the time of Philox's. A colour picture takes a million numbers; they are cut out of
@@ -24,7 +24,7 @@ _LEVELS = 2**16  # of the uniform random numbers that noise is made of
 
 
 def color_noise(seen: Colors, noise: float, *, stream: int, index: int) -> Colors:
-    """Colours with white noise.
+    """Return colours with white noise.
 
     Args:
         seen: as drawn (height, width, 4), of which alpha is left out.
@@ -50,7 +50,7 @@ def color_noise(seen: Colors, noise: float, *, stream: int, index: int) -> Color
 
 
 def depth_noise(seen: Depths, mount: DepthCameraMount, *, stream: int, index: int) -> Depths:
-    """Depths [m] as the sensor says them: with its noise, within its limits, in its steps.
+    """Return the output of a depth sensor [m]: noise, limits and resolution applied.
 
     Args:
         seen: as drawn: 0 nearer than the limits and infinite beyond them (height, width).
@@ -75,7 +75,7 @@ def depth_noise(seen: Depths, mount: DepthCameraMount, *, stream: int, index: in
 
 
 def _levels(noise: float, stream: int, index: int, count: int) -> NDArray[np.int16]:
-    """White noise of a sample in grey levels."""
+    """Return the white noise of a sample in grey levels."""
     if 2 * count > STORE:
         return _grey(noise, stream, index, count)
     begin = int(np.random.SFC64([stream, index]).random_raw() % (STORE - count + 1))
@@ -94,13 +94,13 @@ def _grey(noise: float, stream: int, index: int, count: int) -> NDArray[np.int16
 
 
 def _bits(stream: int, index: int, count: int) -> NDArray[np.uint16]:
-    """Uniform random numbers of 16 bits."""
+    """Return uniform random numbers of 16 bits."""
     return np.random.SFC64([stream, index]).random_raw(-(-count // 4)).view(np.uint16)[:count]
 
 
 @cache
 def _quantiles() -> Depths:
-    """Equally likely numbers that are normally distributed, of standard deviation 1."""
+    """Return equally likely quantiles of the standard normal distribution."""
     values = scipy.special.ndtri((np.arange(_LEVELS) + 0.5) / _LEVELS)
     found: Depths = (values / values.std()).astype(np.float32)
     found.setflags(write=False)

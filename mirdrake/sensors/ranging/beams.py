@@ -1,4 +1,4 @@
-"""Where the rays of a sensor point, and when they leave."""
+"""Directions and times of the rays of a sensor."""
 
 from math import cos, pi, sqrt, tau
 
@@ -10,7 +10,7 @@ from mirdrake.sensors.ranging.world import Beams
 
 
 def grid(azimuths: ArrayLike, elevations: ArrayLike) -> Array:
-    """Unit vectors (columns, rows, 3) by azimuth, positive to the left, and elevation, positive upwards [rad]."""
+    """Return unit vectors (columns, rows, 3) by azimuth (positive to the left) and elevation (positive up) [rad]."""
     azimuth, elevation = np.asarray(azimuths, dtype=float)[:, None], np.asarray(elevations, dtype=float)[None, :]
     level = np.cos(elevation)
     parts = np.broadcast_arrays(level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation))
@@ -18,7 +18,7 @@ def grid(azimuths: ArrayLike, elevations: ArrayLike) -> Array:
 
 
 def turn_times(azimuths: ArrayLike, rate: float) -> Array:
-    """When a turning sensor looks along each azimuth (n) [rad], before the last of them [s], 0 or negative.
+    """Return when a rotating sensor measures each azimuth (n) [rad], relative to the last one [s], 0 or negative.
 
     It makes `rate` turns a second and rests at the last one for nothing: a fan of half a turn takes half the period.
     """
@@ -28,14 +28,14 @@ def turn_times(azimuths: ArrayLike, rate: float) -> Array:
 
 
 def turning(azimuths: ArrayLike, elevations: ArrayLike, *, rate: float, rolling: bool) -> Beams:
-    """Columns of beams, one for each azimuth, in the order in which they leave; all at once if not rolling."""
+    """Return columns of beams, one for each azimuth, in the order of their times; all at once if not rolling."""
     azimuth = np.asarray(azimuths, dtype=float)
     times = turn_times(azimuth, rate) if rolling else np.zeros(azimuth.size)
     return Beams(grid(azimuth, elevations), times)
 
 
 def cone(angle: float, rays: int) -> Beams:
-    """Rays that leave at once, spread evenly over a cone about x of a whole angle [rad], its axis and its rim included.
+    """Return simultaneous rays, evenly spread over a cone about x of a full angle [rad], including axis and rim.
 
     They lie on a spiral that turns by the golden angle from one ray to the next.
     """
@@ -47,7 +47,7 @@ def cone(angle: float, rays: int) -> Beams:
 
 
 def field(horizontal: float, vertical: float, columns: int, rows: int) -> Beams:
-    """Rays that leave at once, spread evenly over a field of view of whole angles [rad]; (1, columns * rows, 3)."""
+    """Return simultaneous rays, evenly spread over a field of view of full angles [rad]; (1, columns * rows, 3)."""
     azimuths = np.linspace(0.5 * horizontal, -0.5 * horizontal, columns) if columns > 1 else [0.0]
     elevations = np.linspace(-0.5 * vertical, 0.5 * vertical, rows) if rows > 1 else [0.0]
     return Beams(grid(azimuths, elevations).reshape(1, -1, 3), np.zeros(1))

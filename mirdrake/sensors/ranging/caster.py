@@ -1,4 +1,4 @@
-"""What laser, radar and sonar have in common: they cast rays from a moving frame, and read what comes back."""
+"""Base of laser, radar and sonar: rays cast from a moving frame, and the readings of their hits."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Caster:
-    """Rays of a sensor into the world; it gives the system of the sensor its inputs and the states it needs.
+    """Rays of a sensor into the world; declares the inputs and states that they need on the sensor's system.
 
     Where bodies were at the sample before is a discrete state of the system, so that beams of a turning sensor can be
     cast from where it was when they left.
@@ -68,7 +68,7 @@ class Caster:
             self._before = system.DeclareDiscreteState(np.full(1 + NUMBERS * len(self._bodies), -np.inf))
 
     def states(self, context: Context) -> dict[int, BodyState]:
-        """Present poses and velocities of the carrier and of all that may be seen, by body."""
+        """Return the present poses and velocities of the carrier and of all visible bodies, by body."""
         poses, velocities = self._poses.Eval(context), self._velocities.Eval(context)
         return {
             body: BodyState(
@@ -81,7 +81,7 @@ class Caster:
         }
 
     def look(self, context: Context, states: dict[int, BodyState] | None = None) -> Hits:
-        """What the rays meet that are complete now."""
+        """Return the hits of the scan that is complete now."""
         now = self.states(context) if states is None else states
         before: dict[int, BodyState] = {}
         if self._before is not None:
@@ -100,13 +100,13 @@ class Caster:
         )
 
     def keep(self, context: Context, state: DiscreteValues) -> None:
-        """Write down where everything is now, for the next sample."""
+        """Store the present poses and velocities for the next sample."""
         if self._before is not None:
             now = [body.numbers() for body in self.states(context).values()]
             state.get_mutable_vector(self._before).SetFromVector(np.concatenate(([context.get_time()], *now)))
 
     def reading(self, distance: Array, index: int) -> Array:
-        """What is read of distances (...) [m] at the sample with this number: limits, noise, steps, lost beams.
+        """Return the readings of distances (...) [m] at a sample number: limits, noise, resolution, lost beams.
 
         Whether there is a return depends on the true distance; the reading then stays within the limits.
         """
@@ -126,7 +126,7 @@ class Caster:
 
 
 def mounted(mount: Any, parts: "PlantParts", part: "VehicleInPlant") -> dict[str, Any]:
-    """World, frame and what is not seen, for a sensor of a vehicle.
+    """Return world, frame and hidden bodies as arguments for a sensor of a vehicle.
 
     The own vehicle is not seen, as the sensor would stand in its housing and look through its mounting; with
     ``own_vehicle`` it is, but for the link that carries the sensor's frame (unless that is the vehicle's base).

@@ -1,4 +1,4 @@
-"""Triangles that know the exact surface they stand for.
+"""Triangles with references to the exact surfaces that they approximate.
 
 A flat face is exact as it is. Round things are wrapped in triangles from outside, and each such triangle names the
 :class:`Quadric` that it wraps; a ray that hits the wrapping is then cut with the quadric itself. What stands out of a
@@ -47,21 +47,21 @@ class Faces:
     quadrics: tuple[Quadric, ...] = ()
 
     def moved(self, X: RigidTransform) -> "Faces":
-        """The same, its frame placed at X in another frame."""
+        """Return the faces in another frame, in which their frame has the pose X."""
         R, p = X.rotation().matrix(), X.translation()
         quadrics = tuple(Quadric(q.factor @ R.T, R @ q.centre + p, R @ q.axis, q.low, q.high) for q in self.quadrics)
         return Faces(self.corners @ R.T + p, self.curve, self.cap, quadrics)
 
 
 def flat(points: Array, triangles: Any) -> Faces:
-    """Faces of a mesh: points (n, 3) [m], indices (m, 3)."""
+    """Return the faces of a mesh: points (n, 3) [m], indices (m, 3)."""
     corners = np.asarray(points, dtype=float)[np.asarray(triangles, dtype=int)]
     count = len(corners)
     return Faces(corners, np.full(count, -1), np.zeros(count, dtype=bool))
 
 
 def joined(parts: Sequence[Faces]) -> Faces:
-    """All faces of some things that do not move against one another."""
+    """Return all faces of objects that do not move relative to one another."""
     if not parts:
         return flat(np.empty((0, 3)), np.empty((0, 3), dtype=int))
     first = np.cumsum([0, *(len(part.quadrics) for part in parts)])

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class LaserScanner(SampledSensor):
-    """Distances along beams in the plane z = 0 of its frame.
+    """Laser scanner: distances along beams in the plane z = 0 of its frame.
 
     A scan is complete at the time of the sample, when the last beam leaves. The mirror makes one turn in a period, so
     that the beams before it left earlier and are cast from where the sensor was then; see :attr:`times`.
@@ -74,7 +74,7 @@ class LaserScanner(SampledSensor):
         self.caster = Caster(self, world, frame, mount, beams, stream=stream, without=without, hidden=hidden)
 
     def measure(self, context: Context) -> Array:
-        """The scan that is complete now [m] (beams), with its noise."""
+        """Return the scan that is complete now [m] (beams), with noise."""
         distance = self.caster.look(context).distance[:, 0]
         return self.caster.reading(distance, round(context.get_time() * self.rate))
 
@@ -93,14 +93,14 @@ class LaserScanner(SampledSensor):
         return context.get_time(), points
 
     def keep(self, context: Context, state: DiscreteValues) -> None:
-        """Where everything is now."""
+        """Store the present poses for the next scan."""
         self.caster.keep(context, state)
 
 
 def make_laser_scanner(
     mount: LaserScannerMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
 ) -> LaserScanner:
-    """The scanner of a vehicle as its sensors.yaml describes it.
+    """Return the laser scanner of a mount.
 
     Raises:
         MissingDependencyError: embreex is not installed.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LidarScan:
-    """One turn of a lidar.
+    """One revolution of a lidar.
 
     Attributes:
         time: when it was complete [s]; -inf before the first one.
@@ -46,7 +46,7 @@ class LidarScan:
     twist: Array
 
     def points(self) -> Array:
-        """Where the beams ended, in the frame of the sensor at the time that each of them left (n, 3) [m].
+        """Return the hits of the beams, each in the frame of the sensor at the time of the beam (n, 3) [m].
 
         They are not corrected for the motion of the vehicle, as those of the real sensor are not. Beams without return
         are left out.
@@ -56,7 +56,7 @@ class LidarScan:
         return found
 
     def points_in_world(self) -> Array:
-        """Where the beams ended, in the world (n, 3) [m], each column seen from where the sensor was when it left.
+        """Return the hits of the beams in the world (n, 3) [m], each column from the pose of the sensor at its time.
 
         The true pose and twist are used, and the twist is taken for constant over the turn, as on a circle.
         """
@@ -74,7 +74,7 @@ class LidarScan:
 
 
 class Lidar(SampledValue):
-    """A cloud of distances, by planes and columns.
+    """Lidar: a cloud of distances, by planes and columns.
 
     A turn is complete at the time of the sample, when the last column leaves; columns before it left earlier and are
     cast from where the sensor was then. Other bodies are where they were then, too.
@@ -134,7 +134,7 @@ class Lidar(SampledValue):
         self.caster = Caster(self, world, frame, mount, beams, stream=stream, without=without, hidden=hidden)
 
     def look(self, context: Context) -> LidarScan:
-        """The turn that is complete now, with its noise.
+        """Return the revolution that is complete now, with noise.
 
         Args:
             context: of this system.
@@ -160,7 +160,7 @@ class Lidar(SampledValue):
         return scan.time, scan.points_in_world()
 
     def take(self, context: Context, index: int, sample: AbstractValue) -> None:
-        """The turn that is complete now."""
+        """Write the revolution that is complete now."""
         del index  # it follows from the time
         sample.set_value(self.look(context))
 
@@ -170,7 +170,7 @@ class Lidar(SampledValue):
 
 
 def make_lidar(mount: LidarMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Lidar:
-    """The lidar of a vehicle as its sensors.yaml describes it.
+    """Return the lidar of a mount.
 
     Raises:
         MissingDependencyError: embreex is not installed.

@@ -1,4 +1,4 @@
-"""Where bodies are between two samples of a sensor: the beams of a turning laser do not all leave at once.
+"""Poses of bodies between two samples: the beams of a rotating laser are measured one after the other.
 
 Positions are cubic in time, given by places and velocities at both samples (Hermite); so are the rotation vectors. A
 car that brakes or turns is then placed within a millimetre over a tenth of a second, where the velocity alone would be
@@ -42,17 +42,17 @@ class BodyState:
         return hypot(*self.w.tolist())
 
     def numbers(self) -> Array:
-        """The state as :data:`NUMBERS` numbers."""
+        """Return the state as :data:`NUMBERS` numbers."""
         return np.concatenate((self.R.ravel(), self.p, self.w, self.v))
 
 
 def body_state(numbers: Array) -> BodyState:
-    """The state that :meth:`BodyState.numbers` gave."""
+    """Return the state of :meth:`BodyState.numbers`."""
     return BodyState(numbers[:9].reshape(3, 3), numbers[9:12], numbers[12:15], numbers[15:18])
 
 
 def poses_at(times: Array, before: BodyState | None, now: BodyState, period: float) -> tuple[Array, Array]:
-    """Poses of a body at some times since the last sample.
+    """Return the poses of a body at times since the last sample.
 
     Args:
         times: before now, 0 or negative, not further back than the period (n) [s].
@@ -81,13 +81,13 @@ def poses_at(times: Array, before: BodyState | None, now: BodyState, period: flo
 
 
 def _turned(now: BodyState, times: Array) -> Array:
-    """R_WB (n, 3, 3) at some times [s] from now, at the present rate."""
+    """Return R_WB (n, 3, 3) at times [s] from now, at the present angular velocity."""
     turned: Array = rotations(times[:, None] * now.w) @ now.R
     return turned
 
 
 def rotations(vectors: Array) -> Array:
-    """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad], by Rodrigues' formula."""
+    """Return the rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad], by Rodrigues' formula."""
     square = np.einsum("ij,ij->i", vectors, vectors)
     angle = np.sqrt(square)
     small = angle < 1e-6
@@ -103,13 +103,13 @@ def rotations(vectors: Array) -> Array:
 
 
 def rotation_vector(R: Array) -> Array:
-    """Rotation vector (3) [rad] of a rotation by less than half a turn."""
+    """Return the rotation vector (3) [rad] of a rotation by less than half a turn."""
     twice = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sine, cosine = 0.5 * hypot(*twice.tolist()), 0.5 * (float(np.trace(R)) - 1.0)
     return 0.5 * twice * (atan2(sine, cosine) / sine if sine > 1e-9 else 1.0)
 
 
 def _cross(v: Array) -> Array:
-    """The matrix by which a vector is multiplied to have its cross product with `v`."""
+    """Return the matrix of the cross product with `v`."""
     x, y, z = v.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 NOTHING = (np.inf, 0.0, 0.0)
-"""Range, azimuth and range rate of a target that is not there."""
+"""Range, azimuth and range rate in place of a missing target."""
 
 
 def radar_signals(targets: int) -> Signals:
-    """Names of what a radar tells about each of its targets."""
+    """Return names and units of the output of a radar."""
     return tuple(
         Signal(f"{name}{index}", unit, meaning)
         for index in range(targets)
@@ -41,7 +41,7 @@ class Radar(SampledSensor):
 
     Each object that rays meet is one target: a vehicle with all its parts, a prop, a geometry that is neither. Its
     returns are those in the range cell of its nearest one. Range is that of the nearest; azimuth and range rate are the
-    means over the cell. Objects are told apart by what they are, not by how near they stand, and none is hidden by the
+    means over the cell. Objects are separated by their identity, not by their distance, and none is hidden by the
     clutter of the ground, which gives no return unless the mount says so; strength of returns, ambiguity of range and
     range rate, and paths over several surfaces are not modelled.
 
@@ -97,7 +97,7 @@ class Radar(SampledSensor):
         )
 
     def measure(self, context: Context) -> Array:
-        """The targets now, with their noise (3 targets)."""
+        """Return the present targets with noise (3 targets)."""
         states = self.caster.states(context)
         hits = self.caster.look(context, states)
         distance, thing, body = (values.ravel() for values in (hits.distance, hits.thing, hits.body))
@@ -116,7 +116,7 @@ class Radar(SampledSensor):
         return self._reading(sample, round(context.get_time() * self.rate)).ravel()
 
     def _range_rates(self, states: dict[int, BodyState], directions: Array, distance: Array, body: Ints) -> Array:
-        """How fast the points where rays ended move away along them (n) [m/s]."""
+        """Return the range rates of the hits of rays (n) [m/s]."""
         own, X_BS = states[self.caster.carrier], self.caster.X_BS
         arm = own.R @ X_BS.translation()
         start, ways = own.p + arm, directions @ (own.R @ X_BS.rotation().matrix()).T
@@ -129,7 +129,7 @@ class Radar(SampledSensor):
         return rates
 
     def _reading(self, targets: Array, index: int) -> Array:
-        """Noise of targets (n, 3); those lost are moved to the end."""
+        """Return targets with noise (n, 3); lost ones are moved to the end."""
         mount, there = self.mount, np.isfinite(targets[:, 0])
         targets[:, 0] = self.caster.reading(targets[:, 0], index)
         generator = sample_noise(substream(self._stream, "targets"), index)
@@ -141,7 +141,7 @@ class Radar(SampledSensor):
 
 
 def make_radar(mount: RadarMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Radar:
-    """The radar of a vehicle as its sensors.yaml describes it.
+    """Return the radar of a mount.
 
     Raises:
         MissingDependencyError: embreex is not installed.

@@ -1,4 +1,4 @@
-"""Rays against things that do not move against one another: Embree finds the face, formulas give the distance.
+"""Ray casting in a rigid scene: Embree finds the face, formulas give the exact distance.
 
 Embree (Wald et al. 2014, "Embree: a kernel framework for efficient CPU ray tracing"; Apache 2.0; Python binding
 embreex) works in single precision. So it only tells which face a ray hits first; the distance comes from the plane or
@@ -57,7 +57,7 @@ class RayScene:
         self._embree = _make_embree(self._corners) if self.count else None
 
     def cast(self, origins: Array, directions: Array, far: float) -> tuple[Array, Ints]:
-        """Where rays hit first.
+        """Return the first hits of rays.
 
         Args:
             origins: in the frame of the scene (n, 3) or (1, 3) [m].
@@ -95,7 +95,7 @@ class RayScene:
         return distance, face
 
     def _first(self, origins: Array, directions: Array, far: float) -> Ints:
-        """The face that each ray meets first (n), -1: none; origins (n, 3) or (1, 3) from the centre of the scene."""
+        """Return the first face that each ray hits (n), -1: none; origins (n, 3) or (1, 3) from the scene's centre."""
         start = np.empty(directions.shape, dtype=np.float32)
         start[:] = origins
         limit = np.full(len(directions), far, dtype=np.float32)
@@ -104,7 +104,7 @@ class RayScene:
         return found
 
     def _exact(self, origins: Array, directions: Array, faces: Ints) -> tuple[Array, Bools | None]:
-        """Distances (n) [m] to what faces stand for, and which rays only graze a wrapping (n), None: none of them."""
+        """Return the distances (n) [m] to the exact surfaces of faces, and which rays only graze it (n); None: none."""
         normal = self._normal.take(faces, axis=0)  # much quicker than by brackets, for rows
         towards, from_origin = _dot(normal, directions), _dot(normal, origins)
         distance = (self._offset[faces] - from_origin) / towards
@@ -135,7 +135,7 @@ class RayScene:
         return distance, missed
 
     def _enter(self, origins: Array, directions: Array, curve: Ints) -> tuple[Array, Bools]:
-        """Distances (n) [m] at which rays enter quadrics, and whether they do so between the ends."""
+        """Return the distances (n) [m] at which rays enter quadrics, and whether that is between the ends."""
         factor, axis = self._factor.take(curve, axis=0), self._axis.take(curve, axis=0)
         fd = _products(factor, directions[:, None])
         if len(origins) == 1:  # few quadrics, many rays
@@ -154,13 +154,13 @@ class RayScene:
         return near, inside
 
     def _within(self, points: Array, curve: Ints) -> Bools:
-        """Whether points (n, 3) are within quadrics that go on beyond their ends."""
+        """Return whether points (n, 3) are inside of quadrics extended beyond their ends."""
         local = _products(self._factor.take(curve, axis=0), (points - self._middle.take(curve, axis=0))[:, None])
         within: Bools = _dot(local, local) <= 1.0
         return within
 
     def _nearest_corner(self, origins: Array, directions: Array, faces: Ints, edge_on: Bools) -> Array:
-        """Distances (n) [m] along rays to the nearest corners of faces that they meet edge-on."""
+        """Return the distances (n) [m] along rays to the nearest corners of faces that they meet edge-on."""
         o = origins if len(origins) == 1 else origins[edge_on]
         corners = self._corners[faces[edge_on]] + (self.centre - o)[:, None]
         nearest: Array = np.einsum("nij,nj->ni", corners, directions[edge_on]).min(axis=1)
@@ -171,7 +171,7 @@ _scenes: "WeakValueDictionary[bytes, RayScene]" = WeakValueDictionary()
 
 
 def ray_scene(faces: Faces) -> RayScene:
-    """The scene of some faces; the same one for the same faces as long as somebody has it.
+    """Return the scene of faces; equal faces share one scene while it is in use.
 
     So a world or a vehicle that is built again is not prepared again, and takes no more memory.
     """
@@ -188,13 +188,13 @@ def ray_scene(faces: Faces) -> RayScene:
 
 
 def _dot(a: Array, b: Array) -> Array:
-    """Scalar products (n) of vectors (n, 3) with as many or with one (1, 3)."""
+    """Return the scalar products (n) of vectors (n, 3) with as many or with one (1, 3)."""
     product: Array = a @ b[0] if len(b) == 1 else _products(a, b)
     return product
 
 
 def _products_by_einsum(a: Array, b: Array) -> Array:
-    """Scalar products along the last axis."""
+    """Return the scalar products along the last axis."""
     products: Array = np.einsum("...j,...j->...", a, b)
     return products
 

@@ -1,4 +1,4 @@
-"""What rays can hit: Drake's shapes as faces.
+"""Drake's shapes as faces for ray casting.
 
 Box, cylinder, capsule, sphere and ellipsoid are exact; a cone is faceted, and lies within 0.5 mm of the true one.
 Imported when the first ray world is made, as what reads meshes takes a while to load.
@@ -37,7 +37,7 @@ _READABLE = {".obj", ".gltf", ".glb", ".stl", ".ply"}
 
 
 def faces_of(inspector: SceneGraphInspector, geometry: GeometryId) -> Faces | None:
-    """Faces of a geometry in its own frame; None for a half space and for a mesh that cannot be read.
+    """Return the faces of a geometry in its own frame; None for a half space and for a mesh that cannot be read.
 
     A mesh is taken triangle by triangle as it is seen, with its scale; a Convex is its hull.
     """
@@ -76,7 +76,7 @@ def _primitive(shape: Shape) -> Faces | None:
 
 
 def _tube(radius: float, half: float, *, closed: bool) -> Faces:
-    """A cylinder about z, wrapped in a prism; its ends if closed."""
+    """Return a cylinder about z, wrapped in a prism; with its ends if closed."""
     angle = 2.0 * pi / _SIDES * np.arange(_SIDES)
     outer = radius / cos(pi / _SIDES)
     ring = outer * np.column_stack((np.cos(angle), np.sin(angle)))
@@ -95,7 +95,7 @@ def _tube(radius: float, half: float, *, closed: bool) -> Faces:
 
 @lru_cache(maxsize=1)
 def _wrapped_sphere() -> Array:
-    """Triangles (m, 3, 3) around a unit sphere, none of them inside it."""
+    """Return triangles (m, 3, 3) around a unit sphere, none of them inside of it."""
     corners = np.asarray(trimesh.creation.icosphere(subdivisions=4).triangles)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -104,7 +104,7 @@ def _wrapped_sphere() -> Array:
 
 
 def _ball(radii: Array, *, low: float = -np.inf, high: float = np.inf) -> Faces:
-    """An ellipsoid with three radii [m] along x, y, z, cut off at two heights [m]; its wrapping is not."""
+    """Return an ellipsoid with radii [m] along x, y, z, cut at two heights [m]; its wrapping is not cut."""
     corners = _wrapped_sphere() * radii
     count = len(corners)
     ball = Quadric(np.diag(1.0 / radii), np.zeros(3), _UP, low, high)
@@ -112,7 +112,7 @@ def _ball(radii: Array, *, low: float = -np.inf, high: float = np.inf) -> Faces:
 
 
 def _cone(height: float, a: float, b: float) -> Faces:
-    """Drake's cone: its tip at the origin, its elliptic base at z = height."""
+    """Return Drake's cone: tip at the origin, elliptic base at z = height."""
     sides = max(16, ceil(pi / acos(max(1.0 - _CHORD / max(a, b), 0.9))))
     angle = 2.0 * pi / sides * np.arange(sides)
     ring = np.column_stack((a * np.cos(angle), b * np.sin(angle), np.full(sides, height)))
@@ -151,7 +151,7 @@ def _report_hull(name: str) -> None:
 
 @lru_cache(maxsize=256)
 def _read_file(path: Path) -> Array | None:
-    """Triangles (m, 3, 3) of a mesh file, z up; None if it cannot be read."""
+    """Return the triangles (m, 3, 3) of a mesh file, z up; None if it cannot be read."""
     try:
         with path.open("rb") as file:
             return _read(file, path.suffix.lower(), trimesh.resolvers.FilePathResolver(str(path)))
@@ -175,24 +175,24 @@ def _read(file: Any, extension: str, resolver: Any) -> Array | None:
 
 
 class _Beside(trimesh.resolvers.Resolver):
-    """Files that go with a mesh in memory."""
+    """Supporting files of a mesh in memory."""
 
     def __init__(self, files: Any) -> None:
         self._files = dict(files)
 
     def get(self, name: str) -> bytes:
-        """Contents of a file by the name that the mesh has for it."""
+        """Return the contents of a file by its name in the mesh."""
         return _contents(self._files[name])
 
     def write(self, name: str, data: bytes) -> None:
         """Nothing is written."""
 
     def namespaced(self, namespace: str) -> "_Beside":  # noqa: ARG002
-        """There is one space of names."""
+        """Return this resolver; there is only one name space."""
         return self
 
     def keys(self) -> list[str]:
-        """Names of the files."""
+        """Return the names of the files."""
         return list(self._files)
 
 

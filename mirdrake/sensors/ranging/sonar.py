@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 SONAR = signals(("range", "m", "distance of the nearest echo, inf: none"))
-"""What a sonar tells."""
+"""Output of a sonar."""
 
 
 class Sonar(SampledSensor):
-    """The distance of the nearest surface in a cone about the x axis of its frame.
+    """Sonar: distance of the nearest surface in a cone about the x axis of its frame.
 
     The cone is a bundle of rays that leave at once; something smaller than the gaps between them may be missed. What is
     nearer than the near limit hides the rest along its rays. The echo does not depend on how a surface is turned. The
@@ -79,14 +79,14 @@ class Sonar(SampledSensor):
         )
 
     def measure(self, context: Context) -> Array:
-        """The nearest echo now [m] (1), with its noise."""
+        """Return the nearest echo [m] (1), with noise."""
         distance = self.caster.look(context).distance.ravel()
         nearest = distance[distance >= self.mount.near].min(initial=np.inf)
         return self.caster.reading(np.array([nearest]), round(context.get_time() * self.rate))
 
 
 def make_sonar(mount: SonarMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Sonar:
-    """The sonar of a vehicle as its sensors.yaml describes it.
+    """Return the sonar of a mount.
 
     Raises:
         MissingDependencyError: embreex is not installed.

@@ -1,4 +1,4 @@
-"""What the rays of a vehicle can meet: the visible surfaces of a plant, and the ground.
+"""Scene for range sensors: the visible surfaces of a plant, and the ground.
 
 Rays see what a camera sees: geometry with the perception role, meshes triangle by triangle. What is fixed in the world
 is one scene that is built once and shared by all sensors; every body that can move has a small scene of its own, and
@@ -30,7 +30,7 @@ GROUND = 0
 """Number of the ground among the objects that rays meet."""
 
 NOTHING = -1
-"""Object of a ray that meets nothing."""
+"""Object of a ray that hits nothing."""
 
 States = tuple[BodyState | None, BodyState]
 """Of a body one period ago, if known, and now."""
@@ -55,7 +55,7 @@ class Beams:
 
 @dataclass(frozen=True)
 class Hits:
-    """What the rays met.
+    """First hits of rays.
 
     Attributes:
         distance: (columns, rows) [m]; inf: nothing.
@@ -80,7 +80,7 @@ class _Mover:
 
     @property
     def size(self) -> float:
-        """How far it reaches from the origin of its frame [m]."""
+        """Largest distance of its surface from the origin of its frame [m]."""
         return hypot(*self.scene.centre.tolist()) + self.scene.radius
 
 
@@ -128,7 +128,7 @@ class RayWorld:
         return self.things.index(name)
 
     def movers(self, *, without: Container[int] = (), hidden: Container[int] = ()) -> list[int]:
-        """Bodies that can move and be seen, by their indices.
+        """Return the indices of the bodies that can move and be seen.
 
         Args:
             without: model instances that are left out.
@@ -147,7 +147,7 @@ class RayWorld:
         far: float,
         ground: bool = True,
     ) -> Hits:
-        """What the beams of a sensor meet.
+        """Return the first hits of the beams of a sensor.
 
         Args:
             beams: in the frame S of the sensor.
@@ -204,18 +204,18 @@ class _Rays:
     far: float
 
     def column(self, rays: Ints) -> Ints:
-        """The column of each ray."""
+        """Return the column of each ray."""
         return rays // (len(self.directions) // len(self.times))
 
     def starts(self) -> Array:
-        """Where each ray starts (n, 3), or (1, 3) if all start at one place [m]."""
+        """Return the origin of each ray (n, 3), or (1, 3) if all have the same [m]."""
         if len(self.origins) == 1:
             return self.origins
         return np.repeat(self.origins, len(self.directions) // len(self.times), axis=0)
 
 
 def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) -> None:
-    """Take the hits on a moving body into `hits`, where they are the nearest.
+    """Update `hits` where a moving body is nearer.
 
     Args:
         mover: the body.
@@ -256,7 +256,7 @@ def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) 
 
 
 def _meet_ground(rays: _Rays, hits: Hits) -> None:
-    """Take the hits on the plane z = 0 into `hits`, where they are the nearest."""
+    """Update `hits` where the plane z = 0 is nearer."""
     down = rays.directions[:, 2]
     seen = np.flatnonzero(down < 0.0)
     if not seen.size:
@@ -269,22 +269,22 @@ def _meet_ground(rays: _Rays, hits: Hits) -> None:
 
 
 def _travel(before: BodyState | None, now: BodyState) -> float:
-    """Speed [m/s], the higher one of both."""
+    """Return the larger of both speeds [m/s]."""
     return max((before or now).speed, now.speed)
 
 
 def _spin(before: BodyState | None, now: BodyState) -> float:
-    """Rate of turn [rad/s], the higher one of both."""
+    """Return the larger of both turn rates [rad/s]."""
     return max((before or now).spin, now.spin)
 
 
 def _rests(before: BodyState | None, now: BodyState, period: float, size: float) -> bool:
-    """Whether what is within `size` [m] of a body's origin hardly moves in the time between two samples."""
+    """Return whether points within `size` [m] of a body's origin hardly move between two samples."""
     return period * (_travel(before, now) + size * _spin(before, now)) < _STILL
 
 
 def _looks(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> list[tuple[str, Faces]]:
-    """What is seen of a body: the object that each geometry belongs to and its faces in the body's frame."""
+    """Yield the object of each visible geometry of a body, and its faces in the body's frame."""
     from mirdrake.sensors.ranging.shapes import faces_of
 
     found = []
@@ -304,12 +304,12 @@ _worlds: "WeakKeyDictionary[MultibodyPlant, RayWorld]" = WeakKeyDictionary()
 
 
 def ray_world(parts: "PlantParts") -> RayWorld:
-    """The ray world of a plant; made at the first call, then the same for all its sensors."""
+    """Return the ray world of a plant; it is made at the first call and shared by all its sensors."""
     if parts.plant not in _worlds:
         _worlds[parts.plant] = RayWorld(parts.plant, parts.scene_graph)
     return _worlds[parts.plant]
 
 
 def instance_bodies(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[int]:
-    """Indices of the bodies of a model."""
+    """Return the indices of the bodies of a model."""
     return [int(index) for index in plant.GetBodyIndices(instance)]
