@@ -1,7 +1,7 @@
 """Velocity command interface: limits, rejection of invalid messages, and the dead-man switch.
 
 A command is a message (speed, steering, stamp); the stamp says when it was made, so a message that no longer comes can
-be distinguished from one that repeats. When the last good message is older than 0.2 s, the speed set-point becomes zero,
+be distinguished from a repeated one. When the last good message is older than 0.2 s, the speed set-point becomes zero,
 explicitly, and the steering angle is held; it recovers with the next message (0.2 s and the held angle as in the MIR
 Bolt and the CAT Vehicle, vehicles.md 2.2, whose scripts forgot to send the zero).
 """

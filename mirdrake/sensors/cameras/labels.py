@@ -14,7 +14,7 @@ SKY = 0
 
 
 def label_names(parts: "PlantParts") -> dict[int, str]:
-    """Return the names by label: ``sky`` (0), ``ground``, ``road``, ``line``, ``patch/<name>``, ``vehicle/…`` …
+    """Return the names by label: ``sky`` (0), ``ground``, ``road``, ``line``, ``patch/<name>``, others.
 
     Roads share a label, and so do painted lines. The numbers follow from the world and the vehicles alone.
     """
