@@ -118,7 +118,7 @@ def test_margins_of_a_measured_response_equal_those_of_its_model() -> None:
     assert measured.gain_margin == pytest.approx(exact.gain_margin, rel=1e-3)
     assert measured.phase_margin == pytest.approx(exact.phase_margin, rel=1e-3)
     assert measured.max_sensitivity == pytest.approx(exact.max_sensitivity, rel=1e-3)
-    with pytest.raises(ConfigError, match=r"known from 0\.02 to 20 rad/s"):
+    with pytest.raises(ConfigError, match=r"outside of the measured range, 0\.02 to 20 rad/s"):
         find_margins(FrequencyResponse(w, plant.response(w)), gains, frequencies=(0.01, 10.0))
 
 
@@ -136,7 +136,7 @@ def test_systems_of_python_control_come_and_go() -> None:
     for form in (system, control.tf2ss(system)):
         plant = TransferFunction.from_control(form, delay=0.3)
         assert plant.response(w) == pytest.approx(system(1j * w) * np.exp(-0.3j * w), rel=1e-9)
-    with pytest.raises(ConfigError, match="has no dead time"):
+    with pytest.raises(ConfigError, match="does not support dead time"):
         plant.to_control()
     with pytest.raises(ConfigError, match="continuous system"):
         TransferFunction.from_control(control.tf([1.0], [1.0, 0.5], 0.1))

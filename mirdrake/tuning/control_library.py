@@ -1,4 +1,4 @@
-"""python-control, where it is installed: its systems as polynomials."""
+"""Conversion of systems of python-control, if it is installed."""
 
 from importlib import import_module
 from typing import Any
@@ -7,7 +7,7 @@ from mirdrake.core.errors import ConfigError, MissingDependencyError
 
 
 def control_library() -> Any:
-    """The module ``control``, imported when first asked for.
+    """Return the module ``control``.
 
     Raises:
         MissingDependencyError: it is not installed.
@@ -21,7 +21,7 @@ def control_library() -> Any:
 
 
 def polynomials_of(system: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Numerator and denominator of a linear system of python-control, highest power first.
+    """Return numerator and denominator of a linear system of python-control, highest power first.
 
     Raises:
         ConfigError: not a continuous system of one input and one output.

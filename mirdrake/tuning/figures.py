@@ -1,4 +1,4 @@
-"""Figures of a response in time: how well a set of gains does.
+"""Figures of a time response.
 
 Definitions: Åström and Hägglund, Advanced PID Control (2006), section 4.4 (IAE, ITAE, ISE, overshoot, rise, settling);
 total variation of the control: Skogestad (2003), equation 30.
@@ -17,23 +17,23 @@ from mirdrake.tuning.models import Floats
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of one response; [y] and [u] as measurement and control.
+    """Figures of one response; [y] and [u] are the units of measurement and control.
 
     Attributes:
-        finite: whether every sample is finite; if not, the costs are inf and the rest nan.
+        finite: whether all samples are finite; if not, the costs are inf and the others nan.
         iae: integral of the absolute error [y s].
-        itae: the same weighted with time from the first sample on [y s²].
+        itae: integral of the absolute error, weighted with the time since the first sample [y s²].
         ise: integral of the squared error [y² s].
-        overshoot: largest excess over the last set-point, as a part of the step [1].
-        rise_time: from 10 to 90 % of the step [s]; nan if it never gets there.
+        overshoot: largest excess over the last set-point, relative to the step [1].
+        rise_time: from 10 to 90 % of the step [s]; nan if 90 % are not reached.
         settling_time: until it stays within 2 % of the step around the last set-point [s]; nan if it does not.
         steady_error: mean error over the last tenth of the time [y].
         peak_effort: largest absolute control [u].
         rms_effort: root mean square of the control [u].
         total_variation: sum of the absolute changes of the control [u].
         saturation_time: time at a limit of value or rate [s].
-        rms_jerk: root mean square of the second derivative of the measurement [y/s²]: the jerk, for a speed.
-        peak_jerk: its largest absolute value [y/s²].
+        rms_jerk: root mean square of the second derivative of the measurement [y/s²]; of a speed, the jerk.
+        peak_jerk: largest absolute second derivative of the measurement [y/s²].
     """
 
     finite: bool
@@ -61,10 +61,10 @@ def response_figures(
     limits: PidLimits = NO_LIMITS,
     band: float = 0.02,
 ) -> Figures:
-    """Figures of a response to a step of the set-point, or of a load.
+    """Return the figures of a response to a step of the set-point, or of a load.
 
-    Integrals are trapezoids. The step goes from the first measurement to the last set-point; without one (a load step)
-    overshoot, rise and settling are nan.
+    Integrals use the trapezoidal rule. The step is from the first measurement to the last set-point; without one (a
+    step of the load) overshoot, rise and settling time are nan.
 
     Args:
         time: [s], increasing, shape (n,), n >= 3.
@@ -72,7 +72,7 @@ def response_figures(
         measurement: [y], shape (n,).
         control: [u], shape (n,).
         limits: limits of the control, for the saturation time.
-        band: half the band of the settling time, as a part of the step [1].
+        band: half the band of the settling time, relative to the step [1].
 
     Raises:
         ConfigError: shapes differ, or time does not increase.
@@ -95,6 +95,8 @@ def response_figures(
         overshoot = max(float(part.max()) - 1.0, 0.0)
         rise = _reach(past, part, 0.9) - _reach(past, part, 0.1)
         settling = _settle(past, part, band)
+
+    # The effort is saturated at a limit of its value or of its rate.
     last = past >= 0.9 * past[-1]
     moves = np.diff(u)
     widths = np.diff(t)
@@ -125,7 +127,7 @@ def _integral(values: Floats, time: Floats) -> float:
 
 
 def _reach(time: Floats, part: Floats, level: float) -> float:
-    """Time at which `part` first reaches `level`, between samples by a line; nan if never."""
+    """Return the time at which `part` first reaches `level`, interpolated between samples; nan if it does not."""
     over = part >= level
     if not over.any():
         return math.nan
@@ -137,7 +139,7 @@ def _reach(time: Floats, part: Floats, level: float) -> float:
 
 
 def _settle(time: Floats, part: Floats, band: float) -> float:
-    """Time after which `part` stays within 1 ± band, between samples by a line; nan if it ends outside."""
+    """Return the time after which `part` stays within 1 ± band, interpolated; nan if it ends outside."""
     outside = np.abs(part - 1.0) > band
     if outside[-1]:
         return math.nan

@@ -1,4 +1,4 @@
-"""One line of a Fourier series over whole periods, for held controls and sampled measurements."""
+"""Fourier coefficients of held controls and sampled measurements."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from mirdrake.tuning.models import Floats
 
 
 def fourier_line(samples: Floats, period: float, frequency: float) -> complex:
-    """Complex amplitude of `frequency` in samples that span a whole number of its cycles.
+    """Return the complex amplitude of a frequency in samples that span a whole number of its cycles.
 
     Args:
         samples: shape (n,), one every `period`.
@@ -14,14 +14,14 @@ def fourier_line(samples: Floats, period: float, frequency: float) -> complex:
         frequency: [rad/s].
 
     Returns:
-        c with ``samples ≈ Re(c exp(j frequency t))``, t from the first sample on.
+        c with ``samples ≈ Re(c exp(j frequency t))``, where t is 0 at the first sample.
     """
     time = np.arange(len(samples)) * period
     return complex(2.0 / len(samples) * np.sum(samples * np.exp(-1j * frequency * time)))
 
 
 def fitted_line(samples: Floats, period: float, frequency: float, *, harmonics: int = 5) -> complex:
-    """The same by least squares with a constant and harmonics, for spans that are no whole number of samples."""
+    """Return the amplitude by least squares with a constant and harmonics, for cycles of any length."""
     phase = np.arange(len(samples)) * period * frequency
     order = np.arange(1, harmonics + 1)
     columns = np.hstack([np.ones((len(samples), 1)), np.cos(np.outer(phase, order)), np.sin(np.outer(phase, order))])

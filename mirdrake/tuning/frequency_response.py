@@ -1,10 +1,10 @@
 """Frequency response of a plant from an experiment in closed loop.
 
-An excitation e is added to the control of the running loop; with u and y in steady state, Fourier lines over whole
-periods give G = Y / U. Because u is measured after the controller, feedback does no harm; averaging U and Y over the
+An excitation e is added to the control of the closed loop; in steady state, Fourier coefficients of u and y over whole
+periods give G = Y / U. Since u is measured after the controller, feedback causes no bias; averaging U and Y over the
 periods before the division keeps the bias from noise small (R. Pintelon and J. Schoukens, System Identification: A
-Frequency Domain Approach, 2nd ed., section 2.6). Multisine phases:
-M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85.
+Frequency Domain Approach, 2nd ed., section 2.6). Multisine phases: M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970)
+85.
 """
 
 import math
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy  # which imports its parts when they are first named
+import scipy  # its parts are imported when they are first used
 from numpy.typing import ArrayLike, NDArray
 
 from mirdrake.core.checks import check_number
@@ -28,15 +28,15 @@ _Part = tuple[Floats, Complexes, Floats]
 
 @dataclass(frozen=True, slots=True)
 class FrequencyResponse:
-    """A frequency response known at some frequencies; between them logarithm and phase are interpolated over log ω.
+    """Frequency response at some frequencies; between them, logarithm and phase are interpolated over log ω.
 
     Attributes:
         frequencies: ω [rad/s], increasing, shape (n,), n >= 2.
-        values: G(jω) [y/u], not zero, shape (n,). The phase between neighbours must turn by less than half a turn.
+        values: G(jω) [y/u], not zero, shape (n,). The phase of neighbours must differ by less than π.
         deviation: standard deviation of `values` [y/u], shape (n,), or None.
 
     Raises:
-        ConfigError: shapes, order or values are not so.
+        ConfigError: shapes, order or values are not valid.
     """
 
     frequencies: Floats
@@ -53,17 +53,17 @@ class FrequencyResponse:
             raise ConfigError("FrequencyResponse: every value must be finite and not zero")
 
     def response(self, frequencies: ArrayLike) -> Complexes:
-        """G(jω) at `frequencies` [rad/s].
+        """Return G(jω) at `frequencies` [rad/s].
 
         Raises:
-            ConfigError: a frequency outside of those that were measured.
+            ConfigError: a frequency outside of the measured range.
         """
         wanted = np.asarray(frequencies, dtype=float)
         low, high = self.frequencies[0], self.frequencies[-1]
         if wanted.size and (wanted.min() < low * (1.0 - 1e-9) or wanted.max() > high * (1.0 + 1e-9)):
             raise ConfigError(
-                f"the frequency response is known from {low:.4g} to {high:.4g} rad/s, asked for "
-                f"{wanted.min():.4g} to {wanted.max():.4g}"
+                f"frequencies from {wanted.min():.4g} to {wanted.max():.4g} rad/s are outside of the measured range, "
+                f"{low:.4g} to {high:.4g} rad/s"
             )
         place = np.log(np.clip(wanted, low, high))
         size = scipy.interpolate.PchipInterpolator(np.log(self.frequencies), np.log(np.abs(self.values)))(place)
@@ -81,25 +81,25 @@ def measure_frequency_response(
     cycles: int = 4,
     settle: int = 2,
 ) -> FrequencyResponse:
-    """Excite a running loop and estimate the response of the plant in it.
+    """Excite a closed loop and estimate the frequency response of its plant.
 
     Args:
         loop: adds an excitation [u] to the control for one period and returns (control, measurement), see
             :mod:`mirdrake.tuning.process_models`.
         period: period of the loop [s].
         frequencies: wanted frequencies [rad/s], below π/period. A multisine moves them to the nearest multiple of the
-            lowest, a sine to a whole number of periods; those that fall together are taken once.
-        amplitude: of a sine; root of the summed squares of a multisine's sines [u].
-        method: all at once, or one after the other (longer, better against noise at a given amplitude).
-        cycles: cycles to average [1], of the lowest frequency for a multisine.
-        settle: cycles of the lowest frequency before them, for each sine anew [1].
+            lowest, a sine to a whole number of periods; duplicates are removed.
+        amplitude: of a sine; for a multisine, root of the sum of the squared amplitudes [u].
+        method: all frequencies at once, or one after the other, which takes longer and is less sensitive to noise.
+        cycles: number of cycles to average; for a multisine, of the lowest frequency [1].
+        settle: cycles of the lowest frequency before them, for each sine [1].
 
     Returns:
-        G of the plant itself: the hold of the control over a period is taken out.
+        G of the plant, without the hold of the control over a period.
 
     Raises:
         ConfigError: a setting is out of range.
-        RunError: numbers that are not finite, or a control that shows nothing of the excitation.
+        RunError: numbers that are not finite, or a control without a trace of the excitation.
     """
     if method not in ("multisine", "sine"):
         raise ConfigError(f"measure_frequency_response: {did_you_mean(method, ('multisine', 'sine'))}")
@@ -128,7 +128,7 @@ def measure_frequency_response(
 def _measure(
     loop: Loop, period: float, samples: int, lines: NDArray[np.int64], amplitude: float, cycles: int, settle: int
 ) -> _Part:
-    """(frequencies, G, deviation) of the multiples `lines` of the frequency with `samples` periods."""
+    """Return frequencies, G and deviation of the multiples `lines` of the frequency with `samples` periods."""
     base = 2.0 * np.pi / (samples * period)
     angle = np.arange(samples) * period * base
     count = len(lines)
@@ -137,7 +137,7 @@ def _measure(
     excitation = amplitude / np.sqrt(count) * sines.sum(axis=0)
     rows = np.array([loop(float(e)) for _ in range(settle + cycles) for e in excitation])[settle * samples :]
     if not np.isfinite(rows).all():
-        raise RunError("frequency response: the loop runs away; smaller amplitude, or gains that hold it")
+        raise RunError("frequency response: the loop diverges; use a smaller amplitude, or gains that stabilise it")
     shaped = rows.reshape(cycles, samples, 2)
     frequencies: Floats = lines.astype(float) * base
     spectra = np.array(
@@ -145,7 +145,7 @@ def _measure(
     )
     control, measurement = spectra.mean(axis=0)
     if not (np.abs(control) > 1e-9 * amplitude / np.sqrt(count)).all():
-        raise RunError("frequency response: the control shows nothing of the excitation; is the loop at its limits?")
+        raise RunError("frequency response: the excitation is not visible in the control; is the control saturated?")
     plant = measurement / control
     spread = spectra[:, 1] - plant * spectra[:, 0]
     deviation = np.sqrt((np.abs(spread) ** 2).sum(axis=0) / max(cycles * (cycles - 1), 1)) / np.abs(control)

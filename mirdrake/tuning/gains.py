@@ -1,10 +1,10 @@
 """Forms of a PID controller, and its frequency response.
 
-mirdrake's controller (:mod:`mirdrake.controllers.pid`) is parallel, with a filtered derivative::
+The controllers of mirdrake (:mod:`mirdrake.controllers.pid`) have the parallel form, with a filtered derivative::
 
     C(s) = kp + ki / s + kd s / (1 + Tf s)
 
-Other forms in the literature, and how they are turned into it::
+Conversion of other forms in the literature::
 
     standard (ISA)    K (1 + 1 / (Ti s) + Td s)            kp = K, ki = K / Ti, kd = K Td
     series            Kc (1 + 1 / (τI s)) (1 + τD s)       f = 1 + τD / τI; K = Kc f, Ti = τI f, Td = τD / f
@@ -23,7 +23,7 @@ from mirdrake.core.pid import PidGains
 from mirdrake.tuning.models import Complexes, TransferFunction
 
 FILTER_RATIO = 10.0
-"""Td / Tf unless asked otherwise: the derivative is at most ten times the proportional part."""
+"""Default of Td / Tf: the derivative part is at most ten times the proportional part."""
 
 
 def from_standard(
@@ -34,7 +34,7 @@ def from_standard(
     filter_ratio: float = FILTER_RATIO,
     proportional_weight: float = 1.0,
 ) -> PidGains:
-    """Gains from the standard form.
+    """Return gains from the standard form.
 
     Args:
         gain: K [u/y].
@@ -44,7 +44,7 @@ def from_standard(
         proportional_weight: set-point weight b [1].
 
     Raises:
-        ConfigError: a time is out of range, or a number is none.
+        ConfigError: a time out of range, or a number that is not finite.
     """
     check_number("PID", "integral_time", integral_time, unit="s", above=0.0, infinite=True)
     check_number("PID", "derivative_time", derivative_time, unit="s", at_least=0.0)
@@ -61,7 +61,7 @@ def from_standard(
 def from_series(
     gain: float, integral_time: float, derivative_time: float = 0.0, *, filter_ratio: float = FILTER_RATIO
 ) -> PidGains:
-    """Gains from the series form; arguments as those of :func:`from_standard`.
+    """Return gains from the series form; arguments as for :func:`from_standard`.
 
     The filter time is the series derivative time over `filter_ratio`.
     """
@@ -73,10 +73,10 @@ def from_series(
 
 
 def to_standard(gains: PidGains) -> tuple[float, float, float]:
-    """(K [u/y], Ti [s], Td [s]) of the standard form; Ti is inf without integral part.
+    """Return K [u/y], Ti [s] and Td [s] of the standard form; Ti is inf without integral part.
 
     Raises:
-        ConfigError: no proportional part, so there is no standard form.
+        ConfigError: without proportional part there is no standard form.
     """
     if gains.kp == 0.0:
         raise ConfigError("a controller without proportional part has no standard form; use kp, ki and kd")
@@ -84,14 +84,14 @@ def to_standard(gains: PidGains) -> tuple[float, float, float]:
 
 
 def controller_response(gains: PidGains, frequencies: ArrayLike, *, period: float | None = None) -> Complexes:
-    """Frequency response C(jω) [u/y] of the feedback part.
+    """Return the frequency response C(jω) of the feedback part [u/y].
 
     Args:
         gains: the gains.
         frequencies: ω [rad/s], any shape.
         period: time between updates h [s]; None: the continuous controller. With a period: the difference equations of
             :func:`~mirdrake.core.pid.pid_step` at z = exp(jωh), and the hold of the control over h. Aliases
-            are left out, so keep below π/h.
+            are neglected: ω must be below π/h.
     """
     s = 1j * np.asarray(frequencies, dtype=float)
     kp, ki, kd, filter_time = gains.kp, gains.ki, gains.kd, gains.filter_time
@@ -105,20 +105,20 @@ def controller_response(gains: PidGains, frequencies: ArrayLike, *, period: floa
 
 
 def hold_response(frequencies: ArrayLike, period: float) -> Complexes:
-    """Frequency response (1 - exp(-jωh)) / (jωh) [1] of a zero-order hold over `period` [s]."""
+    """Return the frequency response (1 - exp(-jωh)) / (jωh) of a zero-order hold over `period` [s]."""
     x = 0.5 * period * np.asarray(frequencies, dtype=float)
     return np.asarray(np.sinc(x / np.pi) * np.exp(-1j * x), dtype=complex)
 
 
 def controller_transfer_function(gains: PidGains) -> TransferFunction:
-    """The continuous controller as a transfer function.
+    """Return the continuous controller as a transfer function.
 
     Raises:
         ConfigError: a derivative part without filter is not proper; or all gains are zero.
     """
     kp, ki, kd, filter_time = gains.kp, gains.ki, gains.kd, gains.filter_time
     if kd and not filter_time:
-        raise ConfigError("a derivative part without filter is no proper transfer function; set filter_time")
+        raise ConfigError("a derivative part without filter is not proper; set filter_time")
     numerator, denominator = np.array([kp]), np.array([1.0])
     if kd:
         numerator, denominator = np.array([kp * filter_time + kd, kp]), np.array([filter_time, 1.0])

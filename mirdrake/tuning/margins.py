@@ -1,10 +1,10 @@
-"""How far a loop is from the edge: gain, phase and delay margins, Ms, Mt and the disk margin.
+"""Stability margins of a loop: gain, phase and delay margins, Ms, Mt and the disk margin.
 
-All are found on the frequency response of the open loop L, with its dead time exact: on a grid that is refined where
-the curve turns, then by root finding and minimisation. For loops without dead time they equal those of python-control,
-which has no dead time. Definitions: K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed., sections 10.3 and 12.1;
-disk margin: P. Seiler, A. Packard and P. Gahinet, An introduction to disk margins, IEEE Control Systems Magazine 40
-(2020) 78, with skew 0. Margins say nothing of a loop that is unstable; ask
+They are computed from the frequency response of the open loop L, with its exact dead time: on a grid that is refined
+where the curve turns, then by root finding and minimisation. For loops without dead time they equal those of
+python-control, which does not support dead time. Definitions: K. J. Åström and R. M. Murray, Feedback Systems, 2nd ed.,
+sections 10.3 and 12.1; disk margin: P. Seiler, A. Packard and P. Gahinet, An introduction to disk margins, IEEE Control
+Systems Magazine 40 (2020) 78, with skew 0. Margins have no meaning for an unstable loop; check
 :func:`mirdrake.tuning.stability.is_stable` first.
 """
 
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # which imports its parts when they are first named
+import scipy  # its parts are imported when they are first used
 
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
@@ -29,22 +29,22 @@ _MAX_POINTS = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """Margins of a loop; inf or 0 where no limit is, nan for a frequency that does not exist.
+    """Margins of a loop; inf or 0 without a limit, nan for a frequency that does not exist.
 
     Attributes:
-        gain_margin: the factor on the gain nearest to 1 (in logarithm) that makes the loop oscillate [1].
-        gain_increase: smallest such factor above 1 [1], inf if none.
-        gain_decrease: largest such factor below 1 [1], 0 if none.
-        phase_margin: angle of the smallest modulus that does [rad]; negative: the loop lacks it already.
-        delay_margin: dead time that does [s].
+        gain_margin: factor on the gain, nearest to 1 in logarithm, that causes sustained oscillation [1].
+        gain_increase: smallest such factor above 1 [1]; inf without one.
+        gain_decrease: largest such factor below 1 [1]; 0 without one.
+        phase_margin: phase lag of the smallest modulus that causes it [rad]; negative if phase lead is required.
+        delay_margin: additional dead time that causes it [s].
         phase_crossover: frequency of `gain_margin` [rad/s].
         gain_crossover: frequency of `phase_margin` [rad/s].
         max_sensitivity: Ms, largest |1/(1+L)| [1].
         max_complementary: Mt, largest |L/(1+L)| [1].
         sensitivity_peak: frequency of Ms [rad/s].
         disk_margin: α, smallest 2 |1+L|/|1-L| [1]; 2 allows any gain and 90°.
-        disk_gain: gain may change by any factor between 1/disk_gain and disk_gain at once with the phase [1].
-        disk_phase: and phase by this angle [rad].
+        disk_gain: the gain may change by a factor between 1/disk_gain and disk_gain, together with the phase [1].
+        disk_phase: allowed change of the phase [rad].
     """
 
     gain_margin: float
@@ -64,23 +64,23 @@ class Margins:
 
 @dataclass(frozen=True, slots=True)
 class UltimatePoint:
-    """Where the phase of a plant first reaches -180°: gain Ku [u/y] and period Tu [s] at which P control oscillates."""
+    """Ultimate point of a plant: gain Ku [u/y] and period Tu [s] of sustained oscillation under P control."""
 
     gain: float
     period: float
 
 
 def loop_response(plant: Plant, gains: PidGains, *, period: float | None = None) -> LoopResponse:
-    """The open loop ``C(jω) G(jω)`` as a function of ω [rad/s]; `period` as in ``controller_response``."""
+    """Return the open loop ``C(jω) G(jω)`` as a function of ω [rad/s]; `period` as in ``controller_response``."""
     return lambda w: plant.response(w) * controller_response(gains, w, period=period)
 
 
 def loop_range(plant: Plant, gains: PidGains | None = None, *, period: float | None = None) -> tuple[float, float]:
-    """Frequencies [rad/s] from where a loop's gain is flat or large to where it is small.
+    """Return the range of frequencies [rad/s] in which the gain of a loop falls from large to small.
 
     Args:
-        plant: the plant; a measured one gives its own range.
-        gains: gains of the controller, None: a gain of 1.
+        plant: the plant; a measured one has its own range.
+        gains: gains of the controller; None: a gain of 1.
         period: period of the controller [s]; the range ends at π/period.
     """
     if isinstance(plant, FrequencyResponse):
@@ -114,20 +114,20 @@ def find_margins(
     period: float | None = None,
     frequencies: tuple[float, float] | None = None,
 ) -> Margins:
-    """Margins of a plant under PID control.
+    """Return the margins of a plant under PID control.
 
     Args:
         plant: model or measured frequency response.
         gains: gains of the controller.
         period: period of the controller [s], None: continuous.
-        frequencies: lowest and highest frequency to look at [rad/s], None: chosen by :func:`loop_range`.
+        frequencies: lowest and highest frequency [rad/s]; by default from :func:`loop_range`.
     """
     low, high = loop_range(plant, gains, period=period) if frequencies is None else frequencies
     return margins_of(loop_response(plant, gains, period=period), low, high)
 
 
 def margins_of(response: LoopResponse, low: float, high: float) -> Margins:
-    """Margins of an open loop.
+    """Return the margins of an open loop.
 
     Args:
         response: L(jω) for an array of ω [rad/s].
@@ -157,7 +157,7 @@ def margins_of(response: LoopResponse, low: float, high: float) -> Margins:
     gain, phase_crossover = min(factors, key=lambda pair: abs(math.log(pair[0])), default=(math.inf, math.nan))
     phase, gain_crossover = min(phases, key=lambda pair: abs(pair[0]), default=(math.inf, math.nan))
 
-    # Peaks.
+    # Peaks of the sensitivities.
     ms, peak = _largest(lambda x: 1.0 / abs(1.0 + at(x)), 1.0 / np.abs(1.0 + value), w)
     mt, _ = _largest(lambda x: abs(at(x) / (1.0 + at(x))), np.abs(value / (1.0 + value)), w)
     inverse, _ = _largest(
@@ -182,11 +182,11 @@ def margins_of(response: LoopResponse, low: float, high: float) -> Margins:
 
 
 def ultimate_point(plant: Plant, *, frequencies: tuple[float, float] | None = None) -> UltimatePoint | None:
-    """The exact ultimate point of a plant, from its frequency response; None if its phase never crosses -180°.
+    """Return the exact ultimate point of a plant; None if its phase does not cross -180°.
 
     Args:
         plant: model or measured frequency response.
-        frequencies: lowest and highest frequency to look at [rad/s], None: chosen by :func:`loop_range`.
+        frequencies: lowest and highest frequency [rad/s]; by default from :func:`loop_range`.
     """
     low, high = loop_range(plant) if frequencies is None else frequencies
     w, value = frequency_grid(plant.response, low, high)
@@ -199,10 +199,10 @@ def ultimate_point(plant: Plant, *, frequencies: tuple[float, float] | None = No
 
 
 def frequency_grid(response: LoopResponse, low: float, high: float) -> tuple[Floats, Complexes]:
-    """Frequencies [rad/s] and response, dense enough to see every turn of the Nyquist curve where it matters.
+    """Return frequencies [rad/s] and response, dense enough to resolve the Nyquist curve near -1.
 
-    From 40 points a decade on, an interval is halved while its chord is longer than a fifth of its distance to -1 and
-    the response is larger than 0.01.
+    Starting with 40 points per decade, an interval is halved while its chord is longer than a fifth of its distance to
+    -1 and the response is larger than 0.01.
 
     Raises:
         ConfigError: the range is empty, or the response is not finite in it.
@@ -231,7 +231,9 @@ def _rational(plant: Plant) -> TransferFunction:
         return plant
     make = getattr(plant, "transfer_function", None)
     if make is None:
-        raise ConfigError(f"frequencies of a {type(plant).__name__} are not known; give the lowest and the highest")
+        raise ConfigError(
+            f"the range of frequencies of a {type(plant).__name__} is not known; give the lowest and the highest"
+        )
     model: TransferFunction = make()
     return model
 
@@ -243,7 +245,7 @@ def _root(function: Callable[[float], float], a: float, b: float) -> float:
 
 
 def _largest(function: Callable[[float], float], values: Floats, w: Floats) -> tuple[float, float]:
-    """(largest value, its frequency), refined between the neighbours of the largest on the grid."""
+    """Return the largest value and its frequency, refined between the neighbours of the largest on the grid."""
     k = int(np.argmax(values))
     a, b = w[max(k - 1, 0)], w[min(k + 1, len(w) - 1)]
     found = scipy.optimize.minimize_scalar(

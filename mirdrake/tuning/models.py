@@ -1,8 +1,8 @@
-"""Models of a loop to tune: transfer functions with dead time, and the simple ones that the tuning rules know.
+"""Models of a plant: transfer functions with dead time, and the simple models of the tuning rules.
 
-Every model has ``response(frequencies)``, its frequency response; this is all that margins and loop shaping need, so an
-identified :class:`~mirdrake.tuning.frequency_response.FrequencyResponse` serves as well. Units: [u] of the control, [y]
-of the measurement, seconds, rad/s. The dead time is kept as it is, never replaced by a Padé approximation.
+Every model has ``response(frequencies)``, its frequency response. Margins and loop shaping need nothing else, so that a
+measured :class:`~mirdrake.tuning.frequency_response.FrequencyResponse` can be used as well. Units: [u] of the control,
+[y] of the measurement, seconds, rad/s. The dead time is exact, not replaced by a Padé approximation.
 """
 
 import math
@@ -21,19 +21,19 @@ Complexes = NDArray[np.complex128]
 
 
 class Plant(Protocol):
-    """What has a frequency response."""
+    """Model with a frequency response."""
 
     def response(self, frequencies: ArrayLike) -> Complexes:
-        """Frequency response G(jω) [y/u] at `frequencies` [rad/s], of the same shape."""
+        """Return the frequency response G(jω) [y/u] at `frequencies` [rad/s], of the same shape."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class TransferFunction:
-    """``numerator(s) / denominator(s) · exp(-delay s)``, proper, one input and one output.
+    """Transfer function ``numerator(s) / denominator(s) · exp(-delay s)``, proper, with one input and one output.
 
     Attributes:
-        numerator: coefficients, highest power first; leading zeros are dropped.
+        numerator: coefficients, highest power first; leading zeros are removed.
         denominator: coefficients, highest power first, made monic.
         delay: dead time [s].
 
@@ -82,18 +82,18 @@ class TransferFunction:
         return math.inf if below == 0.0 else self.numerator[-1] / below
 
     def response(self, frequencies: ArrayLike) -> Complexes:
-        """Frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
+        """Return the frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
         s = 1j * np.asarray(frequencies, dtype=float)
         value = np.polyval(self.numerator, s) / np.polyval(self.denominator, s) * np.exp(-self.delay * s)
         return np.asarray(value, dtype=complex)
 
     @classmethod
     def from_control(cls, system: Any, *, delay: float = 0.0) -> "TransferFunction":
-        """From a continuous linear system of python-control (TransferFunction or StateSpace).
+        """Return a continuous linear system of python-control (TransferFunction or StateSpace) as a transfer function.
 
         Args:
             system: one input, one output, continuous time.
-            delay: dead time to add [s]; python-control has none of its own.
+            delay: dead time to add [s], which python-control does not support.
 
         Raises:
             ConfigError: not such a system.
@@ -104,24 +104,24 @@ class TransferFunction:
         return cls(*polynomials_of(system), delay=delay)
 
     def to_control(self) -> Any:
-        """The rational part as a ``control.TransferFunction``.
+        """Return the rational part as a ``control.TransferFunction``.
 
         Raises:
-            ConfigError: there is a dead time, which python-control cannot hold.
+            ConfigError: there is a dead time, which python-control does not support.
             MissingDependencyError: python-control is not installed.
         """
         from mirdrake.tuning.control_library import control_library
 
         if self.delay:
             raise ConfigError(
-                f"python-control has no dead time, the model has {self.delay:g} s; use its Padé if you must"
+                f"python-control does not support dead time, the model has {self.delay:g} s; use a Padé approximation"
             )
         return control_library().tf(list(self.numerator), list(self.denominator))
 
 
 @dataclass(frozen=True, slots=True)
 class FirstOrder:
-    """First order plus dead time, ``gain exp(-delay s) / (1 + time_constant s)``.
+    """First order with dead time, ``gain exp(-delay s) / (1 + time_constant s)``.
 
     Attributes:
         gain: static gain [y/u], not zero.
@@ -142,17 +142,17 @@ class FirstOrder:
         return self.delay / (self.delay + self.time_constant)
 
     def transfer_function(self) -> TransferFunction:
-        """The same as a general transfer function."""
+        """Return the model as a transfer function."""
         return TransferFunction((self.gain,), (self.time_constant, 1.0), self.delay)
 
     def response(self, frequencies: ArrayLike) -> Complexes:
-        """Frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
+        """Return the frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
         return self.transfer_function().response(frequencies)
 
 
 @dataclass(frozen=True, slots=True)
 class SecondOrder:
-    """Two lags plus dead time, ``gain exp(-delay s) / ((1 + time_constant s)(1 + second_time_constant s))``.
+    """Two lags with dead time, ``gain exp(-delay s) / ((1 + time_constant s)(1 + second_time_constant s))``.
 
     Attributes:
         gain: static gain [y/u], not zero.
@@ -172,18 +172,18 @@ class SecondOrder:
             raise ConfigError("SecondOrder: time_constant must be the larger of the two lags; swap them")
 
     def transfer_function(self) -> TransferFunction:
-        """The same as a general transfer function."""
+        """Return the model as a transfer function."""
         first, second = self.time_constant, self.second_time_constant
         return TransferFunction((self.gain,), (first * second, first + second, 1.0), self.delay)
 
     def response(self, frequencies: ArrayLike) -> Complexes:
-        """Frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
+        """Return the frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
         return self.transfer_function().response(frequencies)
 
 
 @dataclass(frozen=True, slots=True)
 class Integrator:
-    """Integrator plus dead time, ``gain exp(-delay s) / s``.
+    """Integrator with dead time, ``gain exp(-delay s) / s``.
 
     Attributes:
         gain: velocity gain [y/(u s)], not zero.
@@ -197,16 +197,16 @@ class Integrator:
         _check(self, gain=self.gain, delay=self.delay, lags=())
 
     def transfer_function(self) -> TransferFunction:
-        """The same as a general transfer function."""
+        """Return the model as a transfer function."""
         return TransferFunction((self.gain,), (1.0, 0.0), self.delay)
 
     def response(self, frequencies: ArrayLike) -> Complexes:
-        """Frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
+        """Return the frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
         return self.transfer_function().response(frequencies)
 
 
 def lags(*time_constants: float, gain: float = 1.0, delay: float = 0.0) -> TransferFunction:
-    """``gain exp(-delay s) / Π (1 + T s)``, a chain of lags.
+    """Return ``gain exp(-delay s) / Π (1 + T s)``, a chain of lags.
 
     Args:
         time_constants: the T [s].
@@ -222,17 +222,17 @@ def lags(*time_constants: float, gain: float = 1.0, delay: float = 0.0) -> Trans
 def half_rule(
     gain: float, time_constants: Sequence[float], *, inverse: Sequence[float] = (), delay: float = 0.0
 ) -> FirstOrder:
-    """First-order model of a chain of lags by Skogestad's half rule.
+    """Return the first-order model of a chain of lags by Skogestad's half rule.
 
-    The largest lag stays; half of the second goes to it and half to the dead time; the rest, and the inverse responses
-    ``(1 - T s)``, go to the dead time. Source: S. Skogestad, Simple analytic rules for model reduction and PID
-    controller tuning, J. Process Control 13 (2003), equations 10 and 11.
+    Half of the second lag is added to the largest one and half to the dead time; the other lags, and the inverse
+    responses ``(1 - T s)``, are added to the dead time. Source: S. Skogestad, Simple analytic rules for model reduction and
+    PID controller tuning, J. Process Control 13 (2003), equations 10 and 11.
 
     Args:
         gain: static gain [y/u].
         time_constants: the lags [s], in any order, at least one.
         inverse: time constants of the inverse responses [s].
-        delay: dead time that is there already [s].
+        delay: dead time of the chain [s].
     """
     first, *rest = _sorted(time_constants, at_least=1)
     half = 0.5 * rest[0] if rest else 0.0
@@ -242,9 +242,9 @@ def half_rule(
 def half_rule_second_order(
     gain: float, time_constants: Sequence[float], *, inverse: Sequence[float] = (), delay: float = 0.0
 ) -> SecondOrder:
-    """Second-order model of a chain of lags by the half rule; see :func:`half_rule` for source and arguments.
+    """Return the second-order model of a chain of lags by the half rule; source and arguments as for :func:`half_rule`.
 
-    The two largest lags stay, half of the third goes to the second.
+    The two largest lags are kept; half of the third is added to the second.
     """
     first, second, *rest = _sorted(time_constants, at_least=2)
     half = 0.5 * rest[0] if rest else 0.0
@@ -253,7 +253,7 @@ def half_rule_second_order(
 
 
 def frequency_range(plant: TransferFunction) -> tuple[float, float]:
-    """Lowest and highest frequency [rad/s] between which a plant shows all it has: its corners with three decades."""
+    """Return the range of frequencies [rad/s] from three decades below to three above the corners of a plant."""
     corners = [abs(root) for root in (*plant.poles, *plant.zeros) if abs(root) > 1e-12]
     if plant.delay:
         corners.append(1.0 / plant.delay)
@@ -273,7 +273,7 @@ def _sorted(time_constants: Sequence[float], *, at_least: int) -> list[float]:
 def _check(model: object, *, gain: float, delay: float, lags: tuple[float, ...]) -> None:
     owner = type(model).__name__
     if check_number(owner, "gain", gain) == 0.0:
-        raise ConfigError(f"{owner}: gain must not be zero; nothing reaches the measurement")
+        raise ConfigError(f"{owner}: gain must not be zero")
     check_number(owner, "delay", delay, unit="s", at_least=0.0)
     for lag in lags:
         check_number(owner, "time constant", lag, unit="s", above=0.0)
@@ -284,5 +284,5 @@ def _polynomial(name: str, coefficients: Sequence[float]) -> tuple[float, ...]:
     while numbers and numbers[0] == 0.0:
         numbers.pop(0)
     if not numbers:
-        raise ConfigError(f"TransferFunction: the {name} is zero; give at least one coefficient that is not")
+        raise ConfigError(f"TransferFunction: the {name} is zero; at least one coefficient must not be")
     return tuple(numbers)

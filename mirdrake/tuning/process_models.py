@@ -1,8 +1,8 @@
-"""Loops in time: what an experiment acts on, and exact simulation of a linear one with dead time.
+"""Processes and loops for experiments, and the exact simulation of a linear process with dead time.
 
-A *process* is any callable that holds a control [u] for one period and returns the measurement [y] at its end. A
-wrapped Drake simulator is one, :class:`LinearProcess` another. A *loop* is a callable that adds an excitation to the
-control of a closed loop for one period; :class:`PidLoop` makes one of a process and gains.
+A *process* is a callable that holds a control [u] for one period and returns the measurement [y] at its end, such as a
+Drake simulator or :class:`LinearProcess`. A *loop* is a callable that adds an excitation to the control of a closed
+loop for one period, such as :class:`PidLoop`.
 """
 
 import math
@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # which imports its parts when they are first named
+import scipy  # its parts are imported when they are first used
 from numpy.typing import ArrayLike
 
 from mirdrake.core.checks import check_number
@@ -24,13 +24,13 @@ Loop = Callable[[float], tuple[float, float]]
 
 
 class LinearProcess:
-    """A transfer function with dead time under a held control, exact at the ends of the periods.
+    """Transfer function with dead time under a held control, exact at the ends of the periods.
 
-    The dead time need not be a multiple of the period: the state takes the old control for a part of the period and the
-    new one for the rest (K. J. Åström and B. Wittenmark, Computer-Controlled Systems, 3rd ed., section 2.3).
+    The dead time need not be a multiple of the period: the old control acts for the first part of the period, the new
+    one for the rest (K. J. Åström and B. Wittenmark, Computer-Controlled Systems, 3rd ed., section 2.3).
 
     Args:
-        plant: the transfer function, at rest at first.
+        plant: the transfer function, initially at rest.
         period: time for which the control is held [s].
 
     Raises:
@@ -62,12 +62,12 @@ class LinearProcess:
         self.reset()
 
     def reset(self) -> None:
-        """Back to rest."""
+        """Reset to rest."""
         self._state = np.zeros(len(self.plant.denominator) - 1)
         self._controls = deque([0.0] * (self._whole + 2), maxlen=self._whole + 2)
 
     def __call__(self, control: float) -> float:
-        """Hold `control` [u] for one period; the measurement [y] at its end."""
+        """Hold `control` [u] for one period and return the measurement [y] at its end."""
         self._controls.append(control)
         old, new = self._controls[0], self._controls[1]
         self._state = self._step @ self._state + self._old * old + self._new * new
@@ -75,7 +75,7 @@ class LinearProcess:
 
 
 class PidLoop:
-    """A process under mirdrake's PID, with an excitation added to the control.
+    """A process under PID control, with an excitation added to the control.
 
     Args:
         process: the process, at rest.
@@ -102,7 +102,7 @@ class PidLoop:
         self._state = PidState()
 
     def __call__(self, excitation: float) -> tuple[float, float]:
-        """One period: (control given [u], measurement at the beginning of the period [y])."""
+        """Advance by one period; return the control [u] and the measurement at its beginning [y]."""
         measured = self.measurement
         self._state, control = pid_step(
             self._state,
@@ -119,7 +119,7 @@ class PidLoop:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """A closed loop over time; every array has one entry a period.
+    """Response of a closed loop; every array has one entry per period.
 
     Attributes:
         time: beginning of the period [s].
@@ -144,9 +144,9 @@ def simulate_loop(
     measurement: float = 0.0,
     limits: PidLimits = NO_LIMITS,
 ) -> Response:
-    """Run a process under PID control, period by period.
+    """Simulate a process under PID control.
 
-    An unstable loop is a result: the run ends before the first number that is not finite or beyond 1e12.
+    The simulation of an unstable loop ends before the first number that is not finite or exceeds 1e12.
 
     Args:
         process: the process, at rest.
@@ -158,7 +158,7 @@ def simulate_loop(
         limits: limits of the control.
 
     Raises:
-        ConfigError: the reference is no row of numbers.
+        ConfigError: the reference is not a row of numbers.
     """
     set_points = np.asarray(reference, dtype=float)
     if set_points.ndim != 1 or not np.isfinite(set_points).all():

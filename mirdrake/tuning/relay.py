@@ -1,11 +1,11 @@
 """Relay feedback: ultimate gain and period of a loop from a limit cycle.
 
-First a relay with hysteresis takes the loop's control (K. J. Åström and T. Hägglund, Automatica 20 (1984) 645). The
-describing function of its limit cycle of amplitude a, N = 4 d / (π sqrt(a² - ε²)) in modulus, gives the classic
-estimate; it is off by up to a quarter where the cycle is no sine. So a second stage puts a saturated gain a little
-above the ultimate gain in the relay's place (C.-C. Yu, Autotuning of PID Controllers, 2nd ed., chapter 3), whose cycle
-is almost a sine, and the first Fourier lines of control and measurement in both cycles are two exact points of the
-frequency response. The ultimate point is where the phase between them, or beyond, is -180°.
+First, a relay with hysteresis replaces the controller (K. J. Åström and T. Hägglund, Automatica 20 (1984) 645). The
+describing function of its limit cycle of amplitude a, with modulus N = 4 d / (π sqrt(a² - ε²)), gives the classic
+estimate, whose error is up to a quarter if the cycle is not sinusoidal. In a second stage, a saturated gain slightly
+above the ultimate gain replaces the relay (C.-C. Yu, Autotuning of PID Controllers, 2nd ed., chapter 3). Its cycle is
+almost sinusoidal, and the first Fourier coefficients of control and measurement in both cycles are two exact points of
+the frequency response. The ultimate point is where the phase, interpolated or extrapolated, is -180°.
 """
 
 import math
@@ -26,7 +26,7 @@ from mirdrake.tuning.process_models import Process
 
 @dataclass(frozen=True, slots=True)
 class RelayResult:
-    """What a relay experiment found.
+    """Result of a relay experiment.
 
     Attributes:
         ultimate_gain: Ku [u/y].
@@ -35,7 +35,7 @@ class RelayResult:
         relay_period: period of the relay's limit cycle [s].
         amplitude: half the swing of the measurement under the relay [y].
         points: (frequency [rad/s], frequency response [y/u]) of each limit cycle, the relay's first.
-        duration: time that the experiment took [s].
+        duration: of the experiment [s].
     """
 
     ultimate_gain: float
@@ -71,15 +71,15 @@ def run_relay_test(
 
     Args:
         process: the process, see :mod:`mirdrake.tuning.process_models`; its gain is positive.
-        period: its period [s]; a hundredth of the limit cycle is fine.
+        period: its period [s]; a hundredth of the limit cycle is sufficient.
         amplitude: half the swing of the relay d [u].
-        hysteresis: ε [y]; above the noise of the measurement.
+        hysteresis: ε [y]; larger than the noise of the measurement.
         reference: set-point [y].
-        measurement: the measurement at first [y].
+        measurement: initial measurement [y].
         control: centre of the relay [u], the control that holds `reference` at rest.
         duration: longest time for either stage [s].
-        tolerance: largest change of period and amplitude between cycles that count as settled [1].
-        refine: with the second stage.
+        tolerance: largest relative change of period and amplitude of a settled cycle [1].
+        refine: whether the second stage is made.
 
     Raises:
         ConfigError: a setting is out of range.
@@ -126,11 +126,11 @@ def run_relay_test(
 
 
 class _DecayError(RunError):
-    """The oscillation died out: the gain is below the ultimate gain."""
+    """The oscillation decays: the gain is below the ultimate gain."""
 
 
 def _saturated(runner: "_Runner", first: "_Cycle", amplitude: float, duration: float) -> "_Cycle":
-    """The limit cycle under the smallest saturated gain tried that keeps one."""
+    """Return the limit cycle of the smallest saturated gain that has one."""
     slope = 1.3 / abs(first.response)
     patience = 4.0 * math.pi / first.frequency
     for _ in range(8):
@@ -138,7 +138,7 @@ def _saturated(runner: "_Runner", first: "_Cycle", amplitude: float, duration: f
             return runner.cycle(partial(_clipped, slope, amplitude), duration, patience)
         except _DecayError:
             slope *= 1.4
-    raise RunError("relay test: no gain keeps the oscillation alive; make the hysteresis smaller")
+    raise RunError("relay test: no gain gives a sustained oscillation; reduce the hysteresis")
 
 
 def _clipped(slope: float, amplitude: float, error: float) -> float:
@@ -147,7 +147,7 @@ def _clipped(slope: float, amplitude: float, error: float) -> float:
 
 @dataclass(slots=True)
 class _Runner:
-    """A process under a static feedback, run until it cycles; attributes as the arguments of ``run_relay_test``."""
+    """Runs a process under static feedback until it cycles; attributes as the arguments of ``run_relay_test``."""
 
     process: Process
     period: float
@@ -160,7 +160,7 @@ class _Runner:
     steps: int = 0
 
     def cycle(self, feedback: Callable[[float], float], duration: float, patience: float = math.inf) -> _Cycle:
-        """Run until three cycles agree.
+        """Run until three cycles agree and return the cycle.
 
         Args:
             feedback: control [u] for an error [y].
@@ -168,7 +168,7 @@ class _Runner:
             patience: longest time without a control at the limits of the relay [s].
 
         Raises:
-            _DecayError: the oscillation dies out.
+            _DecayError: the oscillation decays.
             RunError: no steady cycle within the duration.
         """
         errors: list[float] = []
@@ -178,7 +178,7 @@ class _Runner:
         for k in range(round(duration / self.period)):
             error = self.reference - self.measurement
             if not abs(error) < 1e12:
-                raise RunError("relay test: the measurement grows without bound; a relay alone cannot hold this loop")
+                raise RunError("relay test: the measurement grows without bound; a relay cannot stabilise this loop")
             errors.append(error)
             controls.append(feedback(error))
             self.measurement = self.process(self.control + controls[-1])
@@ -186,7 +186,7 @@ class _Runner:
             if abs(controls[-1]) >= self.amplitude:
                 reached = k
             elif (k - reached) * self.period > patience:
-                raise _DecayError("relay test: the oscillation dies out")
+                raise _DecayError("relay test: the oscillation decays")
             if armed and error > self.hysteresis:
                 armed = False
                 ups.append(k - (error - self.hysteresis) / (error - errors[-2]))
@@ -196,13 +196,13 @@ class _Runner:
             armed = armed or error < -self.hysteresis
         if len(ups) < 3:
             raise RunError(
-                "relay test: no limit cycle; make the amplitude larger, the hysteresis smaller or the duration longer, "
-                "and centre the relay on the control that holds the reference"
+                "relay test: no limit cycle; increase the amplitude or the duration, reduce the hysteresis, and set "
+                "control to the value that holds the reference"
             )
-        raise RunError("relay test: the limit cycle has not settled; make the duration longer or the tolerance larger")
+        raise RunError("relay test: the limit cycle has not settled; increase the duration or the tolerance")
 
     def _settled(self, errors: Floats, controls: Floats, ups: list[float]) -> _Cycle | None:
-        """The cycle, if the last three agree in period and amplitude."""
+        """Return the cycle if the last three agree in period and amplitude, else None."""
         if len(ups) < 5:
             return None
         marks = [round(mark) for mark in ups[-4:]]
@@ -219,7 +219,7 @@ class _Runner:
 
 
 def _ultimate(points: list[tuple[float, complex]]) -> tuple[float, float]:
-    """(Ku, ωu) where the phase through one or two points of the frequency response is -180°."""
+    """Return Ku and ωu, where the phase through one or two points of the frequency response is -180°."""
     frequency, response = points[-1]
     lag = float(np.angle(-response))  # phase above -180°
     if len(points) == 1 or abs(math.log(points[0][0] / frequency)) < 1e-3:

@@ -1,8 +1,8 @@
-"""Tuning rules: from a simple model, or the ultimate point, to the gains of mirdrake's PID.
+"""Tuning rules: gains of a PID controller from a simple model, or from the ultimate point.
 
-Rules give the standard form K, Ti, Td (SIMC the series form); :mod:`mirdrake.tuning.gains` turns them into kp, ki, kd.
-K below is the static gain of the model, T its time constant, L its dead time; Kv the gain of an integrator; Ku, Tu the
-ultimate gain and period.
+Rules give the standard form K, Ti, Td (SIMC the series form), which :mod:`mirdrake.tuning.gains` converts to kp, ki,
+kd. Symbols: K static gain of the model, T time constant, L dead time; Kv gain of an integrator; Ku, Tu ultimate gain
+and period.
 
 Sources:
 
@@ -28,9 +28,9 @@ Form = Literal["P", "PI", "PID"]
 
 
 def ziegler_nichols_step(model: FirstOrder | Integrator, form: Form = "PI") -> PidGains:
-    """Ziegler-Nichols' step response rule, with a = K L / T (a = Kv L).
+    """Return gains by the step response rule of Ziegler and Nichols, with a = K L / T (a = Kv L).
 
-    P: 1/a; PI: 0.9/a, 3 L; PID: 1.2/a, 2 L, L/2. Aims at quarter amplitude damping, Ms is 2 or more.
+    P: 1/a; PI: 0.9/a, 3 L; PID: 1.2/a, 2 L, L/2. The rule aims at quarter amplitude damping; Ms is 2 or more.
 
     Raises:
         ConfigError: no dead time, or an unknown form.
@@ -49,17 +49,17 @@ def ziegler_nichols_step(model: FirstOrder | Integrator, form: Form = "PI") -> P
 
 
 def ziegler_nichols_ultimate(ultimate_gain: float, ultimate_period: float, form: Form = "PI") -> PidGains:
-    """Ziegler-Nichols' frequency response rule.
+    """Return gains by the frequency response rule of Ziegler and Nichols.
 
     P: 0.5 Ku; PI: 0.45 Ku, Tu/1.2; PID: 0.6 Ku, Tu/2, Tu/8.
 
     Args:
         ultimate_gain: Ku [u/y].
         ultimate_period: Tu [s].
-        form: which controller.
+        form: of the controller.
 
     Raises:
-        ConfigError: a period that is not positive, or an unknown form.
+        ConfigError: the period is not positive, or an unknown form.
     """
     gain, period = _ultimate(ultimate_gain, ultimate_period)
     match form:
@@ -73,11 +73,11 @@ def ziegler_nichols_ultimate(ultimate_gain: float, ultimate_period: float, form:
 
 
 def tyreus_luyben(ultimate_gain: float, ultimate_period: float, form: Form = "PI") -> PidGains:
-    """Tyreus-Luyben: calmer than Ziegler-Nichols, for lag-dominated plants.
+    """Return gains by the rule of Tyreus and Luyben: less aggressive than Ziegler-Nichols, for lag-dominated plants.
 
     PI: Ku/3.2, 2.2 Tu; PID: Ku/2.2, 2.2 Tu, Tu/6.3.
 
-    Args and errors: as :func:`ziegler_nichols_ultimate`.
+    Arguments and errors as for :func:`ziegler_nichols_ultimate`.
     """
     gain, period = _ultimate(ultimate_gain, ultimate_period)
     match form:
@@ -91,13 +91,13 @@ def tyreus_luyben(ultimate_gain: float, ultimate_period: float, form: Form = "PI
 def simc(
     model: FirstOrder | SecondOrder | Integrator, *, closed_loop_time: float | None = None, improved: bool = False
 ) -> PidGains:
-    """Skogestad's SIMC rule: PI for a first-order model or an integrator, PID for a second-order one.
+    """Return gains by Skogestad's SIMC rule: PI for a first-order model or an integrator, PID for a second-order one.
 
     Series form: Kc = T / (K (τc + L)), τI = min(T, 4 (τc + L)), τD = T2.
 
     Args:
         model: the model.
-        closed_loop_time: wanted time constant τc [s]; None: the dead time, the rule's tight yet robust choice.
+        closed_loop_time: desired time constant τc [s]; None: the dead time, as the rule recommends.
         improved: add L/3 to the time constant of a first-order model (improved SIMC, for delay-dominated plants).
 
     Raises:
@@ -115,7 +115,7 @@ def simc(
 
 
 def simc_double_integrator(gain: float, delay: float, *, closed_loop_time: float | None = None) -> PidGains:
-    """SIMC for ``gain exp(-delay s) / s²``: series PID, Kc = 1/(4 gain (τc + L)²), τI = τD = 4 (τc + L).
+    """Return SIMC for ``gain exp(-delay s) / s²``: series PID, Kc = 1/(4 gain (τc + L)²), τI = τD = 4 (τc + L).
 
     Args:
         gain: acceleration gain [y/(u s²)].
@@ -128,12 +128,12 @@ def simc_double_integrator(gain: float, delay: float, *, closed_loop_time: float
 
 
 def amigo(model: FirstOrder | Integrator, form: Form = "PI") -> PidGains:
-    """AMIGO: a fit to robust loop shaping (M = 1.4) over a batch of essentially monotone processes.
+    """Return gains by the AMIGO rule, a fit to robust loop shaping (M = 1.4) of a set of monotone processes.
 
     PI: K Kp = 0.15 + (0.35 - L T/(L+T)²) T/L, Ti = 0.35 L + 13 L T²/(T² + 12 L T + 7 L²);
     PID: K Kp = 0.2 + 0.45 T/L, Ti = L (0.4 L + 0.8 T)/(L + 0.1 T), Td = 0.5 L T/(0.3 L + T).
     Integrator, the limit for large T: PI 0.35/(Kv L), 13.35 L; PID 0.45/(Kv L), 8 L, 0.5 L.
-    Set-point weight of PID: b = 0 where L < T (lag dominated), else 1, as the paper advises.
+    Set-point weight of PID: b = 0 for L < T (lag dominated), else 1, as in the paper.
 
     Raises:
         ConfigError: no dead time, or an unknown form.
@@ -158,7 +158,7 @@ def amigo(model: FirstOrder | Integrator, form: Form = "PI") -> PidGains:
 
 
 def lambda_tuning(model: FirstOrder | Integrator, closed_loop_time: float, form: Form = "PI") -> PidGains:
-    """Lambda tuning: a closed loop of first order (critically damped for an integrator) with a time constant λ.
+    """Return gains for a closed loop of first order (critically damped for an integrator) with a time constant λ.
 
     PI: T/(K (λ + L)), T; PID: (T + L/2)/(K (λ + L/2)), T + L/2, T L/(2 T + L);
     integrator, PI: (2 λ + L)/(Kv (λ + L)²), 2 λ + L.
@@ -169,7 +169,7 @@ def lambda_tuning(model: FirstOrder | Integrator, closed_loop_time: float, form:
         form: PI, or PID for a first-order model.
 
     Raises:
-        ConfigError: λ + L is not positive, or there is no such form for the model.
+        ConfigError: λ + L is not positive, or the model has no such form.
     """
     time = check_number("lambda tuning", "closed_loop_time", closed_loop_time, unit="s", at_least=0.0)
     delay = model.delay

@@ -1,15 +1,15 @@
-"""Robust loop shaping on a frequency response: the largest integral gain under a bound on Ms, or a phase margin.
+"""Robust loop shaping on a frequency response: largest integral gain under a bound on Ms, or a phase margin.
 
-A bound on Ms or Mt keeps the Nyquist curve out of a circle with centre -c and radius r (Ms: c = 1, r = 1/Ms; Mt: c =
-Mt²/(Mt² - 1), r = Mt/(Mt² - 1)). With kp and kd fixed, ``|c + L(jω)|² >= r²`` is a quadratic inequality in ki at
-every ω, so the largest ki is a minimum over ω; kp and kd are then searched. The integral of the error after a step of
-the load is 1/ki. Sources: K. J. Åström, H. Panagopoulos and T. Hägglund, Design of PI controllers based on non-convex
-optimization, Automatica 34 (1998) 585 (MIGO); H. Panagopoulos, K. J. Åström and T. Hägglund, Design of PID controllers
-based on constrained optimisation, IEE Proc. 149 (2002) 32.
+A bound on Ms or Mt keeps the Nyquist curve outside of a circle with centre -c and radius r (Ms: c = 1, r = 1/Ms; Mt: c
+= Mt²/(Mt² - 1), r = Mt/(Mt² - 1)). With kp and kd fixed, ``|c + L(jω)|² >= r²`` is a quadratic inequality in ki at
+every ω, so that the largest ki is a minimum over ω; kp and kd are then searched. The integral of the error after a step
+of the load is 1/ki. Sources: K. J. Åström, H. Panagopoulos and T. Hägglund, Design of PI controllers based on
+non-convex optimization, Automatica 34 (1998) 585 (MIGO); H. Panagopoulos, K. J. Åström and T. Hägglund, Design of PID
+controllers based on constrained optimisation, IEE Proc. 149 (2002) 32.
 
-For PID the plain optimum lies on a ridge with badly damped zeros. Here ki kd <= ratio kp² keeps it off, with real zeros
-of the controller (Ti >= 4 Td) for the ratio 1/4; the papers use conditions on the curvature instead, so their PID gains
-differ. The plant needs a positive gain and no pole in the right half plane.
+For PID the unconstrained optimum has badly damped zeros. The condition ki kd <= ratio kp² prevents that: the ratio 1/4
+gives real zeros of the controller (Ti >= 4 Td). The papers use conditions on the curvature instead, so that their PID
+gains differ. The plant must have a positive gain and no pole in the right half plane.
 """
 
 import math
@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # which imports its parts when they are first named
+import scipy  # its parts are imported when they are first used
 
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
@@ -30,12 +30,12 @@ from mirdrake.tuning.stability import is_stable
 
 @dataclass(frozen=True, slots=True)
 class _Bounds:
-    """The plant on a grid, and the circles to keep out of.
+    """The plant on a grid, and the circles that the loop must not enter.
 
     Attributes:
         frequencies: ω [rad/s], shape (n,).
         plant: G(jω) [y/u], shape (n,).
-        circles: (c, r) of each.
+        circles: centre c and radius r of each.
     """
 
     frequencies: Floats
@@ -43,10 +43,10 @@ class _Bounds:
     circles: tuple[tuple[float, float], ...]
 
     def largest(self, base: Complexes, direction: Complexes) -> Floats:
-        """Largest x >= 0 so that base + t direction stays out of the circles for every t from 0 to x and every ω.
+        """Return the largest x >= 0 for which base + t direction is outside of the circles for all t in [0, x], all ω.
 
         Args:
-            base: shape (..., n); where it is inside of a circle, x is -inf.
+            base: shape (..., n); if it is inside of a circle, x is -inf.
             direction: shape (n,) or (..., n).
         """
         result = np.full(base.shape[:-1], math.inf)
@@ -74,24 +74,24 @@ def maximize_integral_gain(
     filter_ratio: float = FILTER_RATIO,
     frequencies: tuple[float, float] | None = None,
 ) -> PidGains:
-    """PI or PID controller with the largest integral gain that keeps Ms (and Mt) below a bound.
+    """Return the PI or PID controller with the largest integral gain that keeps Ms (and Mt) below a bound.
 
     Args:
-        plant: model or measured frequency response, in the form the head of the module asks for.
+        plant: model or measured frequency response, with a positive gain and no pole in the right half plane.
         max_sensitivity: bound on Ms [1], above 1; 1.2 to 2 is usual.
         max_complementary: bound on Mt [1], above 1, or None.
         derivative: PID instead of PI.
         zero_ratio: bound on ki kd / kp² [1].
         filter_ratio: Td / Tf [1] of the derivative filter.
-        frequencies: lowest and highest frequency to look at [rad/s], None: chosen from the plant.
+        frequencies: lowest and highest frequency [rad/s]; by default from the plant.
 
     Raises:
-        ConfigError: a bound out of range, an unstable plant, or no controller of this kind meets the bounds.
+        ConfigError: a bound out of range, an unstable plant, or no controller of this form meets the bounds.
     """
     circles = [_sensitivity_circle(max_sensitivity)]
     if max_complementary is not None:
         circles.append(_complementary_circle(max_complementary))
-    _refuse_unstable(plant)
+    _reject_unstable(plant)
     low, high = loop_range(plant) if frequencies is None else frequencies
     w, _ = frequency_grid(plant.response, low, high)
     w = np.union1d(w, np.geomspace(low, high, max(round(200.0 * math.log10(high / low)), 200)))
@@ -101,7 +101,7 @@ def maximize_integral_gain(
         kp, ki = _best_pi(bounds, np.zeros_like(value))
         return _checked(plant, PidGains(kp, _found(ki, "PI")))
 
-    # The filter follows the derivative time; a few rounds settle it.
+    # The filter depends on the derivative time: iterate.
     filter_time, gains = 0.0, (0.0, 0.0, 0.0)
     for _ in range(6):
         gains = _best_pid(bounds, filter_time, zero_ratio)
@@ -125,19 +125,19 @@ def design_for_phase_margin(
     derivative: bool = False,
     filter_ratio: float = FILTER_RATIO,
 ) -> PidGains:
-    """PI or PID controller with a given gain crossover and phase margin: L(j crossover) = -exp(j phase_margin).
+    """Return the PI or PID controller with a given crossover and phase margin: L(j crossover) = -exp(j phase_margin).
 
     For PID Ti = 4 Td. Source: Åström and Hägglund, Advanced PID Control (2006), section 6.3 (moving a point).
 
     Args:
         plant: model or measured frequency response.
-        crossover: wanted gain crossover, the bandwidth [rad/s].
+        crossover: gain crossover, the bandwidth [rad/s].
         phase_margin: [rad].
         derivative: PID instead of PI.
         filter_ratio: Td / Tf [1] of the derivative filter.
 
     Raises:
-        ConfigError: the phase that is needed lies outside of what the controller can give; the message says how much.
+        ConfigError: the controller cannot provide the required phase.
     """
     check_number("design", "crossover", crossover, unit="rad/s", above=0.0)
     check_number("design", "phase_margin", phase_margin, unit="rad", above=0.0, at_most=0.5 * math.pi)
@@ -147,7 +147,7 @@ def design_for_phase_margin(
     size = 1.0 / abs(value)
 
     def shape(x: float) -> complex:
-        """C / kp with Td ω = x and Ti = 4 Td."""
+        """Return C / kp with Td ω = x and Ti = 4 Td."""
         return 1.0 - 0.25j / x + 1j * x / (1.0 + 1j * x / filter_ratio)
 
     if not derivative:
@@ -165,9 +165,9 @@ def design_for_phase_margin(
 
 
 def _best_pi(bounds: _Bounds, base: Complexes, least: float = 0.0) -> tuple[float, float]:
-    """(kp, ki) with the largest ki on top of a loop `base`, kp not below `least`."""
+    """Return kp and ki with the largest ki in addition to a loop `base`, with kp of at least `least`."""
     if abs(np.angle(-bounds.plant[0])) < 0.25 * math.pi and not base.any():
-        return 0.0, -math.inf  # two integrators, or a negative gain: no PI holds them
+        return 0.0, -math.inf  # two integrators, or a negative gain: no PI controller is stable
     top = float(bounds.largest(base, bounds.plant))
     if top == math.inf:
         return 0.0, math.inf
@@ -187,7 +187,7 @@ def _best_pi(bounds: _Bounds, base: Complexes, least: float = 0.0) -> tuple[floa
 
 
 def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[float, float, float]:
-    """(kp, ki, kd) with the largest ki under ki kd <= zero_ratio kp²."""
+    """Return kp, ki and kd with the largest ki under ki kd <= zero_ratio kp²."""
     check_number("PID", "zero_ratio", zero_ratio, above=0.0, infinite=True)
     s = 1j * bounds.frequencies
     slope = bounds.plant * s / (1.0 + filter_time * s)
@@ -197,7 +197,7 @@ def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[f
     _found(top, "PID")
 
     def largest(kp: float, kd: float) -> float:
-        """The ki for kp and kd, -inf where there is none."""
+        """Return the largest ki for kp and kd; -inf if there is none."""
         if not 0.0 <= kd < top or kp < 0.0:
             return -math.inf
         base = kd * slope
@@ -248,7 +248,7 @@ def _complementary_circle(bound: float) -> tuple[float, float]:
     return square / (square - 1.0), bound / (square - 1.0)
 
 
-def _refuse_unstable(plant: Plant) -> None:
+def _reject_unstable(plant: Plant) -> None:
     model = _rational(plant)
     if model is not None and any(pole.real > 1e-9 * max(abs(pole), 1e-300) for pole in model.poles if abs(pole) > 1e-9):
         raise ConfigError("loop shaping: the plant has a pole in the right half plane; stabilise it first")
@@ -257,7 +257,7 @@ def _refuse_unstable(plant: Plant) -> None:
 def _checked(plant: Plant, gains: PidGains) -> PidGains:
     model = _rational(plant)
     if model is not None and not is_stable(model, gains):
-        raise ConfigError("loop shaping: no stable loop was found; take a PID, or check the sign of the plant's gain")
+        raise ConfigError("loop shaping: no stable loop was found; use PID, or check the sign of the gain of the plant")
     return gains
 
 
@@ -268,15 +268,15 @@ def _rational(plant: Plant) -> TransferFunction | None:
 
 def _found(ki: float, kind: str) -> float:
     if ki == math.inf:
-        raise ConfigError("loop shaping: nothing bounds the gain; add the lag or dead time of actuator and sensor")
+        raise ConfigError("loop shaping: the gain is not bounded; add the lag or dead time of actuator and sensor")
     if not ki > 0.0:
         raise ConfigError(
-            f"loop shaping: no {kind} controller with integral action meets the bounds; relax them, take a PID, "
-            "or check the sign of the plant's gain"
+            f"loop shaping: no {kind} controller with integral action meets the bounds; relax them, use PID, "
+            "or check the sign of the gain of the plant"
         )
     return ki
 
 
 def _out_of_reach(needed: float, kind: str, low: float, high: float) -> ConfigError:
-    shown = f"{math.degrees(needed):.0f}°, {kind} gives {math.degrees(low):.0f}° to {math.degrees(high):.0f}°"
-    return ConfigError(f"design: the controller would need a phase of {shown}; choose another crossover or margin")
+    shown = f"{math.degrees(needed):.0f}°, {kind} provides {math.degrees(low):.0f}° to {math.degrees(high):.0f}°"
+    return ConfigError(f"design: the required phase of the controller is {shown}; choose another crossover or margin")

@@ -1,9 +1,10 @@
-"""Whether a closed loop with dead time is stable, exactly: no Padé approximation, no simulation.
+"""Exact stability test of a closed loop with dead time, without Padé approximation or simulation.
 
 With L = N(s) exp(-T s) / D(s), the closed loop's poles are the zeros of D(s) + N(s) exp(-T s). As ω goes from 0 to
-infinity, the argument of that function at jω turns by (n - 2 Z) π/2, n the degree of D and Z the number of zeros in the
-right half plane (A. V. Mikhailov 1938; for dead times L. S. Pontryagin 1942; see R. F. Curtain and H. Zwart, or K. Gu,
-V. Kharitonov and J. Chen, Stability of Time-Delay Systems, section 1.3). Poles of L at the origin need no detour.
+infinity, the argument of that function at jω changes by (n - 2 Z) π/2, with the degree n of D and the number Z of zeros
+in the right half plane (A. V. Mikhailov 1938; for dead times L. S. Pontryagin 1942; see R. F. Curtain and H. Zwart, or
+K. Gu, V. Kharitonov and J. Chen, Stability of Time-Delay Systems, section 1.3). Poles of L at the origin need no
+special treatment.
 """
 
 import math
@@ -19,7 +20,7 @@ _MAX_POINTS = 200_000
 
 
 def is_stable(plant: TransferFunction, gains: PidGains) -> bool:
-    """Whether a plant under continuous PID control is stable.
+    """Return whether a plant under continuous PID control is stable.
 
     Args:
         plant: the plant; add half a period of a sampled controller to its dead time.
@@ -32,13 +33,13 @@ def is_stable(plant: TransferFunction, gains: PidGains) -> bool:
 
 
 def count_unstable_poles(loop: TransferFunction) -> float:
-    """Poles of the closed loop (unit negative feedback) in the right half plane or on the imaginary axis.
+    """Return the number of poles of the closed loop in the right half plane or on the imaginary axis.
 
     Returns:
-        the number; inf for a loop whose high-frequency gain is 1 or more with a dead time (infinitely many poles).
+        The number, for unit negative feedback; inf for a loop with dead time and a high-frequency gain of 1 or more.
 
     Raises:
-        ConfigError: the loop cannot be decided within the grid: it is closer to the edge than 1e-9.
+        ConfigError: the loop is too close to the limit of stability for a decision.
     """
     order = len(loop.denominator) - 1
     if not loop.delay:
@@ -55,7 +56,7 @@ def count_unstable_poles(loop: TransferFunction) -> float:
 
 
 def _turn(loop: TransferFunction) -> float | None:
-    """Turn of the argument of D + N exp(-T s) along the upper imaginary axis [rad]; None if it passes through zero."""
+    """Return the change of the argument of D + N exp(-T s) along the upper imaginary axis [rad]; None at a zero."""
 
     def value(w: Floats) -> Complexes:
         s = 1j * w
@@ -76,19 +77,21 @@ def _turn(loop: TransferFunction) -> float | None:
         if not len(split):
             break
         if len(w) > _MAX_POINTS:
-            raise ConfigError("stability: the loop is too close to the edge, or its dead time too long, to decide")
+            raise ConfigError(
+                "stability: the loop is too close to the limit of stability, or its dead time too long, for a decision"
+            )
         new = 0.5 * (w[split] + w[split + 1])
         if np.any((new <= w[split]) | (new >= w[split + 1])) or np.any(value(new) == 0.0):
             return None
         w = np.insert(w, split + 1, new)
         values = np.insert(values, split + 1, value(new))
     else:
-        return None  # a jump of the argument that no refinement resolves: a zero on the axis
+        return None  # no refinement resolves the jump of the argument: a zero on the axis
     return float(np.sum(np.angle(values[1:] / values[:-1])))
 
 
 def _highest(loop: TransferFunction) -> float:
-    """Frequency [rad/s] beyond which the argument turns no more: D is its leading term, N small beside it."""
+    """Return the frequency [rad/s] above which the argument is constant: D is its leading term, N is negligible."""
     largest = 1.0
     order = len(loop.denominator) - 1
     for polynomial, below in ((loop.denominator, 0), (loop.numerator, 0)):

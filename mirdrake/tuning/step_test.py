@@ -1,14 +1,14 @@
-"""Step test: a simple model from the response of an open loop to a step of the control.
+"""Step test: simple models from the response of an open loop to a step of the control.
 
-Three methods for first order plus dead time, and one for an integrator. Source: K. J. Åström and T. Hägglund, Advanced
-PID Control (2006), section 2.7 (tangent and 63 %; areas), the least squares our own on the analytic step response.
+There are three methods for first order with dead time, and one for an integrator. Source: K. J. Åström and T. Hägglund,
+Advanced PID Control (2006), section 2.7 (tangent and 63 %; areas); least squares on the analytic step response.
 """
 
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy  # which imports its parts when they are first named
+import scipy  # its parts are imported when they are first used
 
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
@@ -20,11 +20,11 @@ Method = Literal["tangent", "area", "least_squares"]
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """A step at time 0.
+    """Response to a step at time 0.
 
     Attributes:
-        time: [s], from 0 on, evenly spaced, shape (n,).
-        measurement: [y] at `time`, shape (n,); the first entry is the rest before the step.
+        time: from 0 on, evenly spaced, shape (n,) [s].
+        measurement: at `time`, shape (n,); the first entry is the value before the step [y].
         amplitude: height of the step [u].
     """
 
@@ -35,19 +35,19 @@ class StepRecord:
     def __post_init__(self) -> None:
         if self.time.shape != self.measurement.shape or self.time.ndim != 1 or len(self.time) < 20:
             raise ConfigError(
-                f"StepRecord: time and measurement must be rows of one length, 20 at least; "
+                f"StepRecord: time and measurement must have the same length of at least 20; "
                 f"got {self.time.shape} and {self.measurement.shape}"
             )
         if check_number("StepRecord", "amplitude", self.amplitude) == 0.0:
-            raise ConfigError("StepRecord: the step has no height; give an amplitude")
+            raise ConfigError("StepRecord: the amplitude must not be zero")
         if not np.isfinite(self.measurement).all():
-            raise RunError("step test: the measurement is not finite; the loop is unstable, or the step too large")
+            raise RunError("step test: the measurement is not finite; the loop is unstable, or the amplitude too large")
 
 
 def run_step_test(
     process: Process, *, period: float, duration: float, amplitude: float, control: float = 0.0, rest: float = 0.0
 ) -> StepRecord:
-    """Step the control of an open loop and record the measurement.
+    """Apply a step to the control of an open loop and record the measurement.
 
     Args:
         process: the process, see :mod:`mirdrake.tuning.process_models`.
@@ -55,7 +55,7 @@ def run_step_test(
         duration: time after the step [s].
         amplitude: height of the step [u].
         control: control before the step [u].
-        rest: time to come to rest at `control` before the step, at least one period is taken [s].
+        rest: time at `control` before the step, at least one period [s].
 
     Raises:
         ConfigError: a time is out of range.
@@ -71,18 +71,18 @@ def run_step_test(
 
 
 def fit_first_order(record: StepRecord, method: Method = "least_squares", *, settled: float = 0.05) -> FirstOrder:
-    """First order plus dead time from a step test.
+    """Fit first order with dead time to a step response.
 
     Args:
-        record: the test, long enough that the response has come to rest.
-        method: ``tangent``: dead time where the steepest tangent leaves the rest, T from the time to 63 % (the L and T
-            that AMIGO was made with; wants little noise). ``area``: from two areas, robust to noise; its dead time is
-            smaller for high-order lags. ``least_squares``: best fit of the whole response.
-        settled: largest drift over the last tenth, as a part of the whole change; more is refused.
+        record: the response, long enough to settle.
+        method: ``tangent``: dead time from the steepest tangent, T from the time to 63 % (as for the AMIGO rule;
+            sensitive to noise). ``area``: from two areas, robust to noise, with a smaller dead time for lags of
+            high order. ``least_squares``: best fit of the whole response.
+        settled: largest allowed drift over the last tenth, relative to the whole change [1].
 
     Raises:
-        ConfigError: no such method.
-        RunError: the response has not settled, or does not move.
+        ConfigError: unknown method.
+        RunError: the response has not settled, or is constant.
     """
     if method not in ("tangent", "area", "least_squares"):
         raise ConfigError(f"fit_first_order: {did_you_mean(method, ('tangent', 'area', 'least_squares'))}")
@@ -91,20 +91,21 @@ def fit_first_order(record: StepRecord, method: Method = "least_squares", *, set
     tail = max(len(time) // 20, 2)
     final = float(np.mean(change[-tail:]))
     if final == 0.0:
-        raise RunError("step test: the measurement does not move; is the loop connected, the step large enough?")
+        raise RunError("step test: the measurement is constant; is the loop connected, and the step large enough?")
     drift = abs(final - float(np.mean(change[-2 * tail : -tail]))) / abs(final)
     if drift > settled:
         raise RunError(
-            f"step test: still moving at the end ({drift:.0%} in the last tenth); test longer, or fit an integrator"
+            f"step test: not settled at the end ({drift:.0%} in the last tenth); increase the duration, or fit an "
+            "integrator"
         )
     gain = final / record.amplitude
     unit = change / final
     if method == "tangent":
         time_constant, delay = _by_tangent(time, unit)
-        return _made(gain, time_constant, delay, time)
+        return _limited(gain, time_constant, delay, time)
     time_constant, delay = _by_areas(time, unit)
     if method == "area":
-        return _made(gain, time_constant, delay, time)
+        return _limited(gain, time_constant, delay, time)
     step = time[1] - time[0]
     scale = np.array([gain, max(time_constant, step), max(delay, step)])
 
@@ -123,25 +124,25 @@ def fit_first_order(record: StepRecord, method: Method = "least_squares", *, set
 
 
 def fit_integrator(record: StepRecord, *, part: float = 0.3) -> Integrator:
-    """Integrator plus dead time: the line through the last `part` of the response, and where it leaves the rest.
+    """Fit an integrator with dead time: the line through the last part of the response, and its intersection with 0.
 
     Args:
-        record: the test.
-        part: part of the record in which the ramp is steady [1].
+        record: the response.
+        part: last fraction of the record, in which the slope is constant [1].
 
     Raises:
-        RunError: the measurement does not move.
+        RunError: the measurement is constant.
     """
     check_number("fit_integrator", "part", part, above=0.0, at_most=1.0)
     last = record.time >= record.time[-1] * (1.0 - part)
     slope, offset = np.polyfit(record.time[last], record.measurement[last] - record.measurement[0], 1)
     if slope == 0.0:
-        raise RunError("step test: the measurement does not move; is the loop connected, the step large enough?")
+        raise RunError("step test: the measurement is constant; is the loop connected, and the step large enough?")
     return Integrator(float(slope) / record.amplitude, max(float(-offset / slope), 0.0))
 
 
 def _by_tangent(time: Floats, unit: Floats) -> tuple[float, float]:
-    """(T, L) by the steepest tangent and the time to 63 %."""
+    """Return T and L by the steepest tangent and the time to 63 %."""
     slope = np.gradient(unit, time)
     steepest = int(np.argmax(slope))
     delay = float(time[steepest] - unit[steepest] / slope[steepest])
@@ -152,13 +153,13 @@ def _by_tangent(time: Floats, unit: Floats) -> tuple[float, float]:
 
 
 def _by_areas(time: Floats, unit: Floats) -> tuple[float, float]:
-    """(T, L) by areas: T + L is the area above the response, T/e the area below it up to T + L."""
+    """Return T and L by areas: T + L is the area above the response, T/e the area below it up to T + L."""
     total = float(scipy.integrate.trapezoid(1.0 - unit, time))
     fine = np.linspace(0.0, max(total, 0.0), 2000)
     time_constant = float(np.e * scipy.integrate.trapezoid(np.interp(fine, time, unit), fine))
     return time_constant, total - time_constant
 
 
-def _made(gain: float, time_constant: float, delay: float, time: Floats) -> FirstOrder:
-    """The model, with a time constant and a dead time that are possible at this sampling."""
+def _limited(gain: float, time_constant: float, delay: float, time: Floats) -> FirstOrder:
+    """Return the model, with a time constant and a dead time that the sampling can resolve."""
     return FirstOrder(gain, max(time_constant, 0.1 * float(time[1] - time[0])), max(delay, 0.0))
