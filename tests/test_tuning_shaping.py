@@ -88,7 +88,10 @@ def test_phase_margin_and_crossover_come_out_as_asked(derivative: bool, crossove
     [
         (lambda: design_for_phase_margin(THIRD, 3.0), "choose another crossover or margin"),
         (lambda: maximize_integral_gain(lags(1.0)), "the gain is not bounded"),
-        (lambda: maximize_integral_gain(TransferFunction((1.0,), (1.0, 0.0, 0.0)), derivative=True), "the gain is not bounded"),
+        (
+            lambda: maximize_integral_gain(TransferFunction((1.0,), (1.0, 0.0, 0.0)), derivative=True),
+            "the gain is not bounded",
+        ),
         (lambda: maximize_integral_gain(TransferFunction((1.0,), (1.0, 0.0, 0.0), 1.0)), "no PI controller"),
         (lambda: maximize_integral_gain(lags(1.0, 1.0, gain=-1.0, delay=1.0)), "sign of the gain of the plant"),
         (lambda: maximize_integral_gain(TransferFunction((1.0,), (1.0, -1.0), 0.1)), "right half plane"),
