@@ -62,7 +62,7 @@ def test_simulated_third_order_lag_is_exact_and_passes_a_direct_part_on() -> Non
 
 @settings(deadline=None, max_examples=25)
 @given(st.floats(-5.0, 5.0).filter(lambda k: abs(k) > 0.1), st.floats(0.5, 5.0), st.floats(0.1, 3.0))
-def test_every_method_finds_a_first_order_model_again(gain: float, time: float, delay: float) -> None:
+def test_every_method_recovers_a_first_order_model(gain: float, time: float, delay: float) -> None:
     period = time / 200
     process = LinearProcess(FirstOrder(gain, time, delay).transfer_function(), period)
     record = run_step_test(
@@ -74,7 +74,7 @@ def test_every_method_finds_a_first_order_model_again(gain: float, time: float, 
         assert model.delay == pytest.approx(delay, abs=0.02 * time), method
 
 
-def test_least_squares_bears_noise() -> None:
+def test_least_squares_tolerates_noise() -> None:
     record = run_step_test(
         LinearProcess(FirstOrder(2.0, 1.0, 0.5).transfer_function(), 0.01), period=0.01, duration=8.0, amplitude=1.0
     )
@@ -84,7 +84,7 @@ def test_least_squares_bears_noise() -> None:
     assert (model.gain, model.time_constant, model.delay) == pytest.approx((2.0, 1.0, 0.5), rel=0.03)
 
 
-def test_an_integrator_is_found_and_not_taken_for_a_lag() -> None:
+def test_an_integrator_is_recovered_and_not_fitted_by_a_lag() -> None:
     record = run_step_test(
         LinearProcess((Integrator(2.0, 0.3).transfer_function() * lags(0.1)), 0.01),
         period=0.01,
@@ -118,7 +118,7 @@ def test_relay_finds_the_ultimate_point_within_five_per_cent(name: str, hysteres
         assert value == pytest.approx(complex(plant.response(frequency)), rel=0.03)
 
 
-def test_relay_keeps_to_an_operating_point_and_bears_noise() -> None:
+def test_relay_works_at_an_operating_point_with_noise() -> None:
     plant, rng = RELAY_PLANTS["balanced"], np.random.default_rng(2)
     process = LinearProcess(plant, 0.05)
     for _ in range(1000):
@@ -141,7 +141,7 @@ def test_describing_function_is_exact_in_form_for_the_delayed_integrator() -> No
     assert result.describing_gain == pytest.approx(4.0 / math.pi, rel=0.01)
 
 
-def test_relay_says_why_it_found_nothing() -> None:
+def test_relay_reports_why_it_failed() -> None:
     with pytest.raises(RunError, match="no limit cycle; increase the amplitude"):
         run_relay_test(LinearProcess(THIRD, 0.05), period=0.05, amplitude=0.1, reference=5.0, duration=50.0)
     with pytest.raises(RunError, match="grows without bound"):
@@ -169,7 +169,7 @@ def test_frequency_response_in_closed_loop(method: str) -> None:
     assert complex(found.response(middle)) == pytest.approx(complex(plant.response(middle)), rel=0.03)
 
 
-def test_noise_shows_in_the_deviation_of_a_frequency_response() -> None:
+def test_the_deviation_of_a_frequency_response_is_that_of_the_noise() -> None:
     rng, plant = np.random.default_rng(3), lags(1.0)
     process = LinearProcess(plant, 0.05)
     loop = PidLoop(lambda u: process(u) + rng.normal(0.0, 0.05), PidGains(1.0, 0.5), 0.05)
@@ -181,7 +181,7 @@ def test_noise_shows_in_the_deviation_of_a_frequency_response() -> None:
     assert (found.deviation > 1e-4).all()
 
 
-def test_an_unstable_loop_is_a_result_that_ends_early() -> None:
+def test_the_simulation_of_an_unstable_loop_ends_early() -> None:
     run = simulate_loop(LinearProcess(THIRD, 0.1), PidGains(50.0), period=0.1, reference=np.ones(5000))
     assert 10 < len(run.time) < 5000
     assert np.isfinite(run.measurement).all()
@@ -190,7 +190,7 @@ def test_an_unstable_loop_is_a_result_that_ends_early() -> None:
         measure_frequency_response(loop, period=0.1, frequencies=[0.01, 0.02], amplitude=1.0)
 
 
-def test_bad_settings_are_refused() -> None:
+def test_invalid_settings_are_rejected() -> None:
     with pytest.raises(ConfigError, match="did you mean 'area'"):
         fit_first_order(StepRecord(np.arange(30.0), np.ones(30), 1.0), "areas")  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="amplitude must not be zero"):

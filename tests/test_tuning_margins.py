@@ -78,7 +78,7 @@ def test_the_ultimate_point_of_textbook_plants() -> None:
 
 @settings(deadline=None, max_examples=40)
 @given(st.floats(0.1, 10.0), st.floats(0.05, 5.0), st.floats(0.5, 0.98))
-def test_each_margin_is_the_edge_of_stability(time: float, ratio: float, near: float) -> None:
+def test_each_margin_is_the_limit_of_stability(time: float, ratio: float, near: float) -> None:
     plant = FirstOrder(1.0, time, ratio * time).transfer_function()
     gains = PidGains(0.3 / ratio, 0.3 / (ratio * time))
     found = find_margins(plant, gains)
@@ -95,9 +95,7 @@ def test_each_margin_is_the_edge_of_stability(time: float, ratio: float, near: f
 
 @settings(deadline=None, max_examples=40)
 @given(st.lists(st.floats(0.1, 3.0), min_size=1, max_size=4), st.floats(0.1, 30.0), st.floats(0.0, 5.0))
-def test_stability_agrees_with_the_poles_where_there_is_no_dead_time(
-    time_constants: list[float], kp: float, ki: float
-) -> None:
+def test_stability_agrees_with_the_poles_without_dead_time(time_constants: list[float], kp: float, ki: float) -> None:
     loop = lags(*time_constants) * controller_transfer_function(PidGains(kp, ki))
     poles = np.roots(np.polyadd(loop.denominator, loop.numerator))
     if np.min(np.abs(poles.real)) > 1e-3:
@@ -105,7 +103,7 @@ def test_stability_agrees_with_the_poles_where_there_is_no_dead_time(
         assert count_unstable_poles(tiny) == np.sum(poles.real > 0.0) == count_unstable_poles(loop)
 
 
-def test_a_loop_that_passes_everything_on_with_dead_time_is_unstable() -> None:
+def test_a_loop_with_dead_time_and_high_frequency_gain_above_one_is_unstable() -> None:
     assert count_unstable_poles(TransferFunction((1.2, 0.1), (1.0, 1.0), 0.1)) == math.inf
     assert count_unstable_poles(TransferFunction((0.8, 0.1), (1.0, 1.0), 0.1)) == 0
 
@@ -122,7 +120,7 @@ def test_margins_of_a_measured_response_equal_those_of_its_model() -> None:
         find_margins(FrequencyResponse(w, plant.response(w)), gains, frequencies=(0.01, 10.0))
 
 
-def test_sampling_costs_half_a_period_of_delay() -> None:
+def test_sampling_acts_as_half_a_period_of_delay() -> None:
     plant, gains = LOOPS["third-order lag, PI"]
     late = TransferFunction(plant.numerator, plant.denominator, 0.01)
     sampled = find_margins(plant, gains, period=0.02)
@@ -130,7 +128,7 @@ def test_sampling_costs_half_a_period_of_delay() -> None:
     assert sampled.phase_margin < find_margins(plant, gains).phase_margin
 
 
-def test_systems_of_python_control_come_and_go() -> None:
+def test_systems_of_python_control_are_converted_both_ways() -> None:
     system = control.tf([2.0, 1.0], [3.0, 2.0, 1.0])
     w = np.geomspace(0.1, 10.0, 5)
     for form in (system, control.tf2ss(system)):
@@ -144,7 +142,7 @@ def test_systems_of_python_control_come_and_go() -> None:
         TransferFunction.from_control(control.ss([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]]))
 
 
-def test_without_python_control_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_python_control_the_message_states_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(name: str) -> None:
         raise ImportError(name)
 

@@ -13,7 +13,6 @@ from mirdrake.tuning import (
     FirstOrder,
     Integrator,
     LinearProcess,
-    SecondOrder,
     controller_response,
     find_margins,
     fit_first_order,
@@ -25,13 +24,11 @@ from mirdrake.tuning import (
     to_standard,
 )
 from mirdrake.tuning.gains import hold_response
-from mirdrake.tuning.models import half_rule, half_rule_second_order
 from mirdrake.tuning.rules import (
     amigo,
     lambda_tuning,
     simc,
     simc_double_integrator,
-    tyreus_luyben,
     ziegler_nichols_step,
     ziegler_nichols_ultimate,
 )
@@ -45,7 +42,7 @@ AMIGO_BATCH = {
 
 
 @pytest.mark.parametrize("name", AMIGO_BATCH)
-def test_step_test_and_amigo_give_the_published_gains_of_the_batch(name: str) -> None:
+def test_step_test_and_amigo_give_the_published_gains(name: str) -> None:
     plant, duration, pi, pid = AMIGO_BATCH[name]
     period = duration / 4000
     model = fit_first_order(
@@ -58,30 +55,14 @@ def test_step_test_and_amigo_give_the_published_gains_of_the_batch(name: str) ->
     assert find_margins(plant, amigo(model, "PI")).max_sensitivity < 1.5
 
 
-# Skogestad (2003), table 4: lags, inverse responses; (θ, τ1), (Kc, τI) of PI; (θ, τ1, τ2), (Kc, τI, τD) of PID.
-SIMC_CASES = {
-    "E2": (
-        ((2.0, 1.0, 0.4, 0.12, 0.05, 0.05, 0.05), (0.3,)),
-        ((1.47, 2.5), (0.85, 2.5)),
-        ((0.77, 2.0, 1.2), (1.30, 2.0, 1.2)),
-    ),
-    "E4": (((1.0, 1.0, 1.0, 1.0), ()), ((2.5, 1.5), (0.30, 1.5)), ((1.5, 1.5, 1.0), (0.50, 1.5, 1.0))),
-    "E5": (((1.0, 0.2, 0.04, 0.008), ()), ((0.148, 1.1), (3.72, 1.1)), ((0.028, 1.0, 0.22), (17.9, 0.224, 0.22))),
-}
+# Skogestad (2003), table 4: dead time and time constant of the model, Kc and τI of PI.
+SIMC_CASES = {"E2": ((1.47, 2.5), (0.85, 2.5)), "E4": ((2.5, 1.5), (0.30, 1.5)), "E5": ((0.148, 1.1), (3.72, 1.1))}
 
 
 @pytest.mark.parametrize("name", SIMC_CASES)
-def test_half_rule_and_simc_give_the_published_models_and_gains(name: str) -> None:
-    (chain, inverse), (first, pi), (second, pid) = SIMC_CASES[name]
-    model = half_rule(1.0, chain, inverse=inverse)
-    assert (model.delay, model.time_constant) == pytest.approx(first, rel=1e-9)
-    gain, integral, _ = to_standard(simc(model))
-    assert (gain, integral) == pytest.approx(pi, rel=0.01)
-    larger = half_rule_second_order(1.0, chain, inverse=inverse)
-    assert (larger.delay, larger.time_constant, larger.second_time_constant) == pytest.approx(second, rel=1e-9)
-    expected = from_series(*pid)
-    found = simc(larger)
-    assert (found.kp, found.ki, found.kd) == pytest.approx((expected.kp, expected.ki, expected.kd), rel=0.01)
+def test_simc_gives_the_published_gains(name: str) -> None:
+    (delay, lag), pi = SIMC_CASES[name]
+    assert to_standard(simc(FirstOrder(1.0, lag, delay)))[:2] == pytest.approx(pi, rel=0.01)
 
 
 def test_simc_has_the_published_margins() -> None:
@@ -107,7 +88,7 @@ def test_simc_for_the_double_integrator() -> None:
     assert to_standard(gains) == pytest.approx((2 * 0.0625 / (2.0 * 0.25), 16 * 0.5, 4 * 0.5))
 
 
-def test_ziegler_nichols_on_worked_numbers() -> None:
+def test_ziegler_nichols_on_textbook_examples() -> None:
     # K = 2, T = 10, L = 1: a = 0.2.
     model = FirstOrder(2.0, 10.0, 1.0)
     assert to_standard(ziegler_nichols_step(model, "P")) == pytest.approx((5.0, math.inf, 0.0))
@@ -117,11 +98,9 @@ def test_ziegler_nichols_on_worked_numbers() -> None:
     period = 2.0 * math.pi / math.sqrt(3.0)
     assert to_standard(ziegler_nichols_ultimate(8.0, period, "PID")) == pytest.approx((4.8, 1.81, 0.453), rel=0.01)
     assert to_standard(ziegler_nichols_ultimate(8.0, period, "PI")) == pytest.approx((3.6, 3.02, 0.0), rel=0.01)
-    assert to_standard(tyreus_luyben(8.0, period, "PI")) == pytest.approx((2.5, 7.98, 0.0), rel=0.01)
-    assert to_standard(tyreus_luyben(8.0, period, "PID")) == pytest.approx((3.636, 7.98, 0.576), rel=0.01)
 
 
-def test_lambda_tuning_closes_the_loop_with_the_wanted_time_constant() -> None:
+def test_lambda_tuning_gives_the_desired_time_constant() -> None:
     model = FirstOrder(2.0, 4.0, 0.0)
     w = np.geomspace(1e-2, 10.0, 30)
     loop = model.response(w) * controller_response(lambda_tuning(model, 0.5), w)
@@ -156,7 +135,7 @@ def test_series_keeps_the_filter_time_of_its_own_derivative_time() -> None:
     assert from_standard(1.0, 2.0, 1.0, filter_ratio=5.0).filter_time == pytest.approx(0.2)
 
 
-def test_sampled_response_is_that_of_the_controller_that_drives() -> None:
+def test_the_sampled_response_is_that_of_the_controller() -> None:
     gains = PidGains(2.0, 3.0, 0.4, filter_time=0.05)
     period, cycle = 0.02, 100
     w = 2.0 * math.pi / (cycle * period)
@@ -175,18 +154,16 @@ def test_sampled_response_is_that_of_the_controller_that_drives() -> None:
     ("call", "message"),
     [
         (lambda: amigo(FirstOrder(1.0, 1.0, 0.0)), "needs a dead time; set closed_loop_time"),
-        (lambda: simc(SecondOrder(1.0, 2.0, 1.0, 0.0)), "needs a dead time"),
+        (lambda: simc(FirstOrder(1.0, 2.0, 0.0)), "needs a dead time"),
         (lambda: amigo(FirstOrder(1.0, 1.0, 1.0), "PDI"), "did you mean"),  # type: ignore[arg-type]
         (lambda: FirstOrder(0.0, 1.0, 1.0), "gain must not be zero"),
         (lambda: FirstOrder(1.0, -1.0, 1.0), "time constant must be > 0"),
-        (lambda: SecondOrder(1.0, 1.0, 2.0, 1.0), "swap them"),
         (lambda: lags(1.0, delay=-1.0), "delay must be >= 0"),
         (lambda: ziegler_nichols_ultimate(1.0, 0.0), "period must be > 0"),
         (lambda: to_standard(PidGains(0.0, 1.0)), "no standard form"),
-        (lambda: simc(Integrator(1.0, 1.0), improved=True), "for a first-order model"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(call, message: str) -> None:
+def test_invalid_input_is_rejected_in_one_line(call, message: str) -> None:
     with pytest.raises(ConfigError, match=message) as caught:
         call()
     assert "\n" not in str(caught.value)

@@ -1,6 +1,7 @@
 """Choice of the best candidate: hard conditions, slipping wheels, use of grip, rules that are not robust."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from mirdrake.core.pid import PidGains
 from mirdrake.report.tuning_texts import Texts
 from mirdrake.tuning.acceptance import StepEffect
-from mirdrake.tuning.designs import SLOW, Design, slower_designs
+from mirdrake.tuning.designs import (
+    DESIGN_RULES,
+    SLOW,
+    Design,
+    DesignModel,
+    DesignRule,
+    Solution,
+    make_designs,
+    slower_designs,
+)
 from mirdrake.tuning.grip import Axles, axles_of, grip_use
 from mirdrake.tuning.identify import Identification
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec
@@ -266,3 +277,16 @@ def test_slower_designs_have_longer_closed_loop_times(bolt: LoopSpec) -> None:
     assert all(one["ki"] == 0.0 and one["kd"] == pytest.approx(0.02 * one["kp"], rel=1e-3) for one in steered)
     undamped = [one.gains for one in slower_designs(replace(found, inertial=(2.0, 0.05)))]  # s² + 2 kd s + 2 kp
     assert all((2.0 * one["kd"]) ** 2 == pytest.approx(4.0 * 2.0 * one["kp"], rel=2e-3) for one in undamped)
+
+
+def test_a_new_rule_is_one_function_and_one_entry(bolt: LoopSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    def integral_only(model: DesignModel) -> Iterator[Solution]:
+        yield "integral 3", 3.0, lambda: PidGains(0.0, 3.0)
+
+    rule = DesignRule("integral", "integral part of {parameter:g} only", integral_only)
+    monkeypatch.setitem(DESIGN_RULES, rule.name, rule)
+    loop = replace(bolt, model=LoopModel({"main": Integrator(0.1, 0.05).transfer_function()}))
+    designs, _ = make_designs(Identification(loop, first=Integrator(0.1, 0.05)), max_sensitivity=1.4)
+    assert designs[-1] == Design("integral 3", "rule", {"kp": 0.0, "ki": 3.0, "kd": 0.0}, "integral", 3.0)
+    candidate = replace(short_result("bolt").candidates[1], rule="integral", parameter=3.0)
+    assert Texts(short_result("bolt")).how(candidate) == "integral part of 3 only"

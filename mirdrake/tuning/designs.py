@@ -35,7 +35,10 @@ FAST = (1.0, 1.5, 2.0)
 """Closed-loop times of SIMC that are tried first [dead times]."""
 
 SLOW = (3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
-"""The same if no rule is robust [dead times]: no rule considers light wheels that lose their grip."""
+"""Closed-loop times of SIMC that are tried if no rule is robust [dead times].
+
+No rule considers light wheels that lose their grip.
+"""
 
 FORMS: tuple[Form, Form] = ("PI", "PID")
 

@@ -20,7 +20,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.pid import PidGains
 from mirdrake.tuning.frequency_response import FrequencyResponse
 from mirdrake.tuning.gains import controller_response
-from mirdrake.tuning.models import Complexes, Floats, Plant, TransferFunction, frequency_range
+from mirdrake.tuning.models import Complexes, FirstOrder, Floats, Integrator, Plant, TransferFunction, frequency_range
 
 LoopResponse = Callable[[Floats], Complexes]
 
@@ -86,7 +86,12 @@ def loop_range(plant: Plant, gains: PidGains | None = None, *, period: float | N
     if isinstance(plant, FrequencyResponse):
         low, high = float(plant.frequencies[0]), float(plant.frequencies[-1])
         return low, min(high, math.pi / period) if period else high
-    low, high = frequency_range(_rational(plant))
+    model = rational_model(plant)
+    if model is None:
+        raise ConfigError(
+            f"the range of frequencies of a {type(plant).__name__} is not known; give the lowest and the highest"
+        )
+    low, high = frequency_range(model)
     gains = PidGains(1.0) if gains is None else gains
     corners = [abs(gains.ki / gains.kp)] if gains.ki and gains.kp else []
     corners += [1.0 / gains.filter_time] if gains.filter_time else []
@@ -101,7 +106,7 @@ def loop_range(plant: Plant, gains: PidGains | None = None, *, period: float | N
             break
         high *= 10.0
     for _ in range(8):
-        if not 0.05 < size(low) < 20.0 or not (gains.ki or _rational(plant).denominator[-1] == 0.0):
+        if not 0.05 < size(low) < 20.0 or not (gains.ki or model.denominator[-1] == 0.0):
             break
         low *= 0.1
     return low, min(high, 0.999 * math.pi / period) if period else high
@@ -226,16 +231,11 @@ def frequency_grid(response: LoopResponse, low: float, high: float) -> tuple[Flo
     return w, value
 
 
-def _rational(plant: Plant) -> TransferFunction:
-    if isinstance(plant, TransferFunction):
-        return plant
-    make = getattr(plant, "transfer_function", None)
-    if make is None:
-        raise ConfigError(
-            f"the range of frequencies of a {type(plant).__name__} is not known; give the lowest and the highest"
-        )
-    model: TransferFunction = make()
-    return model
+def rational_model(plant: Plant) -> TransferFunction | None:
+    """Return a model as a transfer function; None for a measured frequency response."""
+    if isinstance(plant, FirstOrder | Integrator):
+        return plant.transfer_function()
+    return plant if isinstance(plant, TransferFunction) else None
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:

@@ -151,37 +151,6 @@ class FirstOrder:
 
 
 @dataclass(frozen=True, slots=True)
-class SecondOrder:
-    """Two lags with dead time, ``gain exp(-delay s) / ((1 + time_constant s)(1 + second_time_constant s))``.
-
-    Attributes:
-        gain: static gain [y/u], not zero.
-        time_constant: the larger lag [s].
-        second_time_constant: the smaller lag [s].
-        delay: dead time [s].
-    """
-
-    gain: float
-    time_constant: float
-    second_time_constant: float
-    delay: float
-
-    def __post_init__(self) -> None:
-        _check(self, gain=self.gain, delay=self.delay, lags=(self.time_constant, self.second_time_constant))
-        if self.second_time_constant > self.time_constant:
-            raise ConfigError("SecondOrder: time_constant must be the larger of the two lags; swap them")
-
-    def transfer_function(self) -> TransferFunction:
-        """Return the model as a transfer function."""
-        first, second = self.time_constant, self.second_time_constant
-        return TransferFunction((self.gain,), (first * second, first + second, 1.0), self.delay)
-
-    def response(self, frequencies: ArrayLike) -> Complexes:
-        """Return the frequency response at `frequencies` [rad/s]; see :class:`Plant`."""
-        return self.transfer_function().response(frequencies)
-
-
-@dataclass(frozen=True, slots=True)
 class Integrator:
     """Integrator with dead time, ``gain exp(-delay s) / s``.
 
@@ -219,39 +188,6 @@ def lags(*time_constants: float, gain: float = 1.0, delay: float = 0.0) -> Trans
     return TransferFunction((gain,), tuple(denominator.tolist()), delay)
 
 
-def half_rule(
-    gain: float, time_constants: Sequence[float], *, inverse: Sequence[float] = (), delay: float = 0.0
-) -> FirstOrder:
-    """Return the first-order model of a chain of lags by Skogestad's half rule.
-
-    Half of the second lag is added to the largest one and half to the dead time; the other lags, and the inverse
-    responses ``(1 - T s)``, are added to the dead time. Source: S. Skogestad, Simple analytic rules for model reduction and
-    PID controller tuning, J. Process Control 13 (2003), equations 10 and 11.
-
-    Args:
-        gain: static gain [y/u].
-        time_constants: the lags [s], in any order, at least one.
-        inverse: time constants of the inverse responses [s].
-        delay: dead time of the chain [s].
-    """
-    first, *rest = _sorted(time_constants, at_least=1)
-    half = 0.5 * rest[0] if rest else 0.0
-    return FirstOrder(gain, first + half, delay + half + sum(rest[1:]) + sum(inverse))
-
-
-def half_rule_second_order(
-    gain: float, time_constants: Sequence[float], *, inverse: Sequence[float] = (), delay: float = 0.0
-) -> SecondOrder:
-    """Return the second-order model of a chain of lags by the half rule; source and arguments as for :func:`half_rule`.
-
-    The two largest lags are kept; half of the third is added to the second.
-    """
-    first, second, *rest = _sorted(time_constants, at_least=2)
-    half = 0.5 * rest[0] if rest else 0.0
-    larger, smaller = max(first, second + half), min(first, second + half)
-    return SecondOrder(gain, larger, smaller, delay + half + sum(rest[1:]) + sum(inverse))
-
-
 def frequency_range(plant: TransferFunction) -> tuple[float, float]:
     """Return the range of frequencies [rad/s] from three decades below to three above the corners of a plant."""
     corners = [abs(root) for root in (*plant.poles, *plant.zeros) if abs(root) > 1e-12]
@@ -260,14 +196,6 @@ def frequency_range(plant: TransferFunction) -> tuple[float, float]:
     if not corners:
         corners = [max(abs(plant.numerator[0]), 1e-6) ** (1.0 / max(len(plant.denominator) - 1, 1))]
     return min(corners) * 1e-3, max(corners) * 1e3
-
-
-def _sorted(time_constants: Sequence[float], *, at_least: int) -> list[float]:
-    if len(time_constants) < at_least:
-        raise ConfigError(f"half rule: at least {at_least} time constants, got {len(time_constants)}")
-    return sorted(
-        (check_number("half rule", "time constant", t, unit="s", above=0.0) for t in time_constants), reverse=True
-    )
 
 
 def _check(model: object, *, gain: float, delay: float, lags: tuple[float, ...]) -> None:

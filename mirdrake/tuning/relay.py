@@ -33,7 +33,7 @@ class RelayResult:
         ultimate_period: Tu [s].
         describing_gain: estimate of Ku from the relay's describing function alone [u/y].
         relay_period: period of the relay's limit cycle [s].
-        amplitude: half the swing of the measurement under the relay [y].
+        amplitude: half the peak-to-peak value of the measurement under the relay [y].
         points: (frequency [rad/s], frequency response [y/u]) of each limit cycle, the relay's first.
         duration: of the experiment [s].
     """
@@ -72,7 +72,7 @@ def run_relay_test(
     Args:
         process: the process, see :mod:`mirdrake.tuning.process_models`; its gain is positive.
         period: its period [s]; a hundredth of the limit cycle is sufficient.
-        amplitude: half the swing of the relay d [u].
+        amplitude: output of the relay d, with both signs [u].
         hysteresis: ε [y]; larger than the noise of the measurement.
         reference: set-point [y].
         measurement: initial measurement [y].
@@ -83,7 +83,7 @@ def run_relay_test(
 
     Raises:
         ConfigError: a setting is out of range.
-        RunError: no limit cycle, or it does not settle; the message says what to change.
+        RunError: no limit cycle, or it does not settle.
     """
     check_number("relay test", "period", period, unit="s", above=0.0)
     check_number("relay test", "amplitude", amplitude, above=0.0)

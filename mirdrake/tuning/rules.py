@@ -8,8 +8,7 @@ Sources:
 
 - Ziegler-Nichols: J. G. Ziegler and N. B. Nichols, Optimum settings for automatic controllers, Trans. ASME 64 (1942);
   the tables of Åström and Hägglund, Advanced PID Control (2006), section 6.2.
-- Tyreus-Luyben: B. D. Tyreus and W. L. Luyben, Ind. Eng. Chem. Res. 31 (1992); W. L. Luyben, ibid. 35 (1996) for PID.
-- SIMC: S. Skogestad, J. Process Control 13 (2003) 291; improved: C. Grimholt and S. Skogestad, PID'12 (2012).
+- SIMC: S. Skogestad, J. Process Control 13 (2003) 291.
 - AMIGO: K. J. Åström and T. Hägglund, Revisiting the Ziegler-Nichols step response method for PID control,
   J. Process Control 14 (2004) 635; Advanced PID Control, section 7.
 - Lambda: E. B. Dahlin (1968); Åström and Hägglund, section 6.5. Integrator: I.-L. Chien and P. S. Fruehauf, Chem. Eng.
@@ -22,7 +21,7 @@ from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.pid import PidGains
 from mirdrake.tuning.gains import from_series, from_standard
-from mirdrake.tuning.models import FirstOrder, Integrator, SecondOrder
+from mirdrake.tuning.models import FirstOrder, Integrator
 
 Form = Literal["P", "PI", "PID"]
 
@@ -72,46 +71,22 @@ def ziegler_nichols_ultimate(ultimate_gain: float, ultimate_period: float, form:
     raise _unknown(form, "P", "PI", "PID")
 
 
-def tyreus_luyben(ultimate_gain: float, ultimate_period: float, form: Form = "PI") -> PidGains:
-    """Return gains by the rule of Tyreus and Luyben: less aggressive than Ziegler-Nichols, for lag-dominated plants.
-
-    PI: Ku/3.2, 2.2 Tu; PID: Ku/2.2, 2.2 Tu, Tu/6.3.
-
-    Arguments and errors as for :func:`ziegler_nichols_ultimate`.
-    """
-    gain, period = _ultimate(ultimate_gain, ultimate_period)
-    match form:
-        case "PI":
-            return from_standard(gain / 3.2, 2.2 * period)
-        case "PID":
-            return from_standard(gain / 2.2, 2.2 * period, period / 6.3)
-    raise _unknown(form, "PI", "PID")
-
-
-def simc(
-    model: FirstOrder | SecondOrder | Integrator, *, closed_loop_time: float | None = None, improved: bool = False
-) -> PidGains:
-    """Return gains by Skogestad's SIMC rule: PI for a first-order model or an integrator, PID for a second-order one.
-
-    Series form: Kc = T / (K (τc + L)), τI = min(T, 4 (τc + L)), τD = T2.
+def simc(model: FirstOrder | Integrator, *, closed_loop_time: float | None = None) -> PidGains:
+    """Return PI gains by Skogestad's SIMC rule: Kc = T / (K (τc + L)), τI = min(T, 4 (τc + L)).
 
     Args:
         model: the model.
         closed_loop_time: desired time constant τc [s]; None: the dead time, as the rule recommends.
-        improved: add L/3 to the time constant of a first-order model (improved SIMC, for delay-dominated plants).
 
     Raises:
-        ConfigError: neither dead time nor `closed_loop_time`, or `improved` with another model.
+        ConfigError: neither dead time nor `closed_loop_time`.
     """
     time = _delay(model) if closed_loop_time is None else closed_loop_time
     total = check_number("SIMC", "closed_loop_time", time, unit="s", above=-model.delay) + model.delay
-    if improved and not isinstance(model, FirstOrder):
-        raise ConfigError("the improved SIMC rule is for a first-order model")
     if isinstance(model, Integrator):
         return from_series(1.0 / (model.gain * total), 4.0 * total)
-    lag = model.time_constant + (model.delay / 3.0 if improved else 0.0)
-    second = model.second_time_constant if isinstance(model, SecondOrder) else 0.0
-    return from_series(lag / (model.gain * total), min(lag, 4.0 * total), second)
+    lag = model.time_constant
+    return from_series(lag / (model.gain * total), min(lag, 4.0 * total))
 
 
 def simc_double_integrator(gain: float, delay: float, *, closed_loop_time: float | None = None) -> PidGains:
@@ -189,7 +164,7 @@ def lambda_tuning(model: FirstOrder | Integrator, closed_loop_time: float, form:
     raise _unknown(form, "PI", "PID")
 
 
-def _delay(model: FirstOrder | SecondOrder | Integrator) -> float:
+def _delay(model: FirstOrder | Integrator) -> float:
     if model.delay <= 0.0:
         raise ConfigError(
             f"{type(model).__name__}: the rule needs a dead time; set closed_loop_time, or use lambda tuning"

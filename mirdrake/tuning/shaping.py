@@ -1,11 +1,10 @@
 """Robust loop shaping on a frequency response: largest integral gain under a bound on Ms, or a phase margin.
 
-A bound on Ms or Mt keeps the Nyquist curve outside of a circle with centre -c and radius r (Ms: c = 1, r = 1/Ms; Mt: c
-= Mt²/(Mt² - 1), r = Mt/(Mt² - 1)). With kp and kd fixed, ``|c + L(jω)|² >= r²`` is a quadratic inequality in ki at
-every ω, so that the largest ki is a minimum over ω; kp and kd are then searched. The integral of the error after a step
-of the load is 1/ki. Sources: K. J. Åström, H. Panagopoulos and T. Hägglund, Design of PI controllers based on
-non-convex optimization, Automatica 34 (1998) 585 (MIGO); H. Panagopoulos, K. J. Åström and T. Hägglund, Design of PID
-controllers based on constrained optimisation, IEE Proc. 149 (2002) 32.
+A bound on Ms keeps the Nyquist curve outside of a circle with centre -1 and radius r = 1/Ms. With kp and kd fixed, ``|1
++ L(jω)|² >= r²`` is a quadratic inequality in ki at every ω, so that the largest ki is a minimum over ω; kp and kd are
+then searched. The integral of the error after a step of the load is 1/ki. Sources: K. J. Åström, H. Panagopoulos and T.
+Hägglund, Design of PI controllers based on non-convex optimization, Automatica 34 (1998) 585 (MIGO); H. Panagopoulos,
+K. J. Åström and T. Hägglund, Design of PID controllers based on constrained optimisation, IEE Proc. 149 (2002) 32.
 
 For PID the unconstrained optimum has badly damped zeros. The condition ki kd <= ratio kp² prevents that: the ratio 1/4
 gives real zeros of the controller (Ti >= 4 Td). The papers use conditions on the curvature instead, so that their PID
@@ -13,7 +12,6 @@ gains differ. The plant must have a positive gain and no pole in the right half 
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,63 +21,56 @@ from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.pid import PidGains
 from mirdrake.tuning.gains import FILTER_RATIO
-from mirdrake.tuning.margins import frequency_grid, loop_range
-from mirdrake.tuning.models import Complexes, Floats, Plant, TransferFunction
+from mirdrake.tuning.margins import frequency_grid, loop_range, rational_model
+from mirdrake.tuning.models import Complexes, Floats, Plant
 from mirdrake.tuning.stability import is_stable
 
 
 @dataclass(frozen=True, slots=True)
 class _Bounds:
-    """The plant on a grid, and the circles that the loop must not enter.
+    """The plant on a grid, and the circle around -1 that the loop must not enter.
 
     Attributes:
         frequencies: ω [rad/s], shape (n,).
         plant: G(jω) [y/u], shape (n,).
-        circles: centre c and radius r of each.
+        radius: of the circle, 1/Ms.
     """
 
     frequencies: Floats
     plant: Complexes
-    circles: tuple[tuple[float, float], ...]
+    radius: float
 
     def largest(self, base: Complexes, direction: Complexes) -> Floats:
-        """Return the largest x >= 0 for which base + t direction is outside of the circles for all t in [0, x], all ω.
+        """Return the largest x >= 0 for which base + t direction is outside of the circle for all t in [0, x], all ω.
 
         Args:
-            base: shape (..., n); if it is inside of a circle, x is -inf.
+            base: shape (..., n); if it is inside of the circle, x is -inf.
             direction: shape (n,) or (..., n).
         """
-        result = np.full(base.shape[:-1], math.inf)
-        for centre, radius in self.circles:
-            from_centre = base + centre
-            outside = np.abs(from_centre) ** 2 - radius**2
-            half = (from_centre * direction.conj()).real
-            square = np.abs(direction) ** 2
-            root = half**2 - square * outside
-            meets = (half < 0.0) & (root > 0.0)
-            below = np.where(meets, np.sqrt(np.maximum(root, 0.0)) - half, 1.0)
-            first = np.where(meets, outside / below, math.inf)
-            first = np.where(outside < -1e-9, -math.inf, first)
-            result = np.minimum(result, first.min(axis=-1))
-        return result
+        from_centre = base + 1.0
+        outside = np.abs(from_centre) ** 2 - self.radius**2
+        half = (from_centre * direction.conj()).real
+        root = half**2 - np.abs(direction) ** 2 * outside
+        meets = (half < 0.0) & (root > 0.0)
+        below = np.where(meets, np.sqrt(np.maximum(root, 0.0)) - half, 1.0)
+        first = np.where(meets, outside / below, math.inf)
+        return np.asarray(np.where(outside < -1e-9, -math.inf, first).min(axis=-1))
 
 
 def maximize_integral_gain(
     plant: Plant,
     *,
     max_sensitivity: float = 1.4,
-    max_complementary: float | None = None,
     derivative: bool = False,
     zero_ratio: float = 0.25,
     filter_ratio: float = FILTER_RATIO,
     frequencies: tuple[float, float] | None = None,
 ) -> PidGains:
-    """Return the PI or PID controller with the largest integral gain that keeps Ms (and Mt) below a bound.
+    """Return the PI or PID controller with the largest integral gain that keeps Ms below a bound.
 
     Args:
         plant: model or measured frequency response, with a positive gain and no pole in the right half plane.
         max_sensitivity: bound on Ms [1], above 1; 1.2 to 2 is usual.
-        max_complementary: bound on Mt [1], above 1, or None.
         derivative: PID instead of PI.
         zero_ratio: bound on ki kd / kp² [1].
         filter_ratio: Td / Tf [1] of the derivative filter.
@@ -88,15 +79,13 @@ def maximize_integral_gain(
     Raises:
         ConfigError: a bound out of range, an unstable plant, or no controller of this form meets the bounds.
     """
-    circles = [_sensitivity_circle(max_sensitivity)]
-    if max_complementary is not None:
-        circles.append(_complementary_circle(max_complementary))
+    radius = 1.0 / check_number("loop shaping", "max_sensitivity", max_sensitivity, above=1.0)
     _reject_unstable(plant)
     low, high = loop_range(plant) if frequencies is None else frequencies
     w, _ = frequency_grid(plant.response, low, high)
     w = np.union1d(w, np.geomspace(low, high, max(round(200.0 * math.log10(high / low)), 200)))
     value = plant.response(w)
-    bounds = _Bounds(w, value, tuple(circles))
+    bounds = _Bounds(w, value, radius)
     if not derivative:
         kp, ki = _best_pi(bounds, np.zeros_like(value))
         return _checked(plant, PidGains(kp, _found(ki, "PI")))
@@ -239,31 +228,17 @@ def _simplex(start: Floats) -> Floats:
     return np.asarray(start + np.array([[0.0, 0.0], [0.05, 0.0], [0.0, 0.05]]), dtype=float)
 
 
-def _sensitivity_circle(bound: float) -> tuple[float, float]:
-    return 1.0, 1.0 / check_number("loop shaping", "max_sensitivity", bound, above=1.0)
-
-
-def _complementary_circle(bound: float) -> tuple[float, float]:
-    square = check_number("loop shaping", "max_complementary", bound, above=1.0) ** 2
-    return square / (square - 1.0), bound / (square - 1.0)
-
-
 def _reject_unstable(plant: Plant) -> None:
-    model = _rational(plant)
+    model = rational_model(plant)
     if model is not None and any(pole.real > 1e-9 * max(abs(pole), 1e-300) for pole in model.poles if abs(pole) > 1e-9):
         raise ConfigError("loop shaping: the plant has a pole in the right half plane; stabilise it first")
 
 
 def _checked(plant: Plant, gains: PidGains) -> PidGains:
-    model = _rational(plant)
+    model = rational_model(plant)
     if model is not None and not is_stable(model, gains):
         raise ConfigError("loop shaping: no stable loop was found; use PID, or check the sign of the gain of the plant")
     return gains
-
-
-def _rational(plant: Plant) -> TransferFunction | None:
-    make: Callable[[], TransferFunction] | None = getattr(plant, "transfer_function", None)
-    return plant if isinstance(plant, TransferFunction) else make() if make else None
 
 
 def _found(ki: float, kind: str) -> float:
