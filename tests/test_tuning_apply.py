@@ -171,7 +171,7 @@ def test_a_result_that_does_not_fit_is_rejected_and_the_file_is_unchanged(
         ("kind: pid", "kind: servo\n  gain: 3", "control.yaml:13: wheel_speed.kp: unknown field"),
         ("  kp: 1.38 ", "  kp: [1.38] ", "control.yaml:12: wheel_speed.kp: a list is not"),
         ("wheel_speed:", "wheel_spede:", "control.yaml:10: wheel_spede: unknown field"),
-        ("rate: 100", "rate: 100\n\trate", "control.yaml:3: not valid YAML: a tab stands here"),
+        ("rate: 100", "rate: 100\n\trate", "control.yaml:3: not valid YAML: this line is indented with a tab"),
     ],
 )
 def test_a_file_that_does_not_load_is_rejected(tmp_path: Path, vehicle: Path, old: str, new: str, message: str) -> None:
