@@ -22,8 +22,8 @@ from mirdrake.execution.worker_server import CASE, LOOP, METHOD, STUDY, start_se
 MEMORY_GROWTH = 400 * 2**20
 """Resident memory that a worker process may gain before a new one replaces it [bytes].
 
-A block of a user that is derived from pydrake's LeafSystem is never freed, and keeps some 8 MB for each diagram that it
-was part of.
+A user block that is derived from pydrake's LeafSystem is never freed, nor is the diagram that it is part of. The memory
+of a worker without such blocks was measured to level out after a gain of about 50 MB.
 """
 
 
