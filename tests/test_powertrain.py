@@ -532,7 +532,7 @@ def change(text: str) -> VehicleSpec:
         ("brakes.abs=7", r"brakes.abs: 7 is not a mapping"),
         ("brakes.abs={target_slip: 2}", "brakes.abs.target_slip: 2 is not allowed"),
         ("actuators.brake.delay=-1 s", "actuators.brake.delay: -1.0 is not allowed"),
-        ("pedals.brake=[[0.5, 10], [0.4, 20]]", "pedals.brake: the rows should ascend"),
+        ("pedals.brake=[[0.5, 10], [0.4, 20]]", "pedals.brake: the rows must be in ascending order"),
     ],
 )
 def test_bad_input_is_reported_with_its_place(override, message):

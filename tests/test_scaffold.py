@@ -473,9 +473,9 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"height": 0.4}, "height 0.4 m does not fit the other dimensions; allowed: 0.672 to 4.8 m"),
     ({"width": 4.5}, "width 4.5 m does not fit the other dimensions; allowed: 1.05 to 3 m"),
     ({"wheelbase": None, "track": None}, "missing: wheelbase, track"),
-    ({"tyre": "205/55R16"}, "tyre '205/55R16' has wheel_radius as well; give one or the other"),
+    ({"tyre": "205/55R16"}, "tyre '205/55R16' and wheel_radius are both given; give one of them"),
     ({"wheel_radius": None, "tyre_rear": "205/55R16"}, "tyre_rear is given alone; give tyre_front and tyre_rear"),
-    ({"track_front": 1.52}, "track and track_front are both given; give one or the other"),
+    ({"track_front": 1.52}, "track and track_front are both given; give one of them"),
     ({"track_rear": 0.9}, "track_rear 0.9 m does not fit the other dimensions; allowed: 1.05 to 2.1 m"),
     ({"steering_limit": 0.6, "turning_circle": 10.8}, "steering_limit and turning_circle are both given"),
     (
@@ -490,7 +490,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"power": "50 N"}, "power: unit 'N' does not fit; allowed: W, kW, hp"),
     ({"power": "20 kW", "top_speed": "250 km/h"}, "top_speed 69.4444 m/s needs "),
     ({"sensors": "lidar,sextant"}, "sensors 'sextant' is not allowed; (allowed: camera, depth_camera"),
-    ({"tyre": "big", "wheel_radius": None}, "tyre 'big' is no tyre size; an example is 215/50R17"),
+    ({"tyre": "big", "wheel_radius": None}, "tyre 'big' is not a tyre size; example: 215/50R17"),
     ({"drive": "back"}, "drive 'back' is not allowed; (allowed: all, front, rear)"),
     ({"body": "sedan chair"}, "body 'sedan chair' is not allowed; did you mean 'sedan'?"),
 ]
@@ -524,7 +524,7 @@ def test_a_name_that_is_no_word_is_refused(tmp_path: Path, name: str) -> None:
 
 def test_an_existing_vehicle_is_replaced_only_when_asked_for(tmp_path: Path) -> None:
     folder = new_vehicle("car", folder=tmp_path, **GOOD)
-    with pytest.raises(ConfigError, match="car is there already; take another name, or force to replace it"):
+    with pytest.raises(ConfigError, match="car exists already; choose another name, or use --force to replace it"):
         new_vehicle("car", folder=tmp_path, **(GOOD | {"mass": 1500}))
     (folder / "notes.txt").write_text("mine", encoding="utf-8")
     new_vehicle("car", folder=tmp_path, force=True, **(GOOD | {"mass": 1500}))
@@ -535,7 +535,7 @@ def test_an_existing_vehicle_is_replaced_only_when_asked_for(tmp_path: Path) -> 
 def test_a_folder_that_is_no_vehicle_is_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "car").mkdir()
     (tmp_path / "car" / "thesis.txt").write_text("two years", encoding="utf-8")
-    with pytest.raises(ConfigError, match="car is not a vehicle folder, so it is not replaced"):
+    with pytest.raises(ConfigError, match="car is not a vehicle folder and is not replaced"):
         new_vehicle("car", folder=tmp_path, force=True, **GOOD)
     assert (tmp_path / "car" / "thesis.txt").is_file()
 
@@ -619,7 +619,7 @@ def test_the_end_of_the_input_is_an_error_and_no_traceback() -> None:
     def end(prompt: str) -> str:
         raise EOFError
 
-    with pytest.raises(ConfigError, match="no more input at: wheelbase"):
+    with pytest.raises(ConfigError, match="the input ended at the question: wheelbase"):
         ask({}, input=end)
 
 

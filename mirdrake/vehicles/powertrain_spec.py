@@ -1,7 +1,7 @@
-"""Schemas of vehicle.yaml about what drives, brakes and steers: powertrain, brakes, pedals, actuators.
+"""Schemas of vehicle.yaml for powertrain, brakes, pedals and actuators.
 
-Their laws are in :mod:`mirdrake.plant.powertrain`. They act on a vehicle whose control.yaml has a wheel_speed of kind
-pedals; servos and PID controllers of the wheels know the torque limits only.
+Their laws are in :mod:`mirdrake.plant.powertrain`. They act in vehicles with `wheel_speed: {kind: pedals}` in
+control.yaml; servos and PID controllers of the wheels use the torque limits only.
 """
 
 from collections.abc import Mapping
@@ -18,12 +18,12 @@ Ratio = Annotated[float, Field(gt=0)]
 
 def _ascending(rows: list[tuple[float, float]], *, second: bool) -> list[tuple[float, float]]:
     if any(late[0] <= early[0] or (second and late[1] < early[1]) for early, late in pairwise(rows)):
-        raise ValueError("the rows should ascend")
+        raise ValueError("the rows must be in ascending order")
     return rows
 
 
 def _block(value: Any) -> Any:
-    """An option block: false is none, true is one with its defaults."""
+    """Return an optional section: false is None, true is the section with its defaults."""
     return {True: {}, False: None}[value] if isinstance(value, bool) else value
 
 
@@ -31,23 +31,23 @@ def _block(value: Any) -> Any:
 
 
 class Traction(Schema):
-    """Takes drive torque back before the driven wheels spin: the antilock law with the sign turned round."""
+    """Traction control: reduces the drive torque of spinning wheels, with the law of the antilock brakes."""
 
-    target_slip: float = Field(default=0.1, gt=0, lt=1, description="[-] slip that is held")
-    gain: float = Field(default=15.0, gt=0, description="[1/s] how fast a slip error goes, if the estimate is right")
-    min_speed: Speed = Field(default=2.0, gt=0, description="[m/s] below it slip is reckoned with this speed")
+    target_slip: float = Field(default=0.1, gt=0, lt=1, description="[-] target slip")
+    gain: float = Field(default=15.0, gt=0, description="[1/s] decay rate of a slip error, for an exact wheel model")
+    min_speed: Speed = Field(default=2.0, gt=0, description="[m/s] lower bound of the speed in the slip calculation")
 
 
 class _AnyPowertrain(Schema):
-    """What the motor can give, at the wheels."""
+    """Limits of every powertrain, at the wheels."""
 
-    max_torque: Torque = Field(gt=0, description="[N m] sum over the driven wheels, without losses")
-    max_power: Power = Field(gt=0, description="[W] sum over the driven wheels, without losses")
+    max_torque: Torque = Field(gt=0, description="[N m] largest torque, sum over the driven wheels, without losses")
+    max_power: Power = Field(gt=0, description="[W] largest power, sum over the driven wheels, without losses")
     front_share: float = Field(
-        default=0.5, ge=0, le=1, description="[-] part of the torque on the front axle; only with drive: all"
+        default=0.5, ge=0, le=1, description="[-] share of the torque on the front axle; only with drive: all"
     )
     traction: Annotated[Traction | None, BeforeValidator(_block)] = Field(
-        default=None, description="traction control; false: none"
+        default=None, description="traction control; false: off"
     )
 
 
@@ -56,32 +56,37 @@ class SimplePowertrain(_AnyPowertrain):
 
     kind: Literal["simple"] = "simple"
     gears: list[Ratio] = Field(
-        default_factory=list, description="[-] ratios of the gearbox, first gear first. Data only"
+        default_factory=list, description="[-] gear ratios, first gear first. For information only"
     )
-    final_drive: float | None = Field(default=None, gt=0, description="[-] ratio behind the gearbox. Data only")
+    final_drive: float | None = Field(default=None, gt=0, description="[-] final drive ratio. For information only")
 
 
 class Regeneration(Schema):
-    """The motor as a generator: it takes its part of the driven axles' brake torque, the friction brakes the rest."""
+    """Regenerative braking: the motor provides brake torque of the driven axles, the friction brakes the rest."""
 
-    max_torque: Torque = Field(gt=0, description="[N m] at the motor")
-    max_power: Power = Field(gt=0, description="[W] at the motor")
-    fade_speed: Speed = Field(default=2.0, gt=0, description="[m/s] below it the torque goes to zero with the speed")
-    coast_share: float = Field(default=0.0, ge=0, le=1, description="[-] part of it with both pedals released")
+    max_torque: Torque = Field(gt=0, description="[N m] largest regenerative torque of the motor")
+    max_power: Power = Field(gt=0, description="[W] largest regenerative power of the motor")
+    fade_speed: Speed = Field(
+        default=2.0, gt=0, description="[m/s] below it the torque decreases to zero with the speed"
+    )
+    coast_share: float = Field(
+        default=0.0, ge=0, le=1, description="[-] share of the regenerative torque with both pedals released"
+    )
 
 
 class ElectricPowertrain(_AnyPowertrain):
-    """An electric motor with one gear: max_torque and max_power are the motor's, seen from the wheels."""
+    """Electric motor with one gear; max_torque and max_power of the motor are referred to the wheels."""
 
     kind: Literal["electric"]
-    gear: float = Field(gt=0, description="[-] motor speed over wheel speed")
-    max_speed: AngularRate = Field(gt=0, description="[rad/s] of the motor")
+    gear: float = Field(gt=0, description="[-] gear ratio: motor speed over wheel speed")
+    max_speed: AngularRate = Field(gt=0, description="[rad/s] largest motor speed")
     torque_map: list[tuple[Annotated[AngularRate, Field(ge=0)], Annotated[Torque, Field(ge=0)]]] = Field(
-        default_factory=list, description="[rad/s], [N m] motor speed and largest torque; empty: torque and power alone"
+        default_factory=list,
+        description="[rad/s], [N m] motor speed and largest torque; empty: max_torque and max_power only",
     )
-    efficiency: float = Field(default=1.0, gt=0, le=1, description="[-] of the gear")
-    rotor_inertia: float = Field(default=0.0, ge=0, description="[kg m²] of what turns with the motor's speed")
-    governed_speed: Speed | None = Field(default=None, gt=0, description="[m/s] where drive torque ends; empty: never")
+    efficiency: float = Field(default=1.0, gt=0, le=1, description="[-] efficiency of the gear")
+    rotor_inertia: float = Field(default=0.0, ge=0, description="[kg m²] inertia at the motor speed")
+    governed_speed: Speed | None = Field(default=None, gt=0, description="[m/s] speed limiter; null: none")
     regeneration: Regeneration | None = None
 
     @field_validator("torque_map")
@@ -93,35 +98,45 @@ class ElectricPowertrain(_AnyPowertrain):
 class Converter(Schema):
     """Torque converter, quasi-static: see :mod:`mirdrake.plant.powertrain.engine`."""
 
-    stall_speed: AngularRate = Field(gt=0, description="[rad/s] of the engine at full throttle, wheels held")
-    stall_ratio: float = Field(default=2.0, ge=1, description="[-] torque behind over torque before it, wheels held")
-    coupling: float = Field(default=0.9, gt=0, le=1, description="[-] speed ratio from which the torques are equal")
-    creep_torque: Torque = Field(default=0.0, ge=0, description="[N m] behind it when idling, wheels held")
+    stall_speed: AngularRate = Field(
+        gt=0, description="[rad/s] stall speed: engine speed at full throttle, wheels locked"
+    )
+    stall_ratio: float = Field(
+        default=2.0, ge=1, description="[-] stall torque ratio: output over input torque, wheels locked"
+    )
+    coupling: float = Field(
+        default=0.9, gt=0, le=1, description="[-] coupling point: speed ratio from which both torques are equal"
+    )
+    creep_torque: Torque = Field(default=0.0, ge=0, description="[N m] output torque at idle, wheels locked")
 
 
 class EnginePowertrain(_AnyPowertrain):
-    """A combustion engine with an automatic gearbox.
+    """Combustion engine with torque converter and automatic gearbox.
 
-    max_torque and max_power are limits of the engine besides its curve, seen from the wheels in first gear; the torque
-    converter goes beyond them.
+    max_torque and max_power limit the engine in addition to its torque curve, referred to the wheels in first gear. The
+    torque multiplication of the converter is not limited by them.
     """
 
     kind: Literal["engine"]
     torque_curve: list[tuple[Annotated[AngularRate, Field(ge=0)], Annotated[Torque, Field(ge=0)]]] = Field(
-        min_length=2, description="[rad/s], [N m] engine speed and torque at full throttle; no torque above the last"
+        min_length=2, description="[rad/s], [N m] engine speed and torque at full throttle; zero above the last row"
     )
-    drag_torque: Torque = Field(default=0.0, ge=0, description="[N m] of the engine with closed throttle")
-    idle: AngularRate = Field(gt=0, description="[rad/s]")
-    gears: list[Ratio] = Field(min_length=1, description="[-] ratios of the gearbox, first gear first")
-    reverse: float | None = Field(default=None, gt=0, description="[-] ratio of the reverse gear; empty: as the first")
-    final_drive: float = Field(gt=0, description="[-] ratio behind the gearbox")
+    drag_torque: Torque = Field(default=0.0, ge=0, description="[N m] drag torque of the engine with closed throttle")
+    idle: AngularRate = Field(gt=0, description="[rad/s] idle speed of the engine")
+    gears: list[Ratio] = Field(min_length=1, description="[-] gear ratios, first gear first")
+    reverse: float | None = Field(
+        default=None, gt=0, description="[-] ratio of the reverse gear; null: that of the first gear"
+    )
+    final_drive: float = Field(gt=0, description="[-] final drive ratio")
     shift_up: tuple[AngularRate, AngularRate] = Field(
-        description="[rad/s] speed behind the converter above which it shifts up: throttle closed, throttle open"
+        description="[rad/s] upshift above this gearbox input speed: with closed throttle, with full throttle"
     )
-    shift_down: tuple[AngularRate, AngularRate] = Field(description="[rad/s] the same for shifting down, below it")
-    shift_time: Duration = Field(default=0.0, ge=0, le=5, description="[s] without torque in a shift")
-    efficiency: float = Field(default=1.0, gt=0, le=1, description="[-] of gearbox and final drive")
-    inertia: float = Field(default=0.0, ge=0, description="[kg m²] of what turns with the engine's speed")
+    shift_down: tuple[AngularRate, AngularRate] = Field(
+        description="[rad/s] downshift below this gearbox input speed: with closed, with full throttle"
+    )
+    shift_time: Duration = Field(default=0.0, ge=0, le=5, description="[s] torque interruption during a shift")
+    efficiency: float = Field(default=1.0, gt=0, le=1, description="[-] efficiency of gearbox and final drive")
+    inertia: float = Field(default=0.0, ge=0, description="[kg m²] inertia at the engine speed")
     converter: Converter
 
     @field_validator("torque_curve")
@@ -133,7 +148,7 @@ class EnginePowertrain(_AnyPowertrain):
     @classmethod
     def _descending(cls, gears: list[float]) -> list[float]:
         if any(late >= early for early, late in pairwise(gears)):
-            raise ValueError("each gear should have a smaller ratio than the one before")
+            raise ValueError("each gear must have a smaller ratio than the previous one")
         return gears
 
     @model_validator(mode="after")
@@ -146,7 +161,7 @@ class EnginePowertrain(_AnyPowertrain):
                         "raise shift_up or lower shift_down"
                     )
         if self.idle >= self.torque_curve[-1][0]:
-            raise ValueError("the engine idles above the end of its torque_curve")
+            raise ValueError("idle is above the last speed of torque_curve")
         return self
 
 
@@ -160,55 +175,58 @@ Powertrain = Annotated[
     | Annotated[EnginePowertrain, Tag("engine")],
     Discriminator(_kind),
 ]
-"""powertrain of vehicle.yaml, told apart by its kind; without one it is simple."""
+"""powertrain of vehicle.yaml, selected by its kind; the default is simple."""
 
 
 # --- brakes ------------------------------------------------------------------------------------------------------
 
 
 class Antilock(Schema):
-    """Holds the slip of a braked wheel: see :mod:`mirdrake.plant.powertrain.antilock`."""
+    """Antilock brakes: limit the slip of a braked wheel, see :mod:`mirdrake.plant.powertrain.antilock`."""
 
-    target_slip: float = Field(default=0.1, gt=0, lt=1, description="[-] slip that is held")
-    gain: float = Field(default=15.0, gt=0, description="[1/s] how fast a slip error goes, if the estimate is right")
-    min_speed: Speed = Field(default=2.0, gt=0, description="[m/s] below it wheels may lock")
+    target_slip: float = Field(default=0.1, gt=0, lt=1, description="[-] target slip")
+    gain: float = Field(default=15.0, gt=0, description="[1/s] decay rate of a slip error, for an exact wheel model")
+    min_speed: Speed = Field(default=2.0, gt=0, description="[m/s] inactive below this speed")
 
 
 class Stability(Schema):
-    """Brakes single wheels when the yaw rate leaves that of the single track, see plant/powertrain/stability.py."""
+    """Stability control: brakes single wheels when the yaw rate differs from that of the single-track model."""
 
     gain: float = Field(default=2e4, gt=0, description="[N m s/rad] brake torque of one wheel over yaw-rate error")
-    dead_band: AngularRate = Field(default=0.05, ge=0, description="[rad/s] yaw-rate error that is let pass")
-    understeer: float = Field(default=0.003, ge=0, description="[rad s²/m] understeer gradient of the reference")
-    max_acceleration: float = Field(default=8.0, gt=0, description="[m/s²] lateral acceleration the reference goes to")
-    max_torque: Torque = Field(default=1500.0, gt=0, description="[N m] of one wheel")
-    min_speed: Speed = Field(default=5.0, gt=0, description="[m/s] below it nothing is done")
+    dead_band: AngularRate = Field(default=0.05, ge=0, description="[rad/s] yaw-rate error without intervention")
+    understeer: float = Field(default=0.003, ge=0, description="[rad s²/m] understeer gradient of the reference model")
+    max_acceleration: float = Field(
+        default=8.0, gt=0, description="[m/s²] limit of the lateral acceleration of the reference model"
+    )
+    max_torque: Torque = Field(default=1500.0, gt=0, description="[N m] largest brake torque of one wheel")
+    min_speed: Speed = Field(default=5.0, gt=0, description="[m/s] inactive below this speed")
 
 
 class Brakes(Schema):
-    """What the brakes can give."""
+    """Service brakes."""
 
-    max_torque: Torque = Field(ge=0, description="[N m] sum over the four wheels")
-    front_share: float = Field(ge=0, le=1, description="[-] part of it that acts on the front axle")
+    max_torque: Torque = Field(ge=0, description="[N m] largest brake torque, sum over the four wheels")
+    front_share: float = Field(ge=0, le=1, description="[-] share of the brake torque on the front axle")
     abs: Annotated[Antilock | None, BeforeValidator(_block)] = Field(
-        default=None, description="antilock brakes; false: none"
+        default=None, description="antilock brakes; false: off"
     )
     esc: Annotated[Stability | None, BeforeValidator(_block)] = Field(
-        default=None, description="stability control; false: none"
+        default=None, description="stability control; false: off"
     )
 
 
 class Pedals(Schema):
-    """What a pedal position means; straight lines without."""
+    """Pedal maps; linear if empty."""
 
     throttle: list[tuple[Duty, Duty]] = Field(
         default_factory=list,
-        description="[-], [-] pedal position and part of the drive torque that there is at this speed, ascending",
+        description="[-], [-] pedal position and share of the drive torque available at the current speed, ascending",
     )
     brake: list[tuple[Duty, Annotated[Torque, Field(ge=0)]]] = Field(
         default_factory=list,
-        description="[-], [N m] pedal position and braking torque of the four wheels, ascending; from the last row to "
-        "brakes.max_torque at 1 it is a straight line",
+        description="[-], [N m] pedal position and brake torque of the four wheels, ascending; linear from the "
+        "last row to "
+        "brakes.max_torque at 1",
     )
 
     @field_validator("throttle", "brake")
@@ -218,21 +236,23 @@ class Pedals(Schema):
 
 
 class Actuator(Schema):
-    """Between what is asked and what acts: a pure delay, then a lag of first order with a limited rate."""
+    """Actuator dynamics: a pure delay, then a first-order lag with a rate limit."""
 
-    delay: Duration = Field(default=0.0, ge=0, le=5, description="[s] a multiple of the period of who sends")
-    time_constant: Duration = Field(default=0.0, ge=0, le=10, description="[s]")
-    rate: float | None = Field(default=None, gt=0, description="[1/s], steering [rad/s]; empty: no limit")
+    delay: Duration = Field(
+        default=0.0, ge=0, le=5, description="[s] delay; a multiple of the period of the commanding system"
+    )
+    time_constant: Duration = Field(default=0.0, ge=0, le=10, description="[s] time constant of the lag")
+    rate: float | None = Field(default=None, gt=0, description="[1/s] rate limit; null: none")
 
 
 class SteeringActuator(Actuator):
-    """The same for the bicycle steering angle; the joints' servos come behind it."""
+    """Actuator dynamics of the bicycle steering angle, before the servos of the joints."""
 
-    rate: AngularRate | None = Field(default=None, gt=0, description="[rad/s] at the road wheel; empty: no limit")
+    rate: AngularRate | None = Field(default=None, gt=0, description="[rad/s] rate limit at the road wheel; null: none")
 
 
 class Actuators(Schema):
-    """What stands between set-points and pedals or steering; nothing by default."""
+    """Actuator dynamics between set-points and pedals or steering; ideal by default."""
 
     throttle: Actuator = Field(default_factory=Actuator)
     brake: Actuator = Field(default_factory=Actuator)
@@ -240,10 +260,10 @@ class Actuators(Schema):
 
 
 def rotor_inertia(powertrain: Any, *, drive: str, front: bool) -> float:
-    """What the motor adds to the inertia of a wheel about its axle [kg m²]; nothing if its wheel is not driven.
+    """Return the inertia that the motor adds to a wheel about its axle [kg m²]; 0 for wheels that are not driven.
 
-    Exact as long as the driven wheels turn alike: their mean speed, which is the motor's over the gear, is taken for
-    the speed of each. An engine's inertia is part of its law instead, as it changes with the gear.
+    This is exact while the driven wheels have equal speeds: each is taken for their mean, the motor speed over the gear
+    ratio. The inertia of an engine depends on the gear and is part of its law.
 
     Args:
         powertrain: of vehicle.yaml.

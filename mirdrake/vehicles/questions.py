@@ -1,4 +1,4 @@
-"""The numbers that somebody must give for a new vehicle: their units, their ranges, and questions in a terminal."""
+"""Input of a new vehicle: quantities with units and ranges, and the questions in a terminal."""
 
 import builtins
 import re
@@ -14,24 +14,24 @@ from mirdrake.vehicles.spec import Drive
 BODIES = ("hatchback", "sedan", "suv", "van", "truck", "robot")
 
 SENSORS = ("camera", "depth_camera", "lidar", "gps", "imu", "sonar")
-"""What a new vehicle can mount."""
+"""Sensors that a new vehicle can have."""
 
 USUAL_SENSORS = "camera,gps,imu"
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number that a new vehicle needs.
+    """Input quantity of a new vehicle.
 
     Attributes:
         key: argument of :func:`mirdrake.vehicles.scaffold.new_vehicle`.
-        text: what it is.
-        unit: its SI unit.
-        low: least value allowed.
-        high: largest value allowed.
-        required: whether there is no estimate of it.
-        example: what people may type.
-        instead: another quantity that this one replaces, in whole or for one axle.
+        text: description.
+        unit: SI unit.
+        low: smallest allowed value.
+        high: largest allowed value.
+        required: whether it cannot be estimated.
+        example: example input.
+        instead: quantity that this one replaces, for the vehicle or one axle.
     """
 
     key: str
@@ -45,10 +45,12 @@ class Quantity:
 
 
 QUANTITIES: dict[str, Quantity] = {
-    one.key: one
-    for one in (
+    quantity.key: quantity
+    for quantity in (
         Quantity("wheelbase", "wheelbase, between the axles", "m", 0.1, 10.0, True, "2.6, 102.4 in"),
-        Quantity("track", "track, between the middles of the wheels of an axle", "m", 0.05, 4.0, True, "1.5, 59 in"),
+        Quantity(
+            "track", "track, between the middle planes of the wheels of an axle", "m", 0.05, 4.0, True, "1.5, 59 in"
+        ),
         Quantity("track_front", "track of the front axle", "m", 0.05, 4.0, example="1.52", instead="track"),
         Quantity("track_rear", "track of the rear axle", "m", 0.05, 4.0, example="1.48", instead="track"),
         Quantity("mass", "mass, ready to drive", "kg", 0.1, 20000.0, True, "1450, 3200 lb"),
@@ -57,24 +59,24 @@ QUANTITIES: dict[str, Quantity] = {
         Quantity("steering_limit", "steering limit of the inner wheel", "rad", 0.05, 1.3, example="0.6, 35 deg"),
         Quantity(
             "turning_circle",
-            "turning circle between kerbs, of the outer front wheel",
+            "turning circle between kerbs, at the outer front wheel",
             "m",
             0.3,
             100.0,
             example="10.8, 35.4 ft",
             instead="steering_limit",
         ),
-        Quantity("length", "length over all", "m", 0.1, 20.0, example="4.1"),
-        Quantity("width", "width without mirrors", "m", 0.05, 5.0, example="1.8"),
-        Quantity("height", "height", "m", 0.03, 6.0, example="1.5"),
-        Quantity("front_axle_share", "part of the weight on the front axle", "-", 0.15, 0.85, example="0.56"),
+        Quantity("length", "overall length", "m", 0.1, 20.0, example="4.1"),
+        Quantity("width", "overall width without mirrors", "m", 0.05, 5.0, example="1.8"),
+        Quantity("height", "overall height", "m", 0.03, 6.0, example="1.5"),
+        Quantity("front_axle_share", "share of the weight on the front axle", "-", 0.15, 0.85, example="0.56"),
         Quantity("com_height", "height of the centre of mass above the road", "m", 0.005, 4.0, example="0.55"),
         Quantity("yaw_inertia", "yaw inertia of the whole vehicle", "kg m²", 1e-5, 1e7, example="2500"),
         Quantity("power", "power at the wheels", "W", 0.1, 2e6, example="110 kW"),
         Quantity("top_speed", "top speed", "m/s", 0.2, 120.0, example="45, 160 km/h"),
     )
 }
-REQUIRED = tuple(one.key for one in QUANTITIES.values() if one.required)
+REQUIRED = tuple(quantity.key for quantity in QUANTITIES.values() if quantity.required)
 TYRES = ("tyre", "tyre_front", "tyre_rear")
 
 
@@ -82,14 +84,14 @@ def missing_keys(given: Container[str]) -> list[str]:
     """Return the required quantities that are neither given nor follow from what is given.
 
     Args:
-        given: keys of what is given.
+        given: keys of the given quantities.
     """
     tracks = "track_front" in given and "track_rear" in given
     return [key for key in REQUIRED if key not in given and not (key == "track" and tracks)]
 
 
 def parse_sensors(text: str) -> tuple[str, ...]:
-    """Return the sensors of a list such as ``lidar,camera,imu``, each once.
+    """Return the sensors of a list such as ``lidar,camera,imu``, without duplicates.
 
     Raises:
         ConfigError: one of them is not in :data:`SENSORS`.
@@ -104,28 +106,32 @@ _TYRE = re.compile(
 
 
 def parse_tyre(text: str, *, where: str = "tyre") -> tuple[float, float]:
-    """Radius and width [m] of a tyre from its size: ``215/50R17`` is 215 mm wide, half as high, on a 17 inch rim.
+    """Return radius and width [m] of a tyre from its size.
+
+    ``215/50R17``: 215 mm wide, a sidewall of 50 % of the width, on a rim of 17 inches.
 
     Raises:
-        ConfigError: not such a size.
+        ConfigError: the text is not a tyre size.
     """
     match = _TYRE.fullmatch(text.strip())
     if match is None:
-        raise ConfigError(f"{where} '{text}' is no tyre size; an example is 215/50R17 (width mm / height % R rim inch)")
+        raise ConfigError(
+            f"{where} '{text}' is not a tyre size; example: 215/50R17 (width in mm / height in % R rim in inches)"
+        )
     width, aspect, rim = (float(group) for group in match.groups())
     return rim * 0.0254 / 2.0 + width * aspect * 1e-5, width * 1e-3
 
 
 def read_quantity(quantity: Quantity, value: Any, *, where: str | None = None) -> float:
-    """A number in SI from a number or a text with a unit, within its range.
+    """Return a quantity in SI units from a number or a text with a unit, and check its range.
 
     Args:
-        quantity: which one.
+        quantity: to be read.
         value: for example ``2.6`` or ``"102.4 in"``.
-        where: how errors call it, its key if left out.
+        where: name in messages; the key of the quantity by default.
 
     Raises:
-        ConfigError: no number, an unknown unit, or out of range.
+        ConfigError: the value is not a number, has an unknown unit, or is out of range.
     """
     name = where or quantity.key
     try:
@@ -146,10 +152,10 @@ def read_quantity(quantity: Quantity, value: Any, *, where: str | None = None) -
 
 
 def check_plausible(values: Mapping[str, float]) -> None:
-    """Refuse dimensions that fit no vehicle with two axles.
+    """Check that the dimensions fit a vehicle with two axles.
 
     Args:
-        values: SI; wheelbase, track, mass, wheel_radius, and what is given of the others.
+        values: SI values of wheelbase, track, mass, wheel_radius, and of the other given quantities.
 
     Raises:
         ConfigError: one line for each fault.
@@ -157,7 +163,7 @@ def check_plausible(values: Mapping[str, float]) -> None:
     wheelbase, track, radius = (values[key] for key in ("wheelbase", "track", "wheel_radius"))
     tread = values.get("wheel_width", 0.0)
     box = wheelbase * track * 4.0 * radius
-    rules: list[tuple[str, float, float, str]] = [  # key, least, largest, in words
+    rules: list[tuple[str, float, float, str]] = [  # key, smallest, largest, rule
         ("wheel_radius", 0.0, 0.48 * wheelbase, "0.48 wheelbases, or front and rear wheels overlap"),
         ("track", max(0.1 * wheelbase, radius, 1.25 * tread), 2.0 * wheelbase, "2 wheelbases"),
         ("track_rear", max(0.7 * track, 1.25 * tread), 1.4 * track, "0.7 to 1.4 tracks of the front axle"),
@@ -190,18 +196,18 @@ def ask(
     input: Callable[[str], str] = builtins.input,  # noqa: A002
     say: Callable[[str], object] = lambda _: None,
 ) -> dict[str, Any]:
-    """Ask for what is missing, one line each; nonsense is asked again.
+    """Ask for the missing input in a terminal; an invalid answer is asked for again.
 
     Args:
-        answers: what is known: arguments of :func:`mirdrake.vehicles.scaffold.new_vehicle`; None counts as missing.
+        answers: known arguments of :func:`mirdrake.vehicles.scaffold.new_vehicle`; None counts as missing.
         input: prints a question and returns the answer.
-        say: told what was wrong with an answer.
+        say: receives the message on an invalid answer.
 
     Returns:
-        All answers, in SI. What was answered with nothing and has an estimate is left out.
+        All answers in SI units, without the quantities to be estimated.
 
     Raises:
-        ConfigError: the input ended, or the answers do not fit one another.
+        ConfigError: the input ended, or the answers are inconsistent.
     """
     known = {key: value for key, value in answers.items() if value is not None}
 
@@ -210,7 +216,7 @@ def ask(
             try:
                 text = input(prompt).strip()
             except EOFError:
-                raise ConfigError(f"no more input at: {prompt.strip().rstrip(':')}") from None
+                raise ConfigError(f"the input ended at the question: {prompt.strip().rstrip(':')}") from None
             if not text and optional:
                 return None
             try:
@@ -258,10 +264,10 @@ def ask(
 
 
 def choose(key: str, word: str, *, allowed: tuple[str, ...]) -> str:
-    """The word if it is allowed.
+    """Return a word after checking that it is allowed.
 
     Raises:
-        ConfigError: it is not.
+        ConfigError: the word is not allowed.
     """
     if word not in allowed:
         raise ConfigError(f"{key} '{word}' is not allowed; {did_you_mean(word, allowed)}")

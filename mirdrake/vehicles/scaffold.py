@@ -1,7 +1,8 @@
-"""A new vehicle folder from a few dimensions, complete and ready to drive.
+"""Vehicle folders from a few dimensions, complete and ready to drive.
 
-What is not given is estimated (:mod:`mirdrake.vehicles.estimates`), and the folder says which is which: in its
-README.md, number by number, and in ``sources`` of its vehicle.yaml. The files are the templates beside this module.
+Quantities that are not given are estimated (:mod:`mirdrake.vehicles.estimates`). README.md of the folder and
+``sources`` in its vehicle.yaml state the origin of each number. The files are made from the templates beside this
+module.
 """
 
 import json
@@ -65,44 +66,45 @@ def new_vehicle(
     folder: Path | str | None = None,
     force: bool = False,
 ) -> Path:
-    """Write a vehicle folder that can be loaded and driven at once.
+    """Write a vehicle folder that is ready to drive.
 
-    Numbers are SI; a text may have another unit, such as ``"102.4 in"``. What is left out is estimated.
+    Numbers are in SI units; a text may have another unit, such as ``"102.4 in"``. Quantities left out are estimated.
 
     Args:
-        name: of the folder and the model: letters, digits, underscores.
-        wheelbase: between the axles [m].
-        mass: ready to drive [kg].
-        track: between the middles of the wheels of an axle [m].
-        track_front: the same of the front axle, instead of `track`.
-        track_rear: the same of the rear axle, if it differs.
-        wheel_radius: [m].
-        wheel_width: [m].
-        tyre: size such as ``215/50R17``, instead of wheel radius and width.
-        tyre_front: the same of the front axle.
-        tyre_rear: the same of the rear axle.
+        name: name of folder and model: letters, digits, underscores.
+        wheelbase: distance of the axles [m].
+        mass: of the vehicle, ready to drive [kg].
+        track: between the middle planes of the wheels of an axle [m].
+        track_front: track of the front axle [m], instead of `track`.
+        track_rear: track of the rear axle [m], if it differs.
+        wheel_radius: radius of the tyres [m].
+        wheel_width: width of the tyres [m].
+        tyre: tyre size such as ``215/50R17``, instead of wheel radius and width.
+        tyre_front: tyre size of the front axle.
+        tyre_rear: tyre size of the rear axle.
         drive: driven axle: front, rear or all.
         steering_limit: of the inner wheel [rad].
-        turning_circle: diameter between kerbs, of the outer front wheel's middle [m], instead of `steering_limit`.
-        length: over all [m].
-        width: without mirrors [m].
-        height: [m].
-        front_axle_share: part of the weight on the front axle [-].
+        turning_circle: diameter between kerbs, at the middle plane of the outer front wheel [m], instead of
+            `steering_limit`.
+        length: overall length [m].
+        width: overall width without mirrors [m].
+        height: overall height [m].
+        front_axle_share: share of the weight on the front axle [-].
         com_height: height of the centre of mass [m].
         yaw_inertia: of the whole vehicle [kg m²].
         power: at the wheels [W].
         top_speed: [m/s].
-        body: hatchback, sedan, suv, van, truck or robot; by mass if left out.
+        body: hatchback, sedan, suv, van, truck or robot; by mass if None.
         sensors: of camera, depth_camera, lidar, gps, imu and sonar, separated by commas.
-        title: make and model for titles; made from the name if left out.
-        folder: where the vehicle's folder goes; ``models`` in the working directory if left out.
-        force: replace a vehicle of that name.
+        title: make and model for titles; derived from the name if None.
+        folder: parent folder of the vehicle folder; ``models`` in the working directory if None.
+        force: replace an existing vehicle of that name.
 
     Returns:
-        The vehicle's folder.
+        The vehicle folder.
 
     Raises:
-        ConfigError: the name, a number, or the place is not allowed; nothing is written then.
+        ConfigError: the name, a number, or the target is not allowed; nothing is written then.
     """
     check_name(name)
     plan = plan_vehicle(
@@ -151,40 +153,42 @@ def write_vehicle(
 
 
 def check_name(name: str) -> None:
-    """Refuse what cannot name a folder, a robot and a package alike.
+    """Check that a name can be used for a folder, a robot and a package.
 
     Raises:
         ConfigError: it cannot.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,63}", name):
-        raise ConfigError(f"name '{name[:80]}' is not allowed; a letter, then letters, digits and _, at most 64")
+        raise ConfigError(
+            f"name '{name[:80]}' is not allowed; allowed: a letter, then letters, digits and _, at most 64 characters"
+        )
 
 
 def vehicle_place(name: str, *, folder: Path | str | None = None, force: bool = False) -> Path:
-    """Where a new vehicle goes.
+    """Return the folder of a new vehicle.
 
     Raises:
-        ConfigError: something is there that may not be replaced.
+        ConfigError: a file or folder exists there that may not be replaced.
     """
     target = Path(folder or "models") / name
     if target.is_symlink() or target.exists():
         if not force:
-            raise ConfigError(f"{shown(target)} is there already; take another name, or force to replace it")
+            raise ConfigError(f"{shown(target)} exists already; choose another name, or use --force to replace it")
         if target.is_symlink() or not (target / "vehicle.yaml").is_file():
-            raise ConfigError(f"{shown(target)} is not a vehicle folder, so it is not replaced; take another name")
+            raise ConfigError(f"{shown(target)} is not a vehicle folder and is not replaced; choose another name")
     return target
 
 
 def write_diagram(vehicle: Path, *, folder: Path | str, force: bool = False) -> tuple[Path, bool]:
-    """Write a diagram file in which the vehicle drives circles on the skidpad, or on a plain if it is too large.
+    """Write a diagram file in which the vehicle drives circles: on the skidpad, or on a plane if it is too large.
 
     Args:
-        vehicle: its folder.
-        folder: where the file goes.
-        force: replace a file of that name.
+        vehicle: folder of the vehicle.
+        folder: folder of the diagram file.
+        force: replace an existing file.
 
     Returns:
-        The file, and whether it was written; one that is there already is left alone.
+        The file, and whether it was written; an existing file is kept.
     """
     loaded = load_vehicle(str(vehicle))
     geometry, name = loaded.geometry, vehicle.name
@@ -195,9 +199,10 @@ def write_diagram(vehicle: Path, *, folder: Path | str, force: bool = False) -> 
     sweep = hypot(SKIDPAD_RADIUS + side, geometry.wheelbase) - SKIDPAD_RADIUS  # of the outer front wheel
     fits = 1.2 * tightest < SKIDPAD_RADIUS and sweep < SKIDPAD_WIDTH / 2.0
     radius = SKIDPAD_RADIUS if fits else 1.5 * tightest
-    # 0.4 g to the side like the Bolt's diagram, and not above 40 wheel radii per second: a third of the top speed
+    # Lateral acceleration of 0.4 g as in the diagram of the Bolt, at most 40 wheel radii per second (a third of the top
+    # speed).
     speed = float(f"{min(sqrt(3.9 * radius), 40.0 * geometry.rear_wheel_radius):.2g}")
-    duration = ceil(2.0 * 2.0 * pi * radius / speed + 2.0 * speed)  # two laps, and time to get faster
+    duration = ceil(2.0 * 2.0 * pi * radius / speed + 2.0 * speed)  # two laps, and time to accelerate
     file = Path(folder) / f"{name}_{'skidpad' if fits else 'circle'}.yaml"
     if file.exists() and not force:
         return file, False
@@ -233,7 +238,7 @@ def _templates() -> jinja2.Environment:
 
 
 def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
-    """All files of a vehicle folder."""
+    """Write all files of a vehicle folder."""
     values = plan.values
     rows = []
     for heading, file, entries in TABLES:
@@ -283,11 +288,11 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
 
 
 def place_sensors(plan: Plan) -> list[dict[str, Any]]:
-    """Return name, preset, place in base_link [m] and mast [m] of each sensor, all outside of the collision boxes.
+    """Return name, preset, position in base_link [m] and mast [m] of each sensor, outside of the collision boxes.
 
-    Cameras and lidars look over the body: the mast of a lidar that also looks down is so high that its lowest beam, 15
-    degrees below the horizon, passes the ends of the roof. The upper end of a mast is a hundredth of the height below
-    the sensor, so that no beam meets it.
+    Cameras and lidars look over the body. The mast of a lidar with several planes is so high that its lowest beam, 15
+    degrees below the horizon, clears the ends of the roof. The mast ends a hundredth of the vehicle height below the
+    sensor, so that no beam hits it.
 
     Args:
         plan: the vehicle.

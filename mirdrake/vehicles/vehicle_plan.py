@@ -1,4 +1,4 @@
-"""All numbers of a new vehicle: what was given is checked, the rest estimated, and each knows where it is from."""
+"""All numbers of a new vehicle with their origin: the given ones are checked, the others estimated."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -39,7 +39,7 @@ STYLES: dict[str, tuple[float, float, str]] = {
     "truck": (1.65, 6.5, "as a lorry of 7.5 t with a box"),
     "robot": (1.50, 3.8, "Unior about 1.5 and 4.4, F1TENTH 1.7"),
 }
-"""Of a body: length over wheelbase, height over wheel radius, why."""
+"""Length over wheelbase, height over wheel radius and their origin, by body style."""
 
 _OWN: dict[str, str] = {
     "wheel_radius": "estimated: 0.12 wheelbases (Bolt 0.124, MKZ 0.116); below 200 kg 0.17 (F1TENTH 0.15, "
@@ -50,9 +50,9 @@ _OWN: dict[str, str] = {
     "AutoRally 0.37)",
 }
 ROBOT_BODY, VAN_BODY, TRUCK_BODY = 200.0, 2500.0, 5000.0
-"""Masses from which the default body changes [kg]; lighter than the first one a vehicle looks like a robot."""
+"""Masses at which the default body style changes [kg]: robot, hatchback, van, truck."""
 
-_FRONT_SHARE = "estimated: 0.56, as the Bolt, which has its motor over the driven front axle, too"
+_FRONT_SHARE = "estimated: 0.56, as the Bolt, which also has its motor over the driven front axle"
 
 TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
     (
@@ -70,19 +70,19 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
             ("width", "width", "m"),
             ("height", "height", "m"),
             ("ground_clearance", "ground clearance", "m"),
-            ("kingpin_offset", "steering axis inside the wheel's middle plane", "m"),
+            ("kingpin_offset", "scrub radius: steering axis inside the middle plane of the wheel", "m"),
         ),
     ),
     (
         "Masses and inertia",
-        "properties.xacro; the whole vehicle's inertia is no input, it follows",
+        "properties.xacro; the inertia of the whole vehicle is a result, not an input",
         (
             ("mass", "mass of the whole vehicle", "kg"),
             ("wheel_mass", "one wheel", "kg"),
             ("knuckle_mass", "one steering knuckle", "kg"),
-            ("front_axle_share", "part of the weight on the front axle", "-"),
+            ("front_axle_share", "share of the weight on the front axle", "-"),
             ("com_height", "height of the centre of mass", "m"),
-            ("inertia_edges", "box with the body's inertia", "m"),
+            ("inertia_edges", "box with the inertia of the body", "m"),
             ("roll_inertia", "roll inertia, whole vehicle", "kg m²"),
             ("pitch_inertia", "pitch inertia, whole vehicle", "kg m²"),
             ("yaw_inertia", "yaw inertia, whole vehicle", "kg m²"),
@@ -92,16 +92,16 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
         "Steering, drive and brakes",
         "properties.xacro and vehicle.yaml",
         (
-            ("steering_limit", "limit of the inner wheel", "rad"),
-            ("steering_rate", "rate at the road wheel", "rad/s"),
+            ("steering_limit", "steering limit of the inner wheel", "rad"),
+            ("steering_rate", "steering rate at the road wheel", "rad/s"),
             ("steering_effort", "torque of a steering joint", "N m"),
-            ("steering_motor_damping", "resistance of a steering motor", "N m s/rad"),
-            ("steering_motor_inertia", "its rotor, at the wheel", "kg m²"),
-            ("steering_ratio", "hand wheel to road wheel", "-"),
-            ("max_torque", "drive torque at the wheels, together", "N m"),
+            ("steering_motor_damping", "damping of a steering motor", "N m s/rad"),
+            ("steering_motor_inertia", "rotor inertia of a steering motor, at the road wheel", "kg m²"),
+            ("steering_ratio", "steering ratio", "-"),
+            ("max_torque", "drive torque, sum over the driven wheels", "N m"),
             ("max_power", "power", "W"),
-            ("brake_torque", "brake torque of the four wheels", "N m"),
-            ("brake_front_share", "front axle's part of it", "-"),
+            ("brake_torque", "brake torque, sum over the four wheels", "N m"),
+            ("brake_front_share", "share of the brake torque on the front axle", "-"),
             ("wheel_speed_limit", "wheel speed limit", "rad/s"),
             ("rolling_resistance", "rolling resistance", "-"),
             ("drag_area", "drag area", "m²"),
@@ -109,23 +109,23 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
     ),
     (
         "Suspension",
-        "suspension.xacro and variants/springs.yaml; all at the wheel",
+        "suspension.xacro and variants/springs.yaml; referred to the wheel",
         (
-            ("carrier_mass", "what moves up and down besides wheel and knuckle", "kg"),
-            ("suspension_travel", "travel, up and down", "m"),
+            ("carrier_mass", "unsprung mass besides wheel and knuckle", "kg"),
+            ("suspension_travel", "wheel travel in bump and rebound", "m"),
             ("front_stiffness", "front spring", "N/m"),
             ("front_damping", "front damper", "N s/m"),
-            ("front_anti_roll", "front anti-roll bar, over the difference of travel", "N/m"),
+            ("front_anti_roll", "front anti-roll bar, force over difference of travel", "N/m"),
             ("rear_stiffness", "rear spring", "N/m"),
             ("rear_damping", "rear damper", "N s/m"),
-            ("rear_anti_roll", "rear anti-roll bar, over the difference of travel", "N/m"),
+            ("rear_anti_roll", "rear anti-roll bar, force over difference of travel", "N/m"),
         ),
     ),
     (
         "Contact",
         "contact.xacro",
         (
-            ("friction", "friction of the tyre", "-"),
+            ("friction", "friction coefficient of the tyre", "-"),
             ("tyre_modulus", "hydroelastic modulus", "Pa"),
             ("tyre_resolution", "mesh hint", "m"),
             ("tyre_dissipation", "dissipation", "s/m"),
@@ -139,16 +139,16 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
         (
             ("speed_kp", "speed loop, kp", "-"),
             ("speed_ki", "speed loop, ki", "1/s"),
-            ("max_correction", "speed loop, limit of the trim", "m/s"),
-            ("max_acceleration", "slope of the speed set-point, faster", "m/s²"),
-            ("max_deceleration", "the same, slower", "m/s²"),
+            ("max_correction", "speed loop, limit of the correction", "m/s"),
+            ("max_acceleration", "slope of the speed set-point when accelerating", "m/s²"),
+            ("max_deceleration", "slope of the speed set-point when decelerating", "m/s²"),
             ("wheel_servo_gain", "servo of a driven wheel", "N m s/rad"),
             ("steering_stiffness", "steering servo", "N m/rad"),
             ("steering_damping", "steering servo", "N m s/rad"),
         ),
     ),
     (
-        "Tyres that slip",
+        "Slip tyres",
         "variants/handling.yaml; each for one tyre at the load of its axle",
         (
             ("front_load", "load, front", "N"),
@@ -160,7 +160,7 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
             ("patch_half_length", "half length of the contact patch", "m"),
             ("relaxation_x", "relaxation length, longitudinal", "m"),
             ("relaxation_y", "relaxation length, lateral", "m"),
-            ("assist_speed", "antilock, traction and stability control act above", "m/s"),
+            ("assist_speed", "antilock, traction and stability control are active above", "m/s"),
             ("stability_gain", "gain of the stability control", "N m s/rad"),
             ("stability_dead_band", "yaw-rate error that the stability control ignores", "rad/s"),
             ("stability_torque", "brake torque of the stability control, one wheel", "N m"),
@@ -170,19 +170,19 @@ TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
         ),
     ),
 )
-"""Tables of the README: title, file, and key, label, unit of each number."""
+"""Tables of the README: title, file, and key, label and unit of each number."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All numbers of a new vehicle, before anything is written.
+    """All numbers of a new vehicle.
 
     Attributes:
         values: SI numbers by key: the given ones and the fields of :class:`mirdrake.vehicles.estimates.Estimates`.
-        sources: for each key, "given" or how it was estimated.
+        sources: origin by key: "given", or how the number was estimated.
         body: style of the body.
         drive: driven axle.
-        sensors: mounted ones, of :data:`mirdrake.vehicles.questions.SENSORS`.
+        sensors: mounted sensors, of :data:`mirdrake.vehicles.questions.SENSORS`.
     """
 
     values: Mapping[str, Any]
@@ -192,11 +192,11 @@ class Plan:
     sensors: tuple[str, ...] = ()
 
     def estimated(self) -> dict[str, str]:
-        """Keys of what was not given, with how it was estimated."""
+        """Return how each number was estimated, by key, without the given ones."""
         return {key: text for key, text in self.sources.items() if not text.startswith(GIVEN)}
 
     def listed(self) -> list[str]:
-        """Keys without those of the rear axle that repeat the front's."""
+        """Return the keys without those of the rear axle that equal the front axle."""
         pairs = {"track_rear": "track", "rear_wheel_radius": "wheel_radius", "rear_wheel_width": "wheel_width"}
         return [key for key in self.values if self.values[key] != self.values.get(pairs.get(key, ""))]
 
@@ -211,19 +211,19 @@ def plan_vehicle(
     tyre_rear: str | None = None,
     **sizes: float | str | None,
 ) -> Plan:
-    """Check what is given and estimate the rest.
+    """Check the given quantities and estimate the others.
 
     Args:
         drive: front, rear or all.
-        body: style, one of :data:`mirdrake.vehicles.questions.BODIES`; by mass if left out.
+        body: style, one of :data:`mirdrake.vehicles.questions.BODIES`; by mass if None.
         sensors: list of :data:`mirdrake.vehicles.questions.SENSORS`, separated by commas; ``none`` for none.
         tyre: size such as ``215/50R17``, instead of wheel_radius and wheel_width.
-        tyre_front: the same for the front axle.
-        tyre_rear: the same for the rear axle.
+        tyre_front: tyre size of the front axle.
+        tyre_rear: tyre size of the rear axle.
         sizes: by key of :data:`mirdrake.vehicles.questions.QUANTITIES`; numbers in SI, or texts with a unit.
 
     Raises:
-        ConfigError: something is missing or implausible; one line for each fault.
+        ConfigError: quantities are missing or implausible; one line for each.
     """
     choose("drive", drive, allowed=get_args(Drive))
     if body is not None:
@@ -234,7 +234,7 @@ def plan_vehicle(
     if missing := missing_keys(given):
         raise ConfigError(f"missing: {', '.join(missing)}")
 
-    # What is given, in SI and with its source; the front axle counts for what is asked only once.
+    # Given quantities in SI units with their origin. A value without an axle is that of the front axle.
     values: dict[str, Any] = {}
     faults = []
     for key, value in given.items():
@@ -259,7 +259,7 @@ def plan_vehicle(
         values["wheel_radius"], sources["wheel_radius"] = rounded(ratio * values["wheelbase"]), _OWN["wheel_radius"]
     check_plausible(values)
 
-    # Sizes that are asked for and not given.
+    # Input quantities that are not given.
     _estimate_sizes(values, sources, body := body or _usual_body(values["mass"]))
     share, share_text = (0.56, _FRONT_SHARE) if drive == "front" else (None, HOW["front_axle_share"])
     inputs: dict[str, Any] = {
@@ -290,28 +290,28 @@ def plan_vehicle(
 
 
 def _check_doubles(given: Mapping[str, Any], tyres: Mapping[str, str]) -> None:
-    """Reject a quantity that is given twice.
+    """Check that no quantity is given twice.
 
     Raises:
-        ConfigError: it is.
+        ConfigError: a quantity is given twice.
     """
     for key, text in tyres.items():
         double = [part for part in ("wheel_radius", "wheel_width") if part in given]
         if double:
-            raise ConfigError(f"{key} '{text}' has {' and '.join(double)} as well; give one or the other")
+            raise ConfigError(f"{key} '{text}' and {' and '.join(double)} are both given; give one of them")
     pairs = [("steering_limit", "turning_circle"), ("track", "track_front")]
     present = {*given, *tyres}
     pairs += [("tyre", "tyre_front"), ("tyre", "tyre_rear")]
     for one, other in pairs:
         if one in present and other in present:
-            raise ConfigError(f"{one} and {other} are both given; give one or the other")
+            raise ConfigError(f"{one} and {other} are both given; give one of them")
     if len(present & {"tyre_front", "tyre_rear"}) == 1:
         (one,) = present & {"tyre_front", "tyre_rear"}
         raise ConfigError(f"{one} is given alone; give tyre_front and tyre_rear, or tyre for both axles")
 
 
 def _usual_body(mass: float) -> str:
-    """Style of a body for a mass [kg]."""
+    """Return the default body style for a mass [kg]."""
     for limit, style in ((ROBOT_BODY, "robot"), (VAN_BODY, "hatchback"), (TRUCK_BODY, "van")):
         if mass < limit:
             return style
@@ -319,7 +319,7 @@ def _usual_body(mass: float) -> str:
 
 
 def _estimate_sizes(values: dict[str, Any], sources: dict[str, str], body: str) -> None:
-    """Add wheel width, steering limit, length and height where they are not given, and what the rear axle has."""
+    """Estimate wheel width, steering limit, length and height if not given, and complete the rear axle."""
     radius, wheelbase, track = values["wheel_radius"], values["wheelbase"], values["track"]
     long, high, why = STYLES[body]
     own = {
@@ -353,10 +353,10 @@ def _estimate_sizes(values: dict[str, Any], sources: dict[str, str], body: str) 
 
 
 def _check_power(values: Mapping[str, Any]) -> None:
-    """Reject a top speed that the power does not reach on the flat.
+    """Check that the power is sufficient for the top speed on a level road.
 
     Raises:
-        ConfigError: it does not.
+        ConfigError: it is not.
     """
     if "top_speed" not in values or "power" not in values:
         return
@@ -370,12 +370,12 @@ def _check_power(values: Mapping[str, Any]) -> None:
 
 
 def rounded(value: float) -> float:
-    """Four digits: an estimate has no more."""
+    """Return a number rounded to four digits, the precision of an estimate."""
     return float(f"{value:.4g}")
 
 
 def _is_plain(value: float | str) -> bool:
-    """Whether a given number stands without unit."""
+    """Return whether a given number has no unit."""
     try:
         float(value)
     except ValueError:
