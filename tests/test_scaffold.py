@@ -325,7 +325,7 @@ def test_the_readme_lists_every_number_with_its_origin(folders: dict[str, Path])
     assert sorted(row[3] for row in rows) == sorted(plan.sources.values())
     assert ("wheelbase", "2.6", "m", "given") in rows
     assert ("wheel width, front", "0.205", "m", "given: tyre 205/55R16") in rows
-    assert ("limit of the inner wheel", "0.6108652382", "rad", "given: 35 deg") in rows
+    assert ("steering limit of the inner wheel", "0.6108652382", "rad", "given: 35 deg") in rows
 
 
 def test_the_argument_drive_moves_the_driven_axle(folders: dict[str, Path]) -> None:
@@ -517,7 +517,7 @@ def test_several_faults_are_told_together(tmp_path: Path) -> None:
     "name", ["", "my car", "3car", "../car", "car.yaml", "_car", "wagen-neu", "ä", "a" * 65, "a\n"]
 )
 def test_a_name_that_is_no_word_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(ConfigError, match="is not allowed; a letter, then letters, digits and _"):
+    with pytest.raises(ConfigError, match="is not allowed; allowed: a letter, then letters, digits and _"):
         new_vehicle(name, folder=tmp_path, **GOOD)
     assert list(tmp_path.iterdir()) == []
 

@@ -1,4 +1,4 @@
-"""A change to a file of a vehicle folder: shown first, then written whole or not at all."""
+"""Changes to files of a vehicle folder: shown as a difference, then written atomically."""
 
 import difflib
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ class FileChange:
         path: the file.
         before: its text, line ends as they are.
         after: the text that it shall have.
-        notes: what the user should know, a line each.
+        notes: notes for the user, one line each.
     """
 
     path: Path
@@ -42,7 +42,7 @@ class FileChange:
         return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
 
     def write(self) -> None:
-        """Write it whole or not at all; the file keeps its mode, and a link stays a link.
+        """Write the file atomically, with its mode; a link remains a link.
 
         Raises:
             RunError: it cannot be written, or is no longer what it was.

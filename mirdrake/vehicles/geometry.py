@@ -1,4 +1,4 @@
-"""Dimensions of a vehicle, measured on its kinematics: never a constant repeated from a file."""
+"""Dimensions of a vehicle, measured on its kinematics."""
 
 import math
 from collections.abc import Callable
@@ -25,14 +25,14 @@ class VehicleGeometry:
     Attributes:
         wheelbase: between the axles.
         front_track: between the contact centres of the front wheels.
-        rear_track: the same at the rear.
+        rear_track: between the contact centres of the rear wheels.
         kingpin_track: between the steering axes, on the road.
-        front_wheel_radius: unloaded.
-        rear_wheel_radius: the same at the rear.
-        front_wheel_width: of the collision shape.
-        rear_wheel_width: the same at the rear.
+        front_wheel_radius: unloaded radius of the front wheels.
+        rear_wheel_radius: unloaded radius of the rear wheels.
+        front_wheel_width: of the collision shape of a front wheel.
+        rear_wheel_width: of the collision shape of a rear wheel.
         steering_limit: [rad] of the inner wheel.
-        steering_rate: [rad/s] at the road wheel; inf if nobody limits it.
+        steering_rate: [rad/s] at the road wheel; inf without a limit.
     """
 
     wheelbase: float
@@ -60,16 +60,16 @@ class VehicleGeometry:
 def measure_geometry(
     plant: MultibodyPlant, scene_graph: SceneGraph, *, spec: VehicleSpec, where: Callable[[str], str]
 ) -> VehicleGeometry:
-    """Dimensions of the only vehicle in a finalised plant.
+    """Return the dimensions of the only vehicle in a finalised plant.
 
     Args:
         plant: holds the vehicle and nothing else, finalised, all joints at zero.
-        scene_graph: where its shapes are registered.
+        scene_graph: scene graph of the plant.
         spec: joint roles and optional steering limits.
         where: ``file:line`` of a joint in its source.
 
     Raises:
-        ModelError: axes that are not lateral or vertical, a car that is not symmetric, wheels off the road.
+        ModelError: an axis is not lateral or vertical, the vehicle is not symmetric, or a wheel is not on the road.
     """
     context = plant.CreateDefaultContext()
     base = plant.GetFrameByName(spec.base_link)
@@ -85,14 +85,14 @@ def measure_geometry(
         if abs(axis[1] - 1.0) > TOLERANCE:
             raise ModelError(
                 f"{where(joint.name())}: wheel joint '{joint.name()}' turns about {_shown(axis)} of "
-                f"'{spec.base_link}'; it should be 0 1 0, so that a positive speed rolls ahead"
+                f"'{spec.base_link}'; it must be 0 1 0, so that a positive speed rolls forward"
             )
     for joint in kingpins:
         axis, _ = axis_and_centre(joint)
         if abs(axis[2] - 1.0) > TOLERANCE:
             raise ModelError(
                 f"{where(joint.name())}: steering joint '{joint.name()}' turns about {_shown(axis)} of "
-                f"'{spec.base_link}'; it should be 0 0 1, so that a positive angle turns left"
+                f"'{spec.base_link}'; it must be 0 0 1, so that a positive angle turns left"
             )
     p_BW = np.array([axis_and_centre(joint)[1] for joint in wheels])
     p_BK = np.array([axis_and_centre(joint)[1] for joint in kingpins])
@@ -127,7 +127,7 @@ def measure_geometry(
 
 
 def _check_pair(joints: list[RevoluteJoint], points: np.ndarray, where: Callable[[str], str]) -> None:
-    """Left and right mirror each other, and left is left."""
+    """Check that the left and the right joint are mirror images and not exchanged."""
     left, right = points
     if left[1] <= right[1]:
         raise ModelError(
@@ -144,7 +144,7 @@ def _check_pair(joints: list[RevoluteJoint], points: np.ndarray, where: Callable
 def _measure_axle(
     plant: MultibodyPlant, scene_graph: SceneGraph, wheels: list[RevoluteJoint], where: Callable[[str], str]
 ) -> tuple[float, float]:
-    """Radius and width [m] of the collision shapes of an axle's wheels: alike, and coaxial with their joints."""
+    """Return radius and width [m] of the wheels of an axle, from collision shapes that are coaxial with the joints."""
     inspector = scene_graph.model_inspector()
     sizes = []
     for joint in wheels:
@@ -171,7 +171,7 @@ def _measure_axle(
 
 
 def _wheel_size(shape: Shape, X_WS: RigidTransform) -> tuple[float, float] | None:
-    """(radius, width) of a shape that is centred on the wheel and round about its y axis, else None."""
+    """Return radius and width of a shape that is centred on the wheel and round about its y axis, else None."""
     if np.abs(X_WS.translation()[[0, 2]]).max() > TOLERANCE:
         return None
     if isinstance(shape, Sphere):
@@ -187,7 +187,7 @@ def _wheel_size(shape: Shape, X_WS: RigidTransform) -> tuple[float, float] | Non
 
 
 def _steering_limits(kingpins: list[RevoluteJoint], where: Callable[[str], str]) -> tuple[float, float]:
-    """Angle [rad] and rate [rad/s] that both steering joints reach to both sides."""
+    """Return the angle [rad] and rate [rad/s] that both steering joints reach to both sides."""
     for joint in kingpins:
         low, high = joint.position_lower_limit(), joint.position_upper_limit()
         if not -math.pi / 2 < low < 0.0 < high < math.pi / 2:

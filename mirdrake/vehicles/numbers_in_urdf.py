@@ -1,4 +1,4 @@
-"""Numbers in a URDF that Drake would answer with an exception without a line, or with a failed assertion."""
+"""Checks of numbers in a URDF for which Drake reports no line or fails an assertion."""
 
 import math
 from collections.abc import Callable
@@ -12,7 +12,7 @@ Test = Callable[[float], bool]
 
 
 FARTHEST = 1000.0
-"""No part of a vehicle is farther away, and none larger [m]; beyond, products of lengths lose all meaning."""
+"""Largest position and size of a part of a vehicle [m]."""
 
 
 def _any(value: float) -> bool:
@@ -78,7 +78,7 @@ _RULES: tuple[tuple[str, str, int, Test], ...] = (  # element, attribute, how ma
 
 
 def number(text: str | None) -> float:
-    """A number, or NaN for anything else."""
+    """Return the number in a text, or NaN for any other text."""
     try:
         return float(text or "nan")
     except ValueError:
@@ -86,10 +86,10 @@ def number(text: str | None) -> float:
 
 
 def check_numbers(urdf: Urdf) -> None:
-    """Places, axes, sizes, limits and contact properties are finite and have a sign that makes sense.
+    """Check that positions, axes, sizes, limits and contact properties are finite and in range.
 
     Raises:
-        ModelError: the first that is not, with its line.
+        ModelError: a number is not; the message has its line.
     """
     for tag, attribute, count, fits in _RULES:
         for element in urdf.root.iter(tag):
@@ -110,5 +110,5 @@ def check_numbers(urdf: Urdf) -> None:
 
 
 def _at(urdf: Urdf, element: ElementTree.Element) -> str:
-    """``file:line: <tag>`` of an element."""
+    """Return ``file:line: <tag>`` of an element."""
     return f"{urdf.where(element)}: <{element.tag.replace(_DRAKE, 'drake:')}>"

@@ -1,4 +1,4 @@
-"""A vehicle's collision shapes, measured on its URDF: convex parts, and the box around all of them."""
+"""Collision shapes of a vehicle, measured on its URDF: convex parts and their bounding box."""
 
 from collections.abc import Collection, Mapping
 from functools import lru_cache
@@ -18,7 +18,7 @@ _CIRCLE = 32  # corners of a circle
 
 
 class Outline(NamedTuple):
-    """The box around all collision shapes of a vehicle, in its frame B [m]."""
+    """Bounding box of all collision shapes of a vehicle, in its frame B [m]."""
 
     rear: float
     front: float
@@ -29,10 +29,10 @@ class Outline(NamedTuple):
 
 
 def measure_outline(urdf: str, *, packages: Mapping[str, str], base_link: str) -> Outline | None:
-    """The box around the collision shapes of a URDF, all joints at zero; None if it has no such shape.
+    """Return the bounding box of the collision shapes of a URDF with all joints at zero, or None without shapes.
 
-    Exact for boxes along the axes and for wheels; of other shapes their oriented boxes count. Half spaces have no end
-    and do not count.
+    It is exact for axis-aligned boxes and for wheels; other shapes are replaced by their oriented bounding boxes. Half
+    spaces are ignored.
 
     Args:
         urdf: text without xacro.
@@ -53,7 +53,7 @@ def measure_outline(urdf: str, *, packages: Mapping[str, str], base_link: str) -
 def measure_parts(
     urdf: str, *, packages: Mapping[str, str], base_link: str, wheels: Collection[str]
 ) -> tuple[tuple[Array, bool], ...]:
-    """The collision shapes of a URDF as convex parts, all joints at zero; half spaces have no end and do not count.
+    """Return the collision shapes of a URDF as convex parts, with all joints at zero; half spaces are ignored.
 
     Args:
         urdf: text without xacro.

@@ -1,4 +1,4 @@
-"""Wheels that stick in other parts of their own vehicle, which contact between its parts would not show: it is off."""
+"""Overlaps of wheels with other parts of their vehicle. Contact within a vehicle is disabled and does not show them."""
 
 from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet, QueryObject, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
@@ -9,13 +9,13 @@ from mirdrake.vehicles.spec import WHEELS
 from mirdrake.vehicles.vehicle import Vehicle
 
 LEAST_DEPTH = 5e-4
-"""Depth from which shapes count as in the same place [m]; exact touching is no overlap."""
+"""Smallest depth of an overlap [m]; shapes that only touch do not overlap."""
 
 
 def find_overlaps(
     plant: MultibodyPlant, scene_graph: SceneGraph, vehicle: Vehicle, *, angles: tuple[float, float]
 ) -> tuple[Overlap, ...]:
-    """The deepest overlap of each wheel with each link of the body, straight ahead, else at full lock to either side.
+    """Return the deepest overlap of each wheel with each link, straight ahead, else at full lock to either side.
 
     Links between body and wheels, the knuckles, are left out: they reach into their wheels.
 

@@ -1,4 +1,4 @@
-"""What a person who knows cars would look at twice in the figures of a vehicle, in words."""
+"""Plausibility checks of the figures of a vehicle."""
 
 import math
 
@@ -9,18 +9,18 @@ SPIN_FACTORS = (0.4, 1.0)
 """Plausible spin inertia of a wheel over m R²: a solid disc has 0.5, a hoop 1."""
 
 SIZE_RATIOS = (1.0 / 4.0, 1.5)
-"""Plausible size of a body's inertia over the size of its shapes; the mass of a car is not in its outermost corners."""
+"""Plausible length of the equivalent inertia box over the length of the collision shapes."""
 
 MOST_FRICTION = 2.0
-"""Racing tyres on a clean track stay below; larger numbers are left over from a simulator that needed them."""
+"""Largest plausible friction coefficient; racing tyres on a clean track stay below."""
 
 
 def find_oddities(figures: Inspection, vehicle: Vehicle) -> list[str]:
-    """What looks wrong, one line each, without a stop at the end.
+    """Return a message for each implausible figure.
 
     Args:
         figures: of the vehicle.
-        vehicle: itself, for its limits and for the sources of its numbers.
+        vehicle: the vehicle, for its limits and the sources of its numbers.
     """
     return [
         *_balance(figures),
@@ -58,7 +58,7 @@ def _balance(figures: Inspection) -> list[str]:
 
 
 def _odd_link(link: LinkFigures, figures: Inspection) -> list[str]:
-    """Inertia that does not fit the mass and the shapes of a link, and friction that no rubber has."""
+    """Return messages on the inertia and the friction of a link."""
     found = []
     small, middle, large = link.moments
     if link.spin is not None:
@@ -84,7 +84,7 @@ def _odd_link(link: LinkFigures, figures: Inspection) -> list[str]:
 
 
 def _contact(figures: Inspection) -> list[str]:
-    """Wheels in the body, and a body on the road."""
+    """Return messages on wheels that overlap other links, and on the ground clearance."""
     found = [
         f"wheel '{overlap.wheel}' sticks {1000.0 * overlap.depth:.0f} mm deep in '{overlap.link}' {overlap.pose}"
         for overlap in figures.overlaps
@@ -95,7 +95,7 @@ def _contact(figures: Inspection) -> list[str]:
 
 
 def _limits(figures: Inspection, vehicle: Vehicle) -> list[str]:
-    """Joints that may do anything."""
+    """Return messages on joints without limits."""
     found = []
     for joint in figures.joints:
         if joint.role.endswith("steering") and math.isinf(vehicle.geometry.steering_rate):

@@ -1,4 +1,4 @@
-"""Sensors that one can buy, by product name: ``front_lidar: {preset: sick_lms291, frame: front_lidar}``.
+"""Presets of commercial sensors by product name: ``front_lidar: {preset: sick_lms291, frame: front_lidar}``.
 
 Presets are data: every ``sensors/*.yaml`` in a models folder (see :mod:`mirdrake.core.paths`); the first of a name
 wins.
@@ -19,11 +19,11 @@ _PLACE = {"frame", "preset"}  # what a mount says for itself
 
 
 class PresetSpec(Schema):
-    """The numbers of one product."""
+    """Parameters of one product."""
 
     name: str = Field(min_length=1, description="maker and product")
     grade: Literal["A", "B", "C"] = Field(description="A: measured; B: data sheet or publication; C: mostly assumed")
-    sources: dict[str, str] = Field(description="dotted path of a number in `mount` -> where it is from, or assumed")
+    sources: dict[str, str] = Field(description="dotted path of a number in `mount` -> its source, or assumed")
     mount: dict[str, Any] = Field(description="as in sensors.yaml, without a frame")
 
     @model_validator(mode="after")
@@ -33,11 +33,11 @@ class PresetSpec(Schema):
         return self
 
     def numbers_without_source(self) -> list[str]:
-        """Dotted paths of the numbers in `mount` that `sources` does not explain."""
+        """Return the dotted paths of the numbers in `mount` without an entry in `sources`."""
         return [path for path in _paths(self.mount) if path not in self.sources]
 
     def sources_without_number(self) -> list[str]:
-        """What `sources` explains and `mount` does not have."""
+        """Return the entries of `sources` that do not match a number in `mount`."""
         return [path for path in self.sources if path not in set(_paths(self.mount))]
 
 
@@ -48,10 +48,10 @@ class PresetsSpec(Schema):
 
 
 def presets() -> dict[str, PresetSpec]:
-    """All presets by name.
+    """Return all presets by name.
 
     Raises:
-        ConfigError: a file of presets is wrong.
+        ConfigError: a file of presets is invalid.
     """
     files = [path for folder in search_folders("models") for path in sorted(folder.glob("sensors/*.yaml"))]
     found: dict[str, PresetSpec] = {}
@@ -62,11 +62,11 @@ def presets() -> dict[str, PresetSpec]:
 
 
 def with_preset(mount: Any) -> Any:
-    """A mount as written, laid over the preset that it names; its keys replace those of the preset.
+    """Return a mount merged over the preset that it names; its keys replace those of the preset.
 
     Raises:
-        ConfigError: a file of presets is wrong.
-        ValueError: no such preset, or of another kind.
+        ConfigError: a file of presets is invalid.
+        ValueError: the preset does not exist, or is of another kind.
     """
     if not isinstance(mount, dict) or "preset" not in mount:
         return mount
@@ -86,7 +86,7 @@ def _load(path: Path, _changed: int) -> dict[str, PresetSpec]:
 
 
 def _paths(data: dict[str, Any], prefix: str = "") -> Iterator[str]:
-    """Dotted paths of what is a quantity: all but kinds and switches."""
+    """Yield the dotted paths of all quantities: all keys except kinds and switches."""
     for key, value in data.items():
         if isinstance(value, dict):
             yield from _paths(value, f"{prefix}{key}.")

@@ -1,6 +1,6 @@
-"""A vehicle that is loaded as plain data, and back: what a run folder keeps of the vehicle that was driven.
+"""Conversion of a loaded vehicle to plain data and back, for run folders.
 
-The variant, the xacro arguments and the changes of a diagram are in it already. Meshes stay where they are.
+The data include the variant, the xacro arguments and the changes by the diagram. Meshes are not copied.
 """
 
 import math
@@ -18,7 +18,7 @@ Data = dict[str, Any]
 
 
 def vehicle_data(vehicle: Vehicle) -> Data:
-    """Return a vehicle as data that JSON can hold; its URDF and its packages are kept apart."""
+    """Return a vehicle as JSON data; URDF and packages are stored separately."""
     return {
         "name": vehicle.name,
         "folder": str(vehicle.folder),

@@ -1,4 +1,4 @@
-"""Checks of a vehicle's suspension, and what each of its springs carries.
+"""Checks of a suspension, and the static load of each spring.
 
 A suspended wheel hangs on a chain of joints: base_link, prismatic joint along z, at the front the steering joint, wheel
 joint. Travel is positive when the wheel moves up into the body (bump), and 0 as the car stands, loaded.
@@ -73,10 +73,11 @@ def _end(joint: ElementTree.Element, tag: str) -> str:
 def measure_spring_loads(
     plant: MultibodyPlant, *, spec: VehicleSpec, geometry: VehicleGeometry, where: Callable[[str], str]
 ) -> tuple[float, ...]:
-    """What each spring carries when the car stands as designed [N] (4), in the order of WHEELS; empty without springs.
+    """Return the static load of each spring in the design position [N] (4); empty without springs.
 
-    That is the load of the wheel on the road less the weight of what hangs below the joint. The axles share the weight
-    by their moments. Left and right do on each axle, so that a car whose centre of mass is off its middle stands level.
+    It is the wheel load less the unsprung weight below the joint, in the order of WHEELS. The axle loads and the loads of
+    left and right wheels follow from moment balances, so that a vehicle with a lateral offset of its centre of mass
+    stands level.
 
     Args:
         plant: holds the vehicle and nothing else, finalised.
