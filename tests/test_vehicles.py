@@ -502,7 +502,7 @@ def test_a_wheel_that_would_roll_backwards_is_refused(copy: Path) -> None:
     replace(copy / "structure.xacro", '<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>')
     assert message_of(ModelError).endswith(
         "wheel joint 'front_left_wheel_joint' turns about 0 -1 0 of 'base_link'; it must be 0 1 0, "
-        "so that a positive speed rolls ahead"
+        "so that a positive speed rolls forward"
     )
 
 

@@ -75,8 +75,8 @@ def measure_spring_loads(
 ) -> tuple[float, ...]:
     """Return the static load of each spring in the design position [N] (4); empty without springs.
 
-    It is the wheel load less the unsprung weight below the joint, in the order of WHEELS. The axle loads and the loads of
-    left and right wheels follow from moment balances, so that a vehicle with a lateral offset of its centre of mass
+    It is the wheel load less the unsprung weight below the joint, in the order of WHEELS. The loads of axles and
+    sides follow from moment balances, so that a vehicle with a lateral offset of its centre of mass
     stands level.
 
     Args:
