@@ -15,13 +15,16 @@ INSTALL = $(RUN)/python -m pip install --quiet --disable-pip-version-check --con
 PYTEST = OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --max-worker-restart 0
 ARGS ?=
 
-.PHONY: help drive test test-all check fuzz docs bench clean
+.PHONY: help drive test quick test-all times check lint fuzz docs bench clean
 
 help:
 	@echo "make drive     drive the MIR Bolt around its test track (ARGS='--set duration=20' for options)"
 	@echo "make test      the fast tests"
+	@echo "make quick     the tests that take a minute together, for each small change"
 	@echo "make test-all  all tests"
 	@echo "make check     formatting, lint, types and the fast tests"
+	@echo "make lint      formatting, lint and types"
+	@echo "make times     the fast tests; records their processor times in tests/times.json"
 	@echo "make fuzz      10 000 mutated files of every format through the commands (ARGS='--cases 500 --seed 1')"
 	@echo "make docs      the API reference from the docstrings, into docs/reference/"
 	@echo "make bench     benchmarks against other simulators (ARGS=... for options)"
@@ -34,14 +37,21 @@ drive: $(VENV)/ready
 test: $(VENV)/ready-dev
 	$(PYTEST) $(ARGS)
 
+quick: $(VENV)/ready-dev
+	$(PYTEST) --quick $(ARGS)
+
+times: $(VENV)/ready-dev
+	$(PYTEST) --times tests/times.json $(ARGS)
+
 test-all: $(VENV)/ready-dev
 	$(PYTEST) -m "slow or not slow" $(ARGS)
 
-check: $(VENV)/ready-dev
+check: lint test
+
+lint: $(VENV)/ready-dev
 	$(RUN)/ruff format --check .
 	$(RUN)/ruff check .
 	$(RUN)/mypy
-	$(PYTEST) $(ARGS)
 
 fuzz: $(VENV)/ready-dev
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(RUN)/python -m tests.fuzz_files $(ARGS)

@@ -1,5 +1,10 @@
-"""What all tests share: each leaves the process as it found it, plots stay headless, data files can be damaged."""
+"""What all tests share: each leaves the process as it found it, plots stay headless, data files can be damaged.
 
+``--times FILE`` records the processor time of the tests; ``--quick`` runs only the files that took at most
+:data:`QUICK_FILE` in ``tests/times.json``.
+"""
+
+import json
 import os
 import signal
 import sys
@@ -23,6 +28,67 @@ hypothesis.settings.register_profile(
     "mirdrake", derandomize=True, deadline=5000, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
 hypothesis.settings.load_profile("mirdrake")
+
+
+QUICK_FILE = 1.0
+"""Processor time of a test file up to which ``--quick`` runs it [s]."""
+
+TIMES = Path(__file__).with_name("times.json")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--times", metavar="FILE", help="record the processor time of files and of slow tests [s]")
+    parser.addoption("--quick", action="store_true", help=f"run only files that took at most {QUICK_FILE:g} s")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files that take long, with --quick; a file that is not recorded yet is run."""
+    if not config.getoption("--quick") or collection_path.suffix != ".py":
+        return None
+    recorded = json.loads(TIMES.read_text(encoding="utf-8"))["files"]
+    return True if recorded.get(collection_path.name, 0.0) > QUICK_FILE else None
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Iterator[None]:
+    """Attach the processor time of this process and of its children to the last report of a test."""
+    if call.when == "setup":
+        item.stash[_BEGAN] = getattr(item.config, "_processor_time", 0.0)
+    outcome = yield
+    if call.when == "teardown":
+        now = sum(os.times()[:4])
+        outcome.get_result().user_properties.append(("processor_s", now - item.stash[_BEGAN]))  # type: ignore[attr-defined]
+        item.config._processor_time = now  # type: ignore[attr-defined]
+
+
+_BEGAN = pytest.StashKey[float]()
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    session.config._processor_time = sum(os.times()[:4])  # type: ignore[attr-defined]
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    for name, value in report.user_properties:
+        if report.when == "teardown" and name == "processor_s":
+            _RECORDED[report.nodeid] = float(str(value))
+
+
+_RECORDED: dict[str, float] = {}
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the times, unless this is a worker of pytest-xdist."""
+    target = session.config.getoption("--times")
+    if target is None or hasattr(session.config, "workerinput"):
+        return
+    files: dict[str, float] = {}
+    for name, seconds in _RECORDED.items():
+        file = Path(name.partition("::")[0]).name
+        files[file] = files.get(file, 0.0) + seconds
+    slow = {name: round(seconds, 1) for name, seconds in sorted(_RECORDED.items()) if seconds > 2.0}
+    data = {"files": {name: round(seconds, 1) for name, seconds in sorted(files.items())}, "tests over 2 s": slow}
+    Path(target).write_text(json.dumps(data, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 @pytest.fixture(scope="session", autouse=True)
