@@ -1,6 +1,6 @@
 """Smoke test of an installation: a vehicle is checked, a diagram is run twice with equal signals, a drawing is made.
 
-    python tools/smoke.py
+python tools/smoke.py
 """
 
 import subprocess
