@@ -28,7 +28,6 @@ from mirdrake.vehicles.powertrain_spec import (
     Regeneration,
     Stability,
     Traction,
-    rotor_inertia,
 )
 from mirdrake.vehicles.spec import VehicleSpec
 
@@ -271,12 +270,12 @@ def test_the_brake_pedal_gives_the_stated_torque_with_the_stated_balance():
 
 def test_the_rotor_is_shared_by_the_driven_wheels():
     total = 0.04 * 7.05**2
-    assert rotor_inertia(ELECTRIC, drive="front", front=True) == pytest.approx(total / 2.0)
-    assert rotor_inertia(ELECTRIC, drive="front", front=False) == 0.0
+    assert ELECTRIC.wheel_inertia(drive="front", front=True) == pytest.approx(total / 2.0)
+    assert ELECTRIC.wheel_inertia(drive="front", front=False) == 0.0
     both = ELECTRIC.model_copy(update={"front_share": 0.3})
-    parts = [rotor_inertia(both, drive="all", front=front) for front in (True, True, False, False)]
+    parts = [both.wheel_inertia(drive="all", front=front) for front in (True, True, False, False)]
     assert sum(parts) == pytest.approx(total)
-    assert rotor_inertia(load_vehicle("bolt").spec.powertrain, drive="front", front=True) == 0.0
+    assert load_vehicle("bolt").spec.powertrain.wheel_inertia(drive="front", front=True) == 0.0
 
 
 # --- pedals ------------------------------------------------------------------------------------------------------

@@ -18,12 +18,11 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import Signal, signals_of
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.vehicles import WHEELS
-from mirdrake.vehicles.powertrain_spec import ElectricPowertrain
 
 Array = NDArray[np.float64]
 
 TOP_SPEED = 50.0
-"""Highest speed of a vehicle whose drive has no limit [m/s]."""
+"""Largest speed of the observations, also for vehicles without a speed limit [m/s]."""
 
 LARGE = 1e6
 """Range of a signal of which nothing is known; Gymnasium wants finite ones."""
@@ -185,12 +184,9 @@ class Readings:
 
 
 def top_speed(part: VehicleInPlant) -> float:
-    """Return the limit of a vehicle's governor or motor, otherwise :data:`TOP_SPEED` [m/s]."""
-    drive = part.vehicle.spec.powertrain
-    if isinstance(drive, ElectricPowertrain):
-        motor = float(drive.max_speed / drive.gear * min(part.vehicle.geometry.wheel_radii))
-        return motor if drive.governed_speed is None else min(motor, float(drive.governed_speed))
-    return TOP_SPEED
+    """Return the top speed of motor or governor, at most :data:`TOP_SPEED` [m/s]."""
+    ahead, _ = part.vehicle.spec.powertrain.top_speeds(min(part.vehicle.geometry.wheel_radii))
+    return min(ahead, TOP_SPEED)
 
 
 def steering_limit(part: VehicleInPlant) -> float:

@@ -50,7 +50,6 @@ from mirdrake.plant.rest_pose import RestPose, find_rest_pose
 from mirdrake.plant.wheel_shape import ContactModel, make_wheel_shape
 from mirdrake.tyres import SlipTyres
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
-from mirdrake.vehicles.powertrain_spec import rotor_inertia
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import scenery
 
@@ -299,7 +298,7 @@ def add_vehicle(
             actuator.set_default_rotor_inertia(PARKING_INERTIA)
         elif wheel_gains is not None and wheel in driven:
             actuator.set_controller_gains(PdControllerGains(p=wheel_gains.stiffness, d=wheel_gains.damping))
-        rotor = rotor_inertia(vehicle.spec.powertrain, drive=vehicle.spec.drive, front=wheel in WHEELS[:2])
+        rotor = vehicle.spec.powertrain.wheel_inertia(drive=vehicle.spec.drive, front=wheel in WHEELS[:2])
         if rotor > 0.0 and not parked:
             actuator.set_default_gear_ratio(1.0)
             actuator.set_default_rotor_inertia(rotor)

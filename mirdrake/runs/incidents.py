@@ -9,7 +9,6 @@ import shapely
 from numpy.typing import NDArray
 
 from mirdrake.plant.plant import VehicleInPlant
-from mirdrake.vehicles.powertrain_spec import ElectricPowertrain, EnginePowertrain
 from mirdrake.worlds import PlacedProp, Start, World
 from mirdrake.worlds.clearance import Volume, clearance, clearance_between, place_outline
 
@@ -200,13 +199,8 @@ def top_speeds(part: VehicleInPlant) -> tuple[float, float]:
     radius, drive = min(part.vehicle.geometry.wheel_radii), part.vehicle.spec.powertrain
     limits = [float(joint.velocity_upper_limits()[0]) * radius for joint in part.wheels]
     wheels = min([limit for limit in limits if limit > 0.0], default=math.inf)
-    if isinstance(drive, ElectricPowertrain):
-        motor = drive.max_speed / drive.gear * radius
-        return min(wheels, motor, drive.governed_speed or math.inf), min(wheels, motor)
-    if isinstance(drive, EnginePowertrain):
-        engine = drive.torque_curve[-1][0] * radius / drive.final_drive
-        return min(wheels, engine / drive.gears[-1]), min(wheels, engine / (drive.reverse or drive.gears[0]))
-    return wheels, wheels
+    ahead, backwards = drive.top_speeds(radius)
+    return min(wheels, ahead), min(wheels, backwards)
 
 
 def _poses(columns: Mapping[str, Array], name: str) -> Array:

@@ -23,7 +23,6 @@ from mirdrake.single_track.parameters import SingleTrackParameters
 from mirdrake.single_track.system import SingleTrack
 from mirdrake.vehicles import WHEELS, Vehicle
 from mirdrake.vehicles.parse import parse_urdf
-from mirdrake.vehicles.powertrain_spec import rotor_inertia
 
 FRONT_STIFFNESS = 12.0
 REAR_STIFFNESS = 16.0
@@ -136,7 +135,7 @@ def estimate_parameters(
         tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
         motor = actuators.get(joint.name())
         rotor = motor.default_rotor_inertia() * motor.default_gear_ratio() ** 2 if motor is not None else 0.0
-        rotor += rotor_inertia(spec.powertrain, drive=spec.drive, front=index < 2)
+        rotor += spec.powertrain.wheel_inertia(drive=spec.drive, front=index < 2)
         rotating += (float(axis @ tensor @ axis) + rotor) / radius**2
         for shape in plant.GetCollisionGeometriesForBody(body):
             properties = inspector.GetProperties(shape, Role.kProximity)

@@ -4,12 +4,13 @@ Their laws are in :mod:`mirdrake.plant.powertrain`. They act in vehicles with `w
 control.yaml; servos and PID controllers of the wheels use the torque limits only.
 """
 
-from collections.abc import Mapping
 from itertools import pairwise
+from math import inf
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from mirdrake.core.kinds import SelectedByKind
 from mirdrake.core.yaml_io import AngularRate, Duration, Power, Schema, Speed, Torque
 
 Duty = Annotated[float, Field(ge=0, le=1)]
@@ -38,8 +39,10 @@ class Traction(Schema):
     min_speed: Speed = Field(default=2.0, gt=0, description="[m/s] lower bound of the speed in the slip calculation")
 
 
-class _AnyPowertrain(Schema):
-    """Limits of every powertrain, at the wheels."""
+class AnyPowertrain(Schema):
+    """Limits of motor or engine at the wheels, for every kind."""
+
+    kind: str
 
     max_torque: Torque = Field(gt=0, description="[N m] largest torque, sum over the driven wheels, without losses")
     max_power: Power = Field(gt=0, description="[W] largest power, sum over the driven wheels, without losses")
@@ -50,8 +53,29 @@ class _AnyPowertrain(Schema):
         default=None, description="traction control; false: off"
     )
 
+    def top_speeds(self, radius: float) -> tuple[float, float]:
+        """Return the top speeds of motor and governor, ahead and backwards [m/s]; infinite without limits.
 
-class SimplePowertrain(_AnyPowertrain):
+        Args:
+            radius: radius of the driven wheels [m].
+        """
+        _ = radius
+        return inf, inf
+
+    def wheel_inertia(self, *, drive: str, front: bool) -> float:
+        """Return the inertia of the motor about the axle of a wheel [kg m²]; zero if the wheel is not driven.
+
+        The inertia of an engine is part of its torque instead, as it changes with the gear.
+
+        Args:
+            drive: driven axle: front, rear or all.
+            front: whether the wheel is a front wheel.
+        """
+        _ = drive, front
+        return 0.0
+
+
+class SimplePowertrain(AnyPowertrain):
     """A torque limit and a power limit, forwards and backwards, without losses."""
 
     kind: Literal["simple"] = "simple"
@@ -74,7 +98,7 @@ class Regeneration(Schema):
     )
 
 
-class ElectricPowertrain(_AnyPowertrain):
+class ElectricPowertrain(AnyPowertrain):
     """Electric motor with one gear; max_torque and max_power of the motor are referred to the wheels."""
 
     kind: Literal["electric"]
@@ -94,6 +118,19 @@ class ElectricPowertrain(_AnyPowertrain):
     def _rows(cls, rows: list[tuple[float, float]]) -> list[tuple[float, float]]:
         return _ascending(rows, second=False)
 
+    def top_speeds(self, radius: float) -> tuple[float, float]:
+        """Return the top speeds of motor and governor; see the base class."""
+        motor = self.max_speed / self.gear * radius
+        return min(motor, self.governed_speed or inf), motor
+
+    def wheel_inertia(self, *, drive: str, front: bool) -> float:
+        """Return the inertia of the rotor about the axle of a wheel; see the base class.
+
+        It is exact while the driven wheels have the same speed.
+        """
+        share = {"front": 1.0, "rear": 0.0}.get(drive, self.front_share)
+        return 0.5 * (share if front else 1.0 - share) * self.rotor_inertia * self.gear**2
+
 
 class Converter(Schema):
     """Torque converter, quasi-static: see :mod:`mirdrake.plant.powertrain.engine`."""
@@ -110,7 +147,7 @@ class Converter(Schema):
     creep_torque: Torque = Field(default=0.0, ge=0, description="[N m] output torque at idle, wheels locked")
 
 
-class EnginePowertrain(_AnyPowertrain):
+class EnginePowertrain(AnyPowertrain):
     """Combustion engine with torque converter and automatic gearbox.
 
     max_torque and max_power limit the engine in addition to its torque curve, referred to the wheels in first gear. The
@@ -164,18 +201,21 @@ class EnginePowertrain(_AnyPowertrain):
             raise ValueError("idle is above the last speed of torque_curve")
         return self
 
+    def top_speeds(self, radius: float) -> tuple[float, float]:
+        """Return the top speeds at the end of the torque curve; see the base class."""
+        engine = self.torque_curve[-1][0] * radius / self.final_drive
+        return engine / self.gears[-1], engine / (self.reverse or self.gears[0])
 
-def _kind(value: Any) -> Any:
-    return value.get("kind", "simple") if isinstance(value, Mapping) else getattr(value, "kind", "simple")
 
+POWERTRAINS: dict[str, type[AnyPowertrain]] = {
+    "simple": SimplePowertrain,
+    "electric": ElectricPowertrain,
+    "engine": EnginePowertrain,
+}
+"""Classes by ``powertrain.kind`` of vehicle.yaml."""
 
-Powertrain = Annotated[
-    Annotated[SimplePowertrain, Tag("simple")]
-    | Annotated[ElectricPowertrain, Tag("electric")]
-    | Annotated[EnginePowertrain, Tag("engine")],
-    Discriminator(_kind),
-]
-"""powertrain of vehicle.yaml, selected by its kind; the default is simple."""
+Powertrain = Annotated[AnyPowertrain, SelectedByKind(POWERTRAINS, default="simple")]
+"""Powertrain of a vehicle; the default kind is simple."""
 
 
 # --- brakes ------------------------------------------------------------------------------------------------------
@@ -257,20 +297,3 @@ class Actuators(Schema):
     throttle: Actuator = Field(default_factory=Actuator)
     brake: Actuator = Field(default_factory=Actuator)
     steering: SteeringActuator = Field(default_factory=SteeringActuator)
-
-
-def rotor_inertia(powertrain: Any, *, drive: str, front: bool) -> float:
-    """Return the inertia that the motor adds to a wheel about its axle [kg m²]; 0 for wheels that are not driven.
-
-    This is exact while the driven wheels have equal speeds: each is taken for their mean, the motor speed over the gear
-    ratio. The inertia of an engine depends on the gear and is part of its law.
-
-    Args:
-        powertrain: of vehicle.yaml.
-        drive: driven axle: front, rear or all.
-        front: whether the wheel is a front wheel.
-    """
-    if not isinstance(powertrain, ElectricPowertrain):
-        return 0.0
-    share = {"front": 1.0, "rear": 0.0}.get(drive, powertrain.front_share)
-    return 0.5 * (share if front else 1.0 - share) * powertrain.rotor_inertia * powertrain.gear**2

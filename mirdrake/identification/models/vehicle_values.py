@@ -26,7 +26,6 @@ from mirdrake.single_track import SingleTrackParameters, estimate_parameters
 from mirdrake.tyres import SlipTyres, TyreAtLoad, TyreLaw
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.parse import parse_urdf
-from mirdrake.vehicles.powertrain_spec import rotor_inertia
 
 _LATERAL = 0.02 * GRAVITY  # lateral acceleration of the turn [m/s²]: the limit of small ones
 _SPEED = 20.0  # speed at which the tyre laws are evaluated [m/s]
@@ -161,7 +160,7 @@ def _wheel_values(vehicle: Vehicle) -> dict[str, float]:
     for index, (name, unloaded, track) in enumerate(zip(names, geometry.wheel_radii, tracks, strict=True)):
         inertia, radius = spin_inertia(plant, name), rolling * unloaded
         momentum += inertia / radius
-        rotor = rotor_inertia(spec.powertrain, drive=spec.drive, front=index < 2)
+        rotor = spec.powertrain.wheel_inertia(drive=spec.drive, front=index < 2)
         resisting += (inertia + rotor) * (0.5 * track / radius) ** 2  # outer wheels turn faster
     # The diagonal of the mass matrix has the inertia of everything that a steering joint moves.
     inertias = plant.CalcMassMatrix(plant.CreateDefaultContext()).diagonal()

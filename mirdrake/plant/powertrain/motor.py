@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import inf
 
 from mirdrake.plant.powertrain.maps import Rows, read_map
-from mirdrake.vehicles.powertrain_spec import ElectricPowertrain, Regeneration, SimplePowertrain
+from mirdrake.vehicles.powertrain_spec import AnyPowertrain, ElectricPowertrain, Regeneration, SimplePowertrain
 
 FADE = 0.01
 """Share of the top speed over which the torque decreases to zero [1]."""
@@ -41,7 +41,7 @@ class Motor:
     fade_rate: float = 1.0
 
 
-def make_motor(spec: SimplePowertrain | ElectricPowertrain, *, radius: float) -> Motor:
+def make_motor(spec: AnyPowertrain, *, radius: float) -> Motor:
     """Return the motor of a vehicle.
 
     Args:
@@ -50,6 +50,7 @@ def make_motor(spec: SimplePowertrain | ElectricPowertrain, *, radius: float) ->
     """
     if isinstance(spec, SimplePowertrain):
         return Motor(spec.max_torque, spec.max_power)
+    assert isinstance(spec, ElectricPowertrain)  # an engine has its own law
     governed = inf if spec.governed_speed is None else spec.governed_speed / radius * spec.gear
     fade = spec.regeneration.fade_speed if spec.regeneration is not None else 1.0
     return Motor(
