@@ -75,7 +75,9 @@ def main() -> int:
     for stage in sorted(set(level.values())):
         names = " ".join(f'"{part}";' for part in sorted(level) if level[part] == stage)
         lines.append(f"  {{ rank=same; {names} }}")
-    lines += [f'  "{other}" -> "{part}";' for part, others in sorted(reduced(edges).items()) for other in sorted(others)]
+    lines += [
+        f'  "{other}" -> "{part}";' for part, others in sorted(reduced(edges).items()) for other in sorted(others)
+    ]
     text = "\n".join([*lines, "}"])
     done = subprocess.run(["dot", "-Tsvg"], input=text, capture_output=True, text=True, check=True)
     (ROOT / "docs" / "architecture.svg").write_text(done.stdout, encoding="utf-8")
