@@ -69,7 +69,7 @@ def main() -> int:
     lines = [
         "digraph mirdrake {",
         '  rankdir=BT; ranksep=0.35; nodesep=0.25; bgcolor="white";',
-        '  node [shape=box, style="rounded,filled", fillcolor="#eef3f8", color="#5b7a99", fontname="Helvetica", fontsize=13];',
+        '  node [shape=box, style="rounded,filled", fillcolor="#eef3f8", color="#5b7a99", fontname="Helvetica"];',
         '  edge [color="#8aa0b5", arrowsize=0.6];',
     ]
     for stage in sorted(set(level.values())):
