@@ -16,6 +16,7 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.framework import LeafSystem as DrakeLeafSystem
 
 import mirdrake
+import mirdrake.gym  # here, as Gymnasium sets an environment variable when it is imported
 from mirdrake.assembly.diagram import assemble
 from mirdrake.core.leaf_system import FreeableType, LeafSystem, declare_cached_value
 from mirdrake.core.paths import find
