@@ -12,7 +12,7 @@ feed-forward f::
 
 The integral part I is stored in units of the control, so a new ki acts on future errors only. When kp, b, kd, c or Tf
 change, I takes up the difference that this makes to P + D at that instant: the control goes on from the value it would
-have had with the old gains (bumpless). Without integral action (ki = 0) such a shift would stay for ever, so there it
+have had with the old gains (bumpless). Without integral action (ki = 0) such a shift would remain, so there it
 is not made, and I stays as it is, as a constant bias.
 """
 
@@ -47,7 +47,7 @@ class PidGains:
         filter_time: time constant Tf of the derivative filter [s]; 0: none.
         proportional_weight: set-point weight b of the proportional part [1].
         derivative_weight: set-point weight c of the derivative part [1]; 0: no derivative kick.
-        tracking_time: time constant Tt of the anti-windup [s]; 0: the integral gives way at once, inf: no anti-windup,
+        tracking_time: time constant Tt of the anti-windup [s]; 0: the integral follows at once, inf: no anti-windup,
             None: sqrt(kd/ki) with derivative part, kp/ki without (Åström and Murray 11.4), and 0 for a pure integrator.
         anti_windup_time: the value in use [s], computed.
 

@@ -38,7 +38,7 @@ class Edit:
         path: dotted path, or the keys one by one where a key has a dot in it; a number is the index of a list item.
         value: text, number, true, false or None; a tuple of these, written as a list in brackets; or :data:`REMOVED`.
         comment: a line to stand above the key, without ``#``.
-        replaces: a comment line directly above that begins so gives way to the new one.
+        replaces: a comment line directly above that begins so is replaced by the new one.
     """
 
     path: str | tuple[str, ...]

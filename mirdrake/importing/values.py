@@ -34,7 +34,7 @@ def read_number(text: str | None, *, where: str, what: str) -> float | None:
     """Return a number, which may be infinite; None if there is no text.
 
     Raises:
-        ModelError: it is no number.
+        ModelError: it is not a number.
     """
     if text is None or not text.strip():
         return None

@@ -18,7 +18,7 @@ Systems 10(4), 2012), with gains that give the offset a natural frequency and a 
 
     δ = (L + K v²) κ(s + v τ) - k (e + ℓ sin(ψ - ψ_line)),   k = ω² (L + K v²) / v²,   ℓ = 2 ζ v / ω
 
-The course ψ of the point is told ahead by τ, and both take the yaw rate. A slow car turns as soon as its wheels do:
+The course ψ of the point is predicted by τ, and both take the yaw rate. A slow car turns as soon as its wheels do:
 what the yaw rate differs from that of the line comes back through the steering at once, so that its share is limited.
 """
 

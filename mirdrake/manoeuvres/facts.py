@@ -18,7 +18,7 @@ _CONTROL = 0.02
 """Part of that time that driver and control unit take, a period each [s]."""
 
 SMALL = 1.5
-"""Wheelbase below which a vehicle is no car, and speeds and courses are scaled [m]."""
+"""Wheelbase below which a vehicle is smaller than a car, so that speeds and courses are scaled [m]."""
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,9 @@ class _Figure(Schema):
     payload: Mass | None = Field(default=None, ge=0.0, description="driver and equipment; empty: that of the file [kg]")
     arguments: dict[str, str] = Field(default_factory=dict, description="of the xacro files, besides payload [-]")
     note: str = Field(default="", description="what a reader should know [-]")
-    not_compared: str = Field(default="", description="why it is told but not simulated; empty: it is [-]")
+    not_compared: str = Field(
+        default="", description="reason why it is listed but not simulated; empty if it is simulated [-]"
+    )
 
     @field_validator("value", mode="before")
     @classmethod

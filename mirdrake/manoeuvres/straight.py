@@ -175,7 +175,7 @@ class BrakingSpec(ManoeuvreSpec):
 
     speed: Speed = setting(100.0 * KMH, "at which the distance begins", "m/s", "E", "Car and Driver, Edmunds", gt=0.0)
     others: tuple[float, ...] = setting(
-        (60.0 * MPH, 30.0 * MPH), "further speeds from which distances are told", "m/s", "E", "Edmunds"
+        (60.0 * MPH, 30.0 * MPH), "further speeds from which distances are reported", "m/s", "E", "Edmunds"
     )
     brake: float = setting(1.0, "position of the pedal", "", "own", gt=0.0, le=1.0)
     lead: Speed = setting(3.0 * KMH, "faster than that when the brake is pressed", "m/s", "own", ge=0.0)
@@ -206,7 +206,7 @@ class BrakingSpec(ManoeuvreSpec):
 
 
 class SplitFrictionSpec(ManoeuvreSpec):
-    """Full braking with the left wheels on a slippery strip: deceleration, yaw and way to the side."""
+    """Full braking with the left wheels on a slippery strip: deceleration, yaw and lateral displacement."""
 
     title: ClassVar[str] = "Braking on split friction"
     standard: ClassVar[str] = "after UN R13-H and ISO 14512; numbers are a choice of this program"
@@ -258,7 +258,7 @@ class SplitFrictionSpec(ManoeuvreSpec):
             outcome.add("mean", "Mean deceleration", braking.mean, "m/s²")
             outcome.add("hand_wheel_mean", "Mean hand-wheel angle, 80 to 20 % of the speed", steered, "deg", "+ left")
         else:
-            text = f"Time until it had turned by {math.degrees(_ROUND):.0f} deg, after which nothing is told"
+            text = f"Time until it had turned by {math.degrees(_ROUND):.0f} deg, after which no figures are reported"
             outcome.add("turned", text, turned - _BEFORE, "s")
             offset, most = max(offset, abs(float(np.interp(turned, record.time, record.y)))), _ROUND
         outcome.add("sideways", "Largest offset to the side", offset, "m", f"at most {self.sideways:.3g} m")

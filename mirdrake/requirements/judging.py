@@ -76,7 +76,7 @@ class Requirement:
 
         Raises:
             ConfigError: the run has no such signal or goal, or the unit is another.
-            RunError: a signal is no number, or the run ended before it counts.
+            RunError: a signal is not a number, or the run ended before it counts.
         """
         place = f"{self.where}: '{self.text}': " if self.where else f"'{self.text}': "
         for one in self.atoms:

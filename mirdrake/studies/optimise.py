@@ -1,6 +1,6 @@
 """Proposers of the next points of a search: a fixed list, or a sampler of Optuna that learns from results.
 
-Points are asked for and results are told in batches of fixed size and in order, so that the points depend only on the
+Points are proposed and results reported in batches of fixed size and in order, so that the points depend only on the
 seed and on earlier results. A sampler gets finite numbers only.
 
 Sources: TPE: J. Bergstra et al., Algorithms for Hyper-Parameter Optimization, NIPS 2011; CMA-ES: N. Hansen, The CMA
@@ -27,7 +27,7 @@ LEARNING = ("tpe", "cma", "nsga2")
 METHODS = (*LEARNING, "grid", "latin_hypercube", "sobol", "random")
 
 LARGEST = 1e15
-"""Upper limit of the objectives that a sampler is told [their unit]."""
+"""Upper limit of the objectives that is passed to a sampler [their unit]."""
 
 
 class Proposer(Protocol):

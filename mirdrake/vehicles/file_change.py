@@ -78,7 +78,7 @@ def change_file(
     try:
         check(before)
     except ConfigError as error:
-        raise ConfigError(f"{error}\n{name}: is left as it is; mend it first") from None
+        raise ConfigError(f"{error}\n{name}: is left unchanged; fix it first") from None
     bare = [Edit(edit.path, edit.value) for edit in edits]
     if edit_yaml(before, bare, name=name) == before:
         return FileChange(path, before, before, tuple(notes))

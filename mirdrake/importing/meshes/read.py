@@ -206,7 +206,7 @@ def _without_broken(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
     kept, broken, count = [], 0, 0
     for piece in pieces:
         # The comparison is false for NaN, too.
-        finite = np.asarray((np.abs(piece.corners) < _FAR).all(axis=(1, 2)))  # not so if it is no number
+        finite = np.asarray((np.abs(piece.corners) < _FAR).all(axis=(1, 2)))  # False where a coordinate is not a number
         count += len(finite)
         broken += int((~finite).sum())
         corners = np.where(finite[:, None, None], piece.corners, 0.0)
