@@ -1,9 +1,9 @@
 """Export of signals as a CSV table with units in its header, with a table for each sensor of vector samples.
 
 The header has ``name [unit]`` for each column, ``name`` alone for pure numbers: ``time [s],ego.x [m],ego.lap``. Numbers
-are in full precision; a value that is not a number is an empty cell. ``mirdrake run --commands`` reads such a table. Beside
-``signals.csv``, ``signals.ego.imu.csv`` has the samples of the sensor ``ego.imu`` at its own rate, by the time at which
-each was taken.
+are in full precision; a value that is not a number is an empty cell. ``mirdrake run --commands`` reads such a table.
+Beside ``signals.csv``, ``signals.ego.imu.csv`` has the samples of the sensor ``ego.imu`` at its own rate, with the time
+at which each was taken.
 """
 
 import csv

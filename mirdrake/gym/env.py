@@ -170,8 +170,8 @@ class DriveEnv(gymnasium.Env[Array, Array]):
 
         Returns:
             observation, reward, terminated, truncated, and an info with ``time`` [s]; ``ended_by`` names what ended the
-            episode. A state that is not a number ends it as ``diverged`` with reward 0, a reward that is not a number counts as 0
-            and is reported as ``bad_reward``.
+            episode. A state that is not a number ends it as ``diverged`` with reward 0. A reward that is not a number
+            counts as 0 and is reported as ``bad_reward``.
         """
         if self._context is None:
             raise ConfigError("step: call reset first")
