@@ -178,7 +178,7 @@ def test_the_page_loads_and_shows_the_car_in_the_middle_of_what_the_panel_leaves
     texts = page.browser.execute_script("return document.body.innerText")
     for words in ("Chevrolet Bolt EV", "Reset", "Record", "speed.kp", "contact forces", "brake; press again: reverse"):
         assert words in texts
-    assert "to drive off" in page.text("help")
+    assert "to accelerate" in page.text("help")
     severe = [entry["message"] for entry in page.browser.get_log("browser") if entry["level"] == "SEVERE"]
     assert severe == []
 

@@ -191,7 +191,7 @@ def test_the_command_fits_a_data_file_and_rejects_a_wrong_sign(tmp_path, capsys)
     main(["identify", str(path), "--out", str(tmp_path / "out"), "--set", "model.kind=kinematic"])
     text = capsys.readouterr().out
     assert text.startswith("data: no study is given: model single_track, chosen by the channels")
-    assert "Data check, remarks:" in text
+    assert "Data check, warnings:" in text
     assert "log.csv, end" in text
     path = write_log(tmp_path, ", sign: -1")
     assert main(["identify", str(path), "--out", str(tmp_path / "wrong")]) == 2

@@ -1147,7 +1147,7 @@ def test_an_existing_vehicle_is_only_replaced_by_force(tmp_path, same_process):
     source = write(tmp_path / "source")
     first = import_vehicle(source, name="mine", folder=tmp_path)
     (first.folder / "note").write_text("old")
-    with pytest.raises(ConfigError, match="is there already"):
+    with pytest.raises(ConfigError, match="exists already"):
         import_vehicle(source, name="mine", folder=tmp_path)
     import_vehicle(source, name="mine", folder=tmp_path, force=True, progress=lambda text: None)
     assert not (first.folder / "note").exists()

@@ -155,14 +155,14 @@ def done(lot: Path, printed: list[str]) -> Path:
 # --- what is printed and written -----------------------------------------------------------------------------------
 
 
-def test_the_verdicts_are_what_the_file_asks_for(done: Path) -> None:
+def test_the_verdicts_follow_the_requirements_of_the_file(done: Path) -> None:
     verdicts = {result["name"]: result["verdict"] for result in _results(done)}
     assert verdicts == {
         "cruise#1": "pass", "cruise#2": "fail", "cruise#3": "pass", "crowded#1": "pass", "crowded#2": "invalid",
         "own#1": "pass", "own#2": "error", "own#3": "error",
     }  # fmt: skip
     reasons = {result["name"]: result["reason"] for result in _results(done)}
-    assert "no free place for 'block" in reasons["crowded#2"]
+    assert "no free position for 'block" in reasons["crowded#2"]
     assert reasons["own#2"].startswith("the run failed at t = 0.1")
     assert reasons["own#2"].endswith("ValueError: no path was found")
     assert reasons["own#3"] == "the process ended with exit code 4"
@@ -313,11 +313,11 @@ def test_a_search_finds_the_failure_and_prints_the_command_that_repeats_it(
     assert worst == pytest.approx(float(row[2]), rel=5e-3)
 
 
-def test_a_search_that_finds_nothing_says_so(lot: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_search_without_failures_reports_it(lot: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     path = _world(tmp_path, WORLD.replace("[1, 9]", "[1, 2]"))
     assert _call(world_search, path, "--budget", 2, "-j", 1) == 0
     assert "2 runs (2 pass)" in capsys.readouterr().out
-    with pytest.raises(ConfigError, match="'own' does not say what to search; these do: cruise"):
+    with pytest.raises(ConfigError, match="'own' has no search; these do: cruise"):
         _call(world_search, lot, "--case", "own")
 
 
@@ -330,10 +330,10 @@ def test_a_case_changes_with_the_files_it_is_made_of(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seeds", ["[1, two]", "[[1]]", "[1.5]", "[true]"])
-def test_a_seed_that_is_no_whole_number_is_one_line_with_its_place(tmp_path: Path, seeds: str) -> None:
+def test_a_seed_that_is_not_a_whole_number_is_one_line_with_its_place(tmp_path: Path, seeds: str) -> None:
     world = WORLD.replace("variations: {speed: [2, 6, 4]}", f"variations: {{seed: {seeds}}}")
     (tmp_path / "w.yaml").write_text(world)
     with pytest.raises(ConfigError) as caught:
         collect_cases([tmp_path / "w.yaml"])
     assert "w.yaml:" in str(caught.value)
-    assert "seed: whole numbers are expected" in str(caught.value)
+    assert "seed: give whole numbers" in str(caught.value)

@@ -248,7 +248,7 @@ def test_a_candidate_with_a_figure_that_is_not_finite_is_not_the_best() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"method": "tpee"}, "method: no way to search is called 'tpee'; did you mean 'tpe'"),
+        ({"method": "tpee"}, "method: unknown method 'tpee'; did you mean 'tpe'"),
         ({"cost": {"iea": 1.0}}, "cost: no figure 'iea'; did you mean 'iae'"),
         ({"constraints": {"mss": 1.0}}, "constraints: no figure 'mss'; did you mean 'ms'"),
         ({"cost": {"iae": -1.0}}, "cost.iae: -1 is not allowed"),
