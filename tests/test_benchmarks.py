@@ -44,11 +44,14 @@ def test_the_drive_gives_speed_accuracy_and_overhead_for_both_contacts() -> None
         pytest.param(
             "w2",
             {"color_and_depth", "depth", "collect", "peers"},
-            marks=pytest.mark.skipif(rendering._egl_fault() is not None, reason="cameras cannot be drawn here"),
+            marks=[
+                pytest.mark.slow,
+                pytest.mark.skipif(rendering._egl_fault() is not None, reason="cameras cannot be drawn here"),
+            ],
         ),
         ("w3", {"360x1", "16x900"}),
-        ("w4", {"mirdrake_10_ms_spawn", "mirdrake_10_ms_fork"}),
-        ("tyres", {"drives", "single_track"}),
+        pytest.param("w4", {"mirdrake_10_ms_spawn", "mirdrake_10_ms_fork"}, marks=pytest.mark.slow),
+        pytest.param("tyres", {"drives", "single_track"}, marks=pytest.mark.slow),
         ("memory", {"growth_repeated_runs_mb", "growth_long_drive_mb"}),
         ("startup", {"import_mirdrake_s", "first_step_s"}),
     ],

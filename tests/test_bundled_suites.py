@@ -17,8 +17,16 @@ BAD = {
 BLIND = {"kind": "blind", "speed": 8.0}
 
 
-def told(key: str) -> str:
-    return CASES[key].test
+FAST_GOOD = {"one_lap", "stops_before_the_pedestrian", "circle", "leaves_home"}
+FAST_BAD = {"stops_before_the_pedestrian", "one_lap", "circle"}
+
+
+def marked(fast):
+    """All cases as parameters; those not named are slow."""
+    return [
+        pytest.param(key, id=CASES[key].test, marks=[] if CASES[key].test in fast else [pytest.mark.slow])
+        for key in sorted(CASES)
+    ]
 
 
 def test_every_bundled_world_has_a_test():
@@ -26,13 +34,13 @@ def test_every_bundled_world_has_a_test():
     assert len({case.world for case in CASES.values()}) == len(names("worlds"))
 
 
-@pytest.mark.parametrize("key", sorted(CASES), ids=told)
+@pytest.mark.parametrize("key", marked(FAST_GOOD))
 def test_a_good_driver_passes(key):
     result = run_case(CASES[key])
     assert result.verdict == "pass", result.reason
 
 
-@pytest.mark.parametrize("key", sorted(CASES), ids=told)
+@pytest.mark.parametrize("key", marked(FAST_BAD))
 def test_a_bad_driver_fails(key):
     result = run_case(with_driver(CASES[key], BAD.get(CASES[key].test, BLIND)))
     assert result.verdict == "fail", result.reason

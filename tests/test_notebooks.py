@@ -14,8 +14,8 @@ pytest.importorskip("ipykernel")
 FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
-SLOW: set[str] = set()
-"""Names that take longer than 40 s."""
+SLOW = {"03_make_your_own_vehicle", "05_sensors_and_recording", "07_tuning", "08_identification"}
+"""Names that take long and whose commands other fast tests run."""
 
 LONGEST_CELL = 45
 """Lines; a file that a cell writes counts as well."""
