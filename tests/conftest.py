@@ -30,7 +30,7 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("mirdrake")
 
 
-QUICK_FILE = 3.0
+QUICK_FILE = 1.5
 """Processor time of a test file up to which ``--quick`` runs it [s]."""
 
 TIMES = Path(__file__).with_name("times.json")
