@@ -210,7 +210,7 @@ class ManoeuvreSpec(Schema):
     headline: ClassVar[tuple[str, ...]] = ()
 
     def drive(self, rig: Any, outcome: Outcome) -> None:
-        """Simulate the runs on a :class:`mirdrake.manoeuvres.rig.Rig` and fill the outcome.
+        """Simulate the runs on a :class:`mirdrake.manoeuvres.rig.Rig` and fill the outcome; each kind defines it.
 
         Raises:
             NotFeasible: the manoeuvre is beyond the vehicle.

@@ -102,7 +102,7 @@ class _Figure(Schema):
 
     @property
     def text(self) -> str:
-        """What it is, in words."""
+        """The quantity in words; each kind of figure defines it."""
         raise NotImplementedError
 
     @property

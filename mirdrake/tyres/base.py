@@ -122,7 +122,7 @@ class SlipTyres(Tyres):
     )
 
     def axle_laws(self, folder: Path) -> tuple[TyreLaw, TyreLaw]:
-        """Return the laws of front and rear tyres.
+        """Return the laws of front and rear tyres; each kind with ``has_law`` defines it.
 
         Args:
             folder: folder of the vehicle.

@@ -54,7 +54,7 @@ class SolidKind(ABC):
         """Return the sizes of a shape [m]; those of a mesh are its scale."""
 
     def extent(self, sizes: Sequence[float]) -> Size:
-        """Return the size of the bounding box of a primitive along x, y, z [m]."""
+        """Return the size of the bounding box along x, y, z [m]; each primitive defines it, a mesh has none."""
         raise NotImplementedError
 
     @abstractmethod
