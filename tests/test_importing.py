@@ -174,6 +174,7 @@ def test_suspension_joints_are_fixed_and_their_values_reported():
         arm = Joint(f"t{letter}", "revolute", "chassis", f"arm_{letter}", limits=Limits(-0.3, 0.3), axis=Y)
         model.joints[f"j2{letter}"].parent = arm.child
         add(model, Link(arm.child), arm)
+    model.joints["sb"].kind = "fixed"
     assert roles_of(model)[0] == EXPECTED
     result = repaired(model)
     assert reports(result, "joint 'sa'", "3152 N/m", "fixed at zero")
@@ -1301,20 +1302,45 @@ def test_springs_that_carry_nothing_or_not_all_wheels_are_left_out_with_the_reas
     assert result.springs is None
     assert reports(result, "suspension", "left out", "heavier than its wheel load")
     model = sprung("joint")
-    for name in ("s_j2a", "s_j2b"):
+    for name in ("s_ka", "s_j2b"):
         model.joints[name].kind = "fixed"
     result = repaired(model)
     assert result.springs is None
-    assert reports(result, "suspension", "2 of 4 wheels on springs", "rear left, rear right")
+    assert reports(result, "suspension", "2 of 4 wheels on springs", "front left, rear right")
+    assert reports(result, "joint 's_kb'", "fixed at zero", "mirdrake needs springs at both wheels of an axle")
 
 
-def test_a_car_with_springs_rests_on_them(tmp_path, same_process):
+@pytest.mark.parametrize(
+    ("fixed", "sprung_end", "rigid_end"), [("ka kb", "rear", "front"), ("j2a j2b", "front", "rear")]
+)
+@pytest.mark.parametrize("kind", ["prismatic", "revolute"])
+def test_springs_of_one_axle_stay_and_the_other_axle_is_almost_rigid(fixed, sprung_end, rigid_end, kind):
+    model = sprung("joint", kind)
+    for name in fixed.split():
+        model.joints[f"s_{name}"].kind = "fixed"
+    result = repaired(model)
+    assert result.springs is not None
+    rate = K if kind == "prismatic" else K / 0.5**2
+    values = {key: number.value for key, number in result.springs.numbers.items()}
+    assert values[f"{sprung_end}_stiffness"] == pytest.approx(rate)
+    assert values[f"{rigid_end}_stiffness"] == pytest.approx(5.0 * result.estimates.tyre_point_stiffness)
+    assert values[f"{rigid_end}_anti_roll"] == 0.0
+    assert reports(result, f"suspension: {rigid_end} springs", "none", "please check", "no springs at this axle")
+    assert total_mass(result.parts) == pytest.approx(BODY + 4 * WHEEL + 2 * HUB + 20.0)
+    assert set(result.spring_joints) == set(result.wheels)
+
+
+HUBS = (("steer_l", "hub_l"), ("steer_r", "hub_r"), ("axle_rl", "wheel_rl"), ("axle_rr", "wheel_rr"))
+
+
+@pytest.mark.parametrize("hubs", [HUBS, HUBS[:2], HUBS[2:]], ids=["all", "front", "rear"])
+def test_a_car_with_springs_rests_on_them(tmp_path, same_process, hubs):
     slide = (
         '<link name="c_{0}"/><joint name="s_{0}" type="prismatic"><parent link="chassis"/><child link="c_{0}"/>'
         '<axis xyz="0 0 -1"/><limit lower="-0.1" upper="0.1" effort="0" velocity="1"/></joint>'
     )
-    text = urdf(extra="".join(slide.format(name) for name in ("hub_l", "hub_r", "wheel_rl", "wheel_rr")))
-    for joint, child in (("steer_l", "hub_l"), ("steer_r", "hub_r"), ("axle_rl", "wheel_rl"), ("axle_rr", "wheel_rr")):
+    text = urdf(extra="".join(slide.format(name) for _, name in hubs))
+    for joint, child in hubs:
         head, _, tail = text.partition(f'<joint name="{joint}"')
         text = head + f'<joint name="{joint}"' + tail.replace('"chassis"', f'"c_{child}"', 1)
     (tmp_path / "source").mkdir()

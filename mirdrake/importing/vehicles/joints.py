@@ -11,7 +11,7 @@ from mirdrake.importing.vehicles.recognise import Roles
 MOST_NUMBERS = 24
 """Numbers of a plugin that a report names."""
 
-_SUSPENSION = "not all four wheels have their own spring; the suspension is fixed at its zero position"
+_SUSPENSION = "mirdrake needs springs at both wheels of an axle; this one is fixed at its zero position"
 _WHY = {
     "revolute": "it neither steers a front wheel nor drives a wheel",
     "continuous": "it neither steers a front wheel nor drives a wheel",

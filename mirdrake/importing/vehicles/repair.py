@@ -76,8 +76,11 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
         changes += found
     # Names, frames and sensors last, since sensors refer to frames of all parts.
     wheel_joints, steering_joints = _name_joints(roles, names)
-    spring_joints = {key: names.joint(item.joint.name) for key, item in sprung.items()}
-    changes += report_joints(roles, sprung=[item.joint for item in sprung.values()])
+    spring_joints = {
+        key: names.joint(item.joint.name) if item.joint is not None else names.new_joint(f"{key}_spring")
+        for key, item in sprung.items()
+    }
+    changes += report_joints(roles, sprung=[item.joint for item in sprung.values() if item.joint is not None])
     changes += _report_collisions(roles, (*knuckles, *carriers.values()), layout)
     frames, places = _make_frames(roles, body, knuckles, wheels, carriers, names)
     mounts, mount_frames, found = make_mounts(model, places, names)
@@ -144,7 +147,7 @@ def _make_parts(
     """Return body, knuckles, wheels and, with springs, carriers, with their shapes."""
     tree = roles.tree
     free = {wheel.joint.name for wheel in roles.wheels.values()} | {joint.name for joint in roles.steering}
-    free |= {item.joint.name for item in sprung.values() if not item.steered}
+    free |= {item.joint.name for item in sprung.values() if item.joint is not None and not item.steered}
     root = tree.model.links[tree.root]
     if tree.root == BASE or BASE not in tree.poses:
         base = names.link(BASE)
@@ -173,8 +176,9 @@ def _make_parts(
         wheels[key] = Part(names.link(child), tree.rigid_with(child, free), layout.parts[key])
     carriers = {}
     for key, item in sprung.items():
-        own = [] if item.steered else tree.rigid_with(item.joint.child, free)
-        name = names.link(item.joint.child) if own else names.new(f"{key}_carrier")
+        joint = None if item.steered else item.joint
+        own = [] if joint is None else tree.rigid_with(joint.child, free)
+        name = names.link(joint.child) if joint is not None else names.new(f"{key}_carrier")
         carriers[key] = Part(name, own, layout.X_MB)
     for part in (body, *knuckles, *wheels.values(), *carriers.values()):
         _take_shapes(tree, part)

@@ -1,7 +1,7 @@
 """Springs of a source as the suspension of the vehicle: one vertical joint per wheel, with stiffness and damping."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import isfinite, pi, sqrt
 
@@ -13,6 +13,7 @@ from mirdrake.importing.vehicles.car import Layout, Number, Part, SpringSet
 from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
 from mirdrake.importing.vehicles.model import Joint, SourceModel
 from mirdrake.importing.vehicles.recognise import Roles
+from mirdrake.importing.vehicles.straighten import SIDES
 from mirdrake.vehicles.estimates import HOW, Estimates
 from mirdrake.vehicles.spec import WHEELS
 
@@ -25,22 +26,31 @@ LEVEL = 0.35
 USUAL = (0.4, 8.0)
 """Ride frequencies [Hz] of a vehicle with the wheels of a car that need no check; small ones have higher ones."""
 
+RIGID = 5.0
+"""Stiffness of an axle without springs over that of its tyres: almost rigid, and stable at the usual time steps."""
+
 ENDS = ("front", "rear")
 
 
 @dataclass(frozen=True)
 class WheelSpring:
-    """A joint of the source on which one wheel moves up and down.
+    """A joint on which one wheel moves up and down.
 
     Attributes:
-        joint: prismatic, or a swing arm.
+        joint: of the source, prismatic or a swing arm; None for a wheel of an axle without springs.
         up: rate of the wheel's height over the joint's position: cosine of a sliding joint's axis, lever [m] of an arm.
         steered: whether the joint is below the steering joint, and so part of the knuckle.
     """
 
-    joint: Joint
-    up: float
-    steered: bool
+    joint: Joint | None = None
+    up: float = 1.0
+    steered: bool = False
+
+    @property
+    def stiffness(self) -> float | None:
+        """Stiffness at the wheel [N/m], as the source states it."""
+        given = self.joint.stiffness if self.joint is not None else None
+        return None if given is None else given / self.up**2
 
 
 _STIFFNESS, _DAMPING = re.compile("stiff|spring_?(k|const|rate)|^k[ps]?$|^kx$", re.I), re.compile("damp|^k?[cd]$", re.I)
@@ -79,31 +89,43 @@ def _number(text: str) -> float | None:
 
 
 def find_springs(roles: Roles) -> tuple[dict[str, WheelSpring], list[Change]]:
-    """Return the spring joint of each wheel by the wheel's name; empty unless all four wheels have one."""
+    """Return the spring of each wheel by the wheel's name; empty unless both wheels of an axle have one.
+
+    If only one axle has springs, the wheels of the other axle have springs without a joint of the source.
+    """
     take_springs(roles.tree.model)
-    found: dict[str, WheelSpring] = {}
-    for name, wheel in roles.wheels.items():
-        others = {
-            joint.name
-            for other in roles.wheels.values()
-            if other is not wheel
-            for joint in roles.tree.path(other.joint.child)
-        }
-        steering = False
-        for joint in roles.tree.path(wheel.joint.child):
-            steering = steering or any(joint is item for item in roles.steering)
-            up = _rate(roles, joint, wheel.point)
-            if joint.name in others or not up:
-                continue
-            better = name not in found or (found[name].joint.stiffness is None and joint.stiffness is not None)
-            if better:
-                found[name] = WheelSpring(joint, up, steering)
-    if not found or len(found) == len(WHEELS):
-        return found, []
-    missing = ", ".join(name.replace("_", " ") for name in WHEELS if name not in found)
-    where = next(iter(found.values())).joint.where
-    why = f"mirdrake needs springs at all four wheels; there is none at: {missing}"
-    return {}, [Change(Code.SUSPENSION, where, "suspension", f"{len(found)} of 4 wheels on springs", None, why)]
+    springs = {name: spring for name in WHEELS if (spring := _spring_of(roles, name)) is not None}
+    ends = [end for end in ENDS if all(f"{end}_{side}" in springs for side in SIDES)]
+    if len(ends) == 2 or not springs:
+        return springs, []
+    if ends:
+        return {name: springs[name] if name.startswith(ends[0]) else WheelSpring() for name in WHEELS}, []
+    missing = ", ".join(name.replace("_", " ") for name in WHEELS if name not in springs)
+    why = f"mirdrake needs springs at both wheels of an axle; there is none at: {missing}"
+    was = f"{len(springs)} of 4 wheels on springs"
+    return {}, [Change(Code.SUSPENSION, _place(springs.values()), "suspension", was, None, why)]
+
+
+def _spring_of(roles: Roles, name: str) -> WheelSpring | None:
+    """Return the spring between the body and a wheel, which no other wheel may share."""
+    wheel = roles.wheels[name]
+    others = (other for other in roles.wheels.values() if other is not wheel)
+    shared = {joint.name for other in others for joint in roles.tree.path(other.joint.child)}
+    spring: WheelSpring | None = None
+    steered = False
+    for joint in roles.tree.path(wheel.joint.child):
+        steered = steered or any(joint is item for item in roles.steering)
+        up = _rate(roles, joint, wheel.point)
+        if joint.name in shared or not up:
+            continue
+        if spring is None or (spring.stiffness is None and joint.stiffness is not None):
+            spring = WheelSpring(joint, up, steered)
+    return spring
+
+
+def _place(springs: Iterable[WheelSpring]) -> str:
+    """Return the place in the source of the first spring that has one."""
+    return next((spring.joint.where for spring in springs if spring.joint is not None), "")
 
 
 def _rate(roles: Roles, joint: Joint, wheel: np.ndarray) -> float:
@@ -141,7 +163,7 @@ def make_springs(
         layout: dimensions.
         estimates: for the whole car.
     """
-    where = next(iter(springs.values())).joint.where
+    where = _place(springs.values())
     parts = [body, *knuckles, *wheels.values(), *carriers.values()]
     # Wheel loads minus the weight below the springs: what each spring carries.
     com, weight = centre_of_mass(body, knuckles, wheels, layout, carriers), total_mass(parts) * GRAVITY
@@ -161,9 +183,9 @@ def make_springs(
     numbers: dict[str, Number] = {}
     changes: list[Change] = []
     for end in ENDS:
-        pair = [springs[f"{end}_{side}"] for side in ("left", "right")]
+        pair = [springs[f"{end}_{side}"] for side in SIDES]
         body_mass = 0.5 * (loads[f"{end}_left"] + loads[f"{end}_right"]) / GRAVITY
-        _fill(end, pair, body_mass, estimates, numbers, changes)
+        _fill(end, pair, body_mass, where, estimates, numbers, changes)
     low, high = _travel(list(springs.values()), estimates, changes)
     return SpringSet(numbers, low, high), changes
 
@@ -172,62 +194,67 @@ def _fill(
     end: str,
     pair: Sequence[WheelSpring],
     body_mass: float,
+    elsewhere: str,
     estimates: Estimates,
     numbers: dict[str, Number],
     changes: list[Change],
 ) -> None:
-    """Set stiffness, damping and anti-roll bar of an axle at the wheel."""
-    joint, what = pair[0].joint, f"suspension: {end} springs"
-    given = [item.joint.stiffness / item.up**2 for item in pair if item.joint.stiffness is not None]
+    """Set stiffness, damping and anti-roll bar of an axle at the wheel.
+
+    Changes of an axle without springs get the place `elsewhere`.
+    """
+    what, where = f"suspension: {end} springs", _place(pair) or elsewhere
+    given = [item.stiffness for item in pair if item.stiffness is not None]
     good = [value for value in given if isfinite(value) and value > 0.0]
     slow = sqrt(estimates.max_correction / 2.0)  # times of this vehicle over those of a car
     # A stiffness of the source counts without an anti-roll bar; an estimated one has both.
     if good:
         stiffness = sum(good) / len(good)
-        numbers[f"{end}_stiffness"] = Number(stiffness, f"imported: {joint.where}")
+        numbers[f"{end}_stiffness"] = Number(stiffness, f"imported: {where}")
         numbers[f"{end}_anti_roll"] = Number(0.0, "imported: the source has no anti-roll bar")
         frequency = sqrt(stiffness / body_mass) / (2.0 * pi)
         low, high = (bound / slow for bound in USUAL)
         why = f"ride frequency {frequency:.2g} Hz; {low:.2g} to {high:.2g} Hz is common"
         became = f"{stiffness:.4g} N/m at the wheel" + ("" if low <= frequency <= high else ": please check")
+    elif pair[0].joint is None:
+        stiffness = RIGID * estimates.tyre_point_stiffness
+        why = f"the source has no springs at this axle: {RIGID:g} times the stiffness of its tyres is almost rigid"
+        numbers[f"{end}_stiffness"] = Number(
+            stiffness, f"estimated: {RIGID:g} times the tyre, for an axle without springs"
+        )
+        numbers[f"{end}_anti_roll"] = Number(0.0, "imported: the source has no anti-roll bar")
+        became = f"{stiffness:.4g} N/m at the wheel: please check"
     else:
         stiffness = float(getattr(estimates, f"{end}_stiffness"))
-        numbers[f"{end}_stiffness"] = Number(stiffness, HOW[f"{end}_stiffness"])
+        why = HOW[f"{end}_stiffness"]
+        numbers[f"{end}_stiffness"] = Number(stiffness, why)
         numbers[f"{end}_anti_roll"] = Number(float(getattr(estimates, f"{end}_anti_roll")), HOW[f"{end}_anti_roll"])
         became = f"{stiffness:.4g} N/m at the wheel: please check"
-        why = HOW[f"{end}_stiffness"]
     was = "none" if not given else ", ".join(f"{value:.4g} N/m" for value in given)
-    changes.append(Change(Code.SUSPENSION, joint.where, what, was, became, why))
+    changes.append(Change(Code.SUSPENSION, where, what, was, became, why))
     # Without damping in the source, the damping ratio is 0.3, common for cars.
-    damping = [item.joint.damping / item.up**2 for item in pair]
+    damping = [item.joint.damping / item.up**2 for item in pair if item.joint is not None]
     good = [value for value in damping if isfinite(value) and value > 0.0]
     if good:
-        numbers[f"{end}_damping"] = Number(sum(good) / len(good), f"imported: {joint.where}")
+        numbers[f"{end}_damping"] = Number(sum(good) / len(good), f"imported: {where}")
         return
-    value = 2.0 * 0.3 * sqrt(stiffness * body_mass)
-    numbers[f"{end}_damping"] = Number(value, HOW[f"{end}_damping"])
-    changes.append(
-        Change(
-            Code.SUSPENSION,
-            joint.where,
-            f"suspension: {end} dampers",
-            "none",
-            f"{value:.4g} N s/m",
-            HOW[f"{end}_damping"],
-        )
-    )
+    value, why = 2.0 * 0.3 * sqrt(stiffness * body_mass), HOW[f"{end}_damping"]
+    numbers[f"{end}_damping"] = Number(value, why)
+    changes.append(Change(Code.SUSPENSION, where, f"suspension: {end} dampers", "none", f"{value:.4g} N s/m", why))
 
 
 def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: list[Change]) -> tuple[float, float]:
     """Return the rebound (below 0) and bump travel [m] that all joints allow."""
     lows, highs = [], []
     for item in springs:
+        if item.joint is None:
+            continue
         lower, upper = item.joint.limits.lower, item.joint.limits.upper
         ends = sorted(item.up * value for value in (lower, upper) if value is not None and abs(value) < 1e3)
         if len(ends) == 2 and ends[1] > ends[0]:
             lows.append(ends[0])
             highs.append(ends[1])
-    usual, where = estimates.suspension_travel, springs[0].joint.where
+    usual, where = estimates.suspension_travel, _place(springs)
     if not lows:
         changes.append(
             Change(Code.SUSPENSION, where, "suspension: travel", "none", f"±{usual:.3g} m", HOW["suspension_travel"])
