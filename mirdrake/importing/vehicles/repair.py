@@ -176,9 +176,9 @@ def _make_parts(
         wheels[key] = Part(names.link(child), tree.rigid_with(child, free), layout.parts[key])
     carriers = {}
     for key, item in sprung.items():
-        joint = None if item.steered else item.joint
-        own = [] if joint is None else tree.rigid_with(joint.child, free)
-        name = names.link(joint.child) if joint is not None else names.new(f"{key}_carrier")
+        child = "" if item.steered or item.joint is None else item.joint.child
+        own = tree.rigid_with(child, free) if child else []
+        name = names.link(child) if child else names.new(f"{key}_carrier")
         carriers[key] = Part(name, own, layout.X_MB)
     for part in (body, *knuckles, *wheels.values(), *carriers.values()):
         _take_shapes(tree, part)
