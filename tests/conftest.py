@@ -64,7 +64,8 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 _BEGAN = pytest.StashKey[float]()
 
 
-def pytest_sessionstart(session: pytest.Session) -> None:
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Start the clock of the first test after all imports, which belong to no test."""
     session.config._processor_time = sum(os.times()[:4])  # type: ignore[attr-defined]
 
 
@@ -124,7 +125,7 @@ def corrupted_copy(tmp_path: Path) -> Callable[[str, str, str], Path]:
     def copy(name: str, old: str, new: str) -> Path:
         source = paths.data_root() / name
         text = source.read_text(encoding="utf-8")
-        assert text.count(old) == 1, f"'{old}' stands {text.count(old)} times in {name}; once is needed"
+        assert text.count(old) == 1, f"'{old}' is {text.count(old)} times in {name}; once is needed"
         target = tmp_path / source.name
         target.write_text(text.replace(old, new), encoding="utf-8")
         return target

@@ -30,8 +30,16 @@ def circle(steering, contact, speed=5.0, **plant):
     return run.signals.loc[8.0:]
 
 
-@pytest.mark.parametrize("contact", ["point", "hydroelastic"])
-@pytest.mark.parametrize("step", [0.002, 0.005, 0.01])
+@pytest.mark.parametrize(
+    ("contact", "step"),
+    [
+        ("point", 0.005),
+        ("hydroelastic", 0.005),
+        ("hydroelastic", 0.01),
+        *(pytest.param(contact, 0.002, marks=pytest.mark.slow) for contact in TOLERANCE),
+        pytest.param("point", 0.01, marks=pytest.mark.slow),
+    ],
+)
 def test_yaw_rate_on_a_circle_is_speed_times_tangent_of_steering_over_wheelbase(contact, step):
     steady = circle(0.2, contact, time_step=step)
     ideal = steady["ego.vx"].mean() * tan(0.2) / WHEELBASE
@@ -117,7 +125,7 @@ def slope_world(tmp_path, degrees):
 
 @pytest.mark.parametrize("approximation", ["lagged", "sap"])
 @pytest.mark.parametrize("contact", ["point", "hydroelastic"])
-@pytest.mark.parametrize("degrees", [0.0, 5.0])
+@pytest.mark.parametrize("degrees", [pytest.param(0.0, marks=pytest.mark.slow), 5.0])
 def test_parked_for_ten_seconds_it_creeps_less_than_a_twentieth_of_a_millimetre(
     tmp_path, degrees, contact, approximation
 ):
@@ -167,6 +175,7 @@ def coast_on(world, vehicle, duration):
     return speeds
 
 
+@pytest.mark.slow
 def test_one_lap_of_the_test_track_on_points():
     check_lap("point")
 

@@ -2,9 +2,8 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "mirdrake"
@@ -28,8 +27,13 @@ DATA_FOLDERS = {"models", "worlds", "diagrams", "studies", "notebooks", "benchma
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
-def _imports(file: Path) -> Iterator[tuple[int, str]]:
-    """(line, dotted name) of everything a file imports, at any depth and also for type checking only."""
+@cache
+def _imports(file: Path) -> list[tuple[int, str]]:
+    return list(_read_imports(file))
+
+
+def _read_imports(file: Path) -> Iterator[tuple[int, str]]:
+    """Yield (line, dotted name) of everything a file imports, at any depth and also for type checking only."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
@@ -54,19 +58,20 @@ def test_every_module_has_its_stage() -> None:
     assert parts <= set(STAGES), f"name the stage of {sorted(parts - set(STAGES))} in STAGES, and in the README's table"
 
 
-@pytest.mark.parametrize("file", MODULES, ids=_shown)
-def test_a_module_imports_only_from_its_own_or_earlier_stages(file: Path) -> None:
-    own = STAGES[_part(file)]
-    for line, name in _imports(file):
-        top, _, rest = name.partition(".")
-        if top == "mirdrake" and rest:
-            other = rest.split(".")[0]
-            assert STAGES[other] <= own, f"{_shown(file)}:{line}: stage {own} imports {name} of stage {STAGES[other]}"
-        elif name == "mirdrake":
-            names = [full for at, full in _imports(file) if at == line and full != "mirdrake"]
-            assert names or own == STAGES["cli"], (
-                f"{_shown(file)}:{line}: the public names are for users; import the module"
-            )
+def test_a_module_imports_only_from_its_own_or_earlier_stages() -> None:
+    faults = []
+    for file in MODULES:
+        own = STAGES[_part(file)]
+        for line, name in _imports(file):
+            top, _, rest = name.partition(".")
+            if top == "mirdrake" and rest:
+                stage = STAGES[rest.split(".")[0]]
+                if stage > own:
+                    faults.append(f"{_shown(file)}:{line}: stage {own} imports {name} of stage {stage}")
+            elif name == "mirdrake" and own != STAGES["cli"]:
+                if not any(full != "mirdrake" for number, full in _imports(file) if number == line):
+                    faults.append(f"{_shown(file)}:{line}: the public names are for users; import the module")
+    assert faults == []
 
 
 def test_the_modules_import_one_another_without_a_circle() -> None:
@@ -85,13 +90,17 @@ def test_the_modules_import_one_another_without_a_circle() -> None:
             del edges[part]
 
 
-@pytest.mark.parametrize("file", MODULES + sorted((ROOT / "tests").glob("*.py")), ids=_shown)
-def test_data_folders_are_not_imported_and_pydrake_all_is_not_used(file: Path) -> None:
-    for line, name in _imports(file):
-        if file.parent.name == "tests" and name.split(".")[0] in {"tests", "tools"}:
-            continue  # tests share modules, and check that tools/ still produces the committed files
-        assert name.split(".")[0] not in DATA_FOLDERS, f"{_shown(file)}:{line}: {name} is a folder of data, no package"
-        assert not name.startswith("pydrake.all"), f"{_shown(file)}:{line}: import names from their pydrake modules"
+def test_data_folders_are_not_imported_and_pydrake_all_is_not_used() -> None:
+    faults = []
+    for file in MODULES + sorted((ROOT / "tests").glob("*.py")):
+        for line, name in _imports(file):
+            # Tests share modules, and check that tools/ still produces the committed files.
+            is_shared = file.parent.name == "tests" and name.split(".")[0] in {"tests", "tools"}
+            if name.split(".")[0] in DATA_FOLDERS and not is_shared:
+                faults.append(f"{_shown(file)}:{line}: {name} is a folder of data, not a package")
+            if name.startswith("pydrake.all"):
+                faults.append(f"{_shown(file)}:{line}: import names from their pydrake modules")
+    assert faults == []
 
 
 def test_data_folders_have_no_init_file() -> None:
