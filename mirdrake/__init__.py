@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mirdrake.assembly.diagram import load_diagram as load_diagram
     from mirdrake.assembly.diagram import make_diagram as make_diagram
+    from mirdrake.batched import batch as batch
     from mirdrake.controllers import AckermannSteering as AckermannSteering
     from mirdrake.controllers import DiscretePid as DiscretePid
     from mirdrake.controllers import PathTracker as PathTracker

@@ -66,6 +66,7 @@ def compiled(
     law: Callable[..., Any] | tuple[Callable[..., Any], ...] | None = None,
     *,
     parts: Sequence[Callable[..., Any]],
+    nogil: bool = False,
 ) -> Callable[..., Any]:
     """Return a compiled function.
 
@@ -75,14 +76,18 @@ def compiled(
         function: the function.
         law: its first argument, or its first three, if these are functions; the compiled function does not have them.
         parts: functions that these call, directly or indirectly.
+        nogil: whether other threads of Python run meanwhile.
     """
     laws = () if law is None else law if isinstance(law, tuple) else (law,)
-    return _compiled(function, laws, tuple(parts))
+    return _compiled(function, laws, tuple(parts), nogil)
 
 
 @cache
 def _compiled(
-    function: Callable[..., Any], laws: tuple[Callable[..., Any], ...], parts: tuple[Callable[..., Any], ...]
+    function: Callable[..., Any],
+    laws: tuple[Callable[..., Any], ...],
+    parts: tuple[Callable[..., Any], ...],
+    nogil: bool,
 ) -> Callable[..., Any]:
     from numba import njit
 
@@ -107,9 +112,9 @@ def _compiled(
     first, second, third = (*laws, None, None, None)[:3]
     calling: Callable[..., Any] = {0: call, 1: call_with_law, 3: call_with_three}[len(laws)]
     try:
-        compiling: Callable[..., Any] = njit(cache=True)(calling)
+        compiling: Callable[..., Any] = njit(cache=True, nogil=nogil)(calling)
     except RuntimeError:  # no folder is writable
-        compiling = njit(calling)
+        compiling = njit(nogil=nogil)(calling)
     return compiling
 
 

@@ -238,6 +238,11 @@ def lateral_forces() -> dict[str, LateralForce]:
     return {"linear": linear_lateral_force, **registered}
 
 
+def lateral_force_of(variant: Variant) -> LateralForce:
+    """Return the lateral force of a variant; that of linear tyres for kinematic ones, which do not use it."""
+    return lateral_forces().get(variant.tyres, linear_lateral_force)
+
+
 def flags_of(variant: Variant) -> Flags:
     """Return the flags of a variant."""
     kinematic = variant.tyres == "kinematic"
@@ -255,7 +260,7 @@ def evaluate(variant: Variant, parameters: Sequence[Value], state: Sequence[Valu
         inputs: in the order of :attr:`Variant.input_names`.
     """
     names = variant.state_names
-    law = lateral_forces().get(variant.tyres, linear_lateral_force)
+    law = lateral_force_of(variant)
     x = State(**dict(zip(names, state, strict=True)))
     u = Inputs(**dict(zip(variant.input_names, inputs, strict=True)))
     derivatives, motion = equations(
@@ -400,6 +405,11 @@ def _limit_force(force: Value, grip: Value) -> tuple[Value, Value]:
 _PARAMETERS_TYPE = np.dtype([(name, float) for name in PARAMETERS])
 
 
+def record_of(values: npt.NDArray[np.float64]) -> Records:
+    """Return parameters (p) or (n, p) in the order of :data:`PARAMETERS` as records (1) or (n), a view."""
+    return np.ascontiguousarray(values).view(_PARAMETERS_TYPE).reshape(-1)
+
+
 class CompiledEquations:
     """The equations of a variant for floats, compiled.
 
@@ -408,9 +418,9 @@ class CompiledEquations:
     """
 
     def __init__(self, variant: Variant) -> None:
-        law = lateral_forces().get(variant.tyres, linear_lateral_force)
+        law = lateral_force_of(variant)
         names = variant.state_names
-        self._step = compiled(_fill_rates, law, parts=(equations, _limit_force, _element))
+        self._step = compiled(_fill_rates, law, parts=(equations, *EQUATION_PARTS))
         self._flags = records(Flags, [flags_of(variant)])
         self._positions = np.array([names.index(name) if name in names else -1 for name in State._fields])
         self._states, self._inputs = len(names), len(variant.input_names)
@@ -418,7 +428,7 @@ class CompiledEquations:
     @staticmethod
     def parameters(values: npt.NDArray[np.float64]) -> Records:
         """Return parameters in the order of :data:`PARAMETERS` as a record."""
-        return values.view(_PARAMETERS_TYPE)
+        return record_of(values)
 
     def inputs(self, values: Sequence[float]) -> npt.NDArray[np.float64]:
         """Return inputs in the order of :attr:`Variant.input_names` as the vector that :meth:`__call__` takes."""
@@ -467,17 +477,17 @@ def _fill_rates(
         motion: values of :class:`Motion`, overwritten.
     """
     state = State(
-        _element(x, k[0]),
-        _element(x, k[1]),
-        _element(x, k[2]),
-        _element(x, k[3]),
-        _element(x, k[4]),
-        _element(x, k[5]),
-        _element(x, k[6]),
-        _element(x, k[7]),
-        _element(x, k[8]),
-        _element(x, k[9]),
-        _element(x, k[10]),
+        element(x, k[0]),
+        element(x, k[1]),
+        element(x, k[2]),
+        element(x, k[3]),
+        element(x, k[4]),
+        element(x, k[5]),
+        element(x, k[6]),
+        element(x, k[7]),
+        element(x, k[8]),
+        element(x, k[9]),
+        element(x, k[10]),
     )
     inputs = Inputs(u[0], u[1], u[2], u[3], u[4])
     derivatives, quantities = equations(law, flags[0], parameters[0], state, inputs)
@@ -488,5 +498,10 @@ def _fill_rates(
         motion[i] = quantities[i]
 
 
-def _element(x: Sequence[float], position: int) -> float:
+def element(x: Sequence[float], position: int) -> float:
+    """Return an element of a vector; zero for the position -1."""
     return x[position] if position >= 0 else 0.0
+
+
+EQUATION_PARTS = (_limit_force, element)
+"""Functions that :func:`equations` and the reading of its states call."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, fields
 
 import numpy as np
+import numpy.typing as npt
 
 from mirdrake.core.checks import check_number
 from mirdrake.core.constants import GRAVITY
@@ -127,3 +128,20 @@ _SHARES = {"front_drive", "front_brake"}
 _NOT_NEGATIVE = {
     "com_height", "rotating_mass", "rolling_resistance", "drag", "servo_gain", "roll_mass", "roll_damping",
 }  # fmt: skip
+
+
+def are_allowed(table: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Return whether each row (n, parameters) has values that :class:`SingleTrackParameters` allows (n)."""
+    columns = dict(zip(PARAMETERS, table.T, strict=True))
+    allowed = np.isfinite(table).all(axis=1)
+    for name, values in columns.items():
+        if name in _POSITIVE:
+            allowed &= values > 0.0
+        elif name in _SHARES or name in _NOT_NEGATIVE:
+            allowed &= values >= 0.0
+        if name in _SHARES:
+            allowed &= values <= 1.0
+    allowed &= columns["blend_end"] > columns["blend_start"]
+    allowed &= columns["gravity_z"] < 0.0
+    allowed &= columns["roll_stiffness"] > -columns["roll_mass"] * columns["gravity_z"] * columns["roll_height"]
+    return np.asarray(allowed)

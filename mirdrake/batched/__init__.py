@@ -1,0 +1,6 @@
+"""Many cars of the single-track model at once: stepping, manoeuvres and control in compiled loops over arrays."""
+
+from mirdrake.batched.cars import STEP, Batch, batch
+from mirdrake.batched.records import BatchRun
+
+__all__ = ["STEP", "Batch", "BatchRun", "batch"]

@@ -1,0 +1,218 @@
+"""Compiled loops over cars: Runge-Kutta steps of the single-track model.
+
+Each loop handles the cars `first` to `last` - 1, so that several threads share a batch. A car uses its own numbers
+only, and its operations have a fixed order: results do not depend on the other cars or on the number of threads.
+"""
+
+from collections.abc import MutableSequence, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mirdrake.core.compiled import Records
+from mirdrake.single_track.dynamics import (
+    EQUATION_PARTS,
+    Flags,
+    Inputs,
+    LateralForce,
+    Motion,
+    State,
+    element,
+    equations,
+)
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+
+def advance(
+    law: LateralForce,
+    flags: Records,
+    positions: Integers,
+    parameters: Records,
+    inputs: Floats,
+    step: float,
+    steps: int,
+    first: int,
+    last: int,
+    states: Floats,
+    dead: Mask,
+) -> None:
+    """Advance cars under inputs that are held.
+
+    Args:
+        law: lateral force of an axle.
+        flags: one record of :class:`Flags`.
+        positions: column in `states` of each field of :class:`State`; -1: the variant does not have it.
+        parameters: a record per car.
+        inputs: values of :class:`Inputs` (n, 5).
+        step: step of the integration [s].
+        steps: number of steps.
+        first: first car.
+        last: car after the last one.
+        states: states of the variant (n, states), updated.
+        dead: cars whose state is not finite, updated; their last finite state remains.
+    """
+    for i in range(first, last):
+        if dead[i]:
+            continue
+        x = read_state(states[i], positions)
+        u = Inputs(inputs[i, 0], inputs[i, 1], inputs[i, 2], inputs[i, 3], inputs[i, 4])
+        for _ in range(steps):
+            after = runge_kutta(law, flags[0], parameters[i], x, u, step)
+            if not is_finite(after):
+                dead[i] = True
+                break
+            x = after
+        write_state(states[i], positions, x)
+
+
+def advance_over_time(
+    law: LateralForce,
+    flags: Records,
+    positions: Integers,
+    parameters: Records,
+    inputs: Floats,
+    step: float,
+    steps: int,
+    first: int,
+    last: int,
+    states: Floats,
+    dead: Mask,
+    outputs: Floats,
+) -> None:
+    """Advance cars under inputs over time.
+
+    Args:
+        law: as in :func:`advance`, like the next three.
+        flags: see there.
+        positions: see there.
+        parameters: see there.
+        inputs: values of :class:`Inputs` (1 or n, times, 5); each row is held for `steps` steps.
+        step: as in :func:`advance`, like the others up to `dead`.
+        steps: see there.
+        first: see there.
+        last: see there.
+        states: see there.
+        dead: see there.
+        outputs: states and motion (n, times + 1, states + motion), at the start and after each row; overwritten,
+            not a number from the row on in which a car died.
+    """
+    states_of_variant = states.shape[1]
+    for i in range(first, last):
+        x = read_state(states[i], positions)
+        row = min(i, inputs.shape[0] - 1)
+        u = Inputs(0.0, 0.0, 0.0, 0.0, 0.0)
+        for k in range(inputs.shape[1] + 1):
+            if k < inputs.shape[1]:
+                u = Inputs(
+                    inputs[row, k, 0], inputs[row, k, 1], inputs[row, k, 2], inputs[row, k, 3], inputs[row, k, 4]
+                )
+            if dead[i]:
+                outputs[i, k, :] = np.nan
+                continue
+            # The motion of the last row is that under the last inputs.
+            write_state(outputs[i, k], positions, x)
+            write_motion(outputs[i, k], states_of_variant, equations(law, flags[0], parameters[i], x, u)[1])
+            if k == inputs.shape[1]:
+                continue
+            for _ in range(steps):
+                after = runge_kutta(law, flags[0], parameters[i], x, u, step)
+                if not is_finite(after):
+                    dead[i] = True
+                    break
+                x = after
+        write_state(states[i], positions, x)
+
+
+def runge_kutta(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs, step: float) -> State:
+    """Return the state after one step of the classical fourth-order Runge-Kutta method.
+
+    Source: E. Hairer, S. P. Nørsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., section II.1.
+
+    Args:
+        law: lateral force of an axle.
+        flags: which equations.
+        p: parameters by name.
+        x: state at the start.
+        u: inputs, held.
+        step: step [s].
+    """
+    half, sixth = 0.5 * step, step / 6.0
+    k1 = equations(law, flags, p, x, u)[0]
+    k2 = equations(law, flags, p, moved(x, half, k1), u)[0]
+    k3 = equations(law, flags, p, moved(x, half, k2), u)[0]
+    k4 = equations(law, flags, p, moved(x, step, k3), u)[0]
+    return State(
+        x.x + sixth * (k1.x + 2.0 * (k2.x + k3.x) + k4.x),
+        x.y + sixth * (k1.y + 2.0 * (k2.y + k3.y) + k4.y),
+        x.yaw + sixth * (k1.yaw + 2.0 * (k2.yaw + k3.yaw) + k4.yaw),
+        x.vx + sixth * (k1.vx + 2.0 * (k2.vx + k3.vx) + k4.vx),
+        x.vy + sixth * (k1.vy + 2.0 * (k2.vy + k3.vy) + k4.vy),
+        x.yaw_rate + sixth * (k1.yaw_rate + 2.0 * (k2.yaw_rate + k3.yaw_rate) + k4.yaw_rate),
+        x.front_slip + sixth * (k1.front_slip + 2.0 * (k2.front_slip + k3.front_slip) + k4.front_slip),
+        x.rear_slip + sixth * (k1.rear_slip + 2.0 * (k2.rear_slip + k3.rear_slip) + k4.rear_slip),
+        x.roll + sixth * (k1.roll + 2.0 * (k2.roll + k3.roll) + k4.roll),
+        x.roll_rate + sixth * (k1.roll_rate + 2.0 * (k2.roll_rate + k3.roll_rate) + k4.roll_rate),
+        x.steering + sixth * (k1.steering + 2.0 * (k2.steering + k3.steering) + k4.steering),
+    )
+
+
+def moved(x: State, time: float, rates: State) -> State:
+    """Return a state after a time at constant rates."""
+    return State(
+        x.x + time * rates.x,
+        x.y + time * rates.y,
+        x.yaw + time * rates.yaw,
+        x.vx + time * rates.vx,
+        x.vy + time * rates.vy,
+        x.yaw_rate + time * rates.yaw_rate,
+        x.front_slip + time * rates.front_slip,
+        x.rear_slip + time * rates.rear_slip,
+        x.roll + time * rates.roll,
+        x.roll_rate + time * rates.roll_rate,
+        x.steering + time * rates.steering,
+    )
+
+
+def is_finite(x: State) -> bool:
+    """Return whether every state is a finite number."""
+    total = x.x + x.y + x.yaw + x.vx + x.vy + x.yaw_rate
+    total += x.front_slip + x.rear_slip + x.roll + x.roll_rate + x.steering
+    return bool(total - total == 0.0)
+
+
+def read_state(row: Sequence[float], k: Integers) -> State:
+    """Return the states of a row whose column of each field of :class:`State` is in `k`; -1: zero."""
+    return State(
+        element(row, k[0]),
+        element(row, k[1]),
+        element(row, k[2]),
+        element(row, k[3]),
+        element(row, k[4]),
+        element(row, k[5]),
+        element(row, k[6]),
+        element(row, k[7]),
+        element(row, k[8]),
+        element(row, k[9]),
+        element(row, k[10]),
+    )
+
+
+def write_state(row: MutableSequence[float], k: Integers, x: State) -> None:
+    """Write states into a row; the inverse of :func:`read_state`."""
+    for i in range(len(k)):
+        if k[i] >= 0:
+            row[k[i]] = x[i]
+
+
+def write_motion(row: MutableSequence[float], start: int, motion: Motion) -> None:
+    """Write the values of :class:`Motion` into a row from a column on."""
+    for i in range(len(motion)):
+        row[start + i] = motion[i]
+
+
+KERNEL_PARTS = (*EQUATION_PARTS, equations, runge_kutta, moved, is_finite, read_state, write_state, write_motion)
+"""Functions that the loops call."""

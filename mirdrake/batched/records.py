@@ -1,0 +1,59 @@
+"""Results of a batch: labelled arrays over cars and time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from mirdrake.batched.kernels import Floats, Integers
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.signals import Signals
+
+
+@dataclass(frozen=True)
+class BatchRun:
+    """Signals of all cars over time.
+
+    Attributes:
+        time: times of the rows [s] (t).
+        values: signals (n, t, signals); not a number after a car has died.
+        signals: name, unit and description of each signal.
+        dead: indices of the cars that have died.
+    """
+
+    time: Floats
+    values: Floats
+    signals: Signals
+    dead: Integers
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the signals."""
+        return [signal.name for signal in self.signals]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the signals by name."""
+        return {signal.name: signal.unit for signal in self.signals}
+
+    def __getitem__(self, name: str) -> Floats:
+        """Return a signal of all cars (n, t).
+
+        Raises:
+            ConfigError: there is no such signal.
+        """
+        if name not in self.names:
+            raise ConfigError(f"batch: no signal '{name}'; {did_you_mean(name, self.names)}")
+        return self.values[:, :, self.names.index(name)]
+
+    def table(self, car: int) -> pd.DataFrame:
+        """Return the signals of a car, index ``time``; units in ``attrs["units"]``.
+
+        Raises:
+            ConfigError: there is no such car.
+        """
+        if not 0 <= car < len(self.values):
+            raise ConfigError(f"batch: no car {car}; they are numbered from 0 to {len(self.values) - 1}")
+        table = pd.DataFrame(np.array(self.values[car]), columns=self.names, index=pd.Index(self.time, name="time"))
+        table.attrs["units"] = self.units
+        return table

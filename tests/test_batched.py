@@ -1,0 +1,167 @@
+"""Batches of cars: the bits of the single model, closed forms, dead cars, threads, errors, the speed."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import mirdrake as mir
+from mirdrake.batched import Batch, BatchRun
+from mirdrake.core.errors import ConfigError
+from mirdrake.single_track import SingleTrackParameters, find_steady_state
+from mirdrake.single_track.dynamics import CompiledEquations, Variant
+from mirdrake.single_track.parameters import PARAMETERS
+from tests.batch_rigs import BRUSH, CAR, LINEAR, RICH, STEP, random_columns, runge_kutta_steps
+
+
+def car_of(cars, index):
+    """Parameters of one car of a batch."""
+    return SingleTrackParameters(**{name: float(cars.parameters[name][index]) for name in PARAMETERS})
+
+
+def inputs_of(variant):
+    """Steering, drive force and, with actuators, a set-point of the speed."""
+    return [0.03, 400.0, 0.0, 0.0, 25.0][: len(variant.input_names)]
+
+
+def compare(variant, count, steps):
+    cars = mir.batch(CAR, variant, parameters=random_columns(count), step=STEP).reset(vx=np.linspace(0.5, 30.0, count))
+    starts = cars.state.copy()
+    cars.step(inputs_of(variant), steps)
+    for index in range(count):
+        alone = runge_kutta_steps(variant, car_of(cars, index), starts[index], inputs_of(variant), steps)
+        assert cars.state[index].tolist() == alone.tolist()
+
+
+@pytest.mark.parametrize("variant", [LINEAR, RICH], ids=["linear", "rich"])
+def test_a_batch_has_the_bits_of_the_equations_in_python(variant):
+    compare(variant, count=4, steps=60)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", [LINEAR, BRUSH, RICH], ids=["linear", "brush", "rich"])
+def test_a_batch_has_the_bits_of_the_equations_in_python_over_ten_seconds(variant):
+    compare(variant, count=50, steps=2000)
+
+
+def test_a_batch_has_the_bits_of_the_compiled_equations_of_the_single_model():
+    cars = mir.batch(CAR, RICH, step=STEP).reset(vx=20.0)
+    single, u = CompiledEquations(RICH), inputs_of(RICH)
+    x = cars.state[0].copy()
+    for _ in range(100):
+        k: list[np.ndarray] = []
+        for time_, of in ((0.0, None), (0.5 * STEP, 0), (0.5 * STEP, 1), (STEP, 2)):
+            at = x if of is None else x + time_ * k[of]
+            k.append(single(single.parameters(np.array(CAR.values())), at, single.inputs(u))[0])
+        x = x + STEP / 6.0 * (k[0] + 2.0 * (k[1] + k[2]) + k[3])
+    cars.step(u, 100)
+    assert cars.state[0].tolist() == x.tolist()
+
+
+def test_one_call_many_calls_and_a_run_are_the_same():
+    one, many, whole = (mir.batch(CAR, BRUSH, parameters=random_columns(5)).reset(vx=15.0) for _ in range(3))
+    one.step([0.05, 0.0, 0.0], 40)
+    for _ in range(10):
+        many.step([0.05, 0.0, 0.0], 4)
+    run = whole.run(np.tile([0.05, 0.0, 0.0], (10, 1)), hold=4)
+    assert one.state.tolist() == many.state.tolist() == whole.state.tolist()
+    assert run.values[:, -1, :6].tolist() == whole.state.tolist()
+    assert one.time == pytest.approx(0.2)
+    assert run.time.tolist() == pytest.approx(np.linspace(0.0, 0.2, 11).tolist())
+
+
+def test_threads_do_not_change_the_bits():
+    single, divided = (mir.batch(CAR, RICH, parameters=random_columns(7), threads=k).reset(vx=15.0) for k in (1, 2))
+    for cars in (single, divided):
+        cars.step(inputs_of(RICH), 50)
+    assert single.state.tolist() == divided.state.tolist()
+
+
+def test_coasting_cars_slow_down_as_the_closed_form_of_drag():
+    # m v' = -c v²: v = v0 / (1 + c v0 t / m)
+    drag = np.array([0.3, 0.6, 0.9])
+    car = replace(CAR, rolling_resistance=0.0, rotating_mass=0.0)
+    run = mir.batch(car, BRUSH, parameters={"drag": drag}).reset(vx=30.0).run(np.zeros((200, 3)), hold=10)
+    expected = 30.0 / (1.0 + np.outer(drag, run.time) * 30.0 / 1500.0)
+    assert run["vx"] == pytest.approx(expected, rel=1e-10)
+    assert run["longitudinal_acceleration"] == pytest.approx(-drag[:, None] * run["vx"] ** 2 / 1500.0, rel=1e-10)
+
+
+def test_the_steady_circle_remains_one():
+    car = replace(CAR, max_force=1e6)
+    steady = find_steady_state(car, RICH, speed=15.0, steering=0.05)
+    cars = mir.batch(car, RICH, count=3)
+    cars.state[:] = steady.state
+    cars.step(steady.inputs, 1000)
+    assert cars.state[:, 3:] == pytest.approx(np.tile(steady.state[3:], (3, 1)), rel=1e-8, abs=1e-12)
+    assert cars["yaw"] == pytest.approx(5.0 * steady["yaw_rate"], rel=1e-8)
+
+
+def test_a_dead_car_is_reported_and_the_others_go_on():
+    cars, alone = (mir.batch(CAR, BRUSH, count=n).reset(vx=15.0) for n in (3, 1))
+    cars.state[1, 3] = 1e300
+    for each in (cars, alone):
+        each.step([0.05, 0.0, 0.0], 50)
+    assert cars.dead_cars.tolist() == [1]
+    assert cars.state[0].tolist() == cars.state[2].tolist() == alone.state[0].tolist()
+    run = cars.run(np.zeros((2, 3)))
+    assert np.isnan(run["vx"][1]).all()
+    assert np.isfinite(run["vx"][[0, 2]]).all()
+    assert run.dead.tolist() == [1]
+    cars.reset([1], vx=15.0)
+    assert cars.dead_cars.tolist() == []
+    assert cars["vx"][1] == 15.0 != cars["vx"][0]
+
+
+def test_a_run_is_labelled():
+    run = mir.batch(CAR, RICH, count=2).reset(vx=10.0).run(np.zeros((5, 5)))
+    assert isinstance(run, BatchRun)
+    assert run.names[:4] == ["x", "y", "yaw", "vx"]
+    assert run.units["yaw_rate"] == "rad/s"
+    table = run.table(1)
+    assert table.index.name == "time"
+    assert table.attrs["units"]["vx"] == "m/s"
+    assert table["vx"].tolist() == run["vx"][1].tolist()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: mir.batch(CAR, parameters={"mas": [1.0]}), "no parameter 'mas'.*mass"),
+        (lambda: mir.batch(CAR, parameters={"mass": [1e3, 2e3], "drag": [1.0]}), "'drag' has 1 values.*2 cars"),
+        (lambda: mir.batch(CAR, parameters={"mass": [1e3, -1.0]}), "car 1: .*mass"),
+        (lambda: mir.batch(CAR, parameters={"roll_stiffness": [6e4, 10.0]}), "car 1: .*roll_stiffness"),
+        (lambda: mir.batch(CAR, parameters={"drag": [np.nan]}), "car 0: .*drag"),
+        (lambda: mir.batch(CAR, count=0), "0 cars"),
+        (lambda: mir.batch(CAR, threads=0), "threads is 0"),
+        (lambda: mir.batch(CAR, Variant("ice")), "unknown tyres 'ice'"),
+        (lambda: mir.batch(CAR, count=2).step([0.0, 0.0]), r"shape \(2,\); give \(3,\)"),
+        (lambda: mir.batch(CAR, count=2).step(np.zeros((3, 3))), r"shape \(3, 3\)"),
+        (lambda: mir.batch(CAR, count=2).run([0.0, 0.0, 0.0]), r"give \(times, 3\)"),
+        (lambda: mir.batch(CAR).reset(v=1.0), "no state 'v'"),
+        (lambda: mir.batch(CAR).run(np.zeros((1, 3)))["speed"], "no signal 'speed'"),
+        (lambda: mir.batch(CAR).run(np.zeros((1, 3))).table(1), "no car 1"),
+    ],
+)
+def test_errors_name_what_is_wrong(call, message):
+    with pytest.raises(ConfigError, match=message):
+        call()
+
+
+def test_a_vehicle_gives_its_parameters():
+    cars = mir.batch("bolt", count=2)
+    assert isinstance(cars, Batch)
+    assert cars.parameters["mass"].tolist() == pytest.approx([1751.9] * 2, abs=100.0)
+
+
+@pytest.mark.slow
+def test_the_rate_per_core():
+    cars = mir.batch(CAR, RICH, count=4096).reset(vx=20.0)
+    cars.step(inputs_of(RICH), 1)
+    rates = []
+    for _ in range(5):
+        began = time.process_time()
+        cars.step(inputs_of(RICH), 100)
+        rates.append(4096 * 100 / (time.process_time() - began))
+    assert max(rates) >= 2.0e6
