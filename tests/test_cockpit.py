@@ -115,7 +115,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]
 
 def test_a_recording_is_an_ordinary_run_folder(recorded):
     run = load_run(recorded[0])
-    assert run.summary["stop_reason"] == "stopped"
+    assert run.summary["stop_detail"] == "stopped"
     assert run.signals.index[0] == 0.0  # the clock starts with the recording
     assert np.diff(run.signals.index).max() == pytest.approx(0.02)
     assert run["ego.vx"].iloc[0] > 5.9

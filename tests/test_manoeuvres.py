@@ -86,7 +86,7 @@ def test_braking_by_command_keeps_to_the_slope_of_the_speed_control(tmp_path):
     assert figures["distance_40"] == pytest.approx((40.0 / 3.6) ** 2 / (2.0 * slope), rel=0.05)
     assert any("no pedals" in note for note in results["manoeuvres"][0]["notes"])
     run = load_run(tmp_path / "out" / "braking" / "brake")
-    assert run.summary["stop_reason"] == "standstill"
+    assert run.summary["stop_detail"] == "standstill"
     assert run.signals["ego.vx"].iloc[-1] < 0.05
 
 

@@ -26,7 +26,7 @@ from mirdrake.runs.logs import RunWriter, load_run
 from mirdrake.runs.simulation import Simulation, default_folder, simulate
 from mirdrake.workflow import run_diagram
 
-FIGURES = {"simulated_s", "wall_s", "real_time_factor", "stop_reason", "spec_sha256", "seed", "vehicles"}
+FIGURES = {"simulated_s", "wall_s", "real_time_factor", "stop_reason", "stop_detail", "spec_sha256", "seed", "vehicles"}
 VEHICLE_FIGURES = {"laps", "max_abs_lateral_error_m", "mean_speed_error_percent", "off_road_s"}
 
 OWN = dedent(
@@ -338,7 +338,7 @@ def test_a_block_that_raises_ends_the_run_with_its_own_file_and_line(faulty_driv
     assert done.stderr.startswith("error: out: the run failed at t = 0.8")
     assert "own_faulty.py:17: ZeroDivisionError: no more ideas" in done.stderr
     run = load_run(tmp_path / "out")
-    assert "ZeroDivisionError" in run.summary["stop_reason"]
+    assert "ZeroDivisionError" in run.stop.detail
     assert run.signals.index[-1] >= 0.75
     assert run.events[-1]["kind"] == "failure"
 
@@ -349,7 +349,7 @@ def test_a_nan_in_the_steering_ends_the_run_with_a_reason(faulty_drive: Path, tm
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith("error: out: the run diverged: faulty.y is nan at t = 0.8 s; ")
     run = load_run(tmp_path / "out")
-    assert run.summary["stop_reason"] == "diverged: faulty.y is nan at t = 0.8 s"
+    assert str(run.stop) == "diverged: faulty.y is nan at t = 0.8 s"
     assert run["ego.vx"].notna().all()  # the dead-man does not take it for a command
 
 
@@ -362,8 +362,9 @@ def test_a_solver_that_fails_is_a_divergence_and_the_folder_is_finished(tmp_path
         plant.SetVelocities(mine, np.full(plant.num_velocities(), 1e160))
 
     run = simulation.run(folder=tmp_path / "out", change=too_fast)
-    assert run.summary["stop_reason"].startswith("diverged: the solver failed: ")
-    assert load_run(tmp_path / "out").summary["stop_reason"] == run.summary["stop_reason"]
+    assert run.diverged
+    assert run.stop.detail.startswith("the solver failed: ")
+    assert load_run(tmp_path / "out").stop == run.stop
 
 
 def test_a_failed_run_raises_in_python_too(faulty_drive: Path, tmp_path: Path) -> None:

@@ -114,12 +114,11 @@ def run(options: argparse.Namespace) -> int:
         )
     if not options.quiet:
         _print_summary(finished)
-    reason = finished.summary["stop_reason"]
-    if not reason.startswith("diverged"):
+    if not finished.diverged:
         return 0
     place = f"{shown(finished.folder)}: " if finished.folder else ""
     print(
-        f"error: {place}the run {reason}; fix the block that computes it, or try a smaller plant.time_step",
+        f"error: {place}the run {finished.stop}; fix the block that computes it, or try a smaller plant.time_step",
         file=sys.stderr,
     )
     return 1
@@ -181,8 +180,7 @@ def _print_summary(run: "Run") -> None:
     for event in run.events:
         if event["kind"] == "view":
             print(f"  {event['text']}")
-    reason = summary["stop_reason"]
-    print(f"  {_STOP_REASONS.get(reason, reason)}")
+    print(f"  {_STOP_REASONS.get(run.stop.reason, str(run.stop))}")
     for name, figures in summary["vehicles"].items():
         print(f"  {name}: {figures['model']}, {figures['distance_m'] or 0.0:.1f} m driven")
         for hit in figures.get("collisions", ()):

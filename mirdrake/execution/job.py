@@ -21,6 +21,7 @@ from mirdrake.core.errors import ConfigError, MirdrakeError, RunError, did_you_m
 from mirdrake.core.user_modules import load_user_function
 from mirdrake.execution.parameters import ContextParameter, find_context_parameters
 from mirdrake.runs.simulation import Simulation
+from mirdrake.runs.stop import StopReason
 
 Status = Literal["ok", "unstable", "failed"]
 
@@ -132,13 +133,13 @@ def _run(job: Job, built: _Built) -> Outcome:
     run = built.simulation.run(
         duration=job.duration, change=change, until=exceeds_limit if math.isfinite(job.limit) else None
     )
-    reason, simulated = str(run.summary["stop_reason"]), float(run.summary["simulated_s"])
-    if reason == "interrupted":
+    simulated = float(run.summary["simulated_s"])
+    if run.stop.reason is StopReason.INTERRUPTED:
         raise KeyboardInterrupt
     if late:
         return Outcome(job.index, "failed", f"no end after {job.limit:g} s of wall time")
-    if reason.startswith("diverged"):
-        return Outcome(job.index, "unstable", reason, simulated)
+    if run.diverged:
+        return Outcome(job.index, "unstable", str(run.stop), simulated)
 
     # A function is called once, whatever number of metrics take their values from it.
     results: dict[str, Any] = {}

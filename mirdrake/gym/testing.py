@@ -38,6 +38,7 @@ from mirdrake.core.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import signals_of
 from mirdrake.runs.simulation import Simulation
+from mirdrake.runs.stop import StopReason
 
 Array = NDArray[np.float64]
 Input = Any
@@ -374,9 +375,8 @@ def _drive_file(
             held[name].GetMutableData().get_mutable_value().SetFromVector(function(context.get_time()))
 
     run = Simulation(assembly).run(duration=duration, change=start, monitor=follow if functions else None)
-    reason = run.summary["stop_reason"]
-    if reason != "duration":
-        raise DiagramError(f"{_title(system)}: the run ended early: {reason}")
+    if run.stop.reason is not StopReason.DURATION:
+        raise DiagramError(f"{_title(system)}: the run ended early: {run.stop}")
     frame = run.signals
     for name in outputs or ():
         if name not in frame:

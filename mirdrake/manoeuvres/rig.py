@@ -26,6 +26,7 @@ from mirdrake.manoeuvres.facts import Facts
 from mirdrake.manoeuvres.record import Record, bicycle_angles
 from mirdrake.runs.logs import RunWriter
 from mirdrake.runs.simulation import Simulation
+from mirdrake.runs.stop import StopReason
 from mirdrake.single_track import SingleTrack, SingleTrackControl
 from mirdrake.single_track.dynamics import Variant
 from mirdrake.single_track.from_vehicle import estimate_parameters
@@ -218,17 +219,18 @@ class Rig:
             run = Simulation(assembly).run(until=look if stop is not None else None)
         except RunError as error:
             raise Diverged(f"{label}: {error}") from None
-        ended = str(run.summary["stop_reason"])
-        if ended == "interrupted":
+        ended = run.stop.reason
+        if ended is StopReason.INTERRUPTED:
             raise KeyboardInterrupt
         signals = run.signals
         if folder is not None:
             data = dict(run.spec)
             data["world"] = {**data["world"], "name": "world.yaml"}
-            summary = run.summary | {"stop_reason": look.reason if ended == "condition" else ended, "world": label}
+            detail = look.reason if ended is StopReason.CONDITION else run.stop.detail
+            summary = run.summary | {"stop_detail": detail, "world": label}
             self._write(folder, data, signals, run.units, summary, world, run.scene())
-        if ended.startswith("diverged"):
-            raise Diverged(f"{label}: {ended}")
+        if run.diverged:
+            raise Diverged(f"{label}: {run.stop}")
         columns = {str(name).removeprefix("ego."): signals[name].to_numpy() for name in signals}
         units = {name.removeprefix("ego."): unit for name, unit in run.units.items()}
         angle = bicycle_angles(columns["steering_angle.left"], columns["steering_angle.right"])
@@ -309,7 +311,11 @@ class Rig:
             table = pd.DataFrame({f"ego.{name}": values for name, values in columns.items()}, index=times)
             named = {f"ego.{name}" if name != "time" else name: unit for name, unit in units.items()}
             data = {"model": "single_track", "vehicle": self.model, "driver": dict(driver), "speed": speed}
-            summary = {"stop_reason": look.reason, "wall_s": round(time.perf_counter() - began, 3)}
+            summary = {
+                "stop_reason": StopReason.CONDITION,
+                "stop_detail": look.reason,
+                "wall_s": round(time.perf_counter() - began, 3),
+            }
             self._write(self.folder / label, data, table, named, summary, world, Scene(scene, {"ego": self.vehicle}))
         angle = columns.pop("steering_angle")
         return self._record(label, times, columns, angle, units, look.reason)

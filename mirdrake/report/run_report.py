@@ -132,7 +132,7 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
         notices=[*_incomplete(summary, len(signals)), *scene_notes],
         folder=folder,
         sentences=sentences,
-        stop_reason=str(summary.get("stop_reason") or ""),
+        stop_reason=": ".join(str(text) for key in ("stop_reason", "stop_detail") if (text := summary.get(key))),
         vehicles=vehicles,
         drive=drive,
         events=[

@@ -42,6 +42,7 @@ from mirdrake.core.recording.parts import PartedTable, read_part, stored
 from mirdrake.core.recording.pictures import Picture, parse_start, picture_folders, read_pictures
 from mirdrake.core.recording.pictures import picture_name as picture_name
 from mirdrake.core.recording.vectors import ROWS, make_table
+from mirdrake.runs.stop import Stop, StopReason
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -98,6 +99,16 @@ class Run:
         return read_scene(self.folder)
 
     @property
+    def stop(self) -> Stop:
+        """Why the simulation ended."""
+        return Stop(StopReason(self.summary["stop_reason"]), str(self.summary.get("stop_detail", "")))
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the simulation ended because a number became infinite or undefined."""
+        return self.stop.reason is StopReason.DIVERGED
+
+    @property
     def start(self) -> datetime:
         """Date and time of the start, which pictures are named after."""
         with read_errors((self.folder or Path()) / SPEC):
@@ -131,7 +142,7 @@ def load_run(folder: Path | str) -> Run:
         raise ConfigError(f"{folder}: not a run folder (it has no {SPEC})")
     with read_errors(folder / SPEC):
         spec = _mapping(yaml.safe_load((folder / SPEC).read_text(encoding="utf-8")))
-    summary: dict[str, Any] = {"stop_reason": "killed"}
+    summary: dict[str, Any] = {"stop_reason": StopReason.KILLED, "stop_detail": ""}
     with read_errors(folder / SUMMARY):
         if (folder / SUMMARY).exists():
             summary = _mapping(parse_json((folder / SUMMARY).read_text(encoding="utf-8")))

@@ -26,6 +26,7 @@ from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.incidents import Incident, Incidents
 from mirdrake.runs.logs import Run, RunWriter, read_signals
 from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
+from mirdrake.runs.stop import Stop, StopReason
 from mirdrake.runs.summary import figure_columns, make_summary, resolved_spec
 from mirdrake.runs.telemetry import Array, Columns, Telemetry
 from mirdrake.worlds import Start
@@ -145,42 +146,42 @@ class Simulation:
             simulator.set_monitor(lambda context: _watch(assembly.diagram, watchers, until, met, context))
         telemetry, blocks, events = Telemetry(assembly), Blocks(writer), Events(writer)
         began = time.perf_counter()
-        reason, failure = "duration", None
+        stop = Stop(StopReason.DURATION)
         incidents = Incidents(assembly.parts.world, assembly.parts.vehicles, self._volumes)
         logs = _Logs(telemetry, blocks, events, incidents, report)
         logs.report(incidents.check_starts(self._starts(context)))
         try:
             with _interrupt() as interrupted, recorder or nullcontext():
                 simulator.Initialize()
-                reason = self._advance(context, end, logs, progress, interrupted, met)
+                stop = self._advance(context, end, logs, progress, interrupted, met)
         except KeyboardInterrupt:
-            reason = "interrupted"
+            stop = Stop(StopReason.INTERRUPTED)
         except RunError as error:
             if not isinstance(error, DivergedError):  # the folder can no longer be written
                 raise
-            reason = f"diverged: {error}"
+            stop = Stop(StopReason.DIVERGED, str(error))
         except (Exception, SystemExit) as error:  # a user's block may call sys.exit
             if _is_divergence(error):
-                reason = f"diverged: the solver failed: {str(error).strip().split('. ')[0].splitlines()[0]}"
+                line = str(error).strip().split(". ")[0].splitlines()[0]
+                stop = Stop(StopReason.DIVERGED, f"the solver failed: {line}")
             else:
-                failure = _failure(error)
-                reason = f"failed: {failure}"
+                stop = Stop(StopReason.FAILED, _failure(error))
         times, columns = telemetry.read(context)
         blocks.add(times, columns, telemetry.units)
         logs.report(incidents.look(times, columns))
         wall = time.perf_counter() - began
         simulated = float(context.get_time())
-        if failure is None and reason not in {"duration", "laps", "condition"}:
-            events.add(simulated, "stop", reason)
-        elif failure is not None:
-            events.add(simulated, "failure", failure)
+        if stop.reason is StopReason.FAILED:
+            events.add(simulated, "failure", stop.detail)
+        elif not stop.as_asked:
+            events.add(simulated, "stop", str(stop))
 
         if view is not None:
             view.draw(context)
             if view.failed:
                 events.add(view.failed_at, "view", "Meshcat has ended; the run continued without its page")
         figures = partial(
-            make_summary, assembly, data, simulated=simulated, wall=wall, reason=reason, incidents=incidents.found
+            make_summary, assembly, data, simulated=simulated, wall=wall, stop=stop, incidents=incidents.found
         )
         recorded = recorder.counts() if recorder is not None else {}
         table, summary = None, {}
@@ -190,9 +191,9 @@ class Simulation:
         else:
             table = blocks.frame()
             summary = figures(table)
-        if failure is not None:
+        if stop.reason is StopReason.FAILED:
             place = f"{writer.folder}: " if writer is not None else ""
-            raise RunError(f"{place}the run failed at t = {simulated:.3f} s: {failure}")
+            raise RunError(f"{place}the run failed at t = {simulated:.3f} s: {stop.detail}")
         written = writer.folder if writer else None
         return Run(written, data, summary, telemetry.units, events.entries, table, assembly.scene)
 
@@ -231,8 +232,8 @@ class Simulation:
         progress: Progress | None,
         interrupted: threading.Event,
         met: threading.Event,
-    ) -> str:
-        """Advance block by block until the run stops, and return the stop reason."""
+    ) -> Stop:
+        """Advance block by block until the run stops, and return why."""
         telemetry, blocks, events = logs.telemetry, logs.blocks, logs.events
         plant = self.assembly.parts.plant
         plant_context = plant.GetMyContextFromRoot(context)
@@ -258,18 +259,19 @@ class Simulation:
             if progress is not None:
                 progress(context.get_time(), end)
             if not np.all(np.isfinite(plant.GetPositionsAndVelocities(plant_context))):
-                return f"diverged: {_not_finite(times, columns) or 'a position or velocity is not finite'}"
+                detail = _not_finite(times, columns) or "a position or velocity is not finite"
+                return Stop(StopReason.DIVERGED, detail)
             fault = _not_finite(times, {name: columns[name] for name in commands if name in columns})
             if fault is not None:
-                return f"diverged: {fault}"
+                return Stop(StopReason.DIVERGED, fault)
             lap = columns.get(f"{vehicles[0]}.lap")
             if laps is not None and lap is not None and lap.size and lap[-1] >= laps:
-                return "laps"
+                return Stop(StopReason.LAPS)
             if met.is_set():
-                return "condition"
+                return Stop(StopReason.CONDITION)
             if interrupted.is_set() and context.get_time() < end - 1e-9:
-                return "interrupted"
-        return "duration"
+                return Stop(StopReason.INTERRUPTED)
+        return Stop(StopReason.DURATION)
 
 
 class _Logs(NamedTuple):

@@ -16,6 +16,7 @@ from mirdrake.controllers.schedule import ScheduleSpec
 from mirdrake.core.digest import digest_data
 from mirdrake.core.paths import installed_version
 from mirdrake.runs.incidents import Incident
+from mirdrake.runs.stop import Stop
 from mirdrake.runs.telemetry import Array
 
 VEHICLE_FIGURES = (
@@ -94,7 +95,7 @@ def make_summary(
     *,
     simulated: float,
     wall: float,
-    reason: str,
+    stop: Stop,
     incidents: Sequence[Incident] = (),
 ) -> dict[str, Any]:
     """Return the content of summary.json."""
@@ -104,7 +105,8 @@ def make_summary(
         "simulated_s": round(simulated, 9),
         "wall_s": round(wall, 3),
         "real_time_factor": round(simulated / wall, 2) if wall > 0.0 else None,
-        "stop_reason": reason,
+        "stop_reason": stop.reason,
+        "stop_detail": stop.detail,
         "seed": data["seed"],
         "spec_sha256": data["provenance"]["spec_sha256"],
         "versions": data["provenance"]["versions"],

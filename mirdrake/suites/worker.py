@@ -145,10 +145,9 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
                 write_trace(trace, make_trace(observe(load_run(place), world, VEHICLE, vehicle, others=vehicles)))
         raise
     simulated = round(float(run.signals.index[-1]) if len(run.signals) else 0.0, 6)
-    reason = str(run.summary["stop_reason"])
     findings: list[Finding] = []
     seen: Observation | None = None
-    fault = f"the run {reason}" if reason.startswith("diverged") else _lost_command(run)
+    fault = f"the run {run.stop}" if run.diverged else _lost_command(run)
     try:
         seen = observe(run, world, VEHICLE, vehicle, goal=case.goal, others=vehicles)
         findings = [] if fault else [requirement.judge(seen) for requirement in requirements]

@@ -271,8 +271,8 @@ class SignalBench:
             if not is_divergence(str(error)):
                 raise
             return Evaluation("unstable", reason=str(error).splitlines()[0])
-        if str(run.summary["stop_reason"]).startswith("diverged"):
-            return Evaluation("unstable", reason=str(run.summary["stop_reason"]))
+        if run.diverged:
+            return Evaluation("unstable", reason=str(run.stop))
         signals, reference = run.signals, self.spec.reference
         t = signals.index.to_numpy(dtype=float)
         return judge(

@@ -21,6 +21,7 @@ from mirdrake.controllers.schedule import ScheduleSpec
 from mirdrake.core.files import write_file
 from mirdrake.runs.logs import SPEC, Run, RunWriter, read_signals
 from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
+from mirdrake.runs.stop import Stop, StopReason
 from mirdrake.runs.summary import figure_columns, make_summary, resolved_spec
 from mirdrake.runs.telemetry import Telemetry
 
@@ -103,7 +104,8 @@ class DriveLog:
         self._data = self._resolve(max(simulated, 1e-3))
         text = yaml.safe_dump(self._data, sort_keys=False, allow_unicode=True, width=100)
         write_file(self.folder / SPEC, text)
-        figures = partial(make_summary, self._assembly, self._data, simulated=simulated, wall=wall, reason=reason)
+        stop = Stop(StopReason.INTERRUPTED, reason)
+        figures = partial(make_summary, self._assembly, self._data, simulated=simulated, wall=wall, stop=stop)
         recorded = self._recorder.counts() if self._recorder is not None else {}
         read = partial(read_signals, self.folder, figure_columns(self._assembly))
         summary = self._writer.finish(lambda: figures(read()) | recorded)
