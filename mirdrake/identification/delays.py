@@ -162,7 +162,8 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
         """Return the repair of these channels; None if none is shifted."""
         texts = [f"{name} by {-1e3 * shifts[name]:+.3g} ms" for name in names if name in shifts]
         words = ", by all logs together" if together else ""
-        return statement("shifted", shifts=", ".join(texts), together=words) if repair and texts else None
+        own = {name: shifts[name] for name in names if name in shifts}
+        return statement("shifted", shifts=", ".join(texts), together=words, **own) if repair and texts else None
 
     for relation, delay in pairs:
         found.append(_pair_finding(relation, delay, evidence.step, shifts, shifted))

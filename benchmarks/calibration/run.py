@@ -1,0 +1,205 @@
+"""Run the calibration of the identification, one row per case, and print its table.
+
+::
+
+    python -m benchmarks.calibration.run --cases 0:60 --out runs/calibration.jsonl      # continues where it stopped
+    python -m benchmarks.calibration.run --out runs/calibration.jsonl --table           # only the table
+"""
+
+import argparse
+import json
+import math
+import tempfile
+import time
+import warnings
+from pathlib import Path
+from typing import TypedDict
+
+import numpy as np
+
+from benchmarks.calibration.baseline import fit_baseline
+from benchmarks.calibration.cases import Case, draw_case
+from benchmarks.calibration.record import record, with_ratio
+from benchmarks.calibration.table import make_table
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.identification.findings import DataReport
+from mirdrake.identification.fit import Fit, FittedParameter
+from mirdrake.identification.identify import identify
+from mirdrake.identification.study import load_identification
+
+REPAIRED_BY = {
+    "late": {"delay"}, "held": {"held_values"}, "glitches": {"glitches"}, "dropped": {"gaps", "timestamps"},
+    "repeated": {"timestamps"}, "gap": {"gaps", "timestamps"}, "dummy": {"first_rows", "timestamps"},
+}  # fmt: skip
+"""Checks that may repair each fault."""
+
+REJECTED = {"sign", "degrees"}
+"""Faults for which a data set must be rejected."""
+
+SMALL_DELAY = 0.01
+"""Delay between channels that no verdict depends on [s]."""
+
+
+class ParameterRow(TypedDict):
+    """Estimate of a parameter beside its truth [SI]."""
+
+    name: str
+    verdict: str
+    truth: float
+    value: float
+    low: float | None
+    high: float | None
+    noise: float | None
+
+
+class Row(TypedDict):
+    """Result of a case."""
+
+    seed: int
+    kind: str
+    fault: str
+    knowledge: str
+    manoeuvres: list[str]
+    status: str
+    message: str
+    seconds: float
+    parameters: list[ParameterRow]
+    false_repairs: list[str]
+    false_delays: list[str]
+    missed: bool
+    found: list[str]
+    held_out: float | None
+    noise_limit: float | None
+    baseline: float | None
+    notes: list[str]
+
+
+def true_values(case: Case, fit: Fit) -> dict[str, float]:
+    """Return the true values of the parameters that have one, per kilogram if no mass is known."""
+    v, s = case.vehicle, case.sensors
+    size = 1.0 if "mass" in case.known else 1.0 / v.mass
+    found = {
+        "yaw_inertia": size * v.yaw_inertia, "steering_ratio": v.ratio,
+        "steering_delay": v.delay, "steering_lag": v.lag,
+        "cornering_stiffness_front": size * v.stiffness_front, "cornering_stiffness_rear": size * v.stiffness_rear,
+        "accelerometer_ahead": s.accelerometer, "velocity_ahead": s.velocity, "relaxation": v.relaxation,
+    }  # fmt: skip
+    if v.kind == "multi_body":
+        for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "accelerometer_ahead", "velocity_ahead",
+                     "relaxation"):  # fmt: skip
+            del found[name]
+    if v.kind in {"magic", "two_track"}:
+        found |= {"friction_front": v.friction, "friction_rear": v.friction}
+    # A late yaw rate looks like a delay of the steering; delays of channels are counted by themselves.
+    if case.late:
+        del found["steering_delay"]
+    free = {one.name for one in fit.parameters if one.kind != "fixed"}
+    return {name: value for name, value in found.items() if name in free}
+
+
+def _row(one: FittedParameter, truth: float) -> ParameterRow:
+    return {"name": one.name, "verdict": one.verdict, "truth": truth, "value": one.value, "low": one.low,
+            "high": one.high, "noise": one.sigma_noise}  # fmt: skip
+
+
+def false_delays(case: Case, check: DataReport) -> tuple[list[str], bool]:
+    """Return channels that were shifted away from their true timing, and whether a true delay is left."""
+    shifts: dict[str, float] = {}
+    for one in check.findings:
+        if one.check == "delay" and one.done is not None:
+            shifts |= {
+                key: float(value) for key, value in one.done.figures.items() if key not in {"shifts", "together"}
+            }
+    names = (*case.sensors.channels, case.sensors.steering)
+    left = {name: case.late.get(name, 0.0) - shifts.get(name, 0.0) for name in names}
+    reference = left["yaw_rate"]
+    limit = max(SMALL_DELAY, 0.5 * case.sensors.step)
+    moved = [name for name in names if shifts.get(name, 0.0) != shifts.get("yaw_rate", 0.0)]
+    if shifts.get("yaw_rate"):
+        moved.append("yaw_rate")
+    wrong = [name for name in moved if abs(left[name] - reference) > limit]
+    if "yaw_rate" in moved and abs(left["yaw_rate"] - left[case.sensors.steering]) > limit and not case.late:
+        wrong.append("yaw_rate")
+    others = [name for name in case.sensors.channels if name in case.late or "yaw_rate" in case.late]
+    missed = any(abs(left[name] - reference) > max(0.02, case.sensors.step) for name in others)
+    return wrong, missed
+
+
+def run_case(seed: int) -> Row:
+    """Return the row of a case."""
+    case = with_ratio(draw_case(seed))
+    row: Row = {
+        "seed": seed, "kind": case.vehicle.kind, "fault": case.fault, "knowledge": case.knowledge,
+        "manoeuvres": list(case.manoeuvres), "status": "fitted", "message": "", "seconds": 0.0, "parameters": [],
+        "false_repairs": [], "false_delays": [], "missed": False, "found": [], "held_out": None, "noise_limit": None,
+        "baseline": None, "notes": [],
+    }  # fmt: skip
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        try:
+            study = record(case, folder)
+        except ValueError as error:
+            row["status"], row["message"] = "not driven", str(error)
+            return row
+        begun = time.process_time()
+        try:
+            result = identify(load_identification(study), folder)
+        except (ConfigError, RunError) as error:
+            row["status"], row["message"] = "rejected", str(error)
+            row["missed"] = False
+            row["seconds"] = time.process_time() - begun
+            return row
+        row["seconds"] = time.process_time() - begun
+        files = sorted(folder.glob("log_*.parquet"))
+        try:
+            row["baseline"] = fit_baseline(files[:-1], files[-1], case.sensors.steering, case.vehicle.wheelbase)
+        except (ValueError, np.linalg.LinAlgError) as error:
+            row["message"] = f"baseline: {error}"
+    truth = true_values(case, result.fit)
+    row["parameters"] = [_row(one, truth[one.name]) for one in result.fit.parameters if one.name in truth]
+    row["false_delays"], missed_delay = false_delays(case, result.check)
+    repaired = [one for one in result.check.findings if one.done is not None and one.check != "delay"]
+    row["false_repairs"] = sorted(
+        {f"{one.check} {one.channel}" for one in repaired if one.check not in REPAIRED_BY.get(case.fault, set())}
+    )
+    row["found"] = sorted(
+        {f"{one.severity} {one.check} {one.channel}" for one in result.check.findings if one.severity != "info"}
+    )
+    row["missed"] = missed_delay or case.fault in REJECTED
+    if case.fault == "vy_sign":
+        row["missed"] = not any("vy" in one.channels and one.severity == "fault" for one in result.check.findings)
+    held = [one for one in result.fit.channels if one.part == "validation" and one.channel == "yaw_rate"]
+    if held and math.isfinite(held[0].nrmse_percent):
+        worst = min(held, key=lambda one: one.nrmse_percent)
+        row["held_out"], row["noise_limit"] = worst.nrmse_percent, worst.noise_limit_percent
+    row["notes"] = list(result.fit.notes)
+    return row
+
+
+def main() -> None:
+    """Run cases and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", default="0:60", help="first:end of the seeds")
+    parser.add_argument("--out", type=Path, required=True, help="file of rows (JSON lines)")
+    parser.add_argument("--table", action="store_true", help="only print the table of the rows in the file")
+    options = parser.parse_args()
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    rows: list[Row] = []
+    if options.out.exists():
+        rows = [json.loads(line) for line in options.out.read_text().splitlines()]
+    first, end = (int(text) for text in options.cases.split(":"))
+    wanted = range(first, end)
+    done = {row["seed"] for row in rows}
+    for seed in () if options.table else [seed for seed in wanted if seed not in done]:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            row = run_case(seed)
+        with options.out.open("a") as file:
+            file.write(json.dumps(row) + "\n")
+        rows.append(row)
+        print(f"{seed}: {row['kind']}, {row['fault']}: {row['status']}, {row['seconds']:.0f} s", flush=True)
+    print(make_table([row for row in rows if row["seed"] in wanted]))
+
+
+if __name__ == "__main__":
+    main()
