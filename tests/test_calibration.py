@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.calibration.baseline import fit_baseline, simulate
 from benchmarks.calibration.cases import draw_case
-from benchmarks.calibration.run import run_case
+from benchmarks.calibration.run import ParameterRow, Row, run_case
 from benchmarks.calibration.table import make_table
 from benchmarks.calibration.truth import GRAVITY, STEP, Vehicle, drive
 
@@ -58,13 +58,20 @@ def test_the_baseline_is_the_same_single_track_and_recovers_it(tmp_path):
 
 
 def test_the_table_counts_coverage_and_wrong_decisions():
-    parameter = {"name": "yaw_inertia", "verdict": "identified", "truth": 10.0, "value": 12.0, "low": 11.0,
-                 "high": 13.0, "noise": 0.5}  # fmt: skip
-    row = {"seed": 0, "kind": "linear", "fault": "none", "knowledge": "all", "manoeuvres": [], "status": "fitted",
-           "message": "", "seconds": 1.0, "parameters": [parameter, {**parameter, "truth": 12.0}], "false_repairs": [],
-           "false_delays": ["vy"], "missed": False, "found": [], "held_out": 90.0, "noise_limit": 95.0,
-           "baseline": 95.0, "notes": []}  # fmt: skip
-    table = make_table([row, {**row, "seed": 1, "status": "rejected", "parameters": []}])
+    parameter = ParameterRow(
+        name="yaw_inertia", verdict="identified", truth=10.0, value=12.0, low=11.0, high=13.0, noise=0.5
+    )
+    right = ParameterRow(
+        name="yaw_inertia", verdict="identified", truth=12.0, value=12.0, low=11.0, high=13.0, noise=0.5
+    )
+    fitted = Row(
+        seed=0, kind="linear", fault="none", knowledge="all", manoeuvres=[], status="fitted", message="", seconds=1.0,
+        parameters=[parameter, right], false_repairs=[], false_delays=["vy"], missed=False, found=[], held_out=90.0,
+        noise_limit=95.0, baseline=95.0, notes=[],
+    )  # fmt: skip
+    rejected = fitted.copy()
+    rejected.update(seed=1, status="rejected", parameters=[])
+    table = make_table([fitted, rejected])
     assert "| coverage, identified | 50 % (1 of 2) | 90 to 99 % |" in table
     assert "| false identified | 50 % (1 of 2) |" in table
     assert "| false delays | 100 % (1 of 1) | 2 % |" in table

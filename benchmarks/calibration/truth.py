@@ -182,10 +182,10 @@ def road_wheel_angle(vehicle: Vehicle, command: Array) -> Array:
     rows = np.arange(float(len(command)))
     late = np.interp(rows - vehicle.delay / STEP, rows, command)
     if vehicle.lag > 0.0:
-        decay, value, found = math.exp(-STEP / vehicle.lag), late[0], np.empty(len(late))
-        for i, wanted in enumerate(late):
-            value = wanted + decay * (value - wanted)
-            found[i] = value
+        decay, found = math.exp(-STEP / vehicle.lag), late.copy()
+        for i in range(1, len(late)):
+            wanted = 0.5 * (late[i - 1] + late[i])
+            found[i] = wanted + decay * (found[i - 1] - wanted)
         late = found
     return np.asarray(late / vehicle.ratio + vehicle.offset)
 
