@@ -70,7 +70,7 @@ def test_the_table_counts_coverage_and_wrong_decisions():
         noise_limit=95.0, baseline=95.0, notes=[],
     )  # fmt: skip
     rejected = fitted.copy()
-    rejected.update(seed=1, status="rejected", parameters=[])
+    rejected["seed"], rejected["status"], rejected["parameters"] = 1, "rejected", []
     table = make_table([fitted, rejected])
     assert "| coverage, identified | 50 % (1 of 2) | 90 to 99 % |" in table
     assert "| false identified | 50 % (1 of 2) |" in table
