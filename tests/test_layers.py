@@ -97,8 +97,8 @@ def test_data_folders_are_not_imported_and_pydrake_all_is_not_used() -> None:
     faults = []
     for file in MODULES + sorted((ROOT / "tests").glob("*.py")):
         for line, name in _imports(file):
-            # Tests share modules, and check that tools/ still produces the committed files.
-            is_shared = file.parent.name == "tests" and name.split(".")[0] in {"tests", "tools"}
+            # Tests share modules, and check tools/ and benchmarks/.
+            is_shared = file.parent.name == "tests" and name.split(".")[0] in {"tests", "tools", "benchmarks"}
             if name.split(".")[0] in DATA_FOLDERS and not is_shared:
                 faults.append(f"{_shown(file)}:{line}: {name} is a folder of data, not a package")
             if name.startswith("pydrake.all"):
