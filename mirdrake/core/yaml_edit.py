@@ -9,12 +9,11 @@ import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final, NoReturn
 
-import yaml
-
 from mirdrake.core.errors import ConfigError, dotted
+from mirdrake.core.yaml_nodes import LINE_BREAK, Node, child_of, line_end, line_start, read_nodes
 from mirdrake.core.yaml_tree import parse_tree
 
 Scalar = bool | int | float | str | None
@@ -113,35 +112,11 @@ def scalar_text(value: Scalar) -> str:
 # --- the inner parts --------------------------------------------------------------------------------------------------
 
 _WORDS = {"true", "false", "null", "yes", "no", "on", "off", "y", "n", "nan", "inf"}
-_BREAK = re.compile(r"\r\n|[\n\r\x85\u2028\u2029]")
 
 
 def _escaped(character: str) -> str:
     code = ord(character)
     return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
-
-
-@dataclass(slots=True)
-class _Node:
-    """A part of the text: characters start to end; of a block collection, up to the end of its last value.
-
-    Attributes:
-        kind: scalar, alias, mapping or list.
-        column: of the first character.
-        flow: written in braces or brackets.
-        keys, values: of a mapping; of a list only values.
-    """
-
-    kind: str
-    start: int
-    end: int
-    column: int
-    line: int
-    flow: bool = False
-    style: str | None = None
-    text: str = ""
-    keys: "list[_Node]" = field(default_factory=list)
-    values: "list[_Node]" = field(default_factory=list)
 
 
 class _Editor:
@@ -150,8 +125,8 @@ class _Editor:
     def __init__(self, text: str, edit: Edit, name: str) -> None:
         self.text, self.edit, self.name = text, edit, name
         self.data, self.source = parse_tree(text, name)
-        self.root = _tree(text)
-        match = _BREAK.search(text)
+        self.root = read_nodes(text)
+        match = LINE_BREAK.search(text)
         self.newline = match.group() if match else "\n"
 
     def edited(self) -> str:
@@ -186,7 +161,7 @@ class _Editor:
         node = self.root
         for depth, key in enumerate(keys):
             self._check_container(node, keys[:depth])
-            found = _child(node, key)
+            found = child_of(node, key)
             if found is None:
                 if node.kind == "list":
                     self._refuse(keys[:depth], f"is a list of {len(node.values)}; '{key}' is not an index of it")
@@ -205,12 +180,12 @@ class _Editor:
             self._refuse(keys, "is a text of several lines; edit it by hand")
         return self._put(node, written)
 
-    def _put(self, node: _Node, written: str) -> str:
+    def _put(self, node: Node, written: str) -> str:
         """Return the text with a scalar replaced, which may be empty."""
         space = " " if node.start == node.end and self.text[node.start - 1 : node.start] not in {" ", ""} else ""
         return f"{self.text[: node.start]}{space}{written}{self.text[node.end :]}"
 
-    def _add(self, node: _Node, keys: Sequence[str], written: str) -> str:
+    def _add(self, node: Node, keys: Sequence[str], written: str) -> str:
         """Return the text with a new entry at the end of a mapping."""
         if node.flow:
             inner = "".join(f"{scalar_text(key)}: {{" for key in keys[:-1])
@@ -218,7 +193,7 @@ class _Editor:
             at = node.values[-1].end if node.values else node.start + 1
             return f"{self.text[:at]}{', ' if node.values else ''}{entry}{self.text[at:]}"
         lines = _block(keys, written, " " * node.column, self.newline)
-        at = _line_end(self.text, node.end)
+        at = line_end(self.text, node.end)
         if not self.text[:at]:
             return f"{lines}{self.newline}{self.text}"
         return f"{self.text[:at]}{self.newline}{lines}{self.text[at:]}"
@@ -226,7 +201,7 @@ class _Editor:
     def _remove(self, keys: Sequence[str]) -> str:
         node, parent, place = self.root, None, 0
         for key in keys:
-            found = _child(node, key) if node is not None else None
+            found = child_of(node, key) if node is not None else None
             if node is None or found is None:
                 self._refuse(keys, "comes from an alias or a merge; edit the file by hand")
             parent, (place, node) = node, found
@@ -240,19 +215,19 @@ class _Editor:
                 return text[: key_node.start] + text[parent.keys[place + 1].start :]
             begin = parent.values[place - 1].end if place else key_node.start
             return text[:begin] + text[node.end :]
-        begin = _line_start(text, key_node.start)
+        begin = line_start(text, key_node.start)
         if text[begin : key_node.start].strip(" "):
             self._refuse(keys, "shares its line with something else; edit the file by hand")
-        end = _line_end(text, node.end)
-        match = _BREAK.match(text, end)
+        end = line_end(text, node.end)
+        match = LINE_BREAK.match(text, end)
         if match:
             return text[:begin] + text[match.end() :]
         last = text[:begin]
-        for match in _BREAK.finditer(text, 0, begin):
+        for match in LINE_BREAK.finditer(text, 0, begin):
             last = text[: match.start()]
         return last + text[end:]
 
-    def _check_container(self, node: _Node, keys: Sequence[str]) -> None:
+    def _check_container(self, node: Node, keys: Sequence[str]) -> None:
         if node.kind == "alias":
             self._refuse(keys, "is an alias of what stands elsewhere; write it out")
         if node.kind == "scalar":
@@ -296,53 +271,6 @@ def _canonical(data: Any) -> str:
     return json.dumps(data, sort_keys=True, default=repr)
 
 
-def _tree(text: str) -> _Node | None:
-    """Return the events of a text as a tree with positions; None if the text is empty."""
-    events: Iterator[Any] = yaml.parse(text, Loader=yaml.SafeLoader)
-    for event in events:
-        if isinstance(event, yaml.DocumentStartEvent):
-            root = _compose(next(events), events, text)
-            return None if root.kind == "scalar" and root.start == root.end else root
-    return None
-
-
-def _compose(event: Any, events: Iterator[Any], text: str) -> _Node:
-    start, end = event.start_mark, event.end_mark
-    node = _Node("", start.index, end.index, start.column, start.line)
-    if isinstance(event, yaml.AliasEvent):
-        node.kind = "alias"
-    elif isinstance(event, yaml.ScalarEvent):
-        node.kind, node.style, node.text = "scalar", event.style, event.value
-        if node.style in {"|", ">"}:
-            node.end = node.start + len(text[node.start : node.end].rstrip())
-    else:
-        node.kind, node.flow = ("mapping" if isinstance(event, yaml.MappingStartEvent) else "list"), event.flow_style
-        while not isinstance(closing := next(events), yaml.CollectionEndEvent):
-            child = _compose(closing, events, text)
-            if node.kind == "mapping":
-                node.keys.append(child)
-                child = _compose(next(events), events, text)
-            node.values.append(child)
-        last: Any = closing.end_mark
-        if node.flow:
-            node.end = last.index
-        else:
-            node.end = max([node.end, *(child.end for child in node.values)])
-            node.column = node.keys[0].column if node.keys else node.column
-    return node
-
-
-def _child(node: _Node, key: str) -> tuple[int, _Node] | None:
-    """Return position and value of a key or list item; None if there is none."""
-    if node.kind == "list":
-        place = int(key) if key.isdecimal() and len(key) < 7 else -1
-        return (place, node.values[place]) if 0 <= place < len(node.values) else None
-    for place, (known, value) in enumerate(zip(node.keys, node.values, strict=True)):
-        if known.text == key:
-            return place, value
-    return None
-
-
 def _block(keys: Sequence[str], written: str, indent: str, newline: str) -> str:
     """Return the lines of a new entry; each level of keys is indented by two spaces."""
     lines = [f"{indent}{'  ' * depth}{scalar_text(key)}:" for depth, key in enumerate(keys)]
@@ -351,42 +279,29 @@ def _block(keys: Sequence[str], written: str, indent: str, newline: str) -> str:
 
 def _appended(text: str, lines: str, newline: str) -> str:
     """Append lines to a text that has only comments."""
-    between = newline if text and not _BREAK.search(text[-1]) else ""
+    between = newline if text and not LINE_BREAK.search(text[-1]) else ""
     return f"{text}{between}{lines}{newline}"
-
-
-def _line_start(text: str, at: int) -> int:
-    found = 0
-    for match in _BREAK.finditer(text, 0, at):
-        found = match.end()
-    return found
-
-
-def _line_end(text: str, at: int) -> int:
-    """End of the line, after its comment."""
-    match = _BREAK.search(text, at)
-    return match.start() if match else len(text)
 
 
 def _commented(text: str, edit: Edit) -> str:
     """Set the comment above the line of a key; of a key in braces above the line where its entry begins."""
     if not edit.comment.isprintable():
         raise ConfigError(f"{dotted(edit.keys)}: a comment is one line of printable text, not {edit.comment[:60]!r}")
-    root = _tree(text)
+    root = read_nodes(text)
     assert root is not None
     node, at = root, root.start
     for key in edit.keys:
-        found = _child(node, key)
+        found = child_of(node, key)
         if found is None:
             break
         if node.kind == "mapping" and not node.flow:
             at = node.keys[found[0]].start
         node = found[1]
-    begin = _line_start(text, at)
-    line = text[begin : _line_end(text, begin)]
+    begin = line_start(text, at)
+    line = text[begin : line_end(text, begin)]
     indent = line[: len(line) - len(line.lstrip(" "))]
-    breaks = list(_BREAK.finditer(text, 0, begin))
-    newline = breaks[-1].group() if breaks else (match.group() if (match := _BREAK.search(text)) else "\n")
+    breaks = list(LINE_BREAK.finditer(text, 0, begin))
+    newline = breaks[-1].group() if breaks else (match.group() if (match := LINE_BREAK.search(text)) else "\n")
     if breaks:
         above = breaks[-2].end() if len(breaks) > 1 else 0
         stands = text[above : breaks[-1].start()].strip(" ")
