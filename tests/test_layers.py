@@ -20,7 +20,7 @@ STAGES = {
     "identification": 8, "studies": 8, "suites": 8,
     "tuning": 9, "world_checks": 9,
     "export": 10, "importing": 10, "viewer": 10,
-    "report": 11,
+    "editor": 11, "report": 11,
     "__init__": 12, "__main__": 12, "cli": 12, "workflow": 12, "world_files": 12,
 }  # fmt: skip
 DATA_FOLDERS = {"models", "worlds", "diagrams", "studies", "notebooks", "benchmarks", "tests", "tools", "runs"}

@@ -18,6 +18,7 @@ examples:
   mirdrake world check parking_lot            every fault with file and line
   mirdrake world build parking_lot -o out     lock file, SDF world and plan
   mirdrake world show parking_lot             the world in Meshcat, overlaps in red
+  mirdrake world edit yard.yaml               the world in an editor in the browser
   mirdrake world test parking_lot barrels     all tests with all variations; pass or fail
   mirdrake world import old.world             a Gazebo world as a world file"""
 
@@ -60,12 +61,13 @@ VERBS = {
     "schema": Verb("JSON Schema of a kind of YAML file, for completion and checks in editors", "schema"),
     "study": Verb("run a study: many variations of one diagram, on all cores or on a cluster", "study"),
     "world": Verb(
-        "check, build, show, test, search or import worlds",
+        "check, build, show, edit, test, search or import worlds",
         more=_WORLD,
         verbs={
             "check": Verb("check worlds: every fault with file and line", "world_check"),
             "build": Verb("write a world's lock file, its SDF world for Gazebo and Drake, and its plan", "world_build"),
             "show": Verb("show a world in Meshcat, overlaps in red", "world_show"),
+            "edit": Verb("edit a world in the browser: place, drag, see overlaps, save the same file", "world_edit"),
             "test": Verb("run the tests of worlds with all their variations", "world_test"),
             "search": Verb("search for parameter values with which a test fails", "world_search"),
             "import": Verb("make a world file from a .world or .sdf file of Gazebo", "world_import"),

@@ -73,6 +73,7 @@ class PageServer:
         files: returns the content of a path of the page, "" for the page itself; None if there is none.
         posts: from a path to the function that answers a JSON object posted there, in threads of the server.
         upstream: Meshcat, for the page and files that `files` does not have.
+        largest: largest size of a request body [byte].
 
     Attributes:
         token: random, in the page's address.
@@ -90,7 +91,9 @@ class PageServer:
         files: Callable[[str], Answer | None] = lambda _: None,
         posts: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]] | None = None,
         upstream: Upstream | None = None,
+        largest: int = MOST,
     ) -> None:
+        self.largest = largest
         self.token, self.files, self.posts, self.upstream = secrets.token_urlsafe(16), files, posts or {}, upstream
         self._server = _listen(name, partial(_Handler, self), list(ports))
         self.url = f"http://localhost:{self._server.server_address[1]}/{self.token}/"
@@ -178,7 +181,7 @@ class _Handler(BaseHTTPRequestHandler):
         path, length = self._path(), self.headers.get("Content-Length", "")
         if path is None:
             return
-        if not (length.isdecimal() and len(length) < 10 and int(length) <= MOST):
+        if not (length.isdecimal() and len(length) < 10 and int(length) <= self._site.largest):
             self.close_connection = True
             self.send_error(400)
             return

@@ -15,7 +15,7 @@ import shapely
 
 from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
 from mirdrake.core.paths import data_root, find
-from mirdrake.core.yaml_io import Source, load_yaml, read_tree, validate, where
+from mirdrake.core.yaml_io import Source, load_yaml, parse_tree, read_tree, shown, validate, where
 from mirdrake.worlds.arrange import Arranger
 from mirdrake.worlds.draw import Draw, evaluate_tree
 from mirdrake.worlds.props import PlacedProp
@@ -52,6 +52,24 @@ def load_world(name: str, *, where: str = "", overrides: Iterable[str] = ()) -> 
     """
     path = find("worlds", name, where=where)
     return _make(*read_tree(path, overrides=overrides), path=path)
+
+
+def parse_world(text: str, path: Path, *, seed: int | None = None) -> World:
+    """Make a world from the text of a world file that need not be saved.
+
+    Args:
+        text: the text.
+        path: its file; messages name it, and other files are relative to it.
+        seed: instead of that of the file.
+
+    Raises:
+        ConfigError: the text has faults.
+        WorldError: the world cannot be laid out.
+    """
+    data, source = parse_tree(text, shown(path))
+    if seed is not None and isinstance(data, dict):
+        data = {**data, "seed": seed}
+    return _make(data, source, path=path)
 
 
 def make_world(data: WorldSpec | Mapping[str, Any], *, path: Path | None = None) -> World:

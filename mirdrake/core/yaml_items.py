@@ -1,0 +1,287 @@
+"""Edits of list items and scalars in a YAML text that keep every other byte.
+
+:func:`set_scalar` and :func:`set_scalars` replace the text of values, :func:`insert_item` appends an item to a list,
+:func:`remove_item` removes one with its comments, and :func:`item_text` returns one for a copy. A comment line directly
+above an item belongs to it, and so does a comment behind it on the same line; a blank line ends the block.
+
+As in :mod:`mirdrake.core.yaml_edit`, the result is read again: an edit changes what it is meant to change, or it is
+rejected.
+"""
+
+import json
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, Final, NamedTuple, NoReturn
+
+from mirdrake.core.errors import ConfigError, dotted
+from mirdrake.core.yaml_edit import REMOVED, scalar_text, value_at
+from mirdrake.core.yaml_nodes import LINE_BREAK, Node, child_of, line_end, line_start, read_nodes
+from mirdrake.core.yaml_tree import parse_tree
+
+Path = Sequence[str]
+"""Keys from the root of a text; a number, as text, is the index of a list item."""
+
+_INDENT: Final = "  "
+
+
+class Span(NamedTuple):
+    """A part of a text: characters start to end, and its lines, counted from 1."""
+
+    start: int
+    end: int
+    first_line: int
+    last_line: int
+
+
+def find_span(text: str, path: Path) -> Span | None:
+    """Return the part of the text of a value, without its comments; None if it has none of its own."""
+    node = _find(text, path)
+    if node is None or node.kind == "alias":
+        return None
+    return Span(node.start, node.end, _line_of(text, node.start), _line_of(text, max(node.start, node.end - 1)))
+
+
+def source_of(text: str, path: Path) -> str | None:
+    """Return the text of a scalar as it is in the file; None if there is no scalar of its own."""
+    node = _find(text, path)
+    return text[node.start : node.end] if node is not None and node.kind == "scalar" else None
+
+
+def set_scalar(text: str, path: Path, written: str, *, name: str = "<text>") -> str:
+    """Return the text with one value replaced or added.
+
+    Args:
+        text: the text.
+        path: of the value; the last key is added to its mapping if it is missing.
+        written: the new value as YAML, for example ``95 deg`` or ``[2, 3]``.
+        name: name of the text in errors, normally the file name.
+
+    Raises:
+        ConfigError: there is no such place, an alias is there, or the value is not YAML.
+    """
+    return set_scalars(text, [(path, written)], name=name)
+
+
+def set_scalars(text: str, changes: Sequence[tuple[Path, str]], *, name: str = "<text>") -> str:
+    """Return the text with several values replaced or added; see :func:`set_scalar`.
+
+    Raises:
+        ConfigError: one of them cannot be changed.
+    """
+    data, _ = parse_tree(text, name)
+    cuts: list[tuple[int, int, str]] = []
+    for path, written in changes:
+        data = _replaced(data, path, _parsed(written, name))
+        cuts.append(_cut(text, path, written, name))
+    # From the end, so that the positions before a cut stay; of two additions at one place the later is behind.
+    changed = text
+    for start, end, written in reversed(sorted(cuts, key=lambda cut: cut[0])):
+        changed = f"{changed[:start]}{written}{changed[end:]}"
+    return _verified(changed, data, name, changes[-1][0])
+
+
+def _cut(text: str, path: Path, written: str, name: str) -> tuple[int, int, str]:
+    """Return start and end of the text that is replaced, and what comes there."""
+    node = _find(text, path)
+    if node is None:
+        parent = _find(text, path[:-1])
+        if parent is None or parent.kind != "mapping":
+            _reject(text, name, path, "is not in the file")
+        return _cut_in_mapping(text, parent, f"{scalar_text(path[-1])}: {written}")
+    if node.kind == "alias":
+        _reject(text, name, path, "is an alias; edit the file by hand")
+    if node.kind != "scalar" and not node.flow:
+        _reject(text, name, path, f"is a {node.kind} of several lines; edit the file by hand")
+    space = " " if node.start == node.end and text[node.start - 1 : node.start] not in {" ", ""} else ""
+    return node.start, node.end, f"{space}{written}"
+
+
+def insert_item(text: str, path: Path, item: str, *, name: str = "<text>") -> str:
+    """Return the text with an item at the end of a list; a missing list is added at the end of its mapping.
+
+    Args:
+        text: the text.
+        path: of the list.
+        item: the item as YAML, in one line or as lines of a block whose first line begins at the item's text.
+        name: name of the text in errors.
+
+    Raises:
+        ConfigError: there is something else than a list, or the item is not YAML.
+    """
+    data, _ = parse_tree(text, name)
+    newline = _newline(text)
+    present = value_at(data, path)
+    items = [] if present is REMOVED or present is None else present
+    if not isinstance(items, list):
+        _reject(text, name, path, "is not a list")
+    wanted = _replaced(data, path, [*items, _parsed(_dedented(item), name)])
+    node = _find(text, path)
+    if node is None:
+        parent = _find(text, path[:-1])
+        if parent is None or parent.kind != "mapping" or parent.flow:
+            _reject(text, name, path, "has no mapping in lines to be added to")
+        indent = " " * parent.column
+        entry = f"{scalar_text(path[-1])}:{newline}{indent}{_INDENT}- {item}"
+        start, end, written = _cut_in_mapping(text, parent, entry)
+        changed = f"{text[:start]}{written}{text[end:]}"
+    elif node.kind == "alias":
+        _reject(text, name, path, "is an alias; edit the file by hand")
+    elif node.kind == "scalar":  # `props:` without a value
+        key_line = line_start(text, node.start)
+        column = len(text[key_line:]) - len(text[key_line:].lstrip(" "))
+        end = line_end(text, node.start)
+        changed = f"{text[:end]}{newline}{' ' * column}{_INDENT}- {item}{text[end:]}"
+    elif node.flow:
+        last = node.values[-1].end if node.values else node.start + 1
+        changed = f"{text[:last]}{', ' if node.values else ''}{item}{text[last:]}"
+    else:
+        end = line_end(text, node.end)
+        changed = f"{text[:end]}{newline}{' ' * node.column}- {item}{text[end:]}"
+    return _verified(changed, wanted, name, path)
+
+
+def remove_item(text: str, path: Path, *, name: str = "<text>") -> str:
+    """Return the text without a list item or key and the comments that belong to it.
+
+    The key of a list that would be empty goes with its last item.
+
+    Raises:
+        ConfigError: there is no such item, or other parts of the text depend on it.
+    """
+    data, _ = parse_tree(text, name)
+    parent, index, node = _find_in_parent(text, path)
+    if node is None or parent is None:
+        _reject(text, name, path, "is not in the file")
+    if parent.kind == "list" and len(parent.values) == 1:
+        return remove_item(text, path[:-1], name=name)
+    first = parent.keys[index] if parent.kind == "mapping" else node
+    if parent.flow:
+        following = (parent.keys if parent.kind == "mapping" else parent.values)[index + 1 : index + 2]
+        if following:
+            changed = text[: first.start] + text[following[0].start :]
+        else:
+            begin = parent.values[index - 1].end if index else first.start
+            changed = text[:begin] + text[node.end :]
+    else:
+        begin, end = _block_of(text, first.start, node.end)
+        changed = text[:begin] + text[end:]
+    return _verified(changed, _without(data, path), name, path)
+
+
+def item_text(text: str, path: Path) -> str | None:
+    """Return the text of a list item without its comments, for :func:`insert_item`; None if it has none."""
+    node = _find(text, path)
+    return None if node is None or node.kind == "alias" else text[node.start : node.end]
+
+
+# --- the inner parts --------------------------------------------------------------------------------------------------
+
+
+def _find(text: str, path: Path) -> Node | None:
+    return _find_in_parent(text, path)[2] if path else _nodes(text)
+
+
+@lru_cache(maxsize=4)
+def _nodes(text: str) -> Node | None:
+    """Return the nodes of a text; reading a long text takes longer than all else here."""
+    return read_nodes(text)
+
+
+def _find_in_parent(text: str, path: Path) -> tuple[Node | None, int, Node | None]:
+    """Return the parent of a value, its index in it, and the value; None for what is not there."""
+    parent, index, node = None, 0, _nodes(text)
+    for key in path:
+        if node is None or node.kind not in {"mapping", "list"} or (match := child_of(node, key)) is None:
+            return node, 0, None
+        parent, (index, node) = node, match
+    return parent, index, node
+
+
+def _line_of(text: str, position: int) -> int:
+    return 1 + sum(1 for _ in LINE_BREAK.finditer(text, 0, position))
+
+
+def _newline(text: str) -> str:
+    match = LINE_BREAK.search(text)
+    return match.group() if match else "\n"
+
+
+def _cut_in_mapping(text: str, node: Node, entry: str) -> tuple[int, int, str]:
+    """Return the cut that adds an entry at the end of a mapping."""
+    if node.flow:
+        last = node.values[-1].end if node.values else node.start + 1
+        return last, last, f"{', ' if node.values else ''}{entry}"
+    end = line_end(text, node.end)
+    return end, end, f"{_newline(text)}{' ' * node.column}{entry}"
+
+
+def _block_of(text: str, start: int, end: int) -> tuple[int, int]:
+    """Return the lines of an item with the comment lines directly above it and the line break at its end."""
+    begin = line_start(text, start)
+    indent = len(text[begin:]) - len(text[begin:].lstrip(" "))
+    while begin > 0:
+        above = line_start(text, begin - 1)
+        line = text[above:begin]
+        is_own = line.lstrip(" ").startswith("#") and len(line) - len(line.lstrip(" ")) == indent
+        if not is_own:
+            break
+        begin = above
+    close = line_end(text, end)
+    match = LINE_BREAK.match(text, close)
+    if match:
+        return begin, match.end()
+    # The last line of the text: the line break before it goes, so that the text still ends as it did.
+    breaks = list(LINE_BREAK.finditer(text, 0, begin))
+    return (breaks[-1].start() if breaks else begin), close
+
+
+def _dedented(item: str) -> str:
+    """Return a block item of several lines so that it can be parsed alone."""
+    lines = item.splitlines()
+    if len(lines) < 2 or lines[0][:1] in "{[":
+        return item
+    indents = [len(line) - len(line.lstrip(" ")) for line in lines[1:] if line.strip()]
+    return " " * min(indents, default=0) + item
+
+
+def _parsed(written: str, name: str) -> Any:
+    data, _ = parse_tree(f"value:\n{written if written.startswith(' ') else f'  {written}'}\n", name)
+    return data["value"]
+
+
+def _replaced(data: Any, path: Path, value: Any) -> Any:
+    if not path:
+        return value
+    key, rest = path[0], path[1:]
+    if isinstance(data, list):
+        return [_replaced(item, rest, value) if str(index) == key else item for index, item in enumerate(data)]
+    data = data or {}
+    return {**data, key: _replaced(data.get(key), rest, value)}
+
+
+def _without(data: Any, path: Path) -> Any:
+    key, rest = path[0], path[1:]
+    if isinstance(data, list):
+        if not rest:
+            return [item for index, item in enumerate(data) if str(index) != key]
+        return [_without(item, rest) if str(index) == key else item for index, item in enumerate(data)]
+    if not rest:
+        return {name: value for name, value in data.items() if name != key}
+    return {**data, key: _without(data[key], rest)}
+
+
+def _verified(changed: str, wanted: Any, name: str, path: Path) -> str:
+    """Return a changed text if it means what is wanted."""
+    try:
+        after: Any = parse_tree(changed, name)[0]
+    except ConfigError:
+        after = REMOVED
+    if json.dumps(after, sort_keys=True, default=repr) != json.dumps(wanted, sort_keys=True, default=repr):
+        raise ConfigError(f"{name}: {dotted(path)}: cannot be changed without changing other parts; edit it by hand")
+    return changed
+
+
+def _reject(text: str, name: str, path: Path, problem: str) -> NoReturn:
+    _, source = parse_tree(text, name)
+    keys = [int(key) if key.isdecimal() else key for key in path]
+    raise ConfigError(f"{source.where(*keys)}: {problem}")

@@ -1,0 +1,164 @@
+"""The text of a world file while it is edited: undo, redo, save, and changes by other programs."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from mirdrake.core.digest import digest
+from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.files import write_file
+from mirdrake.core.yaml_io import shown
+
+MOST_STEPS = 500
+"""Texts that undo can return to."""
+
+NEW_WORLD = "mirdrake: world/1\n\nground: {surface: asphalt}\n"
+"""Text of a file that does not exist yet."""
+
+
+class Document:
+    """A text with its history and its file; line ends are kept as they are in the file.
+
+    Only one editor has a file at a time: a lock file beside it names the process. A second editor only reads.
+
+    Args:
+        path: the file; if there is none, it begins as an empty world and is written by the first save.
+
+    Attributes:
+        text: the present text.
+        read_only: why the file cannot be saved; empty if it can.
+
+    Raises:
+        ConfigError: the file cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock: int | None = None
+        self.read_only = self._take_lock()
+        self.is_new = not path.exists()
+        self._saved = "" if self.is_new else _read(path)
+        self.text = NEW_WORLD if self.is_new else self._saved
+        self._undo: list[str] = []
+        self._redo: list[str] = []
+
+    @property
+    def name(self) -> str:
+        """Name of the file in messages."""
+        return shown(self.path)
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the file has the present text."""
+        return not self.is_new and self.text == self._saved
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an earlier text."""
+        return bool(self._undo)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether a text was undone."""
+        return bool(self._redo)
+
+    def change(self, text: str) -> None:
+        """Set a new text; the present one can be returned to."""
+        if text != self.text:
+            self._undo = [*self._undo[-MOST_STEPS + 1 :], self.text]
+            self._redo, self.text = [], text
+
+    def undo(self) -> None:
+        """Return to the text before the last change."""
+        if self._undo:
+            self._redo.append(self.text)
+            self.text = self._undo.pop()
+
+    def redo(self) -> None:
+        """Repeat the change that was undone last."""
+        if self._redo:
+            self._undo.append(self.text)
+            self.text = self._redo.pop()
+
+    def changed_outside(self) -> bool:
+        """Return whether another program changed the file since it was read or saved."""
+        try:
+            return not self.is_new and _read(self.path) != self._saved
+        except ConfigError:
+            return True
+
+    def reload(self) -> None:
+        """Take the text of the file; the present one can be returned to by undo.
+
+        Raises:
+            ConfigError: the file cannot be read.
+        """
+        self._saved = _read(self.path)
+        self.is_new = False
+        self.change(self._saved)
+
+    def save(self, *, overwrite: bool = False) -> None:
+        """Write the file, completely or not at all, with the mode that it had.
+
+        Args:
+            overwrite: also if another program changed the file.
+
+        Raises:
+            RunError: the file is open in another editor, was changed by another program, or cannot be written.
+        """
+        if self.read_only:
+            raise RunError(f"{self.name}: {self.read_only}")
+        if not overwrite and self.is_new and self.path.exists():
+            raise RunError(f"{self.name}: another program has made this file; reload it or overwrite it")
+        if not overwrite and self.changed_outside():
+            raise RunError(f"{self.name}: another program has changed this file; reload it or overwrite it")
+        mode = self.path.stat().st_mode if self.path.exists() else None
+        write_file(self.path, self.text.encode())
+        if mode is not None:
+            with suppress(OSError):
+                self.path.chmod(mode & 0o777)
+        self._saved, self.is_new = self.text, False
+
+    def close(self) -> None:
+        """Release the file for other editors."""
+        if self._lock is not None:
+            os.close(self._lock)
+            with suppress(OSError):
+                self._lock_path.unlink()
+            self._lock = None
+
+    @property
+    def _lock_path(self) -> Path:
+        return self.path.with_name(f".{self.path.name}.editing")
+
+    def _take_lock(self) -> str:
+        """Lock the file for this process; return why it is read only."""
+        try:
+            import fcntl
+        except ImportError:  # a system without these locks
+            return ""
+        try:
+            lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT, 0o600)
+        except OSError as error:
+            return f"its folder cannot be written: {error.strerror}; save it elsewhere"
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(lock)
+            return "open in another editor; close that one first"
+        self._lock = lock
+        return ""
+
+
+def revision_of(text: str) -> str:
+    """Return a short identifier of a text."""
+    return digest(text.encode())[:16]
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8")
+    except UnicodeDecodeError:
+        raise ConfigError(f"{shown(path)}: not UTF-8; save it as UTF-8") from None
+    except OSError as error:
+        raise ConfigError(f"{shown(path)}: cannot be read: {error.strerror}") from None

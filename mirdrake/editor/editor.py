@@ -1,0 +1,278 @@
+"""The editor behind the page: one document, its scene, and the answers to the page's messages."""
+
+import threading
+from collections.abc import Callable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from mirdrake.core.errors import ConfigError, MirdrakeError
+from mirdrake.core.paths import find
+from mirdrake.editor.case_runner import CaseRunner
+from mirdrake.editor.checker import Checker
+from mirdrake.editor.document import Document, revision_of
+from mirdrake.editor.elements import BODY, TURN, LockedError
+from mirdrake.editor.gestures import Gesture, Move, TextGesture, changes_of, read_gesture
+from mirdrake.editor.marks import mark_moved, mark_overlaps
+from mirdrake.editor.palette import palette
+from mirdrake.editor.picture import make_picture, mark_json, path_of
+from mirdrake.editor.scene import Scene, read_scene
+from mirdrake.viewer.server import Answer, PageServer
+from mirdrake.worlds.loading import parse_world
+
+PORT = 8785
+"""First port to try."""
+
+_TRIED = 20  # ports from there on
+_LARGEST = 4_000_000  # bytes of a message, as a typed text may be long
+_GHOST_SEEDS = 20  # draws that are shown as ghosts
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+
+Message = Mapping[str, Any]
+Reply = dict[str, Any]
+
+
+class Editor:
+    """Serves the page of one world file until it is closed.
+
+    Args:
+        path: the world file; it is made by the first save if there is none.
+        port: of localhost; None takes the first free one from :data:`PORT` on.
+
+    Attributes:
+        document: the text.
+        server: of the page.
+        scene: of the last text without faults.
+
+    Raises:
+        ConfigError: the file has faults.
+        WorldError: the world cannot be laid out.
+        RunError: no port is free.
+    """
+
+    def __init__(self, path: Path, *, port: int | None = None) -> None:
+        self.document = Document(path)
+        self._lock = threading.Lock()
+        try:
+            self.scene: Scene = read_scene(self.document.text, path)
+            self._faults: list[str] = []
+            self._tests = CaseRunner(path)
+            self._checker = Checker(path)
+            posts: dict[str, Callable[[Message], Reply]] = {
+                "state": self._state, "gesture": self._gesture, "preview": self._preview, "undo": self._undo,
+                "redo": self._redo, "save": self._save, "reload": self._reload, "ghosts": self._ghosts,
+                "test": self._test, "palette": self._palette,
+            }  # fmt: skip
+            self.server = PageServer(
+                "the world editor",
+                ports=[port] if port is not None else [*range(PORT, PORT + _TRIED), 0],
+                files=self._file,
+                posts={name: self._guarded(post) for name, post in posts.items()},
+                largest=_LARGEST,
+            )
+        except BaseException:
+            self.document.close()
+            raise
+        self._checker.check(self.document.text)
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return self.server.url
+
+    def serve(self) -> None:
+        """Serve until the process ends or :meth:`close` is called."""
+        self.server.serve()
+
+    def start(self) -> None:
+        """Serve in a new thread."""
+        self.server.start()
+
+    def close(self) -> None:
+        """Stop serving and release the file; a text that is not saved is lost."""
+        self.server.close()
+        self.release()
+
+    def release(self) -> None:
+        """Stop the checks and release the file, after serving has ended."""
+        self._checker.close()
+        self._tests.close()
+        self.document.close()
+
+    def _repr_html_(self) -> str:
+        """Return the page for a notebook."""
+        return f'<iframe src="{self.url}" width="100%" height="760" style="border: 1px solid #ccd5df"></iframe>'
+
+    # Files and messages of the page.
+
+    def _file(self, path: str) -> Answer | None:
+        name = path or "editor.html"
+        page = files("mirdrake.editor") / "page" / name
+        kind = _TYPES.get(Path(name).suffix)
+        if "/" in name or kind is None or not page.is_file():
+            return None
+        return page.read_bytes(), f"{kind}; charset=utf-8"
+
+    def _guarded(self, post: Callable[[Message], Reply]) -> Callable[[Message], Reply]:
+        def answer(message: Message) -> Reply:
+            with self._lock:
+                try:
+                    return post(message)
+                except (LockedError, MirdrakeError) as error:
+                    return {"error": str(error)}
+                except (TypeError, ValueError, KeyError, OverflowError, RecursionError):
+                    return {"error": "the message of the page cannot be read"}
+
+        return answer
+
+    def _status(self) -> Reply:
+        document = self.document
+        return {
+            "revision": revision_of(document.text), "file": document.name, "saved": document.is_saved,
+            "undo": document.can_undo, "redo": document.can_redo, "read_only": document.read_only,
+            "outside": document.changed_outside(), "faults": self._faults, "check": self._check(),
+            "tests": self._tests.state(),
+        }  # fmt: skip
+
+    def _check(self) -> Reply | None:
+        result = self._checker.result
+        if result is None:
+            return None
+        revision, faults = result
+        return {"fresh": revision == revision_of(self.document.text), "faults": faults}
+
+    def _everything(self) -> Reply:
+        return {
+            **self._status(), "text": self.document.text, "scene": make_picture(self.scene),
+            "marks": mark_json(mark_overlaps(self.scene)), "test_names": [test.name for test in self._spec_tests()],
+            "seed": self.scene.world.spec.seed,
+        }  # fmt: skip
+
+    def _spec_tests(self) -> list[Any]:
+        return list(self.scene.world.spec.tests)
+
+    def _state(self, message: Message) -> Reply:
+        """Return the status alone if the page has the present revision."""
+        if message.get("revision") == revision_of(self.document.text) and not message.get("all"):
+            return self._status()
+        return self._everything()
+
+    def _gesture(self, message: Message) -> Reply:
+        gesture = read_gesture(message)
+        return self._changed(gesture.text(self.scene, self.document.name), gesture)
+
+    def _changed(self, text: str, gesture: Gesture | None = None) -> Reply:
+        """Take a text; one with faults is taken only if it was typed, and the map keeps the last valid world."""
+        try:
+            scene = read_scene(text, self.document.path)
+        except MirdrakeError as error:
+            if not isinstance(gesture, TextGesture):
+                raise
+            self.document.change(text)
+            self._faults = str(error).splitlines()
+            return {**self._status(), "text": text}
+        self.document.change(text)
+        return self._show(scene)
+
+    def _show(self, scene: Scene) -> Reply:
+        self.scene, self._faults = scene, []
+        self._checker.check(scene.text)
+        return self._everything()
+
+    def _preview(self, message: Message) -> Reply:
+        """Return the overlaps while handles are dragged; the text stays."""
+        moves = [Move.model_validate(move) for move in message["moves"]]
+        changes_of(self.scene, moves)  # raises if one cannot be dragged
+        moved = []
+        for move in moves:
+            element = self.scene.element(move.element)
+            body = element.handle(BODY)
+            if move.handle == BODY:
+                shift = (move.x - body.x, move.y - body.y, 0.0)
+            elif move.handle == TURN:
+                shift = (0.0, 0.0, float(message.get("turn", 0.0)))
+            else:
+                continue
+            moved += [(placed, *shift) for placed in self.scene.props_of(move.element)]
+        marks = mark_moved(self.scene, moved) if moved else []
+        return {"sequence": message.get("sequence"), "marks": mark_json(marks)}
+
+    def _undo(self, _: Message) -> Reply:
+        self.document.undo()
+        return self._read_again()
+
+    def _redo(self, _: Message) -> Reply:
+        self.document.redo()
+        return self._read_again()
+
+    def _read_again(self) -> Reply:
+        """Show the present text; one that was typed with faults leaves the map as it is."""
+        try:
+            return self._show(read_scene(self.document.text, self.document.path))
+        except MirdrakeError as error:
+            self._faults = str(error).splitlines()
+            return {**self._status(), "text": self.document.text}
+
+    def _save(self, message: Message) -> Reply:
+        self.document.save(overwrite=bool(message.get("overwrite", False)))
+        return self._status()
+
+    def _reload(self, _: Message) -> Reply:
+        self.document.reload()
+        return self._read_again()
+
+    def _ghosts(self, _: Message) -> Reply:
+        """Return the outlines of random props under other seeds."""
+        outlines: list[str] = []
+        for step in range(1, _GHOST_SEEDS + 1):
+            try:
+                world = parse_world(self.scene.text, self.document.path, seed=self.scene.world.spec.seed + step)
+            except MirdrakeError:
+                continue
+            outlines += [path_of(placed.footprint) for placed in world.props if placed.random]
+        return {"ghosts": outlines}
+
+    def _test(self, message: Message) -> Reply:
+        name = str(message.get("name", ""))
+        if message.get("stop"):
+            self._tests.stop()
+        elif not self.document.is_saved:
+            raise ConfigError("the world is not saved; save it, then run its tests")
+        else:
+            self._tests.run(name if name in {test.name for test in self._spec_tests()} else "")
+        return self._status()
+
+    def _palette(self, _: Message) -> Reply:
+        return {"palette": palette(self.document.path.parent)}
+
+
+def edit_world(name: str, *, port: int | None = None) -> Editor:
+    """Open a world file in an editor, for a notebook: the returned object shows the page in the output of a cell.
+
+    Args:
+        name: path of a world file, which need not exist yet, or name of a world below worlds/.
+        port: of localhost; None takes a free one.
+
+    Raises:
+        ConfigError: the file has faults.
+        WorldError: the world cannot be laid out.
+        RunError: no port is free.
+    """
+    editor = Editor(world_path(name), port=port)
+    editor.start()
+    return editor
+
+
+def world_path(name: str) -> Path:
+    """Return the path of a world file, new or existing, of a path or name.
+
+    Raises:
+        ConfigError: a bundled world would be changed, or there is no such world.
+    """
+    path = Path(name)
+    is_path = path.suffix in {".yaml", ".yml"}
+    if is_path and not path.exists():
+        if not path.parent.is_dir():
+            raise ConfigError(f"{name}: there is no folder '{path.parent}'; make it first")
+        return path.resolve()
+    return path.resolve() if is_path else find("worlds", name)

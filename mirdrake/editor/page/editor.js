@@ -1,0 +1,329 @@
+// The page of the world editor: shows the state of the server and sends gestures to it.
+
+import { send, latest } from "./server.js";
+import { WorldMap, make, fill } from "./map.js";
+import { Gestures, make_draggable } from "./gestures.js";
+
+const $ = (id) => document.getElementById(id);
+const POLL = 700; // ms between questions for changes outside and for the check
+const TYPING = 600; // ms without a key after which a typed text is sent
+
+const map = new WorldMap($("map"));
+let state = {}, typed = null, note_timer = null, pending = 0;
+
+// --- notes ---
+
+function note(text, bad = false, actions = []) {
+  clearTimeout(note_timer);
+  $("note").textContent = text;
+  $("note").className = bad ? "bad" : "";
+  for (const [label, run] of actions) {
+    const button = document.createElement("button");
+    button.textContent = label;
+    button.style.marginLeft = "10px";
+    button.addEventListener("click", () => { $("note").hidden = true; run(); });
+    $("note").append(button);
+  }
+  $("note").hidden = !text;
+  if (text && !actions.length) note_timer = setTimeout(() => { $("note").hidden = true; }, 6000);
+}
+
+// --- state ---
+
+async function ask(name, message = {}) {
+  pending += 1;
+  try {
+    const reply = await send(name, message);
+    if (reply.error) {
+      note(reply.error, true);
+      map.settle();
+      map.show_marks(state.marks || []);
+    } else take(reply);
+    return reply;
+  } catch (error) {
+    note("The editor does not answer. Is `mirdrake world edit` still running?", true, []);
+    return { error: String(error) };
+  } finally {
+    pending -= 1;
+  }
+}
+
+function take(reply) {
+  const before = state.revision;
+  state = { ...state, ...reply };
+  if (reply.scene) {
+    map.show(reply.scene);
+    map.show_marks(reply.marks);
+    show_fields();
+  }
+  if (reply.text !== undefined && typed === null && $("yaml").value !== reply.text) show_text(reply.text);
+  if (before !== state.revision && $("ghosts").checked) show_ghosts();
+  show_status();
+  show_faults();
+  document.body.dataset.revision = state.revision;
+}
+
+function show_status() {
+  $("file").textContent = state.file;
+  $("file").title = state.file;
+  const saved = $("saved");
+  saved.textContent = state.read_only ? "read only" : state.saved ? "saved" : "not saved";
+  saved.title = state.read_only || "";
+  saved.className = `pill${state.read_only ? " bad" : state.saved ? "" : " open"}`;
+  $("undo").disabled = !state.undo;
+  $("redo").disabled = !state.redo;
+  $("save").disabled = state.saved || Boolean(state.read_only);
+  $("copy").disabled = $("delete").disabled = !map.chosen.size;
+  document.title = `${state.saved ? "" : "• "}${state.file} – world editor`;
+  const names = (state.test_names || []).join("\n");
+  if ($("case").dataset.names !== names) {
+    $("case").dataset.names = names;
+    $("case").replaceChildren(...["", ...(state.test_names || [])].map((name) => new Option(name || "all tests", name)));
+  }
+  $("test").disabled = $("case").disabled = !(state.test_names || []).length;
+  show_test();
+}
+
+function show_faults() {
+  const rows = (state.faults || []).map((text) => ({ text, kind: "file" }));
+  const quick = (state.marks || []).map((mark) => ({
+    text: `${mark.names[0]} and ${mark.names[1]} overlap by ${(100 * mark.depth).toFixed(1)} cm`, names: mark.names, kind: "overlap",
+  }));
+  const check = state.check;
+  const rest = (check?.faults || []).filter((fault) => fault.kind !== "overlap" && fault.kind !== "file");
+  const all = [...rows, ...quick, ...(check?.fresh ? rest : [])];
+  $("checked").textContent = !check || !check.fresh ? "checking goals and paths …" : all.length ? `${all.length} to correct` : "";
+  const list = all.map((fault) => {
+    const item = document.createElement("li");
+    item.textContent = fault.text;
+    if (fault.kind === "gap" || fault.kind === "unchecked") item.className = "amber";
+    item.addEventListener("click", () => show_fault(fault));
+    return item;
+  });
+  if (!list.length && check?.fresh) {
+    const item = document.createElement("li");
+    item.className = "good";
+    item.textContent = "No faults.";
+    list.push(item);
+  }
+  $("list").replaceChildren(...list);
+}
+
+function show_fault(fault) {
+  const keys = new Set();
+  for (const [key, parts] of map.nodes) if (parts.some(({ prop }) => (fault.names || []).includes(prop.name))) keys.add(key);
+  if (keys.size) choose(keys);
+  const line = /:(\d+):/.exec(fault.text);
+  if (line) go_to_line(Number(line[1]), Number(line[1]));
+}
+
+// --- selection ---
+
+function choose(keys) {
+  map.choose(keys);
+  show_fields();
+  show_status();
+}
+
+function show_fields() {
+  const box = $("fields");
+  if (box.contains(document.activeElement) && typed === null && document.activeElement.dataset.dirty) return;
+  box.replaceChildren();
+  const add = (tag, text, name = "") => { const node = document.createElement(tag); node.textContent = text; node.className = name; box.append(node); return node; };
+  $("mark").style.display = "none";
+  if (!map.chosen.size) { add("p", "Click a prop, start, goal or patch. Shift and drag selects an area."); return; }
+  if (map.chosen.size > 1) { add("p", `${map.chosen.size} elements. Drag one of them to move all.`); return; }
+  const key = [...map.chosen][0], element = state.scene.elements[key], count = (map.nodes.get(key) || []).length;
+  add("p", `${element.label}: ${element.kind}${element.layout ? `, ${element.layout}` : ""}${count > 1 ? `, ${count} props` : ""}`);
+  const lock = element.handles[0].lock;
+  if (lock) add("p", lock, "lock");
+  const table = document.createElement("table");
+  for (const field of element.fields) {
+    const row = table.insertRow(), input = document.createElement("input");
+    row.insertCell().textContent = field.label;
+    row.insertCell().append(input);
+    input.value = field.text ?? field.value;
+    input.disabled = field.text === null;
+    if (input.disabled) input.title = "comes from an alias or a merge; edit the file by hand";
+    input.dataset.path = field.path.join("/");
+    input.addEventListener("input", () => { input.dataset.dirty = "1"; });
+    input.addEventListener("change", () => {
+      delete input.dataset.dirty;
+      gesture({ kind: "set", path: field.path, value: input.value });
+    });
+    input.addEventListener("keydown", (event) => { if (event.key === "Enter") input.blur(); });
+  }
+  box.append(table);
+  if (element.kind === "prop" && count > 1 && element.fields.some((field) => field.label === "prop")) {
+    const button = add("button", `Make these ${count} single entries`);
+    button.addEventListener("click", () => note(
+      "Each prop becomes an entry of its own at its present position; random values are fixed.", false,
+      [["Expand", () => gesture({ kind: "expand", element: key })], ["Cancel", () => {}]]));
+  }
+  if (element.lines) go_to_line(...element.lines);
+}
+
+// --- text ---
+
+function show_text(text) {
+  const area = $("yaml"), top = area.scrollTop;
+  area.value = text;
+  area.scrollTop = top;
+  show_gutter();
+}
+
+function show_gutter() {
+  const count = $("yaml").value.split("\n").length;
+  $("gutter").textContent = Array.from({ length: count }, (_, index) => index + 1).join("\n");
+  $("gutter").scrollTop = $("yaml").scrollTop;
+}
+
+function go_to_line(first, last) {
+  const area = $("yaml"), height = 18, top = 4 + (first - 1) * height;
+  if (top < area.scrollTop || top + height > area.scrollTop + area.clientHeight) area.scrollTop = Math.max(0, top - area.clientHeight / 3);
+  const mark = $("mark");
+  mark.dataset.top = top;
+  mark.style.height = `${(last - first + 1) * height}px`;
+  mark.style.display = "block";
+  place_mark();
+  $("position").textContent = first === last ? `line ${first}` : `lines ${first} to ${last}`;
+}
+
+function place_mark() {
+  $("mark").style.top = `${Number($("mark").dataset.top) - $("yaml").scrollTop}px`;
+  $("gutter").scrollTop = $("yaml").scrollTop;
+}
+
+// --- gestures ---
+
+const preview = latest("preview", (reply) => { if (reply.marks) map.show_marks(reply.marks); });
+
+function gesture(message) {
+  preview.cancel();
+  note("");
+  return ask("gesture", message);
+}
+
+async function drop(tile, x, y) {
+  const count = (state.scene.elements && Object.keys(state.scene.elements).filter((key) => key.startsWith("props/")).length) || 0;
+  const reply = await gesture({ kind: "insert", what: tile.what, name: tile.name, x, y });
+  if (!reply.error && (tile.what === "prop" || tile.what === "group")) choose([`props/${count}`]);
+}
+
+async function copy() {
+  const keys = [...map.chosen], count = Object.keys(state.scene.elements).filter((key) => key.startsWith("props/")).length;
+  if (!keys.length) return;
+  const reply = await gesture({ kind: "copy", elements: keys, dx: 1, dy: -1 });
+  if (!reply.error) choose(keys.map((_, index) => `props/${count + index}`));
+}
+
+function remove() {
+  if (map.chosen.size) gesture({ kind: "delete", elements: [...map.chosen] });
+}
+
+async function save(overwrite = false) {
+  const reply = await ask("save", { overwrite });
+  if (reply.error && /another program/.test(reply.error)) {
+    note(reply.error, true, [["Reload", () => ask("reload")], ["Overwrite", () => save(true)]]);
+  }
+}
+
+async function show_ghosts() {
+  const reply = $("ghosts").checked ? await send("ghosts") : { ghosts: [] };
+  map.show_ghosts(reply.ghosts || []);
+}
+
+function show_test() {
+  const run = state.tests || {};
+  $("results").hidden = !run.name;
+  const going = run.name && run.code === null;
+  $("verdict").textContent = !run.name ? "" : going ? `${run.name}: running …` : `${run.name}: ${{ 0: "passed", 1: "failed" }[run.code] || "error"}`;
+  $("output").textContent = (run.lines || []).join("\n");
+  $("test").textContent = going ? "Stop" : "Run test";
+}
+
+const options = { snap: () => $("snap").checked };
+new Gestures(map, {
+  choose, copy, remove, gesture,
+  hover: (x, y) => { $("readout").textContent = `x ${x.toFixed(2)} m   y ${y.toFixed(2)} m`; },
+  preview: (moves, turn = 0) => preview.push({ moves, turn }),
+  reject: (text) => note(text, true),
+  cancel: () => { preview.cancel(); map.show_marks(state.marks || []); },
+  undo: () => ask("undo"), redo: () => ask("redo"), save: () => save(),
+}, options);
+
+$("undo").addEventListener("click", () => ask("undo"));
+$("redo").addEventListener("click", () => ask("redo"));
+$("save").addEventListener("click", () => save());
+$("copy").addEventListener("click", copy);
+$("delete").addEventListener("click", remove);
+$("fit").addEventListener("click", () => map.fit());
+$("ghosts").addEventListener("change", show_ghosts);
+$("test").addEventListener("click", () => ask("test", { name: $("case").value, stop: state.tests?.name && state.tests.code === null }));
+$("yaml").addEventListener("scroll", place_mark);
+$("yaml").addEventListener("input", () => {
+  show_gutter();
+  clearTimeout(typed);
+  typed = setTimeout(() => { typed = null; gesture({ kind: "text", value: $("yaml").value }); }, TYPING);
+});
+
+map.onview = () => {
+  const length = map.step || 10;
+  $("scale").querySelector("i").style.width = `${length * map.scale}px`;
+  $("scale").querySelector("span").textContent = `${length} m`;
+};
+
+function show_palette(entries) {
+  const tile_of = (tile) => {
+    const node = document.createElement("div");
+    node.className = "tile";
+    node.dataset.name = tile.name;
+    node.title = `${tile.name}: drag it onto the map`;
+    const icon = make("svg");
+    if (tile.paths) {
+      const [x0, y0, x1, y1] = tile.box, pad = 0.06 * Math.max(x1 - x0, y1 - y0);
+      icon.setAttribute("viewBox", `${x0 - pad} ${-y1 - pad} ${x1 - x0 + 2 * pad} ${y1 - y0 + 2 * pad}`);
+      const group = make("g", { transform: "scale(1 -1)" }, icon);
+      tile.paths.forEach((d, index) => make("path", { class: "prop", d, fill: fill({ kind: tile.kinds[index] }) }, group));
+    } else {
+      icon.setAttribute("viewBox", "-4 -4 8 8");
+      if (tile.what === "start") make("path", { d: "M-3 -.8H0V-2L3 0L0 2V.8H-3Z", fill: "#1f6feb" }, icon);
+      else make("circle", { r: 2.6, fill: "#2f9e55", "fill-opacity": 0.35, stroke: "#2f9e55", "stroke-width": 0.4 }, icon);
+    }
+    node.append(icon, tile.name.replaceAll("_", " "));
+    make_draggable(node, map, options, (x, y) => drop(tile, x, y));
+    return node;
+  };
+  const section = (title, tiles) => {
+    const head = document.createElement("h2"), box = document.createElement("div");
+    head.textContent = title;
+    box.className = "tiles";
+    box.append(...tiles.map(tile_of));
+    $("palette").append(head, box);
+  };
+  section("Places", [{ what: "start", name: "start" }, { what: "goal", name: "goal" }]);
+  section("Props", entries.filter((entry) => entry.what === "prop"));
+  section("Groups", entries.filter((entry) => entry.what === "group"));
+}
+
+async function poll() {
+  if (!pending && typed === null) {
+    try {
+      const reply = await send("state", { revision: state.revision });
+      if (!pending && typed === null) take(reply);
+      if (reply.outside && !state.asked) {
+        state.asked = true;
+        note(`Another program has changed ${reply.file}.`, true, [["Reload", () => ask("reload")], ["Keep mine", () => {}]]);
+      } else if (!reply.outside) state.asked = false;
+    } catch (error) { note("The editor does not answer. Is `mirdrake world edit` still running?", true); }
+  }
+  setTimeout(poll, POLL);
+}
+
+window.addEventListener("beforeunload", (event) => { if (!state.saved && !state.read_only) event.preventDefault(); });
+
+await ask("state", { all: true });
+show_fields();
+document.body.dataset.ready = "1";
+send("palette").then((reply) => show_palette(reply.palette || []));
+poll();

@@ -1,0 +1,231 @@
+// The map: a view of the world from above, x to the right and y up, and what the pointer does on it.
+
+const NS = "http://www.w3.org/2000/svg";
+const GROUND = { asphalt: "#e3e5e8", concrete: "#e6e6e2", grass: "#dfe9d6", gravel: "#e8e2d8", ice: "#e4eff5" };
+const PATCH = { asphalt: "#8f99a5", concrete: "#c9c9c3", grass: "#b5cf9f", gravel: "#c7b99f", ice: "#a9d3ea" };
+const KINDS = {
+  tree: "#7fae72", house: "#d9b99a", building: "#c3b5a6", barrel: "#e08a3c", cone: "#f2792b", pedestrian: "#9a6ad6",
+  sedan: "#8fb3dd", van: "#a8bfd8", wall: "#a7abb1", jersey_barrier: "#b9bcc2", lamp_post: "#70798a", stop_sign: "#d9534f",
+  speed_bump: "#e9c65b", traffic_light: "#70798a",
+};
+const FACING = new Set(["sedan", "van", "pedestrian"]);
+
+export function make(tag, attributes = {}, parent = null) {
+  const node = document.createElementNS(NS, tag);
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+  if (parent) parent.append(node);
+  return node;
+}
+
+export function fill(prop) {
+  return prop.color ? `rgb(${prop.color.join(",")})` : KINDS[prop.kind] || "#b7c0cb";
+}
+
+export class WorldMap {
+  constructor(svg) {
+    this.svg = svg;
+    this.world = make("g", {}, svg);
+    this.layers = Object.fromEntries(["grid", "areas", "ghosts", "props", "marks", "handles", "over"].map(
+      (name) => [name, make("g", { class: `layer-${name}` }, this.world)]));
+    this.labels = make("g", {}, svg);
+    this.scale = 10; // px per metre
+    this.origin = [0, 0]; // px of W's origin
+    this.picture = null;
+    this.chosen = new Set();
+    this.shift = new Map(); // element key -> {dx, dy, turn, cx, cy}
+    this.marks = [];
+    new ResizeObserver(() => this.draw_view()).observe(svg);
+  }
+
+  // --- view ---
+
+  fit(box = this.picture?.view) {
+    const { width, height } = this.svg.getBoundingClientRect();
+    if (!box || !width) return;
+    const [x0, y0, x1, y1] = box;
+    this.scale = Math.min((width - 40) / (x1 - x0), (height - 40) / (y1 - y0), 80);
+    this.origin = [width / 2 - this.scale * (x0 + x1) / 2, height / 2 + this.scale * (y0 + y1) / 2];
+    this.draw_view();
+  }
+
+  zoom(factor, px, py) {
+    const scale = Math.min(400, Math.max(0.2, this.scale * factor)), used = scale / this.scale;
+    this.origin = [px + (this.origin[0] - px) * used, py + (this.origin[1] - py) * used];
+    this.scale = scale;
+    this.draw_view();
+  }
+
+  pan(dx, dy) {
+    this.origin = [this.origin[0] + dx, this.origin[1] + dy];
+    this.draw_view();
+  }
+
+  to_world(event) {
+    const box = this.svg.getBoundingClientRect();
+    return [(event.clientX - box.left - this.origin[0]) / this.scale, -(event.clientY - box.top - this.origin[1]) / this.scale];
+  }
+
+  to_screen(x, y) { return [this.origin[0] + this.scale * x, this.origin[1] - this.scale * y]; }
+
+  draw_view() {
+    this.world.setAttribute("transform", `translate(${this.origin}) scale(${this.scale} ${-this.scale})`);
+    this.draw_grid();
+    this.draw_handles();
+    this.draw_labels();
+    this.onview?.();
+  }
+
+  draw_grid() {
+    const { width, height } = this.svg.getBoundingClientRect(), layer = this.layers.grid;
+    const steps = [0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500];
+    const step = steps.find((one) => one * this.scale > 36) || 1000;
+    const x0 = -this.origin[0] / this.scale, x1 = x0 + width / this.scale;
+    const y1 = this.origin[1] / this.scale, y0 = y1 - height / this.scale;
+    layer.replaceChildren();
+    for (let x = Math.ceil(x0 / step) * step; x <= x1; x += step) make("path", { class: "grid", d: `M${x} ${y0}V${y1}` }, layer);
+    for (let y = Math.ceil(y0 / step) * step; y <= y1; y += step) make("path", { class: "grid", d: `M${x0} ${y}H${x1}` }, layer);
+    this.step = step;
+  }
+
+  // --- content ---
+
+  show(picture) {
+    const first = this.picture === null;
+    this.picture = picture;
+    this.svg.style.background = GROUND[picture.ground] || GROUND.asphalt;
+    const { areas, props } = this.layers;
+    areas.replaceChildren();
+    for (const area of picture.areas) {
+      const index = area.layer === "goal" ? `goals/${area.name}` : this.patch_key(area);
+      const node = make("path", { class: `${area.layer}${index ? " element" : ""}`, d: area.d }, areas);
+      if (area.layer === "patch" && PATCH[area.surface]) node.style.fill = PATCH[area.surface];
+      if (index) node.dataset.key = index;
+      make("title", {}, node).textContent = area.name || area.layer;
+    }
+    for (const line of picture.lines) {
+      const attributes = { class: line.layer, d: line.d, "stroke-width": line.width || 0.25 };
+      if (line.dash) attributes["stroke-dasharray"] = line.dash.join(" ");
+      make("path", attributes, areas);
+    }
+    props.replaceChildren();
+    this.nodes = new Map();
+    for (const prop of [...picture.props].sort((a, b) => a.top - b.top)) {
+      const group = make("g", { class: "element", "data-key": prop.key, "data-name": prop.name }, props);
+      const body = make("path", { class: `prop${prop.random ? " random" : ""}`, d: prop.d, fill: fill(prop) }, group);
+      make("title", {}, body).textContent = `${prop.name}: ${prop.kind} at (${prop.x.toFixed(2)}, ${prop.y.toFixed(2)}) m`;
+      if (FACING.has(prop.kind)) {
+        const c = Math.cos(prop.yaw), s = Math.sin(prop.yaw), l = prop.length;
+        const at = (u, v) => `${prop.x + c * u * l - s * v * l} ${prop.y + s * u * l + c * v * l}`;
+        make("path", { class: "front", d: `M${at(0.47, 0)}L${at(0.34, 0.12)}L${at(0.34, -0.12)}Z` }, group);
+      }
+      if (!this.nodes.has(prop.key)) this.nodes.set(prop.key, []);
+      this.nodes.get(prop.key).push({ prop, group, body });
+    }
+    for (const start of picture.starts) {
+      const transform = `translate(${start.x} ${start.y}) rotate(${start.yaw * 180 / Math.PI})`;
+      const group = make("g", { class: "element", "data-key": start.key }, props);
+      const node = make("path", { class: "start prop", transform, d: "M0 .5H2.2V1.1L4 0L2.2-1.1V-.5H0Z" }, group);
+      make("title", {}, node).textContent = `start ${start.name}`;
+      if (!this.nodes.has(start.key)) this.nodes.set(start.key, []);
+      this.nodes.get(start.key).push({ prop: start, group, body: node });
+    }
+    this.chosen = new Set([...this.chosen].filter((key) => key in picture.elements));
+    this.shift.clear();
+    if (first) this.fit();
+    this.draw_choice();
+    this.draw_view();
+  }
+
+  patch_key(area) {
+    if (area.layer !== "patch") return null;
+    const keys = Object.keys(this.picture.elements).filter((key) => key.startsWith("ground/patches/"));
+    return keys.find((key) => this.picture.elements[key].label === area.name) || keys.find((key) => `patch_${key.split("/")[2]}` === area.name) || null;
+  }
+
+  choose(keys) {
+    this.chosen = new Set(keys);
+    this.draw_choice();
+    this.draw_handles();
+  }
+
+  draw_choice() {
+    for (const node of this.svg.querySelectorAll(".chosen")) node.classList.remove("chosen");
+    for (const node of this.svg.querySelectorAll("[data-key]")) {
+      if (this.chosen.has(node.dataset.key)) (node.querySelector(".prop") || node).classList.add("chosen");
+    }
+  }
+
+  // Displace the elements while they are dragged; the server has not changed them yet.
+  displace(key, shift) {
+    this.shift.set(key, shift);
+    const turn = shift.turn ? ` rotate(${shift.turn * 180 / Math.PI} ${shift.cx} ${shift.cy})` : "";
+    for (const node of this.svg.querySelectorAll(`[data-key="${CSS.escape(key)}"]`)) {
+      node.setAttribute("transform", `translate(${shift.dx} ${shift.dy})${turn}`);
+    }
+    this.draw_handles();
+  }
+
+  settle() {
+    this.shift.clear();
+    for (const node of this.svg.querySelectorAll("[data-key]")) node.removeAttribute("transform");
+    this.draw_handles();
+  }
+
+  draw_handles() {
+    const layer = this.layers.handles;
+    layer.replaceChildren();
+    if (!this.picture || this.chosen.size !== 1) return;
+    const key = [...this.chosen][0], element = this.picture.elements[key], shift = this.shift.get(key);
+    const moved = (handle) => shift && !shift.handle ? [handle.x + shift.dx, handle.y + shift.dy] : [handle.x, handle.y];
+    const body = element.handles[0];
+    for (const handle of element.handles) {
+      if (handle.x === null || handle.y === null) continue;
+      const [x, y] = shift?.handle === handle.name ? [shift.x, shift.y] : moved(handle);
+      if (handle.name === "yaw" || handle.name === "radius") {
+        const [bx, by] = moved(body);
+        make("path", { class: "arm", d: `M${bx} ${by}L${x} ${y}` }, layer);
+      }
+      if (handle.name === "body" && element.layout === "at" && element.kind !== "goal") continue;
+      const node = make("circle", { class: `handle${handle.lock ? " lock" : ""}`, cx: x, cy: y, r: 5.5 / this.scale }, layer);
+      node.dataset.handle = handle.name;
+      make("title", {}, node).textContent = handle.lock || handle.name;
+    }
+  }
+
+  show_marks(marks) {
+    this.marks = marks;
+    const bad = new Set(marks.flatMap((mark) => mark.names));
+    for (const parts of this.nodes?.values() || []) {
+      for (const { prop, body } of parts) body.classList.toggle("overlap", bad.has(prop.name));
+    }
+    this.draw_labels();
+  }
+
+  draw_labels() {
+    this.labels.replaceChildren();
+    for (const mark of this.marks) {
+      const [x, y] = this.to_screen(mark.x, mark.y);
+      const depth = mark.depth >= 0.01 ? `${(100 * mark.depth).toFixed(0)} cm` : `${(1000 * mark.depth).toFixed(1)} mm`;
+      make("text", { class: "depth", x: x + 8, y: y - 8 }, this.labels).textContent = depth;
+    }
+  }
+
+  show_ghosts(paths) {
+    this.layers.ghosts.replaceChildren(...paths.map((d) => make("path", { class: "ghost", d })));
+  }
+
+  rubber_band(from, to) {
+    const layer = this.layers.over;
+    layer.replaceChildren();
+    if (from) make("path", { class: "band", d: `M${from[0]} ${from[1]}H${to[0]}V${to[1]}H${from[0]}Z` }, layer);
+  }
+
+  inside(from, to) {
+    const [x0, x1] = [from[0], to[0]].sort((a, b) => a - b), [y0, y1] = [from[1], to[1]].sort((a, b) => a - b);
+    const keys = new Set();
+    for (const [key, parts] of this.nodes) {
+      if (parts.some(({ prop }) => prop.x >= x0 && prop.x <= x1 && prop.y >= y0 && prop.y <= y1)) keys.add(key);
+    }
+    return keys;
+  }
+}

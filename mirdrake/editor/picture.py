@@ -1,0 +1,150 @@
+"""The scene as JSON for the page: outlines in W as paths of SVG, elements with handles and values."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from mirdrake.core.yaml_edit import scalar_text
+from mirdrake.core.yaml_items import find_span, source_of
+from mirdrake.editor.elements import Element
+from mirdrake.editor.marks import Mark
+from mirdrake.editor.scene import Scene, prop_key
+from mirdrake.world_checks.faults import Fault
+from mirdrake.worlds.drawing import make_drawing
+from mirdrake.worlds.pieces import Array
+from mirdrake.worlds.props import PlacedProp
+
+Json = dict[str, Any]
+
+_TOLERANCE = 0.02  # [m] of outlines of the ground and roads
+_MOST_FIELDS = 60  # values of an element in the panel
+
+
+def make_picture(scene: Scene) -> Json:
+    """Return what the page draws: the ground with its areas and lines, props, starts, goals, and the elements."""
+    drawing = make_drawing(scene.world)
+    areas = [
+        {"layer": area.layer, "name": area.name, "surface": area.surface or "", "d": path_of(area.area)}
+        for area in drawing.areas
+        if area.layer not in {"prop", "ground"}
+    ]
+    lines = [
+        {"layer": line.layer, "name": line.name, "d": _polyline(line.points), "width": line.width, "dash": line.dash}
+        for line in drawing.lines
+    ]
+    return {
+        "name": scene.world.name,
+        "bounds": list(drawing.bounds),
+        "view": list(_view(scene)),
+        "ground": scene.world.ground.surface,
+        "areas": areas,
+        "lines": lines,
+        "props": [_prop(placed) for placed in scene.world.props],
+        "starts": [
+            {"name": start.name, "key": f"start/{start.name}", "x": start.x, "y": start.y, "yaw": start.yaw}
+            for start in drawing.starts
+        ],
+        "elements": {key: _element(scene, element) for key, element in scene.elements.items()},
+        "unplaced": list(scene.world.unplaced_props),
+    }
+
+
+def path_of(area: BaseGeometry) -> str:
+    """Return polygons as the data of an SVG path in W [m]."""
+    simple = shapely.simplify(area, _TOLERANCE)
+    return "".join(
+        _polyline(np.asarray(ring.coords)[:, :2], closed=True)
+        for polygon in shapely.get_parts(simple)
+        if polygon.geom_type == "Polygon"
+        for ring in (polygon.exterior, *polygon.interiors)
+    )
+
+
+def _polyline(points: Array, *, closed: bool = False) -> str:
+    data = "L".join(f"{x:.3f} {y:.3f}" for x, y in points.tolist())
+    return f"M{data}{'Z' if closed else ''}"
+
+
+def mark_json(marks: Sequence[Mark]) -> list[Json]:
+    """Return overlaps for the page."""
+    return [
+        {"names": list(mark.names), "depth": round(mark.depth, 4), "x": round(mark.x, 3), "y": round(mark.y, 3)}
+        for mark in marks
+    ]
+
+
+def fault_json(fault: Fault) -> Json:
+    """Return a fault of the complete check for the page."""
+    return {"kind": fault.kind, "text": fault.text, "names": list(fault.names), "depth": fault.depth}
+
+
+def _view(scene: Scene) -> tuple[float, float, float, float]:
+    """Return the part of the world that is worth to be shown first [m]."""
+    boxes = [placed.footprint.bounds for placed in scene.world.props]
+    boxes += [track.bounds for track in scene.world.tracks.values()]
+    boxes += [patch.area.bounds for patch in scene.world.patches]
+    boxes += [(start.x - 6.0, start.y - 6.0, start.x + 6.0, start.y + 6.0) for start in scene.world.starts.values()]
+    boxes += [goal.area.bounds for goal in scene.world.goals.values() if goal.area is not None]
+    low, high = np.min([box[:2] for box in boxes], axis=0), np.max([box[2:] for box in boxes], axis=0)
+    middle, half = (low + high) / 2.0, np.maximum((high - low) / 2.0, 15.0)
+    return (*map(float, middle - half), *map(float, middle + half))  # type: ignore[return-value]
+
+
+def _prop(placed: PlacedProp) -> Json:
+    x, y, _ = placed.X_WP.translation().tolist()
+    R = placed.X_WP.rotation().matrix()
+    color = None if placed.color is None else [round(255.0 * part) for part in placed.color]
+    return {
+        "name": placed.name, "kind": placed.prop.name, "key": prop_key(placed), "d": path_of(placed.footprint),
+        "x": round(x, 4), "y": round(y, 4), "yaw": round(math.atan2(R[1, 0], R[0, 0]), 5),
+        "top": round(placed.top, 3), "color": color, "random": placed.random, "static": placed.static,
+        "length": round(placed.prop.size[0], 3),
+    }  # fmt: skip
+
+
+def _element(scene: Scene, element: Element) -> Json:
+    span = find_span(scene.text, element.path)
+    handles = [
+        {
+            "name": handle.name,
+            "x": round(handle.x, 4) if math.isfinite(handle.x) else None,
+            "y": round(handle.y, 4) if math.isfinite(handle.y) else None,
+            "lock": handle.lock,
+        }
+        for handle in element.handles
+    ]
+    return {
+        "kind": element.kind,
+        "label": element.label,
+        "layout": element.layout,
+        "lines": [span.first_line, span.last_line] if span else None,
+        "handles": handles,
+        "fields": list(_fields(scene.text, _raw(scene.data, element.path), element.path))[:_MOST_FIELDS],
+    }
+
+
+def _raw(data: Any, path: Sequence[str]) -> Any:
+    for key in path:
+        data = data[int(key)] if isinstance(data, list) else data[key]
+    return data
+
+
+def _fields(text: str, raw: Any, path: tuple[str, ...], label: str = "") -> Iterator[Json]:
+    """Yield the values below a part of the file with their text; a short list of values is one of them."""
+    if isinstance(raw, Mapping):
+        for key, value in raw.items():
+            yield from _fields(text, value, (*path, key), f"{label}.{key}" if label else key)
+    elif isinstance(raw, list) and any(isinstance(item, list | Mapping) for item in raw):
+        for index, item in enumerate(raw):
+            yield from _fields(text, item, (*path, str(index)), f"{label}[{index}]")
+    elif isinstance(raw, list):
+        span = find_span(text, path)
+        source = text[span.start : span.end] if span else None
+        yield {"path": list(path), "label": label, "text": source, "value": ", ".join(map(str, raw))}
+    else:
+        value = raw if isinstance(raw, str) else scalar_text(raw)
+        yield {"path": list(path), "label": label, "text": source_of(text, path), "value": value}
