@@ -73,9 +73,10 @@ def set_scalars(text: str, changes: Sequence[tuple[Path, str]], *, name: str = "
     for path, written in changes:
         data = _replaced(data, path, _parsed(written, name))
         cuts.append(_cut(text, path, written, name))
-    # From the end, so that the positions before a cut stay; of two additions at one place the later is behind.
+    # From the end, so that the positions before a cut stay; of two additions at one position the later is behind.
     changed = text
-    for start, end, written in reversed(sorted(cuts, key=lambda cut: cut[0])):
+    in_order = sorted(cuts, key=lambda cut: cut[0])
+    for start, end, written in reversed(in_order):
         changed = f"{changed[:start]}{written}{changed[end:]}"
     return _verified(changed, data, name, changes[-1][0])
 
