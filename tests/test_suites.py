@@ -9,7 +9,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from textwrap import dedent
-from typing import Any
 
 import pytest
 
@@ -17,6 +16,7 @@ from mirdrake.core.errors import RunError
 from mirdrake.core.paths import find
 from mirdrake.runs.logs import load_run
 from mirdrake.suites import Case, Result, Suite, load_suite, run_suite, vary
+from mirdrake.suites.cases import Judgement
 
 EMPTY = str(find("worlds", "empty").resolve())
 
@@ -121,7 +121,7 @@ def test_the_worst_comes_first(damaged: Suite) -> None:
     assert ranked[9][1] == pytest.approx(1.0, abs=0.1)
     worst = damaged.results[1].worst
     assert worst is not None
-    assert worst["text"] == "always speed < 12 m/s"
+    assert worst.text == "always speed < 12 m/s"
 
 
 def test_what_did_not_pass_leaves_a_run_folder(damaged: Suite) -> None:
@@ -218,12 +218,12 @@ def test_a_script_needs_no_guard_and_its_workers_end_with_it(tmp_path: Path) -> 
 def test_margins_of_different_units_are_compared_by_their_shares() -> None:
     """A car that has stopped has at most 0.05 m/s of margin; that is not worse than 0.2 m of the 0.5 m asked for."""
 
-    def finding(text: str, margin: float, unit: str, scale: float) -> dict[str, Any]:
-        return {"text": text, "passed": True, "margin": margin, "unit": unit, "share": margin / scale}
+    def finding(text: str, margin: float, unit: str, scale: float) -> Judgement:
+        return Judgement(text, True, margin, unit, margin / scale, worst_time=1.0, decided_by="vx")
 
     stopped, near = finding("at end stopped", 0.05, "m/s", 0.05), finding("always clearance > 0.5 m", 0.2, "m", 0.5)
     slow, far = finding("eventually stopped", 0.04, "m/s", 0.05), finding("always clearance > 0.5 m", 3.0, "m", 0.5)
-    tight, wide = Result("tight", "pass", findings=[stopped, near]), Result("wide", "pass", findings=[slow, far])
+    tight, wide = Result("tight", "pass", findings=(stopped, near)), Result("wide", "pass", findings=(slow, far))
     assert tight.worst == near
     assert wide.worst == slow
     assert sorted((wide, tight), key=lambda result: result.place) == [tight, wide]

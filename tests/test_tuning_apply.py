@@ -38,8 +38,18 @@ def _run(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
 
     parser = argparse.ArgumentParser()
     tune_apply.add_arguments(parser)
-    assert tune_apply.run(parser.parse_args([str(word) for word in words])) == 0
+    assert tune_apply.run(parser.parse_args([*(str(word) for word in words), "--force"])) == 0
     return capsys.readouterr().out
+
+
+def test_an_outcome_that_does_not_meet_its_criteria_is_rejected_unless_forced(tmp_path: Path, vehicle: Path) -> None:
+    unmet = {"name": "cheaper_than_baseline", "value": 0.6, "limit": 0.5, "met": False}
+    result = read_result(_result(tmp_path, vehicle, acceptance=[unmet]))
+    with pytest.raises(
+        ConfigError, match=r"does not meet the criteria of the study \(cheaper_than_baseline\); --force"
+    ):
+        plan_apply(result)
+    assert plan_apply(result, force=True).changes
 
 
 def test_only_the_gains_change_and_a_comment_states_their_origin(tmp_path: Path, vehicle: Path) -> None:

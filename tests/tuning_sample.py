@@ -177,7 +177,7 @@ def write_sample(
 
     figures = best.trial.figures
     failures = monte_carlo.failures(best.name).failures
-    criteria = [Criterion("iae_ratio", figures["iae"] / tried[0].trial.figures["iae"], 0.5, met=True)]
+    criteria = [Criterion("cheaper_than_baseline", figures["iae"], tried[0].trial.figures["iae"], met=True)]
     criteria += [
         Criterion("constraint", figures[name], limit, figures[name] <= limit, name)
         for name, limit in CONSTRAINTS.items()

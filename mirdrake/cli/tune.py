@@ -19,7 +19,8 @@ STUDY.yaml names the loop of a vehicle (mirdrake: tuning/1). The loop is identif
 loop shaping and a search give candidates; the best are tested on the plant and in a Monte Carlo. The folder has
 tuning.json, tables and the report tuning.html. Ctrl-C keeps finished work; the same command resumes the study.
 `mirdrake tune apply RESULT` writes the gains to control.yaml; see mirdrake tune apply --help.
-Exit codes: 0 all acceptance criteria are met, 1 one is not, 2 invalid input, 130 stopped.
+Exit codes: 0 all acceptance criteria are met, 1 one is not (such as: nothing is better than the present gains), 2
+invalid input, 130 stopped.
 
 examples:
   mirdrake tune studies/bolt_speed.yaml --out runs/bolt_speed
@@ -71,22 +72,23 @@ def run(options: argparse.Namespace) -> int:
 
 def _print_result(result: "TuningResult") -> None:
     """Print the candidates and the criteria."""
-    from mirdrake.report.tuning_texts import criterion_text
+    from mirdrake.report.tuning_texts import Texts, criterion_text
 
+    texts = Texts(result)
+    print(f"{result.name}: {texts.headline()}")
     width = max(len(candidate.name) for candidate in result.candidates)
     units = ", ".join(f"{name} [{gain.unit}]" for name, gain in result.loop.gains.items())
-    print(f"{result.name}: {units}")
+    print(f"  gains {units}")
     for candidate in result.candidates:
-        gains = "  ".join(f"{candidate.gains[name]:>9.4g}" for name in result.loop.gains)
+        values = [candidate.gains.get(name) for name in result.loop.gains]
+        gains = "  ".join("        -" if value is None else f"{value:>9.4g}" for value in values)
         cost = "        -" if candidate.cost is None else f"{candidate.cost:9.4g}"
-        verdict: str = candidate.status if candidate.status != "ok" else "breaks a constraint"
-        if candidate.feasible:
-            verdict = "best" if candidate.name == result.best else "not robust" if candidate.rejections else ""
+        verdict = "best" if candidate.name == result.best else texts.rejections(candidate.rejections)
         print(f"  {candidate.name:<{width}}  {gains}  cost {cost}  {verdict}")
     for criterion in result.acceptance:
         value = "-" if criterion.value is None else f"{criterion.value:.4g}"
         met = "met    " if criterion.met else "NOT met"
         print(f"  {met} {criterion_text(criterion, result)}: {value} (limit {criterion.limit:.4g})")
     if result.best is None:
-        print("  no candidate meets the constraints; relax them, extend search.ranges, or increase search.trials")
+        print("  relax the constraints, extend search.ranges, or increase search.trials")
     print(f"  {result.folder}")

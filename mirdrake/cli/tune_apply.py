@@ -6,7 +6,8 @@ from pathlib import Path
 MORE = """\
 RESULT is the folder of a tuning study. Only the gains change, and the entries that they need (such as the kind of the
 controller); comments, order and layout are kept, and a comment above states the origin of the gains. The difference is
-printed. A candidate that does not meet the constraints of the study is rejected. A second call changes nothing.
+printed, and the test manoeuvre is driven before and after. Gains that do not meet the criteria of the study, or are not
+better than the present ones on that manoeuvre, are rejected unless --force is given. A second call changes nothing.
 Exit codes: 0 done, 2 invalid input.
 
 examples:
@@ -23,18 +24,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vehicle", metavar="FOLDER", help="name or folder of the vehicle (default: that of the study)"
     )
+    parser.add_argument("--force", action="store_true", help="write gains that do not meet the criteria of the study")
     parser.add_argument("--dry-run", action="store_true", help="print the difference, write nothing")
 
 
 def run(options: argparse.Namespace) -> int:
     """Write the gains."""
+    from mirdrake.core.errors import ConfigError
     from mirdrake.core.yaml_io import shown
-    from mirdrake.report.tuning_texts import robustness_notes, unmet_notes
-    from mirdrake.tuning.apply import plan_apply
+    from mirdrake.report.tuning_texts import comparison_lines, robustness_notes, unmet_notes
+    from mirdrake.tuning.apply import compare, plan_apply
     from mirdrake.tuning.result import read_result
+    from mirdrake.tuning.spec import printed
 
     result = read_result(options.result)
-    change = plan_apply(result, candidate=options.candidate, vehicle=options.vehicle)
+    change = plan_apply(result, candidate=options.candidate, vehicle=options.vehicle, force=options.force)
     chosen = result.candidate(options.candidate)
     unmet = unmet_notes(result) if chosen.name == result.best else []
     for note in (*change.notes, *unmet, *robustness_notes(result, chosen.name)):
@@ -42,6 +46,15 @@ def run(options: argparse.Namespace) -> int:
     if not change.changes:
         print(f"{shown(change.path)}: has these gains already; nothing to do")
         return 0
+    compared = compare(result, candidate=options.candidate, vehicle=options.vehicle)
+    for line in comparison_lines(compared, result):
+        print(line)
+    before, after = (printed(cost) for cost in compared.cost(result.cost))
+    if not after < before and not options.force:
+        raise ConfigError(
+            f"{shown(change.path)}: the present gains are not worse on the test manoeuvre of the study (cost "
+            f"{before:.4g}, with the new gains {after:.4g}); --force writes them"
+        )
     print(change.diff(), end="")
     if options.dry_run:
         print(f"{shown(change.path)}: not written (--dry-run)")

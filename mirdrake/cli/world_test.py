@@ -4,10 +4,10 @@ import argparse
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mirdrake.cli.common import (
     add_param,
@@ -133,7 +133,7 @@ def print_world_faults(cases: "Sequence[Case]") -> bool:
     return not faults
 
 
-def result_cells(values: dict[str, Any], result: "Result") -> tuple[str, str, str, str]:
+def result_cells(values: Mapping[str, object], result: "Result") -> tuple[str, str, str, str]:
     """Return the cells of :data:`RESULT_HEAD` for a result with its values of parameters."""
     settings = " ".join(f"{key}={value}" for key, value in values.items())
     return result.verdict, settings, _format_margin(result), _format_requirement(result)
@@ -144,7 +144,7 @@ def _format_margin(result: "Result") -> str:
     worst = result.worst
     if worst is None:
         return "-"
-    return "unbounded" if worst["margin"] is None else f"{worst['margin']:+.3g} {worst['unit']}".rstrip()
+    return "unbounded" if worst.margin is None else f"{worst.margin:+.3g} {worst.unit}".rstrip()
 
 
 def _format_requirement(result: "Result") -> str:
@@ -152,9 +152,9 @@ def _format_requirement(result: "Result") -> str:
     worst = result.worst
     if worst is None or result.verdict in {"error", "invalid"}:
         return result.reason
-    place = f" (at {worst['worst_time']:.2f} s)" if worst["margin"] is not None else ""
-    more = sum(not finding["passed"] for finding in result.findings) - 1
-    return f"{worst['text']}{place}" + (f", and {more} more failed" if more > 0 else "")
+    place = f" (at {worst.worst_time:.2f} s)" if worst.margin is not None else ""
+    more = sum(not finding.passed for finding in result.findings) - 1
+    return f"{worst.text}{place}" + (f", and {more} more failed" if more > 0 else "")
 
 
 def _write_run_reports(suite: "Suite") -> None:

@@ -83,9 +83,9 @@ def _suite(world: str, rows: Sequence[tuple[Case, Result]], number: int, stamp: 
 def _detail(case: Case, result: Result) -> str:
     lines = [f"{name} = {value}" for name, value in case.values.items()]
     for finding in result.findings:
-        margin = "unbounded" if finding["margin"] is None else f"{finding['margin']:.4g} {finding['unit']}".strip()
-        mark = "holds" if finding["passed"] else "FAILS"
-        lines.append(f"{mark}: {finding['text']} (margin {margin} at {finding['worst_time']:g} s)")
+        margin = "unbounded" if finding.margin is None else f"{finding.margin:.4g} {finding.unit}".strip()
+        mark = "holds" if finding.passed else "FAILS"
+        lines.append(f"{mark}: {finding.text} (margin {margin} at {finding.worst_time:g} s)")
     lines += [result.reason] if not result.findings else []
     lines.append(f"run again: {case.command}")
     return "\n".join(lines)

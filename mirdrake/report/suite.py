@@ -20,6 +20,7 @@ from mirdrake.report.suite_pictures import draw_bar, draw_case, draw_curve
 from mirdrake.report.words import format_duration, format_quantity
 from mirdrake.runs.logs import load_run
 from mirdrake.suites import Case, Result, Suite
+from mirdrake.suites.cases import Judgement
 from mirdrake.suites.trace import Trace, read_trace
 from mirdrake.suites.worker import TRACES
 from mirdrake.worlds import World
@@ -144,8 +145,8 @@ def _largest(results: Sequence[Result]) -> dict[str, float]:
     """Return the largest finite margin of each requirement, the scale of its bars."""
     found: dict[str, float] = {}
     for finding in (finding for result in results for finding in result.findings):
-        if finding["margin"] is not None:
-            found[finding["text"]] = max(found.get(finding["text"], 0.0), abs(finding["margin"]))
+        if finding.margin is not None:
+            found[finding.text] = max(found.get(finding.text, 0.0), abs(finding.margin))
     return found
 
 
@@ -153,7 +154,7 @@ def _row(case: Case, result: Result, largest: dict[str, float], *, detailed: boo
     worst = result.worst
     bar = None
     if worst is not None:
-        bar = draw_bar(worst["margin"], largest.get(worst["text"], 0.0), passed=worst["passed"])
+        bar = draw_bar(worst.margin, largest.get(worst.text, 0.0), passed=worst.passed)
     return Row(
         name=result.name,
         anchor=f"case-{case.slug}",
@@ -172,8 +173,8 @@ def _asked(result: Result) -> str:
     worst = result.worst
     if worst is None:
         return result.reason
-    more = sum(not finding["passed"] for finding in result.findings) - 1
-    return f"{worst['text']} (and {more} more failed)" if more > 0 else str(worst["text"])
+    more = sum(not finding.passed for finding in result.findings) - 1
+    return f"{worst.text} (and {more} more failed)" if more > 0 else worst.text
 
 
 def _detail(suite: Suite, case: Case, result: Result, row: Row, largest: dict[str, float]) -> Detail:
@@ -182,12 +183,10 @@ def _detail(suite: Suite, case: Case, result: Result, row: Row, largest: dict[st
     for index, finding in enumerate(result.findings):
         curve = Markup("")
         if trace is not None and index < len(trace.curves):
-            curve = draw_curve(
-                trace.curves[index], unit=finding["unit"], margin=finding["margin"], passed=finding["passed"]
-            )
-        bar = draw_bar(finding["margin"], largest.get(finding["text"], 0.0), passed=finding["passed"])
-        at = f"at {finding['worst_time']:.2f} s" if finding["margin"] is not None else ""
-        lines.append(Line(finding["text"], finding["passed"], _margin(finding), at, bar, curve))
+            curve = draw_curve(trace.curves[index], unit=finding.unit, margin=finding.margin, passed=finding.passed)
+        bar = draw_bar(finding.margin, largest.get(finding.text, 0.0), passed=finding.passed)
+        at = f"at {finding.worst_time:.2f} s" if finding.margin is not None else ""
+        lines.append(Line(finding.text, finding.passed, _margin(finding), at, bar, curve))
     worst = result.findings.index(result.worst) if result.worst is not None and trace is not None else None
     if trace is not None and worst is not None and worst >= len(trace.curves):
         worst = None
@@ -250,12 +249,12 @@ def _matrices(suite: Suite) -> list[Matrix]:
     return matrices
 
 
-def _margin(finding: dict[str, Any] | None) -> str:
+def _margin(finding: Judgement | None) -> str:
     if finding is None:
         return ""
-    if finding["margin"] is None:
+    if finding.margin is None:
         return "unbounded"
-    return ("+" if finding["margin"] > 0.0 else "") + format_quantity(finding["margin"], finding["unit"])
+    return ("+" if finding.margin > 0.0 else "") + format_quantity(finding.margin, finding.unit)
 
 
 def _value(value: Any) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 from mirdrake.report.words import format_quantity, format_time, title_case
 from mirdrake.tuning.acceptance import Criterion, StepEffect
+from mirdrake.tuning.apply import Comparison
 from mirdrake.tuning.designs import DESIGN_RULES
 from mirdrake.tuning.identify import Experiment
 from mirdrake.tuning.result import CandidateResult, TuningResult
@@ -129,24 +130,29 @@ class Texts:
     # --- verdict ---
 
     def headline(self) -> str:
-        """Return the verdict in one sentence."""
-        best, baseline = self.best, self.baseline
+        """Return the comparison with the baseline, and the verdict, in one sentence."""
+        result, best, baseline = self.result, self.best, self.baseline
+        compared = baseline_name(result)
+        kept = f"; {compared} are kept" if result.spec.get("baseline") == "present" else ""
         if best is None:
-            nearest = f"; {self.winner.name} is the nearest" if self.winner else ""
-            return f"no candidate meets the constraints{nearest}"
-        met = [criterion.met for criterion in self.result.acceptance]
+            nearest = f", {self.winner.name} is the nearest" if self.winner else ""
+            return f"no candidate meets the constraints{nearest}{kept}"
+        met = [criterion.met for criterion in result.acceptance]
         verdict = f"{sum(met)} of {len(met)} criteria are met" if met else "the study has no criteria"
         if met and all(met):
             verdict = "all criteria are met"
-        name = next(iter(self.result.cost), "iae")
+        name = next(iter(result.cost), "iae")
         label, after = self.figure(name)[0], best.figures.get(name)
         if baseline is not None and baseline.status != "ok":
-            return f"{verdict}; the baseline is {baseline.status}, the best has {label} {self.value(name, after)}"
+            return f"{label} {self.value(name, after)}, {compared} are {baseline.status}; {verdict}"
         before = baseline.figures.get(name) if baseline is not None else None
-        if before and after is not None and baseline is not best:
-            change = 100.0 * (after / before - 1.0)
-            return f"{verdict}; {abs(change):.0f} % {'less' if change < 0.0 else 'more'} {label} than the baseline"
-        return verdict
+        if not before or after is None or baseline is best:
+            return verdict
+        change = 100.0 * (after / before - 1.0)
+        values = f"{self.value(name, before)} → {self.value(name, after)}"
+        if not result.is_better:
+            return f"nothing is better than {compared} ({label} {values}){kept}"
+        return f"{abs(change):.0f} % {'less' if change < 0.0 else 'more'} {label} than {compared} ({values}); {verdict}"
 
     def tiles(self) -> list[tuple[str, str, str]]:
         """Return label, value and note of the main figures."""
@@ -183,6 +189,7 @@ class Texts:
             omitted = "; ".join(f"{design.name} ({design.reason})" for design in result.omitted)
             notices.append(f"Designs without a solution: {omitted}.")
         notices += self._cheaper_rejected()
+        notices += self._optimistic_margins()
         if result.step_effect is not None and result.step_effect.is_significant:
             notices.append(f"{self._step_effect(result.step_effect)}.")
         if result.repeated_for is not None:
@@ -195,8 +202,6 @@ class Texts:
         if self.baseline is not None and self.baseline.status != "ok":
             reason = self.baseline.reason or "no reason given"
             notices.append(f"The baseline '{self.baseline.name}' is {self.baseline.status}: {reason}.")
-        if self.best is not None and self.best.kind == "baseline":
-            notices.append("No candidate is better than the baseline.")
         return notices + robustness_notes(result, self.winner.name if self.winner else "")
 
     def _cheaper_rejected(self) -> list[str]:
@@ -208,6 +213,15 @@ class Texts:
             if candidate.feasible and candidate.cost is not None and limit is not None and candidate.cost < limit
             and candidate.rejections
         ]  # fmt: skip
+
+    def _optimistic_margins(self) -> list[str]:
+        """Return a sentence per margin of the winner that the plant does not confirm in full."""
+        return [
+            f"{self.figure(check.name)[0]}: {self.value(check.name, check.model)} by the model; on the plant "
+            f"{self.value(check.name, check.claimed)}, which is claimed."
+            for check in (self.winner.margins if self.winner else ())
+            if check.claimed < check.model
+        ]
 
     def _step_effect(self, effect: StepEffect) -> str:
         steps = f"{1e3 * effect.finer_step:g} ms instead of {1e3 * effect.step:g} ms"
@@ -236,10 +250,11 @@ class Texts:
 
     def _rejection(self, rejection: Rejection) -> str:
         match rejection.check:
-            case "constraint":
+            case "constraint" | "margin":
                 sign = "below" if rejection.figure in AT_LEAST else "above"
                 value, limit = (_exact(number) for number in (rejection.value, rejection.limit))
-                return f"{self.figure(rejection.figure)[0]} {value} is {sign} the limit {limit}"
+                on = " on the plant" if rejection.check == "margin" else ""
+                return f"{self.figure(rejection.figure)[0]} {value}{on} is {sign} the limit {limit}"
             case "finer_step":
                 return f"not stable at a finer step of the plant: {rejection.reason}"
             case "scenario":
@@ -250,20 +265,27 @@ class Texts:
 
     def how(self, candidate: CandidateResult) -> str:
         """Return how a candidate was made."""
-        published = self.result.spec.get("baseline") == "published"
         match candidate.kind:
-            case "baseline" if published and self.result.loop.present:
-                return "present gains of the diagram"
-            case "baseline" if published:
-                return "100, 0.01 and 10 on every joint, the untuned gains of the papers' vehicles"
             case "baseline":
-                return "gains given by the study"
+                return self._baseline_origin()
             case "searched":
                 search = self.result.spec.get("search")
                 method = search.get("method", "search") if isinstance(search, Mapping) else "search"
                 return f"{method} on the reduced model, refined on the plant"
         rule = DESIGN_RULES.get(candidate.rule)
         return rule.description.format(parameter=candidate.parameter or 0.0) if rule else ""
+
+    def _baseline_origin(self) -> str:
+        """Return which gains the study compares with."""
+        loop, given = self.result.loop, self.result.spec.get("baseline")
+        if not isinstance(given, str):
+            return "gains given by the study"
+        if not loop.present_kind:
+            return "present gains of the diagram"
+        if given == "published":
+            return "100, 0.01 and 10 on every joint, the untuned gains of the papers' vehicles"
+        delay = ", which acts without the delay of the actuators" if loop.present_kind == "servo" else ""
+        return f"present control of the vehicle: {loop.present_kind}{delay}"
 
     def experiment(self, experiment: Experiment) -> tuple[str, str, str, str]:
         """Return name, model, parameters and fit of an experiment."""
@@ -301,16 +323,38 @@ def criterion_text(criterion: Criterion, result: TuningResult) -> str:
     baseline = next((candidate for candidate in result.candidates if candidate.name == result.baseline), None)
     unstable = ", which is unstable" if baseline is not None and baseline.status != "ok" else ""
     texts = {
-        "iae_ratio": f"IAE relative to the baseline{unstable}",
+        "cheaper_than_baseline": f"cost below that of {baseline_name(result)}{unstable}",
+        "cheaper_in_runs": f"median cost in the Monte Carlo over that of {baseline_name(result)}",
         "constraint": FIGURES.get(criterion.figure, (criterion.figure, ""))[0],
         "monte_carlo": "Monte Carlo runs that are not stable",
         "finer_step": "not stable at a finer step of the plant",
-        "cheaper_than_rule": f"cost below that of the best rule that meets the constraints{robust}, {criterion.rule}",
+        "no_dearer_than_rule": f"cost at most that of the best rule within the constraints{robust}, {criterion.rule}",
         "robust_unlike_rules": "meets the constraints and is robust, as no rule is",
         "feasible_unlike_rules": "meets the constraints, as no rule does",
         "schedule": "speeds at and between which the schedule breaks a constraint",
     }
     return texts[criterion.name]
+
+
+def baseline_name(result: TuningResult) -> str:
+    """Return what the study compares with."""
+    given = result.spec.get("baseline")
+    if given == "published" and not result.loop.present_kind:
+        given = "present"
+    return {"present": "the present gains", "published": "the published gains"}.get(str(given), "the given gains")
+
+
+def comparison_lines(compared: Comparison, result: TuningResult) -> list[str]:
+    """Return the figures of the test manoeuvre before and after, a line each."""
+    texts = Texts(result)
+    lines = ["test manoeuvre of the study:     before -> after"]
+    for name in dict.fromkeys([*result.cost, "overshoot_percent", "settling_time", "ms", "delay_margin_s"]):
+        pair = [
+            texts.value(name, test.figures.get(name)) if test.status == "ok" else test.status
+            for test in (compared.before, compared.after)
+        ]
+        lines.append(f"  {texts.figure(name)[0]:<18} {pair[0]:>20} -> {pair[1]}")
+    return lines
 
 
 def robustness_notes(result: TuningResult, name: str) -> list[str]:

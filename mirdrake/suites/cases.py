@@ -21,7 +21,10 @@ from mirdrake.worlds import World, load_world
 from mirdrake.worlds.case_spec import CaseSpec, SearchSpec
 
 Verdict = Literal["pass", "fail", "error", "invalid"]
-Values = Mapping[str, Any]
+Value = float | str | bool | None
+"""Value of a parameter of a world."""
+
+Values = Mapping[str, Value]
 
 _MARKS = ("$", "..", "+-", "|")  # of values that are computed or drawn by chance, see mirdrake.worlds.values
 
@@ -48,12 +51,12 @@ class Case:
     name: str
     test: str
     world: str
-    values: dict[str, Any]
+    values: Values
     diagram: dict[str, Any]
     expect: tuple[tuple[str, str], ...]
     goal: str | None = None
     content: str = ""
-    pinned: dict[str, Any] = field(default_factory=dict)
+    pinned: Values = field(default_factory=dict)
 
     @property
     def duration(self) -> float:
@@ -83,6 +86,34 @@ class Case:
 
 
 @dataclass(frozen=True)
+class Judgement:
+    """Judgement of a requirement, as it is written.
+
+    Attributes:
+        text: of the requirement.
+        passed: whether it holds.
+        margin: distance from the limit [unit]; None if it is infinite.
+        unit: of the margin.
+        share: the margin over a usual size, so that margins of all units can be compared [1]; None if it is infinite.
+        worst_time: time of the smallest margin [s].
+        decided_by: signal that decides.
+    """
+
+    text: str
+    passed: bool
+    margin: float | None
+    unit: str
+    share: float | None
+    worst_time: float
+    decided_by: str
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Sorts the worst judgement first: failures, then by share."""
+        return self.passed, math.inf if self.share is None else self.share
+
+
+@dataclass(frozen=True)
 class Result:
     """The result of a case.
 
@@ -90,8 +121,7 @@ class Result:
         name: of the case.
         verdict: pass, fail, error or invalid.
         reason: one line; empty for a pass.
-        findings: per requirement: text, passed, margin, unit, share, worst_time, decided_by. A margin of None is
-            infinite; share is the margin over a usual size, so that margins of all units can be compared.
+        findings: judgement of each requirement; none if the case could not be judged.
         simulated: simulated time [s].
         wall: computing time [s].
         folder: run folder of a case that did not pass, below that of the suite.
@@ -101,28 +131,28 @@ class Result:
     name: str
     verdict: Verdict
     reason: str = ""
-    findings: list[dict[str, Any]] = field(default_factory=list)
+    findings: tuple[Judgement, ...] = ()
     simulated: float = 0.0
     wall: float = 0.0
     folder: str | None = None
     digest: str = ""
 
     @property
-    def worst(self) -> dict[str, Any] | None:
-        """The finding with the smallest share; one that failed comes before one that holds."""
-        return min(self.findings, key=_rank, default=None)
+    def worst(self) -> Judgement | None:
+        """The judgement with the smallest share; one that failed comes before one that holds."""
+        return min(self.findings, key=lambda finding: finding.rank, default=None)
 
     @property
     def margin(self) -> float:
         """The margin of the worst finding, in its unit; infinite if there is none."""
         worst = self.worst
-        return math.inf if worst is None or worst["margin"] is None else float(worst["margin"])
+        return math.inf if worst is None or worst.margin is None else worst.margin
 
     @property
     def share(self) -> float:
         """The share of the worst finding [-]; infinite if there is none."""
         worst = self.worst
-        return math.inf if worst is None else _share(worst)
+        return math.inf if worst is None else worst.rank[1]
 
     @property
     def place(self) -> tuple[float, ...]:
@@ -132,15 +162,6 @@ class Result:
     def data(self) -> dict[str, Any]:
         """Return plain data for JSON."""
         return asdict(self)
-
-
-def _rank(finding: Mapping[str, Any]) -> tuple[bool, float]:
-    return bool(finding["passed"]), _share(finding)
-
-
-def _share(finding: Mapping[str, Any]) -> float:
-    """Return the margin of a finding over a usual size [-]; older suites only have margins."""
-    return math.inf if finding["margin"] is None else float(finding.get("share", finding["margin"]))
 
 
 def collect_cases(
@@ -213,7 +234,7 @@ def collect_searches(
 def vary(case: Case, values: Values, *, name: str | None = None) -> Case:
     """Return the same case with other values of parameters or of the seed."""
     merged, path = {**case.values, **values}, Path(case.world)
-    seed = int(merged.get("seed", case.diagram["seed"]))
+    seed = _seed(merged, case.diagram["seed"])
     test = _varied(case.test, path, merged) if _varies(case.test, path) else None
     diagram = case.diagram | {"world": _world_entry(case.world, merged), "seed": seed}
     if test is not None:
@@ -230,7 +251,7 @@ def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator
     for number, chosen in enumerate(product(*axes.values()), start=1):
         picked = dict(zip(axes, chosen, strict=True))
         own = _varied(test.name, path, picked) if varies and picked else None
-        diagram = _diagram(own or test, path, picked, int(picked.get("seed", world.spec.seed)))
+        diagram = _diagram(own or test, path, picked, _seed(picked, world.spec.seed))
         yield Case(
             f"{test.name}#{number}", test.name, str(path), picked, diagram, expect, test.goal, content, dict(values)
         )
@@ -265,7 +286,12 @@ def overrides(values: Values) -> list[str]:
     return [f"{key if key == 'seed' else f'params.{key}'}={json.dumps(value)}" for key, value in values.items()]
 
 
-def _axis(key: str, given: int | Sequence[Any], seed: int) -> list[Any]:
+def _seed(values: Values, usual: int) -> int:
+    """Return the seed among some values; the usual one if it is not among them."""
+    return int(str(values.get("seed", usual)))
+
+
+def _axis(key: str, given: int | Sequence[Value], seed: int) -> list[Value]:
     """Return the values of a variation; a number of seeds counts up from the seed of the world."""
     if isinstance(given, int):
         return [seed + index for index in range(given)] if key == "seed" else [given]
@@ -291,7 +317,7 @@ def _world_entry(path: str, values: Values) -> str | dict[str, Any]:
     if not values:
         return path
     parameters = {key: value for key, value in values.items() if key != "seed"}
-    return {"name": path, "params": parameters} | ({"seed": int(values["seed"])} if "seed" in values else {})
+    return {"name": path, "params": parameters} | ({"seed": _seed(values, 0)} if "seed" in values else {})
 
 
 def _distinct(found: Sequence[tuple[str, Case]]) -> list[Case]:

@@ -11,7 +11,7 @@ from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.files import read_errors, write_errors, write_file
 from mirdrake.core.json_io import parse_json
 from mirdrake.execution.journal import Journal, Record, read_records
-from mirdrake.suites.cases import Case, Result
+from mirdrake.suites.cases import Case, Judgement, Result
 from mirdrake.suites.worker import open_case_workers
 
 CASES_FILE, RESULTS_FILE = "suite.json", "results.jsonl"
@@ -137,4 +137,9 @@ def _results(cases: Sequence[Case], records: Mapping[str, Record], folder: Path 
     """Return the results of the cases that have one, in the order of the cases."""
     with read_errors(folder / RESULTS_FILE if folder is not None else Path(RESULTS_FILE)):
         digests = [case.digest() for case in cases]
-        return tuple(Result(**records[digest], digest=digest) for digest in digests if digest in records)
+        return tuple(_result(records[digest], digest) for digest in digests if digest in records)
+
+
+def _result(record: Record, digest: str) -> Result:
+    findings = tuple(Judgement(**finding) for finding in record["findings"])
+    return Result(**{**record, "findings": findings}, digest=digest)

@@ -9,7 +9,6 @@ seconds can be compared. The same seed tries the same points, on any number of w
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.suites.cases import Case, Result, vary
+from mirdrake.suites.cases import Case, Result, Values, vary
 from mirdrake.suites.worker import RunCases, open_case_workers
 
 Array = NDArray[np.float64]
@@ -34,7 +33,7 @@ DIGITS = 6
 class Trial:
     """A point of a search and its result."""
 
-    values: dict[str, Any]
+    values: Values
     result: Result
 
     @property
@@ -160,9 +159,9 @@ class _Seeker:
         self._case, self._over, self._budget, self._progress = case, over, budget, progress
         self.tried: dict[tuple[float, ...], Trial] = {}
 
-    def values(self, point: Array) -> dict[str, Any]:
+    def values(self, point: Array) -> dict[str, float]:
         """Return the values of the parameters at a point."""
-        found: dict[str, Any] = {}
+        found: dict[str, float] = {}
         for share, (name, (low, high)) in zip(point, self._over.items(), strict=True):
             value = low + float(share) * (high - low)
             found[name] = round(value) if name == "seed" else float(f"{value:.{DIGITS}g}")

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from mirdrake.execution.calls import Lost, call_all, open_executor
 from mirdrake.requirements import Finding, Observation, observe, parse_requirement
 from mirdrake.runs.logs import Run, load_run
 from mirdrake.runs.simulation import Simulation
-from mirdrake.suites.cases import VEHICLE, Case, Result, Verdict
+from mirdrake.suites.cases import VEHICLE, Case, Judgement, Result, Verdict
 from mirdrake.suites.trace import make_trace, write_trace
 from mirdrake.worlds import World
 
@@ -154,11 +153,11 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     except RunError as error:
         fault = fault or _line(error)
     broken = [finding for finding in findings if not finding.passed]
-    text = fault or "; ".join(_told(finding) for finding in broken)
+    text = fault or "; ".join(_failure_text(finding) for finding in broken)
     verdict: Verdict = "error" if fault else "fail" if broken else "pass"
     if trace is not None and seen is not None:
         write_trace(trace, make_trace(seen, findings))
-    return Result(case.name, verdict, text, [_finding(finding) for finding in findings], simulated)
+    return Result(case.name, verdict, text, tuple(map(_judgement, findings)), simulated)
 
 
 def _lost_command(run: Run) -> str:
@@ -176,20 +175,21 @@ def _broken(world: World) -> list[str]:
     return [*world.unplaced_props, *(world.rules.broken(world.props) if world.rules is not None else ())]
 
 
-def _told(finding: Finding) -> str:
+def _failure_text(finding: Finding) -> str:
     return f"{finding.text}: margin {finding.margin:.3g} {finding.unit}".rstrip() + f" at {finding.worst_time:.2f} s"
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
-    return {
-        "text": finding.text,
-        "passed": finding.passed,
-        "margin": finding.margin if math.isfinite(finding.margin) else None,
-        "unit": finding.unit,
-        "share": finding.margin / finding.scale if math.isfinite(finding.margin) else None,
-        "worst_time": round(finding.worst_time, 6),
-        "decided_by": finding.decided_by,
-    }
+def _judgement(finding: Finding) -> Judgement:
+    bounded = math.isfinite(finding.margin)
+    return Judgement(
+        text=finding.text,
+        passed=finding.passed,
+        margin=finding.margin if bounded else None,
+        unit=finding.unit,
+        share=finding.margin / finding.scale if bounded else None,
+        worst_time=round(finding.worst_time, 6),
+        decided_by=finding.decided_by,
+    )
 
 
 def _line(error: BaseException) -> str:

@@ -5,13 +5,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
+import pandas as pd
 
 from mirdrake.tuning.robustness import MonteCarlo
 from mirdrake.tuning.selection import Verification
-from mirdrake.tuning.spec import breaks_limit
+from mirdrake.tuning.spec import breaks_limit, printed
 from mirdrake.tuning.stages import Candidate
 from mirdrake.tuning.trials import finite
+
+AGAINST_BASELINE = ("cheaper_than_baseline", "cheaper_in_runs")
+"""Criteria that compare with the baseline."""
 
 SIGNIFICANT = 0.05
 """Relative change of the IAE at a finer step of the plant that is reported."""
@@ -22,11 +25,12 @@ class Criterion:
     """Criterion of a tuned loop.
 
     Attributes:
-        name: ``iae_ratio``: IAE over that of the baseline; ``constraint``: a figure within its limit; ``monte_carlo``:
-            number of runs that are not stable; ``finer_step``: 1 if not stable at a finer step of the plant;
-            ``cheaper_than_rule``: cost less than that of the best rule; ``robust_unlike_rules``: 1 if feasible and
-            robust, as no rule is; ``feasible_unlike_rules``: 1 if feasible, as no rule is; ``schedule``: number of
-            speeds at which the gain schedule breaks a constraint.
+        name: ``cheaper_than_baseline``: cost less than that of the baseline; ``cheaper_in_runs``: median over the runs
+            of the Monte Carlo of the cost over that of the baseline, less than 1; ``constraint``: a figure within its
+            limit; ``monte_carlo``: number of runs that are not stable; ``finer_step``: 1 if not stable at a finer step
+            of the plant; ``no_dearer_than_rule``: cost of at most that of the best rule; ``robust_unlike_rules``: 1 if
+            feasible and robust, as no rule is; ``feasible_unlike_rules``: 1 if feasible, as no rule is; ``schedule``:
+            number of speeds at which the gain schedule breaks a constraint.
         value: of the candidate; None if it is undefined.
         limit: of the value.
         met: whether the criterion is met.
@@ -35,8 +39,8 @@ class Criterion:
     """
 
     name: Literal[
-        "iae_ratio", "constraint", "monte_carlo", "finer_step", "cheaper_than_rule", "robust_unlike_rules",
-        "feasible_unlike_rules", "schedule",
+        "cheaper_than_baseline", "cheaper_in_runs", "constraint", "monte_carlo", "finer_step", "no_dearer_than_rule",
+        "robust_unlike_rules", "feasible_unlike_rules", "schedule",
     ]  # fmt: skip
     value: float | None
     limit: float
@@ -78,28 +82,32 @@ def accept(
     rule: Candidate | None,
     winner: Candidate,
     *,
+    cost: Mapping[str, float],
     constraints: Mapping[str, float],
-    step_time: float,
     monte_carlo: MonteCarlo | None = None,
     verified: Mapping[str, Verification],
 ) -> tuple[Criterion, ...]:
     """Return the criteria of a tuned loop, and whether they are met.
 
-    The IAE is at most half of the baseline's, the constraints are met, no run of the Monte Carlo is unstable, nor the
-    test at a finer step of the plant, and the cost is less than that of the best rule that meets all of these.
+    The cost is less than that of a stable baseline, also in the median run of the Monte Carlo; the constraints are met;
+    no run of the Monte Carlo is unstable, nor the test at a finer step of the plant; and the cost is at most that of
+    the best rule that meets all of these. Costs that print equal are equal.
 
     Args:
         baseline: candidate to compare with.
         rule: best rule; None without one.
         winner: best candidate, or the nearest to it.
+        cost: weights of figures.
         constraints: limits of figures.
-        step_time: of the test [s].
-        monte_carlo: with the winner and the rule; None if the study has none.
+        monte_carlo: with the baseline, the winner and the rule; None if the study has none.
         verified: checks by name of the candidate.
     """
-    before, after = _iae(baseline, step_time), _iae(winner, step_time)
-    ratio = after / before if math.isfinite(before) and before > 0.0 else 0.0 if math.isfinite(after) else math.inf
-    criteria = [Criterion("iae_ratio", finite(ratio), 0.5, ratio <= 0.5)]
+    before, after = baseline.trial.cost, winner.trial.cost
+    met = winner.name != baseline.name and printed(after) < printed(before)
+    criteria = [Criterion("cheaper_than_baseline", finite(after), before, met)]
+    ratio = _median_ratio(monte_carlo, winner.name, baseline.name, cost) if monte_carlo is not None else None
+    if ratio is not None:
+        criteria.append(Criterion("cheaper_in_runs", ratio, 1.0, printed(ratio) < 1.0))
     for name, limit in constraints.items():
         value = winner.trial.figures.get(name, math.nan)
         criteria.append(Criterion("constraint", finite(value), limit, not breaks_limit(name, value, limit), name))
@@ -123,16 +131,19 @@ def accept(
         met = feasible and is_robust(winner)
         criteria.append(Criterion("robust_unlike_rules", float(met), 1.0, met))
     elif rule is not None:
-        met = feasible and winner.trial.cost < rule.trial.cost
-        cost = finite(winner.trial.cost)
-        criteria.append(Criterion("cheaper_than_rule", cost, rule.trial.cost, met, rule=rule.name))
+        met = feasible and printed(after) <= printed(rule.trial.cost)
+        criteria.append(Criterion("no_dearer_than_rule", finite(after), rule.trial.cost, met, rule=rule.name))
     return tuple(criteria)
 
 
-def _iae(candidate: Candidate, step_time: float) -> float:
-    """Return the IAE of a candidate; for an unstable one, up to where its response ends; inf without a response."""
-    if "iae" in candidate.trial.figures or candidate.response is None:
-        return candidate.trial.figures.get("iae", math.inf)
-    part = candidate.response[candidate.response["t"] >= step_time - 1e-9]
-    error = (part["reference"] - part["output"]).abs().to_numpy()
-    return float(np.sum(0.5 * (error[1:] + error[:-1]) * np.diff(part["t"].to_numpy())))
+def _median_ratio(runs: MonteCarlo, winner: str, baseline: str, cost: Mapping[str, float]) -> float | None:
+    """Return the median cost of the winner over that of the baseline, in the runs in which both are stable."""
+    if winner == baseline or not {winner, baseline} <= set(runs.candidates) or not set(cost) <= set(runs.figures):
+        return None
+    costs = []
+    for name in (winner, baseline):
+        rows = runs.rows(name).set_index("run")
+        total = pd.DataFrame({figure: weight * rows[figure] for figure, weight in cost.items()}).sum(axis=1)
+        costs.append(total[rows["status"] == "ok"])
+    ratios = (costs[0] / costs[1]).dropna()
+    return float(ratios.median()) if len(ratios) else None

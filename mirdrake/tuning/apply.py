@@ -3,11 +3,14 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_edit import REMOVED, Edit, value_at
 from mirdrake.core.yaml_io import parse_tree, parse_yaml, read_text, shown, where
+from mirdrake.tuning.loops.base import Evaluation
+from mirdrake.tuning.loops.evaluate import LoopEvaluator
 from mirdrake.tuning.result import FILE, CandidateResult, ScheduleRow, TuningResult
 from mirdrake.vehicles.file_change import FileChange, change_file
 from mirdrake.vehicles.joint_control import JOINT_CONTROLS
@@ -27,7 +30,12 @@ _PROVENANCE = "tuned "
 
 
 def plan_apply(
-    result: TuningResult, *, candidate: str | None = None, vehicle: str | None = None, today: date | None = None
+    result: TuningResult,
+    *,
+    candidate: str | None = None,
+    vehicle: str | None = None,
+    today: date | None = None,
+    force: bool = False,
 ) -> FileChange:
     """Return the change of control.yaml for a candidate; its ``write()`` writes it.
 
@@ -40,12 +48,16 @@ def plan_apply(
         vehicle: name or folder of the vehicle; by default that of the study. With ``@<variant>`` the gains are written
             to the variant's file if that has an entry for the loop's controller, otherwise to control.yaml.
         today: for the provenance line; by default the present date, UTC.
+        force: write gains that do not meet the criteria of the study.
 
     Raises:
-        ConfigError: no such candidate, it is not feasible, its gains are not in control.yaml, or the file does not fit.
+        ConfigError: no such candidate, it does not meet the criteria, its gains are not in control.yaml, or the file
+            does not fit.
     """
     chosen = result.candidate(candidate)
-    _check_feasible(result, chosen)
+    if not force:
+        _check_feasible(result, chosen)
+        _check_criteria(result, chosen)
     rows = result.schedule.rows if result.schedule is not None and candidate is None else ()
     if candidate is None and result.schedule is not None and not rows:
         raise ConfigError(
@@ -90,6 +102,55 @@ def _check_feasible(result: TuningResult, chosen: CandidateResult) -> None:
         raise ConfigError(
             f"{place} does not meet the constraints of the study{reason}; choose another with --candidate"
         )
+
+
+def _check_criteria(result: TuningResult, chosen: CandidateResult) -> None:
+    """Reject the best candidate if a criterion of the study is not met, and another one that a check rejected."""
+    place = f"{_place(result)}: candidate '{chosen.name}'"
+    unmet = [criterion.name for criterion in result.acceptance if not criterion.met]
+    if chosen.name == result.best and unmet:
+        raise ConfigError(f"{place} does not meet the criteria of the study ({', '.join(unmet)}); --force writes it")
+    if chosen.rejections:
+        checks = ", ".join(dict.fromkeys(rejection.check for rejection in chosen.rejections))
+        raise ConfigError(f"{place} was rejected ({checks}); --force writes it")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Test manoeuvre of a study with the present control of a vehicle, and with gains of the study.
+
+    Attributes:
+        before: with control.yaml as it is.
+        after: with the gains.
+    """
+
+    before: Evaluation
+    after: Evaluation
+
+    def cost(self, weights: Mapping[str, float]) -> tuple[float, float]:
+        """Return the costs before and after; infinite if not stable."""
+        before, after = (
+            sum(weight * test.figures[name] for name, weight in weights.items()) if test.status == "ok" else math.inf
+            for test in (self.before, self.after)
+        )
+        return before, after
+
+
+def compare(result: TuningResult, *, candidate: str | None = None, vehicle: str | None = None) -> Comparison:
+    """Drive the test manoeuvre of a study with a vehicle as it is, and with a candidate.
+
+    Args:
+        result: of the study.
+        candidate: its name; by default the best.
+        vehicle: name or folder of the vehicle; by default that of the study.
+    """
+    loop = result.loop
+    if vehicle is not None:
+        vehicles = loop.diagram["vehicles"]
+        changed = {**vehicles, loop.vehicle: {**vehicles[loop.vehicle], "model": vehicle}}
+        loop = replace(loop, diagram={**loop.diagram, "vehicles": changed})
+    evaluate = LoopEvaluator(loop)
+    return Comparison(evaluate({}), evaluate(result.candidate(candidate).gains))
 
 
 def _values(result: TuningResult, chosen: CandidateResult) -> Values:

@@ -30,12 +30,16 @@ def check_study(spec: TuningSpec, loop: LoopSpec) -> None:
 
 
 def baseline_gains(spec: TuningSpec, loop: LoopSpec) -> dict[str, float]:
-    """Return the gains to compare with; missing ones are zero, or for a loop of signals those of the diagram.
+    """Return the gains to compare with; empty for the controllers that the vehicle has now.
+
+    Missing ones are zero, or for a loop of signals those of the diagram.
 
     Raises:
         ConfigError: a gain of a loop of signals whose present value is not known.
     """
     if LOOP_KINDS[loop.kind].in_control_yaml:
+        if spec.baseline == "present":
+            return {}
         given = PUBLISHED if spec.baseline == "published" else spec.baseline
         return {name: float(given.get(name, 0.0)) for name in loop.gains}
     present = loop.present | (spec.baseline if isinstance(spec.baseline, dict) else {})

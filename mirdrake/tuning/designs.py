@@ -271,7 +271,10 @@ def slower_designs(found: Identification) -> tuple[Design, ...]:
 def design_model(found: Identification, max_sensitivity: float) -> DesignModel:
     """Return an identified loop as rules need it."""
     model, period = model_of(found.loop)
-    hold, main, first = 0.5 * period, model.plants["main"], found.first
+    outer = 1.0 if model.outer is None else 1.0 + model.outer.kp  # the speed loop adds to the gain of the loop
+    hold, first = 0.5 * period, found.first and replace(found.first, gain=outer * found.first.gain)
+    main = model.plants["main"] * TransferFunction((outer,), (1.0,))
+    relay = found.relay and replace(found.relay, ultimate_gain=found.relay.ultimate_gain / outer)
     lagged = None
     if found.lag and isinstance(first, Integrator):
         lagged = (first.gain, first.delay - 0.5 * found.lag + hold, found.lag)
@@ -280,7 +283,7 @@ def design_model(found: Identification, max_sensitivity: float) -> DesignModel:
         first=None if first is None else replace(first, delay=first.delay + hold),
         lagged=lagged,
         inertial=None if found.inertial is None else (found.inertial[0], found.inertial[1] + hold),
-        relay=found.relay,
+        relay=relay,
         max_sensitivity=max_sensitivity,
     )
 

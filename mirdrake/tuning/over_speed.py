@@ -59,10 +59,8 @@ def with_schedule(loop: LoopSpec, table: GainTable) -> LoopSpec:
     """Return a loop with a table of gains in the control.yaml of its vehicle, so that no gain is left to set."""
     section = next(iter(loop.gains.values())).path.partition(".")[0]
     schedule = {"speeds": list(table.speeds), **{name: list(values) for name, values in table.gains.items()}}
-    vehicle = loop.diagram["vehicles"][loop.vehicle]
-    control = {**vehicle["control"], section: {**vehicle["control"][section], "schedule": schedule}}
-    vehicles = {**loop.diagram["vehicles"], loop.vehicle: {**vehicle, "control": control}}
-    return replace(loop, diagram={**loop.diagram, "vehicles": vehicles})
+    control = loop.diagram["vehicles"][loop.vehicle]["control"]
+    return loop.with_control({**control, section: {**control[section], "schedule": schedule}})
 
 
 def identified_at(stages: Stages, speed: float | None = None) -> LoopSpec:

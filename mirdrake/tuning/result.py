@@ -25,7 +25,8 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.files import write_errors, write_file
 from mirdrake.core.json_io import parse_json
 from mirdrake.core.yaml_io import read_text, shown
-from mirdrake.tuning.acceptance import Criterion, StepEffect
+from mirdrake.tuning.acceptance import AGAINST_BASELINE, Criterion, StepEffect
+from mirdrake.tuning.confirm import MarginCheck
 from mirdrake.tuning.designs import Kind, OmittedDesign
 from mirdrake.tuning.identify import Experiment
 from mirdrake.tuning.loops.base import LoopSpec, Status
@@ -54,6 +55,7 @@ class CandidateResult:
         parameter: of the rule.
         reason: one line; empty if ok.
         rejections: reasons why it was rejected; empty for a candidate that is feasible and passed its checks.
+        margins: gain and delay margin as far as the plant confirms them; the figures have the claimed ones.
     """
 
     name: str
@@ -67,6 +69,7 @@ class CandidateResult:
     parameter: float | None = None
     reason: str = ""
     rejections: tuple[Rejection, ...] = ()
+    margins: tuple[MarginCheck, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -193,6 +196,12 @@ class TuningResult:
     def is_accepted(self) -> bool:
         """Whether all criteria are met."""
         return all(criterion.met for criterion in self.acceptance)
+
+    @property
+    def is_better(self) -> bool:
+        """Whether the best candidate costs less than the baseline."""
+        compared = [criterion for criterion in self.acceptance if criterion.name in AGAINST_BASELINE]
+        return self.best is not None and all(criterion.met for criterion in compared)
 
     @cached_property
     def _tables(self) -> dict[str, pd.DataFrame | None]:

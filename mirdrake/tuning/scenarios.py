@@ -52,7 +52,7 @@ def drawn_ranges(spec: TuningSpec, loop: LoopSpec) -> Ranges:
         ranges["mass"] = (1.0 - given.mass, 1.0 + given.mass)
     friction = ("friction",) if loop.friction is not None else ()
     for name in (*friction, "delay", "grade") if LOOP_KINDS[loop.kind].identifiable else friction:
-        low, high = getattr(given, name)
+        low, high = spec.delays if name == "delay" else getattr(given, name)
         if low < high:
             ranges[name] = (low, high)
     if given.noise:

@@ -6,6 +6,7 @@ A candidate is *robust* if it is stable in every run of the Monte Carlo and at a
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from mirdrake.tuning.confirm import MarginCheck
 from mirdrake.tuning.designs import Design, rounded
 from mirdrake.tuning.loops.base import Conditions
 from mirdrake.tuning.stages import Candidate, Stages
@@ -25,10 +26,14 @@ class Verification:
     Attributes:
         failed_runs: rejections by runs of the Monte Carlo.
         finer: the candidate at a finer step of the plant; None if it cannot be tested.
+        margins: gain and delay margin as far as the plant confirms them.
+        broken: margins of the plant that break their limits.
     """
 
     failed_runs: tuple[Rejection, ...] = ()
     finer: Candidate | None = None
+    margins: tuple[MarginCheck, ...] = ()
+    broken: tuple[Rejection, ...] = ()
 
     @property
     def fails_at_finer_step(self) -> bool:
@@ -38,7 +43,7 @@ class Verification:
     @property
     def failures(self) -> int:
         """Number of failed checks."""
-        return len(self.failed_runs) + self.fails_at_finer_step
+        return len(self.failed_runs) + self.fails_at_finer_step + len(self.broken)
 
     @property
     def is_robust(self) -> bool:
@@ -48,9 +53,10 @@ class Verification:
     @property
     def rejections(self) -> tuple[Rejection, ...]:
         """Reasons to reject the candidate."""
+        found = (*self.broken, *self.failed_runs)
         if self.finer is None or not self.fails_at_finer_step:
-            return self.failed_runs
-        return (*self.failed_runs, Rejection("finer_step", reason=self.finer.trial.reason))
+            return found
+        return (*found, Rejection("finer_step", reason=self.finer.trial.reason))
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,7 @@ class Knowledge:
         searched: candidates made of trials of the search.
         rejected: trials of the search that are no candidates.
         lost_at_finer_step: whether a trial was rejected for the finer step.
+        margin_ratios: margins of the plant over those of the model, of the last candidate that was checked.
     """
 
     verified: dict[str, Verification] = field(default_factory=dict)
@@ -87,6 +94,7 @@ class Knowledge:
     searched: tuple[Candidate, ...] = ()
     rejected: tuple[RejectedTrial, ...] = ()
     lost_at_finer_step: bool = False
+    margin_ratios: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -121,11 +129,20 @@ def verify(
         return known.verified[candidate.name], known
     tested = candidate.name in known.finer
     made = Verification(finer=known.finer[candidate.name] if tested else stages.test_at_finer_step(candidate.design))
-    if not (stop_at_finer_step and made.fails_at_finer_step):
+    if candidate.trial.status == "ok":
+        checks, broken = stages.confirm_margins(candidate)
+        made = replace(made, margins=checks, broken=broken)
+        known = replace(known, margin_ratios=known.margin_ratios | {check.name: check.ratio for check in checks})
+    if not _rejected_early(made, stop_at_finer_step):
         made = replace(made, failed_runs=_failed_runs(stages, candidate))
     conditions = [failure.conditions for failure in made.failed_runs if failure.conditions is not None]
     new = [draw for draw in conditions if draw not in known.hard]
     return made, replace(known, verified={**known.verified, candidate.name: made}, hard=(*known.hard, *new)[:HARD])
+
+
+def _rejected_early(made: Verification, stop_at_finer_step: bool) -> bool:
+    """Return whether a candidate needs no Monte Carlo, since it is rejected already."""
+    return bool(made.broken) or (stop_at_finer_step and made.fails_at_finer_step)
 
 
 def _failed_runs(stages: Stages, candidate: Candidate) -> tuple[Rejection, ...]:

@@ -40,8 +40,18 @@ AT_LEAST = ("gain_margin", "phase_margin_deg", "delay_margin_s", "disk_margin")
 """Figures of which larger is better: a constraint on them is a lower bound, on all others an upper bound."""
 
 
+PRINTED = 4
+"""Significant digits in which figures, costs and limits are printed and compared."""
+
+
+def printed(value: float) -> float:
+    """Return a number as it is printed, so that numbers that print equal are equal."""
+    return float(f"{value:.{PRINTED}g}")
+
+
 def breaks_limit(name: str, value: float, limit: float) -> bool:
-    """Return whether a figure breaks its constraint; nan does."""
+    """Return whether a figure breaks its constraint; nan does, a value that prints as the limit does not."""
+    value, limit = printed(value), printed(limit)
     return not (value >= limit if name in AT_LEAST else value <= limit)
 
 
@@ -99,7 +109,9 @@ class RobustnessSpec(Schema):
         0.2, ge=0.0, lt=1.0, description="largest relative deviation of mass and inertia, up and down [1]"
     )
     friction: tuple[float, float] = Field((0.3, 1.0), description="of the road [1]")
-    delay: tuple[Duration, Duration] = Field((0.0, 0.1), description="of the actuator [s]")
+    delay: tuple[Duration, Duration] | None = Field(
+        None, description="of the actuator; by default 0 to twice that of the test [s]"
+    )
     grade: tuple[Angle, Angle] = Field(
         (-math.radians(5.0), math.radians(5.0)), description="of the road, positive uphill [rad]"
     )
@@ -108,12 +120,14 @@ class RobustnessSpec(Schema):
     @model_validator(mode="after")
     def _ranges(self) -> "RobustnessSpec":
         for name in ("friction", "delay", "grade"):
+            if getattr(self, name) is None:
+                continue
             low, high = getattr(self, name)
             if not low <= high:
                 raise ValueError(f"{name}: the range from {low:g} to {high:g} is empty; write the lower end first")
         if self.friction[0] <= 0.0:
             raise ValueError(f"friction: {self.friction[0]:g} is not allowed; it must be above 0")
-        if self.delay[0] < 0.0 or self.delay[1] > 0.5:
+        if self.delay is not None and (self.delay[0] < 0.0 or self.delay[1] > 0.5):
             raise ValueError("delay: must be from 0 to 0.5 s")
         if max(map(abs, self.grade)) > 0.5:
             raise ValueError("grade: must be from -0.5 to 0.5 rad")
@@ -188,7 +202,7 @@ LoopChoice = Annotated[
     Discriminator(_word_or_mapping),
 ]
 Baseline = Annotated[
-    Annotated[Literal["published"], Tag("word")] | Annotated[dict[str, float], Tag("mapping")],
+    Annotated[Literal["present", "published"], Tag("word")] | Annotated[dict[str, float], Tag("mapping")],
     Discriminator(_word_or_mapping),
 ]
 
@@ -203,7 +217,9 @@ class TuningSpec(Schema):
     loop: LoopChoice = Field(description="loop to tune: wheel_speed, steering, speed, path, or signals [-]")
     plant: PlantSpec = Field(default_factory=lambda: PlantSpec(contact="point"), description="step and contact [-]")
     test: CourseSpec = Field(default_factory=CourseSpec, description="test manoeuvre [-]")
-    baseline: Baseline = Field("published", description="gains to compare with; published: 100, 0.01, 10 [-]")
+    baseline: Baseline = Field(
+        "present", description="to compare with: present, the controller of the vehicle; published, 100, 0.01, 10 [-]"
+    )
     search: SearchSpec = Field(default_factory=SearchSpec, description="[-]")
     cost: dict[str, float] = Field(
         default_factory=lambda: {"iae": 1.0}, min_length=1, description="weights of figures [-]"
@@ -215,6 +231,11 @@ class TuningSpec(Schema):
     schedule: ScheduleSpec | None = Field(None, description="gain schedule over speed [-]")
     seed: int = Field(0, ge=0, description="of all random numbers [-]")
     folder: str | None = Field(None, description="of the file [-]")
+
+    @property
+    def delays(self) -> tuple[float, float]:
+        """Smallest and largest delay of the actuator in the Monte Carlo [s]."""
+        return self.robustness.delay or (0.0, 2.0 * self.test.delay)
 
     @model_validator(mode="after")
     def _has_a_plant(self) -> "TuningSpec":

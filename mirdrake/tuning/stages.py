@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import pandas as pd
 
 from mirdrake.execution.calls import Lost, call_all, open_executor
 from mirdrake.plant.plant import PlantSpec
+from mirdrake.tuning.confirm import MarginCheck, confirm_margins
 from mirdrake.tuning.designs import Design
 from mirdrake.tuning.gain_map import map_of_two_gains
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
@@ -21,7 +22,7 @@ from mirdrake.tuning.scenarios import InScenarios, Ranges, drawn_ranges, hardest
 from mirdrake.tuning.search import search
 from mirdrake.tuning.search_range import Space
 from mirdrake.tuning.space import map_space
-from mirdrake.tuning.spec import MARGINS, TuningSpec
+from mirdrake.tuning.spec import AT_LEAST, MARGINS, TuningSpec, breaks_limit
 from mirdrake.tuning.trials import Rejection, Trial, Trials, make_trial
 
 MAP = 13
@@ -72,6 +73,8 @@ class Stages:
         executor: makes the tests.
         workers: processes if there is no executor.
         progress: see :data:`Progress`.
+        margin_ratios: margins of the plant over those of the model, as far as they are known; a search uses limits of
+            the model's margins with which those of the plant are met.
     """
 
     spec: TuningSpec
@@ -81,6 +84,7 @@ class Stages:
     executor: Executor | None
     workers: int | None
     progress: Progress
+    margin_ratios: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def identifiable(self) -> bool:
@@ -113,9 +117,17 @@ class Stages:
         """Constraints of the study, and a delay margin with a reserve for the delays of the Monte Carlo."""
         if not self.identifiable:
             return {name: limit for name, limit in self.spec.constraints.items() if name not in MARGINS}
-        increase = self.spec.robustness.delay[1] - self.loop.delay
+        increase = self.spec.delays[1] - self.loop.delay
         asked = {"delay_margin_s": RESERVE * increase} if increase > 0.0 and self.spec.robustness.runs else {}
         return asked | dict(self.spec.constraints)
+
+    @property
+    def model_constraints(self) -> dict[str, float]:
+        """Constraints for a search, in which margins of the model are larger than those that the plant must have."""
+        return {
+            name: limit / self.margin_ratios.get(name, 1.0) if name in AT_LEAST else limit
+            for name, limit in self.constraints.items()
+        }
 
     def test(self, designs: Sequence[Design], stage: str) -> tuple[Candidate, ...]:
         """Test designs on the plant; the candidates have their responses."""
@@ -159,17 +171,18 @@ class Stages:
         spec, reduced = self.spec, fidelity == "reduced"
         count = spec.search.trials if reduced or (not self.identifiable and stage == "search") else spec.search.confirm
         method = spec.search.method if reduced else "tpe"
-        margins = {name: limit for name, limit in self.constraints.items() if name in MARGINS}
+        constraints = self.model_constraints
+        margins = {name: limit for name, limit in constraints.items() if name in MARGINS}
         evaluate: Evaluator = LoopEvaluator(loop or self.loop, margins=margins)
         if scenarios:
-            evaluate = InScenarios(evaluate, tuple(scenarios), self.constraints)
+            evaluate = InScenarios(evaluate, tuple(scenarios), constraints)
         found = search(
             evaluate,
             {name: entry.parameter() for name, entry in space.items()},
             method=method,
             trials=max(count, 1),
             cost=spec.cost,
-            constraints=self.constraints,
+            constraints=constraints,
             start=starts[: max(count // 2, 1)] if method in ("tpe", "cma", "nsga2") else (),
             seed=spec.seed,
             fidelity=fidelity,
@@ -188,6 +201,23 @@ class Stages:
         if not self.identifiable:
             return None
         return self.candidate(design, LoopEvaluator(at_finer_step(self.loop))(design.gains))
+
+    def confirm_margins(self, candidate: Candidate) -> tuple[tuple[MarginCheck, ...], tuple[Rejection, ...]]:
+        """Confirm gain and delay margin of a candidate on the plant; return also a rejection for each broken limit."""
+        if not self.identifiable:
+            return (), ()
+        gains, loop = candidate.design.gains or self.loop.present, self.loop
+        checks: tuple[MarginCheck, ...] = ()
+        if gains:
+            evaluate = LoopEvaluator(loop, keep=True)
+            figures = candidate.trial.figures
+            checks = confirm_margins(evaluate, gains, figures, delay=loop.delay, step=loop.course.step)
+        broken = tuple(
+            Rejection("margin", check.name, check.claimed, self.constraints[check.name])
+            for check in checks
+            if check.name in self.constraints and breaks_limit(check.name, check.claimed, self.constraints[check.name])
+        )
+        return checks, broken
 
     def first_failure(
         self, gains: Mapping[str, float], scenarios: Sequence[Conditions], loop: LoopSpec | None = None

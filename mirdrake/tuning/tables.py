@@ -52,8 +52,11 @@ def frequency_table(loop: LoopSpec, chosen: Sequence[Candidate]) -> pd.DataFrame
     omega = np.geomspace(top / 3e3, top, 300)
     parts = []
     for one in chosen:
-        plant = critical_plant(loop, one.design.gains)
-        value = loop_response(plant, pid_of(loop, one.design.gains), period=period)(omega)
+        gains = one.design.gains or loop.present
+        if not gains:  # the present controller is of another kind
+            continue
+        plant = critical_plant(loop, gains)
+        value = loop_response(plant, pid_of(loop, gains), period=period)(omega)
         parts.append(pd.DataFrame({"candidate": one.name, "omega": omega, "re": value.real, "im": value.imag}))
     return pd.concat(parts, ignore_index=True)
 

@@ -29,8 +29,9 @@ class Rejection:
     """Reason why a candidate was rejected.
 
     Attributes:
-        check: ``test``: unstable or failed in the nominal test; ``constraint``: breaks a limit in it; ``scenario``: not
-            stable in one of the hardest conditions; ``finer_step``: not stable at a finer step of the plant;
+        check: ``test``: unstable or failed in the nominal test; ``constraint``: breaks a limit in it;
+            ``margin``: a margin of the plant breaks its limit; ``scenario``: not stable in one of the hardest
+            conditions; ``finer_step``: not stable at a finer step of the plant;
             ``monte_carlo``: not stable in a run.
         figure: whose limit is broken; empty for other checks.
         value: of the figure; None if it is undefined.
@@ -40,7 +41,7 @@ class Rejection:
         reason: what happened, in one line; empty for a constraint.
     """
 
-    check: Literal["test", "constraint", "scenario", "finer_step", "monte_carlo"]
+    check: Literal["test", "constraint", "margin", "scenario", "finer_step", "monte_carlo"]
     figure: str = ""
     value: float | None = None
     limit: float | None = None
@@ -193,10 +194,12 @@ def make_trial(
 
 def _excess(name: str, value: float, limit: float) -> float:
     """Return by how much a figure breaks its limit, relative to the limit."""
+    if not breaks_limit(name, value, limit):
+        return 0.0
     excess = limit - value if name in AT_LEAST else value - limit
     if math.isnan(excess):
         return BROKEN
-    return min(max(excess, 0.0) / (abs(limit) or 1.0), BROKEN)
+    return min(excess / (abs(limit) or 1.0), BROKEN)
 
 
 def finite(value: float) -> float | None:

@@ -172,6 +172,7 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     stages = replace(stages, loop=found.loop)
     designs = _design(stages, found)
     choice = choose_rule(stages, [designs.baseline, *designs.tested], designs.slower)
+    stages = replace(stages, margin_ratios=choice.known.margin_ratios)
     outcome = _search(stages, designs, choice)
 
     # The winner is the best candidate, or the nearest to the constraints if there is none.
@@ -194,9 +195,9 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     criteria = accept(
         designs.baseline,
         choice.rule,
-        winner,
+        _with_claimed_margins(winner, known),
+        cost=stages.spec.cost,
         constraints=stages.constraints,
-        step_time=stages.loop.course.step_time,
         monte_carlo=runs,
         verified=known.verified,
     )
@@ -263,6 +264,7 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
     tried = [designs.baseline, *designs.tested, *choice.added]
     rules = [candidate.design.gains for candidate in tried[1:]]
     known_gains = rules if stages.identifiable else [candidate.design.gains for candidate in tried]
+    known_gains += [stages.loop.present] if stages.identifiable and stages.loop.present else []
     max_sensitivity = stages.constraints.get("ms", math.inf)
     space = search_space(stages.spec, stages.loop, rules, max_sensitivity)
     coarse = stages.search(space, stages.first_fidelity, inside(space, known_gains), "search")
@@ -278,6 +280,7 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
         if best is None:
             break
         beaten, known = beats_rule(stages, known, best, choice.rule)
+        stages = replace(stages, margin_ratios=known.margin_ratios)
         if beaten and not known.lost_at_finer_step:
             break
 
@@ -310,10 +313,19 @@ def _candidate_result(stages: Stages, known: Knowledge, candidate: Candidate) ->
     design, trial = candidate.design, candidate.trial
     check = known.verified.get(candidate.name)
     rejections = trial.rejections(stages.constraints) + (() if check is None else check.rejections)
+    claimed = _with_claimed_margins(candidate, known).trial.figures
     return CandidateResult(
-        design.name, design.kind, design.gains, trial.status, _defined(trial.figures), finite(trial.cost),
-        trial.feasible, design.rule, design.parameter, trial.reason, rejections,
+        design.name, design.kind, design.gains or stages.loop.present, trial.status, _defined(claimed),
+        finite(trial.cost), trial.feasible, design.rule, design.parameter, trial.reason, rejections,
+        () if check is None else check.margins,
     )  # fmt: skip
+
+
+def _with_claimed_margins(candidate: Candidate, known: Knowledge) -> Candidate:
+    """Return a candidate with the margins that the plant confirms."""
+    check = known.verified.get(candidate.name)
+    claimed = {} if check is None else {one.name: one.claimed for one in check.margins}
+    return replace(candidate, trial=replace(candidate.trial, figures=candidate.trial.figures | claimed))
 
 
 def _corner_tests(stages: Stages, chosen: Sequence[Candidate]) -> dict[str, tuple[CornerTest, ...]]:

@@ -225,7 +225,7 @@ def _test_faults(world: World, overrides: Iterable[str], known: set[str]) -> lis
     return []
 
 
-def _values(overrides: Iterable[str]) -> Mapping[str, object]:
+def _values(overrides: Iterable[str]) -> Mapping[str, float | str | bool | None]:
     """Return the seed and the parameters among overrides."""
     values = {}
     for override in overrides:

@@ -6,7 +6,7 @@ and a fidelity, and always returns an :class:`Evaluation`.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, Protocol
 
 import pandas as pd
@@ -108,6 +108,21 @@ class Course:
 
 
 @dataclass(frozen=True)
+class OuterLoop:
+    """PI controller that corrects the set-point of a loop by the error of its output; it is kept as it is.
+
+    Attributes:
+        kp: correction over error [1].
+        ki: integral gain [1/s].
+        limit: of the correction [y].
+    """
+
+    kp: float
+    ki: float
+    limit: float
+
+
+@dataclass(frozen=True)
 class LoopModel:
     """Identified model of a loop, sufficient to simulate it without the plant.
 
@@ -123,6 +138,7 @@ class LoopModel:
         drag: effort that keeps the output constant [u].
         limit: of the effort [u]; None: unlimited.
         mass_acts: whether the mass of the car is the inertia of the loop.
+        outer: the speed loop of the vehicle around this loop; None without one.
     """
 
     plants: dict[str, TransferFunction]
@@ -135,6 +151,7 @@ class LoopModel:
     drag: float = 0.0
     limit: float | None = None
     mass_acts: bool = True
+    outer: OuterLoop | None = None
 
 
 @dataclass(frozen=True)
@@ -158,7 +175,9 @@ class LoopSpec:
         delay: nominal delay of the actuator [s].
         friction: nominal friction of the road [1]; None if it is not the same everywhere.
         noisy: whether the bench has a block that adds noise to the measurement.
-        present: gains that the diagram has now; only known for loops of signals.
+        present: gains that the diagram or control.yaml has now; empty if its controller has others, such as a servo.
+        present_kind: kind of the present controller in control.yaml; empty for a loop of signals.
+        test_control: entries of control.yaml that the test needs, whatever the gains.
         model: None before the identification.
     """
 
@@ -179,9 +198,21 @@ class LoopSpec:
     friction: float | None = None
     noisy: bool = False
     present: dict[str, float] = field(default_factory=dict)
+    present_kind: str = ""
+    test_control: dict[str, Any] = field(default_factory=dict)
     model: LoopModel | None = None
 
     @property
     def time_step(self) -> float:
         """Time step of the plant [s]."""
         return float(self.diagram["plant"]["time_step"])
+
+    def with_control(self, control: Mapping[str, Any]) -> "LoopSpec":
+        """Return the loop with other entries of control.yaml in its diagram, so that no gain is left to set."""
+        vehicles = self.diagram["vehicles"]
+        changed = {**vehicles, self.vehicle: {**vehicles[self.vehicle], "control": dict(control)}}
+        return replace(self, gains={}, diagram={**self.diagram, "vehicles": changed})
+
+    def as_present(self) -> "LoopSpec":
+        """Return the loop with the controllers that its vehicle has now."""
+        return self.with_control(self.test_control)

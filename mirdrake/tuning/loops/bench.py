@@ -77,9 +77,12 @@ class PlantBench:
     # --- Contexts ---------------------------------------------------------------------------------------------------
 
     def context(self, gains: Mapping[str, float], conditions: Conditions) -> Context:
-        """Return a new Context with gains and conditions, the car at its start."""
+        """Return a new Context for experiments, without the speed loop: gains and conditions, the car at its start."""
         context = self.assembly.make_context()
         self._apply(context, gains, conditions)
+        for name in ("speed.kp", "speed.ki"):
+            if name in self._knobs:
+                self._knobs[name].apply(self.assembly, context, 0.0)
         return context
 
     def _reset_context(self, gains: Mapping[str, float], conditions: Conditions) -> Context:

@@ -68,6 +68,8 @@ def forget_bench(spec: LoopSpec) -> None:
 class LoopEvaluator:
     """Tests gains on a loop; see :class:`mirdrake.tuning.loops.base.Evaluator`. Can be pickled.
 
+    Without gains, the controllers that the vehicle has now are tested.
+
     Attributes:
         spec: the loop.
         keep: whether evaluations keep their responses.
@@ -99,6 +101,10 @@ class LoopEvaluator:
             return Evaluation("unstable", reason="a gain is not finite")
         if fidelity == "reduced":
             return run_reduced(self.spec, gains, conditions)
+        if not gains and self.spec.test_control:
+            margins = find_loop_margins(self.spec, self.spec.present)
+            spec = self.spec.as_present() if self.spec.gains else self.spec
+            return bench_of(spec).run({}, conditions, margins=margins)
         margins = find_loop_margins(self.spec, gains)
         if any(breaks_limit(name, margins[name], limit) for name, limit in self.margins.items()):
             return run_reduced(self.spec, gains, conditions)

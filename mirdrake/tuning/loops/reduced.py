@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,10 +33,23 @@ def model_of(spec: LoopSpec) -> tuple[LoopModel, float]:
     return spec.model, spec.period
 
 
+def loop_plants(spec: LoopSpec) -> dict[str, TransferFunction]:
+    """Return the transfer functions that a loop's own controller sees, with the speed loop around it.
+
+    With the speed loop, the controller gets r + D (r - y) - y = (1 + D) (r - y), with D = kp + ki / s.
+    """
+    model, _ = model_of(spec)
+    if model.outer is None:
+        return model.plants
+    kp, ki = model.outer.kp, model.outer.ki
+    factor = TransferFunction((1.0 + kp, ki), (1.0, 0.0)) if ki else TransferFunction((1.0 + kp,), (1.0,))
+    return {name: plant * factor for name, plant in model.plants.items()}
+
+
 def critical_plant(spec: LoopSpec, gains: Mapping[str, float]) -> TransferFunction:
     """Return the transfer function of a loop for which these gains give the largest Ms."""
-    model, period = model_of(spec)
-    plants = list(model.plants.values())
+    _, period = model_of(spec)
+    plants = list(loop_plants(spec).values())
     if len(plants) < 2 or not any(gains.values()):
         return plants[0]
     pid = pid_of(spec, gains)
@@ -58,7 +72,7 @@ def find_loop_margins(spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, f
     if spec.model is None or not any(gains.values()):
         return dict.fromkeys(MARGINS, math.nan)
     rows = []
-    for plant in spec.model.plants.values():
+    for plant in loop_plants(spec).values():
         found = find_margins(plant, pid_of(spec, gains), period=spec.period)
         rows.append(
             (
@@ -84,7 +98,7 @@ def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditio
     pid, course = pid_of(spec, gains), spec.course
     plants = {name: plant_under(spec, conditions, plant) for name, plant in model.plants.items()}
     if any(gains.values()):
-        for plant in plants.values():
+        for plant in loop_plants(replace(spec, model=replace(model, plants=plants))).values():
             held = TransferFunction(plant.numerator, plant.denominator, plant.delay + 0.5 * period)
             if not is_stable(held, pid):
                 return Evaluation("unstable", reason="the closed loop has a pole in the right half plane")
@@ -104,8 +118,14 @@ def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditio
     # Deviations of the measurement from the start.
     process, state, value = LinearProcess(plants["main"], period), PidState(), 0.0
     rows: list[tuple[float, float]] = []
-    start = reference[0]
+    start, outer, trim_state = reference[0], model.outer, PidState()
     for k, wanted in enumerate(((reference - start) * model.scale).tolist()):
+        if outer is not None:
+            trim_state, trim = pid_step(
+                trim_state, wanted / model.scale, value / model.scale, gains=PidGains(outer.kp, outer.ki),
+                period=period, limits=PidLimits(-outer.limit, outer.limit),
+            )  # fmt: skip
+            wanted += trim * model.scale
         state, control = pid_step(
             state, wanted, value + noise[k], gains=pid, period=period, limits=limits, feedforward=float(feedforward[k])
         )

@@ -22,7 +22,7 @@ from mirdrake.tuning.identify import (
     simple_experiment,
     step_fit,
 )
-from mirdrake.tuning.loops.base import Course, LoopModel, LoopSpec
+from mirdrake.tuning.loops.base import Course, LoopModel, LoopSpec, OuterLoop
 from mirdrake.tuning.loops.bench import BenchLoop, BenchProcess, PlantBench
 from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
 from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunction
@@ -45,7 +45,7 @@ SLOWEST = 100.0
 class WheelSpeedLoop(VehicleLoop):
     """Speed of the driven wheels, by the torque of their joints.
 
-    In a car the outer loop of the speed is switched off (its gains are zero); its set-point passes through.
+    In the test the speed loop around it is switched off (its gains are zero), so that its set-point passes through.
     """
 
     name: ClassVar[str] = "wheel_speed"
@@ -65,14 +65,9 @@ class WheelSpeedLoop(VehicleLoop):
             )
         return super().of_vehicle(study, vehicle, world, noise=noise, speed=speed)
 
-    def settings(self, filter_time: float) -> dict[str, float | str]:
-        """See :meth:`VehicleLoop.settings`."""
-        return super().settings(filter_time) | {"speed.kp": 0.0, "speed.ki": 0.0}
-
-    def limits(self, study: TuningSpec) -> dict[str, dict[str, object]]:
-        """Return the limits of the slope of the speed's set-point."""
-        slope = SLOPE if study.test.slope is None else study.test.slope
-        return {"speed": {"max_acceleration": slope, "max_deceleration": slope}}
+    def test_control(self, study: TuningSpec) -> dict[str, dict[str, object]]:
+        """Return the limits of the slope of the speed's set-point, and a speed loop that is switched off."""
+        return {"speed": {**_slopes(study), "kp": 0.0, "ki": 0.0}}
 
     def default_step_and_load(self, vehicle: Vehicle, scale: float) -> tuple[float, float]:
         """Return a step of 2 m/s, or less for a small car, and the load of a grade of about 2.5 %."""
@@ -202,8 +197,17 @@ class WheelSpeedLoop(VehicleLoop):
         )
 
 
+def _slopes(study: TuningSpec) -> dict[str, object]:
+    """Return the limits of the slope of the speed's set-point in the test."""
+    slope = SLOPE if study.test.slope is None else study.test.slope
+    return {"max_acceleration": slope, "max_deceleration": slope}
+
+
 class SpeedLoop(WheelSpeedLoop):
-    """Speed of the car, by the torque of the wheel joints; of a car with pedals, by the pedals."""
+    """Speed of the car, by the torque of the wheel joints; of a car with pedals, by the pedals.
+
+    The speed loop of control.yaml around that of the wheels is part of the loop and keeps its gains.
+    """
 
     name: ClassVar[str] = "speed"
     reference: ClassVar[str] = "speed_setpoint"
@@ -217,6 +221,10 @@ class SpeedLoop(WheelSpeedLoop):
         if vehicle.control.wheel_speed.uses_pedals and self.selectable:
             return PedalSpeedLoop().of_vehicle(study, vehicle, world, noise=noise, speed=speed)
         return VehicleLoop.of_vehicle(self, study, vehicle, world, noise=noise, speed=speed)
+
+    def test_control(self, study: TuningSpec) -> dict[str, dict[str, object]]:
+        """Return the limits of the slope of the speed's set-point."""
+        return {"speed": _slopes(study)}
 
     def output_from(self, bench: PlantBench, state: Floats) -> Floats:
         """Return the longitudinal velocity of the car."""
@@ -255,6 +263,7 @@ class SpeedLoop(WheelSpeedLoop):
             rise=speed.max_acceleration,
             fall=speed.max_deceleration,
             feedforward=self._mass(bench) * bench.radius / len(bench.driven),
+            outer=OuterLoop(speed.kp, speed.ki, speed.max_correction) if speed.kp or speed.ki else None,
         )
 
     def _scale(self, bench: PlantBench) -> float:

@@ -79,13 +79,15 @@ class VehicleLoop(LoopKind):
         noisy = study.robustness.noise > 0.0 if noise is None else noise
 
         # All gains are zero in the file; the bench writes them to a Context.
-        control: dict[str, dict[str, object]] = {self.section: {}, **self.limits(study)}
+        test_control: dict[str, Any] = {"dead_man": _NO_TIMEOUT, **self.test_control(study)}
+        control: dict[str, Any] = {**test_control, self.section: {}}
         for path, value in settings.items():
             group, key = path.split(".")
             control.setdefault(group, {})[key] = value
         units = self.gain_units(vehicle)
         control[self.section] |= dict.fromkeys(units, 0.0)
-        if getattr(vehicle.control, self.section).gain_schedule() is not None:
+        present = getattr(vehicle.control, self.section)
+        if present.gain_schedule() is not None:
             control[self.section]["schedule"] = None
 
         # The actuator's delay is a block between the controllers and the plant.
@@ -100,7 +102,7 @@ class VehicleLoop(LoopKind):
                     "model": _vehicle_name(study),
                     "start": {"x": 0.0, "y": 0.0, "yaw": 0.0},
                     "speed": course.speed,
-                    "control": {"dead_man": _NO_TIMEOUT, **control},
+                    "control": control,
                 }
             },
             "systems": blocks,
@@ -131,6 +133,11 @@ class VehicleLoop(LoopKind):
             delay=study.test.delay,
             friction=float(world.ground.mu),
             noisy=noisy,
+            present=dict(zip(present.gains, present.gain_values(), strict=True))
+            if set(units) <= set(present.gains)
+            else {},
+            present_kind=present.kind,
+            test_control=test_control,
         )
 
     def gain_units(self, vehicle: Vehicle) -> dict[str, str]:  # noqa: ARG002
@@ -141,8 +148,8 @@ class VehicleLoop(LoopKind):
         """Return entries of control.yaml that the gains need, by dotted path."""
         return {f"{self.section}.kind": "pid", f"{self.section}.filter": filter_time}
 
-    def limits(self, study: TuningSpec) -> dict[str, dict[str, object]]:  # noqa: ARG002
-        """Return further entries of control.yaml for the test, by section."""
+    def test_control(self, study: TuningSpec) -> dict[str, dict[str, object]]:  # noqa: ARG002
+        """Return entries of control.yaml for the test, by section; they are not written to the vehicle."""
         return {}
 
     def channels(self, vehicle: Vehicle) -> int:

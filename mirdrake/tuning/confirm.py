@@ -1,0 +1,108 @@
+"""Confirmation of gain and delay margins on the plant: the loop is driven at parts of the margin of its model.
+
+A margin of the model is claimed if the plant is stable there. Otherwise the largest part of it at which the plant is
+stable is found by bisection, and claimed.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluator
+from mirdrake.tuning.models import Floats
+
+BELOW, ABOVE = 0.9, 1.1
+"""Parts of a margin at which the loop is driven first."""
+
+RESOLUTION = 0.02
+"""Width of the interval of parts at which the bisection ends."""
+
+LEAST = 0.5
+"""Smallest part of a margin that is tested; a loop that is not stable there has no margin."""
+
+LARGEST_GAIN, LARGEST_DELAY = 20.0, 0.4
+"""Margins above these are not driven: a factor on the gain [1] and a delay [s]."""
+
+TRACE = 0.002
+"""Oscillations below this fraction of the step do not grow; they are numerical."""
+
+
+@dataclass(frozen=True)
+class MarginCheck:
+    """A margin of the model, and what the plant confirms of it.
+
+    Attributes:
+        name: gain_margin or delay_margin_s.
+        model: margin of the model.
+        claimed: the smaller one of model and plant.
+        stable_at_above: whether the plant is stable at :data:`ABOVE` of the model's margin.
+    """
+
+    name: str
+    model: float
+    claimed: float
+    stable_at_above: bool
+
+    @property
+    def ratio(self) -> float:
+        """Claimed margin over that of the model [1]."""
+        return self.claimed / self.model
+
+
+def confirm_margins(
+    evaluate: Evaluator, gains: Mapping[str, float], figures: Mapping[str, float], *, delay: float, step: float
+) -> tuple[MarginCheck, ...]:
+    """Drive a loop at parts of its gain and delay margin and return what can be claimed.
+
+    Args:
+        evaluate: tests gains and keeps the response.
+        gains: by name.
+        figures: of the nominal test, with the margins of the model.
+        delay: nominal delay of the actuator [s].
+        step: of the set-point [y].
+    """
+
+    def stable(factor: float, added: float) -> bool:
+        changed = {name: factor * value for name, value in gains.items()}
+        result = evaluate(changed, Conditions(delay=delay + added) if added else NOMINAL)
+        if result.status != "ok" or result.response is None:
+            return False
+        response = result.response
+        t, error = response["t"].to_numpy(), (response["reference"] - response["output"]).to_numpy()
+        return not _grows(t, error, TRACE * abs(step))
+
+    factor, lag = figures.get("gain_margin", math.nan), figures.get("delay_margin_s", math.nan)
+    checks = []
+    if 1.0 < factor <= LARGEST_GAIN:
+        checks.append(_check("gain_margin", factor, lambda part: stable(part * factor, 0.0)))
+    if 0.0 < lag <= LARGEST_DELAY:
+        checks.append(_check("delay_margin_s", lag, lambda part: stable(1.0, part * lag)))
+    return tuple(checks)
+
+
+def _check(name: str, margin: float, stable: Callable[[float], bool]) -> MarginCheck:
+    """Find the largest part of a margin, up to 1, at which the plant is stable."""
+    if stable(ABOVE) or stable(1.0):
+        return MarginCheck(name, margin, margin, stable(ABOVE))
+    high = 1.0
+    low = BELOW
+    while not stable(low):
+        high, low = low, low - (1.0 - BELOW)
+        if low < LEAST:
+            return MarginCheck(name, margin, 0.0, stable_at_above=False)
+    while high - low > RESOLUTION:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return MarginCheck(name, margin, low * margin, stable_at_above=False)
+
+
+def _grows(t: Floats, error: Floats, least: float) -> bool:
+    """Return whether the oscillation of an error about a straight line is larger in the last fifth than before."""
+    span = t[-1] - t[0]
+    sizes = []
+    for start, end in ((0.6, 0.8), (0.8, 1.0)):
+        part = (t >= t[0] + start * span) & (t <= t[0] + end * span)
+        sizes.append(float(np.std(error[part] - np.polyval(np.polyfit(t[part], error[part], 1), t[part]))))
+    return sizes[1] > max(sizes[0], least)

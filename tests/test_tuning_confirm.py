@@ -1,0 +1,70 @@
+"""Margins of a model that the plant does not have are not claimed."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mirdrake.core.pid import PidGains
+from mirdrake.tuning import LinearProcess, TransferFunction, find_margins, simulate_loop
+from mirdrake.tuning.confirm import confirm_margins
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Fidelity
+from mirdrake.tuning.spec import breaks_limit
+
+PERIOD, DEAD_TIME = 0.01, 0.1
+GAINS = {"kp": 4.0, "ki": 2.0, "kd": 0.0}
+
+
+def plant(added: float = 0.0) -> TransferFunction:
+    return TransferFunction((1.0,), (1.0, 0.0), DEAD_TIME + added)
+
+
+def drive(gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant") -> Evaluation:
+    """An integrator with dead time under PI control, a step at time 0."""
+    added = 0.0 if conditions.delay is None else conditions.delay - DEAD_TIME
+    given = simulate_loop(
+        LinearProcess(plant(added), PERIOD), PidGains(**gains), period=PERIOD, reference=np.ones(1000)
+    )
+    table = pd.DataFrame({"t": given.time, "reference": given.reference, "output": given.measurement})
+    return Evaluation("ok", response=table) if len(table) == 1000 else Evaluation("unstable")
+
+
+def margins() -> dict[str, float]:
+    found = find_margins(plant(), PidGains(**GAINS), period=PERIOD)
+    return {"gain_margin": found.gain_margin, "delay_margin_s": found.delay_margin}
+
+
+def test_true_margins_are_claimed_in_full() -> None:
+    exact = margins()
+    assert exact["gain_margin"] == pytest.approx(
+        0.5 * np.pi / DEAD_TIME / 4.0, rel=0.1
+    )  # of an integrator: π / (2 L k)
+    for check in confirm_margins(drive, GAINS, exact, delay=DEAD_TIME, step=1.0):
+        assert check.claimed == pytest.approx(check.model, rel=0.03)
+        assert not check.stable_at_above
+
+
+def test_of_margins_that_are_too_large_those_of_the_plant_are_claimed() -> None:
+    exact = margins()
+    claimed = {name: 1.15 * value for name, value in exact.items()}
+    checks = confirm_margins(drive, GAINS, claimed, delay=DEAD_TIME, step=1.0)
+    assert [check.name for check in checks] == ["gain_margin", "delay_margin_s"]
+    for check in checks:
+        assert check.claimed == pytest.approx(exact[check.name], rel=0.04)
+        assert check.ratio < 0.92
+
+
+def test_of_margins_that_are_too_small_the_smaller_are_claimed() -> None:
+    small = {name: 0.7 * value for name, value in margins().items()}
+    for check in confirm_margins(drive, GAINS, small, delay=DEAD_TIME, step=1.0):
+        assert check.claimed == small[check.name]
+        assert check.stable_at_above
+
+
+def test_a_value_that_prints_as_its_limit_does_not_break_it() -> None:
+    assert not breaks_limit("ms", 1.60004, 1.6)
+    assert breaks_limit("ms", 1.601, 1.6)
+    assert not breaks_limit("delay_margin_s", 0.0749999, 0.075)
+    assert breaks_limit("delay_margin_s", 0.0749, 0.075)
+    assert breaks_limit("ms", float("nan"), 1.6)

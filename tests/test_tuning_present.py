@@ -1,0 +1,81 @@
+"""The controllers that a vehicle has now are the baseline, and a loop that is not tuned keeps its gains."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mirdrake.cli import main
+from mirdrake.tuning.check import baseline_gains
+from mirdrake.tuning.loops.base import LoopModel, LoopSpec, OuterLoop
+from mirdrake.tuning.loops.evaluate import LoopEvaluator
+from mirdrake.tuning.loops.reduced import find_loop_margins, loop_plants, run_reduced
+from mirdrake.tuning.loops.registry import make_loop_spec
+from mirdrake.tuning.models import TransferFunction
+from mirdrake.tuning.scenarios import drawn_ranges
+from mirdrake.tuning.spec import TuningSpec, make_tuning
+
+
+def study(**changes: Any) -> TuningSpec:
+    return make_tuning({"vehicle": "bolt", "loop": "speed", "test": {"duration": 4.0, "step": 1.0}, **changes})
+
+
+@pytest.fixture(scope="module")
+def loop() -> LoopSpec:
+    return make_loop_spec(study())
+
+
+def test_the_speed_loop_of_the_vehicle_is_not_written(loop: LoopSpec) -> None:
+    assert {path.partition(".")[0] for path in loop.settings} == {"wheel_speed"}
+    assert loop.present_kind == "servo"
+    assert loop.present == {}
+
+
+def test_the_present_control_is_driven_as_it_is_in_the_file(loop: LoopSpec) -> None:
+    """The speed loop of the Bolt, kp 1 and ki 1, follows a ramp of 0.6 m/s² with an error of some cm/s."""
+    assert baseline_gains(study(), loop) == {}
+    present = loop.as_present()
+    control = present.diagram["vehicles"]["ego"]["control"]
+    assert set(control) == {"dead_man", "speed"}
+    assert set(control["speed"]) == {"max_acceleration", "max_deceleration"}
+    result = LoopEvaluator(loop)({})
+    assert result.status == "ok"
+    assert 0.01 < result.figures["iae"] < 0.5
+
+
+def test_delays_of_the_monte_carlo_are_up_to_twice_the_nominal_one(loop: LoopSpec) -> None:
+    assert drawn_ranges(study(test={"delay": 0.03}), loop)["delay"] == (0.0, 0.06)
+    assert drawn_ranges(study(robustness={"delay": [0.01, 0.2]}), loop)["delay"] == (0.01, 0.2)
+
+
+def test_a_speed_loop_around_the_wheels_adds_to_the_loop_gain(loop: LoopSpec) -> None:
+    """Of an integrator b / s with dead time L, the gain margin is π / (2 L kp b); kp 1 around it halves that."""
+    integrator = TransferFunction((2.0,), (1.0, 0.0), 0.1)
+    bare = make_loop(loop, LoopModel({"main": integrator}))
+    around = make_loop(loop, LoopModel({"main": integrator}, outer=OuterLoop(1.0, 0.0, 10.0)))
+    gains = {"kp": 1.0, "ki": 0.0, "kd": 0.0}
+    margins = [find_loop_margins(one, gains)["gain_margin"] for one in (bare, around)]
+    assert margins[0] / margins[1] == pytest.approx(2.0, rel=1e-3)
+    assert loop_plants(around)["main"].static_gain == float("inf")
+    fast, slow = (run_reduced(one, gains).figures["iae"] for one in (around, bare))
+    assert fast == pytest.approx(0.5 * slow, rel=0.1)
+
+
+def make_loop(loop: LoopSpec, model: LoopModel) -> LoopSpec:
+    from dataclasses import replace
+
+    return replace(loop, model=replace(model, rise=0.6, fall=0.6), filter_time=0.0)
+
+
+@pytest.mark.slow
+def test_a_study_in_which_nothing_is_better_keeps_the_present_gains(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A servo without delay, as stiff as that of the Bolt's steering, is better than any PID behind 50 ms."""
+    text = "mirdrake: tuning/1\nvehicle: bolt\nloop: steering\ntest: {duration: 4}\nsearch: {trials: 6, confirm: 1}\n"
+    (tmp_path / "study.yaml").write_text(f"{text}constraints: {{overshoot_percent: 60}}\nrobustness: {{runs: 0}}\n")
+    out = tmp_path / "out"
+    assert main(["tune", str(tmp_path / "study.yaml"), "--workers", "0", "--out", str(out)]) == 1
+    assert "nothing is better than the present gains" in capsys.readouterr().out.splitlines()[0]
+    assert main(["tune", "apply", str(out), "--dry-run"]) == 2
+    assert "cheaper_than_baseline" in capsys.readouterr().err
