@@ -1,5 +1,6 @@
 """The controllers that a vehicle has now are the baseline, and a loop that is not tuned keeps its gains."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -62,9 +63,8 @@ def test_a_speed_loop_around_the_wheels_adds_to_the_loop_gain(loop: LoopSpec) ->
 
 
 def make_loop(loop: LoopSpec, model: LoopModel) -> LoopSpec:
-    from dataclasses import replace
-
-    return replace(loop, model=replace(model, rise=0.6, fall=0.6), filter_time=0.0)
+    course = replace(loop.course, load=0.0, duration=12.0, load_time=12.0)
+    return replace(loop, model=replace(model, rise=0.6, fall=0.6), filter_time=0.0, course=course)
 
 
 @pytest.mark.slow

@@ -92,7 +92,7 @@ def test_a_run_with_wheels_that_keep_slipping_is_unstable(bolt: LoopSpec) -> Non
     found = evaluate({"kp": 511.9, "ki": 1149.0, "kd": 8.425}, lost)
     assert found.status == "unstable"
     assert "wheel oscillates" in found.reason
-    assert evaluate({"kp": 300.0, "ki": 200.0, "kd": 0.0}, lost).status == "ok"
+    assert evaluate({"kp": 150.0, "ki": 50.0, "kd": 0.0}, lost).status == "ok"
 
 
 def test_gains_that_fail_in_a_scenario_are_unstable_with_its_conditions_as_reason() -> None:
@@ -144,6 +144,9 @@ class _Stages:
         reason = ["oscillates" if entry == "unstable" else "" for entry in status]
         table = pd.DataFrame({"candidate": one.name, "run": range(5), "seed": 0, "status": status, "reason": reason})
         return MonteCarlo(table, {}, 5, 0)
+
+    def confirm_margins(self, candidate: Candidate) -> tuple[tuple[()], tuple[()]]:
+        return (), ()
 
     def first_failure(self, gains: dict[str, float], scenarios: Any) -> None:
         return None

@@ -9,8 +9,6 @@ import math
 import shutil
 import sys
 import time
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,7 @@ from benchmarks.tuning_blind.cases import LOOPS, Case, draw_case, write_case
 from benchmarks.tuning_blind.table import table_of
 from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.tuning.apply import plan_apply
-from mirdrake.tuning.loops.base import Conditions, Evaluation, LoopSpec
+from mirdrake.tuning.loops.base import Conditions
 from mirdrake.tuning.loops.evaluate import LoopEvaluator
 from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.result import TuningResult
@@ -97,7 +95,7 @@ def run_case(case: Case, loop: str, out: Path, workers: int) -> dict[str, Any]:
         return {**row, "verdict": "failed", "reason": str(error).splitlines()[0]}
     row |= {"wall_s": round(time.monotonic() - wall, 1), "cpu_s": round(time.process_time() - processor, 1)}
     tuned = applied(result, vehicle, name, None)
-    rule = applied(result, vehicle, name, result.best_rule) if result.best_rule else None
+    rule = applied(result, vehicle, name, result.best_rule, force=True) if result.best_rule else None
     iae = {"present": drive(case, loop, name)}
     iae |= {"tuned": drive(case, loop, tuned)} if tuned else {}
     iae |= {"rule": drive(case, loop, rule)} if rule else {}
@@ -112,13 +110,15 @@ def run_case(case: Case, loop: str, out: Path, workers: int) -> dict[str, Any]:
     }
 
 
-def applied(result: TuningResult, vehicle: Path, name: str, candidate: str | None) -> str | None:
+def applied(
+    result: TuningResult, vehicle: Path, name: str, candidate: str | None, *, force: bool = False
+) -> str | None:
     """Apply a candidate to a copy of a vehicle and return the name of the copy; None if it is rejected."""
     copy = vehicle.parents[1] / ("tuned" if candidate is None else "rule") / vehicle.name
     shutil.copytree(vehicle, copy)
     target = name.replace(str(vehicle), str(copy))
     try:
-        plan_apply(result, candidate=candidate, vehicle=target).write()
+        plan_apply(result, candidate=candidate, vehicle=target, force=force).write()
     except ConfigError:
         return None
     return target
@@ -138,20 +138,10 @@ def drive(case: Case, loop: str, vehicle: str) -> dict[str, float | None]:
         }
         if loop == "speed":
             test["step"] = course["step"] * usual.step / 2.0
-        spec = as_driven(make_loop_spec(make_tuning({"vehicle": vehicle, "loop": loop, "test": test})))
-        result: Evaluation = LoopEvaluator(spec)({}, conditions)
+        spec = make_loop_spec(make_tuning({"vehicle": vehicle, "loop": loop, "test": test}))
+        result = LoopEvaluator(spec)({}, conditions)
         values[name] = result.figures["iae"] if result.status == "ok" else None
     return values
-
-
-def as_driven(loop: LoopSpec) -> LoopSpec:
-    """Return a loop with the controllers of its vehicle as they are in control.yaml; no gain is left to set."""
-    vehicle = loop.diagram["vehicles"][loop.vehicle]
-    control: Mapping[str, Any] = vehicle["control"]
-    slopes = {key: value for key, value in control.get("speed", {}).items() if key.startswith("max_")}
-    own = {"dead_man": control["dead_man"], **({"speed": slopes} if slopes else {})}
-    vehicles = {**loop.diagram["vehicles"], loop.vehicle: {**vehicle, "control": own}}
-    return replace(loop, gains={}, diagram={**loop.diagram, "vehicles": vehicles})
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ def check_study(spec: TuningSpec, loop: LoopSpec) -> None:
     """
     _check_gains(spec, loop)
     _check_cost(spec)
-    _check_times(spec)
+    _check_times(spec, loop.course.duration)
     if spec.schedule is not None and not LOOP_KINDS[loop.kind].in_control_yaml:
         raise ConfigError(
             f"{where(spec, 'schedule')}: the gains of this loop are not in control.yaml; remove the schedule"
@@ -78,19 +78,19 @@ def _check_cost(spec: TuningSpec) -> None:
         raise ConfigError(f"{where(spec, 'cost')}: no figure has a weight; give one, for example {{iae: 1}}")
 
 
-def _check_times(spec: TuningSpec) -> None:
+def _check_times(spec: TuningSpec, duration: float) -> None:
     test = spec.test
     if test.step == 0.0:
         raise ConfigError(f"{where(spec, 'test', 'step')}: 0 is not allowed; the test needs a step")
-    if not test.step_time < test.duration:
+    if not test.step_time < duration:
         raise ConfigError(
-            f"{where(spec, 'test', 'step_time')}: {test.step_time:g} s is not before the end ({test.duration:g} s)"
+            f"{where(spec, 'test', 'step_time')}: {test.step_time:g} s is not before the end ({duration:g} s)"
         )
     load_time = test.load_time
-    if load_time is not None and not test.step_time < load_time < test.duration:
+    if load_time is not None and not test.step_time < load_time < duration:
         raise ConfigError(
             f"{where(spec, 'test', 'load_time')}: {load_time:g} s is not between the step ({test.step_time:g} s) and "
-            f"the end ({test.duration:g} s)"
+            f"the end ({duration:g} s)"
         )
 
 

@@ -148,7 +148,9 @@ class CourseSpec(Schema):
     load: float | None = Field(None, description="added to the effort from load_time on [of the effort]")
     step_time: Duration = Field(0.5, gt=0.0, description="of the step [s]")
     load_time: Duration | None = Field(None, gt=0.0, description="of the load; default 60 % of the duration [s]")
-    duration: Duration = Field(10.0, ge=1.0, le=600.0, description="of the test [s]")
+    duration: Duration | None = Field(
+        None, ge=1.0, le=600.0, description="of the test; default by loop: 10 s for the speed of a car [s]"
+    )
     delay: Duration = Field(0.05, ge=0.0, le=0.2, description="nominal delay of the actuator [s]")
     filter: Duration | None = Field(
         None, ge=0.0, le=1.0, description="time constant of the derivative's filter; default two periods [s]"

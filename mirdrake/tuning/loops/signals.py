@@ -33,6 +33,9 @@ from mirdrake.tuning.search_range import Range
 from mirdrake.tuning.spec import DiagramLoop, TuningSpec
 from mirdrake.worlds import load_world
 
+DURATION = 10.0
+"""Default duration of a test [s]."""
+
 PROBE = 0.2
 """Simulated time of the run that lists the signals of a diagram [s]."""
 
@@ -136,7 +139,8 @@ class DiagramLoopKind(SignalLoop):
         """Return the test manoeuvre; the diagram itself makes the step."""
         test = study.test
         step = 1.0 if test.step is None else test.step
-        return Course(step, test.step_time, 0.0, test.duration, test.duration)
+        duration = test.duration or DURATION
+        return Course(step, test.step_time, 0.0, duration, duration)
 
     def place(self, study: TuningSpec, *path: str | int) -> str:
         """See :meth:`SignalLoop.place`."""
@@ -179,7 +183,7 @@ class PathLoop(SignalLoop):
                 "vehicles": {"ego": {"model": str(study.vehicle), "start": pose, "speed": speed}},
                 "control": {"ego": {"kind": "path_tracking", "speed": speed}},
                 "plant": {"contact": "point", **study.plant.model_dump(exclude_unset=True)},
-                "duration": study.test.duration,
+                "duration": self.course(study).duration,
                 "seed": study.seed,
             }
         )
@@ -187,7 +191,8 @@ class PathLoop(SignalLoop):
     def course(self, study: TuningSpec) -> Course:
         """Return the test manoeuvre, which begins with the step."""
         test = study.test
-        return Course(0.5 if test.step is None else test.step, 0.0, 0.0, test.duration, test.duration)
+        duration = test.duration or DURATION
+        return Course(0.5 if test.step is None else test.step, 0.0, 0.0, duration, duration)
 
     def place(self, study: TuningSpec, *path: str | int) -> str:  # noqa: ARG002
         """See :meth:`SignalLoop.place`."""

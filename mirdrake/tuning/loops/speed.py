@@ -35,6 +35,9 @@ from mirdrake.worlds import World
 SLOPE = 0.6
 """Default slope of the set-point of the speed [m/s²]: feasible for one driven axle at a friction of 0.3, 5° uphill."""
 
+SETTLING = 2.15
+"""Time after the ramp of the set-point in which the speed settles [s]; with it the test of a car takes 10 s."""
+
 BANDWIDTH = 1.0
 """Bandwidth of the speed loop that is closed during the experiments [rad/s]."""
 
@@ -73,6 +76,18 @@ class WheelSpeedLoop(VehicleLoop):
         """Return a step of 2 m/s, or less for a small car, and the load of a grade of about 2.5 %."""
         driven = len(vehicle.spec.driven_wheels())
         return round(2.0 * scale, 2), -0.05 * vehicle.spec.powertrain.max_torque / driven
+
+    def default_duration(self, study: TuningSpec, vehicle: Vehicle, step: float) -> float:
+        """See :meth:`VehicleLoop.default_duration`; the load acts from 60 % of the time on."""
+        slope = SLOPE if study.test.slope is None else study.test.slope
+        ramp = abs(step) * self.speed_per_output(vehicle) / slope
+        return (study.test.step_time + ramp + SETTLING) / 0.6
+
+    def speed_per_output(self, vehicle: Vehicle) -> float:
+        """Return the speed of the car over the output [m/s per y]."""
+        geometry = vehicle.geometry
+        front = vehicle.spec.driven_wheels()[0].startswith("front")
+        return geometry.front_wheel_radius if front else geometry.rear_wheel_radius
 
     def actuators(self, bench: PlantBench) -> tuple[JointActuator, ...]:
         """Return the actuators of the driven wheels."""
@@ -225,6 +240,10 @@ class SpeedLoop(WheelSpeedLoop):
     def test_control(self, study: TuningSpec) -> dict[str, dict[str, object]]:
         """Return the limits of the slope of the speed's set-point."""
         return {"speed": _slopes(study)}
+
+    def speed_per_output(self, vehicle: Vehicle) -> float:  # noqa: ARG002
+        """Return 1."""
+        return 1.0
 
     def output_from(self, bench: PlantBench, state: Floats) -> Floats:
         """Return the longitudinal velocity of the car."""

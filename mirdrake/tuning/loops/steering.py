@@ -50,6 +50,10 @@ class SteeringLoop(VehicleLoop):
         """See :meth:`VehicleLoop.default_step_and_load`."""
         return min(0.1, 0.5 * vehicle.geometry.steering_limit), 0.0
 
+    def default_duration(self, study: TuningSpec, vehicle: Vehicle, step: float) -> float:  # noqa: ARG002
+        """Return 4 s and twenty delays, in which an oscillation at the limit of stability has several periods."""
+        return 4.0 + 20.0 * study.test.delay
+
     def actuators(self, bench: PlantBench) -> tuple[JointActuator, ...]:
         """Return the actuators of the steering joints."""
         return bench.part.steering_actuators

@@ -169,19 +169,25 @@ class VehicleLoop(LoopKind):
         test = study.test
         scale = math.sqrt(vehicle.geometry.wheelbase / 2.6)
         initial = test.speed if speed is None else speed
-        step, load = self.default_step_and_load(vehicle, scale)
+        usual_step, load = self.default_step_and_load(vehicle, scale)
+        step = usual_step if test.step is None else test.step
+        duration = round(self.default_duration(study, vehicle, step), 1) if test.duration is None else test.duration
         return Course(
             speed=round(self.initial_speed * scale, 2) if initial is None else initial,
-            step=step if test.step is None else test.step,
+            step=step,
             step_time=test.step_time,
             load=load if test.load is None else test.load,
-            load_time=0.6 * test.duration if test.load_time is None else test.load_time,
-            duration=test.duration,
+            load_time=0.6 * duration if test.load_time is None else test.load_time,
+            duration=duration,
         )
 
     @abstractmethod
     def default_step_and_load(self, vehicle: Vehicle, scale: float) -> tuple[float, float]:
         """Return the default step [y] and load [u]; `scale` is that of speeds."""
+
+    @abstractmethod
+    def default_duration(self, study: TuningSpec, vehicle: Vehicle, step: float) -> float:
+        """Return the default duration of the test [s], in which a step [y] can settle, and then a load."""
 
     # --- the loop on its bench ---
 
