@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-import pandas as pd
-
 from mirdrake.tuning.robustness import MonteCarlo
 from mirdrake.tuning.selection import Verification
 from mirdrake.tuning.spec import breaks_limit, printed
@@ -105,7 +103,7 @@ def accept(
     before, after = baseline.trial.cost, winner.trial.cost
     met = winner.name != baseline.name and printed(after) < printed(before)
     criteria = [Criterion("cheaper_than_baseline", finite(after), before, met)]
-    ratio = _median_ratio(monte_carlo, winner.name, baseline.name, cost) if monte_carlo is not None else None
+    ratio = monte_carlo.median_ratio(winner.name, baseline.name, cost) if monte_carlo is not None else None
     if ratio is not None:
         criteria.append(Criterion("cheaper_in_runs", ratio, 1.0, printed(ratio) < 1.0))
     for name, limit in constraints.items():
@@ -134,16 +132,3 @@ def accept(
         met = feasible and printed(after) <= printed(rule.trial.cost)
         criteria.append(Criterion("no_dearer_than_rule", finite(after), rule.trial.cost, met, rule=rule.name))
     return tuple(criteria)
-
-
-def _median_ratio(runs: MonteCarlo, winner: str, baseline: str, cost: Mapping[str, float]) -> float | None:
-    """Return the median cost of the winner over that of the baseline, in the runs in which both are stable."""
-    if winner == baseline or not {winner, baseline} <= set(runs.candidates) or not set(cost) <= set(runs.figures):
-        return None
-    costs = []
-    for name in (winner, baseline):
-        rows = runs.rows(name).set_index("run")
-        total = pd.DataFrame({figure: weight * rows[figure] for figure, weight in cost.items()}).sum(axis=1)
-        costs.append(total[rows["status"] == "ok"])
-    ratios = (costs[0] / costs[1]).dropna()
-    return float(ratios.median()) if len(ratios) else None

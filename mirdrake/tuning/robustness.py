@@ -176,6 +176,27 @@ class MonteCarlo:
             candidates[name] = CandidateRobustness(self.failures(name), figures)
         return Robustness(self.runs, self.seed, self.ranges, candidates, corners)
 
+    def median_ratio(self, candidate: str, other: str, cost: Mapping[str, float]) -> float | None:
+        """Return the median over the runs of the cost of a candidate over that of another one.
+
+        Args:
+            candidate: its name.
+            other: name of the other one.
+            cost: weights of figures.
+
+        Returns:
+            The median over the runs in which both are stable; None without one, or without the figures.
+        """
+        if candidate == other or not {candidate, other} <= set(self.candidates) or not set(cost) <= set(self.figures):
+            return None
+        costs = []
+        for name in (candidate, other):
+            rows = self.rows(name).set_index("run")
+            total = pd.DataFrame({figure: weight * rows[figure] for figure, weight in cost.items()}).sum(axis=1)
+            costs.append(total[rows["status"] == "ok"])
+        ratios = (costs[0] / costs[1]).dropna()
+        return float(ratios.median()) if len(ratios) else None
+
     def rows(self, candidate: str) -> pd.DataFrame:
         """Return the runs of a candidate.
 
@@ -276,7 +297,7 @@ def draw_conditions(ranges: Ranges, *, runs: int, seed: int) -> list[Conditions]
             raise ConfigError(f"robustness.{name}: no such condition; {did_you_mean(name, DRAWN)}")
         if not low < high:
             raise ConfigError(f"robustness.{name}: the range from {low:g} to {high:g} is empty")
-        if name in ("mass", "friction") and low <= 0.0:
+        if name in ("mass", "friction", "step") and low <= 0.0:
             raise ConfigError(f"robustness.{name}: {low:g} is not allowed; it must be above 0")
         if name in ("delay", "noise") and low < 0.0:
             raise ConfigError(f"robustness.{name}: {low:g} is not allowed; it must be 0 or more")

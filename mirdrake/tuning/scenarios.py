@@ -55,6 +55,8 @@ def drawn_ranges(spec: TuningSpec, loop: LoopSpec) -> Ranges:
         low, high = spec.delays if name == "delay" else getattr(given, name)
         if low < high:
             ranges[name] = (low, high)
+    if LOOP_KINDS[loop.kind].identifiable and given.step[0] < given.step[1]:
+        ranges["step"] = given.step
     if given.noise:
         ranges["noise"] = (0.0, given.noise)
     return ranges
@@ -90,5 +92,6 @@ def describe(conditions: Conditions) -> str:
     parts += [f"friction {conditions.friction:.2f}"] if conditions.friction is not None else []
     parts += [f"delay {1e3 * conditions.delay:.0f} ms"] if conditions.delay is not None else []
     parts += [f"grade {math.degrees(conditions.grade):.1f}°"] if conditions.grade else []
+    parts += [f"step × {conditions.step:.2f}"] if conditions.step != 1.0 else []
     parts += [f"noise {conditions.noise:.3g}"] if conditions.noise else []
     return ", ".join(parts) or "nominal"

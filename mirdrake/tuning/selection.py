@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from mirdrake.tuning.confirm import MarginCheck
 from mirdrake.tuning.designs import Design, rounded
 from mirdrake.tuning.loops.base import Conditions
+from mirdrake.tuning.spec import printed
 from mirdrake.tuning.stages import Candidate, Stages
 from mirdrake.tuning.trials import Rejection, Trial, Trials
 
@@ -248,6 +249,19 @@ def _candidate_of(stages: Stages, known: Knowledge, trial: Trial) -> tuple[Candi
     return candidate, replace(
         known, searched=(*known.searched, candidate), finer={**known.finer, candidate.name: finer}
     )
+
+
+def better_in_runs(stages: Stages, known: Knowledge, best: Candidate, rule: Candidate | None) -> Candidate:
+    """Return the rule if it is feasible, robust and costs less than the best candidate in the median run, else that.
+
+    The cheapest candidate of one test may be so only there; the runs have other steps, masses, delays and grades.
+    """
+    check = known.verified.get(rule.name) if rule is not None else None
+    if rule is None or check is None or not (rule.trial.feasible and check.is_robust):
+        return best
+    runs = stages.monte_carlo([best, rule])
+    ratio = None if runs is None else runs.median_ratio(best.name, rule.name, stages.spec.cost)
+    return rule if ratio is not None and printed(ratio) > 1.0 else best
 
 
 def beats_rule(stages: Stages, known: Knowledge, best: Candidate, rule: Candidate | None) -> tuple[bool, Knowledge]:

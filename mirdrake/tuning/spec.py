@@ -115,18 +115,20 @@ class RobustnessSpec(Schema):
     grade: tuple[Angle, Angle] = Field(
         (-math.radians(5.0), math.radians(5.0)), description="of the road, positive uphill [rad]"
     )
+    step: tuple[float, float] = Field((0.3, 1.5), description="factor on the step of the test [1]")
     noise: Number = Field(0.0, ge=0.0, description="largest standard deviation of the measurement [of the output]")
 
     @model_validator(mode="after")
     def _ranges(self) -> "RobustnessSpec":
-        for name in ("friction", "delay", "grade"):
+        for name in ("friction", "delay", "grade", "step"):
             if getattr(self, name) is None:
                 continue
             low, high = getattr(self, name)
             if not low <= high:
                 raise ValueError(f"{name}: the range from {low:g} to {high:g} is empty; write the lower end first")
-        if self.friction[0] <= 0.0:
-            raise ValueError(f"friction: {self.friction[0]:g} is not allowed; it must be above 0")
+        for name in ("friction", "step"):
+            if getattr(self, name)[0] <= 0.0:
+                raise ValueError(f"{name}: {getattr(self, name)[0]:g} is not allowed; it must be above 0")
         if self.delay is not None and (self.delay[0] < 0.0 or self.delay[1] > 0.5):
             raise ValueError("delay: must be from 0 to 0.5 s")
         if max(map(abs, self.grade)) > 0.5:

@@ -38,7 +38,15 @@ from mirdrake.tuning.result import FILE, CandidateResult, TuningResult, plain, r
 from mirdrake.tuning.robustness import CornerTest
 from mirdrake.tuning.scenarios import corners
 from mirdrake.tuning.search_range import Space
-from mirdrake.tuning.selection import Knowledge, RuleChoice, Verification, beats_rule, choose_best, choose_rule
+from mirdrake.tuning.selection import (
+    Knowledge,
+    RuleChoice,
+    Verification,
+    beats_rule,
+    better_in_runs,
+    choose_best,
+    choose_rule,
+)
 from mirdrake.tuning.space import inside, search_space, space_around
 from mirdrake.tuning.spec import TuningSpec, make_tuning
 from mirdrake.tuning.stages import Candidate, Progress, Stages, StoppedError, at_finer_step
@@ -291,6 +299,8 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
             loop = at_finer_step(stages.loop)
         near = space_around(space, around)
         starts = inside(near, _gains(around))
+    if best is not None:
+        best = better_in_runs(stages, known, best, choice.rule)
     return SearchOutcome(space, coarse, tuple(fine), best, known)
 
 

@@ -28,6 +28,7 @@ class Conditions:
         grade: of the road, positive uphill [rad].
         noise: standard deviation of the measurement, drawn anew in every period of the controller [y].
         seed: of the noise.
+        step: factor on the step of the set-point [1].
     """
 
     mass: float = 1.0
@@ -36,6 +37,7 @@ class Conditions:
     grade: float = 0.0
     noise: float = 0.0
     seed: int = 0
+    step: float = 1.0
 
     def numbers(self) -> dict[str, float]:
         """Return the conditions by name; nan for nominal ones."""

@@ -99,13 +99,15 @@ class LoopEvaluator:
     def _evaluate(self, gains: Mapping[str, float], conditions: Conditions, fidelity: Fidelity) -> Evaluation:
         if not all(np.isfinite(value) for value in gains.values()):
             return Evaluation("unstable", reason="a gain is not finite")
+        spec = self.spec
+        if conditions.step != 1.0:
+            spec = replace(spec, course=replace(spec.course, step=conditions.step * spec.course.step))
         if fidelity == "reduced":
-            return run_reduced(self.spec, gains, conditions)
-        if not gains and self.spec.test_control:
-            margins = find_loop_margins(self.spec, self.spec.present)
-            spec = self.spec.as_present() if self.spec.gains else self.spec
-            return bench_of(spec).run({}, conditions, margins=margins)
-        margins = find_loop_margins(self.spec, gains)
+            return run_reduced(spec, gains, conditions)
+        if not gains and spec.test_control:
+            margins = find_loop_margins(spec, spec.present)
+            return bench_of(spec.as_present() if spec.gains else spec).run({}, conditions, margins=margins)
+        margins = find_loop_margins(spec, gains)
         if any(breaks_limit(name, margins[name], limit) for name, limit in self.margins.items()):
-            return run_reduced(self.spec, gains, conditions)
-        return bench_of(self.spec).run(gains, conditions, margins=margins)
+            return run_reduced(spec, gains, conditions)
+        return bench_of(spec).run(gains, conditions, margins=margins)
