@@ -58,5 +58,5 @@ def test_a_study_is_tuned_printed_and_reported(tmp_path: Path, capsys: pytest.Ca
     assert main(["tune", study, "--workers", "0", "--out", str(out)]) in (0, 1)
     shown = capsys.readouterr().out
     assert "best" in shown
-    assert "IAE relative to the baseline" in shown
+    assert "cost below that of the present gains" in shown
     assert (out / "tuning.html").is_file()

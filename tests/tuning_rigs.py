@@ -29,6 +29,7 @@ def short_study(**changes: Any) -> dict[str, Any]:
     return {
         "vehicle": "bolt",
         "loop": "speed",
+        "baseline": "published",
         "test": {"duration": 4.0, "load_time": 3.5, "step": 1.0},
         "search": {"trials": 8, "confirm": 1},
         "constraints": {"overshoot_percent": 20, "ms": 1.8},

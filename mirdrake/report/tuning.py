@@ -49,7 +49,7 @@ def render_tuning(result: TuningResult) -> str:
     """Return the text of the page; see :func:`write_tuning_report`."""
     texts = Texts(result)
     shown = _shown(texts)
-    tables = Tables(texts, {one.name: one.role for one in shown})
+    tables = Tables(texts, {entry.name: entry.role for entry in shown})
     with drawing_style():
         charts = _Charts(texts, shown).draw()
     return render_page(
@@ -61,7 +61,7 @@ def render_tuning(result: TuningResult) -> str:
         acceptance=tables.acceptance(),
         notices=texts.notices(),
         charts=charts,
-        legend=[(one.role, one.name, f"var(--{one.colour})", one.dashed) for one in shown],
+        legend=[(entry.role, entry.name, f"var(--{entry.colour})", entry.dashed) for entry in shown],
         robustness=tables.robustness(),
         head=tables.head(),
         rows=tables.rows(),
@@ -84,7 +84,11 @@ def _shown(texts: Texts) -> list[Shown]:
         (texts.best_rule, "best rule", "own1", False),
         (texts.winner, "best" if texts.best else "nearest", "main", False),
     ]
-    shown = {one.name: Shown(one.name, role, colour, dashed) for one, role, colour, dashed in roles if one is not None}
+    shown = {
+        entry.name: Shown(entry.name, role, colour, dashed)
+        for entry, role, colour, dashed in roles
+        if entry is not None
+    }
     return list(shown.values())
 
 
@@ -104,16 +108,16 @@ class _Charts:
         by_name, units = self.texts.by_name, (self.texts.y, self.texts.u)
         if responses is not None and len(responses):
             # Stable candidates except for the baseline set the frame.
-            stable = [one.name for one in self.shown if by_name[one.name].status == "ok"]
+            stable = [entry.name for entry in self.shown if by_name[entry.name].status == "ok"]
             framing = [name for name in stable if name != self.result.baseline] or stable
             charts["responses"] = draw_responses(responses, self.shown, units, tuple(framing))
         if grid is not None and len(grid):
-            marks = [(one, by_name[one.name].gains) for one in self.shown]
+            marks = [(entry, by_name[entry.name].gains) for entry in self.shown]
             charts["map"] = draw_map(grid, marks, self.max_ms)
             charts["map_gains"] = map_gains(grid)
         charts |= self._trial_charts()
         if curves is not None and len(curves):
-            known = [one for one in self.shown if (curves["candidate"] == one.name).any()]
+            known = [entry for entry in self.shown if (curves["candidate"] == entry.name).any()]
             figures = by_name[known[-1].name].figures if known else {}
             charts["bode"] = draw_bode(curves, known)
             charts["nyquist"] = draw_nyquist(curves, known, float(self.max_ms or 1.6), figures)
@@ -161,10 +165,10 @@ class _Charts:
     def _marks(self, x: str, y: str) -> list[tuple[Shown, tuple[float, float]]]:
         """Return the shown candidates that have both figures."""
         marks = []
-        for one in self.shown:
-            figures = self.texts.by_name[one.name].figures
+        for entry in self.shown:
+            figures = self.texts.by_name[entry.name].figures
             if x in figures and y in figures:
-                marks.append((one, (figures[x], figures[y])))
+                marks.append((entry, (figures[x], figures[y])))
         return marks
 
     def _columns(self, trials: pd.DataFrame, first: str, second: str) -> list[str]:

@@ -50,8 +50,8 @@ def draw_responses(
     low = add_axes(figure, (0.0, 0.0, 1.0, 0.44))
     first = True
     ranges: dict[str, list[float]] = {"output": [], "effort": []}
-    for one in shown:
-        rows = table[table["candidate"] == one.name]
+    for entry in shown:
+        rows = table[table["candidate"] == entry.name]
         if rows.empty:
             continue
         t = rows["t"].to_numpy(dtype=float)
@@ -62,9 +62,9 @@ def draw_responses(
             first = False
         for axes, key in ((top, "output"), (low, "effort")):
             values = rows[key].to_numpy(dtype=float)
-            axes.plot(*thin(t, values, _POINTS), **one.style)
+            axes.plot(*thin(t, values, _POINTS), **entry.style)
             finite = values[np.isfinite(values)]
-            if one.name in limits and len(finite):
+            if entry.name in limits and len(finite):
                 ranges[key] += [float(finite.min()), float(finite.max())]
     for axes, key, unit in ((top, "output", units[0]), (low, "effort", units[1])):
         if ranges[key]:
@@ -117,15 +117,15 @@ def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, floa
         if log:
             make_log(axes, axis)
         getattr(axes, f"set_{axis}label")(name)
-    for one, gains in marks:
-        at = float(gains.get(x_name, math.nan)), float(gains.get(y_name, math.nan))
-        if edges[0][0] <= at[0] <= edges[0][-1] and edges[1][0] <= at[1] <= edges[1][-1]:
-            axes.plot(*at, marker="o", markersize=9.0, markerfacecolor=THEME["paper"], markeredgewidth=2.6,
-                      markeredgecolor=THEME[one.colour], linestyle="none")  # fmt: skip
+    for entry, gains in marks:
+        point = float(gains.get(x_name, math.nan)), float(gains.get(y_name, math.nan))
+        if edges[0][0] <= point[0] <= edges[0][-1] and edges[1][0] <= point[1] <= edges[1][-1]:
+            axes.plot(*point, marker="o", markersize=9.0, markerfacecolor=THEME["paper"], markeredgewidth=2.6,
+                      markeredgecolor=THEME[entry.colour], linestyle="none")  # fmt: skip
             axes.annotate(
-                one.role,
-                at,
-                xytext=(9, 6 if one.colour == "main" else -15),
+                entry.role,
+                point,
+                xytext=(9, 6 if entry.colour == "main" else -15),
                 textcoords="offset points",
                 color=THEME["ink"],
                 fontsize=12.0,
@@ -143,18 +143,18 @@ def draw_bode(table: pd.DataFrame, shown: Sequence[Shown]) -> Markup:
     """Draw magnitude and phase of the open loop, with dots at the crossovers."""
     figure = new_figure(HALF, 460.0)
     top, low = add_axes(figure, (0.0, 0.46, 1.0, 0.54)), add_axes(figure, (0.0, 0.0, 1.0, 0.54))
-    for one in shown:
-        w, value = curve_of(table, one.name)
+    for entry in shown:
+        w, value = curve_of(table, entry.name)
         if not len(w):
             continue
         size, phase = np.abs(value), np.degrees(np.unwrap(np.angle(value)))
         phase -= 360.0 * round((phase[0] + 90.0) / 360.0)  # the loop begins between -270° and +90°
-        top.plot(w, size, **one.style)
-        low.plot(w, phase, **one.style)
+        top.plot(w, size, **entry.style)
+        low.plot(w, phase, **entry.style)
         crossing = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
         for k in crossing[-1:]:
             for axes, values in ((top, size), (low, phase)):
-                axes.plot(w[k], values[k], marker="o", markersize=6.0, color=THEME[one.colour], linestyle="none")
+                axes.plot(w[k], values[k], marker="o", markersize=6.0, color=THEME[entry.colour], linestyle="none")
     make_log(top, "x")
     make_log(low, "x")
     make_log(top, "y")
@@ -190,9 +190,9 @@ def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, mar
     axes.plot(radius * np.cos(turn) - 1.0, radius * np.sin(turn), color=THEME["alarm"], linewidth=1.3)
     axes.text(-1.0, radius + 0.05, f"Ms = {max_ms:g}", color=THEME["alarm"], ha="center", fontsize=12.0)
     axes.plot(-1.0, 0.0, marker="+", markersize=11.0, markeredgewidth=2.0, color=THEME["alarm"])
-    for one in shown:
-        _, value = curve_of(table, one.name)
-        axes.plot(value.real, value.imag, **one.style)
+    for entry in shown:
+        _, value = curve_of(table, entry.name)
+        axes.plot(value.real, value.imag, **entry.style)
     last = shown[-1] if shown else None
     if last is not None:
         gain, phase = margins.get("gain_margin"), margins.get("phase_margin_deg")
@@ -220,8 +220,8 @@ def draw_distribution(table: pd.DataFrame, figure_name: str, title: str, shown: 
     figure = new_figure(WIDE, 300.0)
     axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))
     tops = []
-    for one in shown:
-        rows = table[table["candidate"] == one.name]
+    for entry in shown:
+        rows = table[table["candidate"] == entry.name]
         if rows.empty:
             continue
         good = rows.loc[rows["status"] == "ok", figure_name].to_numpy(dtype=float)
@@ -229,7 +229,7 @@ def draw_distribution(table: pd.DataFrame, figure_name: str, title: str, shown: 
         if len(good):
             share = 100.0 * np.arange(1, len(good) + 1) / len(rows)
             axes.plot(
-                np.concatenate(([good[0]], good)), np.concatenate(([0.0], share)), drawstyle="steps-post", **one.style
+                np.concatenate(([good[0]], good)), np.concatenate(([0.0], share)), drawstyle="steps-post", **entry.style
             )
             tops.append(float(good[-1]))
     axes.set_ylim(0.0, 103.0)

@@ -153,8 +153,10 @@ class Tables:
             rate = candidate.failures
             quantiles = [candidate.figures.get(figure) for figure in chosen]
             cells = [
-                ("–", "–", "–") if one is None else (_number(one.median), _number(one.p95), _number(one.worst))
-                for one in quantiles
+                ("–", "–", "–")
+                if quantile is None
+                else (_number(quantile.median), _number(quantile.p95), _number(quantile.worst))
+                for quantile in quantiles
             ]
             interval = f"{100.0 * rate.low:.1f} to {100.0 * rate.high:.1f} %"
             failed = f"{rate.failures} of {robustness.runs}"

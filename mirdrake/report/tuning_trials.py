@@ -42,11 +42,11 @@ def draw_front(
         knee = front[find_knee(front)]
         axes.plot(*knee, marker="D", markersize=9.0, color=THEME["own3"], linestyle="none", zorder=4)
         axes.annotate("knee", knee, xytext=(9, 7), textcoords="offset points", color=THEME["own3"], fontsize=12.0)
-        _trim(axes, values, front, [at for _, at in marks])
-    for one, at in marks:
-        if all(map(math.isfinite, at)):
-            axes.plot(*at, marker="o", markersize=9.0, markerfacecolor="none", markeredgewidth=2.6,
-                      markeredgecolor=THEME[one.colour], linestyle="none", zorder=5)  # fmt: skip
+        _trim(axes, values, front, [point for _, point in marks])
+    for entry, point in marks:
+        if all(map(math.isfinite, point)):
+            axes.plot(*point, marker="o", markersize=9.0, markerfacecolor="none", markeredgewidth=2.6,
+                      markeredgecolor=THEME[entry.colour], linestyle="none", zorder=5)  # fmt: skip
     label(axes, x[1], y[1])
     return embed(figure, "front", f"{y[1]} against {x[1]}")
 
@@ -67,7 +67,7 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
     if len(rows) > 300:
         rows = pd.concat([rows.iloc[:: max(1, len(rows) // 200)], rows.tail(100)]).drop_duplicates()
     scaled = []
-    for place, ((name, title), log) in enumerate(zip(columns, logs, strict=True)):
+    for column, ((name, title), log) in enumerate(zip(columns, logs, strict=True)):
         values = rows[name].to_numpy(dtype=float)
         log = log and bool((values > 0.0).all())
         inside = np.log10(values) if log else values
@@ -76,13 +76,13 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
         scaled.append(np.clip((inside - low) / ((high - low) or 1.0), 0.0, 1.0))
         ends = (10.0**low, 10.0**high) if log else (low, high)
         more = "≥ " if not log and float(inside.max()) > high else ""
-        axes.plot([place, place], [0.0, 1.0], color=THEME["muted"], linewidth=1.0)
+        axes.plot([column, column], [0.0, 1.0], color=THEME["muted"], linewidth=1.0)
         for height, text, where in (
             (-0.03, format_quantity(ends[0]), "top"),
             (1.03, more + format_quantity(ends[1]), "bottom"),
         ):
-            axes.text(place, height, text, ha="center", va=where, color=THEME["muted"], fontsize=11.0)
-        axes.text(place, -0.14, title, ha="center", va="top", fontsize=12.0)
+            axes.text(column, height, text, ha="center", va=where, color=THEME["muted"], fontsize=11.0)
+        axes.text(column, -0.14, title, ha="center", va="top", fontsize=12.0)
     lines = np.array(scaled).T
     feasible = rows["feasible"].to_numpy(dtype=bool)
     good = rows["cost"].to_numpy(dtype=float)[feasible]
@@ -103,11 +103,17 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
 
 def _trim(axes: Axes, values: Array, front: Array, marks: Sequence[tuple[float, float]]) -> None:
     """Set the limits of the axes to the front, the better trials, and marks that are close to them."""
-    for place, name in ((0, "x"), (1, "y")):
-        low = float(values[:, place].min())
-        high = max(float(np.quantile(values[:, place], 0.8)), float(front[:, place].max()) if len(front) < 50 else low)
-        high = min(high, low + 6.0 * (float(np.median(values[:, place])) - low) or high)
-        near = [at[place] for at in marks if math.isfinite(at[place]) and at[place] < low + 4.0 * (high - low)]
+    for column, name in ((0, "x"), (1, "y")):
+        low = float(values[:, column].min())
+        high = max(
+            float(np.quantile(values[:, column], 0.8)), float(front[:, column].max()) if len(front) < 50 else low
+        )
+        high = min(high, low + 6.0 * (float(np.median(values[:, column])) - low) or high)
+        near = [
+            point[column]
+            for point in marks
+            if math.isfinite(point[column]) and point[column] < low + 4.0 * (high - low)
+        ]
         low, high = min([low, *near]), max([high, *near])
         room = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
         getattr(axes, f"set_{name}lim")(low - room, high + room)

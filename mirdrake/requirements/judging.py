@@ -78,13 +78,13 @@ class Requirement:
             ConfigError: the run has no such signal or goal, or the unit is another.
             RunError: a signal is not a number, or the run ended before it counts.
         """
-        place = f"{self.where}: '{self.text}': " if self.where else f"'{self.text}': "
+        prefix = f"{self.where}: '{self.text}': " if self.where else f"'{self.text}': "
         for one in self.atoms:
-            one.check(seen, place)
+            one.check(seen, prefix)
         counts = (seen.times >= self.after - 1e-9) & (seen.times <= self.after + self.within + 1e-9)
         if not counts.any():
             end = seen.times[-1] if seen.times.size else 0.0
-            raise RunError(f"{place}the run ended at {end:g} s, before this counts; make the test longer")
+            raise RunError(f"{prefix}the run ended at {end:g} s, before this counts; make the test longer")
         rows = np.flatnonzero(counts)
         main = _Cut(self.expression, seen, rows)
         truth, margin = main.truth, main.margin

@@ -164,9 +164,9 @@ def observe(
         "rollover": _event(_tilt(signals) - TIPPED, "rad")._replace(scale=TIPPED),
     }
     for name, aim in world.goals.items():
-        found = _at_goal(world, aim, signals, run.spec, vehicle_name)
-        if found is not None:
-            events[f"at {name}"] = found
+        reached = _at_goal(world, aim, signals, run.spec, vehicle_name)
+        if reached is not None:
+            events[f"at {name}"] = reached
     if goal is None and "at goal" in events:
         goal = "goal"
     return Observation(times, signals, units, events, goal, corners)
@@ -293,9 +293,9 @@ def _at_goal(world: World, goal: Any, signals: Mapping[str, Array], spec: Mappin
         s = track.project(x, y)[0]
     else:
         return None
-    way, ahead = s - s[0], gate - s[0]
+    driven, ahead = s - s[0], gate - s[0]
     if track.closed:
-        way = way - track.length * np.cumsum(np.round(np.diff(s, prepend=s[0]) / track.length))
+        driven = driven - track.length * np.cumsum(np.round(np.diff(s, prepend=s[0]) / track.length))
         ahead = ahead % track.length
         ahead = track.length if min(ahead, track.length - ahead) < 1e-6 else ahead  # a gate at the start: a whole lap
-    return _event(way - ahead, "m")
+    return _event(driven - ahead, "m")

@@ -83,14 +83,14 @@ class _Parser:
         return Requirement(text, kind, expression, aim, after, within, tuple(self._atoms), self._where)
 
     def _tokenise(self, text: str) -> Iterator[tuple[str, str]]:
-        at = 0
-        while at < len(text):
-            match = _TOKEN.match(text, at)
+        offset = 0
+        while offset < len(text):
+            match = _TOKEN.match(text, offset)
             if match is None:
-                self._fail(f"'{text[at : at + 10]}' is not understood")
+                self._fail(f"'{text[offset : offset + 10]}' is not understood")
             kind = str(match.lastgroup)
             yield kind, {"≤": "<=", "≥": ">="}.get(match[kind], match[kind])
-            at = match.end()
+            offset = match.end()
 
     def _either(self) -> Expression:
         return self._join("or", self._both)
@@ -205,20 +205,20 @@ class _Parser:
         return atom
 
     def _peek(self, ahead: int = 0) -> str:
-        at = self._at + ahead
-        return self._tokens[at][1] if at < len(self._tokens) else ""
+        offset = self._at + ahead
+        return self._tokens[offset][1] if offset < len(self._tokens) else ""
 
     def _accept(self, word: str) -> bool:
-        found = self._peek() == word
-        self._at += found
-        return found
+        matches = self._peek() == word
+        self._at += matches
+        return matches
 
     def _expect(self, word: str) -> None:
         if not self._accept(word):
             self._fail(f"'{word}' is expected" + (f", not '{self._peek()}'" if self._peek() else " at the end"))
 
     def _fail(self, what: str) -> NoReturn:
-        place = f"{self._where}: " if self._where else ""
+        prefix = f"{self._where}: " if self._where else ""
         text = self._text if len(self._text) <= 80 else f"{self._text[:79]}…"
         line = f"'{text}' is not a requirement: {what}; {_ALLOWED}"
-        raise ConfigError(place + "".join(c if c.isprintable() else " " for c in line))
+        raise ConfigError(prefix + "".join(c if c.isprintable() else " " for c in line))

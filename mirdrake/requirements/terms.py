@@ -64,7 +64,7 @@ class Comparison:
         usual = USUAL.get(seen.units.get(self.signal, ""), 1.0)
         return abs(self.value) if self.value and self.signal not in COUNTS else usual
 
-    def check(self, seen: Observation, place: str) -> None:
+    def check(self, seen: Observation, prefix: str) -> None:
         """Check that the run has the signal.
 
         Raises:
@@ -73,14 +73,14 @@ class Comparison:
         """
         if self.signal not in seen.signals:
             raise ConfigError(
-                f"{place}the run has no signal '{self.signal}'; {did_you_mean(self.signal, seen.signals)}"
+                f"{prefix}the run has no signal '{self.signal}'; {did_you_mean(self.signal, seen.signals)}"
             )
         have = seen.units.get(self.signal, "")
         if self.unit is not None and self.unit != have:
-            raise ConfigError(f"{place}'{self.signal}' is in {have or 'pure numbers'}, not in {self.unit}")
+            raise ConfigError(f"{prefix}'{self.signal}' is in {have or 'pure numbers'}, not in {self.unit}")
         bad = np.isnan(seen.signals[self.signal])
         if bad.any():
-            raise RunError(f"{place}'{self.signal}' is not a number at t = {seen.times[int(np.argmax(bad))]:g} s")
+            raise RunError(f"{prefix}'{self.signal}' is not a number at t = {seen.times[int(np.argmax(bad))]:g} s")
 
 
 @dataclass(frozen=True)
@@ -107,19 +107,19 @@ class Happening:
         """Return the usual size of the margin."""
         return seen.events[self._name(seen)].scale
 
-    def check(self, seen: Observation, place: str) -> None:
+    def check(self, seen: Observation, prefix: str) -> None:
         """Check that the run has the event, and that its margins are numbers."""
         name = self._name(seen)
         if name not in seen.events:
             if name == "at goal":
-                raise ConfigError(f"{place}the test has no goal; add goal: NAME to it")
+                raise ConfigError(f"{prefix}the test has no goal; add goal: NAME to it")
             known = [event.removeprefix("at ") for event in seen.events if event.startswith("at ")]
             given = name.removeprefix("at ")
             hint = did_you_mean(given, known) if known else "the world has none; add it under goals"
-            raise ConfigError(f"{place}the world has no goal '{given}' that this run can reach; {hint}")
+            raise ConfigError(f"{prefix}the world has no goal '{given}' that this run can reach; {hint}")
         bad = np.isnan(seen.events[name].margin)
         if bad.any():
-            raise RunError(f"{place}'{name}' cannot be judged at t = {seen.times[int(np.argmax(bad))]:g} s")
+            raise RunError(f"{prefix}'{name}' cannot be judged at t = {seen.times[int(np.argmax(bad))]:g} s")
 
 
 @dataclass(frozen=True)

@@ -200,7 +200,7 @@ def _listed(method: str, space: Space, count: int, seed: int) -> list[Point]:
             )
     else:
         unit = draw(method, max(count, 0), len(names), seed)
-        rows = list(zip(*(spread(entry, unit[:, at]) for at, entry in enumerate(space.values())), strict=True))
+        rows = list(zip(*(spread(entry, unit[:, column]) for column, entry in enumerate(space.values())), strict=True))
     return [dict(zip(names, map(float, row), strict=True)) for row in rows]
 
 

@@ -65,8 +65,8 @@ class Plan:
     def units(self) -> dict[str, str | None]:
         """Unit of each parameter; empty if it is that of the diagram file, None if values are not numbers."""
         units: dict[str, str | None] = {}
-        for at, name in enumerate(self.spec.parameters):
-            texts = any(isinstance(row[at], str) for row in self.rows)
+        for column, name in enumerate(self.spec.parameters):
+            texts = any(isinstance(row[column], str) for row in self.rows)
             units[name] = None if texts else self.parameters[name].unit if name in self.parameters else ""
         return units
 
@@ -103,15 +103,15 @@ def make_plan(spec: StudySpec) -> Plan:
     known = find_context_parameters(vehicles, world)
     parameters = {name: known[name] for name in spec.parameters if _is_context_parameter(spec, name, known)}
     for name, entry in spec.parameters.items():
-        place = where(spec, "parameters", name)
+        location = where(spec, "parameters", name)
         if name in parameters:
-            _check_values(place, parameters[name], entry.ends())
+            _check_values(location, parameters[name], entry.ends())
             continue
         for value in entry.ends()[:_CHECKED]:
             try:
                 make_spec(put(data, name, value))
             except ConfigError as error:
-                raise ConfigError(f"{place}: {str(error).splitlines()[0].removeprefix('diagram: ')}") from None
+                raise ConfigError(f"{location}: {str(error).splitlines()[0].removeprefix('diagram: ')}") from None
     _check_metrics(spec, list(vehicles))
     content = {name: [vehicle.urdf, *_specs(vehicle)] for name, vehicle in vehicles.items()}
     digest = digest_data({"vehicles": content, "world": world.spec.model_dump(mode="json")})
@@ -137,12 +137,12 @@ def put(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
 
 
 def _read_diagram(spec: StudySpec) -> DiagramSpec:
-    place = where(spec, "diagram")
+    location = where(spec, "diagram")
     if isinstance(spec.diagram, str):
         try:
             diagram = load_diagram(spec.diagram)
         except ConfigError as error:
-            raise ConfigError(f"{place}: {error}") from None
+            raise ConfigError(f"{location}: {error}") from None
     else:
         source = spec._source or Source("study", {})
         diagram = validate(dict(spec.diagram), DiagramSpec, source._replace(prefix=(*source.prefix, "diagram")))
@@ -166,9 +166,9 @@ def _assemble(diagram: DiagramSpec) -> Assembly:
     ports = [assembly.diagram.get_input_port(index) for index in range(assembly.diagram.num_input_ports())]
     names = [port.get_name() for port in ports if not port.HasValue(context)]
     if names:
-        place, name = where(diagram, "control"), names[0].split(".")[0]
+        location, name = where(diagram, "control"), names[0].split(".")[0]
         raise ConfigError(
-            f"{place}: '{name}' has no driver (open inputs: {', '.join(names)}); "
+            f"{location}: '{name}' has no driver (open inputs: {', '.join(names)}); "
             f"add control.{name}, or connect your own blocks to them"
         )
     return assembly
@@ -179,22 +179,22 @@ def _is_context_parameter(spec: StudySpec, name: str, known: Mapping[str, Contex
     if name in known:
         return True
     head = name.partition(".")[0]
-    place = where(spec, "parameters", name)
+    location = where(spec, "parameters", name)
     if name in _RESERVED:
-        raise ConfigError(f"{place}: is a column of the results and cannot be a parameter")
+        raise ConfigError(f"{location}: is a column of the results and cannot be a parameter")
     if head in DiagramSpec.model_fields:
         if head in {"folder", "name", "provenance", "record", "duration"}:
-            raise ConfigError(f"{place}: cannot differ between runs")
+            raise ConfigError(f"{location}: cannot differ between runs")
         return False
-    raise ConfigError(f"{place}: neither a context parameter nor a path of the diagram; {did_you_mean(name, known)}")
+    raise ConfigError(f"{location}: neither a context parameter nor a path of the diagram; {did_you_mean(name, known)}")
 
 
-def _check_values(place: str, parameter: ContextParameter, values: list[Any]) -> None:
+def _check_values(location: str, parameter: ContextParameter, values: list[Any]) -> None:
     for value in values:
         if isinstance(value, str | bool):
-            raise ConfigError(f"{place}: {value!r} is not a number")
+            raise ConfigError(f"{location}: {value!r} is not a number")
         if parameter.positive and value <= 0.0:
-            raise ConfigError(f"{place}: {value:g} is not allowed; it must be above 0")
+            raise ConfigError(f"{location}: {value:g} is not allowed; it must be above 0")
 
 
 def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
@@ -202,20 +202,20 @@ def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
     for vehicle in vehicles:
         figures += [f"{vehicle}.{name}" for name in VEHICLE_FIGURES]
     seen: set[str] = _RESERVED | set(spec.parameters)
-    for at, name in enumerate(spec.metrics):
-        place = where(spec, "metrics", at)
+    for column, name in enumerate(spec.metrics):
+        location = where(spec, "metrics", column)
         if name in seen:
-            raise ConfigError(f"{place}: '{name}' is already a column")
+            raise ConfigError(f"{location}: '{name}' is already a column")
         seen = seen | {name}
         function, _ = function_of(name)
         if function:
             try:
                 load_user_function(function, folder=spec.folder)
             except ConfigError as error:
-                raise ConfigError(f"{place}: {error}") from None
+                raise ConfigError(f"{location}: {error}") from None
         elif name not in figures:
             raise ConfigError(
-                f"{place}: neither a figure of the summary nor a function module:name; {did_you_mean(name, figures)}"
+                f"{location}: neither a figure of the summary nor a function module:name; {did_you_mean(name, figures)}"
             )
 
 

@@ -25,7 +25,7 @@ def sample(spec: StudySpec) -> list[tuple[Any, ...]]:
     sampling, parameters = spec.sampling, spec.parameters
     if isinstance(sampling, DrawnSampling):
         unit = draw(sampling.kind, sampling.runs, len(parameters), spec.seed)
-        columns = [spread(entry, unit[:, at]) for at, entry in enumerate(parameters.values())]
+        columns = [spread(entry, unit[:, column]) for column, entry in enumerate(parameters.values())]
         return list(zip(*columns, strict=True))
     for name, entry in parameters.items():
         if entry.values is None and entry.count is None:

@@ -178,7 +178,7 @@ def collect_cases(
         ConfigError: a file, a test or a requirement has faults, one per line; or a name of `only` is unknown.
     """
     faults: list[str] = []
-    found: list[tuple[str, Case]] = []
+    collected: list[tuple[str, Case]] = []
     for name in files:
         try:
             path = find("worlds", str(name))
@@ -188,15 +188,15 @@ def collect_cases(
             continue
         if not world.spec.tests:
             faults.append(f"{where(world.spec, 'tests')}: there is nothing to test; add tests to the file")
-        told = [fault for test in world.spec.tests for fault in _faults(world, test, values or {}, path)]
-        faults += told
-        if not told:
-            found += [
+        test_faults = [fault for test in world.spec.tests for fault in _faults(world, test, values or {}, path)]
+        faults += test_faults
+        if not test_faults:
+            collected += [
                 (world.name, case) for test in world.spec.tests for case in _cases(world, test, path, values or {})
             ]
     if faults:
         raise ConfigError("\n".join(dict.fromkeys(faults)))
-    cases = _distinct(found)
+    cases = _distinct(collected)
     known = {name for case in cases for name in (case.name, case.name.split("#")[0])}
     for name in only:
         if name not in known:
@@ -320,13 +320,13 @@ def _world_entry(path: str, values: Values) -> str | dict[str, Any]:
     return {"name": path, "params": parameters} | ({"seed": _seed(values, 0)} if "seed" in values else {})
 
 
-def _distinct(found: Sequence[tuple[str, Case]]) -> list[Case]:
+def _distinct(collected: Sequence[tuple[str, Case]]) -> list[Case]:
     """Make the names of cases unique: the world's name precedes tests that have the same name in two files."""
     worlds: dict[str, set[str]] = {}
-    for _, case in found:
+    for _, case in collected:
         worlds.setdefault(case.test, set()).add(case.world)
     shared = {test for test, files in worlds.items() if len(files) > 1}
-    cases = [replace(case, name=f"{world}.{case.name}") if case.test in shared else case for world, case in found]
+    cases = [replace(case, name=f"{world}.{case.name}") if case.test in shared else case for world, case in collected]
     taken: set[str] = set()
     for case in cases:
         if case.name in taken:

@@ -85,22 +85,22 @@ def run_suite(
     Raises:
         RunError: the folder cannot be written, or worker processes cannot start.
     """
-    place = Path(folder) if folder is not None else None
-    if place is not None:
-        with write_errors(place):
-            place.mkdir(parents=True, exist_ok=True)
-            used = any(place.iterdir())
+    target = Path(folder) if folder is not None else None
+    if target is not None:
+        with write_errors(target):
+            target.mkdir(parents=True, exist_ok=True)
+            used = any(target.iterdir())
         if used and not resume:
-            raise RunError(f"{place}: is not empty; choose another folder with --out, or continue with --resume")
-        write_file(place / CASES_FILE, json.dumps({"cases": [case.data() for case in cases]}, indent=1) + "\n")
+            raise RunError(f"{target}: is not empty; choose another folder with --out, or continue with --resume")
+        write_file(target / CASES_FILE, json.dumps({"cases": [case.data() for case in cases]}, indent=1) + "\n")
 
     # Results of cases that have changed since are removed from the journal.
-    journal = Journal(place / RESULTS_FILE if place is not None else None, key="digest")
+    journal = Journal(target / RESULTS_FILE if target is not None else None, key="digest")
     digests = [case.digest() for case in cases]
     journal.keep([digest for digest in digests if digest in journal])
     missing = [case for case, digest in zip(cases, digests, strict=True) if digest not in journal]
     with (
-        open_case_workers(workers, cases=len(missing), folder=place, timeout=timeout, keep_all=keep_all) as run_cases,
+        open_case_workers(workers, cases=len(missing), folder=target, timeout=timeout, keep_all=keep_all) as run_cases,
         suppress(KeyboardInterrupt),  # the finished cases are kept
     ):
         for _, result in run_cases(missing):
@@ -111,7 +111,7 @@ def run_suite(
 
     # Results are written in the order of the cases, whichever finished first.
     journal.keep([digest for digest in digests if digest in journal])
-    return Suite(tuple(cases), _results(cases, journal.records, place), place)
+    return Suite(tuple(cases), _results(cases, journal.records, target), target)
 
 
 def load_suite(folder: Path | str) -> Suite:
@@ -130,7 +130,7 @@ def load_suite(folder: Path | str) -> Suite:
 
 
 def _case(data: dict[str, Any]) -> Case:
-    return Case(**(data | {"expect": tuple((text, place) for text, place in data["expect"])}))
+    return Case(**(data | {"expect": tuple((text, target) for text, target in data["expect"])}))
 
 
 def _results(cases: Sequence[Case], records: Mapping[str, Record], folder: Path | None) -> tuple[Result, ...]:

@@ -161,11 +161,11 @@ class _Seeker:
 
     def values(self, point: Array) -> dict[str, float]:
         """Return the values of the parameters at a point."""
-        found: dict[str, float] = {}
+        point_values: dict[str, float] = {}
         for share, (name, (low, high)) in zip(point, self._over.items(), strict=True):
             value = low + float(share) * (high - low)
-            found[name] = round(value) if name == "seed" else float(f"{value:.{DIGITS}g}")
-        return found
+            point_values[name] = round(value) if name == "seed" else float(f"{value:.{DIGITS}g}")
+        return point_values
 
     def objective(self, point: Array) -> float:
         """Return the smallest share at a point that was run; a large number if there is none."""
@@ -178,14 +178,14 @@ class _Seeker:
         Raises:
             _Spent: the budget is used up.
         """
-        new = {tuple(found.values()): found for found in map(self.values, points)}
-        new = {key: found for key, found in new.items() if key not in self.tried}
+        new = {tuple(point_values.values()): point_values for point_values in map(self.values, points)}
+        new = {key: point_values for key, point_values in new.items() if key not in self.tried}
         if len(self.tried) + len(new) > self._budget:
             raise _Spent
         number = len(self.tried)
         cases = [
-            vary(self._case, found, name=f"{self._case.test}@{number + at}")
-            for at, found in enumerate(new.values(), start=1)
+            vary(self._case, point_values, name=f"{self._case.test}@{number + offset}")
+            for offset, point_values in enumerate(new.values(), start=1)
         ]
         trials: dict[int, Trial] = {}
         try:

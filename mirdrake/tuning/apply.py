@@ -82,7 +82,7 @@ def provenance(result: TuningResult, candidate: CandidateResult, today: date) ->
     if result.spec_sha256:
         parts.append(f"sha256 {result.spec_sha256[:16]}")
     if candidate.cost is not None:
-        before = next((one.cost for one in result.candidates if one.name == result.baseline), None)
+        before = next((entry.cost for entry in result.candidates if entry.name == result.baseline), None)
         compared = before is not None and result.baseline != candidate.name
         parts.append(f"cost {candidate.cost:.4g}" + (f" (baseline {before:.4g})" if compared else ""))
     return "".join(letter if letter.isprintable() else " " for letter in ", ".join(parts))

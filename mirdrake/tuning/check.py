@@ -61,8 +61,8 @@ def _check_gains(spec: TuningSpec, loop: LoopSpec) -> None:
     if not kind.identifiable:
         for gain in loop.gains:
             if gain not in spec.search.ranges and gain not in kind.ranges:
-                place = where(spec, "search", "ranges")
-                raise ConfigError(f"{place}: no rule gives a value of {gain}; write a range for it")
+                location = where(spec, "search", "ranges")
+                raise ConfigError(f"{location}: no rule gives a value of {gain}; write a range for it")
 
 
 def _check_cost(spec: TuningSpec) -> None:
@@ -72,8 +72,8 @@ def _check_cost(spec: TuningSpec) -> None:
         if not (math.isfinite(weight) and weight >= 0.0):
             raise ConfigError(f"{where(spec, 'cost', name)}: {weight:g} is not allowed; a weight is 0 or more")
         if name in AT_LEAST:
-            place = where(spec, "cost", name)
-            raise ConfigError(f"{place}: a larger value is better; make it a constraint, or use ms or mt")
+            location = where(spec, "cost", name)
+            raise ConfigError(f"{location}: a larger value is better; make it a constraint, or use ms or mt")
     if not any(spec.cost.values()):
         raise ConfigError(f"{where(spec, 'cost')}: no figure has a weight; give one, for example {{iae: 1}}")
 

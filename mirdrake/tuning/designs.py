@@ -241,48 +241,55 @@ DESIGN_RULES: dict[str, DesignRule] = {
 
 
 def make_designs(
-    found: Identification, *, max_sensitivity: float
+    identification: Identification, *, max_sensitivity: float
 ) -> tuple[tuple[Design, ...], tuple[OmittedDesign, ...]]:
     """Return the designs of all rules that fit a loop, and those that have no solution.
 
     The filter of the derivative is that of the loop, whatever a rule would use.
 
     Args:
-        found: result of the experiments.
+        identification: result of the experiments.
         max_sensitivity: bound on Ms for loop shaping [1].
     """
-    model = design_model(found, max_sensitivity)
-    ways = ((rule, solution) for rule in DESIGN_RULES.values() for solution in rule.solutions(model))
-    return _solve(ways, tuple(found.loop.gains))
+    model = design_model(identification, max_sensitivity)
+    named_solutions = ((rule, solution) for rule in DESIGN_RULES.values() for solution in rule.solutions(model))
+    return _solve(named_solutions, tuple(identification.loop.gains))
 
 
-def slower_designs(found: Identification) -> tuple[Design, ...]:
+def slower_designs(identification: Identification) -> tuple[Design, ...]:
     """Return designs of Skogestad's rule with increasing closed-loop times, for a loop for which no rule is robust."""
-    model = design_model(found, 1.4)
+    model = design_model(identification, 1.4)
     if model.inertial is not None:
         rule, solutions = "simc_inertia", _simc_inertia_pd(model, SLOW)
     elif model.lagged is not None:
         rule, solutions = "simc_lag", _simc_lag_pd(model, SLOW)
     else:
         rule, solutions = "simc", _simc(model, SLOW)
-    return _solve(((DESIGN_RULES[rule], solution) for solution in solutions), tuple(found.loop.gains))[0]
+    return _solve(((DESIGN_RULES[rule], solution) for solution in solutions), tuple(identification.loop.gains))[0]
 
 
-def design_model(found: Identification, max_sensitivity: float) -> DesignModel:
+def design_model(identification: Identification, max_sensitivity: float) -> DesignModel:
     """Return an identified loop as rules need it."""
-    model, period = model_of(found.loop)
+    model, period = model_of(identification.loop)
     outer = 1.0 if model.outer is None else 1.0 + model.outer.kp  # the speed loop adds to the gain of the loop
-    hold, first = 0.5 * period, found.first and replace(found.first, gain=outer * found.first.gain)
+    hold, first = (
+        0.5 * period,
+        identification.first and replace(identification.first, gain=outer * identification.first.gain),
+    )
     main = model.plants["main"] * TransferFunction((outer,), (1.0,))
-    relay = found.relay and replace(found.relay, ultimate_gain=found.relay.ultimate_gain / outer)
+    relay = identification.relay and replace(
+        identification.relay, ultimate_gain=identification.relay.ultimate_gain / outer
+    )
     lagged = None
-    if found.lag and isinstance(first, Integrator):
-        lagged = (first.gain, first.delay - 0.5 * found.lag + hold, found.lag)
+    if identification.lag and isinstance(first, Integrator):
+        lagged = (first.gain, first.delay - 0.5 * identification.lag + hold, identification.lag)
     return DesignModel(
         main=replace(main, delay=main.delay + hold),
         first=None if first is None else replace(first, delay=first.delay + hold),
         lagged=lagged,
-        inertial=None if found.inertial is None else (found.inertial[0], found.inertial[1] + hold),
+        inertial=None
+        if identification.inertial is None
+        else (identification.inertial[0], identification.inertial[1] + hold),
         relay=relay,
         max_sensitivity=max_sensitivity,
     )
@@ -294,12 +301,12 @@ def rounded(gains: dict[str, float]) -> dict[str, float]:
 
 
 def _solve(
-    ways: Iterable[tuple[DesignRule, Solution]], names: Sequence[str]
+    named_solutions: Iterable[tuple[DesignRule, Solution]], names: Sequence[str]
 ) -> tuple[tuple[Design, ...], tuple[OmittedDesign, ...]]:
     """Return designs with gains of these names, each set of gains once, and those that have no solution."""
     designs: list[Design] = []
     omitted: list[OmittedDesign] = []
-    for rule, (name, parameter, solve) in ways:
+    for rule, (name, parameter, solve) in named_solutions:
         try:
             pid = solve()
         except MirdrakeError as error:

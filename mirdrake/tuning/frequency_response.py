@@ -65,9 +65,11 @@ class FrequencyResponse:
                 f"frequencies from {wanted.min():.4g} to {wanted.max():.4g} rad/s are outside of the measured range, "
                 f"{low:.4g} to {high:.4g} rad/s"
             )
-        place = np.log(np.clip(wanted, low, high))
-        size = scipy.interpolate.PchipInterpolator(np.log(self.frequencies), np.log(np.abs(self.values)))(place)
-        phase = scipy.interpolate.PchipInterpolator(np.log(self.frequencies), np.unwrap(np.angle(self.values)))(place)
+        log_frequency = np.log(np.clip(wanted, low, high))
+        size = scipy.interpolate.PchipInterpolator(np.log(self.frequencies), np.log(np.abs(self.values)))(log_frequency)
+        phase = scipy.interpolate.PchipInterpolator(np.log(self.frequencies), np.unwrap(np.angle(self.values)))(
+            log_frequency
+        )
         return np.asarray(np.exp(size + 1j * phase), dtype=complex)
 
 
@@ -119,10 +121,10 @@ def measure_frequency_response(
         lines = lines[2 * lines < samples]
         return _joined([_measure(loop, period, samples, lines, amplitude, cycles, settle)])
     counts = np.unique(np.maximum(np.round(2.0 * np.pi / (wanted * period)), 3).astype(int))[::-1]
-    one = np.array([1])
+    single_line = np.array([1])
     settles = [math.ceil(settle * counts[0] / n) for n in counts]
     parts = zip(counts.tolist(), settles, strict=True)
-    return _joined([_measure(loop, period, n, one, amplitude, cycles, before) for n, before in parts])
+    return _joined([_measure(loop, period, n, single_line, amplitude, cycles, before) for n, before in parts])
 
 
 def _measure(

@@ -53,7 +53,7 @@ def map_of_two_gains(
         for name, entry in space.items()
     }
     sizes = [len(entry.values) if entry.values else entry.count or 0 for entry in ranges.values()]
-    found = search(
+    outcome = search(
         evaluate,
         ranges,
         method="grid",
@@ -74,6 +74,6 @@ def map_of_two_gains(
             "stable": trial.status == "ok",
             "feasible": trial.feasible,
         }
-        for trial in found.trials
+        for trial in outcome.trials
     ]
     return pd.DataFrame(rows)

@@ -92,11 +92,11 @@ def identify_loop(bench: "PlantBench") -> Identification:
         ConfigError: the output does not follow the effort.
         RunError: the plant could not be measured.
     """
-    found = bench.kind.identify(bench)
-    gain = found.loop.model.plants["main"].numerator[0] if found.loop.model else math.nan
+    identification = bench.kind.identify(bench)
+    gain = identification.loop.model.plants["main"].numerator[0] if identification.loop.model else math.nan
     if not gain > 0.0 or not math.isfinite(gain):
         raise ConfigError("the output does not follow the effort; is the loop connected?")
-    return found
+    return identification
 
 
 def measure_step(

@@ -144,29 +144,29 @@ def margins_of(response: LoopResponse, low: float, high: float) -> Margins:
     """
     w, value = frequency_grid(response, low, high)
 
-    def at(x: float) -> complex:
+    def value_at(x: float) -> complex:
         return complex(response(np.array([x]))[0])
 
     # Crossings of the negative real axis, and of the unit circle.
     turns = np.flatnonzero(
         (np.sign(value.imag[1:]) != np.sign(value.imag[:-1])) & (value.real[1:] + value.real[:-1] < 0.0)
     )
-    phase_crossings = [_root(lambda x: at(x).imag, w[k], w[k + 1]) for k in turns]
-    factors = [(1.0 / abs(at(x)), x) for x in phase_crossings if at(x).real < 0.0]
+    phase_crossings = [_root(lambda x: value_at(x).imag, w[k], w[k + 1]) for k in turns]
+    factors = [(1.0 / abs(value_at(x)), x) for x in phase_crossings if value_at(x).real < 0.0]
     size = np.abs(value) - 1.0
     gain_crossings = [
-        _root(lambda x: abs(at(x)) - 1.0, w[k], w[k + 1])
+        _root(lambda x: abs(value_at(x)) - 1.0, w[k], w[k + 1])
         for k in np.flatnonzero(np.sign(size[1:]) != np.sign(size[:-1]))
     ]
-    phases = [(float(np.angle(-at(x))), x) for x in gain_crossings]
+    phases = [(float(np.angle(-value_at(x))), x) for x in gain_crossings]
     gain, phase_crossover = min(factors, key=lambda pair: abs(math.log(pair[0])), default=(math.inf, math.nan))
     phase, gain_crossover = min(phases, key=lambda pair: abs(pair[0]), default=(math.inf, math.nan))
 
     # Peaks of the sensitivities.
-    ms, peak = _largest(lambda x: 1.0 / abs(1.0 + at(x)), 1.0 / np.abs(1.0 + value), w)
-    mt, _ = _largest(lambda x: abs(at(x) / (1.0 + at(x))), np.abs(value / (1.0 + value)), w)
+    ms, peak = _largest(lambda x: 1.0 / abs(1.0 + value_at(x)), 1.0 / np.abs(1.0 + value), w)
+    mt, _ = _largest(lambda x: abs(value_at(x) / (1.0 + value_at(x))), np.abs(value / (1.0 + value)), w)
     inverse, _ = _largest(
-        lambda x: 0.5 * abs((1.0 - at(x)) / (1.0 + at(x))), 0.5 * np.abs((1.0 - value) / (1.0 + value)), w
+        lambda x: 0.5 * abs((1.0 - value_at(x)) / (1.0 + value_at(x))), 0.5 * np.abs((1.0 - value) / (1.0 + value)), w
     )
     disk = 1.0 / inverse
     return Margins(
@@ -248,7 +248,7 @@ def _largest(function: Callable[[float], float], values: Floats, w: Floats) -> t
     """Return the largest value and its frequency, refined between the neighbours of the largest on the grid."""
     k = int(np.argmax(values))
     a, b = w[max(k - 1, 0)], w[min(k + 1, len(w) - 1)]
-    found = scipy.optimize.minimize_scalar(
+    optimum = scipy.optimize.minimize_scalar(
         lambda x: -function(x), bounds=(a, b), method="bounded", options={"xatol": 1e-9 * b}
     )
-    return max((float(values[k]), float(w[k])), (-float(found.fun), float(found.x)))
+    return max((float(values[k]), float(w[k])), (-float(optimum.fun), float(optimum.x)))

@@ -190,9 +190,9 @@ class _Runner:
             if armed and error > self.hysteresis:
                 armed = False
                 ups.append(k - (error - self.hysteresis) / (error - errors[-2]))
-                found = self._settled(np.array(errors), np.array(controls), ups)
-                if found is not None:
-                    return found
+                settled = self._settled(np.array(errors), np.array(controls), ups)
+                if settled is not None:
+                    return settled
             armed = armed or error < -self.hysteresis
         if len(ups) < 3:
             raise RunError(

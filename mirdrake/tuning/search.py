@@ -113,7 +113,7 @@ def search(
                 proposed = proposer.ask(min(proposer.batch or trials, trials - len(done)))
                 if not proposed:
                     break
-                points = {len(done) + place: kept | point for place, point in enumerate(proposed)}
+                points = {len(done) + index: kept | point for index, point in enumerate(proposed)}
                 evaluations.make({str(number): (gains, NOMINAL) for number, gains in points.items()})
                 for number, gains in points.items():
                     trial = make_trial(number, gains, evaluation_of(journal[number]), cost, limits)
@@ -172,8 +172,8 @@ class Evaluations:
                 raise RunError(f"{self._journal.file}: has other gains for trial {key}; choose another file")
         self._done += len(tasks) - len(missing)
         calls = ((self._evaluate, gains, conditions, self._fidelity) for _, gains, conditions in missing)
-        for place, given in call_all(self._executor, evaluate_record, calls, ahead=self._ahead):
-            key, gains, _ = missing[place]
+        for index, given in call_all(self._executor, evaluate_record, calls, ahead=self._ahead):
+            key, gains, _ = missing[index]
             record = {"status": "failed", "reason": given.reason} if isinstance(given, Lost) else given
             self._journal.add(key, {"gains": gains, **record})
             self._done += 1
@@ -222,10 +222,10 @@ def _check(
         raise ConfigError(f"fixed.{both[0]}: has a range as well; remove one of them")
     if len(start) > trials:
         raise ConfigError(f"start: {len(start)} candidates are more than the {trials} trials")
-    for place, point in enumerate(start):
+    for index, point in enumerate(start):
         for name, entry in space.items():
             if name not in point:
-                raise ConfigError(f"start.{place}: {name} is missing")
+                raise ConfigError(f"start.{index}: {name} is missing")
             low, high = min(entry.ends()), max(entry.ends())
             if not low <= point[name] <= high:
-                raise ConfigError(f"start.{place}.{name}: {point[name]:g} is outside its range, {low:g} to {high:g}")
+                raise ConfigError(f"start.{index}.{name}: {point[name]:g} is outside its range, {low:g} to {high:g}")

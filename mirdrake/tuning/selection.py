@@ -54,10 +54,10 @@ class Verification:
     @property
     def rejections(self) -> tuple[Rejection, ...]:
         """Reasons to reject the candidate."""
-        found = (*self.broken, *self.failed_runs)
+        finished = (*self.broken, *self.failed_runs)
         if self.finer is None or not self.fails_at_finer_step:
-            return found
-        return (*found, Rejection("finer_step", reason=self.finer.trial.reason))
+            return finished
+        return (*finished, Rejection("finer_step", reason=self.finer.trial.reason))
 
 
 @dataclass(frozen=True)
@@ -148,10 +148,10 @@ def _rejected_early(made: Verification, stop_at_finer_step: bool) -> bool:
 
 def _failed_runs(stages: Stages, candidate: Candidate) -> tuple[Rejection, ...]:
     """Return a rejection for each run of the Monte Carlo in which a candidate is not stable."""
-    found = stages.monte_carlo([candidate])
-    if found is None:
+    finished = stages.monte_carlo([candidate])
+    if finished is None:
         return ()
-    failed = found.table[found.table["status"] != "ok"]
+    failed = finished.table[finished.table["status"] != "ok"]
     return tuple(
         Rejection("monte_carlo", run=int(run), conditions=stages.draws[int(run)], reason=str(reason))
         for run, reason in zip(failed["run"], failed["reason"], strict=True)

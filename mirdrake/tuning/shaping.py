@@ -171,8 +171,8 @@ def _best_pi(bounds: _Bounds, base: Complexes, least: float = 0.0) -> tuple[floa
     values = largest(trial)
     k = int(np.argmax(values))
     a, b = trial[max(k - 1, 0)], trial[min(k + 1, len(trial) - 1)]
-    found = scipy.optimize.minimize_scalar(lambda kp: -float(largest(np.array(kp))), bounds=(a, b), method="bounded")
-    return max((float(trial[k]), float(values[k])), (float(found.x), -float(found.fun)), key=lambda pair: pair[1])
+    optimum = scipy.optimize.minimize_scalar(lambda kp: -float(largest(np.array(kp))), bounds=(a, b), method="bounded")
+    return max((float(trial[k]), float(values[k])), (float(optimum.x), -float(optimum.fun)), key=lambda pair: pair[1])
 
 
 def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[float, float, float]:

@@ -135,10 +135,10 @@ class Stages:
         done: dict[int, Evaluation] = {}
         calls = ((design.gains, NOMINAL, "plant") for design in designs)
         with open_executor(self.executor, self.workers, calls=len(designs), limit=LIMIT) as (runner, ahead):
-            for place, given in call_all(runner, evaluate, calls, ahead=ahead):
-                done[place] = Evaluation("failed", reason=given.reason) if isinstance(given, Lost) else given
+            for index, given in call_all(runner, evaluate, calls, ahead=ahead):
+                done[index] = Evaluation("failed", reason=given.reason) if isinstance(given, Lost) else given
                 self.progress(stage, len(done), len(designs), math.nan)
-        return tuple(self.candidate(design, done[place], place) for place, design in enumerate(designs))
+        return tuple(self.candidate(design, done[index], index) for index, design in enumerate(designs))
 
     def candidate(self, design: Design, evaluation: Evaluation, number: int = 0) -> Candidate:
         """Return the candidate of an evaluated design."""
@@ -176,7 +176,7 @@ class Stages:
         evaluate: Evaluator = LoopEvaluator(loop or self.loop, margins=margins)
         if scenarios:
             evaluate = InScenarios(evaluate, tuple(scenarios), constraints)
-        found = search(
+        outcome = search(
             evaluate,
             {name: entry.parameter() for name, entry in space.items()},
             method=method,
@@ -192,9 +192,9 @@ class Stages:
             purpose={"study": self.key, "scenarios": [repr(scenario) for scenario in scenarios]},
             progress=lambda done, total, left: self.progress(stage, done, total, left),
         )
-        if not found.complete:
+        if not outcome.complete:
             raise StoppedError
-        return found
+        return outcome
 
     def test_at_finer_step(self, design: Design) -> Candidate | None:
         """Test a design at a finer step of the plant; None for a loop that is not identifiable."""
@@ -239,7 +239,7 @@ class Stages:
         """
         if not self.draws:
             return None
-        found = run_monte_carlo(
+        outcome = run_monte_carlo(
             LoopEvaluator(self.loop),
             {candidate.name: candidate.design.gains for candidate in candidates},
             self.ranges,
@@ -251,9 +251,9 @@ class Stages:
             purpose={"study": self.key},
             progress=lambda done, total, left: self.progress("robustness", done, total, left),
         )
-        if not found.complete:
+        if not outcome.complete:
             raise StoppedError
-        return found
+        return outcome
 
     def map(self, space: Space, winner: Candidate) -> pd.DataFrame | None:
         """Return cost and stability over the first two gains, on the reduced model; None without a model."""

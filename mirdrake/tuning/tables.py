@@ -18,7 +18,7 @@ from mirdrake.tuning.trials import Trials
 
 def responses_table(tried: Sequence[Candidate]) -> pd.DataFrame:
     """Return the responses of all candidates: candidate, t, reference, output, effort."""
-    parts = [one.response.assign(candidate=one.name) for one in tried if one.response is not None]
+    parts = [entry.response.assign(candidate=entry.name) for entry in tried if entry.response is not None]
     columns = ["candidate", "t", "reference", "output", "effort"]
     return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
 
@@ -51,13 +51,13 @@ def frequency_table(loop: LoopSpec, chosen: Sequence[Candidate]) -> pd.DataFrame
     top = 0.99 * np.pi / period
     omega = np.geomspace(top / 3e3, top, 300)
     parts = []
-    for one in chosen:
-        gains = one.design.gains or loop.present
+    for entry in chosen:
+        gains = entry.design.gains or loop.present
         if not gains:  # the present controller is of another kind
             continue
         plant = critical_plant(loop, gains)
         value = loop_response(plant, pid_of(loop, gains), period=period)(omega)
-        parts.append(pd.DataFrame({"candidate": one.name, "omega": omega, "re": value.real, "im": value.imag}))
+        parts.append(pd.DataFrame({"candidate": entry.name, "omega": omega, "re": value.real, "im": value.imag}))
     return pd.concat(parts, ignore_index=True)
 
 

@@ -176,9 +176,9 @@ def _repeat(stages: Stages, coarse: TuningResult, effect: StepEffect) -> tuple[T
 
 def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     """Run all stages of a study; the result does not have a folder yet."""
-    found = _identify(stages)
-    stages = replace(stages, loop=found.loop)
-    designs = _design(stages, found)
+    identification = _identify(stages)
+    stages = replace(stages, loop=identification.loop)
+    designs = _design(stages, identification)
     choice = choose_rule(stages, [designs.baseline, *designs.tested], designs.slower)
     stages = replace(stages, margin_ratios=choice.known.margin_ratios)
     outcome = _search(stages, designs, choice)
@@ -229,7 +229,7 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
         best_rule=choice.rule.name if choice.rule is not None else None,
         cost=dict(stages.spec.cost),
         constraints=stages.constraints,
-        experiments=found.experiments,
+        experiments=identification.experiments,
         omitted=designs.omitted,
         rejected=tuple(trial for trial in known.rejected if trial.cost < winner.trial.cost),
         step_effect=effect,
@@ -253,15 +253,15 @@ def _identify(stages: Stages) -> Identification:
     return identify_loop(plant_bench(stages.loop))
 
 
-def _design(stages: Stages, found: Identification) -> Designs:
+def _design(stages: Stages, identification: Identification) -> Designs:
     """Make all designs and test them, with the baseline, on the plant."""
     made: tuple[Design, ...] = ()
     omitted: tuple[OmittedDesign, ...] = ()
     slower: tuple[Design, ...] = ()
     if stages.identifiable:
         bound = min(max(stages.spec.constraints.get("ms", 1.4), 1.1), 2.5)
-        made, omitted = make_designs(found, max_sensitivity=bound)
-        slower = slower_designs(found)
+        made, omitted = make_designs(identification, max_sensitivity=bound)
+        slower = slower_designs(identification)
     base = Design("baseline", "baseline", baseline_gains(stages.spec, stages.loop))
     baseline, *tested = stages.test([base, *made], "rules")
     return Designs(baseline, tuple(tested), omitted, slower)

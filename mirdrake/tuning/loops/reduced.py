@@ -73,15 +73,15 @@ def find_loop_margins(spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, f
         return dict.fromkeys(MARGINS, math.nan)
     rows = []
     for plant in loop_plants(spec).values():
-        found = find_margins(plant, pid_of(spec, gains), period=spec.period)
+        computed = find_margins(plant, pid_of(spec, gains), period=spec.period)
         rows.append(
             (
-                -found.max_sensitivity,
-                -found.max_complementary,
-                found.gain_margin,
-                math.degrees(found.phase_margin),
-                found.delay_margin,
-                found.disk_margin,
+                -computed.max_sensitivity,
+                -computed.max_complementary,
+                computed.gain_margin,
+                math.degrees(computed.phase_margin),
+                computed.delay_margin,
+                computed.disk_margin,
             )
         )
     worst = [min(column) for column in zip(*rows, strict=True)]

@@ -158,8 +158,8 @@ class SteeringLoop(VehicleLoop):
             min(main.denominator[1], opposed.denominator[1]),
             max(main.delay, opposed.delay),
         )
-        found = Identification(identified, tuple(experiments), relay=relay, frequency=responses[0])
+        identification = Identification(identified, tuple(experiments), relay=relay, frequency=responses[0])
         if rate * delay > 1.0:
             speed = max(plant.numerator[0] / plant.denominator[1] for plant in plants)
-            return replace(found, first=Integrator(speed, delay + 0.5 / rate), lag=1.0 / rate)
-        return replace(found, inertial=(gain, delay))
+            return replace(identification, first=Integrator(speed, delay + 0.5 / rate), lag=1.0 / rate)
+        return replace(identification, inertial=(gain, delay))
