@@ -82,7 +82,7 @@ class SearchSpec(Schema):
         "tpe", description="sampler on the reduced model [-]"
     )
     trials: int = Field(100, ge=1, le=1_000_000, description="candidates tested on the reduced model [-]")
-    confirm: int = Field(5, ge=1, le=1000, description="candidates tested on the plant, near the best of them [-]")
+    confirm: int = Field(12, ge=1, le=1000, description="candidates tested on the plant, near the best of them [-]")
     ranges: dict[str, RangeSpec] = Field(
         default_factory=dict, description="range of each gain; by default around those of the rules [-]"
     )
