@@ -15,7 +15,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.tuning.check import check_study
-from mirdrake.tuning.loops.base import Conditions, Course, LoopModel, LoopSpec, OuterLoop
+from mirdrake.tuning.loops.base import Conditions, Course, LoopModel, LoopSpec
 from mirdrake.tuning.loops.blocks import DelayedActuator, NoisySensor
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, forget_bench
 from mirdrake.tuning.loops.judge import judge
@@ -144,10 +144,15 @@ def test_reduced_margins_are_those_of_an_integrator_with_delay() -> None:
 
 
 def test_reduced_model_and_plant_agree() -> None:
-    spec = with_model(speed_loop())
-    assert spec.model is not None
-    around = replace(spec.model, outer=OuterLoop(1.0, 1.0, 2.0))  # of the Bolt's control.yaml
-    evaluate = LoopEvaluator(replace(spec, model=around))
+    """In the loop of the wheels, which has no speed loop around it: its outputs are spin rates."""
+    spec = make_loop_spec(
+        make_tuning({"vehicle": "bolt", "loop": "wheel_speed", "test": {"duration": 4.0, "step": 6.6}})
+    )
+    model, radius = with_model(spec).model, 0.3012
+    assert model is not None
+    start, rise, feedforward = spec.course.speed / radius, 0.6 / radius, radius * model.feedforward
+    wheels = replace(model, scale=1.0, start=start, rise=rise, fall=rise, feedforward=feedforward)
+    evaluate = LoopEvaluator(replace(spec, model=wheels))
     reduced, plant = evaluate(BOLT, fidelity="reduced"), evaluate(BOLT)
     assert reduced.status == plant.status == "ok"
     assert reduced.figures["iae"] == pytest.approx(plant.figures["iae"], rel=0.25)
