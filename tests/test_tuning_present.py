@@ -67,6 +67,21 @@ def make_loop(loop: LoopSpec, model: LoopModel) -> LoopSpec:
     return replace(loop, model=replace(model, rise=0.6, fall=0.6), filter_time=0.0, course=course)
 
 
+def test_the_reduced_model_has_the_speed_loop_around_the_wheels() -> None:
+    """The Bolt: torque of two wheels to wheel speed by its mass, a drag of 28 N m, and its speed loop of kp 1, ki 1."""
+    mass, radius = 1616.0, 0.3012
+    spec = make_loop_spec(study(test={"duration": 4.0}))
+    model = LoopModel(
+        {"main": TransferFunction((2.0 / (mass * radius**2),), (1.0, 0.006), 0.06)},
+        scale=1.0 / radius, start=spec.course.speed, rise=0.6, fall=0.6, feedforward=mass * radius / 2,
+        weight=mass * 9.80665 * radius / 2, drag=28.0, limit=1269.0, outer=OuterLoop(1.0, 1.0, 2.0),
+    )  # fmt: skip
+    gains = {"kp": 250.0, "ki": 100.0, "kd": 20.0}
+    evaluate = LoopEvaluator(replace(spec, model=model))
+    reduced, plant = evaluate(gains, fidelity="reduced"), evaluate(gains)
+    assert reduced.figures["iae"] == pytest.approx(plant.figures["iae"], rel=0.25)
+
+
 @pytest.mark.slow
 def test_a_study_in_which_nothing_is_better_keeps_the_present_gains(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
