@@ -319,7 +319,7 @@ class Texts:
 
 def criterion_text(criterion: Criterion, result: TuningResult) -> str:
     """Return what a criterion requires."""
-    robust = " and is robust" if result.robustness is not None or result.step_effect is not None else ""
+    rule = "robust rule" if result.robustness is not None or result.step_effect is not None else "rule"
     baseline = next((candidate for candidate in result.candidates if candidate.name == result.baseline), None)
     unstable = ", which is unstable" if baseline is not None and baseline.status != "ok" else ""
     texts = {
@@ -328,7 +328,7 @@ def criterion_text(criterion: Criterion, result: TuningResult) -> str:
         "constraint": FIGURES.get(criterion.figure, (criterion.figure, ""))[0],
         "monte_carlo": "Monte Carlo runs that are not stable",
         "finer_step": "not stable at a finer step of the plant",
-        "no_dearer_than_rule": f"cost at most that of the best rule within the constraints{robust}, {criterion.rule}",
+        "no_dearer_than_rule": f"cost of at most that of the best {rule} within the constraints, {criterion.rule}",
         "robust_unlike_rules": "meets the constraints and is robust, as no rule is",
         "feasible_unlike_rules": "meets the constraints, as no rule does",
         "schedule": "speeds at and between which the schedule breaks a constraint",
