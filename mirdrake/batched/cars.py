@@ -50,6 +50,7 @@ class Batch:
 
     Attributes:
         variant: equations.
+        nominal: parameters before those that differ between the cars.
         count: number of cars n.
         step_time: step of the integration [s].
         threads: number of threads that share the cars.
@@ -81,7 +82,7 @@ class Batch:
         threads: int = 1,
     ) -> None:
         variant.check()
-        self.variant = variant
+        self.variant, self.nominal = variant, parameters
         self.step_time = check_number("batch", "step", step, unit="s", above=0.0)
         self.threads = _check_threads(threads)
         self.parameters: Records = record_of(make_table(parameters, columns or {}, count))
@@ -143,8 +144,8 @@ class Batch:
             ConfigError: the shape of the inputs is wrong.
         """
         held = np.ascontiguousarray(np.broadcast_to(self._pad(inputs, ndim=(1, 2)), (self.count, len(Inputs._fields))))
-        arguments = (self._flags, self._positions, self.parameters, held, self.step_time, int(steps))
-        self._share(self._advance, arguments, (self.state, self.dead))
+        arguments = (self.flags, self.positions, self.parameters, held, self.step_time, int(steps))
+        self.share(self._advance, arguments, (self.state, self.dead))
         self.time += steps * self.step_time
 
     def run(self, inputs: ArrayLike, *, hold: int = 1) -> BatchRun:
@@ -167,8 +168,8 @@ class Batch:
         times = rows.shape[1]
         contents = self.signals()
         values = np.empty((self.count, times + 1, len(contents)))
-        arguments = (self._flags, self._positions, self.parameters, rows, self.step_time, int(hold))
-        self._share(self._advance_over_time, arguments, (self.state, self.dead, values))
+        arguments = (self.flags, self.positions, self.parameters, rows, self.step_time, int(hold))
+        self.share(self._advance_over_time, arguments, (self.state, self.dead, values))
         time = self.time + np.arange(times + 1) * (hold * self.step_time)
         self.time = float(time[-1])
         return BatchRun(time, values, contents, self.dead_cars)
@@ -193,7 +194,7 @@ class Batch:
         padded[..., : len(names)] = given
         return padded
 
-    def _share(self, kernel: Callable[..., Any], arguments: tuple[Any, ...], changed: tuple[Any, ...]) -> None:
+    def share(self, kernel: Callable[..., Any], arguments: tuple[Any, ...], changed: tuple[Any, ...]) -> None:
         """Call a kernel for all cars, divided among the threads."""
         bounds = np.linspace(0, self.count, min(self.threads, self.count) + 1).astype(int).tolist()
         if len(bounds) == 2:
@@ -208,11 +209,13 @@ class Batch:
         return ThreadPoolExecutor(self.threads)
 
     @cached_property
-    def _flags(self) -> Records:
+    def flags(self) -> Records:
+        """Flags of the variant, for compiled loops."""
         return records(Flags, [flags_of(self.variant)])
 
     @cached_property
-    def _positions(self) -> Integers:
+    def positions(self) -> Integers:
+        """Column of each field of :class:`State` in :attr:`state`; -1: the variant does not have it."""
         names = self.state_names
         return np.array([names.index(name) if name in names else -1 for name in State._fields])
 

@@ -31,4 +31,6 @@ ID = "mirdrake/Drive-v0"
 """What the environment is registered as."""
 
 if ID not in gymnasium.registry:
-    gymnasium.register(id=ID, entry_point="mirdrake.gym.env:DriveEnv")
+    gymnasium.register(
+        id=ID, entry_point="mirdrake.gym.env:DriveEnv", vector_entry_point="mirdrake.gym.vector_env:VectorDriveEnv"
+    )

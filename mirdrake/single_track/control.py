@@ -15,7 +15,7 @@ import numpy.typing as npt
 from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann
-from mirdrake.controllers.control_step import STEERING_ACTUATOR
+from mirdrake.controllers.control_step import LAST, STEERING_ACTUATOR, ControlSetup
 from mirdrake.controllers.vehicle_control import STATUS, ControlUnit, StepResult
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
@@ -106,6 +106,39 @@ class SingleTrackControl(ControlUnit):
         self.status = declare_state_output(self, "status", STATUS, self._status)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
+
+    @property
+    def constants(self) -> ControlSetup:
+        """Constants of the step."""
+        return self._setup
+
+    @property
+    def radius(self) -> float:
+        """True radius of the driven wheels [m]."""
+        return self._radius
+
+    @property
+    def true_over_believed(self) -> float:
+        """True over believed radius of the wheels [1]."""
+        return self._true_over_believed
+
+    @property
+    def force_per_torque(self) -> float:
+        """Drive force over the torque of a driven wheel [1/m]."""
+        return self._force_per_torque
+
+    @property
+    def true_steering(self) -> Ackermann:
+        """Steering law of the true geometry."""
+        return self._true
+
+    def starting_memory(self, speed: float, angle: float) -> npt.NDArray[np.float64]:
+        """Return the memory of a unit whose set-points are a speed [m/s] and a true bicycle angle [rad]."""
+        memory = np.array(self._start_memory)
+        steering = self._steering_law.bicycle_angle(*self._true.wheel_angles(angle))
+        memory[LAST : LAST + 2] = speed, steering
+        memory[STEERING_ACTUATOR : STEERING_ACTUATOR + self._setup.actuator_size] = steering
+        return memory
 
     def _read_state(self, context: Context) -> npt.NDArray[np.float64]:
         speed = self.state.Eval(context)[_VX].item()

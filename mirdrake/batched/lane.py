@@ -1,0 +1,275 @@
+"""Cars of a batch on a track: set-points with limits, speed loop, place on the centre line, and resets, compiled.
+
+The centre line is a table with constant spacing h and constant curvature κ in each interval. A point is projected by
+Newton's method from the last place, as in :class:`mirdrake.controllers.path_tracking.PathTables`.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from mirdrake.batched.kernels import (
+    KERNEL_PARTS,
+    Floats,
+    Integers,
+    Mask,
+    is_finite,
+    read_state,
+    runge_kutta,
+    write_state,
+)
+from mirdrake.controllers.ackermann import SteeringNumbers, approach
+from mirdrake.controllers.cruise import cruise_step
+from mirdrake.core.compiled import Records
+from mirdrake.core.pid import PidLimits, pid_step, read_pid, write_pid
+from mirdrake.plant.powertrain.actuator import ActuatorNumbers, actuator_step, follow
+from mirdrake.single_track.dynamics import Inputs, LateralForce, State
+
+SIGNALS = (
+    "x", "y", "yaw", "vx", "vy", "wz", "speed_setpoint", "steering_setpoint", "speed_trim", "lateral_error",
+    "heading_error", "progress", "wheels_on_road", "curvature",
+)  # fmt: skip
+"""Signals of a car on a track, by their names in a run; the curvature at further distances follows."""
+
+SETPOINTS, PID = 0, 2
+"""Indices in the memory of a car: last set-points of speed and steering, state of the speed loop."""
+
+ACTUATOR = PID + 9
+"""Start of the steering actuator in the memory."""
+
+_NEAREST = 0.2  # smallest 1 - κ e that counts: 80 % of the way to the centre of the curve
+_SETTLED = 1e-4  # a Newton step below this leaves an error of its square [m]
+_STEPS = 8  # most Newton steps
+
+
+class LaneNumbers(NamedTuple):
+    """Numbers of the control unit and the track.
+
+    Attributes:
+        acceleration: largest slope of the speed set-point while it rises [m/s²].
+        deceleration: the same while it falls [m/s²].
+        steering: numbers of the steering law.
+        actuator: numbers of the steering actuator.
+        actuator_size: length of its memory.
+        speed_limits: limits of the trim [m/s].
+        true_over_believed: true over believed radius of the wheels [1].
+        force_per_acceleration: feed-forward of the drive force over the slope of the speed set-point [kg].
+        period: control period [s].
+        length: of the track [m].
+        closed: whether the track is closed.
+        spacing: of the tables [m].
+        wheelbase: [m].
+        front: half of the front track [m].
+        rear: half of the rear track [m].
+    """
+
+    acceleration: float
+    deceleration: float
+    steering: SteeringNumbers
+    actuator: ActuatorNumbers
+    actuator_size: int
+    speed_limits: PidLimits
+    true_over_believed: float
+    force_per_acceleration: float
+    period: float
+    length: float
+    closed: bool
+    spacing: float
+    wheelbase: float
+    front: float
+    rear: float
+
+
+class LanePlace(NamedTuple):
+    """Place on a centre line.
+
+    Attributes:
+        s: arc length [m].
+        lateral: offset to the left [m].
+        yaw: direction of the centre line [rad].
+        curvature: [1/m].
+    """
+
+    s: float
+    lateral: float
+    yaw: float
+    curvature: float
+
+
+def drive_on_track(
+    law: LateralForce,
+    flags: Records,
+    positions: Integers,
+    parameters: Records,
+    lanes: Any,
+    gains: Any,
+    tables: Floats,
+    distances: Floats,
+    setpoints: Floats,
+    periods: int,
+    step: float,
+    steps: int,
+    first: int,
+    last: int,
+    states: Floats,
+    dead: Mask,
+    memory: Floats,
+    progress: Floats,
+    signals: Floats,
+) -> None:
+    """Advance cars on a track under set-points that are held, and write their signals.
+
+    Args:
+        law: lateral force of an axle.
+        flags: one record of the variant's flags.
+        positions: column in `states` of each field of the state.
+        parameters: a record per car.
+        lanes: one record of :class:`LaneNumbers`.
+        gains: gains of the speed loop, one record.
+        tables: centre line (points, 6): x [m], y [m], yaw [rad], curvature [1/m], left and right width [m].
+        distances: distances ahead at which the curvature is read [m].
+        setpoints: speed [m/s] and steering [rad] of each car (n, 2).
+        periods: number of control periods; 0: only write the signals.
+        step: step of the integration [s].
+        steps: steps in a control period.
+        first: first car.
+        last: car after the last one.
+        states: states (n, states), updated.
+        dead: which cars have died (n), updated.
+        memory: memory of each control unit (n, memory), updated.
+        progress: arc length of each car (n) [m], updated.
+        signals: :data:`SIGNALS`, then the curvatures ahead (n, signals), overwritten.
+    """
+    lane = lanes[0]
+    for i in range(first, last):
+        if dead[i]:
+            continue
+        x = read_state(states[i], positions)
+        trim = 0.0
+        for _ in range(periods):
+            u, trim = _control(lane, gains[0], memory[i], setpoints[i, 0], setpoints[i, 1], x.vx)
+            for _ in range(steps):
+                after = runge_kutta(law, flags[0], parameters[i], x, u, step)
+                if not is_finite(after):
+                    dead[i] = True
+                    break
+                x = after
+        write_state(states[i], positions, x)
+        if dead[i]:
+            continue
+        place = project(lane, tables, x.x, x.y, progress[i] + x.vx * periods * lane.period)
+        progress[i] = place.s
+        _write_signals(lane, tables, distances, parameters[i].rear_length, x, memory[i], trim, place, signals[i])
+
+
+def _control(
+    lane: Any, gains: Any, memory: Any, speed_command: float, steering_command: float, measured: float
+) -> tuple[Inputs, float]:
+    """Return the inputs of the model for a control period and the trim of the speed [m/s]; the memory is updated.
+
+    The steps are those of :func:`mirdrake.controllers.control_step.control_step` for a vehicle with servos, without the
+    angles of single wheels.
+    """
+    last_speed = memory[SETPOINTS]
+    up, down = lane.acceleration * lane.period, lane.deceleration * lane.period
+    if last_speed < 0.0:
+        up, down = down, up
+    speed = min(max(speed_command, last_speed - down), last_speed + up)
+    steering = approach(lane.steering, memory[SETPOINTS + 1], steering_command, lane.period)
+    memory[SETPOINTS], memory[SETPOINTS + 1] = speed, steering
+    before = memory[ACTUATOR + lane.actuator_size - 1]
+    angle = actuator_step(memory, ACTUATOR, lane.actuator_size, steering, lane.actuator)
+    loop, trimmed = cruise_step(read_pid(memory, PID), speed, measured, lane.period, gains, lane.speed_limits)
+    write_pid(memory, PID, loop)
+    rate, drive = (angle - before) / lane.period, lane.force_per_acceleration * (speed - last_speed) / lane.period
+    return Inputs(angle, drive, 0.0, rate, trimmed * lane.true_over_believed), trimmed - speed
+
+
+def project(lane: Any, tables: Floats, x: float, y: float, near: float) -> LanePlace:
+    """Return the nearest point of the centre line, by Newton's method from a nearby one.
+
+    Args:
+        lane: numbers of the track.
+        tables: centre line.
+        x: position [m].
+        y: position [m].
+        near: arc length to start from [m].
+    """
+    s, lateral, yaw, curvature = near, 0.0, 0.0, 0.0
+    for _ in range(_STEPS):
+        i = interval(lane, tables, s)
+        s = wrapped(lane, s)
+        curvature, along = tables[i, 3], s - i * lane.spacing
+        turn = curvature * along
+        middle = tables[i, 2] + 0.5 * turn
+        chord = along * (1.0 - turn * turn / 24.0)
+        dx, dy = x - tables[i, 0] - chord * math.cos(middle), y - tables[i, 1] - chord * math.sin(middle)
+        yaw = middle + 0.5 * turn
+        cosine, sine = math.cos(yaw), math.sin(yaw)
+        lateral = dy * cosine - dx * sine
+        move = (dx * cosine + dy * sine) / max(1.0 - curvature * lateral, _NEAREST)
+        s += move
+        if -_SETTLED < move < _SETTLED:
+            break
+    s = wrapped(lane, s) if lane.closed else min(max(s, 0.0), lane.length)
+    return LanePlace(s, lateral, yaw, curvature)
+
+
+def wrapped(lane: Any, s: float) -> float:
+    """Return an arc length in [0, length) on a closed track; on an open one as it is [m]."""
+    return s - lane.length * math.floor(s / lane.length) if lane.closed else s
+
+
+def interval(lane: Any, tables: Floats, s: float) -> int:
+    """Return the interval of the tables that contains an arc length; the first or last one beyond the ends."""
+    index: int = min(max(int(wrapped(lane, s) / lane.spacing), 0), tables.shape[0] - 2)
+    return index
+
+
+def _write_signals(
+    lane: Any,
+    tables: Floats,
+    distances: Floats,
+    rear_length: float,
+    x: State,
+    memory: Any,
+    trim: float,
+    place: LanePlace,
+    row: Any,
+) -> None:
+    """Write the signals of a car."""
+    heading = x.yaw - place.yaw
+    heading -= 2.0 * math.pi * math.floor(heading / (2.0 * math.pi) + 0.5)
+    row[0], row[1] = x.x, x.y
+    row[2] = x.yaw - 2.0 * math.pi * math.floor(x.yaw / (2.0 * math.pi) + 0.5)
+    row[3], row[4], row[5] = x.vx, x.vy - rear_length * x.yaw_rate, x.yaw_rate
+    row[6], row[7], row[8] = memory[SETPOINTS], memory[SETPOINTS + 1], trim
+    row[9], row[10], row[11] = place.lateral, heading, place.s
+    row[12], row[13] = _wheels_on_road(lane, tables, place, heading), tables[interval(lane, tables, place.s), 3]
+    for j in range(len(distances)):
+        row[14 + j] = tables[interval(lane, tables, place.s + distances[j]), 3]
+
+
+def _wheels_on_road(lane: Any, tables: Floats, place: LanePlace, heading: float) -> float:
+    """Return the number of wheels between the edges of the track.
+
+    A wheel at (l, w) in the axes of the car has the offset e + l sin θ + w cos θ - κ l² / 2 from the centre line, with
+    θ the heading error and an error of the order κ² l³.
+    """
+    cosine, sine, wheels = math.cos(heading), math.sin(heading), 0.0
+    for axle in range(2):
+        ahead, half = (lane.wheelbase, lane.front) if axle == 0 else (0.0, lane.rear)
+        for side in range(2):
+            w = half if side == 0 else -half
+            along = ahead * cosine - w * sine
+            offset = place.lateral + ahead * sine + w * cosine - 0.5 * place.curvature * along * along
+            i = interval(lane, tables, place.s + along)
+            if -tables[i, 5] <= offset <= tables[i, 4]:
+                wheels += 1.0
+    return wheels
+
+
+LANE_PARTS: tuple[Any, ...] = (
+    *KERNEL_PARTS, _control, project, wrapped, interval, _write_signals, _wheels_on_road, approach, cruise_step,
+    pid_step, read_pid, write_pid, actuator_step, follow,
+)  # fmt: skip
+"""Functions that :func:`drive_on_track` calls."""

@@ -1,0 +1,181 @@
+"""Control units in a batch: the Drake diagram of the same model, gains, delay, watchdog, noise, errors."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+
+import mirdrake as mir
+from mirdrake.batched import BatchControl
+from mirdrake.batched.noise import normal
+from mirdrake.core.errors import ConfigError
+from mirdrake.single_track import estimate_parameters, make_single_track_vehicle
+from mirdrake.single_track.dynamics import Variant
+from mirdrake.vehicles import load_vehicle
+
+VARIANT = Variant("brush", relaxation=True, actuators=True)
+STEP, PERIOD = 0.001, 0.02  # [s]; forces at their limits have kinks, which need short steps
+
+
+@pytest.fixture(scope="module")
+def bolt():
+    return load_vehicle("bolt")
+
+
+@pytest.fixture(scope="module")
+def parameters(bolt):
+    return estimate_parameters(bolt)
+
+
+def make_control(
+    bolt, parameters, count=1, *, speed=5.0, columns=None, variant=VARIANT, step=STEP, threads=1, **options
+):
+    cars = mir.batch(parameters, variant, count=count, parameters=columns, step=step, threads=threads).reset(vx=speed)
+    return BatchControl(cars, bolt, **options)
+
+
+def course(duration):
+    """Steps of the speed and a slalom; speed [m/s] and steering [rad] per control period."""
+    t = np.arange(round(duration / PERIOD)) * PERIOD
+    speed = np.select([t < duration / 3, t < 2 * duration / 3], [8.0, 3.0], 12.0)
+    return np.column_stack([speed, 0.1 * np.sin(0.3 * t)])
+
+
+def drive_in_drake(bolt, parameters, commands, delay):
+    """Position, speed and yaw rate at the control instants, with Drake's integrator."""
+    diagram = make_single_track_vehicle(bolt, tyres="brush", relaxation=True, parameters=parameters, delay=delay)
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    model = diagram.GetSubsystemByName("single_track")
+    model.set_state(model.GetMyContextFromRoot(context), vx=5.0)
+    ResetIntegratorFromFlags(simulator, "runge_kutta3", STEP)
+    simulator.get_mutable_integrator().set_fixed_step_mode(True)
+    command, state = diagram.GetInputPort("command"), diagram.GetOutputPort("state")
+    rows = []
+    for k, row in enumerate(commands.tolist()):
+        command.FixValue(context, [*row, k * PERIOD])
+        if k == 0:
+            simulator.Initialize()
+        rows.append(state.Eval(context)[[0, 1, 6, 11]])
+        simulator.AdvanceTo((k + 1) * PERIOD)
+    return np.array(rows).T
+
+
+def compare_with_drake(bolt, parameters, duration, delay):
+    commands = course(duration)
+    run = make_control(bolt, parameters, delay=delay).run(commands)
+    x, y, speed, yaw_rate = drive_in_drake(bolt, parameters, commands, delay)
+    assert run["vx"][0] == pytest.approx(speed, abs=1e-6)
+    assert run["yaw_rate"][0] == pytest.approx(yaw_rate, abs=1e-6)
+    assert run["x"][0] == pytest.approx(x, abs=1e-5)
+    assert run["y"][0] == pytest.approx(y, abs=1e-5)
+
+
+def test_the_loop_drives_as_the_drake_diagram(bolt, parameters):
+    compare_with_drake(bolt, parameters, duration=3.0, delay=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0.0, 0.1])
+def test_the_loop_drives_as_the_drake_diagram_for_a_minute(bolt, parameters, delay):
+    compare_with_drake(bolt, parameters, duration=60.0, delay=delay)
+
+
+def test_each_car_has_its_own_gains_delay_and_mass(bolt, parameters):
+    columns = {"mass": np.array([1400.0, 1700.0, 2000.0])}
+    gains, delays = {"speed.kp": np.array([0.5, 1.0, 1.5]), "speed.ki": np.array([0.2, 1.0, 2.0])}, [0.0, 0.06, 0.2]
+    together = make_control(bolt, parameters, 3, columns=columns, gains=gains, delay=delays)
+    run = together.run(course(2.0))
+    assert len(set(run["vx"][:, -1].tolist())) == 3
+    alone = make_control(bolt, parameters, columns={"mass": [1700.0]}, delay=0.06)
+    assert alone.run(course(2.0))["vx"][0].tolist() == run["vx"][1].tolist()
+    divided = make_control(bolt, parameters, 3, columns=columns, gains=gains, delay=delays, threads=2)
+    assert divided.run(course(2.0)).values.tolist() == run.values.tolist()
+
+
+def test_two_runs_continue_as_one(bolt, parameters):
+    whole, parts = (make_control(bolt, parameters, 2, delay=0.1, noise=0.05) for _ in range(2))
+    commands = course(2.0)
+    run = whole.run(commands)
+    pieces = [parts.run(commands[:33]), parts.run(commands[33:])]
+    assert np.hstack([piece["vx"] for piece in pieces]).tolist() == run["vx"].tolist()
+    assert pieces[1].time[0] == pytest.approx(0.66)
+
+
+def test_without_messages_the_watchdog_stops_the_car(bolt, parameters):
+    commands = np.full((300, 2), np.nan)
+    commands[:50] = 8.0, 0.0
+    run = make_control(bolt, parameters, speed=8.0).run(commands)
+    last = 49 * PERIOD
+    after = run.time > last + bolt.control.dead_man + 1e-9
+    assert (run["speed_setpoint"][0, ~after] == 8.0).all()
+    assert run["speed_setpoint"][0, after][0] == pytest.approx(8.0 - bolt.control.speed.max_deceleration * PERIOD)
+    assert run["speed_setpoint"][0, -1] == 0.0
+    assert abs(run["vx"][0, -1]) < 0.05
+
+
+def test_results_can_be_thinned(bolt, parameters):
+    whole, thin = (make_control(bolt, parameters, 2) for _ in range(2))
+    run, some = whole.run(course(1.0)), thin.run(course(1.0), outputs=["vx", "speed_trim"], every=10)
+    assert some.names == ["vx", "speed_trim"]
+    assert some["vx"].tolist() == run["vx"][:, ::10].tolist()
+    assert some.time.tolist() == run.time[::10].tolist()
+
+
+def test_noise_depends_on_seed_car_and_step_only(bolt, parameters):
+    runs = [
+        make_control(bolt, parameters, n, noise=0.1, seed=seed).run(course(1.0))["vx"]
+        for n, seed in ((3, 1), (5, 1), (3, 2))
+    ]
+    assert runs[0].tolist() == runs[1][:3].tolist()
+    assert (runs[0][:, -1] != runs[2][:, -1]).all()
+    assert len(set(runs[0][:, -1].tolist())) == 3
+
+
+def test_the_compiled_noise_is_that_of_python(bolt, parameters):
+    # A standing car whose speed loop is proportional only: the trim is the noise times the gain.
+    control = make_control(bolt, parameters, 2, speed=0.0, noise=0.01, seed=5, gains={"speed.kp": 1.0, "speed.ki": 0.0})
+    run = control.run(np.full((1, 2), [1.0, 0.0]))
+    seed, cars, zero = (np.array(value, dtype=np.uint64) for value in ([5], [0, 1], [0]))
+    measured = 0.01 * normal(seed, cars, zero, zero)
+    assert run["speed_trim"][:, 0] == pytest.approx(run["speed_setpoint"][:, 0] - measured, rel=1e-12)
+
+
+def test_the_generator_is_normal_and_white():
+    steps = np.arange(200_000, dtype=np.uint64)
+    seed, cars, channel = (np.array([value], dtype=np.uint64) for value in (7, 3, 0))
+    values, other = normal(seed, cars, steps, channel), normal(seed, cars + np.uint64(1), steps, channel)
+    error = 1.0 / np.sqrt(len(steps))
+    assert abs(values.mean()) < 4.0 * error
+    assert abs(values.var() - 1.0) < 4.0 * np.sqrt(2.0) * error
+    assert abs((values**4).mean() - 3.0) < 4.0 * np.sqrt(96.0) * error  # variance of the fourth power: 105 - 9
+    assert abs((values[1:] * values[:-1]).mean()) < 4.0 * error
+    assert abs((values * other).mean()) < 4.0 * error
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"variant": Variant("brush")}, "actuators=True"),
+        ({"gains": {"speed.kd": 1.0}}, "no gain 'speed.kd'.*speed.kp"),
+        ({"delay": 0.013}, "delay of car 0 is 0.013 s.*multiple of the control period, 0.02 s"),
+        ({"delay": [0.0, 0.1, 0.2]}, "delay must be a number"),
+        ({"noise": -1.0}, "noise must be a number of 0 or more"),
+        ({"step": 0.003}, "step of 0.003 s does not divide the control period of 0.02 s"),
+    ],
+)
+def test_errors_name_what_is_wrong(bolt, parameters, options, message):
+    with pytest.raises(ConfigError, match=message):
+        make_control(bolt, parameters, **options)
+
+
+def test_a_wrong_command_is_an_error(bolt, parameters):
+    control = make_control(bolt, parameters, 2)
+    with pytest.raises(ConfigError, match=r"shape \(5, 3\); give \(periods, 2\)"):
+        control.run(np.zeros((5, 3)))
+    with pytest.raises(ConfigError, match="no signal 'speed'"):
+        control.run(np.zeros((5, 2)), outputs=["speed"])
+
+
+def test_a_vehicle_with_pedals_is_an_error(parameters):
+    with pytest.raises(ConfigError, match="driven by pedals"):
+        make_control(load_vehicle("mkz@handling"), parameters)
