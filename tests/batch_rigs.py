@@ -27,6 +27,7 @@ CAR = SingleTrackParameters(
     roll_stiffness=60e3,
     roll_damping=2500.0,
 )
+MAGIC = Variant("magic_formula", True, True, True)
 LINEAR, BRUSH, RICH = Variant("linear"), Variant("brush"), Variant("brush", True, True, True)
 STEP = 0.005
 
@@ -34,7 +35,9 @@ STEP = 0.005
 def random_columns(count, seed=0):
     """Every parameter of each car, between 0.8 and 1.2 of the car's; shares and signs stay allowed."""
     rng = np.random.default_rng(seed)
-    nominal = replace(CAR, gravity_x=0.1, gravity_y=-0.1, front_roll_slip=0.05)
+    nominal = replace(
+        CAR, gravity_x=0.1, gravity_y=-0.1, front_roll_slip=0.05, front_curvature=-1.0, rear_curvature=-0.5, wind_x=-4.0
+    )
     return {
         name: getattr(nominal, name) * (0.8 + 0.4 * rng.random(count))
         for name in PARAMETERS

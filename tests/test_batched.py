@@ -13,7 +13,7 @@ from mirdrake.single_track import SingleTrackParameters, estimate_parameters, fi
 from mirdrake.single_track.dynamics import CompiledEquations, Variant
 from mirdrake.single_track.parameters import PARAMETERS
 from mirdrake.vehicles import load_vehicle
-from tests.batch_rigs import BRUSH, CAR, LINEAR, RICH, STEP, random_columns, runge_kutta_steps
+from tests.batch_rigs import BRUSH, CAR, LINEAR, MAGIC, RICH, STEP, random_columns, runge_kutta_steps
 
 
 def car_of(cars, index):
@@ -35,7 +35,7 @@ def compare(variant, count, steps):
         assert cars.state[index].tolist() == alone.tolist()
 
 
-@pytest.mark.parametrize("variant", [LINEAR, RICH], ids=["linear", "rich"])
+@pytest.mark.parametrize("variant", [LINEAR, RICH, MAGIC], ids=["linear", "rich", "magic_formula"])
 def test_a_batch_has_the_bits_of_the_equations_in_python(variant):
     compare(variant, count=4, steps=60)
 

@@ -35,6 +35,7 @@ from mirdrake.single_track import (
 from mirdrake.single_track.dynamics import BLEND_TIME, CompiledEquations, Variant, evaluate
 from mirdrake.single_track.parameters import PARAMETERS
 from mirdrake.tyres.brush import brush_lateral_force
+from mirdrake.tyres.magic_formula_tyres import MagicFormulaTyres, magic_formula_lateral_force
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.inspection import inspect_vehicle
 from mirdrake.worlds import load_world
@@ -54,6 +55,7 @@ VARIANTS = [
     Variant("brush", relaxation=True, actuators=True),
     Variant("linear", roll=True),
     Variant("brush", relaxation=True, actuators=True, roll=True),
+    Variant("magic_formula", relaxation=True, actuators=True, roll=True),
 ]
 ROLLING = replace(CAR, roll_mass=1300.0, roll_height=0.45, roll_inertia=400.0, roll_stiffness=60e3, roll_damping=2500.0)
 
@@ -686,3 +688,38 @@ def test_dampers_behind_tyres_stiffen_a_body_that_rolls_quickly():
     # A damper works on the part of the way that the tyre leaves it, and its force as well.
     parts = (200 / 252) ** 2, (200 / 261) ** 2
     assert slow.roll_damping == pytest.approx(half * (2000.0 * parts[0] + 1800.0 * parts[1]), rel=1e-6)
+
+
+def test_the_magic_formula_has_its_stiffness_its_peak_and_its_asymptote():
+    stiffness, limit, shape, curvature = 90e3, 6400.0, 1.4, -1.2
+    law = magic_formula_lateral_force
+    assert law(1e-7, stiffness, limit, shape, curvature) == pytest.approx(-stiffness * 1e-7, rel=1e-6)
+    slips = np.linspace(0.0, 3.0, 30001)
+    forces = np.array([law(float(slip), stiffness, limit, shape, curvature) for slip in slips])
+    assert forces.min() == pytest.approx(-limit, rel=1e-7)
+    # For large slips, B x - E (B x - atan B x) grows without limit: the force tends to D sin(C pi / 2).
+    assert law(1e6, stiffness, limit, shape, curvature) == pytest.approx(-limit * sin(shape * pi / 2.0), rel=1e-6)
+
+
+def test_the_axle_of_the_handling_bolt_has_the_force_of_its_tyres():
+    """The lateral force of the model against that of two full tyres at the static load, up to their shifts."""
+    vehicle = load_vehicle("bolt@handling")
+    parameters = estimate_parameters(vehicle, roll=True)
+    load = 0.5 * parameters.mass * GRAVITY * parameters.rear_length / parameters.wheelbase
+    assert isinstance(vehicle.spec.tyres, MagicFormulaTyres)
+    tyre = vehicle.spec.tyres.axle_laws(vehicle.folder)[0](load, 0.0, 1.0)
+    stiffness, limit = 2.0 * tyre.contact.stiffness_y, 2.0 * tyre.contact.friction_y
+    for slip in (0.02, 0.05, 0.1, 0.2):
+        both = tyre.forces(0.0, slip, 20.0)[1] - tyre.forces(0.0, -slip, 20.0)[1]
+        ours = magic_formula_lateral_force(slip, stiffness, limit, parameters.front_shape, parameters.front_curvature)
+        assert ours == pytest.approx(both, rel=0.02)
+
+
+def test_wind_from_behind_carries_the_car_until_it_has_its_speed():
+    # m v' = c (w - v)²: w - v = w / (1 + c w t / m) from standstill in the kinematic model
+    car = replace(CAR, drag=0.5, wind_x=10.0)
+    ride = Ride(car, KINEMATIC)
+    ride.simulator.AdvanceTo(20.0)
+    speed = ride.context.get_continuous_state_vector()[3]
+    assert speed == pytest.approx(10.0 - 10.0 / (1.0 + 0.5 * 10.0 * 20.0 / 1500.0), rel=1e-6)
+    assert ride.model.get_parameters(ride.context).wind_x == 10.0

@@ -45,12 +45,16 @@ class Axle(NamedTuple):
         friction: largest lateral force over load, at the static load [1].
         relaxation: relaxation length of lateral slip [m].
         roll_slip: equivalent slip of camber over the roll angle [1]; 0 where it is in the stiffness.
+        shape: shape factor of the Magic Formula at the static load [1].
+        curvature: curvature factor [1].
     """
 
     stiffness: float
     friction: float
     relaxation: float
     roll_slip: float = 0.0
+    shape: float = 1.3
+    curvature: float = 0.0
 
 
 class RollStiffness(NamedTuple):
@@ -126,10 +130,19 @@ def find_axles(
     compliance_angle = moments[0] / (2.0 * servo.stiffness) if servo.kind == "servo" and servo.stiffness > 0.0 else 0.0
     axles = []
     for i, law in enumerate(laws):
-        contact = law(loads[i], 0.0, ground).contact
+        tyre = law(loads[i], 0.0, ground)
+        contact = tyre.contact
         slip = (upright[i] if roll else slips[i]) + (compliance_angle if i == 0 else 0.0)
         roll_slip = (upright[i] - slips[i]) / angle if roll and angle > 0.0 else 0.0
-        axles.append(Axle(-forces[i] / slip, contact.friction_y / loads[i], contact.length_y, roll_slip))
+        axles.append(
+            Axle(
+                -forces[i] / slip,
+                contact.friction_y / loads[i],
+                contact.length_y,
+                roll_slip,
+                *tyres.lateral_shape(tyre),
+            )
+        )
     return axles[0], axles[1]
 
 

@@ -8,14 +8,17 @@ centre of mass in the frame of the vehicle, a and b its distances from the front
            m v̇y = Fxf sin δ + Fyf cos δ + Fyr + m gy - m r vx
            Iz ṙ = a (Fxf sin δ + Fyf cos δ) - b Fyr
 
-with mr the rotating masses reduced to the road, D = ρ/2 cA |vx| vx the drag, gx and gy gravity along and across the
-vehicle: a slope tilts gravity, as in the full model. Each axle has the velocity (u, w) along and across its wheels and
-the slip tan α = w / max(|u|, v1). Its lateral force is -C α (linear) or that of the brush tyre::
+with mr the rotating masses reduced to the road, D = ρ/2 cA |vx - q| (vx - q) the drag with the wind q along the
+vehicle, gx and gy gravity along and across it: a slope tilts gravity, as in the full model. Each axle has the velocity
+(u, w) along and across its wheels and the slip tan α = w / max(|u|, v1). Its lateral force is -C α (linear), that of
+the brush tyre, or that of the Magic Formula::
 
     |Fy| = P (1 - (1 - min(s, 1))³),    s = C |tan α| / (3 P),    P = sqrt((μ N)² - Fx²)
+    |Fy| = P sin(c atan(B - E (B - atan B))),    B = C |tan α| / (c P)
 
-(E. Fiala 1954; H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 3.2.1, pure lateral slip; P after R. Hindiyeh
-and J. C. Gerdes, J. Dyn. Sys. Meas. Control 136, 2014: drive and brake forces use their share of the friction first).
+(E. Fiala 1954; H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., sections 3.2.1 and 4.3.2, pure lateral slip; P after
+R. Hindiyeh and J. C. Gerdes, J. Dyn. Sys. Meas. Control 136, 2014: drive and brake forces use their share of the
+friction first). c and E are shape and curvature factor; the shifts by conicity and ply steer are left out.
 N is the static load and the transfer of the tyres' longitudinal forces over the height of the centre of mass. With
 relaxation length σ the effective slip follows: d(tan α')/dt = max(|u|, v1) (tan α - tan α') / σ.
 
@@ -74,8 +77,8 @@ MAX_LONGITUDINAL_SHARE = 0.98
 MIN_LOAD_SHARE = 0.01
 """Smallest share of the weight on an axle [1]."""
 
-LateralForce = Callable[[Value, Value, Value], Value]
-"""(tan α, cornering stiffness [N/rad], largest force [N]) -> lateral force [N]."""
+LateralForce = Callable[[Value, Value, Value, Value, Value], Value]
+"""(tan α, cornering stiffness [N/rad], largest force [N], shape factor, curvature factor) -> lateral force [N]."""
 
 
 class Variant(NamedTuple):
@@ -223,7 +226,13 @@ class Rates(NamedTuple):
     motion: list[Value]
 
 
-def linear_lateral_force(tan_alpha: Value, stiffness: Value, limit: Value) -> Value:  # noqa: ARG001 - no limit
+def linear_lateral_force(
+    tan_alpha: Value,
+    stiffness: Value,
+    limit: Value,  # noqa: ARG001 - no limit
+    shape: Value,  # noqa: ARG001
+    curvature: Value,  # noqa: ARG001
+) -> Value:
     """Return the lateral force of a linear tyre [N]; arguments as in :data:`LateralForce`."""
     return -stiffness * atan(tan_alpha)
 
@@ -299,8 +308,9 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
     resistance = p.rolling_resistance * weight * opposing
     front = p.front_drive * drive - p.front_brake * brake - resistance * b / base
     rear = (1.0 - p.front_drive) * drive - (1.0 - p.front_brake) * brake - resistance * a / base
-    air = p.drag * absolute(vx) * vx
     sin_yaw, cos_yaw = sin(x.yaw), cos(x.yaw)
+    air_speed = vx - (p.wind_x * cos_yaw + p.wind_y * sin_yaw)
+    air = p.drag * absolute(air_speed) * air_speed
     along = p.mass * (p.gravity_x * cos_yaw + p.gravity_y * sin_yaw)
     across = p.mass * (p.gravity_y * cos_yaw - p.gravity_x * sin_yaw)
 
@@ -339,8 +349,8 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
         slip_front, slip_rear = x.front_slip, x.rear_slip
     if flags.roll:
         slip_front, slip_rear = slip_front + p.front_roll_slip * x.roll, slip_rear + p.rear_roll_slip * x.roll
-    side_front = law(slip_front, p.front_stiffness, limit_front)
-    side_rear = law(slip_rear, p.rear_stiffness, limit_rear)
+    side_front = law(slip_front, p.front_stiffness, limit_front, p.front_shape, p.front_curvature)
+    side_rear = law(slip_rear, p.rear_stiffness, limit_rear, p.rear_shape, p.rear_curvature)
 
     # Newton and Euler at speed; a rolling body adds a lateral force.
     lateral = front * sine + side_front * cosine

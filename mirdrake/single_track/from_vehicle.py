@@ -194,6 +194,10 @@ def estimate_parameters(
         **(_roll_parameters(vehicle, body, plant, context, roll_frequency) if roll else {}),
         front_roll_slip=axles[0].roll_slip,
         rear_roll_slip=axles[1].roll_slip,
+        front_shape=axles[0].shape,
+        rear_shape=axles[1].shape,
+        front_curvature=axles[0].curvature,
+        rear_curvature=axles[1].curvature,
     )
 
 

@@ -46,6 +46,13 @@ class SingleTrackParameters:
         roll_damping: of the dampers [N m s/rad].
         front_roll_slip: equivalent slip of the front axle over the roll angle [1]: camber, roll steer.
         rear_roll_slip: the same at the rear [1].
+        front_shape: shape factor C of the Magic Formula of the front tyres [1]; only with magic_formula tyres, like the
+            next three.
+        rear_shape: the same at the rear [1].
+        front_curvature: curvature factor E of the front tyres [1], at most 1.
+        rear_curvature: the same at the rear [1].
+        wind_x: velocity of the air along x of the world [m/s].
+        wind_y: along y [m/s].
 
     Raises:
         ConfigError: not a finite number, or out of range.
@@ -82,6 +89,12 @@ class SingleTrackParameters:
     roll_damping: float = 0.0
     front_roll_slip: float = 0.0
     rear_roll_slip: float = 0.0
+    front_shape: float = 1.3
+    rear_shape: float = 1.3
+    front_curvature: float = 0.0
+    rear_curvature: float = 0.0
+    wind_x: float = 0.0
+    wind_y: float = 0.0
 
     def __post_init__(self) -> None:
         owner = "SingleTrackParameters"
@@ -91,6 +104,8 @@ class SingleTrackParameters:
                 check_number(owner, field.name, value, above=0.0)
             elif field.name in _SHARES:
                 check_number(owner, field.name, value, at_least=0.0, at_most=1.0)
+            elif field.name in _AT_MOST_ONE:
+                check_number(owner, field.name, value, at_most=1.0)
             else:
                 check_number(owner, field.name, value, at_least=0.0 if field.name in _NOT_NEGATIVE else -np.inf)
         if self.blend_end <= self.blend_start:
@@ -122,9 +137,10 @@ PARAMETERS = tuple(field.name for field in fields(SingleTrackParameters))
 _POSITIVE = {
     "mass", "yaw_inertia", "front_length", "rear_length", "front_stiffness", "rear_stiffness", "front_friction",
     "rear_friction", "front_relaxation", "rear_relaxation", "max_force", "steering_lag", "blend_start", "blend_end",
-    "roll_inertia", "roll_stiffness",
+    "roll_inertia", "roll_stiffness", "front_shape", "rear_shape",
 }  # fmt: skip
 _SHARES = {"front_drive", "front_brake"}
+_AT_MOST_ONE = {"front_curvature", "rear_curvature"}
 _NOT_NEGATIVE = {
     "com_height", "rotating_mass", "rolling_resistance", "drag", "servo_gain", "roll_mass", "roll_damping",
 }  # fmt: skip
@@ -139,7 +155,7 @@ def are_allowed(table: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
             allowed &= values > 0.0
         elif name in _SHARES or name in _NOT_NEGATIVE:
             allowed &= values >= 0.0
-        if name in _SHARES:
+        if name in _SHARES or name in _AT_MOST_ONE:
             allowed &= values <= 1.0
     allowed &= columns["blend_end"] > columns["blend_start"]
     allowed &= columns["gravity_z"] < 0.0

@@ -99,13 +99,13 @@ class SlipTyres(Tyres):
 
     Attributes:
         law: the law in steady state.
-        lateral_force: (tan alpha, cornering stiffness [N/rad], largest force [N]) -> Fy [N] in pure lateral slip, for
-            the single-track model; None if the law is not available there.
+        lateral_force: (tan alpha, cornering stiffness [N/rad], largest force [N], shape factor, curvature factor) ->
+            Fy [N] in pure lateral slip, for the single-track model; None if the law is not available there.
     """
 
     has_law: ClassVar[bool] = True
     law: ClassVar[SteadyLaw]
-    lateral_force: ClassVar[Callable[[Value, Value, Value], Value] | None] = None
+    lateral_force: ClassVar[Callable[[Value, Value, Value, Value, Value], Value] | None] = None
 
     rolling_ratio: float = Field(
         default=0.97,
@@ -120,6 +120,14 @@ class SlipTyres(Tyres):
         description="[N s/m] damper of a tyre and its bushings in the lateral direction, parallel to the spring that "
         "makes the relaxation length",
     )
+
+    def lateral_shape(self, tyre: TyreAtLoad) -> tuple[float, float]:  # noqa: ARG002
+        """Return shape and curvature factor of the lateral force of a tyre [1], for the single-track model.
+
+        The default is for laws without them: 1.3 and 0, after E. Bakker, L. Nyborg, H. B. Pacejka, SAE 870421 (side
+        force of a passenger car tyre).
+        """
+        return 1.3, 0.0
 
     def axle_laws(self, folder: Path) -> tuple[TyreLaw, TyreLaw]:
         """Return the laws of front and rear tyres; each kind with ``has_law`` defines it.

@@ -183,7 +183,13 @@ def brush_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, vx: Value) -> tu
     return fx, fy, forward * curve.half_length * (back - arm) * rolling
 
 
-def brush_lateral_force(tan_alpha: Value, stiffness: Value, limit: Value) -> Value:
+def brush_lateral_force(
+    tan_alpha: Value,
+    stiffness: Value,
+    limit: Value,
+    shape: Value = 0.0,  # noqa: ARG001
+    curvature: Value = 0.0,  # noqa: ARG001
+) -> Value:
     """Return the lateral force of a brush tyre in pure lateral slip [N].
 
     It is the formula above without a division by the slip and without a branch, so that it also takes symbolic
@@ -193,6 +199,8 @@ def brush_lateral_force(tan_alpha: Value, stiffness: Value, limit: Value) -> Val
         tan_alpha: tangent of the slip angle [1].
         stiffness: cornering stiffness [N/rad].
         limit: largest force [N], positive.
+        shape: not used, like `curvature`.
+        curvature: see there.
     """
     share = stiffness * absolute(tan_alpha) / (3.0 * limit)
     sticking = smaller(share, 1.0)

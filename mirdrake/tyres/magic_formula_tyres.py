@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, field_validator
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.maths import Value, atan, sin
 from mirdrake.core.paths import search_folders
 from mirdrake.core.yaml_io import Schema
 from mirdrake.tyres.base import SlipTyres, SteadyLaw, TyreAtLoad, TyreLaw
@@ -63,10 +64,29 @@ class TyreScale(Schema):
         return {name: getattr(self, name) for name in type(self).model_fields if name in self.model_fields_set}
 
 
+def magic_formula_lateral_force(
+    tan_alpha: Value, stiffness: Value, limit: Value, shape: Value, curvature: Value
+) -> Value:
+    """Return the lateral force of the Magic Formula in pure lateral slip, without shifts [N].
+
+    Equation (4.E19) of H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., for a given stiffness and peak.
+
+    Args:
+        tan_alpha: tangent of the slip angle [1].
+        stiffness: cornering stiffness [N/rad].
+        limit: largest force [N], positive.
+        shape: shape factor C [1].
+        curvature: curvature factor E [1].
+    """
+    bx = stiffness / (shape * limit) * tan_alpha
+    return -limit * sin(shape * atan(bx - curvature * (bx - atan(bx))))
+
+
 class MagicFormulaTyres(SlipTyres):
     """Tyre forces from the Magic Formula 5.2, 6.1 or 6.2 with relaxation, parameters from .tir files."""
 
     law: ClassVar = SteadyLaw(MagicFormulaCurve, magic_formula_on, MAGIC_FORMULA_PARTS)
+    lateral_force: ClassVar = magic_formula_lateral_force
 
     kind: Literal["magic_formula"]
     file: str = Field(min_length=1, description="a .tir file in the vehicle folder, else in models/tyres")
@@ -104,6 +124,11 @@ class MagicFormulaTyres(SlipTyres):
                 raise ConfigError(f"{prefix}: no file '{name}'; {did_you_mean(name, known)}")
             files.append(path)
         return tuple(files)
+
+    def lateral_shape(self, tyre: TyreAtLoad) -> tuple[float, float]:
+        """Return shape and curvature factor of a tyre; the latter is the mean of both sides."""
+        formula = tyre.curve.fy_pure
+        return float(formula.c), float(0.5 * (formula.e_positive + formula.e_negative))
 
     def axle_laws(self, folder: Path) -> tuple[TyreLaw, TyreLaw]:
         """Return the laws of front and rear tyres; see the base class."""
