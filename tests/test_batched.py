@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mirdrake as mir
-from mirdrake.batched import Batch, BatchRun
+from mirdrake.batched import Batch, BatchRun, Ground
 from mirdrake.core.errors import ConfigError
 from mirdrake.single_track import SingleTrackParameters, estimate_parameters, find_steady_state
 from mirdrake.single_track.dynamics import CompiledEquations, Variant
@@ -126,9 +126,37 @@ def test_a_run_is_labelled():
     assert table["vx"].tolist() == run["vx"][1].tolist()
 
 
+def test_a_hill_a_patch_of_ice_and_a_gust_act_by_place():
+    # Level for x < 0, then a rise of 5 %: a coasting car without losses has v² = v0² - 2 g' x, g' = g sin(atan 0.05).
+    x = np.linspace(-50.0, 50.0, 1001)
+    hill = Ground(x, [-1.0, 1.0], slope_x=np.where(x[:, None] > 0.0, 0.05, 0.0) * np.ones((1, 2)))
+    free = replace(CAR, rolling_resistance=0.0, drag=0.0, rotating_mass=0.0)
+    run = mir.batch(free, BRUSH, ground=hill, step=0.001).reset(x=-5.0, vx=10.0).run(np.zeros((250, 3)), hold=10)
+    position, speed = run["x"][0], run["vx"][0]
+    down = 9.80665 * np.sin(np.arctan(0.05))
+    on_hill = position > 0.1
+    assert speed[on_hill] == pytest.approx(np.sqrt(100.0 - 2.0 * down * (position[on_hill] - 0.05)), rel=1e-4)
+    assert (speed[position < 0.0] == 10.0).all()
+
+    # Ice halves the drive force that the tyres can take: 0.98 of friction times load, for rear and front together.
+    ice = Ground([-1e3, 1e3], [-1e3, 1e3], friction=0.1)
+    car = replace(free, front_drive=0.5, com_height=0.0, max_force=1e6)
+    cars = mir.batch(car, BRUSH, ground=ice).reset(vx=10.0)
+    cars.step([0.0, 1e5, 0.0], 200)
+    assert cars["vx"] == pytest.approx(10.0 + 0.98 * 0.1 * 9.80665, rel=1e-9)
+
+    gust = Ground([-1e3, 1e3], [-1e3, 1e3], wind_x=10.0)
+    cars = mir.batch(replace(free, drag=0.5), BRUSH, ground=gust).reset(vx=10.0)
+    cars.step([0.0, 0.0, 0.0], 200)
+    assert cars["vx"][0] == pytest.approx(10.0, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
+        (lambda: Ground([0.0, 1.0, 3.0], [0.0, 1.0]), "x must be two or more evenly spaced"),
+        (lambda: Ground([0.0, 1.0], [0.0, 1.0], friction=[1.0, 0.5]), r"friction has the shape \(2,\)"),
+        (lambda: Ground([0.0, 1.0], [0.0, 1.0], friction=0.0), "friction is 0; it must be above 0"),
         (lambda: mir.batch(CAR, parameters={"mas": [1.0]}), "no parameter 'mas'.*mass"),
         (lambda: mir.batch(CAR, parameters={"mass": [1e3, 2e3], "drag": [1.0]}), "'drag' has 1 values.*2 cars"),
         (lambda: mir.batch(CAR, parameters={"mass": [1e3, -1.0]}), "car 1: .*mass"),

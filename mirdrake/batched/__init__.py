@@ -2,6 +2,7 @@
 
 from mirdrake.batched.cars import STEP, Batch, batch
 from mirdrake.batched.control import BatchControl
+from mirdrake.batched.ground import Ground
 from mirdrake.batched.records import BatchRun
 
-__all__ = ["STEP", "Batch", "BatchControl", "BatchRun", "batch"]
+__all__ = ["STEP", "Batch", "BatchControl", "BatchRun", "Ground", "batch"]

@@ -10,7 +10,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mirdrake.batched.kernels import KERNEL_PARTS, Floats, Integers, Mask, advance, advance_over_time
+from mirdrake.batched.arrays import Floats, Integers, Mask
+from mirdrake.batched.ground import NO_GROUND, Ground
+from mirdrake.batched.kernels import KERNEL_PARTS, advance, advance_over_time
 from mirdrake.batched.records import BatchRun
 from mirdrake.batched.table import make_table
 from mirdrake.core.checks import check_number
@@ -65,6 +67,7 @@ class Batch:
         columns: values (n) of parameters that differ between the cars, by name.
         count: number of cars; by default the length of the columns.
         step: step of the integration [s].
+        ground: friction, slope and wind by place; level and even if None.
         threads: number of threads; studies run one process per core, so that more than one thread there is slower.
 
     Raises:
@@ -80,6 +83,7 @@ class Batch:
         count: int | None = None,
         step: float = STEP,
         threads: int = 1,
+        ground: Ground | None = None,
     ) -> None:
         variant.check()
         self.variant, self.nominal = variant, parameters
@@ -87,6 +91,8 @@ class Batch:
         self.threads = _check_threads(threads)
         self.parameters: Records = record_of(make_table(parameters, columns or {}, count))
         self.count = len(self.parameters)
+        self._present = self.parameters if ground is None else self.parameters.copy()
+        self._ground = NO_GROUND if ground is None else (ground.frame, ground.grid)
         self.state_names = variant.state_names
         self.state: Floats = np.zeros((self.count, len(self.state_names)))
         self.dead: Mask = np.zeros(self.count, dtype=bool)
@@ -144,7 +150,7 @@ class Batch:
             ConfigError: the shape of the inputs is wrong.
         """
         held = np.ascontiguousarray(np.broadcast_to(self._pad(inputs, ndim=(1, 2)), (self.count, len(Inputs._fields))))
-        arguments = (self.flags, self.positions, self.parameters, held, self.step_time, int(steps))
+        arguments = (*self.model(), held, self.step_time, int(steps))
         self.share(self._advance, arguments, (self.state, self.dead))
         self.time += steps * self.step_time
 
@@ -168,7 +174,7 @@ class Batch:
         times = rows.shape[1]
         contents = self.signals()
         values = np.empty((self.count, times + 1, len(contents)))
-        arguments = (self.flags, self.positions, self.parameters, rows, self.step_time, int(hold))
+        arguments = (*self.model(), rows, self.step_time, int(hold))
         self.share(self._advance_over_time, arguments, (self.state, self.dead, values))
         time = self.time + np.arange(times + 1) * (hold * self.step_time)
         self.time = float(time[-1])
@@ -193,6 +199,10 @@ class Batch:
         padded = np.zeros((*given.shape[:-1], len(Inputs._fields)))
         padded[..., : len(names)] = given
         return padded
+
+    def model(self) -> tuple[Any, ...]:
+        """Return flags, positions, parameters and ground, as compiled loops take them."""
+        return (self.flags, self.positions, self.parameters, self._present, *self._ground)
 
     def share(self, kernel: Callable[..., Any], arguments: tuple[Any, ...], changed: tuple[Any, ...]) -> None:
         """Call a kernel for all cars, divided among the threads."""
@@ -236,6 +246,7 @@ def batch(
     count: int | None = None,
     step: float = STEP,
     threads: int = 1,
+    ground: Ground | None = None,
 ) -> Batch:
     """Return many cars of the single-track model, each with its own parameters.
 
@@ -246,6 +257,7 @@ def batch(
         count: number of cars; by default the length of the values.
         step: step of the integration [s].
         threads: number of threads that share the cars.
+        ground: friction, slope and wind by place; level and even if None.
 
     Raises:
         ConfigError: an unknown parameter, values of different lengths, or a value out of range.
@@ -256,7 +268,7 @@ def batch(
         car = load_vehicle(car)
     if isinstance(car, Vehicle):
         car = estimate_parameters(car, roll=variant.roll)
-    return Batch(car, variant, columns=parameters, count=count, step=step, threads=threads)
+    return Batch(car, variant, columns=parameters, count=count, step=step, threads=threads, ground=ground)
 
 
 def _check_threads(threads: int) -> int:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mirdrake.batched.arrays import Floats, Integers
 from mirdrake.batched.cars import Batch
 from mirdrake.batched.control_kernel import DRIVE_PARTS, UnitNumbers, ackermann_rolling, drive, unior_rolling
-from mirdrake.batched.kernels import Floats, Integers
 from mirdrake.batched.records import BatchRun
 from mirdrake.controllers.ackermann import SteeringNumbers
 from mirdrake.controllers.control_step import LAST, ControlSetup
@@ -135,7 +135,7 @@ class BatchControl:
         values = np.empty((self.cars.count, -(-periods // every), len(columns)))
         cars = self.cars
         arguments = (
-            cars.flags, cars.positions, cars.parameters, *self._numbers, stamped, self._noise, self._seed,
+            *cars.model(), *self._numbers, stamped, self._noise, self._seed,
             self._periods, int(every), cars.step_time, self._steps, columns,
         )  # fmt: skip
         changed = (cars.state, cars.dead, self._memory, self._delayed, self._delays, values)

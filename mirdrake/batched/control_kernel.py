@@ -4,17 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mirdrake.batched.kernels import (
-    KERNEL_PARTS,
-    Floats,
-    Integers,
-    Mask,
-    is_finite,
-    read_state,
-    runge_kutta,
-    write_motion,
-    write_state,
-)
+from mirdrake.batched.arrays import Floats, Integers, Mask
+from mirdrake.batched.ground import apply_ground
+from mirdrake.batched.kernels import KERNEL_PARTS, is_finite, read_state, runge_kutta, write_motion, write_state
 from mirdrake.batched.noise import NOISE_PARTS, normal
 from mirdrake.controllers.ackermann import (
     SteeringLaw,
@@ -60,6 +52,9 @@ def drive(
     flags: Records,
     positions: Integers,
     parameters: Records,
+    present: Records,
+    frame: Floats,
+    grid: Floats,
     units: Records,
     setups: Any,
     true_steering: Records,
@@ -95,6 +90,9 @@ def drive(
         flags: one record of the variant's flags.
         positions: column in `states` of each field of the state.
         parameters: a record per car.
+        present: parameters at the place of each car, overwritten; `parameters` itself without a ground.
+        frame: see :class:`mirdrake.batched.ground.Ground`.
+        grid: see there.
         units: one record of :class:`UnitNumbers`.
         setups: one record of the control unit's constants.
         true_steering: one record of the numbers of the true steering geometry.
@@ -165,7 +163,8 @@ def drive(
                     outputs[i, k // every, :] = np.nan
                 else:
                     write_state(row, positions, x)
-                    write_motion(row, states_of_variant, equations(law, flags[0], parameters[i], x, u)[1])
+                    apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
+                    write_motion(row, states_of_variant, equations(law, flags[0], present[i], x, u)[1])
                     for j in range(len(columns)):
                         outputs[i, k // every, j] = row[columns[j]]
             if dead[i]:
@@ -173,7 +172,8 @@ def drive(
 
             # The model until the next control instant.
             for _ in range(steps):
-                after = runge_kutta(law, flags[0], parameters[i], x, u, step)
+                apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
+                after = runge_kutta(law, flags[0], present[i], x, u, step)
                 if not is_finite(after):
                     dead[i] = True
                     break

@@ -8,8 +8,9 @@ from collections.abc import MutableSequence, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from mirdrake.batched.arrays import Floats, Integers, Mask
+from mirdrake.batched.ground import GROUND_PARTS, apply_ground
 from mirdrake.core.compiled import Records
 from mirdrake.single_track.dynamics import (
     EQUATION_PARTS,
@@ -22,16 +23,15 @@ from mirdrake.single_track.dynamics import (
     equations,
 )
 
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
-
 
 def advance(
     law: LateralForce,
     flags: Records,
     positions: Integers,
     parameters: Records,
+    present: Records,
+    frame: Floats,
+    grid: Floats,
     inputs: Floats,
     step: float,
     steps: int,
@@ -47,6 +47,9 @@ def advance(
         flags: one record of :class:`Flags`.
         positions: column in `states` of each field of :class:`State`; -1: the variant does not have it.
         parameters: a record per car.
+        present: parameters at the place of each car, overwritten; `parameters` itself without a ground.
+        frame: see :class:`mirdrake.batched.ground.Ground`.
+        grid: see there.
         inputs: values of :class:`Inputs` (n, 5).
         step: step of the integration [s].
         steps: number of steps.
@@ -61,7 +64,8 @@ def advance(
         x = read_state(states[i], positions)
         u = Inputs(inputs[i, 0], inputs[i, 1], inputs[i, 2], inputs[i, 3], inputs[i, 4])
         for _ in range(steps):
-            after = runge_kutta(law, flags[0], parameters[i], x, u, step)
+            apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
+            after = runge_kutta(law, flags[0], present[i], x, u, step)
             if not is_finite(after):
                 dead[i] = True
                 break
@@ -74,6 +78,9 @@ def advance_over_time(
     flags: Records,
     positions: Integers,
     parameters: Records,
+    present: Records,
+    frame: Floats,
+    grid: Floats,
     inputs: Floats,
     step: float,
     steps: int,
@@ -86,10 +93,13 @@ def advance_over_time(
     """Advance cars under inputs over time.
 
     Args:
-        law: as in :func:`advance`, like the next three.
+        law: as in :func:`advance`, like the others up to `grid`.
         flags: see there.
         positions: see there.
         parameters: see there.
+        present: see there.
+        frame: see there.
+        grid: see there.
         inputs: values of :class:`Inputs` (1 or n, times, 5); each row is held for `steps` steps.
         step: as in :func:`advance`, like the others up to `dead`.
         steps: see there.
@@ -115,11 +125,13 @@ def advance_over_time(
                 continue
             # The motion of the last row is that under the last inputs.
             write_state(outputs[i, k], positions, x)
-            write_motion(outputs[i, k], states_of_variant, equations(law, flags[0], parameters[i], x, u)[1])
+            apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
+            write_motion(outputs[i, k], states_of_variant, equations(law, flags[0], present[i], x, u)[1])
             if k == inputs.shape[1]:
                 continue
             for _ in range(steps):
-                after = runge_kutta(law, flags[0], parameters[i], x, u, step)
+                apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
+                after = runge_kutta(law, flags[0], present[i], x, u, step)
                 if not is_finite(after):
                     dead[i] = True
                     break
@@ -214,5 +226,15 @@ def write_motion(row: MutableSequence[float], start: int, motion: Motion) -> Non
         row[start + i] = motion[i]
 
 
-KERNEL_PARTS = (*EQUATION_PARTS, equations, runge_kutta, moved, is_finite, read_state, write_state, write_motion)
+KERNEL_PARTS = (
+    *EQUATION_PARTS,
+    *GROUND_PARTS,
+    equations,
+    runge_kutta,
+    moved,
+    is_finite,
+    read_state,
+    write_state,
+    write_motion,
+)
 """Functions that the loops call."""

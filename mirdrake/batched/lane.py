@@ -7,16 +7,9 @@ Newton's method from the last place, as in :class:`mirdrake.controllers.path_tra
 import math
 from typing import Any, NamedTuple
 
-from mirdrake.batched.kernels import (
-    KERNEL_PARTS,
-    Floats,
-    Integers,
-    Mask,
-    is_finite,
-    read_state,
-    runge_kutta,
-    write_state,
-)
+from mirdrake.batched.arrays import Floats, Integers, Mask
+from mirdrake.batched.ground import apply_ground
+from mirdrake.batched.kernels import KERNEL_PARTS, is_finite, read_state, runge_kutta, write_state
 from mirdrake.controllers.ackermann import SteeringNumbers, approach
 from mirdrake.controllers.cruise import cruise_step
 from mirdrake.core.compiled import Records
@@ -100,6 +93,9 @@ def drive_on_track(
     flags: Records,
     positions: Integers,
     parameters: Records,
+    present: Records,
+    frame: Floats,
+    grid: Floats,
     lanes: Any,
     gains: Any,
     tables: Floats,
@@ -123,6 +119,9 @@ def drive_on_track(
         flags: one record of the variant's flags.
         positions: column in `states` of each field of the state.
         parameters: a record per car.
+        present: parameters at the place of each car, overwritten; `parameters` itself without a ground.
+        frame: see :class:`mirdrake.batched.ground.Ground`.
+        grid: see there.
         lanes: one record of :class:`LaneNumbers`.
         gains: gains of the speed loop, one record.
         tables: centre line (points, 6): x [m], y [m], yaw [rad], curvature [1/m], left and right width [m].
@@ -148,7 +147,8 @@ def drive_on_track(
         for _ in range(periods):
             u, trim = _control(lane, gains[0], memory[i], setpoints[i, 0], setpoints[i, 1], x.vx)
             for _ in range(steps):
-                after = runge_kutta(law, flags[0], parameters[i], x, u, step)
+                apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
+                after = runge_kutta(law, flags[0], present[i], x, u, step)
                 if not is_finite(after):
                     dead[i] = True
                     break

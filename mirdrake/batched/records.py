@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from mirdrake.batched.kernels import Floats, Integers
+from mirdrake.batched.arrays import Floats, Integers
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import Signals
 

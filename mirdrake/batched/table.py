@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mirdrake.batched.kernels import Floats
+from mirdrake.batched.arrays import Floats
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.single_track.parameters import PARAMETERS, SingleTrackParameters, are_allowed
 

@@ -234,7 +234,7 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         cars = self.cars
         setpoints = self._setpoints if periods else np.zeros((self.num_envs, 2))
         arguments = (
-            cars.flags, cars.positions, cars.parameters, self._lanes, self._gains, self._tables, self._distances,
+            *cars.model(), self._lanes, self._gains, self._tables, self._distances,
             setpoints, periods, cars.step_time, 1,
         )  # fmt: skip
         cars.share(self._kernel, arguments, (cars.state, cars.dead, self._memory, self._progress, self._signals))
