@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirdrake.core.errors import ConfigError, RunError
+from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.core.paths import data_root
 from mirdrake.editor.document import Document
 from mirdrake.editor.editor import Editor, world_path
@@ -21,6 +21,7 @@ from mirdrake.editor.marks import mark_overlaps
 from mirdrake.editor.scene import Scene, read_scene
 from mirdrake.editor.values import lock_reason, plain_number, write_number
 from mirdrake.world_checks.overlaps import find_overlaps
+from mirdrake.worlds import load_world
 
 YARD = """\
 mirdrake: world/1
@@ -328,3 +329,55 @@ def test_only_the_files_of_the_page_are_served(editor):
     for path in ("editor.py", "../editor.py", "page/editor.js", "nothing.js"):
         with pytest.raises(urllib.error.HTTPError):
             urllib.request.urlopen(editor.url + path, timeout=10)
+
+
+# --- many gestures ------------------------------------------------------------------------------------------------
+
+
+def random_gesture(scene: Scene, rng: random.Random) -> dict[str, Any]:
+    """Return a gesture that a user might make: drags most often, then inserts, copies, deletes and typed values."""
+    keys = list(scene.elements)
+    kind = rng.choice(["drag", "drag", "drag", "insert", "copy", "delete", "expand", "set"])
+    x, y = round(rng.uniform(-60, 60), 2), round(rng.uniform(-60, 60), 2)
+    if kind == "insert" or not keys:
+        what, name = rng.choice([("prop", "cone"), ("prop", "barrel"), ("start", "start"), ("goal", "goal")])
+        return {"kind": "insert", "what": what, "name": name, "x": x, "y": y}
+    key = rng.choice(keys)
+    if kind == "drag":
+        handle = rng.choice(scene.elements[key].handles).name
+        return {"kind": "drag", "moves": [{"element": key, "handle": handle, "x": x, "y": y}]}
+    if kind == "copy":
+        return {"kind": "copy", "elements": [key], "dx": x, "dy": y}
+    if kind == "delete":
+        return {"kind": "delete", "elements": [key]}
+    if kind == "expand":
+        return {"kind": "expand", "element": key}
+    return {"kind": "set", "path": [*scene.elements[key].path, "yaw"], "value": f"{rng.randrange(360)} deg"}
+
+
+@pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 60), marks=pytest.mark.slow)], ids=["1", "59"])
+def test_after_random_gestures_the_file_means_what_is_shown_and_undo_restores_every_byte(seeds, tmp_path):
+    for seed in seeds:
+        rng = random.Random(seed)
+        path = tmp_path / f"yard{seed}.yaml"
+        begin = rng.choice([YARD, YARD.replace("\n", "\r\n"), "mirdrake: world/1"])
+        path.write_bytes(begin.encode())
+        document, scene, made = Document(path), read_scene(begin, path), 0
+        for _ in range(50):
+            try:
+                text = read_gesture(random_gesture(scene, rng)).text(scene, "yard.yaml")
+                after = read_scene(text, path)
+            except (LockedError, MirdrakeError):
+                continue
+            document.change(text)
+            scene, made = after, made + (text != begin)
+        assert made > 15
+        document.save()
+        saved = load_world(str(path))
+        assert [placed.name for placed in saved.props] == [placed.name for placed in scene.world.props]
+        for one, other in zip(saved.props, scene.world.props, strict=True):
+            assert np.allclose(one.X_WP.GetAsMatrix4(), other.X_WP.GetAsMatrix4(), atol=1e-9)
+        while document.can_undo:
+            document.undo()
+        assert document.text == begin
+        document.close()
