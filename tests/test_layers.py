@@ -10,7 +10,7 @@ PACKAGE = ROOT / "mirdrake"
 
 STAGES = {
     "core": 0,
-    "readers": 1, "tyres": 1, "vehicles": 1, "worlds": 1,
+    "ground": 1, "readers": 1, "tyres": 1, "vehicles": 1, "worlds": 1,
     "plant": 2,
     "controllers": 3,
     "sensors": 4, "single_track": 4,

@@ -185,7 +185,10 @@ def test_any_text_is_read_or_refused(noise: str) -> None:
             assert all(line.startswith("<text>:") for line in str(error).splitlines())  # noqa: PT017
 
 
-FIXED = {"fzmin", "nompres", "inflpres", "longitudinal_stiffness", "lateral_stiffness"}
+FIXED = {
+    "fzmin", "nompres", "inflpres", "longitudinal_stiffness", "lateral_stiffness", "vertical_stiffness",
+    "vertical_damping",
+}  # fmt: skip
 NUMBERS = {
     field.name: st.floats(-20.0, 20.0)
     for field in fields(MagicFormulaParameters)
@@ -201,6 +204,7 @@ def test_round_trip(coefficients: dict[str, float], version: str, stiffness: flo
         fzmax=stiffness,
         nompres=2.2e5,
         lateral_stiffness=stiffness,
+        vertical_stiffness=stiffness,
         **coefficients,
     )
     file = parse_tir(write_tir(tyre, comments=("made in a test",)))

@@ -11,6 +11,7 @@ from pydrake.systems.analysis import Simulator
 from mirdrake.assembly.diagram import assemble
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
+from mirdrake.plant.plant import TyreSpring
 from mirdrake.plant.wheels.motion import wheel_places
 from mirdrake.plant.wheels.step import tyre_step
 from mirdrake.runs.simulation import Simulation
@@ -80,6 +81,7 @@ def test_forces_are_those_of_the_law_at_the_slips_of_the_wheels(bolt, kind, slip
     state = sliding_state(assembly, vy=vy, slip=slip, steering=steering, lean=lean)
     plant, part = assembly.parts.plant, assembly.parts.vehicles["ego"]
     told = steady_forces(assembly.tyres["ego"], state, [4000.0] * 4)
+    assert isinstance(part.compression[0], TyreSpring)
     stiffness = 1.0 / part.compression[0].softness  # of point contact
     for motion, (fx, fy, mz, kappa, alpha) in zip(
         motions(plant.num_positions(), state.tolist(), wheel_places(part)), told, strict=True

@@ -38,7 +38,7 @@ from mirdrake.core.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.core.signals import Signal
 from mirdrake.core.yaml_io import Source, where
 from mirdrake.plant.plant import PlantParts, make_plant, set_start
-from mirdrake.plant.wheels import WheelTyres
+from mirdrake.plant.wheels import GroundTyres, WheelTyres
 from mirdrake.sensors import Camera
 from mirdrake.sensors.perception import add_cloud_overlays
 from mirdrake.worlds import Start
@@ -79,7 +79,7 @@ class Assembly:
     meshcat: Meshcat | None = None
     cameras: dict[str, tuple[Camera, str]] = field(default_factory=dict)
     arrays: dict[str, System] = field(default_factory=dict)
-    tyres: dict[str, WheelTyres] = field(default_factory=dict)
+    tyres: dict[str, WheelTyres | GroundTyres] = field(default_factory=dict)
     outputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
     inputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
 

@@ -11,6 +11,8 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import scipy  # it imports its parts when they are first used
+import shapely
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
     AddContactMaterial,
@@ -28,9 +30,15 @@ from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context
 
+from mirdrake.ground import Terrain
+from mirdrake.ground.terrain import Grid
 from mirdrake.worlds import PlacedProp, World
 from mirdrake.worlds.props import DISSIPATION, STIFFNESS, Color, Solid
 
+_CELL = 0.01
+"""Spacing of the heights of a prop that vehicles drive over [m]."""
+
+_STEEP = 1e-9  # vertical component of the normal of a vertical face [1]
 _GREY = (0.72, 0.71, 0.68, 1.0)  # colour of a prop without mesh and colour
 
 
@@ -101,6 +109,46 @@ def add_props(plant: MultibodyPlant, world: World) -> PropsInPlant:
             rgba = np.array([*placed.color, 1.0] if placed.color else _GREY)
             plant.RegisterVisualGeometry(body, X_BP @ X_PG, shape, f"prop/{placed.name}/look{index}", rgba)
     return added
+
+
+def terrain_of(world: World) -> Terrain:
+    """Return the ground of a world with the static props that vehicles drive over."""
+    bumps = [grid for placed in world.props if placed.static and placed.prop.driven_over for grid in _tops(placed)]
+    return Terrain([*world.ground.terrain.sources, *bumps]) if bumps else world.ground.terrain
+
+
+def _tops(placed: PlacedProp) -> list[Grid]:
+    """Return the upper surface of each solid of a prop over the base plane, as local grids; solids must not overlap.
+
+    Shapes are convex: the height at a point is the smallest one of the planes of the upper facets of the hull.
+    """
+    grids = []
+    for solid in placed.prop.solids:
+        corners = np.array([placed.X_WP @ corner for corner in solid.corners.reshape(-1, 3)])
+        outline = shapely.oriented_envelope(shapely.MultiPoint(corners[:, :2]))
+        ring = shapely.get_coordinates(outline)
+        along = ring[1] - ring[0]
+        length, yaw = float(np.hypot(*along)), float(np.arctan2(along[1], along[0]))
+        across = ring[3] - ring[0] if len(ring) > 4 else ring[2] - ring[1]
+        width = float(np.hypot(*across))
+        e = along / length
+        n = np.array([-e[1], e[0]])
+        origin = ring[0] if n @ across > 0.0 else ring[0] + across
+        # One more node on each side has the height zero, so that a vertical face is one cell long.
+        u = _CELL * np.arange(-1, int(np.ceil(length / _CELL)) + 2)
+        v = _CELL * np.arange(-1, int(np.ceil(width / _CELL)) + 2)
+        points = origin + u[None, :, None] * e + v[:, None, None] * n
+        planes = scipy.spatial.ConvexHull(corners).equations
+        heights = [-(points @ plane[:2] + plane[3]) / plane[2] for plane in planes if abs(plane[2]) > _STEEP]
+        upwards = planes[np.abs(planes[:, 2]) > _STEEP, 2] > 0.0
+        z = np.min([height for height, up in zip(heights, upwards, strict=True) if up], axis=0)
+        bottom = np.max([height for height, up in zip(heights, upwards, strict=True) if not up], axis=0)
+        walls = [points @ plane[:2] + plane[3] > _STEEP for plane in planes if abs(plane[2]) <= _STEEP]
+        outside = (z <= bottom) | np.any(walls, axis=0)
+        z = np.where(outside, 0.0, np.maximum(z, 0.0))
+        x, y = origin - _CELL * (e + n)
+        grids.append(Grid(z, _CELL, x=float(x), y=float(y), yaw=yaw, smooth=False, local=True))
+    return grids
 
 
 def _feet(solid: Solid) -> list[tuple[Shape, RigidTransform]]:

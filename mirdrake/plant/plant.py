@@ -5,11 +5,12 @@ finalised. The road is one half space; its visual geometry is on top of it.
 """
 
 import re
-from collections.abc import Container, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import cos, sin, sqrt
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 from pydrake.geometry import (
     AddContactMaterial,
@@ -27,7 +28,7 @@ from pydrake.geometry import (
     SceneGraphConfig,
     Shape,
 )
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import (
@@ -43,12 +44,14 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.drake_log import filter_drake_log
-from mirdrake.core.errors import ModelError
+from mirdrake.core.errors import ConfigError, ModelError
 from mirdrake.core.yaml_io import Period, Schema, Speed
-from mirdrake.plant.obstacles import PropsInPlant, add_props
+from mirdrake.ground import FLAT, Terrain
+from mirdrake.plant.obstacles import PropsInPlant, add_props, terrain_of
 from mirdrake.plant.rest_pose import RestPose, find_rest_pose
 from mirdrake.plant.wheel_shape import ContactModel, make_wheel_shape
 from mirdrake.tyres import SlipTyres
+from mirdrake.tyres.vertical import VerticalTyre
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import scenery
@@ -69,6 +72,12 @@ broad-phase tree; where the tree is more than ten levels deeper than a balanced 
 
 _MARGIN, _DEPTH = 1000.0, 10.0  # box for the ground: margin around the world, and depth [m]
 
+_SLIGHT = 0.01  # depth of hollows in which other bodies do not touch the ground [m]
+_CLEARANCE = 0.2  # distance of the plane for other bodies below uneven ground [m]
+
+DISSIPATION = 0.1
+"""Damping of a contact whose shapes have none, over its force [s/m]."""
+
 ROAD_STIFFNESS = 1e9
 """Point-contact stiffness of the road [N/m]: much stiffer than a tyre, so that the tyre's stiffness dominates."""
 
@@ -78,7 +87,9 @@ class PlantSpec(Schema):
 
     time_step: Period = Field(0.005, gt=0.0, le=0.05, description="discrete step of the plant [s]")
     contact: ContactModel = Field(
-        "hydroelastic", description="contact patches (hydroelastic) or faster point contact [-]"
+        "hydroelastic",
+        description="wheels on the ground: contact patches (hydroelastic), faster point contact (point), or a vertical "
+        "tyre that also follows uneven ground (tyre) [-]",
     )
     approximation: Literal["lagged", "sap", "similar"] = Field(
         "similar", description="Drake's discrete contact approximation; lagged loses grip with speed [-]"
@@ -118,6 +129,10 @@ def spring_load(spring: TyreSpring, depth: float) -> float:
     return float((max(depth, 0.0) / spring.softness) ** (1.0 / spring.power))
 
 
+Compression = TyreSpring | VerticalTyre
+"""Compression of a tyre at rest [m], a function of the load [N]."""
+
+
 @dataclass(frozen=True)
 class VehicleInPlant:
     """Vehicle in a plant.
@@ -136,6 +151,7 @@ class VehicleInPlant:
         compression: compression of a front and a rear tyre under a load.
         parked: whether parking brakes hold the wheels.
         suspension: suspension joints in the order of the wheels; empty without suspension.
+        terrain: the ground that its tyres touch.
     """
 
     name: str
@@ -148,9 +164,10 @@ class VehicleInPlant:
     steering_actuators: tuple[JointActuator, ...]
     tyres: tuple[GeometryId, ...]
     tyre_mu: tuple[float, ...]
-    compression: tuple[TyreSpring, TyreSpring]
+    compression: tuple[Compression, Compression]
     parked: bool = False
     suspension: tuple[Joint, ...] = ()
+    terrain: Terrain = FLAT
 
     @property
     def tyre_model(self) -> bool:
@@ -189,6 +206,7 @@ class PlantParts:
         vehicles: vehicles by name.
         ground: collision geometries of the road plane.
         props: the props of the world.
+        terrain: height of the ground, with the props that vehicles drive over.
     """
 
     plant: MultibodyPlant
@@ -197,6 +215,7 @@ class PlantParts:
     vehicles: dict[str, VehicleInPlant] = field(default_factory=dict)
     ground: tuple[GeometryId, ...] = ()
     props: PropsInPlant = field(default_factory=PropsInPlant)
+    terrain: Terrain = FLAT
 
 
 def make_plant(
@@ -219,24 +238,46 @@ def make_plant(
     spec = spec or PlantSpec()
     config = MultibodyPlantConfig(
         time_step=spec.time_step,
-        contact_model="point" if spec.contact == "point" else "hydroelastic_with_fallback",
+        contact_model="hydroelastic_with_fallback" if spec.contact == "hydroelastic" else "point",
         discrete_contact_approximation=spec.approximation,
         stiction_tolerance=spec.stiction_tolerance,
         use_sampled_output_ports=False,  # contact results are those of the next step, solved once
     )
     # Drake's defaults, 50 s/m and 0.1 s, would overdamp the tyres.
-    defaults = DefaultProximityProperties(hunt_crossley_dissipation=0.1, relaxation_time=0.0)
+    defaults = DefaultProximityProperties(hunt_crossley_dissipation=DISSIPATION, relaxation_time=0.0)
     filter_drake_log()
+    terrain = _checked_terrain(world, spec.contact, vehicles)
     plant, scene_graph = AddMultibodyPlant(config, SceneGraphConfig(default_proximity_properties=defaults), builder)
     parts = {
-        name: add_vehicle(plant, vehicle, name=name, contact=spec.contact, parked=name in parked)
+        name: replace(
+            add_vehicle(plant, vehicle, name=name, contact=spec.contact, parked=name in parked), terrain=terrain
+        )
         for name, vehicle in vehicles.items()
     }
     ground, props = add_world(plant, world)
     for part in parts.values():
         _match_tyres(plant, scene_graph, part, world)
+        if spec.contact == "tyre":
+            for tyre in part.tyres:
+                _exclude_contact(scene_graph, tyre, [*ground, *props.bumps])
     plant.Finalize()
-    return PlantParts(plant, scene_graph, world, parts, ground, props)
+    return PlantParts(plant, scene_graph, world, parts, ground, props, terrain)
+
+
+def _checked_terrain(world: World, contact: ContactModel, vehicles: Mapping[str, Vehicle]) -> Terrain:
+    """Return the ground that tyres touch.
+
+    Raises:
+        ConfigError: the ground has a relief, which Drake's contact does not have.
+    """
+    if contact == "tyre":
+        return terrain_of(world)
+    if vehicles and not world.ground.terrain.flat:
+        raise ConfigError(
+            f"plant.contact: {contact}; the ground of world '{world.name}' has a relief, which only tyres with "
+            "plant.contact: tyre touch"
+        )
+    return FLAT
 
 
 def add_vehicle(
@@ -273,7 +314,7 @@ def add_vehicle(
     parser.SetAutoRenaming(True)
     parser.package_map().AddMap(make_package_map(vehicle.packages))
     urdf = vehicle.urdf
-    if contact == "point":  # saves Drake the meshes of hydroelastic shapes, 0.1 s per vehicle
+    if contact != "hydroelastic":  # saves Drake the meshes of hydroelastic shapes, 0.1 s per vehicle
         urdf = re.sub(r"<drake:(?:compliant|rigid)_hydroelastic\s*/>", "", urdf)
     (instance,) = parser.AddModelsFromString(urdf, "urdf")
     if plant.GetModelInstanceName(instance) != name:
@@ -324,15 +365,8 @@ def add_vehicle(
         )
         shape_tyre = _shape_turning_tyre if turning else _shape_fixed_tyre
         tyres.append(shape_tyre(plant, scene_graph, joint, geometries[0], shape))
-    inspector, geometry = scene_graph.model_inspector(), vehicle.geometry
-    compression = (
-        _compression(
-            inspector.GetProximityProperties(tyres[0]), contact, geometry.front_wheel_radius, geometry.front_wheel_width
-        ),
-        _compression(
-            inspector.GetProximityProperties(tyres[2]), contact, geometry.rear_wheel_radius, geometry.rear_wheel_width
-        ),
-    )
+    inspector = scene_graph.model_inspector()
+    compression = _compressions(vehicle, contact, [inspector.GetProximityProperties(tyres[i]) for i in (0, 2)])
     return VehicleInPlant(
         name=name,
         vehicle=vehicle,
@@ -407,17 +441,34 @@ def _filtered_geometries(scene_graph: SceneGraph, tyre: GeometryId) -> list[Geom
     return [other for other in others if other != tyre and inspector.CollisionFiltered(tyre, other)]
 
 
-def _compression(material: ProximityProperties, contact: ContactModel, radius: float, width: float) -> TyreSpring:
-    """Return the compression of a tyre at rest under a load.
+def _compressions(
+    vehicle: Vehicle, contact: ContactModel, materials: Sequence[ProximityProperties]
+) -> tuple[Compression, Compression]:
+    """Return the compression of a front and a rear tyre at rest under a load.
 
     Point contact is a linear spring. The pressure of the wedge mesh is E depth/R, so that over the patch of length
-    2 sqrt(2 R d) and width w the load is N = (4/3) E w sqrt(2/R) d^1.5.
+    2 sqrt(2 R d) and width w the load is N = (4/3) E w sqrt(2/R) d^1.5. A vertical tyre has the stiffness of its tyre
+    file, or that of point contact.
     """
-    if contact == "point":
+    geometry = vehicle.geometry
+    sizes = (
+        (geometry.front_wheel_radius, geometry.front_wheel_width),
+        (geometry.rear_wheel_radius, geometry.rear_wheel_width),
+    )
+    of_files = vehicle.spec.tyres.vertical_tyres(vehicle.folder) if contact == "tyre" else (None, None)
+    result: list[Compression] = []
+    for material, (radius, width), of_file in zip(materials, sizes, of_files, strict=True):
         stiffness = material.GetPropertyOrDefault("material", "point_contact_stiffness", 1e6)
-        return TyreSpring(1.0 / stiffness, 1.0)
-    modulus = material.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 1e7)
-    return TyreSpring(float((0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0)), 2.0 / 3.0)
+        if contact == "tyre":
+            damping = material.GetPropertyOrDefault("material", "hunt_crossley_dissipation", DISSIPATION)
+            result.append(of_file or VerticalTyre(stiffness, damping=damping))
+        elif contact == "point":
+            result.append(TyreSpring(1.0 / stiffness, 1.0))
+        else:
+            modulus = material.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 1e7)
+            softness = (0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0)
+            result.append(TyreSpring(float(softness), 2.0 / 3.0))
+    return result[0], result[1]
 
 
 def matched_friction(tyre: float, road: float, *, plane: float) -> float:
@@ -461,12 +512,13 @@ def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[Geometry
     friction = CoulombFriction(world.road_mu, world.road_mu)
     AddContactMaterial(friction=friction, dissipation=0.0, point_stiffness=ROAD_STIFFNESS, properties=material)
     AddRigidHydroelasticProperties(material)
-    body, shape, X_BG = plant.world_body(), HalfSpace(), RigidTransform()
+    lowest = _lowest_point(world)
+    body, shape, X_BG = plant.world_body(), HalfSpace(), RigidTransform([0.0, 0.0, lowest])
     still = len(plant.GetCollisionGeometriesForBody(body))
     if still > MAX_SHAPES_WITH_HALF_SPACE:
         if plant.num_collision_geometries() - still > MAX_SHAPES_WITH_HALF_SPACE:
             side = 2.0 * (max(map(abs, world.ground.extent)) + _MARGIN)
-            shape, X_BG = Box(side, side, _DEPTH), RigidTransform([0.0, 0.0, -_DEPTH / 2.0])
+            shape, X_BG = Box(side, side, _DEPTH), RigidTransform([0.0, 0.0, lowest - _DEPTH / 2.0])
         else:
             body = plant.AddRigidBody("ground", plant.AddModelInstance("ground"), SpatialInertia.Zero())
             plant.WeldFrames(plant.world_frame(), body.body_frame())
@@ -476,6 +528,17 @@ def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[Geometry
         rgba = item.rgba if item.rgba is not None else [1.0, 1.0, 1.0, 1.0]
         plant.RegisterVisualGeometry(plant.world_body(), item.X_WG, item.shape, f"scenery/{item.name}", rgba)
     return (ground,), props
+
+
+def _lowest_point(world: World) -> float:
+    """Return the height of the lowest point of the ground, at most zero [m]: that of the plane for other bodies."""
+    terrain = world.ground.terrain
+    if terrain.flat:
+        return 0.0
+    xmin, ymin, xmax, ymax = world.ground.extent
+    x, y = np.meshgrid(np.linspace(xmin, xmax, 201), np.linspace(ymin, ymax, 201))
+    lowest = float(terrain.height(x, y).min())
+    return lowest - _CLEARANCE if lowest < -_SLIGHT else 0.0
 
 
 def set_start(
@@ -499,17 +562,51 @@ def set_start(
         yaw: heading [rad].
         speed: forward speed [m/s]; the wheels roll, unless the vehicle is parked: then they slide.
     """
-    pose = find_rest_pose(plant, part, yaw=yaw)
-    if pose is None:  # too steep for a rest pose
-        front, rear = part.rest_compressions(plant)
-        pose = RestPose(-rear, (front - rear) / part.vehicle.geometry.wheelbase, 0.0, (0.0,) * len(WHEELS))
+    if part.terrain.flat:
+        pose = _rest_pose(plant, part, yaw=yaw)
+        X_WB, direction = RigidTransform(RollPitchYaw(pose.roll, pose.pitch, yaw), [x, y, pose.z]), None
+    else:
+        R_WP, height = _tangent_plane(part, x, y, yaw)
+        pose = _rest_pose(plant, part, R_WP=R_WP)
+        X_PB = RigidTransform(RollPitchYaw(pose.roll, pose.pitch, 0.0), [0.0, 0.0, pose.z])
+        X_WB = RigidTransform(R_WP, [x, y, height]) @ X_PB
+        direction = R_WP.col(0)
     for joint, travel in zip(part.suspension, pose.travel, strict=False):
         joint.set_translation(context, travel)
-    X_WB = RigidTransform(RollPitchYaw(pose.roll, pose.pitch, yaw), [x, y, pose.z])
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, X_WB)
     velocities = plant.GetVelocities(context).copy()
     start = part.base.floating_velocities_start_in_v()
     velocities[start : start + 6] = [0.0, 0.0, 0.0, speed * cos(yaw), speed * sin(yaw), 0.0]
+    if direction is not None:
+        velocities[start + 3 : start + 6] = speed * direction
     for joint, radius in zip(part.wheels, [radius for radius in part.rolling_radii(plant) for _ in SIDES], strict=True):
         velocities[joint.velocity_start()] = 0.0 if part.parked else speed / radius
     plant.SetVelocities(context, velocities)
+
+
+def _rest_pose(
+    plant: MultibodyPlant, part: VehicleInPlant, *, yaw: float = 0.0, R_WP: RotationMatrix | None = None
+) -> RestPose:
+    """Return the rest pose of a vehicle on a plane; with tyres compressed as on level ground if it is too steep."""
+    pose = find_rest_pose(plant, part, yaw=yaw, R_WP=R_WP)
+    if pose is not None:
+        return pose
+    front, rear = part.rest_compressions(plant)
+    return RestPose(-rear, (front - rear) / part.vehicle.geometry.wheelbase, 0.0, (0.0,) * len(WHEELS))
+
+
+def _tangent_plane(part: VehicleInPlant, x: float, y: float, yaw: float) -> tuple[RotationMatrix, float]:
+    """Return the plane through the ground below the wheels: its axes, x along the heading, and its height at (x, y).
+
+    It is fitted by least squares to four points, so on twisted ground the vehicle settles at the start.
+    """
+    geometry = part.vehicle.geometry
+    half_front, half_rear, length = 0.5 * geometry.front_track, 0.5 * geometry.rear_track, geometry.wheelbase
+    wheels = np.array([[length, half_front], [length, -half_front], [0.0, half_rear], [0.0, -half_rear]])
+    R = np.array([[cos(yaw), -sin(yaw)], [sin(yaw), cos(yaw)]])
+    places = wheels @ R.T + [x, y]
+    z = part.terrain.height(places[:, 0], places[:, 1])
+    height, along, across = np.linalg.lstsq(np.column_stack([np.ones(4), wheels]), z, rcond=None)[0].tolist()
+    ahead = np.array([cos(yaw), sin(yaw), along]) / sqrt(1.0 + along * along)
+    normal = np.array([*(R @ [-along, -across]), 1.0]) / sqrt(1.0 + along * along + across * across)
+    return RotationMatrix(np.column_stack([ahead, np.cross(normal, ahead), normal])), height

@@ -101,13 +101,16 @@ def check_balance(
     )
 
 
-def find_rest_pose(plant: MultibodyPlant, part: RestingVehicle, *, yaw: float = 0.0) -> RestPose | None:
+def find_rest_pose(
+    plant: MultibodyPlant, part: RestingVehicle, *, yaw: float = 0.0, R_WP: RotationMatrix | None = None
+) -> RestPose | None:
     """Return the rest pose of a vehicle under the plant's gravity; None if it does not rest on all wheels.
 
     Args:
         plant: the finalised plant.
         part: the vehicle.
         yaw: its heading [rad]; it matters on a slope.
+        R_WP: axes of the plane on which it rests, x along its heading; by default the plane z = 0.
     """
     # Mass, gravity in vehicle axes, wheel centres, and the load of each wheel at zero travel.
     geometry, springs = part.vehicle.geometry, part.vehicle.spec.suspension
@@ -115,7 +118,8 @@ def find_rest_pose(plant: MultibodyPlant, part: RestingVehicle, *, yaw: float = 
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
     mass = float(plant.CalcTotalMass(context, [part.instance]))
     com = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])
-    g = RotationMatrix.MakeZRotation(-yaw).multiply(plant.gravity_field().gravity_vector())
+    R_PW = RotationMatrix.MakeZRotation(-yaw) if R_WP is None else R_WP.inverse()
+    g = R_PW.multiply(plant.gravity_field().gravity_vector())
     tracks = np.array([geometry.front_track, -geometry.front_track, geometry.rear_track, -geometry.rear_track])
     radii = np.array(geometry.wheel_radii)
     centres = np.column_stack([[geometry.wheelbase] * 2 + [0.0] * 2, 0.5 * tracks, radii])

@@ -21,7 +21,7 @@ from typing import Literal
 from pydrake.common import MemoryFile
 from pydrake.geometry import Ellipsoid, InMemoryMesh, Mesh, Shape
 
-ContactModel = Literal["hydroelastic", "point"]
+ContactModel = Literal["hydroelastic", "point", "tyre"]
 
 SEGMENTS = 32
 """Number of sectors around the circumference: 6 cm of tread each for a car. Measured on a circle at 5 m/s, 16 and 24
@@ -40,13 +40,13 @@ def make_wheel_shape(
     """Return the contact shape of a wheel whose spin axis is the y axis of its frame.
 
     Args:
-        contact: "hydroelastic" gives a compliant volume mesh, "point" an ellipsoid.
+        contact: "hydroelastic" gives a compliant volume mesh, the others an ellipsoid.
         radius: outer radius [m].
         width: width of the tread [m].
         mirrored: whether the wheel is on the right side, see :func:`write_wheel_vtk`.
         fine: whether the load must be that of a round wheel, see :data:`FINE_SEGMENTS`.
     """
-    if contact == "point":
+    if contact != "hydroelastic":
         return Ellipsoid(radius, width / 2.0, radius)
     segments = FINE_SEGMENTS if fine else SEGMENTS
     contents = write_wheel_vtk(radius=radius, width=width, segments=segments, mirrored=mirrored)

@@ -14,6 +14,7 @@ from pydantic import Field
 from mirdrake.core.maths import Value
 from mirdrake.core.yaml_io import Schema
 from mirdrake.tyres.relaxation import Contact
+from mirdrake.tyres.vertical import VerticalTyre
 
 
 class SteadyLaw(NamedTuple):
@@ -92,6 +93,18 @@ class Tyres(Schema):
         """
         _ = folder, where
         return ()
+
+    def vertical_tyres(self, folder: Path) -> tuple[VerticalTyre | None, VerticalTyre | None]:
+        """Return vertical stiffness and damping of front and rear tyres; None where the data have none.
+
+        Args:
+            folder: folder of the vehicle.
+
+        Raises:
+            ConfigError: a file with tyre data is missing or wrong.
+        """
+        _ = folder
+        return None, None
 
 
 class SlipTyres(Tyres):

@@ -27,6 +27,10 @@ class MagicFormulaParameters:
         fzmax: largest load for which the coefficients hold [N].
         longitudinal_stiffness: longitudinal stiffness of the carcass [N/m]; 0: unknown.
         lateral_stiffness: lateral stiffness of the carcass [N/m]; 0: unknown.
+        vertical_stiffness: at the nominal load [N/m]; 0: unknown.
+        vertical_damping: at the nominal load [N s/m].
+        qfz2: part of the vertical force that grows with the square of the deflection [1].
+        qv2: growth of the vertical force with the speed of the tread over V0 [1].
         others: coefficients, in groups below.
     """
 
@@ -41,6 +45,10 @@ class MagicFormulaParameters:
     fzmax: float = inf
     longitudinal_stiffness: float = 0.0
     lateral_stiffness: float = 0.0
+    vertical_stiffness: float = 0.0
+    vertical_damping: float = 0.0
+    qfz2: float = 0.0
+    qv2: float = 0.0
     # Scale factors: of nominal load, shape, peak friction, curvature, stiffness, shifts, camber, trail and so on [1].
     lfzo: float = 1.0
     lcx: float = 1.0

@@ -24,6 +24,7 @@ from mirdrake.tyres.magic_formula import (
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 from mirdrake.tyres.relaxation import Contact
 from mirdrake.tyres.tir import read_tir
+from mirdrake.tyres.vertical import VerticalTyre, vertical_of_file
 
 _Scale = Annotated[float, Field(gt=0)]
 _Part = Annotated[float, Field(ge=0)]
@@ -137,6 +138,11 @@ class MagicFormulaTyres(SlipTyres):
             make_law(_scaled(read_tir(path).parameters, scale))
             for path, scale in zip(self.property_files(folder), scales, strict=True)
         )
+        return front, rear
+
+    def vertical_tyres(self, folder: Path) -> tuple[VerticalTyre | None, VerticalTyre | None]:
+        """Return vertical stiffness and damping of front and rear tyres; see the base class."""
+        front, rear = (vertical_of_file(read_tir(path).parameters) for path in self.property_files(folder))
         return front, rear
 
 

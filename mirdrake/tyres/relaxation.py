@@ -163,8 +163,8 @@ def deflection_step(
     speed = abs(motion.vx)
     share = _share_of_spring(motion, contact, settings) if settings.lateral_damping else 1.0
     return Deflection(
-        _step(state.along, -motion.slip_x, speed / contact.length_x, limit_x, weight, period),
-        _step(state.across, share * motion.vy, share * speed / contact.length_y, limit_y, weight, period),
+        relaxation_step(state.along, -motion.slip_x, speed / contact.length_x, limit_x, weight, period),
+        relaxation_step(state.across, share * motion.vy, share * speed / contact.length_y, limit_y, weight, period),
     )
 
 
@@ -195,7 +195,9 @@ def _sliding(deflection: float, velocity: float, limit: float, weight: float) ->
     return weight * share * abs(velocity) / limit
 
 
-def _step(deflection: float, velocity: float, decay: float, limit: float, weight: float, period: float) -> float:
+def relaxation_step(
+    deflection: float, velocity: float, decay: float, limit: float, weight: float, period: float
+) -> float:
     """Return the solution of u' = V - λ u with λ in mid-step; the step is divided where the patch slides far."""
     if weight == 0.0:
         return _advance(deflection, velocity, decay, period)
@@ -213,5 +215,5 @@ def _advance(deflection: float, velocity: float, decay: float, period: float) ->
     return deflection * math.exp(-passed) + velocity * period * mean
 
 
-STEP_PARTS = (low_speed_weight, relaxed_slip, _share_of_spring, deflection_step, _sliding, _step, _advance)
+STEP_PARTS = (low_speed_weight, relaxed_slip, _share_of_spring, deflection_step, _sliding, relaxation_step, _advance)
 """Functions that :mod:`mirdrake.core.compiled` compiles for a step."""

@@ -13,8 +13,8 @@ By = Kya / (Cy Dy), Fy = Dy sin(Cy atan(By x - ...)) does not change with the si
 with PKY1 < 0; they are read as the equal tyre with PDY1 < 0. This negates muy and By, so their factors are negated,
 too: PDY2, RVY1 to RVY3 and QBZ10.
 
-Names that the model does not use (inertia, contact patch, vertical behaviour, turn slip) are kept in the sections,
-whatever their values are, and listed in ``unused``.
+Names that the model does not use (inertia, contact patch, turn slip, effects on the vertical force) are kept in the
+sections, whatever their values are, and listed in ``unused``.
 """
 
 import math
@@ -72,6 +72,8 @@ _DIMENSIONS: dict[str, tuple[int, int, int, int]] = {
     "FZMAX": (0, 1, 0, 0),
     "LONGITUDINAL_STIFFNESS": (-1, 1, 0, 0),
     "LATERAL_STIFFNESS": (-1, 1, 0, 0),
+    "VERTICAL_STIFFNESS": (-1, 1, 0, 0),
+    "VERTICAL_DAMPING": (-1, 1, 1, 0),
     "NOMPRES": (0, 0, 0, 1),
     "INFLPRES": (0, 0, 0, 1),
 }
@@ -92,7 +94,15 @@ _POSITIVE = (
 )
 _NEGATIVE = ("PKY1",)
 _NEGATED_WITH_PDY1 = ("pdy1", "pdy2", "rvy1", "rvy2", "rvy3", "qbz10")
-_NOT_NEGATIVE = ("FZMIN", "NOMPRES", "INFLPRES", "LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS")
+_NOT_NEGATIVE = (
+    "FZMIN",
+    "NOMPRES",
+    "INFLPRES",
+    "LONGITUDINAL_STIFFNESS",
+    "LATERAL_STIFFNESS",
+    "VERTICAL_STIFFNESS",
+    "VERTICAL_DAMPING",
+)
 
 _HEADER = re.compile(r"\[\s*([^\]]+?)\s*\]\s*$")
 _NUMBERS = re.compile(r"[-+\d.][-+\d.eEdD\s,]*$")
@@ -360,6 +370,10 @@ def _section_of(key: str) -> str:
         "LONGVL": "MODEL",
         "VXLOW": "MODEL",
         "FNOMIN": "VERTICAL",
+        "VERTICAL_STIFFNESS": "VERTICAL",
+        "VERTICAL_DAMPING": "VERTICAL",
+        "QV2": "VERTICAL",
+        "QFZ2": "VERTICAL",
         "NOMPRES": "OPERATING_CONDITIONS",
         "INFLPRES": "OPERATING_CONDITIONS",
         "FZMIN": "VERTICAL_FORCE_RANGE",

@@ -21,6 +21,7 @@ from mirdrake.worlds.draw import Draw, evaluate_tree
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.props_spec import GroupSpec
 from mirdrake.worlds.regions import NamedAreas, Patch, PatchSpec, make_region
+from mirdrake.worlds.relief import make_relief
 from mirdrake.worlds.rules import Rules
 from mirdrake.worlds.shapes import MESH_SUFFIXES
 from mirdrake.worlds.spec import GoalSpec, GroundSpec, OnTrackSpec, StartSpec, WorldSpec
@@ -137,7 +138,7 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
     faults: list[str] = []
     tracks = _collect(spec.tracks, lambda name, track: make_track(track, name=name, folder=folder), faults)
     _raise(faults)
-    ground = _make_ground(spec.ground, tracks)
+    ground = _make_ground(spec.ground, tracks, folder)
 
     # Friction patches, starts and goals.
     draw = Draw(spec.seed, "", spec.params)
@@ -240,7 +241,7 @@ def _check_track(name: str, tracks: Mapping[str, Track], place: str) -> None:
         raise WorldError(f"{place}: unknown track '{name}'; {hint}")
 
 
-def _make_ground(spec: GroundSpec, tracks: dict[str, Track]) -> Ground:
+def _make_ground(spec: GroundSpec, tracks: dict[str, Track], folder: Path) -> Ground:
     mu = SURFACE_MU[spec.surface] if spec.mu is None else spec.mu
     if tracks:
         boxes = np.array([track.bounds for track in tracks.values()])
@@ -251,7 +252,8 @@ def _make_ground(spec: GroundSpec, tracks: dict[str, Track]) -> Ground:
         middle, half = (low + high) / 2.0, np.array(spec.size) / 2.0
         low, high = middle - half, middle + half
     extent = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    return Ground(spec.surface, mu, extent, spec.slope.grade, spec.slope.heading)
+    terrain = make_relief(spec.relief, tracks, folder)
+    return Ground(spec.surface, mu, extent, spec.slope.grade, spec.slope.heading, terrain)
 
 
 def _default_start(tracks: Mapping[str, Track], ground: Ground) -> StartSpec:

@@ -25,6 +25,7 @@ from mirdrake.core.digest import digest
 from mirdrake.core.errors import WorldError
 from mirdrake.core.paths import resolved
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
+from mirdrake.worlds.relief import relief_content
 from mirdrake.worlds.solids import kind_of
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import World, track_mu
@@ -112,6 +113,7 @@ def lock_content(world: World) -> Content:
         "ground": {
             "surface": ground.surface, "mu": ground.mu, "extent": _rounded(ground.extent),
             "grade": _rounded(ground.grade), "heading": _rounded(ground.heading),
+            **({"relief": _rounded(relief_content(spec.ground.relief, world.path))} if spec.ground.relief else {}),
         },
         "lights": _rounded(spec.lights.model_dump()),
         "sky": spec.sky,

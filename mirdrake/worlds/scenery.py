@@ -26,6 +26,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.paths import data_root, resolved
+from mirdrake.worlds.draping import drape
 from mirdrake.worlds.drawing import EDGE_LINE_INSET
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
 from mirdrake.worlds.pieces import Array
@@ -102,10 +103,10 @@ def scenery(world: World) -> list[SceneryItem]:
         lines = shapely.difference(lines, covered)
         surfaces = _textured(bare, spec.surface, wet, z=0.0)
         surfaces += _sides(shapely.difference(road, covered), spec.surface, spec.thickness)
-        items.append(_item(f"world/{name}/road", surfaces))
+        items.append(_item(f"world/{name}/road", surfaces, world))
         if not lines.is_empty:
             paint = _wetted(lines, wet, lambda part: fill(part, z=0.0, tile=1.0, color=_WHITE, texture=None))
-            items.append(_item(f"world/{name}/lines", paint))
+            items.append(_item(f"world/{name}/lines", paint, world))
 
     # Ground: everything beside the roads, lower by the largest thickness of the roads.
     depth = max((track.thickness for track in world.spec.tracks.values()), default=0.0)
@@ -123,7 +124,7 @@ def scenery(world: World) -> list[SceneryItem]:
             parts += _textured(beside, edges, wet, z=-depth)
     for part in (ground, apron):
         parts += _textured(part, world.ground.surface, wet, z=-depth)
-    items.insert(0, _item("world/ground", parts))
+    items.insert(0, _item("world/ground", parts, world))
 
     # Patches: at the height of the road on it, at that of the ground beside it.
     looks = {patch.name: patch.surface for patch in world.patches if patch.surface is not None}
@@ -135,7 +136,7 @@ def scenery(world: World) -> list[SceneryItem]:
         both = _textured(above, looks[name], wet, z=0.0) + _textured(beside, looks[name], wet, z=-depth)
         both += _sides(above, looks[name], depth)
         if both:
-            items.append(_item(f"world/patch.{name}", both))
+            items.append(_item(f"world/patch.{name}", both, world))
 
     # Meshes without collision geometry.
     for index, mesh in enumerate(world.spec.scenery):
@@ -327,8 +328,11 @@ def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeomet
     return surfaces
 
 
-def _item(name: str, surfaces: list[Surface]) -> SceneryItem:
-    """Return surfaces as one visual geometry."""
+def _item(name: str, surfaces: list[Surface], world: World) -> SceneryItem:
+    """Return surfaces, laid on the terrain, as one visual geometry."""
+    if not world.ground.terrain.flat:
+        near = shapely.union_all([track.area for track in world.roads().values()])
+        surfaces = [drape(surface, world.ground.terrain, near) for surface in surfaces]
     textures = {surface.texture for surface in surfaces if surface.texture}
     named = [replace(surface, texture=f"{surface.texture}.jpg") if surface.texture else surface for surface in surfaces]
     mesh = InMemoryMesh(

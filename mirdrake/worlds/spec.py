@@ -28,6 +28,7 @@ from mirdrake.core.yaml_io import Angle, Length, Schema, Speed, to_si
 from mirdrake.worlds.case_spec import CaseSpec
 from mirdrake.worlds.props_spec import GroupSpec, PropEntry
 from mirdrake.worlds.regions import PatchSpec
+from mirdrake.worlds.relief import ReliefSpec
 from mirdrake.worlds.rules_spec import RuleSpec
 from mirdrake.worlds.schema_types import Label, SurfaceName, Value, exactly_one
 from mirdrake.worlds.segments import SegmentSpec
@@ -103,6 +104,7 @@ class GroundSpec(Schema):
     )
     slope: SlopeSpec = Field(default_factory=SlopeSpec, description="uniform slope [-]")
     patches: list[PatchSpec] = Field(default_factory=list, description="parts with their own friction [-]")
+    relief: list[ReliefSpec] = Field(default_factory=list, description="heights, kerbs, bumps, roughness, in order [-]")
 
     @field_validator("size")
     @classmethod

@@ -18,6 +18,7 @@ from mirdrake.core.yaml_io import Source, validate
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
 from mirdrake.worlds.regions import Patch
+from mirdrake.worlds.relief import make_relief
 from mirdrake.worlds.solids import SOLID_KINDS, kind_of, mesh_of
 from mirdrake.worlds.spec import WorldSpec
 from mirdrake.worlds.tracks import Track
@@ -42,10 +43,10 @@ def world_data(world: World, refer: Callable[[Path], str]) -> Data:
     return {
         "name": world.name,
         "path": None if world.path is None else str(world.path),
-        "spec": world.spec.model_dump(mode="json", exclude=_LEFT_OUT),
+        "spec": world.spec.model_dump(mode="json", by_alias=True, exclude=_LEFT_OUT),
         "tracks": {name: _track_data(track) for name, track in world.tracks.items()},
         "starts": {name: vars(start) for name, start in world.starts.items()},
-        "ground": vars(world.ground),
+        "ground": {name: value for name, value in vars(world.ground).items() if name != "terrain"},
         "patches": [vars(patch) | {"area": shapely.to_wkb(patch.area, hex=True)} for patch in world.patches],
         "goals": {
             name: vars(goal) | {"area": None if goal.area is None else shapely.to_wkb(goal.area, hex=True)}
@@ -70,13 +71,17 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, place: str = "world")
         KeyError, TypeError, ValueError: the data are not those of a world.
     """
     kinds = [_read_prop(kind, find) for kind in data["kinds"]]
+    spec = validate(data["spec"], WorldSpec, Source(place, {}))
+    path = None if data["path"] is None else Path(data["path"])
+    tracks = {name: _read_track(name, track) for name, track in data["tracks"].items()}
+    terrain = make_relief(spec.ground.relief, tracks, path.parent if path is not None else Path.cwd())
     return World(
         name=data["name"],
-        spec=validate(data["spec"], WorldSpec, Source(place, {})),
-        path=None if data["path"] is None else Path(data["path"]),
-        tracks={name: _read_track(name, track) for name, track in data["tracks"].items()},
+        spec=spec,
+        path=path,
+        tracks=tracks,
         starts={name: Start(**start) for name, start in data["starts"].items()},
-        ground=Ground(**{**data["ground"], "extent": tuple(data["ground"]["extent"])}),
+        ground=Ground(**{**data["ground"], "extent": tuple(data["ground"]["extent"]), "terrain": terrain}),
         patches=tuple(Patch(**{**patch, "area": shapely.from_wkb(patch["area"])}) for patch in data["patches"]),
         goals={name: _read_goal(goal) for name, goal in data["goals"].items()},
         props=tuple(_read_placed(placed, kinds) for placed in data["props"]),

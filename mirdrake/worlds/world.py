@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.ground import FLAT, Terrain
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import Patch
@@ -74,6 +75,8 @@ class Ground:
     """rise over run [-]"""
     heading: float = 0.0
     """uphill direction [rad]"""
+    terrain: Terrain = FLAT
+    """height of the ground over the base plane"""
 
     @property
     def gravity(self) -> Array:

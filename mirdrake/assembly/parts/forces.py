@@ -9,11 +9,44 @@ from mirdrake.core.signals import signals_of
 from mirdrake.plant.aerodynamics import AirForces, has_air_forces
 from mirdrake.plant.plant import PlantParts
 from mirdrake.plant.suspension import make_anti_roll
-from mirdrake.plant.wheels import LOAD_PERIOD, RollingResistance, WheelTyres, make_rolling_wheels, make_wheel_tyres
+from mirdrake.plant.wheels import (
+    LOAD_PERIOD,
+    GroundReadings,
+    GroundTyres,
+    RollingResistance,
+    WheelTyres,
+    make_rolling_wheels,
+    make_wheel_tyres,
+)
 
 
-def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> RollingResistance:
+def add_ground_tyres(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> GroundReadings:
+    """Add the tyres that touch the ground themselves, and the system that collects their loads."""
+    plant, names = parts.plant, list(parts.vehicles)
+    rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
+    scenery = {*parts.ground, *parts.props.owners}
+    readings = GroundReadings(names, scenery=scenery, period=1.0 / rate)
+    wiring.add("rolling_resistance", readings)
+    wiring.link(plant.get_contact_results_output_port(), readings.contact_results)
+    for index, (name, part) in enumerate(parts.vehicles.items()):
+        tyres = GroundTyres(
+            plant,
+            part,
+            parts.terrain,
+            friction=parts.world.road_mu,
+            rolling_resistance=spec.plant.rolling_resistance == "tyre",
+        )
+        wiring.add(f"{name}.tyres", tyres)
+        wiring.link(plant.get_state_output_port(), tyres.plant_state)
+        wiring.link(tyres.wheel_load, readings.load_inputs[index])
+        wiring.link(tyres.resistance, readings.resistance_inputs[index])
+    return readings
+
+
+def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> RollingResistance | GroundReadings:
     """Add one system for all wheels, so that contact results are read once."""
+    if spec.plant.contact == "tyre":
+        return add_ground_tyres(wiring, parts, spec)
     plant = parts.plant
     rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
     wheels = [wheel for part in parts.vehicles.values() for wheel in make_rolling_wheels(part)]
@@ -36,32 +69,42 @@ def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec)
     return system
 
 
-def add_tyres(wiring: Wiring, parts: PlantParts, rolling: RollingResistance) -> dict[str, WheelTyres]:
+def add_tyres(
+    wiring: Wiring, parts: PlantParts, rolling: RollingResistance | GroundReadings
+) -> dict[str, WheelTyres | GroundTyres]:
     """Add the tyre models of the vehicles that have one; a powertrain drives and brakes their wheels."""
-    plant, found = parts.plant, {}
+    plant = parts.plant
+    models: dict[str, WheelTyres | GroundTyres] = {}
     for index, (name, part) in enumerate(parts.vehicles.items()):
-        first, loads = index * len(part.wheels), len(parts.vehicles) * len(part.wheels)
-        tyres = make_wheel_tyres(plant, part, loads=loads, first=first, friction=parts.world.road_mu)
-        if tyres is None:
-            continue
-        wiring.add(f"{name}.tyres", tyres)
-        wiring.link(plant.get_state_output_port(), tyres.plant_state)
-        wiring.link(rolling.wheel_load, tyres.wheel_load)
+        tyres: WheelTyres | GroundTyres | None = None
+        if isinstance(rolling, RollingResistance):
+            first, loads = index * len(part.wheels), len(parts.vehicles) * len(part.wheels)
+            wheel_tyres = make_wheel_tyres(plant, part, loads=loads, first=first, friction=parts.world.road_mu)
+            if wheel_tyres is None:
+                continue
+            wiring.add(f"{name}.tyres", wheel_tyres)
+            wiring.link(plant.get_state_output_port(), wheel_tyres.plant_state)
+            wiring.link(rolling.wheel_load, wheel_tyres.wheel_load)
+            tyres = wheel_tyres
+        else:
+            tyres = wiring.systems[f"{name}.tyres"]
         wiring.sinks[f"{name}.wheel_torque"] = (tyres.wheel_torque, signals_of(tyres.wheel_torque))
         wiring.sources[f"{name}.tyre_forces"] = (tyres.tyre_forces, signals_of(tyres.tyre_forces))
         if f"{name}.wheel_torque" in wiring.sources:
             wiring.defaults.append((f"{name}.wheel_torque", f"{name}.wheel_torque"))
-        found[name] = tyres
-    return found
+        models[name] = tyres
+    return models
 
 
-def add_outer_forces(wiring: Wiring, parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec) -> None:
+def add_outer_forces(
+    wiring: Wiring, parts: PlantParts, rolling: RollingResistance | GroundReadings, spec: DiagramSpec
+) -> None:
     """Add aerodynamics and anti-roll bars, and the sum of all external forces."""
     plant = parts.plant
-    forces: list[OutputPort] = [rolling.generalized_force]
+    forces: list[OutputPort] = [rolling.generalized_force] if isinstance(rolling, RollingResistance) else []
     for name, part in parts.vehicles.items():
         tyres = wiring.systems.get(f"{name}.tyres")
-        if isinstance(tyres, WheelTyres):
+        if isinstance(tyres, WheelTyres | GroundTyres):
             forces.append(tyres.generalized_force)
         anti_roll = make_anti_roll(plant, part)
         if anti_roll is not None:

@@ -10,7 +10,7 @@ from mirdrake.assembly.parts.sensors import how_recorded, sensors_of
 from mirdrake.assembly.wiring import Wiring
 from mirdrake.core.signals import Signal, signals_of
 from mirdrake.plant.plant import PlantParts
-from mirdrake.plant.wheels import RollingResistance
+from mirdrake.plant.wheels import GroundReadings, RollingResistance
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,9 @@ class Tap:
     contents: tuple[Signal, ...] | None
 
 
-def add_taps(wiring: Wiring, parts: PlantParts, rolling: RollingResistance, spec: DiagramSpec) -> dict[str, Tap]:
+def add_taps(
+    wiring: Wiring, parts: PlantParts, rolling: RollingResistance | GroundReadings, spec: DiagramSpec
+) -> dict[str, Tap]:
     """Add log sinks for the recorded signals; they are C++ and take little time."""
     wanted: dict[str, tuple[OutputPort, tuple[Signal, ...] | None]] = {
         "plant_state": (parts.plant.get_state_output_port(), None),

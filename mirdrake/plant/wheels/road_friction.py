@@ -17,6 +17,7 @@ from pydrake.multibody.plant import CoulombFriction
 from pydrake.systems.framework import Context
 
 from mirdrake.plant.plant import PlantParts, matched_friction
+from mirdrake.plant.wheels.ground_tyres import GroundTyres
 from mirdrake.plant.wheels.tyre_forces import WheelTyres
 from mirdrake.vehicles import WHEELS
 
@@ -41,7 +42,7 @@ class RoadFriction:
         varies: whether the friction changes anywhere; if not, :meth:`watch` has no effect.
     """
 
-    def __init__(self, parts: PlantParts, tyres: Mapping[str, WheelTyres] | None = None) -> None:
+    def __init__(self, parts: PlantParts, tyres: Mapping[str, WheelTyres | GroundTyres] | None = None) -> None:
         self._parts, self._world = parts, parts.world
         areas = self._world.friction_areas
         self.varies = len({self._world.ground.mu, *(mu for _, mu in areas)}) > 1

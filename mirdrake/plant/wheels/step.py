@@ -181,7 +181,7 @@ def tyre_step(
     base = base_motion(x, wheels[0].place.base, car.positions)
     for i in range(len(wheels)):
         wheel, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
-        period, settings, contact_then = car.period, wheel.settings, curve.contact
+        period, contact_then = car.period, curve.contact
         # Load now, and whether the curve is valid for it; without a valid curve the caller makes one and repeats.
         motion = motion_of(x, wheel.place, base, car.positions)
         now = Motion(motion.vx, motion.slip_x, motion.vy)
@@ -207,50 +207,99 @@ def tyre_step(
             contact_then.friction_y * scale,
         )
 
-        # Deflections now and in the middle of the step, at constant spin.
-        deflection = Deflection(before.along, before.across)
-        rest = 0.0
-        if not start:
-            mean = Motion(
-                0.5 * (before.vx + motion.vx), 0.5 * (before.slip_x + motion.slip_x), 0.5 * (before.vy + motion.vy)
-            )
-            deflection = deflection_step(deflection, mean, contact, period=period, settings=settings)
-            rest = wheel.inertia * (motion.spin - before.spin) / period - before.torque
-        middle = deflection_step(deflection, now, contact, period=0.5 * period, settings=settings)
-        kappa, tan_alpha = relaxed_slip(middle, now, contact, settings)
-
-        # Change of the spin by drive, brake and road (linearly implicit), and the slip in the middle of the step.
-        drive, brake, radius = torques[i], torques[len(wheels) + i], motion.rolling
-        mobile = inf if wheel.held else wheel.inertia / period + wheel.damping
-        if not wheel.held:
-            kappa += _slip_change(
-                before, motion.spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period
-            )
-        # Forces at this slip, and the torque of the brake.
-        fx, fy, mz = law(curve.curve, kappa, tan_alpha, motion.vx)
-        fx, fy, mz = scale * fx, scale * fy, scale * mz
-        torque = drive
-        if brake > 0.0 and not wheel.held:
-            needed = radius * fx - mobile * motion.spin - rest - drive
-            torque += max(-brake, min(brake, needed))
+        drive, brake = torques[i], torques[len(wheels) + i]
+        fx, fy, mz, kappa, tan_alpha, torque = slip_forces(
+            law,
+            curve.curve,
+            scale,
+            contact,
+            wheel,
+            before,
+            kept,
+            now,
+            motion.spin,
+            motion.rolling,
+            drive,
+            brake,
+            period,
+        )
         add_road_force(
             force, wheel.place, motion, fx, fy, mz, load - ratio * sprung, turn=0.5 * period * base.turning[2]
         )
         force[wheel.place.spin] += torque
-
-        # Memory for the next step.
-        kept.along, kept.across = deflection.along, deflection.across
-        kept.vx, kept.slip_x, kept.vy, kept.spin = motion.vx, motion.slip_x, motion.vy, motion.spin
-        kept.torque, kept.fx, kept.kappa = torque - radius * fx, fx, kappa
         kept.measured, kept.ratio, kept.sprung = loads[i], ratio, sprung
         kept.turning = base.turning[2]
         logged[i, 0], logged[i, 1], logged[i, 2], logged[i, 3], logged[i, 4] = fx, fy, mz, kappa, atan(tan_alpha)
     if memories[0].measured >= 0.0:
-        _turn_along(force, wheels[0].place.base[1], car, base, base.turning[2] - memories[0].turning)
+        turn_along(force, wheels[0].place.base[1], car, base, base.turning[2] - memories[0].turning)
     return known
 
 
-def _turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseMotion, change: float) -> None:
+def slip_forces(
+    law: Callable[[Any, float, float, float], tuple[float, float, float]],
+    curve: Any,
+    scale: float,
+    contact: Contact,
+    wheel: Any,
+    before: Any,
+    kept: Any,
+    now: Motion,
+    spin: float,
+    radius: float,
+    drive: float,
+    brake: float,
+    period: float,
+) -> tuple[float, float, float, float, float, float]:
+    """Return forces and slips of a tyre in the middle of a step, and the torque of motor and brake on its spin.
+
+    Args:
+        law: forces in steady state.
+        curve: the tyre at the load of its curve.
+        scale: present load over that load [1].
+        contact: the tyre at the present load.
+        wheel: :class:`SpinningWheel`.
+        before: :class:`Memory` of the step before.
+        kept: memory for the next step; deflections, motion, torque and slip are overwritten.
+        now: motion of the contact point.
+        spin: of the wheel [rad/s].
+        radius: effective rolling radius [m].
+        drive: drive torque, signed [N m].
+        brake: largest torque of the brake [N m].
+        period: step of the plant [s].
+
+    Returns:
+        Fx [N], Fy [N], Mz [N m], kappa [1], tan alpha [1], torque [N m].
+    """
+    # Deflections now and in the middle of the step, at constant spin.
+    settings = wheel.settings
+    deflection = Deflection(before.along, before.across)
+    rest = 0.0
+    if before.measured >= 0.0:
+        mean = Motion(0.5 * (before.vx + now.vx), 0.5 * (before.slip_x + now.slip_x), 0.5 * (before.vy + now.vy))
+        deflection = deflection_step(deflection, mean, contact, period=period, settings=settings)
+        rest = wheel.inertia * (spin - before.spin) / period - before.torque
+    middle = deflection_step(deflection, now, contact, period=0.5 * period, settings=settings)
+    kappa, tan_alpha = relaxed_slip(middle, now, contact, settings)
+
+    # Change of the spin by drive, brake and road (linearly implicit), and the slip in the middle of the step.
+    mobile = inf if wheel.held else wheel.inertia / period + wheel.damping
+    if not wheel.held:
+        kappa += _slip_change(before, spin, kappa, contact, now, settings, radius, rest + drive, brake, mobile, period)
+    # Forces at this slip, and the torque of the brake.
+    fx, fy, mz = law(curve, kappa, tan_alpha, now.vx)
+    fx, fy, mz = scale * fx, scale * fy, scale * mz
+    torque = drive
+    if brake > 0.0 and not wheel.held:
+        needed = radius * fx - mobile * spin - rest - drive
+        torque += max(-brake, min(brake, needed))
+
+    kept.along, kept.across = deflection.along, deflection.across
+    kept.vx, kept.slip_x, kept.vy, kept.spin = now.vx, now.slip_x, now.vy, spin
+    kept.torque, kept.fx, kept.kappa = torque - radius * fx, fx, kappa
+    return fx, fy, mz, kappa, tan_alpha, torque
+
+
+def turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseMotion, change: float) -> None:
     """Add the force m v Δψ' / 2 at the centre of mass, to the left of its velocity; see the head of the module."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
     cx, cy, cz = car.centre[0], car.centre[1], car.centre[2]
@@ -324,7 +373,8 @@ STEP_PARTS = (
     *wheel_motion.STEP_PARTS,
     spring_load,
     _load,
+    slip_forces,
     _slip_change,
-    _turn_along,
+    turn_along,
 )
 """Functions that :func:`tyre_step` calls, without the law."""

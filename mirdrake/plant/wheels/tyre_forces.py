@@ -20,7 +20,7 @@ from mirdrake.core.compiled import Records, compiled, plain, record_type, record
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.leaf_system import LeafSystem, declare_cached_value
 from mirdrake.core.signals import Signal, declare_state_output, declare_vector_input
-from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.plant.plant import TyreSpring, VehicleInPlant
 from mirdrake.plant.rest_pose import check_balance
 from mirdrake.plant.wheels.motion import wheel_places
 from mirdrake.plant.wheels.step import STEP_PARTS, Memory, SpinningCar, SpinningWheel, tyre_step
@@ -68,6 +68,8 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
         inertia = body.CalcSpatialInertiaInBodyFrame(context)
         tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
         gain = actuator.get_controller_gains().d if actuator.has_controller() else 0.0
+        spring = part.compression[rear]
+        assert isinstance(spring, TyreSpring)
         static_load = float(half * ((1.0 - share) if rear else share))
         wheels.append(
             SpinningWheel(
@@ -76,7 +78,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
                 float(gain + joint.default_damping()),
                 part.parked,
                 part.vehicle.geometry.wheel_radii[index],
-                part.compression[rear],
+                spring,
                 static_load,
                 RelaxationSettings(damping=DAMPING_BY_LOAD * static_load, lateral_damping=tyres.lateral_damping),
             )
@@ -93,7 +95,7 @@ class _Solution(NamedTuple):
     logged: npt.NDArray[np.float64]
 
 
-def _curve_type(law: SteadyLaw) -> np.dtype[np.void]:
+def curve_type(law: SteadyLaw) -> np.dtype[np.void]:
     """Return the record type of a tyre at a load, an inclination and a friction of the ground."""
     fields = [("load", float), ("inclination", float), ("friction", float)]
     return np.dtype([*fields, ("contact", record_type(Contact)), ("curve", record_type(law.curve))], align=True)
@@ -146,7 +148,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._laws: list[TyreLaw] = [axle_laws[index >= 2] for index in range(len(wheels))]
         self._step = compiled(tyre_step, law.forces, parts=(*STEP_PARTS, *law.parts))
         self._wheels = records(SpinningWheel, wheels)
-        self._curves = np.zeros(len(wheels), _curve_type(law))
+        self._curves = np.zeros(len(wheels), curve_type(law))
         self._curves["load"] = np.nan  # not evaluated yet
         self._velocities, self._first, self._period = plant.num_velocities(), first, plant.time_step()
         context = plant.CreateDefaultContext()

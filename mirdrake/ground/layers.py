@@ -1,0 +1,378 @@
+"""Height and slope of the ground from its layers; :mod:`mirdrake.core.compiled` compiles the functions.
+
+The layers are evaluated in their order. Each adds a height to the sum of those before it; only a road (`TRACK`)
+replaces this sum, near its centre line. All derivatives are exact, except that the banking of a road ignores how its
+normal turns across the blended embankment.
+
+A grid is interpolated bilinearly or by cubic B-splines, whose second derivative is continuous; the coefficients of a
+spline are computed when the layer is made, so that it passes through all heights (M. Unser, Splines: a perfect fit for
+signal and image processing, IEEE Signal Processing Magazine 16 (6), 1999).
+"""
+
+from collections.abc import Sequence
+from math import floor, hypot
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+PLANE, BILINEAR, SPLINE, BLOCK, WAVE, TRACK = range(6)
+"""Kinds of layers."""
+
+STATION = 11
+"""Numbers of each station of a road: s, x, y, tangent (2), height and slope, banking and its slope, left and right
+width."""
+
+_NEWTON = 2  # iterations for the foot on a centre line; the chord is a good start
+_BEYOND = 0.25  # parameter by which a piece of a centre line may be extrapolated [1]
+
+
+class Layer(NamedTuple):
+    """Layer of the ground; which of the fields it uses depends on its kind.
+
+    Attributes:
+        kind: one of PLANE, BILINEAR, SPLINE, BLOCK, WAVE, TRACK.
+        first: index of its first number in `numbers`, or of its first height in `heights`.
+        rows: number of grid rows (along y); of stations of a road.
+        columns: number of grid columns (along x).
+        periodic: whether a grid repeats; if not, its edge heights continue outwards. Of a road: whether it is closed.
+        local: whether a grid ends at its edges, with height zero outside.
+        x: origin in the world [m].
+        y: the same.
+        cosine: direction of the local x axis.
+        sine: the same.
+        cell: spacing of a grid [m]; of a road: side of the cells of its index.
+        a: height of a plane at the world's origin, of a block or a wave [m]; length of a road's embankment [m].
+        b: slope of a plane along x; length of the rise of a block, of a wave [m]; shoulder of a road [m].
+        c: slope of a plane along y; length of the top of a block [m]; height of a road's kerb [m].
+        d: length of the fall of a block [m]; length of the kerb's face across the road [m].
+        e: half of the width of a block or wave [m]; width of the kerb's top [m].
+        f: length of the side faces of a block or wave [m]; side of the kerb: 1 left, -1 right, 0 no kerb.
+        g: start of the kerb along the road [m].
+        h: end of the kerb [m].
+        blends: whether a road replaces the height of the layers before it; if not, it only adds its kerb.
+        cells: index in `numbers` of the cells of a road.
+        cells_x: number of cells along x.
+        cells_y: the same along y.
+    """
+
+    kind: int
+    first: int = 0
+    rows: int = 0
+    columns: int = 0
+    periodic: int = 0
+    local: int = 0
+    x: float = 0.0
+    y: float = 0.0
+    cosine: float = 1.0
+    sine: float = 0.0
+    cell: float = 1.0
+    a: float = 0.0
+    b: float = 0.0
+    c: float = 0.0
+    d: float = 0.0
+    e: float = 0.0
+    f: float = 0.0
+    g: float = 0.0
+    h: float = 0.0
+    blends: int = 0
+    cells: int = 0
+    cells_x: int = 0
+    cells_y: int = 0
+
+
+class TerrainData(NamedTuple):
+    """Numbers of a terrain, for compiled functions.
+
+    Attributes:
+        layers: records of :class:`Layer`, or the tuples.
+        numbers: stations and indices of roads.
+        heights: heights or spline coefficients of the grids [m], single precision.
+    """
+
+    layers: Sequence[Any]
+    numbers: npt.NDArray[np.float64]
+    heights: npt.NDArray[np.float32]
+
+
+def ground_at(terrain: TerrainData, x: float, y: float) -> tuple[float, float, float]:
+    """Return the height [m] of the ground and its slopes along x and y [1] at a point of the world [m]."""
+    z, zx, zy = 0.0, 0.0, 0.0
+    for i in range(len(terrain.layers)):
+        layer = terrain.layers[i]
+        kind = layer.kind
+        if kind == PLANE:
+            z, zx, zy = z + layer.a + layer.b * x + layer.c * y, zx + layer.b, zy + layer.c
+            continue
+        if kind == TRACK:
+            z, zx, zy = _on_track(terrain, layer, x, y, z, zx, zy)
+            continue
+        # Local axes, height and slopes in them.
+        dx, dy = x - layer.x, y - layer.y
+        u, v = layer.cosine * dx + layer.sine * dy, layer.cosine * dy - layer.sine * dx
+        height, along, across = 0.0, 0.0, 0.0
+        if kind in (BLOCK, WAVE):
+            height, along, across = _feature(layer, u, v)
+        elif kind == BILINEAR:
+            height, along, across = _bilinear(terrain.heights, layer, u, v)
+        else:
+            height, along, across = _spline(terrain.heights, layer, u, v)
+        z += height
+        zx += layer.cosine * along - layer.sine * across
+        zy += layer.sine * along + layer.cosine * across
+    return z, zx, zy
+
+
+def heights_at(
+    terrain: TerrainData, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], out: npt.NDArray[np.float64]
+) -> None:
+    """Compute height and slopes at points (N); `out` (N, 3) is overwritten."""
+    for i in range(len(x)):
+        out[i, 0], out[i, 1], out[i, 2] = ground_at(terrain, x[i], y[i])
+
+
+# --- grids --------------------------------------------------------------------------------------------------------
+
+
+def _node(index: int, count: int, periodic: int) -> int:
+    """Return the index of a grid node: wrapped, or clamped to the edge."""
+    if periodic != 0:
+        return index % count
+    return min(max(index, 0), count - 1)
+
+
+def _bilinear(heights: npt.NDArray[np.float32], layer: Any, u: float, v: float) -> tuple[float, float, float]:
+    column, row = u / layer.cell, v / layer.cell
+    if layer.local != 0 and not (0.0 <= column <= layer.columns - 1 and 0.0 <= row <= layer.rows - 1):
+        return 0.0, 0.0, 0.0
+    inside_x, inside_y = 1.0, 1.0
+    if layer.periodic == 0:
+        inside_x, inside_y = _inside(column, layer.columns), _inside(row, layer.rows)
+        column, row = min(max(column, 0.0), layer.columns - 1.0), min(max(row, 0.0), layer.rows - 1.0)
+    i, j = floor(column), floor(row)
+    p, q = column - i, row - j
+    i0, i1 = _node(i, layer.columns, layer.periodic), _node(i + 1, layer.columns, layer.periodic)
+    low = layer.first + _node(j, layer.rows, layer.periodic) * layer.columns
+    high = layer.first + _node(j + 1, layer.rows, layer.periodic) * layer.columns
+    z00, z10, z01, z11 = heights[low + i0], heights[low + i1], heights[high + i0], heights[high + i1]
+    below, above = z00 + p * (z10 - z00), z01 + p * (z11 - z01)
+    along = ((1.0 - q) * (z10 - z00) + q * (z11 - z01)) / layer.cell
+    return below + q * (above - below), along * inside_x, (above - below) / layer.cell * inside_y
+
+
+def _inside(node: float, count: int) -> float:
+    """Return 1 within a grid, 0 outside, where its edge heights continue and the slope is zero."""
+    return 1.0 if 0.0 <= node <= count - 1 else 0.0
+
+
+def _spline(heights: npt.NDArray[np.float32], layer: Any, u: float, v: float) -> tuple[float, float, float]:
+    column, row = u / layer.cell, v / layer.cell
+    inside_x, inside_y = 1.0, 1.0
+    if layer.periodic == 0:
+        inside_x, inside_y = _inside(column, layer.columns), _inside(row, layer.rows)
+        column, row = min(max(column, 0.0), layer.columns - 1.0), min(max(row, 0.0), layer.rows - 1.0)
+    i, j = floor(column), floor(row)
+    a0, a1, a2, a3, d0, d1, d2, d3 = _spline_weights(column - i)
+    b0, b1, b2, b3, e0, e1, e2, e3 = _spline_weights(row - j)
+    z, along, across = 0.0, 0.0, 0.0
+    columns = layer.columns
+    i0, i1 = _reflected(i - 1, columns, layer.periodic), _node(i, columns, layer.periodic)
+    i2, i3 = _reflected(i + 1, columns, layer.periodic), _reflected(i + 2, columns, layer.periodic)
+    for k in range(4):
+        start = layer.first + _reflected(j - 1 + k, layer.rows, layer.periodic) * columns
+        c0, c1, c2, c3 = heights[start + i0], heights[start + i1], heights[start + i2], heights[start + i3]
+        value = a0 * c0 + a1 * c1 + a2 * c2 + a3 * c3
+        slope = d0 * c0 + d1 * c1 + d2 * c2 + d3 * c3
+        weight = b0 if k == 0 else (b1 if k == 1 else (b2 if k == 2 else b3))
+        change = e0 if k == 0 else (e1 if k == 1 else (e2 if k == 2 else e3))
+        z += weight * value
+        along += weight * slope
+        across += change * value
+    return z, along / layer.cell * inside_x, across / layer.cell * inside_y
+
+
+def _reflected(index: int, count: int, periodic: int) -> int:
+    """Return the index of a spline coefficient: wrapped, or mirrored at the edge nodes as by the prefilter."""
+    if periodic != 0:
+        return index % count
+    if index < 0:
+        index = -index
+    return index if index < count else max(2 * (count - 1) - index, 0)
+
+
+def _spline_weights(t: float) -> tuple[float, float, float, float, float, float, float, float]:
+    """Return the four weights of a uniform cubic B-spline at 0 <= t <= 1, and their derivatives."""
+    r = 1.0 - t
+    return (
+        r * r * r / 6.0,
+        (4.0 + t * t * (3.0 * t - 6.0)) / 6.0,
+        (4.0 + r * r * (3.0 * r - 6.0)) / 6.0,
+        t * t * t / 6.0,
+        -0.5 * r * r,
+        0.5 * t * (3.0 * t - 4.0),
+        -0.5 * r * (3.0 * r - 4.0),
+        0.5 * t * t,
+    )
+
+
+# --- features -----------------------------------------------------------------------------------------------------
+
+
+def _feature(layer: Any, u: float, v: float) -> tuple[float, float, float]:
+    """Return height and slopes of a block (rise, top, fall) or of a wave (1 - cos), with side faces."""
+    side, side_slope = 1.0, 0.0
+    beyond = abs(v) - layer.e
+    if beyond >= layer.f:
+        return 0.0, 0.0, 0.0
+    if beyond > 0.0:
+        side, side_slope = 1.0 - beyond / layer.f, (-1.0 if v > 0.0 else 1.0) / layer.f
+    if u <= 0.0:
+        return 0.0, 0.0, 0.0
+    height, slope = 0.0, 0.0
+    if layer.kind == WAVE:
+        if u < layer.b:
+            turn = 2.0 * np.pi * u / layer.b
+            height, slope = 0.5 * layer.a * (1.0 - np.cos(turn)), np.pi * layer.a / layer.b * np.sin(turn)
+    elif u < layer.b:
+        height, slope = layer.a * u / layer.b, layer.a / layer.b
+    elif u <= layer.b + layer.c:
+        height = layer.a
+    elif u < layer.b + layer.c + layer.d:
+        height, slope = layer.a * (layer.b + layer.c + layer.d - u) / layer.d, -layer.a / layer.d
+    return height * side, slope * side, height * side_slope
+
+
+# --- roads --------------------------------------------------------------------------------------------------------
+
+
+def _on_track(
+    terrain: TerrainData, layer: Any, x: float, y: float, z: float, zx: float, zy: float
+) -> tuple[float, float, float]:
+    """Return height and slopes with a road laid on the height and slopes of the layers below it."""
+    numbers = terrain.numbers
+    station, t, found = _foot(numbers, layer, x, y)
+    if not found:
+        return z, zx, zy
+    # Point, tangent and curvature of the centre line at the foot; it is a cubic Hermite spline between stations.
+    p, q = layer.first + STATION * station, layer.first + STATION * (station + 1)
+    length = numbers[q] - numbers[p]
+    px, vx, ax = _hermite(numbers[p + 1], length * numbers[p + 3], numbers[q + 1], length * numbers[q + 3], t)
+    py, vy, ay = _hermite(numbers[p + 2], length * numbers[p + 4], numbers[q + 2], length * numbers[q + 4], t)
+    speed = hypot(vx, vy)
+    tx, ty = vx / speed, vy / speed
+    dx, dy = x - px, y - py
+    n, ahead = tx * dy - ty * dx, tx * dx + ty * dy
+    bend = max(1.0 - (vx * ay - vy * ax) / (speed * speed * speed) * n, 0.1)
+    left = numbers[p + 9] + t * (numbers[q + 9] - numbers[p + 9])
+    right = numbers[p + 10] + t * (numbers[q + 10] - numbers[p + 10])
+    edge, sign = (n - left, 1.0) if n > 0.0 else (-n - right, -1.0)
+
+    # Height of the road, blended into the layers below it over the embankment.
+    if layer.blends != 0:
+        shoulder = layer.b
+        past = abs(ahead) if station_is_end(layer, station, t) else 0.0
+        outside = max(edge - shoulder, past)
+        if outside < layer.a:
+            height, rate, _ = _hermite(
+                numbers[p + 5], length * numbers[p + 6], numbers[q + 5], length * numbers[q + 6], t
+            )
+            bank, bank_rate, _ = _hermite(
+                numbers[p + 7], length * numbers[p + 8], numbers[q + 7], length * numbers[q + 8], t
+            )
+            along = 0.0 if past > 0.0 else (rate + n * bank_rate) / (length * bend)
+            road = height + n * bank
+            weight, change = 1.0, 0.0
+            if outside > 0.0:
+                r = outside / layer.a
+                weight, change = 1.0 - r * r * (3.0 - 2.0 * r), -6.0 * r * (1.0 - r) / layer.a
+            across = bank * weight + (road - z) * change * (sign if edge - shoulder > past else 0.0)
+            forward = along * weight
+            if past >= edge - shoulder and past > 0.0:
+                forward += (road - z) * change * (1.0 if ahead > 0.0 else -1.0)
+            z += weight * (road - z)
+            zx = (1.0 - weight) * zx + forward * tx - across * ty
+            zy = (1.0 - weight) * zy + forward * ty + across * tx
+
+    # Kerb beside the road.
+    if layer.f == sign and edge > 0.0:
+        s = numbers[p] + t * length
+        reach = layer.d
+        if edge < 2.0 * reach + layer.e and layer.g <= s <= layer.h:
+            height, slope = layer.c, 0.0
+            if edge < reach:
+                height, slope = layer.c * edge / reach, layer.c / reach
+            elif edge > reach + layer.e:
+                height, slope = layer.c * (2.0 * reach + layer.e - edge) / reach, -layer.c / reach
+            z += height
+            zx -= sign * slope * ty
+            zy += sign * slope * tx
+    return z, zx, zy
+
+
+def station_is_end(layer: Any, station: int, t: float) -> bool:
+    """Return whether a foot is at an end of an open road."""
+    if layer.periodic != 0:
+        return False
+    return (station == 0 and t <= 0.0) or (station == layer.rows - 2 and t >= 1.0)
+
+
+def _foot(numbers: npt.NDArray[np.float64], layer: Any, x: float, y: float) -> tuple[int, float, bool]:
+    """Return the piece of a road that is nearest to a point, the parameter of the foot on it, and whether it exists.
+
+    The cells of the index hold the numbers of all pieces that may be nearest to a point in them.
+    """
+    i, j = floor((x - layer.x) / layer.cell), floor((y - layer.y) / layer.cell)
+    if i < 0 or j < 0 or i >= layer.cells_x or j >= layer.cells_y:
+        return 0, 0.0, False
+    cell = layer.cells + j * layer.cells_x + i
+    begin, end = int(numbers[cell]), int(numbers[cell + 1])
+    if begin == end:
+        return 0, 0.0, False
+    # The nearest chord.
+    best, nearest, t = -1, 1e300, 0.0
+    for k in range(begin, end):
+        piece = int(numbers[k])
+        p, q = layer.first + STATION * piece, layer.first + STATION * (piece + 1)
+        x0, y0 = numbers[p + 1], numbers[p + 2]
+        ex, ey = numbers[q + 1] - x0, numbers[q + 2] - y0
+        along = min(max(((x - x0) * ex + (y - y0) * ey) / (ex * ex + ey * ey), 0.0), 1.0)
+        distance = (x - x0 - along * ex) ** 2 + (y - y0 - along * ey) ** 2
+        if distance < nearest:
+            best, nearest, t = piece, distance, along
+    # The foot on the curve, by Newton's method on (q - p(t)) · p'(t) = 0.
+    p, q = layer.first + STATION * best, layer.first + STATION * (best + 1)
+    length = numbers[q] - numbers[p]
+    for _ in range(_NEWTON):
+        px, vx, ax = _hermite(numbers[p + 1], length * numbers[p + 3], numbers[q + 1], length * numbers[q + 3], t)
+        py, vy, ay = _hermite(numbers[p + 2], length * numbers[p + 4], numbers[q + 2], length * numbers[q + 4], t)
+        dx, dy = x - px, y - py
+        slope = dx * ax + dy * ay - vx * vx - vy * vy
+        if slope < 0.0:
+            t -= (dx * vx + dy * vy) / slope
+        low = 0.0 if layer.periodic == 0 and best == 0 else -_BEYOND
+        high = 1.0 if layer.periodic == 0 and best == layer.rows - 2 else 1.0 + _BEYOND
+        t = min(max(t, low), high)
+    return best, t, True
+
+
+def _hermite(p: float, dp: float, q: float, dq: float, t: float) -> tuple[float, float, float]:
+    """Return value, first and second derivative of a cubic with given values and derivatives at t = 0 and 1."""
+    b, a = 3.0 * (q - p) - 2.0 * dp - dq, 2.0 * (p - q) + dp + dq
+    return p + t * (dp + t * (b + t * a)), dp + t * (2.0 * b + 3.0 * t * a), 2.0 * b + 6.0 * t * a
+
+
+GROUND_PARTS = (
+    ground_at,
+    _node,
+    _inside,
+    _bilinear,
+    _spline,
+    _reflected,
+    _spline_weights,
+    _feature,
+    _on_track,
+    station_is_end,
+    _foot,
+    _hermite,
+)
+"""Functions that :mod:`mirdrake.core.compiled` compiles with those that use :func:`ground_at`."""

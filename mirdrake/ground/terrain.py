@@ -1,0 +1,390 @@
+"""Terrain: a stack of layers as one compiled function of the position.
+
+::
+
+    Plane, Grid, Block, Wave, Road, Roughness ── make_terrain ──► Terrain ── at(x, y) ──► height, normal
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import cos, sin, sqrt
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import scipy  # it imports its parts when they are first used
+from numpy.typing import ArrayLike, NDArray
+
+from mirdrake.core.compiled import compiled, records
+from mirdrake.core.errors import WorldError
+from mirdrake.ground.layers import (
+    BILINEAR,
+    BLOCK,
+    GROUND_PARTS,
+    PLANE,
+    SPLINE,
+    STATION,
+    TRACK,
+    WAVE,
+    Layer,
+    TerrainData,
+    heights_at,
+)
+
+Array = NDArray[np.float64]
+
+SAMPLES = 33
+"""Samples of the ground along a wheel on uneven ground: one every 1.7 cm for a wheel with a radius of 0.3 m. Steep
+faces should be longer than this, so that the force changes smoothly."""
+
+_CELL = 8.0  # side of the cells in which the pieces of a road are indexed [m]
+_LARGEST_GRID = 25_000_000  # nodes of a grid: 100 MB
+
+
+class GroundPoint(NamedTuple):
+    """Ground at a point.
+
+    Attributes:
+        z: height [m].
+        normal: unit normal, upwards (3).
+    """
+
+    z: float
+    normal: tuple[float, float, float]
+
+
+class LayerSource(Protocol):
+    """Description of a layer, which is packed into a terrain."""
+
+    def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:
+        """Return the layer, its numbers and its heights, given how many there are before it."""
+
+
+_NO_NUMBERS, _NO_HEIGHTS = np.empty(0), np.empty(0, np.float32)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Inclined plane.
+
+    Attributes:
+        z: height at the origin of the world [m].
+        slope_x: rise over run along x [1].
+        slope_y: the same along y [1].
+    """
+
+    z: float = 0.0
+    slope_x: float = 0.0
+    slope_y: float = 0.0
+
+    def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: ARG002, D102
+        return Layer(PLANE, a=self.z, b=self.slope_x, c=self.slope_y), _NO_NUMBERS, _NO_HEIGHTS
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Grid of heights.
+
+    Attributes:
+        z: heights [m], rows along y, columns along x.
+        cell: spacing [m].
+        x: position of the first node in the world [m].
+        y: the same.
+        yaw: direction of the rows [rad].
+        smooth: cubic B-spline; otherwise bilinear.
+        periodic: the grid repeats; otherwise its edges continue outwards.
+        local: a bilinear grid ends at its edges, with height zero outside.
+    """
+
+    z: NDArray[Any]
+    cell: float
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+    smooth: bool = True
+    periodic: bool = False
+    local: bool = False
+
+    def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: ARG002, D102
+        z = np.asarray(self.z, dtype=float)
+        if z.ndim != 2 or min(z.shape) < 2 or z.size > _LARGEST_GRID or not np.isfinite(z).all():
+            raise WorldError(
+                f"grid of heights: {z.shape} values; it must have two to 25 million finite heights in rows and columns"
+            )
+        if self.smooth:  # the spline passes through the heights; its coefficients are heights with a prefilter
+            z = scipy.ndimage.spline_filter(z, order=3, mode="grid-wrap" if self.periodic else "mirror")
+        layer = Layer(
+            SPLINE if self.smooth else BILINEAR,
+            first=heights,
+            rows=z.shape[0],
+            columns=z.shape[1],
+            periodic=int(self.periodic),
+            local=int(self.local),
+            x=self.x,
+            y=self.y,
+            cosine=cos(self.yaw),
+            sine=sin(self.yaw),
+            cell=self.cell,
+        )
+        return layer, _NO_NUMBERS, z.astype(np.float32).ravel()
+
+
+@dataclass(frozen=True)
+class Block:
+    """Straight obstacle or hollow: a rise, a flat top and a fall, along its own x axis.
+
+    Attributes:
+        height: of the top [m]; negative: a hollow.
+        rise: length of the rise [m].
+        top: length of the top [m].
+        fall: length of the fall [m].
+        width: width of the full height [m], the middle on the x axis.
+        side: length of the faces at both sides [m].
+        x: start of the rise in the world [m].
+        y: the same.
+        yaw: direction [rad].
+    """
+
+    height: float
+    rise: float
+    top: float
+    fall: float
+    width: float
+    side: float
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: ARG002, D102
+        return (
+            Layer(
+                BLOCK,
+                x=self.x,
+                y=self.y,
+                cosine=cos(self.yaw),
+                sine=sin(self.yaw),
+                a=self.height,
+                b=self.rise,
+                c=self.top,
+                d=self.fall,
+                e=0.5 * self.width,
+                f=self.side,
+            ),
+            _NO_NUMBERS,
+            _NO_HEIGHTS,
+        )
+
+
+@dataclass(frozen=True)
+class Wave:
+    """Obstacle of the form height (1 - cos(2 π u / length)) / 2; attributes as in :class:`Block`."""
+
+    height: float
+    length: float
+    width: float
+    side: float
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: ARG002, D102
+        return (
+            Layer(
+                WAVE,
+                x=self.x,
+                y=self.y,
+                cosine=cos(self.yaw),
+                sine=sin(self.yaw),
+                a=self.height,
+                b=self.length,
+                e=0.5 * self.width,
+                f=self.side,
+            ),
+            _NO_NUMBERS,
+            _NO_HEIGHTS,
+        )
+
+
+@dataclass(frozen=True)
+class Kerb:
+    """Kerb along a road.
+
+    Attributes:
+        left: on the left of the road; otherwise on the right.
+        height: [m].
+        face: length of each face across the road [m].
+        top: width of its top [m].
+        begin: start along the road [m].
+        end: end along the road [m].
+    """
+
+    left: bool
+    height: float
+    face: float
+    top: float
+    begin: float = -np.inf
+    end: float = np.inf
+
+
+@dataclass(frozen=True)
+class Road:
+    """Road along a centre line with height and banking.
+
+    Attributes:
+        s: stations along the centre line [m] (N), rising.
+        x: of the centre line [m] (N).
+        y: the same (N).
+        yaw: heading of the centre line [rad] (N).
+        z: height of the centre line [m] (N).
+        slope: dz/ds [1] (N).
+        bank: rise to the left over distance [1] (N): positive where the left edge is higher.
+        bank_slope: its derivative [1/m] (N).
+        left: distance of the left edge [m] (N).
+        right: distance of the right edge [m] (N).
+        closed: the last station is the first one.
+        shoulder: width beside the edges that continues the surface of the road [m].
+        embankment: length beyond the shoulder over which the road blends into the ground [m].
+        kerb: a kerb beside it.
+        blends: False adds the kerb only.
+    """
+
+    s: Array
+    x: Array
+    y: Array
+    yaw: Array
+    z: Array
+    slope: Array
+    bank: Array
+    bank_slope: Array
+    left: Array
+    right: Array
+    closed: bool = False
+    shoulder: float = 1.0
+    embankment: float = 10.0
+    kerb: Kerb | None = None
+    blends: bool = True
+
+    def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: ARG002, D102
+        pose = (self.s, self.x, self.y, np.cos(self.yaw), np.sin(self.yaw))
+        shape = (self.z, self.slope, self.bank, self.bank_slope, self.left, self.right)
+        stations = np.column_stack((*pose, *shape))
+        assert stations.shape[1] == STATION
+        kerb = self.kerb
+        beside = self.shoulder + self.embankment if self.blends else 0.0
+        reach = float(max(self.left.max(), self.right.max())) + max(beside, kerb.top + 2.0 * kerb.face if kerb else 0.0)
+        index, origin, size = _index(stations[:, 1:3], reach, numbers + stations.size)
+        layer = Layer(
+            TRACK,
+            first=numbers,
+            rows=len(stations),
+            periodic=int(self.closed),
+            x=origin[0],
+            y=origin[1],
+            cell=_CELL,
+            a=self.embankment,
+            b=self.shoulder,
+            blends=int(self.blends),
+            cells=numbers + stations.size,
+            cells_x=size[0],
+            cells_y=size[1],
+        )
+        if kerb is not None:
+            layer = layer._replace(
+                c=kerb.height, d=kerb.face, e=kerb.top, f=1.0 if kerb.left else -1.0, g=kerb.begin, h=kerb.end
+            )
+        return layer, np.concatenate([stations.ravel(), index]), _NO_HEIGHTS
+
+
+def _index(points: Array, reach: float, first: int) -> tuple[Array, tuple[float, float], tuple[int, int]]:
+    """Return the index of the pieces of a centre line by cells.
+
+    Args:
+        points: stations [m] (N, 2).
+        reach: distance to both sides that the road covers [m].
+        first: index of the first number of the result among all numbers.
+
+    Returns:
+        The numbers: for each cell where its list begins, and where the last one ends, then the lists; the origin of
+        the cells [m]; their numbers along x and y.
+    """
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    nx, ny = (int(n) for n in np.ceil((high - low) / _CELL))
+    ends = np.hypot(*np.diff(points, axis=0).T) / 2.0
+    middles = 0.5 * (points[1:] + points[:-1])
+    # A piece is listed in a cell if it may be the nearest one to a point in it, within the reach.
+    tree = scipy.spatial.cKDTree(middles)
+    half, longest = _CELL / np.sqrt(2.0), float(ends.max())
+    centres = low + _CELL * (np.stack(np.meshgrid(np.arange(nx), np.arange(ny)), axis=-1).reshape(-1, 2) + 0.5)
+    nearest, _ = tree.query(centres)
+    within = np.where(nearest > reach + half + longest, 0.0, nearest + 2.0 * (half + longest))
+    lists = tree.query_ball_point(centres, within)
+    lists = [sorted(pieces) if radius > 0.0 else [] for pieces, radius in zip(lists, within, strict=True)]
+    begins = first + len(lists) + 1 + np.concatenate([[0], np.cumsum([len(pieces) for pieces in lists])])
+    flat = [float(piece) for pieces in lists for piece in pieces]
+    return np.concatenate([begins.astype(float), flat]), (float(low[0]), float(low[1])), (nx, ny)
+
+
+class Terrain:
+    """Height and slope of the ground.
+
+    Args:
+        sources: the layers, the lowest one first; none: the plane z = 0.
+
+    Attributes:
+        sources: the layers.
+        data: their numbers, for compiled functions.
+        flat: whether the ground is the plane z = 0.
+        even: whether the ground is a plane of any inclination.
+        samples: number of samples along a wheel that tyres need: zero on a plane.
+    """
+
+    def __init__(self, sources: Sequence[LayerSource] = ()) -> None:
+        self.sources = tuple(sources)
+        self.flat = not sources
+        self.even = all(isinstance(source, Plane) for source in sources)
+        self.samples = 0 if self.even else SAMPLES
+
+    @cached_property
+    def data(self) -> TerrainData:
+        """Numbers of the layers."""
+        layers: list[Layer] = []
+        numbers: list[Array] = []
+        heights: list[NDArray[np.float32]] = []
+        for source in self.sources:
+            counts = (sum(part.size for part in numbers), sum(part.size for part in heights))
+            layer, more, grid = source.pack(*counts)
+            layers.append(layer)
+            numbers.append(more)
+            heights.append(grid)
+        return TerrainData(
+            records(Layer, layers),  # type: ignore[arg-type]
+            np.concatenate(numbers) if numbers else np.empty(0),
+            np.concatenate(heights) if heights else np.empty(0, np.float32),
+        )
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the terrain [B]."""
+        return int(self.data.numbers.nbytes + self.data.heights.nbytes)
+
+    def at(self, x: float, y: float) -> GroundPoint:
+        """Return height and normal at a point of the world [m]."""
+        z, zx, zy = self.slopes(x, y).tolist()
+        norm = sqrt(1.0 + zx * zx + zy * zy)
+        return GroundPoint(z, (-zx / norm, -zy / norm, 1.0 / norm))
+
+    def height(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return the heights [m] at points of the world [m], any shape."""
+        return self.slopes(x, y)[..., 0]
+
+    def slopes(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Return height [m] and slopes along x and y [1] at points of the world [m] of any shape (..., 3)."""
+        x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+        result = np.zeros((x.size, 3))
+        if not self.flat:
+            compiled(heights_at, parts=GROUND_PARTS)(self.data, x.ravel().copy(), y.ravel().copy(), result)
+        return result.reshape(*x.shape, 3)
+
+
+FLAT = Terrain()
+"""The plane z = 0."""

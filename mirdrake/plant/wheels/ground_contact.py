@@ -1,0 +1,308 @@
+"""Contact of a wheel with uneven ground: effective plane, motion of the contact point, generalised forces.
+
+The wheel is a disc in its middle plane. On a plane its deflection d is measured along the disc, and the contact centre
+is the point of the plane that is nearest to the wheel centre in the disc. On uneven ground the plane is replaced by an
+effective one, by the equivalence of the deflected area (D. C. Davis, A radial-spring terrain-enveloping tire model,
+Vehicle System Dynamics 4, 1975; the equivalent-plane method of Adams/Tire):
+
+- A is the area of the disc below the ground, S its first moment about the wheel centre.
+- The effective normal is the direction of -S. A sharp edge thus pushes towards the wheel centre.
+- The effective deflection is that of a plane with the same area, A = R² acos((R - d) / R) - (R - d) √(2 R d - d²).
+
+The tyre thereby envelops short waves and bridges gaps. Both integrals are sums over samples along the disc of the
+difference to the tangent plane below the wheel, plus the closed form of that plane, so they are exact on every plane.
+Two rows of samples at the Gauss points of the width, ± w / (2 √3), see an obstacle under one side of the tyre.
+"""
+
+from collections.abc import MutableSequence, Sequence
+from math import acos, asin, cos, sin, sqrt
+from typing import NamedTuple
+
+from mirdrake.ground.layers import TerrainData, ground_at
+from mirdrake.plant.wheels.motion import BaseMotion, WheelPlace
+
+_REACH = 0.92  # half of the sampled chord over the radius: obstacles up to 0.6 R high [1]
+_GAUSS = 0.5 / sqrt(3.0)  # distance of the rows from the middle over the width [1]
+_STEEP = 0.2  # smallest cosine between wheel plane and vertical
+_NEWTON = 4
+_SMALL = 1e-12
+
+
+class GroundContact(NamedTuple):
+    """Contact of a wheel with the ground, in the world.
+
+    Attributes:
+        deflection: of the tyre [m]; negative: distance of the disc from the ground, if that is a plane.
+        rate: of the deflection, by the motion of the wheel centre [m/s].
+        axle: direction of the axle, to the left (3).
+        up: direction of steering axis and suspension (3).
+        ahead: x axis of the tyre, on the effective plane (3).
+        left: y axis of the tyre (3).
+        normal: of the effective plane (3).
+        arm_base: contact centre from the vehicle frame's origin (3) [m].
+        arm_pivot: contact centre from the steering axis (3) [m].
+        inclination: of the wheel plane to the effective plane [rad].
+        vx: speed of the contact centre ahead, as a point of the wheel carrier [m/s].
+        vy: the same to the left [m/s].
+        turn: angular velocity of the wheel carrier about the normal [rad/s].
+        rolling: effective rolling radius [m].
+        spin: of the wheel, relative to its carrier [rad/s].
+    """
+
+    deflection: float
+    rate: float
+    axle: tuple[float, float, float]
+    up: tuple[float, float, float]
+    ahead: tuple[float, float, float]
+    left: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    arm_base: tuple[float, float, float]
+    arm_pivot: tuple[float, float, float]
+    inclination: float
+    vx: float
+    vy: float
+    turn: float
+    rolling: float
+    spin: float
+
+
+class EffectivePlane(NamedTuple):
+    """Ground under a disc as a plane.
+
+    Attributes:
+        deflection: see :class:`GroundContact` [m].
+        slope: x component of its normal in the disc, x horizontal ahead, w upwards in the disc.
+        rise: w component of its normal in the disc.
+        tilt: component of the normal along the axle, over that in the disc [1].
+    """
+
+    deflection: float
+    slope: float
+    rise: float
+    tilt: float
+
+
+def ground_contact(
+    x: Sequence[float],
+    wheel: WheelPlace,
+    radius: float,
+    width: float,
+    base: BaseMotion,
+    positions: int,
+    terrain: TerrainData,
+    samples: int,
+) -> GroundContact:
+    """Return the contact of a wheel.
+
+    Args:
+        x: state of the plant, positions and velocities.
+        wheel: the wheel.
+        radius: unloaded [m].
+        width: of the tread [m].
+        base: motion of its vehicle.
+        positions: number of the plant's positions.
+        terrain: the ground.
+        samples: number of samples along the disc; zero on a plane.
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
+    bx, by, bz = base.place
+    wx, wy, wz = base.turning
+    sine, cosine, rate, travel, rise = 0.0, 1.0, 0.0, 0.0, 0.0
+    if wheel.steering[0] >= 0:
+        angle, rate = x[wheel.steering[0]], x[positions + wheel.steering[1]]
+        sine, cosine = sin(angle), cos(angle)
+    if wheel.suspension[0] >= 0:
+        travel, rise = x[wheel.suspension[0]], x[positions + wheel.suspension[1]]
+
+    # Steering axis, axle and wheel centre; the axle in B is (-sine, cosine, 0).
+    px, py, pz = wheel.pivot[0], wheel.pivot[1], wheel.pivot[2] + travel
+    kx, ky, kz = bx + xx * px + xy * py + xz * pz, by + yx * px + yy * py + yz * pz, bz + zx * px + zy * py + zz * pz
+    ax, ay, az = xy * cosine - xx * sine, yy * cosine - yx * sine, zy * cosine - zx * sine
+    cx, cy, cz = kx + wheel.offset * ax, ky + wheel.offset * ay, kz + wheel.offset * az
+
+    # The effective plane; e is horizontal ahead in the disc, u upwards in it.
+    level = max(sqrt(ax * ax + ay * ay), _STEEP)
+    ex, ey = ay / level, -ax / level
+    ux, uy = ey * az, -ex * az
+    plane = effective_plane(terrain, samples, radius, width, (cx, cy, cz), (ex, ey), (ux, uy, level), (ax, ay, az))
+    ix, iy, iz = plane.slope * ex + plane.rise * ux, plane.slope * ey + plane.rise * uy, plane.rise * level
+    scale = 1.0 / sqrt(1.0 + plane.tilt * plane.tilt)
+    nx, ny, nz = scale * (ix + plane.tilt * ax), scale * (iy + plane.tilt * ay), scale * (iz + plane.tilt * az)
+
+    # Tyre axes: x = axle × normal, y = normal × x; contact centre.
+    tx, ty, tz = ay * nz - az * ny, az * nx - ax * nz, ax * ny - ay * nx
+    size = sqrt(tx * tx + ty * ty + tz * tz)
+    tx, ty, tz = tx / size, ty / size, tz / size
+    lx, ly, lz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
+    loaded = radius - max(plane.deflection, 0.0)
+    sx, sy, sz = cx - loaded * ix, cy - loaded * iy, cz - loaded * iz
+
+    # Velocity of the contact centre, carried by base, suspension and steering; that of the wheel centre.
+    rx, ry, rz = sx - bx, sy - by, sz - bz
+    qx, qy, qz = sx - kx, sy - ky, sz - kz
+    vx = base.velocity[0] + wy * rz - wz * ry + rise * xz + rate * (yz * qz - zz * qy)
+    vy = base.velocity[1] + wz * rx - wx * rz + rise * yz + rate * (zz * qx - xz * qz)
+    vz = base.velocity[2] + wx * ry - wy * rx + rise * zz + rate * (xz * qy - yz * qx)
+    ox, oy, oz = wx + rate * xz, wy + rate * yz, wz + rate * zz  # angular velocity of the wheel carrier
+    mx, my, mz = loaded * ix, loaded * iy, loaded * iz  # from the contact centre to the wheel centre
+    dx, dy, dz = vx + oy * mz - oz * my, vy + oz * mx - ox * mz, vz + ox * my - oy * mx
+    return GroundContact(
+        plane.deflection,
+        -(dx * ix + dy * iy + dz * iz),
+        (ax, ay, az),
+        (xz, yz, zz),
+        (tx, ty, tz),
+        (lx, ly, lz),
+        (nx, ny, nz),
+        (rx, ry, rz),
+        (qx, qy, qz),
+        asin(max(-1.0, min(1.0, ax * nx + ay * ny + az * nz))),
+        vx * tx + vy * ty + vz * tz,
+        vx * lx + vy * ly + vz * lz,
+        ox * nx + oy * ny + oz * nz,
+        wheel.rolling if wheel.rolling > 0.0 else loaded,
+        x[positions + wheel.spin],
+    )
+
+
+def effective_plane(
+    terrain: TerrainData,
+    samples: int,
+    radius: float,
+    width: float,
+    centre: tuple[float, float, float],
+    ahead: tuple[float, float],
+    upwards: tuple[float, float, float],
+    axle: tuple[float, float, float],
+) -> EffectivePlane:
+    """Return the effective plane of the ground under a wheel; equations in the head of the module.
+
+    Args:
+        terrain: the ground.
+        samples: number of samples along the disc; zero on a plane.
+        radius: of the wheel [m].
+        width: of the wheel [m].
+        centre: of the wheel in the world (3) [m].
+        ahead: horizontal direction in the disc (2).
+        upwards: direction in the disc, perpendicular to it (3).
+        axle: direction of the axle (3).
+    """
+    cx, cy, cz = centre
+    ex, ey = ahead
+    ux, uy, level = upwards
+    area, moment_x, moment_w, tilt, weight = 0.0, 0.0, 0.0, 0.0, 0.0
+    slope, rise, deflection = 0.0, 0.0, 0.0
+    rows = 2 if samples > 0 else 1
+    for row in range(rows):
+        offset = 0.0 if rows == 1 else (2 * row - 1) * _GAUSS * width
+        x0, y0 = cx - radius * ux + offset * axle[0], cy - radius * uy + offset * axle[1]
+        z0, zx, zy = ground_at(terrain, x0, y0)
+        # The tangent plane in the disc: w = -height + gradient x.
+        below = max(level - zx * ux - zy * uy, _STEEP)
+        gradient = (zx * ex + zy * ey) / below
+        px, py, pz = cx + offset * axle[0], cy + offset * axle[1], cz + offset * axle[2]
+        height = (pz - z0 + zx * (x0 - px) + zy * (y0 - py)) / below
+        norm = sqrt(1.0 + gradient * gradient)
+        depth = radius - height / norm
+        row_area, chord = 0.0, 0.0
+        if depth > 0.0:
+            chord = sqrt(max(2.0 * radius * depth - depth * depth, 0.0))
+            row_area = _segment_area(radius, depth)
+        third = 2.0 / 3.0 * chord * chord * chord
+        row_x, row_w = third * gradient / norm, -third / norm
+        # Differences of area and moments to those of the tangent plane.
+        step = 2.0 * _REACH * radius / (samples - 1) if samples > 1 else 0.0
+        for k in range(samples):
+            s = -_REACH * radius + k * step
+            z, _, _ = ground_at(terrain, x0 + s * ex, y0 + s * ey)
+            raised = (z - z0 - s * (zx * ex + zy * ey)) / below
+            if raised == 0.0:
+                continue
+            edge = -sqrt(radius * radius - s * s)
+            tangent = -height + gradient * s - edge
+            top = min(max(tangent + raised, 0.0), -2.0 * edge)
+            bottom = min(max(tangent, 0.0), -2.0 * edge)
+            change = (top - bottom) * step
+            row_area += change
+            row_x += change * s
+            row_w += change * (edge + 0.5 * (top + bottom))
+        row_area = max(row_area, 0.0)
+        area += row_area
+        moment_x += row_x
+        moment_w += row_w
+        # Tilt across the wheel, weighted by the area: normal (-zx, -zy, 1) along the axle over that in the disc.
+        share = row_area + _SMALL
+        tilt += share * (axle[2] - zx * axle[0] - zy * axle[1]) / (below * norm)
+        weight += share
+        slope -= share * gradient / norm
+        rise += share / norm
+        deflection += depth / rows
+    area, moment_x, moment_w = area / rows, moment_x / rows, moment_w / rows
+    if samples > 0:
+        size = sqrt(moment_x * moment_x + moment_w * moment_w)
+        if area > _SMALL and size > _SMALL and moment_w < 0.0:
+            return EffectivePlane(_segment_depth(radius, area), -moment_x / size, -moment_w / size, tilt / weight)
+        deflection = min(deflection, 0.0)
+    size = sqrt(slope * slope + rise * rise)
+    return EffectivePlane(deflection, slope / size, rise / size, tilt / weight)
+
+
+def _segment_area(radius: float, depth: float) -> float:
+    """Return the area of a segment of a circle [m²]."""
+    depth = min(depth, radius)
+    return radius * radius * acos(1.0 - depth / radius) - (radius - depth) * sqrt(2.0 * radius * depth - depth * depth)
+
+
+def _segment_depth(radius: float, area: float) -> float:
+    """Return the depth of a segment of a circle of an area [m²], at most the radius; by Newton's method."""
+    depth: float = min((0.75 * area / sqrt(2.0 * radius)) ** (2.0 / 3.0), radius)
+    for _ in range(_NEWTON):
+        chord = 2.0 * sqrt(max(2.0 * radius * depth - depth * depth, _SMALL))
+        depth = min(max(depth - (_segment_area(radius, depth) - area) / chord, 0.25 * depth), radius)
+    return depth
+
+
+def add_ground_force(
+    force: MutableSequence[float],
+    wheel: WheelPlace,
+    contact: GroundContact,
+    forces: tuple[float, float, float],
+    mz: float,
+    resistance: float,
+    turn: float,
+) -> None:
+    """Add force and moment of the ground on a wheel to generalised forces.
+
+    Args:
+        force: generalised forces of the plant (num_velocities) [N, N m], changed.
+        wheel: the wheel.
+        contact: its contact.
+        forces: at the contact centre, ahead, to the left, along the normal (3) [N].
+        mz: moment about the normal [N m].
+        resistance: moment about the axle [N m], of which the carrier bears nothing.
+        turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
+    """
+    fx, fy, fz = forces
+    fx, fy = fx - turn * fy, fy + turn * fx
+    (tx, ty, tz), (lx, ly, lz), (nx, ny, nz) = contact.ahead, contact.left, contact.normal
+    x, y, z = fx * tx + fy * lx + fz * nx, fx * ty + fy * ly + fz * ny, fx * tz + fy * lz + fz * nz
+    rx, ry, rz = contact.arm_base
+    (ax, ay, az), base = contact.axle, wheel.base[1]
+    force[base] += ry * z - rz * y + mz * nx + resistance * ax
+    force[base + 1] += rz * x - rx * z + mz * ny + resistance * ay
+    force[base + 2] += rx * y - ry * x + mz * nz + resistance * az
+    force[base + 3] += x
+    force[base + 4] += y
+    force[base + 5] += z
+    force[wheel.spin] += mz * (ax * nx + ay * ny + az * nz) - contact.rolling * forces[0] + resistance
+    kx, ky, kz = contact.up
+    if wheel.steering[0] >= 0:
+        qx, qy, qz = contact.arm_pivot
+        mx, my, mzz = qy * z - qz * y + mz * nx, qz * x - qx * z + mz * ny, qx * y - qy * x + mz * nz
+        force[wheel.steering[1]] += kx * mx + ky * my + kz * mzz
+    if wheel.suspension[0] >= 0:
+        force[wheel.suspension[1]] += kx * x + ky * y + kz * z
+
+
+CONTACT_PARTS = (ground_contact, effective_plane, _segment_area, _segment_depth, add_ground_force)
+"""Functions that :mod:`mirdrake.core.compiled` compiles for a step."""

@@ -1,0 +1,221 @@
+"""One step of tyres that touch the ground themselves (`plant.contact: tyre`), in Python or compiled.
+
+Each wheel has a vertical force by its deflection (:mod:`mirdrake.tyres.vertical`) along the normal of the effective
+plane (:mod:`mirdrake.plant.wheels.ground_contact`), slip forces in this plane as in :mod:`mirdrake.plant.wheels.step`,
+and rolling resistance. All of them follow from the present state, and the plant applies them explicitly: the scheme is
+symplectic, stable for ω dt < 2, and neither damps nor excites a vehicle on its tyres.
+
+The pivoting moment resists the turn rate ω of a Coulomb tyre about the normal. On a patch of width w with the slip
+stiffness C of a tyre, in rolling, slip velocities ω y give Mz = -C w² ω / (12 |v|), at most μ N w / 4, the moment of
+sliding friction on a line of width w. At standstill it is a spring, C w² / (12 σ), with the same limit; the relaxation of
+:mod:`mirdrake.tyres.relaxation` joins both.
+"""
+
+from collections.abc import Callable, MutableSequence, Sequence
+from math import atan, tanh
+from typing import Any, NamedTuple
+
+from mirdrake.core.compiled import Records
+from mirdrake.ground.layers import GROUND_PARTS, TerrainData
+from mirdrake.plant.wheels.ground_contact import CONTACT_PARTS, add_ground_force, ground_contact
+from mirdrake.plant.wheels.motion import base_motion
+from mirdrake.plant.wheels.rolling_resistance import SMOOTH_SPEED
+from mirdrake.plant.wheels.step import STEP_PARTS, SpinningWheel, slip_forces, turn_along
+from mirdrake.tyres.coulomb import PIVOT_STIFFNESS
+from mirdrake.tyres.relaxation import Contact, Motion, low_speed_weight, relaxation_step
+from mirdrake.tyres.vertical import VerticalTyre, vertical_force
+
+SAME_LOAD = 0.01
+"""Relative change of the load up to which the curve of a tyre is scaled instead of evaluated anew [1]."""
+
+SAME_INCLINATION = 2e-3
+"""Change of the inclination up to which a curve is kept [rad]."""
+
+_LEAST_LOAD = 1e-3  # load over static load below which a tyre has no slip forces [1]
+
+
+class GroundWheel(NamedTuple):
+    """Wheel whose tyre touches the ground.
+
+    Attributes:
+        wheel: the wheel with its slip and spin.
+        vertical: its vertical stiffness and damping.
+        width: of the tread [m].
+        resistance: rolling-resistance coefficient [1].
+        pivots: whether it has a pivoting moment.
+    """
+
+    wheel: SpinningWheel
+    vertical: VerticalTyre
+    width: float
+    resistance: float
+    pivots: bool
+
+
+class GroundMemory(NamedTuple):
+    """Memory of a wheel from step to step: that of :class:`mirdrake.plant.wheels.step.Memory`, with the pivoting.
+
+    Attributes:
+        along: longitudinal deflection of the tyre [m].
+        across: lateral deflection [m].
+        vx: motion of the last step [m/s].
+        slip_x: the same [m/s].
+        vy: the same [m/s].
+        spin: the same [rad/s].
+        torque: torque of motor, brake and longitudinal force on the spin [N m].
+        fx: longitudinal force [N].
+        kappa: its longitudinal slip [1].
+        measured: negative at the start, then 1.
+        load: load of the curve [N].
+        inclination: inclination of the curve [rad].
+        turning: yaw rate of the vehicle [rad/s].
+        twist: angle by which the contact patch is twisted [rad].
+    """
+
+    along: float = 0.0
+    across: float = 0.0
+    vx: float = 0.0
+    slip_x: float = 0.0
+    vy: float = 0.0
+    spin: float = 0.0
+    torque: float = 0.0
+    fx: float = 0.0
+    kappa: float = 0.0
+    measured: float = -1.0
+    load: float = 0.0
+    inclination: float = 0.0
+    turning: float = 0.0
+    twist: float = 0.0
+
+
+def ground_step(
+    law: Callable[[Any, float, float, float], tuple[float, float, float]],
+    x: Sequence[float],
+    terrain: TerrainData,
+    samples: int,
+    torques: Sequence[float],
+    frictions: Sequence[float],
+    cars: Records,
+    wheels: Records,
+    curves: Records,
+    memories: Records,
+    force: MutableSequence[float],
+    after: Records,
+    logged: Any,
+) -> bool:
+    """Compute the forces of the ground on the tyres of a vehicle, and the memory of the wheels.
+
+    Args:
+        law: forces in steady state, of :class:`mirdrake.tyres.SteadyLaw`.
+        x: state of the plant, positions and velocities.
+        terrain: the ground.
+        samples: number of samples along a wheel; zero on a plane.
+        torques: drive torque of each wheel, signed, then the largest torque of each brake [N m].
+        frictions: friction of the ground under each wheel, relative to dry asphalt [1].
+        cars: one :class:`mirdrake.plant.wheels.step.SpinningCar`.
+        wheels: :class:`GroundWheel`.
+        curves: the tyres at their loads; load, inclination, friction, contact and curve.
+        memories: :class:`GroundMemory` of the step before.
+        force: generalised forces of the plant (num_velocities) [N, N m], overwritten.
+        after: memories for the next step, overwritten.
+        logged: Fx, Fy, Mz, kappa, alpha, load and torque of the rolling resistance of each wheel, overwritten.
+
+    Returns:
+        Whether the curves are those of the loads and inclinations in `after`, and of the frictions; if not, the results
+        are not valid.
+    """
+    car, known = cars[0], True
+    period = car.period
+    for i in range(len(force)):
+        force[i] = 0.0
+    base = base_motion(x, wheels[0].wheel.place.base, car.positions)
+    for i in range(len(wheels)):
+        tyre, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
+        wheel = tyre.wheel
+        contact = ground_contact(x, wheel.place, wheel.radius, tyre.width, base, car.positions, terrain, samples)
+        load = vertical_force(tyre.vertical, contact.deflection, contact.rate, contact.spin)
+
+        # Whether the curve is valid for this load; without a valid curve the caller makes one and repeats.
+        start = before.measured < 0.0
+        curve_load, inclination = before.load, before.inclination
+        touches = load > _LEAST_LOAD * wheel.static_load
+        if start or (touches and abs(load - curve_load) > SAME_LOAD * load):
+            curve_load = max(load, _LEAST_LOAD * wheel.static_load)
+        if start or (touches and abs(contact.inclination - inclination) > SAME_INCLINATION):
+            inclination = contact.inclination
+        kept.load, kept.inclination = curve_load, inclination
+        if curve.load != curve_load or curve.inclination != inclination or curve.friction != frictions[i]:
+            known = False
+            continue
+        scale = load / curve_load if touches else 0.0
+        now = Motion(contact.vx, contact.vx - contact.spin * contact.rolling, contact.vy)
+        patch = Contact(
+            curve.contact.stiffness_x * scale,
+            curve.contact.stiffness_y * scale,
+            curve.contact.length_x,
+            curve.contact.length_y,
+            curve.contact.friction_x * scale,
+            curve.contact.friction_y * scale,
+        )
+
+        # Slip forces, pivoting moment, rolling resistance.
+        drive, brake = torques[i], torques[len(wheels) + i]
+        fx, fy, mz, kappa, tan_alpha, torque = slip_forces(
+            law,
+            curve.curve,
+            scale,
+            patch,
+            wheel,
+            before,
+            kept,
+            now,
+            contact.spin,
+            contact.rolling,
+            drive,
+            brake,
+            period,
+        )
+        twist, moment = _pivoting(tyre, load, before.twist, contact.turn, now.vx, patch, period)
+        resistance = -tyre.resistance * load * contact.rolling * tanh(contact.spin / SMOOTH_SPEED)
+        add_ground_force(
+            force,
+            wheel.place,
+            contact,
+            (fx, fy, load),
+            mz + moment,
+            resistance,
+            0.5 * period * base.turning[2],
+        )
+        force[wheel.place.spin] += torque
+
+        kept.measured, kept.turning, kept.twist = 1.0, base.turning[2], twist
+        logged[i, 0], logged[i, 1], logged[i, 2], logged[i, 3], logged[i, 4] = (
+            fx,
+            fy,
+            mz + moment,
+            kappa,
+            atan(tan_alpha),
+        )
+        logged[i, 5], logged[i, 6] = load, resistance
+    if memories[0].measured >= 0.0:
+        turn_along(force, wheels[0].wheel.place.base[1], car, base, base.turning[2] - memories[0].turning)
+    return known
+
+
+def _pivoting(
+    tyre: Any, load: float, twist: float, turn: float, vx: float, patch: Contact, period: float
+) -> tuple[float, float]:
+    """Return the twist of the contact patch after a step [rad], and the pivoting moment [N m]."""
+    if not tyre.pivots or patch.stiffness_x <= 0.0:
+        return 0.0, 0.0
+    largest = 0.25 * patch.friction_y * tyre.width
+    stiffness = PIVOT_STIFFNESS * load * tyre.width * tyre.width / (12.0 * patch.length_x)
+    limit = largest / stiffness
+    twist = relaxation_step(
+        twist, turn, abs(vx) / patch.length_x, limit, low_speed_weight(vx, tyre.wheel.settings.low), period
+    )
+    return twist, -max(-largest, min(largest, stiffness * twist))
+
+
+GROUND_STEP_PARTS = (*STEP_PARTS, *GROUND_PARTS, *CONTACT_PARTS, vertical_force, _pivoting)
+"""Functions that :func:`ground_step` calls, without the law."""

@@ -1,0 +1,296 @@
+"""Tyres that touch the ground themselves (`plant.contact: tyre`), in the plant.
+
+The plant's contact has no wheels on the ground then. Vertical force, slip forces and rolling resistance of a vehicle's
+tyres follow from the plant's state and the terrain, without delay; the equations are in
+:mod:`mirdrake.plant.wheels.ground_step`.
+"""
+
+from collections.abc import Collection, Sequence
+from math import exp, log
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import GeometryId
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+
+from mirdrake.core.compiled import Records, compiled, plain, record_type, records
+from mirdrake.core.constants import GRAVITY
+from mirdrake.core.leaf_system import LeafSystem, declare_cached_value
+from mirdrake.core.signals import Signal, declare_state_output, declare_vector_input, declare_vector_output
+from mirdrake.ground import Terrain
+from mirdrake.plant.plant import TyreSpring, VehicleInPlant
+from mirdrake.plant.rest_pose import check_balance
+from mirdrake.plant.wheels.ground_step import (
+    GROUND_STEP_PARTS,
+    SAME_INCLINATION,
+    SAME_LOAD,
+    GroundMemory,
+    GroundWheel,
+    ground_step,
+)
+from mirdrake.plant.wheels.motion import wheel_places
+from mirdrake.plant.wheels.step import SpinningCar, SpinningWheel
+from mirdrake.plant.wheels.tyre_forces import DAMPING_BY_LOAD, FORCES, REFERENCE_FRICTION, curve_type
+from mirdrake.tyres import SlipTyres, TyreLaw
+from mirdrake.tyres.coulomb import COULOMB_LAW, make_coulomb_law
+from mirdrake.tyres.relaxation import RelaxationSettings
+from mirdrake.tyres.vertical import VerticalTyre
+from mirdrake.vehicles import WHEELS
+
+_LOGGED = len(FORCES) + 2
+_MEMORY = record_type(GroundMemory)
+_MOST_CURVES = 4096  # curves of a tyre that are kept for reuse
+
+
+class _Solution(NamedTuple):
+    force: npt.NDArray[np.float64]  # generalised
+    memory: Records
+    logged: npt.NDArray[np.float64]
+
+
+def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[GroundWheel]:
+    """Return the wheels of a vehicle in a finalised plant.
+
+    Raises:
+        ConfigError: the vehicle tips over, as its centre of mass is not between its axles.
+    """
+    context = plant.CreateDefaultContext()
+    plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
+    check_balance(plant, context, part.vehicle, part.instance)
+    geometry, tyres = part.vehicle.geometry, part.vehicle.spec.tyres
+    share = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / geometry.wheelbase
+    half = 0.5 * plant.CalcTotalMass(context, [part.instance]) * GRAVITY
+    wheels = []
+    for index, (place, joint, actuator) in enumerate(
+        zip(wheel_places(part), part.wheels, part.wheel_actuators, strict=True)
+    ):
+        rear = index >= 2
+        inertia = joint.child_body().CalcSpatialInertiaInBodyFrame(context)
+        tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+        gain = actuator.get_controller_gains().d if actuator.has_controller() else 0.0
+        load = float(half * ((1.0 - share) if rear else share))
+        vertical = part.compression[rear]
+        assert isinstance(vertical, VerticalTyre)
+        lateral_damping = tyres.lateral_damping if isinstance(tyres, SlipTyres) else 0.0
+        spinning = SpinningWheel(
+            place,
+            float(tensor[1, 1] + actuator.default_reflected_inertia()),
+            float(gain + joint.default_damping()),
+            part.parked,
+            geometry.wheel_radii[index],
+            TyreSpring(1.0 / vertical.stiffness, 1.0),
+            load,
+            RelaxationSettings(damping=DAMPING_BY_LOAD * load, lateral_damping=lateral_damping),
+        )
+        width, pivots = geometry.wheel_widths[index], not isinstance(tyres, SlipTyres)
+        wheels.append(GroundWheel(spinning, vertical, width, tyres.rolling_resistance, pivots))
+    return wheels
+
+
+class GroundTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Forces of the ground on the tyres of a vehicle, with drive and brake torques of its wheels.
+
+    Input ports:
+        plant_state: the plant's state, positions and velocities.
+        wheel_torque (8) [N m]: drive torques of the wheels, signed, then largest torques of their brakes, not negative;
+            zeros if it is not connected.
+    Output ports:
+        generalized_force: for the plant's applied generalised force (num_velocities) [N, N m]; without delay.
+        tyre_forces (20): per wheel Fx, Fy [N], Mz [N m], and the slips kappa [1] and alpha [rad], of the last step.
+        wheel_load (4) [N]: force along the normal of the ground, of the last step.
+        resistance (4) [N m]: torque of the rolling resistance about each axle, of the last step.
+
+    Parameters of the Context: 0: friction of the ground under each wheel, relative to dry asphalt (4) [1];
+    :class:`mirdrake.plant.wheels.RoadFriction` keeps it up to date.
+
+    Args:
+        plant: finalised plant with a discrete step, its wheels' spin axes along y of their bodies.
+        part: the vehicle.
+        terrain: the ground.
+        friction: of the ground at the start [1].
+        rolling_resistance: whether tyres have rolling resistance.
+    """
+
+    optional_inputs = ("wheel_torque",)
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        part: VehicleInPlant,
+        terrain: Terrain,
+        *,
+        friction: float = REFERENCE_FRICTION,
+        rolling_resistance: bool = True,
+    ) -> None:
+        super().__init__()
+        tyres = part.vehicle.spec.tyres
+        law, self._laws = _laws(part)
+        wheels = make_ground_wheels(plant, part)
+        if not rolling_resistance:
+            wheels = [wheel._replace(resistance=0.0) for wheel in wheels]
+        self._step = compiled(ground_step, law.forces, parts=(*GROUND_STEP_PARTS, *law.parts))
+        self._wheels = records(GroundWheel, wheels)
+        self._terrain, self._samples = terrain.data, terrain.samples
+        self._curves = np.zeros(len(wheels), curve_type(law))
+        self._curves["load"] = np.nan  # not evaluated yet
+        self._known: list[dict[tuple[float, float, float], Any]] = [{} for _ in wheels]
+        self._velocities, self._period = plant.num_velocities(), plant.time_step()
+        context = plant.CreateDefaultContext()
+        plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
+        mass = plant.CalcTotalMass(context, [part.instance])
+        centre = tuple(plant.CalcCenterOfMassPositionInWorld(context, [part.instance]).tolist())
+        self._car = records(SpinningCar, [SpinningCar(self._period, plant.num_positions(), mass, centre)])
+        self._no_torque = np.zeros(2 * len(wheels))
+        torques = [Signal(f"{kind}_torque.{name}", "N m") for kind in ("drive", "brake") for name in WHEELS]
+        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self.wheel_torque = declare_vector_input(self, "wheel_torque", torques)
+        self.friction = self.DeclareNumericParameter(BasicVector(np.full(len(wheels), friction / REFERENCE_FRICTION)))
+        self._memory = self.DeclareDiscreteState(np.tile(GroundMemory(), len(wheels)))
+        self._logged = self.DeclareDiscreteState(len(wheels) * len(FORCES))
+        self._loads = self.DeclareDiscreteState(len(wheels))
+        self._torques = self.DeclareDiscreteState(len(wheels))
+        self._solution = declare_cached_value(self, "tyre forces", lambda: AbstractValue.Make(object()), self._calc)
+        self.generalized_force = self.DeclareVectorOutputPort(
+            "generalized_force", self._velocities, self._copy_force, {self._solution.ticket()}
+        )
+        contents = [
+            Signal(f"{part.name}.tyre_{name}.{wheel}", unit, meaning)
+            for wheel in WHEELS
+            for name, unit, meaning in FORCES
+        ]
+        self.tyre_forces = declare_state_output(self, "tyre_forces", contents, self._logged)
+        loads = [Signal(f"{part.name}.wheel_load.{wheel}", "N", "normal load of the ground") for wheel in WHEELS]
+        resistances = [Signal(f"{part.name}.resistance_torque.{wheel}", "N m", "about the axle") for wheel in WHEELS]
+        self.wheel_load = declare_state_output(self, "wheel_load", loads, self._loads)
+        self.resistance = declare_state_output(self, "resistance", resistances, self._torques)
+        self.has_law = isinstance(tyres, SlipTyres)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
+
+    def set_friction(self, context: Context, wheel: int, friction: float) -> None:
+        """Change the friction of the ground under a wheel.
+
+        Args:
+            context: of this system, changed.
+            wheel: its number in :data:`mirdrake.vehicles.WHEELS`.
+            friction: coefficient of the ground [1].
+        """
+        context.get_mutable_numeric_parameter(self.friction).SetAtIndex(wheel, friction / REFERENCE_FRICTION)
+
+    def _copy_force(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._solution.evaluate(context).force)
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        solution = self._solution.evaluate(context)
+        state.get_mutable_value(self._memory)[:] = solution.memory.view(float)
+        logged = solution.logged
+        state.get_mutable_value(self._logged)[:] = logged[:, : len(FORCES)].ravel()
+        state.get_mutable_value(self._loads)[:] = logged[:, len(FORCES)]
+        state.get_mutable_value(self._torques)[:] = logged[:, len(FORCES) + 1]
+
+    def _calc(self, context: Context, result: Any) -> None:
+        count = len(self._wheels)
+        x = self.plant_state.Eval(context)
+        torques = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else self._no_torque
+        frictions = context.get_numeric_parameter(self.friction).value()
+        before = context.get_discrete_state(self._memory).value().view(_MEMORY)
+        force, memory, logged = np.empty(self._velocities), np.empty_like(before), np.empty((count, _LOGGED))
+        given = (x, self._terrain, self._samples, torques, frictions, self._car, self._wheels, self._curves, before)
+        if not self._step(*given, force, memory, logged):
+            self._make_curves(memory, frictions)
+            if not self._step(*given, force, memory, logged):  # the state is NaN
+                force.fill(np.nan)
+                logged.fill(np.nan)
+                memory.view(float).fill(np.nan)
+        result.set_value(_Solution(force, memory, logged))
+
+    def _make_curves(self, memory: Records, frictions: npt.NDArray[np.float64]) -> None:
+        """Evaluate the tyre laws where the loads or inclinations in the memory differ from those of the curves.
+
+        A law is evaluated at steps of load and inclination that are half of the changes it is kept for, so that
+        a drive over rough ground needs few evaluations.
+        """
+        for i, law in enumerate(self._laws):
+            load, inclination, friction = float(memory["load"][i]), float(memory["inclination"][i]), float(frictions[i])
+            curve = self._curves[i]
+            if (curve["load"], curve["inclination"], curve["friction"]) == (load, inclination, friction):
+                continue
+            if not np.isfinite([load, inclination]).all():
+                continue
+            step_load, step_inclination = 0.5 * SAME_LOAD, 0.5 * SAME_INCLINATION
+            nodes = (
+                exp(round(log(load) / step_load) * step_load),
+                round(inclination / step_inclination) * step_inclination,
+                friction,
+            )
+            known = self._known[i]
+            if nodes not in known:
+                if len(known) >= _MOST_CURVES:
+                    known.clear()
+                tyre = law(*nodes)
+                known[nodes] = (tyre.contact, plain(tyre.curve))
+            self._curves[i] = (load, inclination, friction, *known[nodes])
+
+
+def _laws(part: VehicleInPlant) -> tuple[Any, list[TyreLaw]]:
+    """Return the law in steady state of a vehicle's tyres, and the tyre law of each wheel."""
+    tyres = part.vehicle.spec.tyres
+    if isinstance(tyres, SlipTyres):
+        axles = tyres.axle_laws(part.vehicle.folder)
+        return tyres.law, [axles[index >= 2] for index in range(len(WHEELS))]
+    return COULOMB_LAW, [make_coulomb_law(friction, REFERENCE_FRICTION) for friction in part.tyre_mu]
+
+
+class GroundReadings(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Wheel loads and resistances of all vehicles, and contacts of their other parts, for logs and the powertrain.
+
+    Input ports:
+        contact_results: the plant's contact results (abstract).
+        wheel_load_<vehicle> (4) [N]: of :class:`GroundTyres`, for each vehicle.
+        resistance_<vehicle> (4) [N m]: the same.
+    Output ports:
+        wheel_load (4 a vehicle) [N], resistance (4 a vehicle) [N m]: those of all vehicles.
+        other_contacts (1) [1]: number of contacts of vehicles, updated every `period`.
+
+    Args:
+        vehicles: names of the vehicles.
+        scenery: geometries of the world; their contacts with each other are ignored.
+        period: time between two counts of contacts [s].
+    """
+
+    def __init__(self, vehicles: Sequence[str], *, scenery: Collection[GeometryId], period: float) -> None:
+        super().__init__()
+        self._scenery = frozenset(scenery)
+        self.contact_results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
+        count = len(WHEELS)
+        self.load_inputs = [self.DeclareVectorInputPort(f"wheel_load_{name}", count) for name in vehicles]
+        self.resistance_inputs = [self.DeclareVectorInputPort(f"resistance_{name}", count) for name in vehicles]
+        self._others = self.DeclareDiscreteState(1)
+        loads = [Signal(f"{name}.wheel_load.{wheel}", "N", "normal load") for name in vehicles for wheel in WHEELS]
+        torques = [
+            Signal(f"{name}.resistance_torque.{wheel}", "N m", "about the axle")
+            for name in vehicles
+            for wheel in WHEELS
+        ]
+        self.wheel_load = self._declare("wheel_load", loads, self.load_inputs)
+        self.resistance = self._declare("resistance", torques, self.resistance_inputs)
+        others = [Signal("other_contacts", "", "contacts that are not tyres on the road")]
+        self.other_contacts = declare_state_output(self, "other_contacts", others, self._others)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def _declare(self, name: str, contents: Sequence[Signal], inputs: Sequence[Any]) -> Any:
+        """Return an output port that joins vector inputs."""
+
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(np.concatenate([port.Eval(context) for port in inputs]))
+
+        return declare_vector_output(self, name, contents, calc, prerequisites={port.ticket() for port in inputs})
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        results = self.contact_results.Eval(context)
+        pairs = [results.point_pair_contact_info(k).point_pair() for k in range(results.num_point_pair_contacts())]
+        others = sum(not (pair.id_A in self._scenery and pair.id_B in self._scenery) for pair in pairs)
+        state.get_mutable_value(self._others)[:] = others

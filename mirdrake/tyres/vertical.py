@@ -1,0 +1,72 @@
+"""Vertical force of a tyre from its deflection.
+
+The Magic Formula 6.1 has, without the small effects of Fx, Fy, camber and pressure (I. J. M. Besselink, A. J. C.
+Schmeitz, H. B. Pacejka, An improved Magic Formula/Swift tyre model that can handle inflation pressure changes, Vehicle
+System Dynamics 48, 2010)::
+
+    Fz = (1 + qV2 R0 |ω| / V0) (qFz1 d / R0 + qFz2 (d / R0)²) Fz0,    qFz1 = √((Cz R0 / Fz0)² - 4 qFz2)
+
+with the vertical stiffness Cz at the nominal load Fz0, the free radius R0 and the speed V0 of the measurements. The
+damping is proportional to the force, F (1 + χ d'), as in Hunt and Crossley's contact model: the force is continuous at
+touchdown and lift-off, and the road never pulls.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
+
+
+@dataclass(frozen=True, slots=True)
+class VerticalTyre:
+    """Vertical stiffness and damping of a tyre: F = (k d + k2 d²) (1 + g |ω|) (1 + χ d').
+
+    Attributes:
+        stiffness: k [N/m].
+        hardening: k2 [N/m²].
+        damping: χ [s/m].
+        growth: g [s/rad].
+    """
+
+    stiffness: float
+    hardening: float = 0.0
+    damping: float = 0.0
+    growth: float = 0.0
+
+    def __call__(self, load: float) -> float:
+        """Return the deflection at rest [m] under a load [N]."""
+        load = max(load, 0.0)
+        return 2.0 * load / (self.stiffness + sqrt(self.stiffness**2 + 4.0 * self.hardening * load))
+
+
+def vertical_force(tyre: Any, deflection: float, rate: float, spin: float) -> float:
+    """Return the vertical force [N]; :mod:`mirdrake.core.compiled` can compile it.
+
+    Args:
+        tyre: :class:`VerticalTyre`.
+        deflection: [m]; not positive: no contact.
+        rate: of the deflection [m/s].
+        spin: of the wheel [rad/s].
+    """
+    if deflection <= 0.0:
+        return 0.0
+    force: float = deflection * (tyre.stiffness + tyre.hardening * deflection)
+    growth: float = 1.0 + tyre.growth * abs(spin)
+    damping: float = 1.0 + tyre.damping * rate
+    return force * growth * max(damping, 0.0)
+
+
+def vertical_of_file(parameters: MagicFormulaParameters) -> VerticalTyre | None:
+    """Return the vertical behaviour in a .tir file; None if it has no vertical stiffness."""
+    p = parameters
+    if p.vertical_stiffness <= 0.0:
+        return None
+    square = (p.vertical_stiffness * p.unloaded_radius / p.fnomin) ** 2 - 4.0 * p.qfz2
+    linear = sqrt(max(square, 0.0))
+    return VerticalTyre(
+        linear * p.fnomin / p.unloaded_radius,
+        p.qfz2 * p.fnomin / p.unloaded_radius**2,
+        p.vertical_damping / p.fnomin,
+        p.qv2 * p.unloaded_radius / p.longvl,
+    )

@@ -1,0 +1,104 @@
+"""Effective plane of a wheel on uneven ground against closed forms, and the vertical force of a tyre."""
+
+from math import acos, cos, sin, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mirdrake.ground import FLAT, Terrain
+from mirdrake.ground.terrain import SAMPLES, Block, Plane, Wave
+from mirdrake.plant.wheels.ground_contact import EffectivePlane, effective_plane
+from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
+from mirdrake.tyres.vertical import VerticalTyre, vertical_force, vertical_of_file
+
+RADIUS, WIDTH = 0.3, 0.2
+
+
+def under_wheel(terrain: Terrain, *, x: float, z: float, lean: float = 0.0, samples: int = SAMPLES) -> EffectivePlane:
+    """Return the effective plane of a wheel that rolls along x, its centre at x and z."""
+    upwards, axle = (0.0, -sin(lean), cos(lean)), (0.0, cos(lean), sin(lean))
+    data = terrain.data._replace(layers=terrain.data.layers.view(np.recarray))  # type: ignore[attr-defined]
+    return effective_plane(data, samples, RADIUS, WIDTH, (x, 0.0, z), (1.0, 0.0), upwards, axle)
+
+
+@pytest.mark.parametrize("samples", [0, SAMPLES])
+def test_deflection_on_a_plane(samples: int) -> None:
+    plane = under_wheel(FLAT, x=1.0, z=0.28, samples=samples)
+    assert plane == pytest.approx((0.02, 0.0, 1.0, 0.0), abs=1e-12)
+    assert under_wheel(FLAT, x=1.0, z=0.31, samples=samples).deflection == pytest.approx(-0.01)
+
+
+@pytest.mark.parametrize("samples", [0, SAMPLES])
+def test_deflection_on_an_incline(samples: int) -> None:
+    """A slope of 15 %: the distance of the centre from the plane is z cos θ."""
+    theta = np.arctan(0.15)
+    plane = under_wheel(Terrain([Plane(slope_x=0.15)]), x=0.0, z=0.28 / cos(theta), samples=samples)
+    assert plane == pytest.approx((0.02, -sin(theta), cos(theta), 0.0), abs=1e-9)
+
+
+def test_tilt_of_a_leaning_wheel_and_of_a_bank() -> None:
+    """A wheel that leans to its right by 0.1 rad; and an upright one on a bank of 0.1 to the left."""
+    leaning = under_wheel(FLAT, x=0.0, z=0.28 * cos(0.1), lean=0.1, samples=0)
+    assert (leaning.deflection, leaning.tilt) == pytest.approx((0.02, np.tan(0.1)), abs=1e-9)
+    assert under_wheel(Terrain([Plane(slope_y=0.1)]), x=0.0, z=0.28).tilt == pytest.approx(-0.1)
+
+
+def test_a_rigid_wheel_at_a_kerb_is_pushed_towards_its_centre() -> None:
+    """At the edge of a kerb of 0.1 m, Fx / Fz is between that of the edge and that of the rim above it.
+
+    A rigid wheel has sqrt(2 r h - h²) / (r - h).
+    """
+    height = 0.1
+    ahead = sqrt(2.0 * RADIUS * height - height**2)
+    kerb = Terrain([Block(height, 0.005, 5.0, 0.1, 10.0, 0.1)])
+    for overlap in (0.03, 0.05):
+        plane = under_wheel(kerb, x=-(ahead - overlap), z=RADIUS + 1e-9)
+        assert plane.deflection > 0.0
+        assert (ahead - overlap) / (RADIUS - height) < -plane.slope / plane.rise < ahead / (RADIUS - height)
+
+
+def test_long_waves_are_followed_and_gaps_are_bridged() -> None:
+    """On a hump of 4 m and 0.1 m the effective height is that of the crest; a gap of 5 cm takes a part of the area."""
+    hump = Terrain([Wave(0.1, 4.0, 10.0, 0.1)])
+    assert under_wheel(hump, x=2.0, z=0.38).deflection == pytest.approx(0.02, abs=1e-3)
+    gap = Terrain([Block(-0.1, 1e-3, 0.05, 1e-3, 10.0, 0.1, x=-0.026)])
+    bridged = under_wheel(gap, x=0.0, z=0.28)
+    assert 0.005 < bridged.deflection < 0.02
+    assert bridged.slope == pytest.approx(0.0, abs=0.02)
+
+
+def test_an_obstacle_under_one_half_of_the_tyre() -> None:
+    """Half of the width carries half of the area of a full plane."""
+    plank = Terrain([Block(0.03, 0.1, 4.0, 0.1, 10.0, 0.001, x=-2.0, y=5.0005)])  # the left side, y > 0
+    half = under_wheel(plank, x=0.0, z=0.31)
+    depth = 0.02
+
+    def segment(d: float) -> float:
+        return RADIUS**2 * acos(1.0 - d / RADIUS) - (RADIUS - d) * sqrt(2.0 * RADIUS * d - d * d)
+
+    assert segment(half.deflection) == pytest.approx(0.5 * segment(depth), rel=1e-6)
+
+
+def test_vertical_force() -> None:
+    tyre = VerticalTyre(2e5, hardening=1e6, damping=0.1, growth=1e-3)
+    assert vertical_force(tyre, 0.02, 0.0, 0.0) == pytest.approx(4400.0)
+    assert tyre(4400.0) == pytest.approx(0.02)
+    assert vertical_force(tyre, 0.02, 0.5, 10.0) == pytest.approx(4400.0 * 1.05 * 1.01)
+    assert vertical_force(tyre, 0.02, -11.0, 0.0) == 0.0
+    assert vertical_force(tyre, -0.01, 1.0, 0.0) == 0.0
+
+
+def test_vertical_tyre_of_a_file_has_its_stiffness_at_the_nominal_load() -> None:
+    needed: dict[str, Any] = {"pcx1": 1.6, "pdx1": 1.1, "pkx1": 22.0, "pcy1": 1.3, "pky1": -20.0, "pky2": 1.5}
+    needed |= {"pdy1": -1.0}
+    known = MagicFormulaParameters.__dataclass_fields__
+    parameters = MagicFormulaParameters(
+        unloaded_radius=0.32, fnomin=4000.0, vertical_stiffness=2.1e5, vertical_damping=300.0, qfz2=15.0,
+        **{name: value for name, value in needed.items() if name in known},
+    )  # fmt: skip
+    tyre = vertical_of_file(parameters)
+    assert tyre is not None
+    depth = tyre(4000.0)
+    assert tyre.stiffness + 2.0 * tyre.hardening * depth == pytest.approx(2.1e5)
+    assert tyre.damping * 4000.0 == pytest.approx(300.0)

@@ -1,0 +1,126 @@
+"""Vehicles with `plant.contact: tyre`: the same as point contact on a plane, grades, bumps, jumps, speed bumps."""
+
+from math import atan, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from pandas import DataFrame
+
+from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.core.errors import ConfigError
+from mirdrake.runs.simulation import Simulation
+
+WHEEL_LOADS = [f"ego.wheel_load.{side}" for side in ("front_left", "front_right", "rear_left", "rear_right")]
+TYRE_FX = [name.replace("wheel_load", "tyre_fx") for name in WHEEL_LOADS]
+
+
+def drive(
+    folder: Path,
+    *,
+    relief: list[dict[str, Any]] | None = None,
+    world: dict[str, Any] | None = None,
+    model: str = "bolt@handling",
+    contact: str = "tyre",
+    step: float = 0.005,
+    speed: float = 0.0,
+    steering: float = 0.0,
+    parked: bool = False,
+    duration: float,
+) -> DataFrame:
+    """Return the signals of a vehicle that starts at the origin along x, sampled at every step."""
+    content = {"mirdrake": "world/1", "ground": {"size": [2000, 2000], "relief": relief or []}, **(world or {})}
+    file = folder / "world.yaml"
+    file.write_text(yaml.safe_dump(content))
+    rows = [{"time": 0.0, "speed": speed, "steering": 0.0}, {"time": 0.5, "speed": speed, "steering": steering}]
+    entry = {"model": model, "start": {"x": 0.0, "y": 0.0, "yaw": 0.0}, "speed": speed, "parked": parked}
+    diagram = {
+        "name": "ground",
+        "world": str(file),
+        "vehicles": {"ego": entry},
+        "control": {"ego": {"kind": "schedule", "rows": rows}},
+        "plant": {"contact": contact, "time_step": step},
+        "record": {"rate": 1.0 / step, "report": False, "meshcat": False},
+    }
+    return Simulation(assemble(make_spec(diagram))).run(duration=duration).signals
+
+
+@pytest.mark.parametrize("model", ["bolt", "bolt@handling"])
+def test_a_turn_on_a_plane_is_that_of_point_contact(tmp_path: Path, model: str) -> None:
+    """At 8 m/s and 0.1 rad, 2.4 m/s²: yaw rate and speed within 0.5 %, wheel loads within 1 %."""
+    last = []
+    for contact in ("point", "tyre"):
+        signals = drive(tmp_path, model=model, contact=contact, speed=8.0, steering=0.1, duration=4.0)
+        last.append(signals[signals.index > 3.0].mean())
+    point, tyre = last
+    for name in ("ego.vx", "ego.wz"):
+        assert tyre[name] == pytest.approx(point[name], rel=5e-3)
+    for name in WHEEL_LOADS:
+        assert tyre[name] == pytest.approx(point[name], rel=1e-2)
+
+
+def test_a_parked_vehicle_on_a_grade_of_15_percent_does_not_creep(tmp_path: Path) -> None:
+    """After two seconds, in which the tyres take up the force of gravity: below 0.1 mm in 4 s."""
+    signals = drive(tmp_path, relief=[{"plane": {"grade": 0.15}}], parked=True, duration=6.0)
+    end, settled = signals.iloc[-1], signals[signals.index > 2.0].iloc[0]
+    assert np.hypot(end["ego.x"] - settled["ego.x"], end["ego.z"] - settled["ego.z"]) < 1e-4
+    # The wheel loads are along the normal: m g cos θ.
+    level = drive(tmp_path, parked=True, duration=1.0).iloc[-1]
+    assert end[WHEEL_LOADS].sum() == pytest.approx(level[WHEEL_LOADS].sum() * np.cos(atan(0.15)), rel=1e-3)
+
+
+def test_a_climb_of_5_percent_needs_the_force_of_gravity(tmp_path: Path) -> None:
+    """Steady speed: the longitudinal forces exceed those on level ground by m g sin θ within 0.5 %."""
+    forces, weight = [], 0.0
+    for grade in (0.0, 0.05):
+        signals = drive(tmp_path, relief=[{"plane": {"grade": grade}}], model="bolt", speed=10.0, duration=3.0)
+        last = signals[signals.index > 2.0]
+        weight = weight or last[WHEEL_LOADS].sum(axis=1).mean()
+        acceleration = np.polyfit(last.index, np.hypot(last["ego.vx"], last["ego.vz"]), 1)[0]
+        forces.append(last[TYRE_FX].sum(axis=1).mean() - weight / 9.81 * acceleration)
+    assert forces[1] - forces[0] == pytest.approx(weight * sin(atan(0.05)), rel=5e-3)
+
+
+def test_a_bump_of_75_millimetres(tmp_path: Path) -> None:
+    """At 5 m/s: peaks of load and vertical acceleration change by less than 3 % from 2.5 to 1.25 ms."""
+    bump = [{"bump": {"at": [3.0, 0.0], "length": 0.6, "height": "75 mm", "width": 6.0}}]
+    peaks = []
+    for step in (0.0025, 0.00125):
+        signals = drive(tmp_path, relief=bump, speed=5.0, step=step, duration=1.6)
+        peaks.append((signals[WHEEL_LOADS[0]].max(), np.diff(signals["ego.vz"]).max() / step))
+    assert peaks[0] == pytest.approx(peaks[1], rel=0.03)
+    assert peaks[1][0] > 6000.0
+
+
+def test_a_jump_is_a_parabola_and_ends_with_a_landing(tmp_path: Path) -> None:
+    """Without load on any wheel, the vehicle falls with g within 1 % at its centre of mass, and it lands."""
+    ramp = [{"ramp": {"at": [6.0, 0.0], "length": 6.0, "height": 0.8, "width": 6.0}}]
+    signals = drive(tmp_path, relief=ramp, model="bolt", speed=12.0, step=0.0025, duration=3.0)
+    assert np.isfinite(signals.to_numpy()).all()
+    flying = (signals[WHEEL_LOADS].sum(axis=1) < 1.0).to_numpy()
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], flying, [0]]).astype(int))).reshape(-1, 2)
+    first, last = ends[np.argmax(ends[:, 1] - ends[:, 0])]  # the longest flight
+    air = signals.iloc[first + 2 : last - 2]
+    assert len(air) > 40
+    # Height of the centre of mass: 1.17 m ahead of the origin and 0.55 m above it, roughly; the pitch rate is constant.
+    ahead, up = 1.17, 0.55
+    z = air["ego.z"] - ahead * np.sin(air["ego.pitch"]) + up * np.cos(air["ego.pitch"])
+    assert 2.0 * np.polyfit(air.index - air.index[0], z, 2)[0] == pytest.approx(-9.81, rel=0.02)
+    assert signals.iloc[-1][WHEEL_LOADS].sum() > 5000.0
+
+
+def test_tyres_with_slip_have_grip_on_a_speed_bump(tmp_path: Path) -> None:
+    """A shipped speed bump lifts the wheels and carries them; its crest is 75 mm high."""
+    world = {"props": [{"prop": "speed_bump", "at": [4.0, 0.0]}]}
+    signals = drive(tmp_path, world=world, speed=2.0, duration=3.5)
+    assert signals["ego.z"].max() == pytest.approx(0.06, abs=0.02)
+    assert signals["other_contacts"].max() == 0.0
+    assert signals[WHEEL_LOADS[0]].max() > 5000.0
+
+
+def test_other_contacts_reject_a_relief(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"plant.contact: point.*has a relief.*plant.contact: tyre"):
+        drive(tmp_path, relief=[{"plane": {"grade": 0.1}}], contact="point", duration=0.1)
