@@ -7,8 +7,8 @@ symplectic, stable for ω dt < 2, and neither damps nor excites a vehicle on its
 
 The pivoting moment resists the turn rate ω of a Coulomb tyre about the normal. On a patch of width w with the slip
 stiffness C of a tyre, in rolling, slip velocities ω y give Mz = -C w² ω / (12 |v|), at most μ N w / 4, the moment of
-sliding friction on a line of width w. At standstill it is a spring, C w² / (12 σ), with the same limit; the relaxation of
-:mod:`mirdrake.tyres.relaxation` joins both.
+sliding friction on a line of width w. At standstill it is a spring, C w² / (12 σ), with the same limit. The relaxation
+of :mod:`mirdrake.tyres.relaxation` joins both.
 """
 
 from collections.abc import Callable, MutableSequence, Sequence
