@@ -224,3 +224,18 @@ def test_a_drag_among_400_props_is_answered_within_a_tenth_of_a_second(browser: 
         assert times[95] <= 250.0
     finally:
         editor.close()
+
+
+def test_the_world_is_seen_in_meshcat_below_the_map_and_nothing_is_fetched_from_elsewhere(page: Page) -> None:
+    page.drop("house", 0.0, 0.0)
+    page.press("solid")
+    page.until(lambda: page.run("return document.getElementById('view').getAttribute('src')") == "meshcat.html")
+    page.until(
+        lambda: page.run("return document.getElementById('view').contentDocument?.querySelector('canvas') != null")
+    )
+    page.drop("tree", 8.0, 0.0)
+    foreign = """
+    return performance.getEntriesByType('resource').map((entry) => entry.name)
+        .filter((name) => !name.startsWith(location.origin));
+    """
+    assert page.run(foreign) == []

@@ -17,6 +17,7 @@ from mirdrake.editor.marks import mark_moved, mark_overlaps
 from mirdrake.editor.palette import palette
 from mirdrake.editor.picture import make_picture, mark_json, path_of
 from mirdrake.editor.scene import Scene, read_scene
+from mirdrake.editor.view import View
 from mirdrake.viewer.server import Answer, PageServer
 from mirdrake.worlds.loading import parse_world
 
@@ -58,10 +59,11 @@ class Editor:
             self._faults: list[str] = []
             self._tests = CaseRunner(path)
             self._checker = Checker(path)
+            self._view = View()
             posts: dict[str, Callable[[Message], Reply]] = {
                 "state": self._state, "gesture": self._gesture, "preview": self._preview, "undo": self._undo,
                 "redo": self._redo, "save": self._save, "reload": self._reload, "ghosts": self._ghosts,
-                "test": self._test, "palette": self._palette,
+                "test": self._test, "palette": self._palette, "draw": self._draw,
             }  # fmt: skip
             self.server = PageServer(
                 "the world editor",
@@ -97,6 +99,7 @@ class Editor:
         """Stop the checks and release the file, after serving has ended."""
         self._checker.close()
         self._tests.close()
+        self._view.close()
         self.document.close()
 
     def _repr_html_(self) -> str:
@@ -241,6 +244,12 @@ class Editor:
         else:
             self._tests.run(name if name in {test.name for test in self._spec_tests()} else "")
         return self._status()
+
+    def _draw(self, _: Message) -> Reply:
+        """Draw the scene in Meshcat, for the frame of the page."""
+        self._view.draw(self.scene.world)
+        self.server.upstream = self._view.upstream
+        return {"drawn": revision_of(self.scene.text)}
 
     def _palette(self, _: Message) -> Reply:
         return {"palette": palette(self.document.path.parent)}

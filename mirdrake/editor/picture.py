@@ -17,6 +17,7 @@ from mirdrake.world_checks.faults import Fault
 from mirdrake.worlds.drawing import make_drawing
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
+from mirdrake.worlds.world import World
 
 Json = dict[str, Any]
 
@@ -39,7 +40,7 @@ def make_picture(scene: Scene) -> Json:
     return {
         "name": scene.world.name,
         "bounds": list(drawing.bounds),
-        "view": list(_view(scene)),
+        "view": list(view_of(scene.world)),
         "ground": scene.world.ground.surface,
         "areas": areas,
         "lines": lines,
@@ -51,6 +52,18 @@ def make_picture(scene: Scene) -> Json:
         "elements": {key: _element(scene, element) for key, element in scene.elements.items()},
         "unplaced": list(scene.world.unplaced_props),
     }
+
+
+def view_of(world: World) -> tuple[float, float, float, float]:
+    """Return the part of a world with its contents: smallest x and y, largest x and y [m]."""
+    boxes = [placed.footprint.bounds for placed in world.props]
+    boxes += [track.bounds for track in world.tracks.values()]
+    boxes += [patch.area.bounds for patch in world.patches]
+    boxes += [(start.x - 6.0, start.y - 6.0, start.x + 6.0, start.y + 6.0) for start in world.starts.values()]
+    boxes += [goal.area.bounds for goal in world.goals.values() if goal.area is not None]
+    low, high = np.min([box[:2] for box in boxes], axis=0), np.max([box[2:] for box in boxes], axis=0)
+    middle, half = (low + high) / 2.0, np.maximum((high - low) / 2.0, 15.0)
+    return (*map(float, middle - half), *map(float, middle + half))  # type: ignore[return-value]
 
 
 def path_of(area: BaseGeometry) -> str:
@@ -80,18 +93,6 @@ def mark_json(marks: Sequence[Mark]) -> list[Json]:
 def fault_json(fault: Fault) -> Json:
     """Return a fault of the complete check for the page."""
     return {"kind": fault.kind, "text": fault.text, "names": list(fault.names), "depth": fault.depth}
-
-
-def _view(scene: Scene) -> tuple[float, float, float, float]:
-    """Return the part of the world that is worth to be shown first [m]."""
-    boxes = [placed.footprint.bounds for placed in scene.world.props]
-    boxes += [track.bounds for track in scene.world.tracks.values()]
-    boxes += [patch.area.bounds for patch in scene.world.patches]
-    boxes += [(start.x - 6.0, start.y - 6.0, start.x + 6.0, start.y + 6.0) for start in scene.world.starts.values()]
-    boxes += [goal.area.bounds for goal in scene.world.goals.values() if goal.area is not None]
-    low, high = np.min([box[:2] for box in boxes], axis=0), np.max([box[2:] for box in boxes], axis=0)
-    middle, half = (low + high) / 2.0, np.maximum((high - low) / 2.0, 15.0)
-    return (*map(float, middle - half), *map(float, middle + half))  # type: ignore[return-value]
 
 
 def _prop(placed: PlacedProp) -> Json:

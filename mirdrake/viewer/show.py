@@ -18,13 +18,14 @@ from mirdrake.worlds import World
 __all__ = ["show_diagram", "show_vehicle", "show_world", "write_page"]
 
 
-def show_world(world: World, meshcat: Meshcat) -> Diagram:
-    """Show a world from above."""
+def show_world(world: World, meshcat: Meshcat, *, camera: bool = True) -> Diagram:
+    """Show a world, from above unless the camera is to stay where it is."""
     builder = DiagramBuilder()
     parts = make_plant(builder, world, {})
     MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat)
     diagram = builder.Build()
-    overlook(meshcat, world)
+    if camera:
+        overlook(meshcat, world)
     diagram.ForcedPublish(diagram.CreateDefaultContext())
     return diagram
 

@@ -58,6 +58,7 @@ function take(reply) {
   }
   if (reply.text !== undefined && typed === null && $("yaml").value !== reply.text) show_text(reply.text);
   if (before !== state.revision && $("ghosts").checked) show_ghosts();
+  if (reply.scene && before !== state.revision) show_solid();
   show_status();
   show_faults();
   document.body.dataset.revision = state.revision;
@@ -233,6 +234,27 @@ async function show_ghosts() {
   map.show_ghosts(reply.ghosts || []);
 }
 
+// Meshcat is asked for again only when it has drawn the last world.
+let drawing = null;
+async function show_solid() {
+  const view = $("view");
+  $("stage").classList.toggle("solid", $("solid").checked);
+  view.hidden = !$("solid").checked;
+  if (view.dataset.shown !== String(!view.hidden)) map.fit();
+  view.dataset.shown = String(!view.hidden);
+  if (view.hidden) { view.removeAttribute("src"); return; }
+  if (drawing) { drawing = "again"; return; }
+  drawing = "now";
+  try {
+    const reply = await send("draw");
+    if (reply.error) note(reply.error, true);
+    else if (!view.getAttribute("src")) view.src = "meshcat.html";
+  } catch (error) { note("Meshcat does not answer.", true); }
+  const again = drawing === "again";
+  drawing = null;
+  if (again) show_solid();
+}
+
 function show_test() {
   const run = state.tests || {};
   $("results").hidden = !run.name;
@@ -259,6 +281,7 @@ $("copy").addEventListener("click", copy);
 $("delete").addEventListener("click", remove);
 $("fit").addEventListener("click", () => map.fit());
 $("ghosts").addEventListener("change", show_ghosts);
+$("solid").addEventListener("change", show_solid);
 $("test").addEventListener("click", () => ask("test", { name: $("case").value, stop: state.tests?.name && state.tests.code === null }));
 $("yaml").addEventListener("scroll", place_mark);
 $("yaml").addEventListener("input", () => {
