@@ -80,7 +80,10 @@ class Table:
         if self.names.count(column) > 1:
             raise ConfigError(f"{place}: {self.name} has {self.names.count(column)} columns '{column}'; rename one")
         values = pd.Series(np.asarray(self.columns[column]).ravel())
-        numbers = pd.to_numeric(values, errors="coerce")
+        try:
+            numbers = pd.to_numeric(values, errors="coerce")
+        except OverflowError:  # an integer of hundreds of digits; float() of its text is infinite
+            numbers = pd.to_numeric(values.map(str), errors="coerce").astype(float)
         bad = numbers.isna() & values.notna()
         if bad.any():
             row = int(np.argmax(bad.to_numpy()))
