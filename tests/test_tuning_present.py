@@ -15,6 +15,7 @@ from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.models import TransferFunction
 from mirdrake.tuning.scenarios import drawn_ranges
 from mirdrake.tuning.spec import TuningSpec, make_tuning
+from mirdrake.tuning.stages import Stages
 
 
 def study(**changes: Any) -> TuningSpec:
@@ -80,6 +81,15 @@ def test_the_reduced_model_has_the_speed_loop_around_the_wheels() -> None:
     evaluate = LoopEvaluator(replace(spec, model=model))
     reduced, plant = evaluate(gains, fidelity="reduced"), evaluate(gains)
     assert reduced.figures["iae"] == pytest.approx(plant.figures["iae"], rel=0.25)
+
+
+def test_the_default_limit_of_the_overshoot_has_what_a_late_feed_forward_causes(loop: LoopSpec, tmp_path: Path) -> None:
+    """0.6 m/s² for 0.1 s are 0.06 m/s: 6 % of a step of 1 m/s."""
+    model = LoopModel({"main": TransferFunction((1.0,), (1.0, 0.0), 0.1)}, rise=0.6, feedforward=200.0)
+    late = replace(loop, model=model)
+    for given, limit in (({}, 11.0), ({"constraints": {"overshoot_percent": 5.0}}, 5.0)):
+        stages = Stages(study(**given), late, tmp_path, "", None, 0, lambda *_: None)
+        assert stages.constraints["overshoot_percent"] == pytest.approx(limit)
 
 
 @pytest.mark.slow

@@ -114,12 +114,22 @@ class Stages:
 
     @property
     def constraints(self) -> dict[str, float]:
-        """Constraints of the study, and a delay margin with a reserve for the delays of the Monte Carlo."""
+        """Constraints of the study, and a delay margin with a reserve for the delays of the Monte Carlo.
+
+        A loop with feed-forward of the set-point's slope follows the set-point with its dead time, so that it moves on
+        by slope × dead time after the end of a ramp, whatever its gains. If the study has no constraints of its own,
+        this is added to the limit of the overshoot.
+        """
         if not self.identifiable:
             return {name: limit for name, limit in self.spec.constraints.items() if name not in MARGINS}
         increase = self.spec.delays[1] - self.loop.delay
         asked = {"delay_margin_s": RESERVE * increase} if increase > 0.0 and self.spec.robustness.runs else {}
-        return asked | dict(self.spec.constraints)
+        limits = asked | dict(self.spec.constraints)
+        model, step = self.loop.model, self.loop.course.step
+        if model is not None and model.feedforward and "constraints" not in self.spec.model_fields_set:
+            slope = model.rise if step > 0.0 else model.fall
+            limits["overshoot_percent"] += 100.0 * slope * model.plants["main"].delay / abs(step)
+        return limits
 
     @property
     def model_constraints(self) -> dict[str, float]:
