@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"{shown(change.path)}: has these gains already; nothing to do")
         return 0
     compared = compare(result, candidate=options.candidate, vehicle=options.vehicle)
-    for line in comparison_lines(compared, result):
+    for line in comparison_lines(compared, result, chosen):
         print(line)
     before, after = (printed(cost) for cost in compared.cost(result.cost))
     if not after < before and not options.force:

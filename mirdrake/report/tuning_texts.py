@@ -344,14 +344,18 @@ def baseline_name(result: TuningResult) -> str:
     return {"present": "the present gains", "published": "the published gains"}.get(str(given), "the given gains")
 
 
-def comparison_lines(compared: Comparison, result: TuningResult) -> list[str]:
-    """Return the figures of the test manoeuvre before and after, a line each."""
+def comparison_lines(compared: Comparison, result: TuningResult, chosen: CandidateResult) -> list[str]:
+    """Return the figures of the test manoeuvre before and after, a line each; margins are the claimed ones."""
     texts = Texts(result)
+    claimed = {check.name: check.claimed for check in chosen.margins}
     lines = ["test manoeuvre of the study:     before -> after"]
     for name in dict.fromkeys([*result.cost, "overshoot_percent", "settling_time", "ms", "delay_margin_s"]):
         pair = [
-            texts.value(name, test.figures.get(name)) if test.status == "ok" else test.status
-            for test in (compared.before, compared.after)
+            texts.value(name, figures.get(name)) if test.status == "ok" else test.status
+            for test, figures in (
+                (compared.before, compared.before.figures),
+                (compared.after, compared.after.figures | claimed),
+            )
         ]
         lines.append(f"  {texts.figure(name)[0]:<18} {pair[0]:>20} -> {pair[1]}")
     return lines
