@@ -83,8 +83,7 @@ class Bolt:
 
     def drive(self, profile, speed, duration, *, pedals=None, rate=RATE):
         """Channels (n) by name; vy and lateral acceleration are those of the frame's origin."""
-        kind = "OpenLoopDriver" if pedals is None else "OpenLoopPedalDriver"
-        driver: dict[str, Any] = {"kind": f"mirdrake.manoeuvres.drivers:{kind}"}
+        driver: dict[str, Any] = {"kind": "mirdrake.manoeuvres.drivers:OpenLoopDriver"}
         driver |= {"speeds": [[0.0, speed]]} if pedals is None else {"pedals": pedals}
         driver |= {"profile": profile, "period": 1.0 / rate}
         place = {"x": 0.0, "y": 0.0, "yaw": 0.0}

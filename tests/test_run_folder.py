@@ -380,7 +380,7 @@ def test_the_handlers_of_signals_are_as_before_a_run() -> None:
 
 def test_a_half_written_event_is_left_out(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path / "run", {"world": "empty"})
-    writer.write_event(1.0, "stop", "here")
+    writer.write_event({"time": 1.0, "kind": "stop", "text": "here"})
     with (tmp_path / "run" / "events.jsonl").open("a", encoding="utf-8") as file:
         file.write('{"time": 2.0, "ki')
     assert load_run(tmp_path / "run").events == [{"time": 1.0, "kind": "stop", "text": "here"}]
@@ -396,4 +396,4 @@ def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path / "run", {"world": "empty"})
     os.symlink("/dev/full", tmp_path / "run" / "events.jsonl")
     with pytest.raises(RunError, match=r"events\.jsonl: cannot be written: No space left"):
-        writer.write_event(1.0, "stop", "here")
+        writer.write_event({"time": 1.0, "kind": "stop", "text": "here"})

@@ -127,7 +127,7 @@ start: {a: {at: [0, 0]}}
     ("vehicle", "kind", "text"),
     [
         ({"start": {"x": 9, "y": 0}}, "start", "ego: starts in 'wall', "),
-        ({"start": {"x": 29, "y": 0}}, "start", "ego: stands beyond the ground at its start"),
+        ({"start": {"x": 29, "y": 0}}, "start", "ego: starts beyond the ground"),
         ({"start": {"x": 0, "y": 9}, "speed": 90}, "start", "ego: starts at 90 m/s; its top speed is 42.0 m/s"),
         ({"start": {"x": 0, "y": 9}, "speed": -90}, "start", "ego: starts at -90 m/s; its top speed backwards"),
         ({"start": {"x": 0, "y": 9}, "speed": 3, "parked": True}, "start", "although it is parked"),

@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
             friction=settings.friction,
             seed=settings.seed,
             folder=folder,
-            tell=lambda label: progress.update(text=label),
+            report=lambda label: progress.update(text=label),
         )
         for number, name in enumerate(names, start=1):
             progress.update(title=f"{number}/{len(names)} {name}")

@@ -66,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
             settings,
             folder=folder,
             only=only,
-            tell=lambda label: progress.update(text=label),
+            report=lambda label: progress.update(text=label),
         )
     folder.mkdir(parents=True, exist_ok=True)
     write_validation_results(results)

@@ -9,8 +9,8 @@
     observation, info = env.reset(seed=0)
     observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
-:class:`~mirdrake.gym.env.DriveEnv` says what can be observed and acted on; :mod:`mirdrake.gym.judging` has the built-in
-rewards, ends and starts, and what a function of your own gets.
+:class:`~mirdrake.gym.env.DriveEnv` documents observations and actions, :mod:`mirdrake.gym.judging` the built-in
+rewards, termination conditions and starts, and the arguments of functions of your own.
 """
 
 from importlib.util import find_spec
@@ -28,7 +28,7 @@ from mirdrake.gym.judging import ENDS, REWARDS, STARTS, Moment
 __all__ = ["ENDS", "ID", "REWARDS", "STARTS", "DriveEnv", "Moment"]
 
 ID = "mirdrake/Drive-v0"
-"""What the environment is registered as."""
+"""Id of the environment in Gymnasium's registry."""
 
 if ID not in gymnasium.registry:
     gymnasium.register(

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -32,44 +32,45 @@ _AT_REST = {f"{_PEDALS}.gear": 1.0}
 
 
 class DriveEnv(gymnasium.Env[Array, Array]):
-    """Drive a vehicle of a diagram file.
+    """Environment in which an action drives a vehicle of a diagram file for one period.
 
-    An action is a vector of numbers from -1 to 1, spread over the range of each signal; :attr:`action_bounds` has these
-    in SI units. An observation is a vector of signals in SI units, cut to the observation space.
+    An action is a vector of numbers from -1 to 1, scaled to the range of each input; :attr:`action_bounds` has the
+    ranges in SI units. An observation is a vector of signals in SI units, clipped to the observation space.
 
-    Nothing of Python runs from step to step of the plant, only at the rates of the vehicle's control unit, driver and
-    sensors; where the friction of the ground changes, tyres are looked at as in any run.
+    Python code runs at the rates of control unit, driver and sensors, not in every step of the plant, unless the
+    friction of the ground varies.
 
     Args:
         diagram: name, file, spec or data of a diagram.
-        overrides: ``"dotted.path=value"`` texts over the file, for example ``"plant.contact=point"``.
-        vehicle: the one that acts; the first of the file if left out.
-        observe: signals by the names they have in a run; also ports and sensors with several, and
-            ``ego.curvature_ahead.20``. Speed, yaw rate, steering, and where there is a track lateral and heading error
-            and the curvature here, 10 and 20 m ahead, if left out.
+        overrides: ``"dotted.path=value"`` texts merged over the file, for example ``"plant.contact=point"``.
+        vehicle: name of the controlled vehicle; by default the first of the file.
+        observe: signals by their names in a run; also ports and sensors with several signals, and
+            ``ego.curvature_ahead.20``. By default speed, yaw rate, steering and, on a track, lateral and heading error
+            and the curvature at the vehicle, 10 m and 20 m ahead.
         act: inputs of the diagram: ``ego.speed_reference``, ``ego.steering_reference``,
-            ``ego.pedals_reference.throttle`` and so on, or inputs of blocks of yours; speed and steering of the vehicle
-            if left out. What drove such an input in the file no longer does.
-        bounds: other ranges by name, (low, high); needed for inputs of your own blocks.
+            ``ego.pedals_reference.throttle``, inputs of your blocks, …; by default speed and steering of the vehicle.
+            They replace the connections of the file to these inputs.
+        bounds: other ranges by name, (low, high); required for inputs of your own blocks.
         rate: steps per second [Hz].
         reward: ``progress``, ``centred_progress``, ``module:name``, or a function of a :class:`Moment`.
-        ends: what ends an episode: ``off_road``, ``collision``, ``rollover``, ``module:name`` or functions.
-        start: where vehicles start: ``anywhere_on_track``, ``module:name`` or a function; as the file says if left out.
-        duration: time after which an episode is truncated [s]; the file's if left out.
-        render_mode: None; look at a run with ``mirdrake run``.
+        ends: termination conditions: ``off_road``, ``collision``, ``rollover``, ``module:name`` or functions.
+        start: starts of the vehicles: ``anywhere_on_track``, ``module:name`` or a function; by default those of the
+            file.
+        duration: time after which an episode is truncated [s]; by default that of the file.
+        render_mode: must be None; ``mirdrake run`` shows a run.
 
     Attributes:
-        observation_names: of the elements of an observation.
-        observation_units: their units.
-        action_names: of the elements of an action.
-        action_bounds: their ranges, (n, 2).
+        observation_names: names of the elements of an observation.
+        observation_units: units of the elements of an observation.
+        action_names: names of the elements of an action.
+        action_bounds: ranges of the elements of an action (n, 2).
         assembly: the built diagram.
 
     Raises:
-        ConfigError: an unknown name, a range or rate that makes no sense.
+        ConfigError: a name is unknown, or a range or rate is not allowed.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+    metadata: ClassVar[dict[str, list[str]]] = {"render_modes": []}
 
     def __init__(
         self,
@@ -96,6 +97,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
             raise ConfigError(f"rate {rate} Hz is not allowed; it must be above 0")
         self.render_mode, self.period = render_mode, 1.0 / rate
         self.duration = spec.duration if duration is None else duration
+        # The diagram, with a block that holds each action, and the functions of the user.
         inputs = list(act) if act is not None else [f"{self.vehicle}.{_SPEED}", f"{self.vehicle}.{_STEERING}"]
         self._inputs = _insert_actions(spec, inputs, set(bounds or {}))
         self.assembly = assemble(spec)
@@ -108,11 +110,12 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         ]
         self.start: Starts | None = start and find_function(start, STARTS, what="start", folder=folder)  # type: ignore[assignment]
 
+        # Spaces of observations and actions.
         self.readings = Readings(self.assembly)
         names = list(observe) if observe is not None else self._default_observations()
         self._observed = [reading for name in names for reading in self.readings.find(name, bounds=bounds)]
         if not self._observed:
-            raise ConfigError("observe: nothing; name a signal at least")
+            raise ConfigError("observe: is empty; name at least one signal")
         self.observation_names = [reading.name for reading in self._observed]
         self.observation_units = [reading.unit for reading in self._observed]
         low = np.array([reading.low for reading in self._observed], dtype=np.float32)
@@ -122,14 +125,16 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         self.action_names = [name for source in self._inputs for name in source.acting]
         self.action_bounds = np.array([self._action_range(name, bounds or {}) for name in self.action_names])
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_names),), dtype=np.float32)
-        self._check_dead_man()
+        self._check_watchdog()
 
         self._simulator = Simulator(self.assembly.diagram)
         self._friction = RoadFriction(self.assembly.parts, self.assembly.tyres)
         if self._friction.varies:
             self._simulator.set_monitor(weak_callback(self._watch))
         systems = {system.get_name(): system for system in self.assembly.diagram.GetSystems()}
-        self._sources: list[tuple[_Input, ConstantVectorSource]] = [(one, systems[one.block]) for one in self._inputs]
+        self._sources: list[tuple[_Input, ConstantVectorSource]] = [
+            (held, systems[held.block]) for held in self._inputs
+        ]
         self._context: Context | None = None
         self._steps = 0
 
@@ -137,8 +142,8 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         """Start a new episode of the same diagram, without building it again.
 
         Args:
-            seed: of random starts; noise of sensors is that of the diagram's own seed in each episode.
-            options: ``{"start": {"ego": (x, y, yaw, speed)}}`` in m, rad, m/s puts vehicles somewhere.
+            seed: seed of random starts; the noise of sensors has the seed of the diagram in each episode.
+            options: ``{"start": {"ego": (x, y, yaw, speed)}}`` sets starts of vehicles [m, rad, m/s].
 
         Returns:
             the first observation, and ``{"time": 0.0}``.
@@ -169,9 +174,9 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         """Advance by one period with one action.
 
         Returns:
-            observation, reward, terminated, truncated, and an info with ``time`` [s]; ``ended_by`` names what ended the
-            episode. A state that is not a number ends it as ``diverged`` with reward 0. A reward that is not a number
-            counts as 0 and is reported as ``bad_reward``.
+            observation, reward, terminated, truncated, and an info with ``time`` [s]; ``ended_by`` is the termination
+            condition. A state that is not finite ends the episode as ``diverged`` with reward 0. A reward that is not
+            finite counts as 0 and is reported as ``bad_reward``.
         """
         if self._context is None:
             raise ConfigError("step: call reset first")
@@ -207,9 +212,9 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         low, high = self.action_bounds[:, 0], self.action_bounds[:, 1]
         share = np.clip(np.nan_to_num(action), -1.0, 1.0)
         values = dict(zip(self.action_names, (0.5 * (low + high + share * (high - low))).tolist(), strict=True))
-        for one, source in self._sources:
-            vector = [values.get(name, rest) for name, rest in zip(one.elements, one.rest, strict=True)]
-            if one.stamp:
+        for held, source in self._sources:
+            vector = [values.get(name, rest) for name, rest in zip(held.elements, held.rest, strict=True)]
+            if held.stamp:
                 vector = [self._context.get_time()]
             inner = source.GetMyMutableContextFromRoot(self._context)
             source.get_mutable_source_value(inner).SetFromVector(vector)
@@ -253,16 +258,15 @@ class DriveEnv(gymnasium.Env[Array, Array]):
             return 0.0, 1.0
         raise ConfigError(f"act: the range of '{name}' is not known; give bounds={{'{name}': (low, high)}}")
 
-    def _check_dead_man(self) -> None:
-        """Check the period of commands: beyond the timeout of the watchdog the vehicle would stop between two steps."""
-        for one in self._inputs:
-            if one.stamp:
-                control = self.assembly.parts.vehicles[one.port.split(".")[0]].vehicle.control
-                if self.period > control.dead_man:
-                    raise ConfigError(
-                        f"rate {1.0 / self.period:g} Hz is too low: the dead-man of {one.port.split('.')[0]} stops it "
-                        f"after {control.dead_man:g} s without a command; take {1.0 / control.dead_man:g} Hz or more"
-                    )
+    def _check_watchdog(self) -> None:
+        """Check that the period is below the watchdog timeout, so that no vehicle stops between two steps."""
+        for name in [held.port.split(".")[0] for held in self._inputs if held.stamp]:
+            timeout = self.assembly.parts.vehicles[name].vehicle.control.dead_man
+            if self.period > timeout:
+                raise ConfigError(
+                    f"rate {1.0 / self.period:g} Hz is too low: the watchdog of {name} stops it after {timeout:g} s "
+                    f"without a command; set a rate of {1.0 / timeout:g} Hz or more"
+                )
 
     def _watch(self, context: Context) -> EventStatus:
         self._friction.watch(context)
@@ -270,7 +274,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
 
 
 class _Input:
-    """One input port that an action reaches, through a block that holds it."""
+    """Input port of the diagram and the block that holds its value during a step."""
 
     def __init__(self, port: str, block: str, elements: list[str], acting: list[str]) -> None:
         self.port, self.block, self.elements, self.acting = port, block, elements, acting
@@ -279,30 +283,40 @@ class _Input:
         self.rest = [_AT_REST.get(name, 0.0) for name in short]
 
 
-def _insert_actions(spec: DiagramSpec, names: Sequence[str], bounded: set[str]) -> list[_Input]:
-    """Insert a block that holds a vector before each input that an action sets; the spec is changed."""
+def _ports_of(spec: DiagramSpec, names: Sequence[str]) -> dict[str, list[str]]:
+    """Return the names of inputs by their ports.
+
+    Raises:
+        ConfigError: there are no names, a name is repeated, or it is not below a system or vehicle.
+    """
     if not names:
-        raise ConfigError("act: nothing; name an input at least")
+        raise ConfigError("act: is empty; name at least one input")
     repeated = sorted({name for name in names if list(names).count(name) > 1})
     if repeated:
-        raise ConfigError(f"act: '{repeated[0]}' is named twice; once is enough")
+        raise ConfigError(f"act: '{repeated[0]}' is named twice; remove one")
     ports: dict[str, list[str]] = {}
     for name in names:
         owner = max((own for own in [*spec.systems, *spec.vehicles] if name.startswith(f"{own}.")), key=len, default="")
         if not owner:
             known = [f"{vehicle}.{port}" for vehicle in spec.vehicles for port in (_SPEED, _STEERING, _PEDALS)]
-            raise ConfigError(f"act: '{name}' is no input of the diagram; {did_you_mean(name, known)}")
+            raise ConfigError(f"act: '{name}' is not an input of the diagram; {did_you_mean(name, known)}")
         port = name.removeprefix(f"{owner}.").partition(".")[0]
         ports.setdefault(f"{owner}.{port}", []).append(name)
+    return ports
+
+
+def _insert_actions(spec: DiagramSpec, names: Sequence[str], bounded: set[str]) -> list[_Input]:
+    """Insert a block that holds a vector before each input that an action sets; the spec is changed."""
+    ports = _ports_of(spec, names)
     for vehicle in spec.vehicles:
-        joins = {f"{vehicle}.{_SPEED}", f"{vehicle}.{_STEERING}"}
-        if joins <= set(ports):
-            spec.control.pop(vehicle, None)  # nobody else drives
-        if vehicle not in spec.control and joins & set(ports):
+        reference = {f"{vehicle}.{_SPEED}", f"{vehicle}.{_STEERING}"}
+        if reference <= set(ports):
+            spec.control.pop(vehicle, None)  # the actions replace the driver
+        if vehicle not in spec.control and reference & set(ports):
             ports[f"{vehicle}.{_STAMP}"] = []
         if f"{vehicle}.{_PEDALS}" in ports and vehicle not in spec.control:
-            for join in (_SPEED, _STEERING, _STAMP):
-                ports.setdefault(f"{vehicle}.{join}", [])
+            for port in (_SPEED, _STEERING, _STAMP):
+                ports.setdefault(f"{vehicle}.{port}", [])
     inputs = []
     for number, (port, acting) in enumerate(ports.items()):
         elements = [f"{port}.{element}" for element in _ELEMENTS.get(port.rpartition(".")[2], [])] or [port]
@@ -310,7 +324,7 @@ def _insert_actions(spec: DiagramSpec, names: Sequence[str], bounded: set[str]) 
             acting = [name for name in elements if name.partition(".")[2] not in _AT_REST or name in bounded]
         for name in acting:
             if name not in elements:
-                raise ConfigError(f"act: '{name}' is no input of the diagram; {did_you_mean(name, elements)}")
+                raise ConfigError(f"act: '{name}' is not an input of the diagram; {did_you_mean(name, elements)}")
         block = f"action_{number}"
         spec.systems[block] = SystemEntry(kind="constant", value=[0.0] * len(elements))
         spec.connect = [pair for pair in spec.connect if pair[1] != port] + [(f"{block}.y", port)]

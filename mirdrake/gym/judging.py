@@ -33,15 +33,15 @@ TIPPED = pi / 4
 
 @dataclass(frozen=True)
 class Moment:
-    """What a reward or an end is judged by: the end of one step.
+    """State at the end of a step, the argument of rewards and termination conditions.
 
     Attributes:
-        time: simulated [s].
-        period: of a step [s].
-        action: what was commanded in this step, by name, in SI units.
-        vehicle: name of the vehicle that acts.
-        readings: where signals are looked up.
-        context: of the whole diagram, not to be changed.
+        time: simulated time [s].
+        period: period of a step [s].
+        action: commands of this step by name, in SI units.
+        vehicle: name of the controlled vehicle.
+        readings: signals of the diagram.
+        context: Context of the whole diagram; it must not be changed.
     """
 
     time: float
@@ -120,21 +120,21 @@ def find_function(
     """Return a function from itself, its built-in name, or ``module:name``.
 
     Args:
-        given: what the user wrote.
-        offered: the built-in ones.
-        what: what it is for, in errors.
-        folder: where the module may lie, besides the import path and the working directory.
+        given: function, name or ``module:name`` of the user.
+        offered: built-in functions by name.
+        what: purpose of the function, for errors.
+        folder: folder in which the module is searched, besides the import path and the working directory.
 
     Raises:
         ConfigError: there is no such function.
     """
     if not isinstance(given, str):
         if not callable(given):
-            raise ConfigError(f"{what}: {given!r} is no function; give one, its name, or module:name")
+            raise ConfigError(f"{what}: {given!r} is not a function; give a function, a built-in name, or module:name")
         return given
     if ":" not in given:
         if given not in offered:
-            raise ConfigError(f"unknown {what} '{given}'; {did_you_mean(given, offered)}, or module:name of your own")
+            raise ConfigError(f"unknown {what} '{given}'; {did_you_mean(given, offered)}, or give module:name")
         return offered[given]
     try:
         return load_user_function(given, folder=folder)  # type: ignore[return-value]

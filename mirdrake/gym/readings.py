@@ -17,6 +17,7 @@ from mirdrake.controllers.ackermann import make_steering_law
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import Signal, signals_of
 from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.runs.telemetry import wheels_on_road
 from mirdrake.vehicles import WHEELS
 
 Array = NDArray[np.float64]
@@ -25,22 +26,22 @@ TOP_SPEED = 50.0
 """Largest speed of the observations, also for vehicles without a speed limit [m/s]."""
 
 LARGE = 1e6
-"""Range of a signal of which nothing is known; Gymnasium wants finite ones."""
+"""Bound of a signal without a known range; Gymnasium requires finite bounds."""
 
 AHEAD = "curvature_ahead"
-"""``ego.curvature_ahead.20`` is the curvature of the track 20 m further on [1/m]."""
+"""Prefix of the curvature ahead: ``ego.curvature_ahead.20`` is the curvature of the track 20 m ahead [1/m]."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One signal.
+    """Signal of a diagram.
 
     Attributes:
-        name: as a run calls it.
-        unit: "" for a pure number.
-        low: smallest value that it can sensibly have.
-        high: largest one.
-        read: its value from the Context of the diagram.
+        name: name of the signal in a run.
+        unit: unit; "" for a pure number.
+        low: smallest plausible value.
+        high: largest plausible value.
+        read: function of the Context of the diagram that returns the value.
     """
 
     name: str
@@ -51,7 +52,7 @@ class Reading:
 
 
 class Readings:
-    """The signals of a built diagram.
+    """Signals of a built diagram.
 
     Args:
         assembly: the built diagram.
@@ -74,20 +75,21 @@ class Readings:
         """Return the signals of a name: the signal itself, or all whose names begin with it.
 
         Args:
-            name: of a signal, or of a port or sensor with several of them.
+            name: name of a signal, or of a port or sensor with several signals.
             bounds: other ranges, by name.
 
         Raises:
-            ConfigError: there is none of that name, or a range is empty.
+            ConfigError: there is no such signal, or a range is empty.
         """
         vehicle, _, rest = name.partition(".")
         if rest.startswith(f"{AHEAD}.") and self._assembly.tracks.get(vehicle):
             self.known.setdefault(name, self._ahead(name, vehicle, rest.removeprefix(f"{AHEAD}.")))
-        found = [self.known[name]] if name in self.known else []
-        found = found or [reading for full, reading in self.known.items() if full.startswith(f"{name}.")]
-        if not found:
+        readings = [self.known[name]] if name in self.known else []
+        readings = readings or [reading for full, reading in self.known.items() if full.startswith(f"{name}.")]
+        if not readings:
             raise ConfigError(f"the diagram has no signal '{name}'; {did_you_mean(name, self.known)}")
-        return [_within(reading, (bounds or {}).get(reading.name, (bounds or {}).get(name))) for reading in found]
+        ranges = bounds or {}
+        return [_within(reading, ranges.get(reading.name, ranges.get(name))) for reading in readings]
 
     def _of_vehicle(self, name: str, part: VehicleInPlant) -> Iterator[Reading]:
         """Add ground truth, track coordinates and set-points of one vehicle."""
@@ -136,7 +138,7 @@ class Readings:
         except ValueError:
             distance = -1.0
         if not 0.0 <= distance < inf:
-            raise ConfigError(f"'{full}': '{metres}' is no distance in m; write for example {vehicle}.{AHEAD}.20")
+            raise ConfigError(f"'{full}': '{metres}' is not a distance in m; write for example {vehicle}.{AHEAD}.20")
         track = self._assembly.parts.world.tracks[str(self._assembly.tracks[vehicle])]
         progress = _reader(
             self._systems[f"{vehicle}.truth"], self._systems[f"{vehicle}.truth"].GetOutputPort("path"), 2
@@ -150,17 +152,12 @@ class Readings:
         return Reading(full, "1/m", -1.0, 1.0, curvature)
 
     def _wheels_on_road(self, truth: System, part: VehicleInPlant) -> Callable[[Context], float]:
-        """Return the number of wheels on a road; four in a world without roads."""
+        """Return the function that counts the wheels on a road."""
         world, geometry, state = self._assembly.parts.world, part.vehicle.geometry, truth.GetOutputPort("state")
-        front, rear, base = geometry.front_track / 2.0, geometry.rear_track / 2.0, geometry.wheelbase
-        corners = np.array([[base, front], [base, -front], [0.0, rear], [0.0, -rear]])
 
         def count(context: Context) -> float:
             values = state.Eval(truth.GetMyContextFromRoot(context))
-            x, y, yaw = values[0], values[1], values[5]
-            cos, sin = np.cos(yaw), np.sin(yaw)
-            px, py = x + corners[:, 0] * cos - corners[:, 1] * sin, y + corners[:, 0] * sin + corners[:, 1] * cos
-            return float(np.count_nonzero(world.on_road(px, py)))
+            return float(wheels_on_road(world, geometry, values[0:1], values[1:2], values[5:6])[0])
 
         return count
 
@@ -212,10 +209,10 @@ def _within(reading: Reading, bounds: Sequence[float] | None) -> Reading:
 
 
 def check_bounds(bounds: Sequence[float], name: str) -> tuple[float, float]:
-    """Check that a range is two finite numbers, of which the second is larger.
+    """Return a range as two finite numbers, of which the second is larger.
 
     Raises:
-        ConfigError: it is none.
+        ConfigError: it is not such a range.
     """
     try:
         low, high = (float(value) for value in bounds)

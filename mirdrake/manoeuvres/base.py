@@ -1,4 +1,4 @@
-"""What a manoeuvre is: settings with units and sources, a run, and an outcome that says what was used."""
+"""Base of all manoeuvres: settings with units and sources, figures, charts, and the outcome of a manoeuvre."""
 
 import math
 from collections.abc import Iterator
@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from pydantic.config import JsonDict
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import Schema, where
@@ -50,13 +51,19 @@ def setting(
         scales: whether it is scaled to a small vehicle, see :func:`scaled`.
         checks: as for a pydantic field.
     """
-    extra: dict[str, Any] = {"meaning": meaning, "unit": unit, "status": status, "source": source, "scales": scales}
+    extra: JsonDict = {"meaning": meaning, "unit": unit, "status": status, "source": source, "scales": scales}
     return Field(default, description=f"{meaning} [{unit or '-'}]", json_schema_extra=extra, **checks)
+
+
+def time_step_setting(default: float, reason: str) -> Any:
+    """Return the field of a time step of the plant [s]; a `plant.time_step` of the user takes precedence."""
+    meaning = f"of the plant, unless plant.time_step is given; {reason}"
+    return setting(default, meaning, "s", "own", scales=False, gt=0.0)
 
 
 @dataclass(frozen=True)
 class SettingRecord:
-    """A setting as it was used: name, value and unit, meaning, status, source, and whether the user gave it."""
+    """Setting as it was used: name, value and unit, meaning, status, source, and whether the user gave it."""
 
     name: str
     value: Any
@@ -69,7 +76,7 @@ class SettingRecord:
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure.
+    """Figure of a manoeuvre.
 
     Attributes:
         key: name of the figure in results.json and metrics.csv.
@@ -77,8 +84,8 @@ class Metric:
         value: None if the run has no such figure.
         unit: unit of the value.
         note: short remark.
-        scale: size that a change is compared with, in the same unit; given where that is not the value itself, as for
-            figures that may be zero or are a small difference of large numbers.
+        scale: size to which changes are relative, in the same unit; by default the value itself. Figures that may be
+            zero, or are a small difference of large numbers, need it.
     """
 
     key: str
@@ -103,7 +110,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve of a chart: name, points, and whether it is drawn as a line, dashed or as dots."""
+    """Curve of a chart: name, points, and whether it is drawn as a line, dashed or as dots."""
 
     name: str
     x: Array
@@ -114,7 +121,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart: labels and units of both axes, and curves; `equal` for maps, `log` for a logarithmic x axis."""
+    """Chart with labels and units of both axes, and curves; `equal` for maps, `log` for a logarithmic x axis."""
 
     x_label: str
     x_unit: str
@@ -173,7 +180,7 @@ class Outcome:
                 return metric.value
         raise ConfigError(f"{self.name}: no figure '{key}'")
 
-    def data(self) -> dict[str, Any]:
+    def data(self) -> dict[str, object]:
         """Return plain data for JSON."""
         return {
             "name": self.name,
@@ -242,7 +249,7 @@ def scaled(spec: ManoeuvreSpec, scale: float) -> ManoeuvreSpec:
         spec: settings for a car.
         scale: length of the vehicle over that of a car [1].
     """
-    changes: dict[str, Any] = {}
+    changes: dict[str, object] = {}
     for name, info in type(spec).model_fields.items():
         extra: Any = info.json_schema_extra
         power = _LENGTH_POWERS.get(extra["unit"])

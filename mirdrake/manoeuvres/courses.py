@@ -1,30 +1,31 @@
 """Lanes between cones, and lines through them, as pure geometry.
 
-A section of a course is a stretch x0 .. x1 in which the whole body must stay between y_low and y_high; cones are
-thought of as its edges and never stand in the world.
+A section of a course is a range x0 .. x1 in which the whole body must stay between y_low and y_high. Cones are the
+edges of sections; they are not bodies of the world.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import csr_matrix
 
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError
 from mirdrake.manoeuvres.base import Array
+from mirdrake.manoeuvres.by_kind import make_by_kind
 
 _STRAIGHT = 0.002
-"""Curvature [1/m] that a planned line may have more for each radian that it turns less."""
+"""Weight of the total curvature of a planned line against its largest curvature [1/m per rad]."""
 
-_BETWEEN = 0.005
-"""Way between two places at which the body is checked against the cones, at most, over its length [1]."""
+_CHECK_STEP = 0.005
+"""Largest distance between two positions at which the body is checked against the cones, over its length [1]."""
 
 
 class Section(NamedTuple):
-    """Where the body must stay between two lines of cones [m]; one side may be infinite."""
+    """Range of x in which the body must stay between two lines of cones, `low` and `high` in y [m]; one may be inf."""
 
     x0: float
     x1: float
@@ -33,7 +34,7 @@ class Section(NamedTuple):
 
 
 class Body(NamedTuple):
-    """The body seen from above, from the rear axle's centre: rear end, front end, half of its width [m]."""
+    """Body seen from above, relative to the rear axle's centre: rear end, front end, half of its width [m]."""
 
     rear: float
     front: float
@@ -42,14 +43,14 @@ class Body(NamedTuple):
 
 @dataclass(frozen=True)
 class Line:
-    """A line to follow, in samples of rising arc length.
+    """Line to follow, sampled at equal steps of the arc length.
 
     Attributes:
         s: arc length [m].
-        x: [m].
-        y: [m].
-        yaw: heading, without jumps [rad].
-        curvature: + left [1/m].
+        x: coordinate of the world [m].
+        y: coordinate of the world [m].
+        yaw: unwrapped heading [rad].
+        curvature: positive to the left [1/m].
     """
 
     s: Array
@@ -59,18 +60,18 @@ class Line:
     curvature: Array
 
     def project(self, x: float, y: float, near: int | None = None, reach: int = 60) -> tuple[int, float, float]:
-        """The nearest sample's index, its arc length refined, and the offset to the left of the line [m].
+        """Return the index of the nearest sample, the arc length of the projection, and the offset to the left [m].
 
         Args:
-            x: of the point [m].
-            y: of the point [m].
-            near: index to look around; everywhere if left out.
-            reach: samples to both sides.
+            x: coordinate of the point [m].
+            y: coordinate of the point [m].
+            near: index around which samples are searched; by default all are.
+            reach: number of samples searched to both sides of `near`.
         """
         low = 0 if near is None else max(0, near - reach)
         high = len(self.s) if near is None else min(len(self.s), near + reach)
         distances = np.hypot(self.x[low:high] - x, self.y[low:high] - y)
-        if near is None:  # a line of several laps passes the same place again: its first lap counts
+        if near is None:  # a line of several laps passes the same point again: the first lap counts
             step = float(self.s[1] - self.s[0])
             first = int(np.argmax(distances <= float(np.min(distances)) + step))
             distances = distances[: first + reach]
@@ -82,17 +83,17 @@ class Line:
         return index, float(self.s[index]) + along, lateral
 
     def at(self, s: float) -> tuple[float, float]:
-        """Heading [rad] and curvature [1/m] at an arc length [m]."""
+        """Return heading [rad] and curvature [1/m] at an arc length [m]."""
         step = float(self.s[1] - self.s[0])
-        place = min(max((s - float(self.s[0])) / step, 0.0), len(self.s) - 1.001)
-        index = int(place)
-        part = place - index
+        position = min(max((s - float(self.s[0])) / step, 0.0), len(self.s) - 1.001)
+        index = int(position)
+        part = position - index
         yaw = float(self.yaw[index]) * (1.0 - part) + float(self.yaw[index + 1]) * part
         return yaw, float(self.curvature[index]) * (1.0 - part) + float(self.curvature[index + 1]) * part
 
 
 def from_curvature(curvature: Array, step: float, *, yaw: float = 0.0) -> Line:
-    """A line from the origin with given curvatures [1/m] at equal steps [m]."""
+    """Return a line from the origin with given curvatures [1/m] at equal steps [m]."""
     turned = np.concatenate(([0.0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * step)))
     heading: Array = yaw + turned
     x = np.concatenate(([0.0], np.cumsum(0.5 * (np.cos(heading[1:]) + np.cos(heading[:-1])) * step)))
@@ -101,32 +102,32 @@ def from_curvature(curvature: Array, step: float, *, yaw: float = 0.0) -> Line:
 
 
 def straight(*, length: float) -> Line:
-    """A straight along x."""
+    """Return a straight line along x."""
     count = max(3, math.ceil(length / 0.5) + 1)
     return from_curvature(np.zeros(count, dtype=np.float64), length / (count - 1))
 
 
 def circle(*, radius: float, turn: float = 1.0, laps: float = 1.0) -> Line:
-    """Laps of a circle that starts at the origin along x; `turn` is 1 to the left, -1 to the right."""
+    """Return laps of a circle that starts at the origin along x; `turn` is 1 to the left, -1 to the right."""
     step = min(0.25, radius / 40.0)
     count = math.ceil(2.0 * math.pi * radius * laps / step) + 1
     return from_curvature(np.full(count, math.copysign(1.0 / radius, turn)), step)
 
 
 def eight(*, radius: float, laps: int = 2, ease: float = 0.0) -> Line:
-    """Laps to the right, then as many to the left, from the middle of a figure of eight along x.
+    """Return laps to the right, then as many to the left, from the middle of a figure of eight along x.
 
     Args:
-        radius: of both circles [m].
-        laps: of each.
-        ease: way before and behind the middle on which the curvature goes steadily from one circle's to the other's
-            [m]; both circles move outwards for it, by about ease² / (6 radius).
+        radius: radius of both circles [m].
+        laps: number of laps on each circle.
+        ease: distance before and after the middle in which the curvature changes linearly from one circle to the other
+            [m]; it moves both circles outwards by about ease² / (6 radius).
     """
     step = 2.0 * math.pi * radius / max(240, math.ceil(2.0 * math.pi * radius / 0.25))
     count = round(2.0 * math.pi * radius * laps / step)
-    way = step * (np.arange(2 * count + count // 10) - count + 0.5)
-    line = from_curvature(np.clip(way / max(ease, 0.1 * step), -1.0, 1.0) / radius, step)
-    # Turned and moved so that the centres lie on the y axis, as far from the origin.
+    travelled = step * (np.arange(2 * count + count // 10) - count + 0.5)
+    line = from_curvature(np.clip(travelled / max(ease, 0.1 * step), -1.0, 1.0) / radius, step)
+    # Rotate and translate the line so that the centres are on the y axis, at equal distances from the origin.
     centres = [
         np.array([line.x[i] - turn * radius * np.sin(line.yaw[i]), line.y[i] + turn * radius * np.cos(line.yaw[i])])
         for i, turn in ((0, -1.0), (-1, 1.0))
@@ -149,39 +150,41 @@ def within(
     start: float,
     smoothness: float = 8.0,
 ) -> Line:
-    """The line of the rear axle's centre through sections whose largest curvature is smallest: a linear programme.
+    """Return the path of the rear axle's centre through sections with the least largest curvature, by a linear program.
 
-    The curvature is taken for y'', as slopes are small; its slope is kept small as well, so that a steering wheel can
-    follow, and a little its sum, so that the line is straight where it need not bend.
+    The curvature is approximated by y'', as slopes are small. Its derivative has a weight, so that a steering can
+    follow, and its sum a small one, so that the path is straight where no bend is needed.
 
     Args:
-        sections: of the course, see :class:`Section`; None is no edge.
-        rear: see :class:`Body`, as the next two [m].
-        front: see there.
-        half_width: see there.
-        margin: room to leave between body and cones [m]; half of the room if there is less.
-        end: x up to which the line goes [m]; it ends straight ahead.
-        start: x from which it goes [m], straight ahead.
+        sections: of the course, see :class:`Section`; None for an open side.
+        rear: rear end of the body, see :class:`Body` [m].
+        front: front end of the body [m].
+        half_width: half of the width of the body [m].
+        margin: distance between body and cones [m]; half of the available room if there is less.
+        end: x of the end of the path [m], where it is parallel to x.
+        start: x of its start [m], where it is parallel to x.
         smoothness: length over which the curvature may reach its largest value [m].
 
     Raises:
-        ConfigError: no line leads through.
+        ConfigError: there is no such path.
     """
     step = max((end - start) / 400.0, min(0.5, front / 10.0))
     x = np.arange(start, end + step, step)
     count = len(x)
     values: list[float] = []
-    at: tuple[list[int], list[int]] = ([], [])  # rows and columns
+    rows: list[int] = []
+    columns: list[int] = []
     limits: list[float] = []
-    size = 2 * count + 2  # y, largest y'', largest y''', amounts of y''
+    size = 2 * count + 2  # y, largest |y''|, largest |y'''|, all |y''|
 
     def add(coefficients: Mapping[int, float], limit: float) -> None:
         for index, value in coefficients.items():
             values.append(value)
-            at[0].append(len(limits))
-            at[1].append(index)
+            rows.append(len(limits))
+            columns.append(index)
         limits.append(limit)
 
+    # Bounds of the derivatives: |y''| and |y'''| at every sample.
     for i in range(1, count - 1):
         add({count + 2 + i: 1.0, count: -1.0}, 0.0)
         for sign in (1.0, -1.0):
@@ -190,6 +193,7 @@ def within(
         for sign in (1.0, -1.0):
             cubic = sign / step**3
             add({i - 1: -cubic, i: 3.0 * cubic, i + 1: -3.0 * cubic, i + 2: cubic, count + 1: -1.0}, 0.0)
+    # The body between the cones: five points of each side, with the slope of the path as its heading.
     for section in sections:
         x0, x1 = float(section[0] or 0.0), float(section[1] or 0.0)
         low = -math.inf if section[2] is None else float(section[2])
@@ -204,7 +208,7 @@ def within(
                     add({i: 1.0, i + 1: slope, i - 1: -slope}, high - kept)
                 if low > -math.inf:
                     add({i: -1.0, i + 1: -slope, i - 1: slope}, -kept - low)
-    still = 4  # points at the start without curvature
+    still = 4  # samples at the start without curvature
     fixed = np.zeros((still + 1, size))
     fixed[range(still), range(still)] = 1.0
     fixed[still, count - 1], fixed[still, count - 2] = 1.0, -1.0
@@ -212,21 +216,21 @@ def within(
     cost[count], cost[count + 1] = 1.0, smoothness
     cost[count + 2 :] = _STRAIGHT * step
     bounds = [(None, None)] * count + [(0.0, None)] * (size - count)
-    found = linprog(
+    solution = linprog(
         cost,
-        A_ub=csr_matrix((values, at), shape=(len(limits), size)),
+        A_ub=csr_matrix((values, (rows, columns)), shape=(len(limits), size)),
         b_ub=np.array(limits),
         A_eq=fixed,
         b_eq=np.zeros(still + 1),
         bounds=bounds,
     )
-    if not found.success:
-        raise ConfigError("no line leads through the course: the vehicle is too wide or too long for it")
-    return resample(x, found.x[:count])
+    if not solution.success:
+        raise ConfigError("there is no path through the course: the vehicle is too wide or too long for it")
+    return resample(x, solution.x[:count])
 
 
 def resample(x: Array, y: Array, step: float | None = None) -> Line:
-    """A line through points at steps as equal as a chord allows, with heading and curvature by differences."""
+    """Return a line through points at steps of equal chord length, with heading and curvature by differences."""
     lengths = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
     count = len(x) if step is None else max(5, math.ceil(lengths[-1] / step) + 1)
     s = np.linspace(0.0, lengths[-1], count)
@@ -238,42 +242,31 @@ def resample(x: Array, y: Array, step: float | None = None) -> Line:
 LINES: dict[str, Callable[..., Line]] = {"straight": straight, "circle": circle, "eight": eight, "within": within}
 
 
-def make_line(data: Mapping[str, Any]) -> Line:
-    """A line from ``{kind: circle, radius: 100, turn: 1}``.
-
-    Raises:
-        ConfigError: no such kind, or it does not take these numbers.
-    """
-    settings = dict(data)
-    kind = settings.pop("kind", None)
-    if kind not in LINES:
-        raise ConfigError(f"line: unknown kind {kind!r}; {did_you_mean(str(kind), LINES)}")
-    try:
-        return LINES[kind](**settings)
-    except TypeError as error:
-        raise ConfigError(f"line {kind}: {str(error).split(') ', 1)[-1]}") from None
+def make_line(data: Mapping[str, object]) -> Line:
+    """Return a line from ``{kind: circle, radius: 100, turn: 1}``, see :func:`make_by_kind`."""
+    return make_by_kind(data, LINES, what="line")
 
 
 def clearance(x: Array, y: Array, yaw: Array, body: Body, sections: Sequence[Section]) -> Array:
-    """Smallest distance between the body's sides and the cones, by section [m]; negative where cones are hit.
+    """Return the smallest distance between the sides of the body and the cones by section [m]; negative for a hit.
 
-    The sides are cut where a section begins and ends, and places between the samples count as well: a short section
-    lies between two samples of a fast car, and a corner that goes in there is not overlooked by chance.
+    The sides are cut at the ends of a section. Positions between the samples are interpolated, as a section may be
+    shorter than the distance that a fast car travels between two samples.
 
     Args:
-        x: of the rear axle's centre (n) [m].
-        y: the same [m].
-        yaw: heading [rad].
-        body: its size.
-        sections: of the course.
+        x: positions of the rear axle's centre (n) [m].
+        y: the same (n) [m].
+        yaw: heading (n) [rad].
+        body: size of the body.
+        sections: sections of the course.
 
     Returns:
-        one number a section; inf where the body never was in it.
+        a distance for each section; inf where the body never was in it.
     """
     longest = float(np.max(np.hypot(np.diff(x), np.diff(y)), initial=0.0))
-    parts = max(1, math.ceil(longest / (_BETWEEN * (body.front - body.rear))))
-    at = np.arange((len(x) - 1) * parts + 1) / parts
-    x, y, yaw = (np.interp(at, np.arange(len(x)), values) for values in (x, y, yaw))
+    parts = max(1, math.ceil(longest / (_CHECK_STEP * (body.front - body.rear))))
+    positions = np.arange((len(x) - 1) * parts + 1) / parts
+    x, y, yaw = (np.interp(positions, np.arange(len(x)), values) for values in (x, y, yaw))
     cos, sin = np.cos(yaw), np.sin(yaw)
     rooms = np.full(len(sections), np.inf)
     for side in (body.half_width, -body.half_width):
@@ -290,15 +283,3 @@ def clearance(x: Array, y: Array, yaw: Array, body: Body, sections: Sequence[Sec
                 room = np.minimum(section.high - across, across - section.low)
                 rooms[number] = min(rooms[number], float(np.min(room, where=inside, initial=np.inf)))
     return rooms
-
-
-def first_crossing(time: Array, values: Array, level: float) -> float:
-    """First time at which a signal reaches a level from below, between the samples; NaN if never."""
-    above = np.flatnonzero(values >= level)
-    if not len(above):
-        return math.nan
-    index = int(above[0])
-    if index == 0:
-        return float(time[0])
-    part = (level - values[index - 1]) / (values[index] - values[index - 1])
-    return float(time[index - 1] + part * (time[index] - time[index - 1]))

@@ -1,31 +1,28 @@
 """Drivers of manoeuvres, for any diagram: ``control: {ego: {kind: "mirdrake.manoeuvres.drivers:PathDriver", ...}}``.
 
-One steers by a :mod:`profile <mirdrake.manoeuvres.profiles>` over time or along a :mod:`line
-<mirdrake.manoeuvres.courses>`, and either wants a speed or presses the pedals:
+=====================  ===============================================================
+class                  steers
+=====================  ===============================================================
+OpenLoopDriver         by a :mod:`profile <mirdrake.manoeuvres.profiles>` over time
+PathDriver             along a :mod:`line <mirdrake.manoeuvres.courses>`
+=====================  ===============================================================
 
-=====================  ===================  ==================
-class                  steers               speed
-=====================  ===================  ==================
-OpenLoopDriver         by a profile         wanted
-OpenLoopPedalDriver    by a profile         pedals
-PathDriver             along a line         wanted
-PathPedalDriver        along a line         pedals
-=====================  ===================  ==================
+With `speeds` they output a speed command, with `pedals` the positions of the pedals.
 
-The law of the lines: steering ahead of time for the curvature to come, and feedback of the offset at a point ahead
-(K. Kritayakirana and J. C. Gerdes, Autonomous vehicle control at the limits of handling, Int. J. Vehicle Autonomous
-Systems 10(4), 2012), with gains that give the offset a natural frequency and a damping::
+The steering law of PathDriver: feedforward of the curvature ahead, and feedback of the lateral error of a point ahead
+of the rear axle (K. Kritayakirana and J. C. Gerdes, Autonomous vehicle control at the limits of handling, Int. J.
+Vehicle Autonomous Systems 10(4), 2012). Its gains give the lateral error a natural frequency and a damping ratio::
 
     δ = (L + K v²) κ(s + v τ) - k (e + ℓ sin(ψ - ψ_line)),   k = ω² (L + K v²) / v²,   ℓ = 2 ζ v / ω
 
-The course ψ of the point is predicted by τ, and both take the yaw rate. A slow car turns as soon as its wheels do:
-what the yaw rate differs from that of the line comes back through the steering at once, so that its share is limited.
+The course ψ of the point is predicted by τ; course and prediction contain the yaw rate. A slow car yaws as soon as its
+wheels are steered, so its yaw rate error acts on the steering without delay; the share of this feedback is limited.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pydrake.systems.framework import Context, DiscreteValues
 
@@ -45,25 +42,22 @@ PEDALS = signals(
     ("gear", "", "1 drive, 0 neutral, -1 reverse"),
 )
 _THROTTLE = 0.5
-"""Throttle over the speed that is missing, while one is held [s/m]."""
+"""Throttle over the speed error while a speed is held [s/m]."""
 
-_AT_ONCE = (0.3, 0.25)
-"""Largest feedback of the yaw rate on itself at a crawl, and its increase with v / sqrt(g L) [1]."""
+_YAW_RATE_FEEDBACK = (0.3, 0.25)
+"""Largest feedback of the yaw rate error at standstill, and its increase with v / sqrt(g L) [1]."""
 
-_SLOWEST = 0.5
-"""Speed below which the law of the lines takes the car for this fast [m/s]."""
-
-Steer = Callable[[float, list[float]], float]
-"""Time [s] and state (12) to a bicycle angle [rad]."""
+_LEAST_SPEED = 0.5
+"""Least speed of the steering law [m/s]; it divides by the speed."""
 
 
 class Rows(NamedTuple):
-    """Numbers over time with straight lines between the rows; before the first and after the last they stay."""
+    """Numbers over time, interpolated linearly between rows and constant before the first and after the last."""
 
     rows: tuple[tuple[float, ...], ...]
 
     def at(self, time: float) -> tuple[float, ...]:
-        """The numbers at a time [s], without the time."""
+        """Return the numbers at a time [s]."""
         before = self.rows[0]
         for row in self.rows:
             if row[0] > time:
@@ -76,53 +70,50 @@ class Rows(NamedTuple):
 
 
 def make_rows(rows: Sequence[Sequence[float]], count: int, owner: str) -> Rows:
-    """Rows of a time and `count` numbers.
+    """Return rows that each have a time and `count` numbers.
 
     Raises:
-        ConfigError: none, another count, or times that do not rise.
+        ConfigError: there are no rows, a row has another length, or a time decreases.
     """
-    read = [tuple(float(value) for value in row) for row in rows]
-    if not read or any(len(row) != count + 1 for row in read):
-        raise ConfigError(f"{owner}: rows of a time and {count} number{'s' * (count > 1)} are expected")
-    if any(late[0] < early[0] for early, late in pairwise(read)):
-        raise ConfigError(f"{owner}: the times must rise")
-    return Rows(tuple(read))
+    checked = [tuple(float(value) for value in row) for row in rows]
+    if not checked or any(len(row) != count + 1 for row in checked):
+        raise ConfigError(f"{owner}: each row must have a time and {count} number{'s' * (count > 1)}")
+    if any(later[0] < earlier[0] for earlier, later in pairwise(checked)):
+        raise ConfigError(f"{owner}: the times must not decrease")
+    return Rows(tuple(checked))
 
 
 class _Driver(LeafSystem):
-    """What all of them share: a command every period, and pedals if there are rows of them.
+    """Base class of both drivers: a command every period, and pedal positions if they are given.
 
     Input ports:
         state (12) [m, rad, m/s, rad/s]: see :data:`~mirdrake.core.vectors.STATE`.
     Output ports:
         command (3) [m/s, rad, s]: speed, bicycle angle, stamp.
-        pedals (3) [1, 1, 1]: throttle, brake, gear; only of the pedal drivers.
+        pedals (3) [1, 1, 1]: throttle, brake, gear; only with `pedals`.
 
     The outputs are discrete states, updated every period.
 
     Args:
-        steer: the law of the steering.
-        speeds: rows of time [s] and wanted speed [m/s]; None: always the present speed.
-        pedals: rows of time [s], throttle, brake and gear; None: no such port.
-        held: speed [m/s] that the throttle holds up to an x of the world [m], whatever `pedals` says.
+        speeds: rows of time [s] and speed command [m/s]; None commands the present speed, which is close to coasting.
+        pedals: rows of time [s], throttle, brake and gear; None declares no such port.
+        held: speed [m/s] that the throttle holds up to an x of the world [m], before `pedals` apply.
         period: time between updates [s].
 
     Raises:
-        ConfigError: an argument makes no sense.
+        ConfigError: an argument is out of range.
     """
 
     def __init__(
         self,
-        steer: Steer,
         *,
         speeds: Sequence[Sequence[float]] | None,
         pedals: Sequence[Sequence[float]] | None,
-        period: float,
         held: Sequence[float] | None = None,
+        period: float,
     ) -> None:
         super().__init__()
         owner = type(self).__name__
-        self._steer = steer
         self._speeds = make_rows(speeds, 1, f"{owner}: speeds") if speeds is not None else None
         self._pedal_rows = make_rows(pedals, 3, f"{owner}: pedals") if pedals is not None else None
         self._held = make_rows([held], 1, f"{owner}: held").rows[0] if held is not None else None
@@ -136,128 +127,77 @@ class _Driver(LeafSystem):
         self.DeclareInitializationDiscreteUpdateEvent(self._update)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self.period, offset_sec=0.0, update=self._update)
 
+    def _steer(self, time: float, state: list[float]) -> float:
+        """Return the bicycle angle [rad] at a time [s]."""
+        raise NotImplementedError
+
     def _update(self, context: Context, values: DiscreteValues) -> None:
         time, state = context.get_time(), self.state.Eval(context).tolist()
         speed = self._speeds.at(time)[0] if self._speeds is not None else state[6]
         values.set_value(self._command, [speed, self._steer(time, state), time])
+        if self._pedal_rows is None:
+            return
         if self._held is not None and state[0] < self._held[1]:
             throttle = min(max(_THROTTLE * (self._held[0] - state[6]), 0.0), 1.0)
             values.set_value(self._pedals, [throttle, 0.0, 1.0])
-        elif self._pedal_rows is not None:
+        else:
             values.set_value(self._pedals, list(self._pedal_rows.at(time)))
 
 
 class OpenLoopDriver(_Driver):
-    """Steers by a profile, and wants a speed.
+    """Driver that steers by a profile over time.
 
     Args:
         profile: of the steering, see :mod:`mirdrake.manoeuvres.profiles`.
-        speeds: rows of time [s] and wanted speed [m/s]; left out: the present speed, which is as near to coasting as
-            a speed command comes.
+        speeds: rows of time [s] and speed command [m/s]; by default the present speed.
+        pedals: rows of time [s], throttle, brake and gear.
         period: time between updates [s].
     """
 
     def __init__(
-        self, profile: Mapping[str, Any], *, speeds: Sequence[Sequence[float]] | None = None, period: float = 0.01
+        self,
+        profile: Mapping[str, object],
+        *,
+        speeds: Sequence[Sequence[float]] | None = None,
+        pedals: Sequence[Sequence[float]] | None = None,
+        period: float = 0.01,
     ) -> None:
-        angle = make_profile(profile)
-        super().__init__(lambda time, state: angle(time), speeds=speeds, pedals=None, period=period)  # noqa: ARG005
+        self._profile = make_profile(profile)
+        super().__init__(speeds=speeds, pedals=pedals, period=period)
 
-
-class OpenLoopPedalDriver(_Driver):
-    """Steers by a profile, and presses the pedals.
-
-    Args:
-        profile: of the steering.
-        pedals: rows of time [s], throttle, brake and gear; left out: neutral.
-        period: time between updates [s].
-    """
-
-    def __init__(
-        self, profile: Mapping[str, Any], *, pedals: Sequence[Sequence[float]] | None = None, period: float = 0.01
-    ) -> None:
-        angle = make_profile(profile)
-        super().__init__(
-            lambda time, state: angle(time),  # noqa: ARG005
-            speeds=None,
-            pedals=pedals or [(0.0, 0.0, 0.0, 0.0)],
-            period=period,
-        )
+    def _steer(self, time: float, state: list[float]) -> float:  # noqa: ARG002
+        return self._profile(time)
 
 
 class PathDriver(_Driver):
-    """Follows a line, and wants a speed.
+    """Driver that follows a line by the steering law of this module.
+
+    It remembers its station on the line, so that a line may cross itself; a time before the last one resets it.
 
     Args:
         line: see :mod:`mirdrake.manoeuvres.courses`.
-        vehicle: what is driven; offered by the diagram.
-        speeds: rows of time [s] and wanted speed [m/s]; left out: the present speed.
-        ahead: which point follows the line: its distance before the rear axle [m].
-        understeer: gradient at the road wheels that is steered ahead of time [rad s²/m].
-        frequency: natural frequency of the offset [rad/s].
+        vehicle: that is driven; offered by the diagram.
+        speeds: rows of time [s] and speed command [m/s]; by default the present speed.
+        pedals: rows of time [s], throttle, brake and gear.
+        held: speed [m/s] that the throttle holds up to an x of the world [m], before `pedals` apply.
+        ahead: distance of the point that follows the line ahead of the rear axle [m].
+        understeer: understeer gradient at the road wheels, for the feedforward [rad s²/m].
+        frequency: natural frequency of the lateral error [rad/s].
         damping: its damping ratio [1].
         preview: delay until the steering acts [s].
-        integral: share of the feedback of a lasting offset that is added every second [1/s].
-        course: which direction is that of the line: 1 of the velocity, 0 of the body, as of a driver who looks where
-            the bonnet points and catches a car that turns away under him [1].
-        hands: False holds the wheel straight, whatever happens.
+        integral: integral gain over the gain of the lateral error [1/s].
+        course: direction that is aligned with the line: 1 for that of the velocity, 0 for that of the body; the latter
+            is a driver who corrects the heading of a car that yaws on its own [1].
+        hands: False holds the wheel straight.
         period: time between updates [s].
     """
 
     def __init__(
         self,
-        line: Mapping[str, Any],
+        line: Mapping[str, object],
         vehicle: ShapedVehicle,
         *,
         speeds: Sequence[Sequence[float]] | None = None,
-        ahead: float = 0.0,
-        understeer: float = 0.0,
-        frequency: float = 3.0,
-        damping: float = 1.0,
-        preview: float = 0.1,
-        integral: float = 0.0,
-        course: float = 1.0,
-        hands: bool = True,
-        period: float = 0.01,
-    ) -> None:
-        law = line_law(
-            line,
-            vehicle,
-            ahead=ahead,
-            understeer=understeer,
-            frequency=frequency,
-            damping=damping,
-            preview=preview,
-            integral=integral,
-            course=course,
-        )
-        super().__init__(law if hands else _straight_ahead, speeds=speeds, pedals=None, period=period)
-
-
-class PathPedalDriver(_Driver):
-    """Follows a line, and presses the pedals; arguments as those of :class:`PathDriver`, `pedals` and `held`.
-
-    Args:
-        line: see :class:`PathDriver`, as all but pedals.
-        vehicle: see there.
-        pedals: rows of time [s], throttle, brake and gear; left out: neutral.
-        held: speed [m/s], and x of the world [m] up to which the throttle holds it; then the pedals are pressed.
-        ahead: see there.
-        understeer: see there.
-        frequency: see there.
-        damping: see there.
-        preview: see there.
-        integral: see there.
-        course: see there.
-        hands: see there.
-        period: see there.
-    """
-
-    def __init__(
-        self,
-        line: Mapping[str, Any],
-        vehicle: ShapedVehicle,
-        *,
         pedals: Sequence[Sequence[float]] | None = None,
         held: Sequence[float] | None = None,
         ahead: float = 0.0,
@@ -270,70 +210,45 @@ class PathPedalDriver(_Driver):
         hands: bool = True,
         period: float = 0.01,
     ) -> None:
-        law = line_law(
-            line,
-            vehicle,
-            ahead=ahead,
-            understeer=understeer,
-            frequency=frequency,
-            damping=damping,
-            preview=preview,
-            integral=integral,
-            course=course,
-        )
-        rows = pedals or [(0.0, 0.0, 0.0, 0.0)]
-        steer = law if hands else _straight_ahead
-        super().__init__(steer, speeds=None, pedals=rows, held=held, period=period)
+        self._line, self._hands = make_line(line), hands
+        self._wheelbase, self._limit = vehicle.geometry.wheelbase, vehicle.geometry.steering_limit
+        self._ahead, self._understeer, self._damping = ahead, max(understeer, 0.0), damping
+        self._frequency = check_number("PathDriver", "frequency", frequency, unit="rad/s", above=0.0)
+        self._preview, self._integral, self._course = preview, integral, course
+        self._index: int | None = None
+        self._time, self._sum = -math.inf, 0.0
+        super().__init__(speeds=speeds, pedals=pedals, held=held, period=period)
 
-
-def _straight_ahead(time: float, state: list[float]) -> float:  # noqa: ARG001
-    return 0.0
-
-
-def line_law(
-    data: Mapping[str, Any],
-    vehicle: ShapedVehicle,
-    *,
-    ahead: float,
-    understeer: float,
-    frequency: float,
-    damping: float,
-    preview: float,
-    integral: float = 0.0,
-    course: float = 1.0,
-) -> Steer:
-    """The law of the module's text for a line; see :class:`PathDriver` for the arguments.
-
-    It remembers where on the line it was, so that a line may cross itself: one law serves one run.
-    """
-    line, wheelbase = make_line(data), vehicle.geometry.wheelbase
-    limit = vehicle.geometry.steering_limit
-    check_number("PathDriver", "frequency", frequency, unit="rad/s", above=0.0)
-    memory: dict[str, Any] = {"index": None, "time": -math.inf, "sum": 0.0}
-
-    def steer(time: float, state: list[float]) -> float:
+    def _steer(self, time: float, state: list[float]) -> float:
+        if not self._hands:
+            return 0.0
         x, y, yaw, vx, vy, rate = state[0], state[1], state[5], state[6], state[7], state[11]
-        passed = time - memory["time"]
-        if passed < 0.0:
-            memory["index"], memory["sum"] = None, 0.0
-        memory["time"] = time
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        index, s, offset = line.project(x + ahead * cos, y + ahead * sin, near=memory["index"])
-        memory["index"] = index
-        speed = max(math.hypot(vx, vy), _SLOWEST)
-        heading, here = line.at(s)
-        _, coming = line.at(s + speed * preview)
-        reach = wheelbase + max(understeer, 0.0) * speed**2
-        omega = min(frequency, speed / wheelbase)
-        most = _AT_ONCE[0] + _AT_ONCE[1] * speed / math.sqrt(GRAVITY * wheelbase)
-        turning = (rate - speed * here) * min(1.0, most / (2.0 * damping * omega * (abs(ahead) / speed + preview)))
-        sideways = vy + ahead * (speed * here + turning)  # of the point that follows the line
-        direction = yaw + course * math.atan2(sideways, max(vx, _SLOWEST))
-        error = math.remainder(direction - heading, 2.0 * math.pi) + turning * preview
-        gain, lever = omega**2 * reach / speed**2, 2.0 * damping * speed / omega
-        if 0.0 < passed < 1.0:
-            memory["sum"] = min(max(memory["sum"] + integral * gain * offset * passed, -limit), limit)
-        angle = math.atan(reach * coming) - gain * (offset + lever * math.sin(error)) - memory["sum"]
-        return float(min(max(angle, -limit), limit))
+        elapsed = time - self._time
+        if elapsed < 0.0:
+            self._index, self._sum = None, 0.0
+        self._time = time
 
-    return steer
+        # Lateral error of the point ahead, and the line there and where the steering will act.
+        ahead, preview, wheelbase = self._ahead, self._preview, self._wheelbase
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        self._index, s, offset = self._line.project(x + ahead * cos, y + ahead * sin, near=self._index)
+        speed = max(math.hypot(vx, vy), _LEAST_SPEED)
+        heading, curvature = self._line.at(s)
+        _, curvature_ahead = self._line.at(s + speed * preview)
+
+        # The yaw rate error acts on the steering without delay: its share is limited, or a slow car would oscillate.
+        reach = wheelbase + self._understeer * speed**2
+        omega = min(self._frequency, speed / wheelbase)
+        most = _YAW_RATE_FEEDBACK[0] + _YAW_RATE_FEEDBACK[1] * speed / math.sqrt(GRAVITY * wheelbase)
+        share = min(1.0, most / (2.0 * self._damping * omega * (abs(ahead) / speed + preview)))
+        turning = (rate - speed * curvature) * share
+        sideways = vy + ahead * (speed * curvature + turning)  # of the point that follows the line
+        direction = yaw + self._course * math.atan2(sideways, max(vx, _LEAST_SPEED))
+        error = math.remainder(direction - heading, 2.0 * math.pi) + turning * preview
+
+        # Feedforward and feedback; a long pause, as between two runs, does not count for the integral.
+        gain, lever = omega**2 * reach / speed**2, 2.0 * self._damping * speed / omega
+        if 0.0 < elapsed < 1.0:
+            self._sum = min(max(self._sum + self._integral * gain * offset * elapsed, -self._limit), self._limit)
+        angle = math.atan(reach * curvature_ahead) - gain * (offset + lever * math.sin(error)) - self._sum
+        return float(min(max(angle, -self._limit), self._limit))

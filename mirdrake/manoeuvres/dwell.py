@@ -1,4 +1,4 @@
-"""Sine with dwell (FMVSS 126, ISO 19365): amplitudes that rise until the last, each judged for stability."""
+"""Sine with dwell (FMVSS 126, ISO 19365): rising amplitudes, each evaluated for stability."""
 
 import math
 from typing import ClassVar, Literal
@@ -6,7 +6,16 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Speed
-from mirdrake.manoeuvres.base import Chart, Curve, ManoeuvreSpec, NotFeasible, Outcome, setting
+from mirdrake.manoeuvres.base import (
+    Chart,
+    Curve,
+    ManoeuvreSpec,
+    NotFeasible,
+    Outcome,
+    scaled,
+    setting,
+    time_step_setting,
+)
 from mirdrake.manoeuvres.checks import check_entry, check_speed, note_held_speed
 from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.metrics.transient import DwellResponse, dwell_response
@@ -19,18 +28,18 @@ _TWO = "seen in two independent implementations"
 
 
 class SineWithDwellSpec(ManoeuvreSpec):
-    """One sine with a dwell at its second peak, coasting, with rising amplitudes: is the vehicle stable."""
+    """Stability after one period of a sine with a dwell at its second peak, coasting, with rising amplitudes."""
 
     title: ClassVar[str] = "Sine with dwell"
     standard: ClassVar[str] = "FMVSS 126, ISO 19365"
     headline: ClassVar[tuple[str, ...]] = ("amplitude_left", "displacement_left")
 
     speed: Speed = setting(80.0 * KMH, "at the beginning of steer", "m/s", "V", _TWO, gt=0.0)
-    tolerance: Speed = setting(2.0 * KMH, "allowed difference of it", "m/s", "R", "FMVSS 126", gt=0.0)
-    frequency: Frequency = setting(0.7, "of the sine", "Hz", "V", _TWO, gt=0.0)
-    dwell: Duration = setting(0.5, "at the second peak", "s", "V", _TWO, ge=0.0)
+    tolerance: Speed = setting(2.0 * KMH, "allowed difference of the speed", "m/s", "R", "FMVSS 126", gt=0.0)
+    frequency: Frequency = setting(0.7, "frequency of the sine", "Hz", "V", _TWO, gt=0.0)
+    dwell: Duration = setting(0.5, "dwell at the second peak", "s", "V", _TWO, ge=0.0)
     angle: Angle | None = setting(
-        None, "A, the hand-wheel angle at 0.3 g; left out: from a slowly increasing steer", "rad", "R", "FMVSS 126"
+        None, "A, the hand-wheel angle at 0.3 g; by default from a slowly increasing steer", "rad", "R", "FMVSS 126"
     )
     first: float = setting(1.5, "first amplitude over A", "", "R", "FMVSS 126", gt=0.0)
     increment: float = setting(0.5, "from one amplitude to the next, over A", "", "R", "FMVSS 126", gt=0.0)
@@ -40,24 +49,24 @@ class SineWithDwellSpec(ManoeuvreSpec):
     )
     turns: Literal["both", "left", "right"] = setting("both", "first direction of the steering", "", "R", "FMVSS 126")
     waits: tuple[float, float] = setting(
-        (1.0, 1.75), "after completion of steer, when the yaw rate counts", "s", "V", _TWO
+        (1.0, 1.75), "times after completion of steer at which the yaw rate is evaluated", "s", "V", _TWO
     )
-    shares: tuple[float, float] = setting((0.35, 0.20), "of the peak yaw rate allowed then", "", "V", _TWO)
-    way: Length = setting(1.83, "lateral displacement at least", "m", "V", _TWO + "; mass up to 3500 kg", gt=0.0)
-    way_time: Duration = setting(1.07, "after beginning of steer, when it counts", "s", "V", _TWO, gt=0.0)
-    way_from: float = setting(
-        5.0, "amplitude over A from which on the displacement counts", "", "R", "FMVSS 126", gt=0.0
+    shares: tuple[float, float] = setting((0.35, 0.20), "allowed yaw rate then over its peak", "", "V", _TWO)
+    displacement: Length = setting(1.83, "least lateral displacement", "m", "V", _TWO + "; mass up to 3500 kg", gt=0.0)
+    displacement_time: Duration = setting(
+        1.07, "time after beginning of steer at which it is evaluated", "s", "V", _TWO, gt=0.0
+    )
+    displacement_from: float = setting(
+        5.0, "amplitude over A from which on the displacement is evaluated", "", "R", "FMVSS 126", gt=0.0
     )
     threshold: Angle = setting(
         math.radians(5.0), "hand-wheel angle that counts as turned, at most 5 % of the peak", "rad", "R", "FMVSS 126"
     )
-    settle: Duration = setting(0.5, "straight ahead before", "s", "own", ge=0.0)
-    time_step: Duration = setting(
-        0.0025, "of the plant, unless plant.time_step is given; a slide needs it", "s", "own", scales=False, gt=0.0
-    )
+    settle: Duration = setting(0.5, "time straight ahead before the sine", "s", "own", ge=0.0)
+    time_step: Duration = time_step_setting(0.0025, "a slide needs it")
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
-        """A slowly increasing steer if A is not given, then all amplitudes to both sides."""
+        """Simulate a slowly increasing steer if A is not given, then all amplitudes to both sides."""
         rig = rig.with_step(self.time_step)
         facts = rig.facts
         check_speed(facts, self.speed)
@@ -68,29 +77,31 @@ class SineWithDwellSpec(ManoeuvreSpec):
         while amplitudes[-1] < most - 1e-9:
             amplitudes.append(min(amplitudes[-1] + self.increment * angle, most))
         allowed = min(facts.steering_limit, facts.steering_rate / (2.0 * math.pi * self.frequency)) * facts.ratio
-        kept = [one for one in amplitudes if one <= allowed]
+        kept = [amplitude for amplitude in amplitudes if amplitude <= allowed]
         if not kept:
             raise NotFeasible(
-                f"the first amplitude is {math.degrees(amplitudes[0]):.0f} deg at the hand-wheel, but its steering "
+                f"the first amplitude is {math.degrees(amplitudes[0]):.0f} deg at the hand-wheel, but the steering "
                 f"follows {self.frequency:g} Hz up to {math.degrees(allowed):.0f} deg only"
             )
         if len(kept) < len(amplitudes):
             outcome.notes.append(
-                f"its steering follows {self.frequency:.3g} Hz up to {math.degrees(allowed):.0f} deg at the "
+                f"the steering follows {self.frequency:.3g} Hz up to {math.degrees(allowed):.0f} deg at the "
                 f"hand-wheel; {len(amplitudes) - len(kept)} larger amplitudes, up to "
-                f"{math.degrees(amplitudes[-1]):.0f} deg, were left out"
+                f"{math.degrees(amplitudes[-1]):.0f} deg, were omitted"
             )
         note_held_speed(outcome, pedals=rig.pedals)
+
+        # The first failure on a side ends that side.
         sides = ["left", "right"] if self.turns == "both" else [self.turns]
-        worst: dict[str, list[tuple[float, DwellResponse]]] = {}
+        responses: dict[str, list[tuple[float, DwellResponse]]] = {}
         faults: list[str] = []
         passed: dict[str, float] = {}
         for side in sides:
             for amplitude in kept:
                 record = self._sine(rig, side, amplitude)
-                found = self._judge(record, amplitude)
-                worst.setdefault(side, []).append((amplitude, found))
-                fault = self._fault(found, amplitude, angle, side)
+                response = self._evaluate(record, amplitude)
+                responses.setdefault(side, []).append((amplitude, response))
+                fault = self._fault(response, amplitude, angle, side)
                 if fault is not None:
                     faults.append(fault)
                     self._draw(outcome, record, side, fault=True)
@@ -98,15 +109,18 @@ class SineWithDwellSpec(ManoeuvreSpec):
                 passed[side] = amplitude
             else:
                 self._draw(outcome, record, side, fault=False)
-        for side, results in worst.items():
+        for side, results in responses.items():
             for number, wait in enumerate(self.waits):
-                ratio = max(found.ratios[number] for _, found in results)
+                ratio = max(response.ratios[number] for _, response in results)
                 text = f"Largest yaw-rate ratio {wait:.3g} s after completion, {side}"
                 most = 100.0 * self.shares[number]
                 outcome.add(f"ratio_{number + 1}_{side}", text, 100.0 * ratio, "%", f"{most:g} %", scale=most)
-            ways = [found.displacement for amplitude, found in results if amplitude >= self.way_from * angle - 1e-9]
-            text = f"Smallest displacement {self.way_time:.3g} s after the beginning, {side}"
-            outcome.add(f"displacement_{side}", text, min(ways, default=math.nan), "m", f"at least {self.way:.3g} m")
+            text = f"Smallest displacement {self.displacement_time:.3g} s after the beginning, {side}"
+            least = min(
+                (response.displacement for amplitude, response in results if self._is_large(amplitude, angle)),
+                default=math.nan,
+            )
+            outcome.add(f"displacement_{side}", text, least, "m", f"at least {self.displacement:.3g} m")
             largest = max(amplitude for amplitude, _ in results)
             outcome.add(f"amplitude_{side}", f"Last amplitude, {side}", math.degrees(largest), "deg", "hand-wheel")
             held = math.degrees(passed.get(side, math.nan))
@@ -116,13 +130,16 @@ class SineWithDwellSpec(ManoeuvreSpec):
         outcome.reason = "; ".join(faults)
         if outcome.verdict == "not possible":
             outcome.reason = (
-                f"beyond {math.degrees(kept[-1]):.0f} deg its steering is too slow for {self.frequency:.3g} Hz; up to "
-                f"there it passes, but {math.degrees(amplitudes[-1]):.0f} deg are asked for"
+                f"it passes up to {math.degrees(kept[-1]):.0f} deg, beyond which the steering is too slow for "
+                f"{self.frequency:.3g} Hz; {math.degrees(amplitudes[-1]):.0f} deg are required"
             )
 
-    def _find_angle(self, rig: Rig, outcome: Outcome) -> float:
-        from mirdrake.manoeuvres.base import scaled
+    def _is_large(self, amplitude: float, angle: float) -> bool:
+        """Return whether the displacement of an amplitude [rad] is evaluated; `angle` is A [rad]."""
+        return amplitude >= self.displacement_from * angle - 1e-9
 
+    def _find_angle(self, rig: Rig, outcome: Outcome) -> float:
+        """Return A [rad] from a slowly increasing steer."""
         inner = Outcome("", "", "")
         spec = scaled(SlowlyIncreasingSteerSpec(), rig.facts.scale).model_copy(update={"speed": self.speed})
         spec.drive(rig, inner)
@@ -146,29 +163,31 @@ class SineWithDwellSpec(ManoeuvreSpec):
         )
         return record
 
-    def _judge(self, record: Record, amplitude: float) -> DwellResponse:
+    def _evaluate(self, record: Record, amplitude: float) -> DwellResponse:
         return dwell_response(
             record.time,
             record.hand_wheel,
             record.yaw_rate,
             record.y_com,
             after_completion=self.waits,
-            after_beginning=self.way_time,
+            after_beginning=self.displacement_time,
             threshold=min(self.threshold, 0.05 * amplitude),
         )
 
-    def _fault(self, found: DwellResponse, amplitude: float, angle: float, side: str) -> str | None:
-        told = f"{side}, {math.degrees(amplitude):.0f} deg"
-        for ratio, share, wait in zip(found.ratios, self.shares, self.waits, strict=True):
+    def _fault(self, response: DwellResponse, amplitude: float, angle: float, side: str) -> str | None:
+        """Return the reason why an amplitude fails; None if it passes."""
+        place = f"{side}, {math.degrees(amplitude):.0f} deg"
+        for ratio, share, wait in zip(response.ratios, self.shares, self.waits, strict=True):
             if not ratio <= share:
-                return f"{told}: yaw rate {100 * ratio:.0f} % of its peak {wait:.3g} s after completion of steer"
-        if amplitude >= self.way_from * angle - 1e-9 and not found.displacement >= self.way:
-            return f"{told}: lateral displacement {found.displacement:.2f} m, at least {self.way:.3g} m are asked for"
+                return f"{place}: yaw rate {100 * ratio:.0f} % of its peak {wait:.3g} s after completion of steer"
+        if self._is_large(amplitude, angle) and not response.displacement >= self.displacement:
+            return (
+                f"{place}: lateral displacement {response.displacement:.2f} m, required are {self.displacement:.3g} m"
+            )
         return None
 
     def _draw(self, outcome: Outcome, record: Record, side: str, *, fault: bool) -> None:
-        word = "the one that failed" if fault else "the largest"
-        name = f"{side}, {word}"
+        name = f"{side}, {'failed amplitude' if fault else 'largest amplitude'}"
         colour = 0 if side == "left" else 1
         rows = (
             ("Hand-wheel angle", "deg", np.degrees(record.hand_wheel)),

@@ -1,4 +1,4 @@
-"""What manoeuvres need to know of a vehicle: size, mass, steering, what its motor can hold."""
+"""Figures of a vehicle that manoeuvres need: size, mass, steering, top speed."""
 
 import math
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from mirdrake.vehicles.outline import measure_outline
 CAR_WHEELBASE = 2.6
 """Wheelbase of the car for which the manoeuvres are defined [m]: the Chevrolet Bolt's."""
 
-_SWING = 0.4
-"""Phase of a driver's frequency in the time until the car turns, see :meth:`Facts.quickest` [rad]."""
+_DELAY_PHASE = 0.4
+"""Allowed phase lag by delays at the natural frequency of the driver, see :meth:`Facts.quickest` [rad]."""
 
-_CONTROL = 0.02
-"""Part of that time that driver and control unit take, a period each [s]."""
+_CONTROL_DELAY = 0.02
+"""Delay of driver and control unit, a period each [s]."""
 
 SMALL = 1.5
-"""Wheelbase below which a vehicle is smaller than a car, so that speeds and courses are scaled [m]."""
+"""Wheelbase below which speeds and courses are scaled to the size of the vehicle [m]."""
 
 
 @dataclass(frozen=True)
@@ -26,24 +26,24 @@ class Facts:
     """Figures of a vehicle.
 
     Attributes:
-        name: of the vehicle.
+        name: name of the vehicle.
         title: make and model.
-        wheelbase: [m].
-        mass: all of it [kg].
-        parameters: of its single-track model.
-        ahead: of the centre of mass before the rear axle [m].
+        wheelbase: wheelbase [m].
+        mass: total mass [kg].
+        parameters: parameters of its single-track model.
+        ahead: distance of the centre of mass ahead of the rear axle [m].
         rear: x of the rear end of the body, from the rear axle [m].
-        front: x of its front end [m].
-        width: of the body [m].
+        front: x of the front end of the body, from the rear axle [m].
+        width: width of the body [m].
         ratio: hand-wheel angle over road-wheel angle [1].
-        steering_limit: of the bicycle angle [rad].
-        steering_rate: of the road wheels [rad/s].
+        steering_limit: largest bicycle angle [rad].
+        steering_rate: largest rate of the road wheels [rad/s].
         tyres: kind of the tyres.
         has_tyre_law: whether tyre forces come from a tyre law.
         pedals: whether it is driven through pedals.
-        top_speed: that its motor's power can hold on the flat [m/s].
-        full_throttle: acceleration that its motor and driven wheels allow from standstill [m/s²].
-        scale: of lengths for its size [1]; 1 for cars.
+        top_speed: top speed on the flat, by power or governor [m/s].
+        full_throttle: acceleration from standstill by the largest torque [m/s²].
+        scale: scale of lengths for its size [1]; 1 for cars.
     """
 
     name: str
@@ -67,37 +67,36 @@ class Facts:
 
     @property
     def understeer(self) -> float:
-        """Estimated understeer gradient at the road wheels [rad s²/m], of the single-track model's stiffnesses."""
+        """Estimated understeer gradient at the road wheels, of the single-track model's stiffnesses [rad s²/m]."""
         p = self.parameters
         return p.mass / p.wheelbase * (p.rear_length / p.front_stiffness - p.front_length / p.rear_stiffness)
 
     def steering_for(self, lateral_acceleration: float, speed: float) -> float:
-        """Estimated bicycle angle [rad] for a lateral acceleration [m/s²] at a speed [m/s]."""
+        """Return the estimated bicycle angle [rad] for a lateral acceleration [m/s²] at a speed [m/s]."""
         return (self.wheelbase / speed**2 + self.understeer) * lateral_acceleration
 
     def pointing(self, speed: float) -> float:
-        """Estimated distance before the rear axle [m] of the point that moves as the body points, in a steady turn.
+        """Return the estimated distance [m] ahead of the rear axle of the point without sideslip in a steady turn.
 
-        It is at the rear axle at a crawl and moves ahead with the slip of the rear tyres, by v² m a / (L Cr).
+        It is at the rear axle at low speed and moves ahead with the slip of the rear tyres, by v² m a / (L Cr).
         """
         p = self.parameters
-        place = speed**2 * p.mass * p.front_length / (p.wheelbase * p.rear_stiffness)
-        return min(place, p.wheelbase)
+        return min(speed**2 * p.mass * p.front_length / (p.wheelbase * p.rear_stiffness), p.wheelbase)
 
     def quickest(self, speed: float) -> float:
-        """Natural frequency [rad/s] with which a driver can hold a line at a speed [m/s] and not swing with the car.
+        """Return the largest natural frequency [rad/s] of a driver at a speed [m/s] without oscillation.
 
-        The car turns late by the time that its steering and its front tyres take; the swing in yaw grows where that
-        is more than 0.4 rad of the driver's frequency.
+        Steering, front tyres and control delay the yaw rate; oscillations in yaw grow where the phase lag of the delay
+        is above 0.4 rad at the frequency of the driver.
         """
         p = self.parameters
-        return _SWING / (p.steering_lag + p.front_relaxation / speed + _CONTROL)
+        return _DELAY_PHASE / (p.steering_lag + p.front_relaxation / speed + _CONTROL_DELAY)
 
     def steadiness(self, speed: float) -> float:
-        """How far a driver should go by where the car moves, and not by where it points, at a speed [m/s]; up to 1.
+        """Return the weight of the course against the heading in the feedback of a driver at a speed [m/s]; up to 1.
 
-        Tyres of relaxation length σ that relax slowly are springs of C/σ on which the car sways, with a damping ratio
-        of v √(m / (σ C)) / 2: a driver who answers to that excites it. Twice the ratio is what this is.
+        Tyres with a long relaxation length σ act as springs C/σ, on which the car oscillates laterally with a damping
+        ratio of v √(m / (σ C)) / 2. Feedback of the course excites this oscillation. The weight is twice the ratio.
         """
         p = self.parameters
         springs = (p.front_stiffness + p.rear_stiffness) / max(p.front_relaxation, 1e-6)
@@ -105,7 +104,7 @@ class Facts:
 
 
 def find_facts(vehicle: Vehicle) -> Facts:
-    """The figures of a loaded vehicle."""
+    """Return the figures of a loaded vehicle."""
     spec, geometry = vehicle.spec, vehicle.geometry
     parameters = estimate_parameters(vehicle)
     box = measure_outline(vehicle.urdf, packages=vehicle.packages, base_link=spec.base_link)
@@ -138,7 +137,7 @@ def find_facts(vehicle: Vehicle) -> Facts:
 
 
 def _top_speed(vehicle: Vehicle, parameters: SingleTrackParameters, radius: float) -> float:
-    """Speed [m/s] at which rolling resistance and drag take all of the power, or the governor acts."""
+    """Return the speed [m/s] at which rolling resistance and drag need all of the power, or the governor acts."""
     power = vehicle.spec.powertrain.max_power
     governed = getattr(vehicle.spec.powertrain, "governed_speed", None)
     rolling = parameters.rolling_resistance * parameters.mass * GRAVITY

@@ -3,18 +3,28 @@
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import Duration, Length, Speed
-from mirdrake.manoeuvres.base import Chart, Curve, Diverged, ManoeuvreSpec, NotFeasible, Outcome, setting
+from mirdrake.manoeuvres.base import (
+    Chart,
+    Curve,
+    Diverged,
+    ManoeuvreSpec,
+    NotFeasible,
+    Outcome,
+    setting,
+    time_step_setting,
+)
 from mirdrake.manoeuvres.checks import check_speed, note_held_speed
-from mirdrake.manoeuvres.courses import Body, Section, clearance, first_crossing, make_line
+from mirdrake.manoeuvres.courses import Body, Section, clearance, make_line
 from mirdrake.manoeuvres.facts import Facts
 from mirdrake.manoeuvres.metrics.straight import KMH
+from mirdrake.manoeuvres.metrics.transient import crossing
 from mirdrake.manoeuvres.record import Record
 from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.search import find_highest
@@ -23,36 +33,29 @@ _CHRONO = "Project Chrono double-lane-change demo"
 
 
 class CourseSpec(ManoeuvreSpec):
-    """What courses share: a planned line, a bisection of the entry speed."""
+    """Base class of the courses: a planned line and a bisection of the entry speed."""
 
     releases: ClassVar[bool] = False
-    """Whether the throttle is released in the course, `release` behind its entry."""
+    """Whether the throttle is released in the course, `release` after its entry."""
 
-    lowest: Speed = setting(30.0 * KMH, "of the bisection", "m/s", "own", gt=0.0)
-    highest: Speed = setting(110.0 * KMH, "of the bisection", "m/s", "own", gt=0.0)
-    resolution: Speed = setting(0.25 * KMH, "at which the bisection ends", "m/s", "own", gt=0.0)
+    lowest: Speed = setting(30.0 * KMH, "lowest speed of the bisection", "m/s", "own", gt=0.0)
+    highest: Speed = setting(110.0 * KMH, "highest speed of the bisection", "m/s", "own", gt=0.0)
+    resolution: Speed = setting(0.25 * KMH, "difference of speeds at which the bisection ends", "m/s", "own", gt=0.0)
     share: float = setting(
-        0.8, "of the speed that the friction may allow, up to which the other figures are taken", "", "own", gt=0.0
+        0.8, "largest speed of the other figures over the speed that friction may allow", "", "own", gt=0.0
     )
     multiple: Speed = setting(5.0 * KMH, "of which the speed of the other figures is a multiple", "m/s", "own", gt=0.0)
     margin: Length = setting(0.1, "between body and cones on the planned line, if there is room", "m", "own", ge=0.0)
-    run_up: Length = setting(30.0, "straight way before the course", "m", "own", gt=0.0)
-    run_out: Length = setting(25.0, "straight way behind the course", "m", "own", ge=0.0)
-    time_step: Duration = setting(
-        0.0025,
-        "of the plant, unless plant.time_step is given; sideslip at the limit needs it",
-        "s",
-        "own",
-        scales=False,
-        gt=0.0,
-    )
+    run_up: Length = setting(30.0, "straight distance before the course", "m", "own", gt=0.0)
+    run_out: Length = setting(25.0, "straight distance after the course", "m", "own", ge=0.0)
+    time_step: Duration = time_step_setting(0.0025, "sideslip at the limit needs it")
 
     @abstractmethod
     def sections(self, width: float) -> list[Section]:
-        """The course for a vehicle of a width [m]."""
+        """Return the course for a vehicle of a width [m]."""
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
-        """A bisection between the lowest and the highest speed."""
+        """Bisect the entry speed, and take the other figures at a lower speed."""
         rig = rig.with_step(self.time_step)
         facts = rig.facts
         if self.highest <= self.lowest:
@@ -60,7 +63,7 @@ class CourseSpec(ManoeuvreSpec):
         sections = self.sections(facts.width)
         tightest = min((section.high - section.low for section in sections), default=math.inf)
         if tightest <= facts.width:
-            raise NotFeasible(f"it is {facts.width:.2f} m wide, and a lane has {tightest:.2f} m")
+            raise NotFeasible(f"the vehicle is {facts.width:.2f} m wide, the narrowest lane {tightest:.2f} m")
         if self.releases:
             note_held_speed(outcome, pedals=rig.pedals)
         highest = min(self.highest, 0.95 * facts.top_speed)
@@ -78,48 +81,48 @@ class CourseSpec(ManoeuvreSpec):
                 passes.append((speed, record))
             return (record, room), fault
 
-        def again(speed: float) -> tuple[tuple[Record, list[float]] | None, str]:
-            """The run of that speed that there is, or a new one."""
-            there = [record for one, record in passes if _label(one) == _label(speed)]
-            return ((there[0], self._room(rig.facts, sections, there[0])), "") if there else attempt(speed)
+        def repeat(speed: float) -> tuple[tuple[Record, list[float]] | None, str]:
+            """Return the run of that speed if it has passed, else a new one."""
+            known = [record for passed, record in passes if _label(passed) == _label(speed)]
+            return ((known[0], self._room(rig.facts, sections, known[0])), "") if known else attempt(speed)
 
         guess = self._guess(facts, sections)
-        found = find_highest(attempt, lowest=self.lowest, highest=highest, guess=guess, resolution=self.resolution)
-        if found.best is None:
-            raise NotFeasible(f"it does not pass at {self.lowest / KMH:.0f} km/h, the lowest speed: {found.why}")
-        best, failed = found.best[0], found.failed
-        limit = self._entry(best, facts) / KMH
+        limit = find_highest(attempt, lowest=self.lowest, highest=highest, guess=guess, resolution=self.resolution)
+        if limit.best is None:
+            raise NotFeasible(f"it does not pass at {self.lowest / KMH:.0f} km/h, the lowest speed: {limit.reason}")
+        best, failed = limit.best[0], limit.failed
+        entry = self._entry(best, facts) / KMH
         note = f"within {self.resolution / KMH:.2g} km/h"
-        outcome.add("speed", "Highest entry speed without a touch", limit, "km/h", note)
+        outcome.add("speed", "Highest entry speed without a touch", entry, "km/h", note)
         if failed < math.inf:
-            outcome.add("failed", "Lowest speed that failed", failed / KMH, "km/h", found.why)
+            outcome.add("failed", "Lowest speed that failed", failed / KMH, "km/h", limit.reason)
         else:
             outcome.notes.append("it passes at the highest speed that was tried")
-        # A speed that does not go with the limit: that may be another one with another step of the plant.
-        wanted = min(self.share * guess, found.passed)
-        speed = max(self.lowest, self.multiple * math.floor(wanted / self.multiple + 1e-9))
-        result, fault = again(speed)
+
+        # The limit depends on the step of the plant a little; figures at a round speed below it can be compared.
+        target = min(self.share * guess, limit.passed)
+        speed = max(self.lowest, self.multiple * math.floor(target / self.multiple + 1e-9))
+        result, fault = repeat(speed)
         while fault and speed - self.multiple >= self.lowest:
             speed -= self.multiple
-            result, fault = again(speed)
+            result, fault = repeat(speed)
         if result is None:
             raise Diverged(fault)
         record, room = result
-        told = f"at {speed / KMH:.3g} km/h"
-        outcome.add("told_at", "Speed at which the figures below are taken", speed / KMH, "km/h", fault)
-        outcome.add("exit", "Speed at the end of the course", _exit(record, sections) / KMH, "km/h", told)
+        note = f"at {speed / KMH:.3g} km/h"
+        outcome.add("figures_speed", "Speed at which the figures below are taken", speed / KMH, "km/h", fault)
+        outcome.add("exit", "Speed at the end of the course", _exit(record, sections) / KMH, "km/h", note)
         inside = record.y[(record.x > sections[0].x0) & (record.x < sections[-1].x1)]
-        way = float(np.ptp(inside)) if len(inside) else None
-        outcome.add("room", "Smallest distance to the cones", min(room), "m", told, scale=way)
-        peaks = self._peaks(record, sections, facts)
-        for key, (text, value, unit) in peaks.items():
-            outcome.add(key, text, value, unit, told)
-        outcome.notes.append("the driver is a law that follows a planned line; another driver may be faster or slower")
+        sideways = float(np.ptp(inside)) if len(inside) else None
+        outcome.add("room", "Smallest distance to the cones", min(room), "m", note, scale=sideways)
+        for key, (text, value, unit) in self._peaks(record, sections, facts).items():
+            outcome.add(key, text, value, unit, note)
+        outcome.notes.append("the driver follows a planned line; another driver may be faster or slower")
         self._note_limit(outcome, passes, sections, facts)
         self._draw(outcome, best, sections, facts)
 
     def _peaks(self, record: Record, sections: list[Section], facts: Facts) -> dict[str, tuple[str, float, str]]:
-        """The largest figures in the course by key: what it is, value, unit."""
+        """Return the largest values in the course by key: name, value, unit."""
         course = (record.x + facts.front > sections[0].x0) & (record.x + facts.rear < sections[-1].x1)
         rows = (
             ("lateral", "Largest lateral acceleration", record.lateral_acceleration / GRAVITY, "g"),
@@ -135,21 +138,20 @@ class CourseSpec(ManoeuvreSpec):
     def _note_limit(
         self, outcome: Outcome, passes: list[tuple[float, Record]], sections: list[Section], facts: Facts
     ) -> None:
-        """What the figures are on the limit, and how steep they are there: no figures to three digits."""
-        low, high = sorted(passes, key=lambda one: one[0])[-2:] if len(passes) > 1 else passes * 2
+        """Add a note with the peaks at the limit and their sensitivity to the speed; they are good to two digits."""
+        low, high = sorted(passes, key=lambda run: run[0])[-2:] if len(passes) > 1 else passes * 2
         peaks = self._peaks(high[1], sections, facts)
-        told = ", ".join(
-            f"{text.removeprefix('Largest ')} {_rough(value)} {unit}" for text, value, unit in peaks.values()
+        text = ", ".join(
+            f"{name.removeprefix('Largest ')} {_rough(value)} {unit}" for name, value, unit in peaks.values()
         )
-        steep = ""
         slips = [self._peaks(record, sections, facts)["sideslip"][1] for _, record in (low, high)]
         if high[0] > low[0] and min(slips) > 0.0:
-            rise = math.log(slips[1] / slips[0]) / (high[0] - low[0]) * self.resolution
-            steep = f"; there {self.resolution / KMH:.2g} km/h change the sideslip by {100.0 * abs(rise):.2g} %"
-        outcome.notes.append(f"on the limit, at {high[0] / KMH:.4g} km/h, the largest are: {told}{steep}")
+            change = 100.0 * abs(math.log(slips[1] / slips[0]) / (high[0] - low[0]) * self.resolution)
+            text += f"; there {self.resolution / KMH:.2g} km/h change the sideslip by {change:.2g} %"
+        outcome.notes.append(f"largest values at the limit, {high[0] / KMH:.4g} km/h: {text}")
 
     def _guess(self, facts: Facts, sections: list[Section]) -> float:
-        """A speed [m/s] that the friction may allow on the planned line."""
+        """Return a speed [m/s] that friction may allow on the planned line."""
         try:
             line = make_line(self._line(facts, sections, 0.3 * facts.wheelbase))
         except ConfigError as error:
@@ -157,9 +159,13 @@ class CourseSpec(ManoeuvreSpec):
         grip = 0.75 * min(facts.parameters.front_friction, facts.parameters.rear_friction) * GRAVITY
         return math.sqrt(grip / max(float(np.max(np.abs(line.curvature))), 1e-6))
 
-    def _line(self, facts: Facts, sections: list[Section], point: float) -> dict[str, Any]:
-        start = sections[0].x0 - facts.front - self.run_up
-        end = sections[-1].x1 - facts.rear + self.run_out
+    def _range(self, facts: Facts, sections: list[Section]) -> tuple[float, float]:
+        """Return x of the rear axle at the start and at the end of a run [m]."""
+        return sections[0].x0 - facts.front - self.run_up, sections[-1].x1 - facts.rear + self.run_out
+
+    def _line(self, facts: Facts, sections: list[Section], point: float) -> dict[str, object]:
+        """Return the line of the point that is `point` ahead of the rear axle [m]."""
+        start, end = self._range(facts, sections)
         return {
             "kind": "within",
             "sections": [[s.x0, s.x1, *(None if math.isinf(v) else v for v in (s.low, s.high))] for s in sections],
@@ -175,8 +181,7 @@ class CourseSpec(ManoeuvreSpec):
     def _try(self, rig: Rig, sections: list[Section], speed: float) -> tuple[Record, list[float]]:
         facts = rig.facts
         point = facts.pointing(speed)
-        start = sections[0].x0 - facts.front - self.run_up
-        end = sections[-1].x1 - facts.rear + self.run_out
+        start, end = self._range(facts, sections)
         coasts = self.releases and rig.pedals
         driver = rig.line_driver(
             self._line(facts, sections, point),
@@ -193,16 +198,11 @@ class CourseSpec(ManoeuvreSpec):
                 return "the end of the course"
             if abs(state[1]) > lane + 5.0 * facts.scale:
                 return "it left the course"
-            return "it came to a stand" if state[6] < 0.2 * speed else None
+            return "it stopped" if state[6] < 0.2 * speed else None
 
         try:
             record = rig.run(
-                _label(speed),
-                driver,
-                duration=2.0 * (end - start) / speed,
-                speed=speed,
-                x=start,
-                stop=stop,
+                _label(speed), driver, duration=2.0 * (end - start) / speed, speed=speed, x=start, stop=stop
             )
         except ConfigError as error:
             raise NotFeasible(str(error).rsplit(": ", 1)[-1]) from None
@@ -213,12 +213,12 @@ class CourseSpec(ManoeuvreSpec):
         return [float(value) for value in clearance(record.x, record.y, record.yaw, body, sections)]
 
     def _release(self) -> float:
-        """Place of the front end at which the throttle is released [m]."""
+        """Return x of the front end at which the throttle is released [m]."""
         return 0.0
 
     def _entry(self, record: Record, facts: Facts) -> float:
-        at = first_crossing(record.time, record.x + facts.front, 0.0)
-        return float(np.interp(at, record.time, record.vx))
+        """Return the speed [m/s] at which the front end enters the course."""
+        return float(np.interp(crossing(record.time, record.x + facts.front, 0.0), record.time, record.vx))
 
     def _draw(self, outcome: Outcome, record: Record, sections: list[Section], facts: Facts) -> None:
         edges: list[Curve] = []
@@ -245,26 +245,26 @@ class CourseSpec(ManoeuvreSpec):
 
 
 def _label(speed: float) -> str:
-    """Name of the run at a speed [m/s], and of its folder."""
+    """Return the name of the run at a speed [m/s], and of its folder."""
     return f"v{speed / KMH:.2f}kmh"
 
 
 def _rough(value: float) -> str:
-    """Two digits, and no exponent."""
+    """Return a number with two digits and no exponent."""
     return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"
 
 
 def _fault(room: Sequence[float], sections: Sequence[Section]) -> str:
-    """Why a run did not pass; empty if it did."""
+    """Return the reason why a run did not pass; empty if it did."""
     if any(math.isinf(value) for value in room):
-        return f"it did not get to section {[math.isinf(value) for value in room].index(True) + 1} of {len(sections)}"
+        return f"it did not reach section {[math.isinf(value) for value in room].index(True) + 1} of {len(sections)}"
     worst = int(np.argmin(room))
     return f"cones hit by {1000.0 * -room[worst]:.0f} mm in section {worst + 1}" if room[worst] < 0.0 else ""
 
 
 def _exit(record: Record, sections: Sequence[Section]) -> float:
-    at = first_crossing(record.time, record.x, sections[-1].x1)
-    return float(np.interp(at, record.time, record.vx)) if math.isfinite(at) else math.nan
+    time = crossing(record.time, record.x, sections[-1].x1)
+    return float(np.interp(time, record.time, record.vx)) if math.isfinite(time) else math.nan
 
 
 class DoubleLaneChangeSpec(CourseSpec):
@@ -282,7 +282,7 @@ class DoubleLaneChangeSpec(CourseSpec):
     offset: Length = setting(3.5, "from the axis of lane A to the near edge of lane B", "m", "V", _CHRONO, ge=0.0)
 
     def sections(self, width: float) -> list[Section]:
-        """Lanes A, B and C; C is aligned with the far edge of A."""
+        """Return lanes A, B and C; C is aligned with the far edge of A."""
         a, b, c = (factor * width + self.extra for factor in self.factors)
         l1, g1, l2, g2, l3 = self.lengths
         return [
@@ -308,13 +308,15 @@ class ObstacleAvoidanceSpec(CourseSpec):
     second_extra: Length = setting(1.0, "width of section 3 less the vehicle's", "m", "V", _CHRONO, ge=0.0)
     third_width: Length = setting(3.0, "width of section 5; others use 1.3 b + 0.25 m", "m", "V", _CHRONO, gt=0.0)
     offset: Length = setting(1.0, "between the edges of sections 1 and 3", "m", "V", _CHRONO, ge=0.0)
-    release: Length = setting(2.0, "behind the entry, where the throttle is released", "m", "R", "ISO 3888-2", ge=0.0)
+    release: Length = setting(
+        2.0, "distance after the entry at which the throttle is released", "m", "R", "ISO 3888-2", ge=0.0
+    )
 
     def _release(self) -> float:
         return self.release
 
     def sections(self, width: float) -> list[Section]:
-        """Sections 1, 3 and 5; 5 is aligned with the far edge of 1."""
+        """Return sections 1, 3 and 5; 5 is aligned with the far edge of 1."""
         a, b = self.first_factor * width + self.first_extra, width + self.second_extra
         l1, g1, l2, g2, l3 = self.lengths
         low = 0.5 * a + self.offset
@@ -335,13 +337,10 @@ class SlalomSpec(CourseSpec):
     spacing: Length = setting(18.0, "from cone to cone", "m", "R", "magazines", gt=0.0)
     cones: int = setting(6, "number of cones", "", "R", "magazines", ge=2, le=50)
     radius: Length = setting(0.15, "of a cone", "m", "own", ge=0.0)
-    lowest: Speed = setting(20.0 * KMH, "of the bisection", "m/s", "own", gt=0.0)
+    lowest: Speed = setting(20.0 * KMH, "lowest speed of the bisection", "m/s", "own", gt=0.0)
 
     def sections(self, width: float) -> list[Section]:  # noqa: ARG002 - as the base class has it
-        """A short section a cone, open to the other side."""
-        found = []
-        for number in range(self.cones):
-            x = number * self.spacing
-            low, high = (self.radius, math.inf) if number % 2 == 0 else (-math.inf, -self.radius)
-            found.append(Section(x - self.radius, x + self.radius, low, high))
-        return found
+        """Return a short section for each cone, open to the other side."""
+        sides = ((self.radius, math.inf), (-math.inf, -self.radius))
+        centres = [number * self.spacing for number in range(self.cones)]
+        return [Section(x - self.radius, x + self.radius, *sides[number % 2]) for number, x in enumerate(centres)]

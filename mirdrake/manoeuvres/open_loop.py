@@ -7,8 +7,18 @@ import numpy as np
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.yaml_io import Acceleration, AngularRate, Duration, Frequency, Speed
-from mirdrake.manoeuvres.base import Chart, Curve, ManoeuvreSpec, NotFeasible, Outcome, setting
+from mirdrake.manoeuvres.base import (
+    Array,
+    Chart,
+    Curve,
+    ManoeuvreSpec,
+    NotFeasible,
+    Outcome,
+    setting,
+    time_step_setting,
+)
 from mirdrake.manoeuvres.checks import check_entry, check_rate, check_speed, check_steering
+from mirdrake.manoeuvres.facts import Facts
 from mirdrake.manoeuvres.metrics.steady import fit_line, means, understeer_constant_speed
 from mirdrake.manoeuvres.metrics.straight import KMH
 from mirdrake.manoeuvres.metrics.transient import bandwidth, crossing, frequency_response, step_response
@@ -16,7 +26,7 @@ from mirdrake.manoeuvres.rig import Rig
 from mirdrake.manoeuvres.steady_circle import SIDES, spun_or_steady
 
 _OVER = 10.0
-"""Overshoot [%] by which the change of a smaller one is measured: it is the small difference of two large numbers."""
+"""Least scale of the change of an overshoot [%], which is a small difference of large numbers."""
 
 
 class StepSteerSpec(ManoeuvreSpec):
@@ -26,38 +36,29 @@ class StepSteerSpec(ManoeuvreSpec):
     standard: ClassVar[str] = "ISO 7401:2011, clause 10"
     headline: ClassVar[tuple[str, ...]] = ("yaw_response", "yaw_overshoot")
 
-    speed: Speed = setting(100.0 * KMH, "at the start", "m/s", "R", "ISO 7401", gt=0.0)
+    speed: Speed = setting(100.0 * KMH, "speed at the start", "m/s", "R", "ISO 7401", gt=0.0)
     tolerance: Speed = setting(3.0 * KMH, "allowed difference of the speed at the step", "m/s", "R", "ISO 7401", gt=0.0)
-    lateral: Acceleration = setting(4.0, "steady lateral acceleration wanted", "m/s²", "R", "ISO 7401", gt=0.0)
+    lateral: Acceleration = setting(4.0, "required steady lateral acceleration", "m/s²", "R", "ISO 7401", gt=0.0)
     rise: Duration = setting(
-        0.15, "of the steering, 0 to 100 %", "s", "R", "ISO 7401: 10 to 90 % within 0.15 s", ge=0.0
+        0.15, "rise of the steering, 0 to 100 %", "s", "R", "ISO 7401: 10 to 90 % within 0.15 s", ge=0.0
     )
     turn: Literal["left", "right"] = setting("left", "direction", "", "own")
-    settle: Duration = setting(1.0, "straight ahead before the step", "s", "own", ge=0.0)
-    length: Duration = setting(5.0, "after the step", "s", "own", gt=0.0)
-    average: Duration = setting(1.0, "at the end, over which steady values are taken", "s", "own", gt=0.0)
-    time_step: Duration = setting(
-        0.0025,
-        "of the plant, unless plant.time_step is given; small overshoots need it",
-        "s",
-        "own",
-        scales=False,
-        gt=0.0,
-    )
+    settle: Duration = setting(1.0, "time straight ahead before the step", "s", "own", ge=0.0)
+    length: Duration = setting(5.0, "time after the step", "s", "own", gt=0.0)
+    average: Duration = setting(1.0, "time at the end over which steady values are averaged", "s", "own", gt=0.0)
+    time_step: Duration = time_step_setting(0.0025, "small overshoots need it")
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
-        """A run to find the angle, and the run that counts."""
+        """Simulate steps until the steady lateral acceleration is as required; the last run counts."""
         rig = rig.with_step(self.time_step)
         facts, sign = rig.facts, SIDES[self.turn]
         check_speed(facts, self.speed)
-        angle = max(facts.steering_for(self.lateral, self.speed), 0.2 * facts.wheelbase * self.lateral / self.speed**2)
+        angle = _first_angle(facts, self.lateral, self.speed)
         for number in range(3):
             check_steering(facts, angle, what="the step")
             fastest = angle / facts.steering_rate
             if self.rise < fastest:
-                outcome.notes.append(
-                    f"its steering needs {fastest:.2f} s for the step; {self.rise:.2f} s are asked for"
-                )
+                outcome.notes.append(f"the steering needs {fastest:.2f} s for the step instead of {self.rise:.2f} s")
             profile = {"kind": "step", "amplitude": sign * angle, "start": self.settle, "rise": self.rise}
             record = rig.run(
                 f"step_{number + 1}",
@@ -69,12 +70,12 @@ class StepSteerSpec(ManoeuvreSpec):
             if record.stop != "duration":
                 raise NotFeasible(f"with {math.degrees(angle):.2f} deg at the road wheels {record.stop}")
             end = record.time > record.time[-1] - self.average
-            found = abs(float(np.mean(record.lateral_acceleration[end])))
-            if abs(found - self.lateral) < 0.05 * self.lateral:
+            steady = abs(float(np.mean(record.lateral_acceleration[end])))
+            if abs(steady - self.lateral) < 0.05 * self.lateral:
                 break
-            angle *= min(max(self.lateral / max(found, 1e-3), 0.4), 2.0)
+            angle *= min(max(self.lateral / max(steady, 1e-3), 0.4), 2.0)
         else:
-            raise NotFeasible(f"no angle gives {self.lateral:g} m/s²; the last one gave {found:.2f} m/s²")
+            raise NotFeasible(f"no angle gives {self.lateral:g} m/s²; the last one gave {steady:.2f} m/s²")
         outcome.notes = list(dict.fromkeys(outcome.notes))
         before = float(np.interp(self.settle, record.time, record.vx))
         check_entry(before, self.speed, self.tolerance, where="at the step")
@@ -108,7 +109,13 @@ class StepSteerSpec(ManoeuvreSpec):
             outcome.charts.append(Chart("Time", "s", label, unit, (Curve(label, time[shown], values[shown]),)))
 
 
-def _rise(time: np.ndarray, steer: np.ndarray) -> float:
+def _first_angle(facts: Facts, lateral: float, speed: float) -> float:
+    """Return an estimated bicycle angle [rad] for a lateral acceleration [m/s²]; never far below that at low speed."""
+    return max(facts.steering_for(lateral, speed), 0.2 * facts.wheelbase * lateral / speed**2)
+
+
+def _rise(time: Array, steer: Array) -> float:
+    """Return the time of the steering from 10 to 90 % [s]."""
     final = float(np.mean(steer[time > time[-1] - 0.2]))
     return crossing(time, steer, 0.9 * final) - crossing(time, steer, 0.1 * final)
 
@@ -120,10 +127,13 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
     standard: ClassVar[str] = "FMVSS 126, ISO 19365"
     headline: ClassVar[tuple[str, ...]] = ("a", "largest")
 
-    speed: Speed = setting(80.0 * KMH, "held", "m/s", "E", "MathWorks reference application: 50 mph (80 km/h)", gt=0.0)
-    rate: AngularRate = setting(
-        math.radians(13.5), "of the hand-wheel", "rad/s", "E", "MathWorks reference application", scales=False, gt=0.0
+    speed: Speed = setting(
+        80.0 * KMH, "constant speed", "m/s", "E", "MathWorks reference application: 50 mph (80 km/h)", gt=0.0
     )
+    rate: AngularRate = setting(
+        math.radians(13.5), "rate of the hand-wheel", "rad/s", "E", "MathWorks reference application", scales=False,
+        gt=0.0,
+    )  # fmt: skip
     most: float = setting(
         math.radians(270.0), "largest hand-wheel angle", "rad", "E", "MathWorks reference application", gt=0.0
     )
@@ -132,11 +142,11 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
     fit_from: Acceleration = setting(0.1 * GRAVITY, "lower end of the regression", "m/s²", "R", "FMVSS 126", ge=0.0)
     fit_to: Acceleration = setting(0.375 * GRAVITY, "upper end of the regression", "m/s²", "R", "FMVSS 126", gt=0.0)
     turn: Literal["left", "right"] = setting("left", "direction", "", "own")
-    settle: Duration = setting(1.0, "straight ahead before", "s", "own", ge=0.0)
-    window: Duration = setting(0.4, "over which signals are averaged", "s", "own", gt=0.0)
+    settle: Duration = setting(1.0, "time straight ahead before the steering", "s", "own", ge=0.0)
+    window: Duration = setting(0.4, "window of the moving averages", "s", "own", gt=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
-        """One run."""
+        """Simulate one run."""
         facts, sign = rig.facts, SIDES[self.turn]
         check_speed(facts, self.speed)
         rate = self.rate / facts.ratio * (1.0 if facts.scale == 1.0 else facts.ratio / 16.0)
@@ -156,19 +166,19 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
         speed = means(record.time, record.speed, self.window)[late]
         line = fit_line(ay, delta, self.fit_from, self.fit_to)
         fit = understeer_constant_speed(ay, delta, speed, facts.wheelbase, self.fit_from, self.fit_to)
-        ended = "the steering was at its last angle" if record.stop == "duration" else record.stop
+        reason = "the steering was at its last angle" if record.stop == "duration" else record.stop
         if line is None or fit is None or float(np.max(ay, initial=0.0)) < self.at:
             raise NotFeasible(
-                f"it reached {np.max(ay, initial=0.0) / GRAVITY:.2f} g of the {self.at / GRAVITY:.2f} g that are "
-                f"needed ({ended})"
+                f"it reached {np.max(ay, initial=0.0) / GRAVITY:.2f} g; {self.at / GRAVITY:.2f} g are required "
+                f"({reason})"
             )
         angle = facts.ratio * (line.offset + line.slope * self.at)
         note = f"{line.low:.2f} to {line.high:.2f} m/s², {line.count} points"
         outcome.add("a", f"A, the hand-wheel angle at {self.at / GRAVITY:.2g} g", math.degrees(angle), "deg", note)
         per_g = math.degrees(fit.slope) * GRAVITY
         outcome.add("understeer", "Understeer gradient, road wheels", per_g, "deg/g", note)
-        outcome.add("understeer_hand", "The same at the hand-wheel", per_g * facts.ratio, "deg/g")
-        outcome.add("largest", "Largest lateral acceleration", float(np.max(ay)) / GRAVITY, "g", ended)
+        outcome.add("understeer_hand", "Understeer gradient, hand-wheel", per_g * facts.ratio, "deg/g")
+        outcome.add("largest", "Largest lateral acceleration", float(np.max(ay)) / GRAVITY, "g", reason)
         at_most = float(delta[int(np.argmax(ay))])
         outcome.add("hand_wheel", "Hand-wheel angle there", math.degrees(at_most) * facts.ratio, "deg")
         points = Curve("recorded", ay[::10], np.degrees(delta[::10]) * facts.ratio, "dots")
@@ -184,27 +194,25 @@ class FrequencyResponseSpec(ManoeuvreSpec):
     standard: ClassVar[str] = "ISO 7401:2011, clauses 12 and 14"
     headline: ClassVar[tuple[str, ...]] = ("yaw_bandwidth", "lateral_bandwidth")
 
-    input: Literal["sweep", "random"] = setting("sweep", "what the wheel does", "", "E", "ISO 7401:2011")
-    speed: Speed = setting(100.0 * KMH, "held", "m/s", "R", "ISO 7401", gt=0.0)
-    lateral: Acceleration = setting(
-        2.0, "lateral acceleration that the amplitude would give if it stayed", "m/s²", "own", gt=0.0
-    )
+    input: Literal["sweep", "random"] = setting("sweep", "signal of the steering", "", "E", "ISO 7401:2011")
+    speed: Speed = setting(100.0 * KMH, "constant speed", "m/s", "R", "ISO 7401", gt=0.0)
+    lateral: Acceleration = setting(2.0, "steady lateral acceleration of the steering amplitude", "m/s²", "own", gt=0.0)
     first: Frequency = setting(0.2, "lowest frequency", "Hz", "R", "ISO 7401", gt=0.0)
     last: Frequency = setting(3.0, "highest frequency", "Hz", "E", "Altair MotionView, sweep to 3 Hz", gt=0.0)
     length: Duration = setting(
-        60.0, "of the steering; the standard drives random input for 12 min or more", "s", "own", gt=0.0
+        60.0, "duration of the steering; the standard requires 12 min of random steering", "s", "own", gt=0.0
     )
-    segment: Duration = setting(12.0, "of the stretches over which spectra are averaged", "s", "own", gt=0.0)
-    lag: float = setting(math.radians(45.0), "phase lag at which the bandwidth is read", "rad", "own", gt=0.0)
-    settle: Duration = setting(1.0, "straight ahead before", "s", "own", ge=0.0)
+    segment: Duration = setting(12.0, "length of the segments over which spectra are averaged", "s", "own", gt=0.0)
+    lag: float = setting(math.radians(45.0), "phase lag of the bandwidth", "rad", "own", gt=0.0)
+    settle: Duration = setting(1.0, "time straight ahead before the steering", "s", "own", ge=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
-        """One run."""
+        """Simulate one run."""
         facts = rig.facts
         if self.last <= self.first:
             raise self.fault("last", "must be above first")
         check_speed(facts, self.speed)
-        angle = max(facts.steering_for(self.lateral, self.speed), 0.2 * facts.wheelbase * self.lateral / self.speed**2)
+        angle = _first_angle(facts, self.lateral, self.speed)
         check_steering(facts, angle, what="the steering")
         check_rate(facts, 2.0 * math.pi * self.last * angle, what=f"{self.last:g} Hz")
         profile = {
@@ -235,27 +243,23 @@ class FrequencyResponseSpec(ManoeuvreSpec):
         outcome.add("yaw_gain", f"Yaw-rate gain at {yaw.frequency[0]:.2f} Hz", slowest, "1/s")
         outcome.add("yaw_peak_ratio", f"Largest gain over that at {yaw.frequency[0]:.2f} Hz", highest / slowest, "1")
         outcome.add("yaw_peak_frequency", "Frequency of the largest gain", fastest, "Hz")
-        lag = math.degrees(self.lag)
-        outcome.add("yaw_bandwidth", f"Bandwidth of the yaw rate, {lag:.0f} deg lag", bandwidth(yaw, self.lag), "Hz")
-        outcome.add(
-            "lateral_bandwidth",
-            f"Bandwidth of the lateral acceleration, {lag:.0f} deg lag",
-            bandwidth(side, self.lag),
-            "Hz",
-        )
-        one = 1.0 / facts.scale**0.5
-        outcome.add("yaw_phase", f"Phase of the yaw rate at {one:.3g} Hz", math.degrees(yaw.at(one)[1]), "deg")
-        outcome.add(
-            "lateral_phase", f"Phase of the lateral acceleration at {one:.3g} Hz", math.degrees(side.at(one)[1]), "deg"
-        )
+        frequency = 1.0 / facts.scale**0.5
+        signals = (("yaw", "yaw rate", yaw), ("lateral", "lateral acceleration", side))
+        for key, name, response in signals:
+            text = f"Bandwidth of the {name}, {math.degrees(self.lag):.0f} deg lag"
+            outcome.add(f"{key}_bandwidth", text, bandwidth(response, self.lag), "Hz")
+        for key, name, response in signals:
+            phase = math.degrees(response.at(frequency)[1])
+            outcome.add(f"{key}_phase", f"Phase of the {name} at {frequency:.3g} Hz", phase, "deg")
         outcome.add("coherence", "Smallest coherence of the yaw rate", float(np.min(yaw.coherence)), "1")
-        for label, unit, values in (
-            ("Yaw-rate gain", "1/s", (yaw.gain, None)),
-            ("Lateral-acceleration gain", "m/s² per rad", (side.gain, None)),
-            ("Phase", "deg", (np.degrees(yaw.phase), np.degrees(side.phase))),
+        gains = Curve("yaw rate", yaw.frequency, yaw.gain), Curve("lateral acceleration", side.frequency, side.gain)
+        phases = tuple(
+            Curve(name, response.frequency, np.degrees(response.phase), "line", colour)
+            for colour, (_, name, response) in enumerate(signals)
+        )
+        for label, unit, curves in (
+            ("Yaw-rate gain", "1/s", gains[:1]),
+            ("Lateral-acceleration gain", "m/s² per rad", gains[1:]),
+            ("Phase", "deg", phases),
         ):
-            first, second = values
-            lines = [Curve("yaw rate" if unit != "m/s² per rad" else "lateral acceleration", yaw.frequency, first)]
-            if second is not None:
-                lines.append(Curve("lateral acceleration", side.frequency, second, "line", 1))
-            outcome.charts.append(Chart("Frequency", "Hz", label, unit, tuple(lines), log=True))
+            outcome.charts.append(Chart("Frequency", "Hz", label, unit, curves, log=True))

@@ -1,4 +1,4 @@
-"""Standing: does a held vehicle creep, on the flat and on a slope."""
+"""Creep of a held vehicle at standstill, on the flat and on a slope."""
 
 import math
 from typing import ClassVar
@@ -12,7 +12,7 @@ from mirdrake.manoeuvres.rig import Rig
 
 
 class ParkSpec(ManoeuvreSpec):
-    """Held at standstill on the flat, uphill and across a slope: how fast the vehicle creeps."""
+    """Creep speed of a vehicle that is held on the flat, uphill and across a slope."""
 
     title: ClassVar[str] = "Park"
     standard: ClassVar[str] = "no standard; a check of the model at standstill"
@@ -27,12 +27,12 @@ class ParkSpec(ManoeuvreSpec):
     allowed: Speed = setting(1e-4, "creep speed that passes", "m/s", "own", scales=False, gt=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
-        """Three runs."""
+        """Simulate the three runs."""
         if rig.kind == "single_track":
-            raise NotFeasible("brakes of the single-track model are smooth at standstill: held on a slope it creeps")
+            raise NotFeasible("the brakes of the single-track model cannot hold it on a slope: it creeps")
         lines, faults = [], []
         if not rig.pedals:
-            outcome.notes.append("it has no pedals: its wheels are held as by parking brakes")
+            outcome.notes.append("the vehicle has no pedals: parking brakes hold its wheels")
         for number, (name, text, grade, heading) in enumerate(
             (
                 ("flat", "on the flat", 0.0, 0.0),
@@ -46,17 +46,17 @@ class ParkSpec(ManoeuvreSpec):
             driver = rig.line_driver(line, pedals=pedals, speeds=speeds, hands=False)
             ground = {"slope": {"grade": grade, "heading": heading}} if grade else None
             record = rig.run(name, driver, duration=self.settle + self.length, ground=ground, parked=not rig.pedals)
-            speed, way = creep(record.time, record.x, record.y, settle=self.settle)
+            speed, drift = creep(record.time, record.x, record.y, settle=self.settle)
             allowed = 1000.0 * self.allowed
             outcome.add(
                 f"creep_{name}", f"Creep {text}", 1000.0 * speed, "mm/s", f"at most {allowed:g} mm/s", scale=allowed
             )
             most = allowed * self.length
-            outcome.add(f"way_{name}", f"Way in {self.length:g} s, {text}", 1000.0 * way, "mm", scale=most)
+            outcome.add(f"drift_{name}", f"Drift in {self.length:g} s {text}", 1000.0 * drift, "mm", scale=most)
             if not speed <= self.allowed:
                 faults.append(f"{text} it creeps at {1000.0 * speed:.3g} mm/s")
-            gone = 1000.0 * np.hypot(record.x - record.x[0], record.y - record.y[0])
-            lines.append(Curve(text, record.time, gone, "line", number))
+            distance = 1000.0 * np.hypot(record.x - record.x[0], record.y - record.y[0])
+            lines.append(Curve(text, record.time, distance, "line", number))
         outcome.verdict = "fail" if faults else "pass"
         outcome.reason = "; ".join(faults)
-        outcome.charts.append(Chart("Time", "s", "Way from the start", "mm", tuple(lines)))
+        outcome.charts.append(Chart("Time", "s", "Distance from the start", "mm", tuple(lines)))

@@ -1,28 +1,27 @@
-"""Steering over time, as pure functions: what an open-loop driver does with the wheel.
+"""Steering angles over time for open-loop drivers, as pure functions.
 
-Angles are those of the bicycle wheel [rad], positive to the left; all are zero before ``start``.
+Angles are bicycle angles [rad], positive to the left; all are zero before ``start``.
 """
 
 import math
 import random
 from collections.abc import Callable, Mapping
-from typing import Any
 
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.manoeuvres.by_kind import make_by_kind
 
 Profile = Callable[[float], float]
 
 EASE = 0.5
-"""Time in which random steering rises, and dies away [s]."""
+"""Time in which the amplitude of random steering rises at the start and falls at the end [s]."""
 
 
 def step(*, amplitude: float, start: float = 0.0, rise: float = 0.0) -> Profile:
-    """A step, reached along a straight line in `rise` [s]."""
+    """Return a step that is reached linearly in `rise` [s]."""
     return lambda t: amplitude * min(max((t - start) / rise if rise > 0.0 else float(t >= start), 0.0), 1.0)
 
 
 def ramp(*, rate: float, limit: float, start: float = 0.0) -> Profile:
-    """A steady `rate` [rad/s] up to an angle [rad], which is then held; both have the sign of the turn."""
+    """Return a ramp with a `rate` [rad/s], of the sign of the turn, up to an angle `limit` [rad] that is then held."""
 
     def angle(t: float) -> float:
         return math.copysign(min(abs(rate) * max(t - start, 0.0), abs(limit)), rate)
@@ -31,7 +30,7 @@ def ramp(*, rate: float, limit: float, start: float = 0.0) -> Profile:
 
 
 def sine(*, amplitude: float, frequency: float, start: float = 0.0, periods: float = 1.0) -> Profile:
-    """Some periods of a sine [Hz]."""
+    """Return a number of periods of a sine with a frequency [Hz]."""
 
     def angle(t: float) -> float:
         since = t - start
@@ -41,7 +40,7 @@ def sine(*, amplitude: float, frequency: float, start: float = 0.0, periods: flo
 
 
 def sine_with_dwell(*, amplitude: float, frequency: float, dwell: float, start: float = 0.0) -> Profile:
-    """One period of a sine that dwells at its second peak."""
+    """Return one period of a sine that dwells [s] at its second peak."""
     peak, period = 0.75 / frequency, 1.0 / frequency
 
     def angle(t: float) -> float:
@@ -55,7 +54,7 @@ def sine_with_dwell(*, amplitude: float, frequency: float, dwell: float, start: 
 
 
 def sweep(*, amplitude: float, first: float, last: float, length: float, start: float = 0.0) -> Profile:
-    """A sine whose frequency rises steadily from `first` to `last` [Hz] within `length` [s]."""
+    """Return a sine whose frequency rises linearly from `first` to `last` [Hz] within `length` [s]."""
 
     def angle(t: float) -> float:
         since = t - start
@@ -69,13 +68,13 @@ def sweep(*, amplitude: float, first: float, last: float, length: float, start: 
 def random_steer(
     *, amplitude: float, first: float, last: float, length: float, start: float = 0.0, seed: int = 0, lines: int = 60
 ) -> Profile:
-    """Sines from `first` to `last` [Hz] with phases by chance, whose common effective value is amplitude / √2.
+    """Return a sum of sines from `first` to `last` [Hz] with random phases and an RMS of amplitude / √2.
 
-    It rises from zero and goes back to it within :data:`EASE`, for no steering can jump.
+    It begins and ends at zero, within :data:`EASE`, as a steering cannot jump.
     """
-    chance = random.Random(seed)
+    rng = random.Random(seed)
     waves = [
-        (2.0 * math.pi * (first + (last - first) * (number + chance.random()) / lines), chance.uniform(0.0, math.tau))
+        (2.0 * math.pi * (first + (last - first) * (number + rng.random()) / lines), rng.uniform(0.0, math.tau))
         for number in range(lines)
     ]
     height = amplitude / math.sqrt(lines)
@@ -100,17 +99,6 @@ PROFILES: dict[str, Callable[..., Profile]] = {
 }
 
 
-def make_profile(data: Mapping[str, Any]) -> Profile:
-    """A profile from ``{kind: step, amplitude: 0.02, ...}``.
-
-    Raises:
-        ConfigError: no such kind, or it does not take these numbers.
-    """
-    settings = dict(data)
-    kind = settings.pop("kind", None)
-    if kind not in PROFILES:
-        raise ConfigError(f"profile: unknown kind {kind!r}; {did_you_mean(str(kind), PROFILES)}")
-    try:
-        return PROFILES[kind](**settings)
-    except TypeError as error:
-        raise ConfigError(f"profile {kind}: {str(error).split(') ', 1)[-1]}") from None
+def make_profile(data: Mapping[str, object]) -> Profile:
+    """Return a profile from ``{kind: step, amplitude: 0.02, ...}``, see :func:`make_by_kind`."""
+    return make_by_kind(data, PROFILES, what="profile")

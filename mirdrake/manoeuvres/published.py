@@ -1,4 +1,4 @@
-"""published_figures.yaml beside a vehicle: what is known of the real one, under which conditions, and from where.
+"""published_figures.yaml of a vehicle: published figures of the real one, with their conditions and sources.
 
 An entry of ``figures`` has a ``quantity``, its conditions, a ``value`` with its unit, a ``role``, a ``source`` and a
 ``status``::
@@ -20,16 +20,19 @@ from pydantic import Field, field_validator, model_validator
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import Length, Mass, Schema, Speed, load_yaml, to_si
+from mirdrake.manoeuvres.metrics.straight import FOOT, KMH, MILE, MPH
 from mirdrake.vehicles import Vehicle
 
 FILE = "published_figures.yaml"
+
+_QUARTER_MILE = 0.25 * MILE
 
 KNOWN: dict[str, str] = {
     "verified": "the source was opened, or the number computed from one that was",
     "excerpt": "seen in an excerpt of the source",
     "recalled": "recalled, not verified in any source",
 }
-"""How sure a figure is."""
+"""Reliability of a figure."""
 
 Role = Literal["predicted", "calibrated", "input"]
 
@@ -38,30 +41,30 @@ ROLES: dict[Role, str] = {
     "calibrated": "parameters of the model were fitted to it",
     "input": "follows from a value or a limit in the vehicle's files, such as the governor's",
 }
-"""What a figure is to the model, in the order in which figures are shown; only predicted ones test it."""
-
-_KMH, _MPH = 1.0 / 3.6, 0.44704
+"""Role of a figure for the model, in the order in which figures are shown; only predicted ones test the model."""
 
 
 class _Figure(Schema):
-    """What all figures have."""
+    """Base class of the figures; a subclass is a quantity."""
 
     unit: ClassVar[str] = ""
     manoeuvre: ClassVar[str] = ""
 
     value: str = Field(description="number with its unit, as published [-]")
     bound: Literal["about", "at_most", "at_least"] = Field(
-        default="about", description="what the source says: this value, or no more, or no less than it [-]"
+        default="about", description="whether the source gives the value, an upper or a lower bound [-]"
     )
     role: Role = Field(
         description="input: follows from a value or limit in the vehicle's files; calibrated: a parameter was fitted "
         "to it; predicted: neither [-]"
     )
-    source: str = Field(min_length=1, description="where it is from [-]")
-    status: Literal["verified", "excerpt", "recalled"] = Field(description="how sure it is [-]")
-    payload: Mass | None = Field(default=None, ge=0.0, description="driver and equipment; empty: that of the file [kg]")
-    arguments: dict[str, str] = Field(default_factory=dict, description="of the xacro files, besides payload [-]")
-    note: str = Field(default="", description="what a reader should know [-]")
+    source: str = Field(min_length=1, description="source of the figure [-]")
+    status: Literal["verified", "excerpt", "recalled"] = Field(description="reliability [-]")
+    payload: Mass | None = Field(
+        default=None, ge=0.0, description="driver and equipment; by default that of the file [kg]"
+    )
+    arguments: dict[str, str] = Field(default_factory=dict, description="xacro arguments besides payload [-]")
+    note: str = Field(default="", description="remark for the reader [-]")
     not_compared: str = Field(
         default="", description="reason why it is listed but not simulated; empty if it is simulated [-]"
     )
@@ -70,56 +73,55 @@ class _Figure(Schema):
     @classmethod
     def _has_its_unit(cls, value: Any) -> str:
         if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise ValueError(f"a number in {cls.unit} is expected")
+            raise ValueError(f"must be a number in {cls.unit}")
         text = str(value).strip()
         number = to_si(text, cls.unit) if isinstance(value, str) else float(value)
         if isinstance(number, str):
-            raise ValueError(f"a number in {cls.unit} is expected, not '{text[:60]}'")
+            raise ValueError(f"must be a number in {cls.unit}, not '{text[:60]}'")
         if not 0.0 < number < 1e9:
             raise ValueError("must be above zero")
         return text
 
     @property
     def si(self) -> float:
-        """The value in its SI unit."""
+        """Value in its SI unit."""
         return float(to_si(self.value, self.unit))
 
     @property
     def shown_unit(self) -> str:
-        """The unit in which it was published."""
+        """Unit in which the figure was published."""
         match = re.fullmatch(r"[-+0-9.eE]+\s*(.*)", self.value)
         return (match.group(1) if match else "") or self.unit
 
     @property
     def number(self) -> float:
-        """The value in the unit in which it was published."""
+        """Value in the unit in which it was published."""
         return self.si / self.factor
 
     @property
     def factor(self) -> float:
-        """One published unit in the SI unit."""
+        """Published unit over the SI unit."""
         return float(to_si(f"1 {self.shown_unit}", self.unit))
 
     @property
     def text(self) -> str:
-        """The quantity in words; each kind of figure defines it."""
+        """Name of the quantity with its conditions; each class defines it."""
         raise NotImplementedError
 
     @property
-    def run(self) -> tuple[Any, ...]:
-        """Figures with equal runs, payloads and arguments are read from one simulation."""
+    def run(self) -> tuple[object, ...]:
+        """Key of the simulation: figures with equal keys, payloads and arguments are read from one."""
         return (self.manoeuvre,)
 
 
-def _speed_told(speed: float) -> str:
-    """A round number of mph or km/h."""
-    mph, kmh = speed / _MPH, speed / _KMH
-    return f"{mph:.0f} mph" if abs(mph - round(mph)) < 1e-6 else f"{kmh:.4g} km/h"
+def _format_speed(speed: float) -> str:
+    """Return a speed in mph if that is a round number, else in km/h."""
+    mph = speed / MPH
+    return f"{mph:.0f} mph" if abs(mph - round(mph)) < 1e-6 else f"{speed / KMH:.4g} km/h"
 
 
-def _length_told(length: float) -> str:
-    feet = length / 0.3048
-    return f"{feet:.0f} ft" if abs(feet - round(feet)) < 1e-6 else f"{length:.5g} m"
+def _format_distance(distance: float) -> str:
+    return "Quarter mile" if abs(distance - _QUARTER_MILE) < 0.01 else f"First {distance:.4g} m"
 
 
 class TimeToSpeed(_Figure):
@@ -128,13 +130,13 @@ class TimeToSpeed(_Figure):
     unit: ClassVar[str] = "s"
     manoeuvre: ClassVar[str] = "acceleration"
     quantity: Literal["time_to_speed"]
-    speed: Speed = Field(gt=0, description="that is reached [m/s]")
-    rollout: bool = Field(default=False, description="without the time of the first foot [-]")
+    speed: Speed = Field(gt=0, description="speed that is reached [m/s]")
+    rollout: bool = Field(default=False, description="whether the time of the first foot is subtracted [-]")
 
     @property
     def text(self) -> str:
-        """What it is, in words."""
-        return f"0 to {_speed_told(self.speed)}{', less the first foot' if self.rollout else ''}"
+        """Name of the quantity."""
+        return f"0 to {_format_speed(self.speed)}{', less the first foot' if self.rollout else ''}"
 
 
 class TimeToDistance(_Figure):
@@ -143,14 +145,13 @@ class TimeToDistance(_Figure):
     unit: ClassVar[str] = "s"
     manoeuvre: ClassVar[str] = "acceleration"
     quantity: Literal["time_to_distance"]
-    distance: Length = Field(default=402.336, gt=0, description="that is covered; a quarter mile if left out [m]")
-    rollout: bool = Field(default=False, description="without the first foot and its time [-]")
+    distance: Length = Field(default=_QUARTER_MILE, gt=0, description="distance; by default a quarter mile [m]")
+    rollout: bool = Field(default=False, description="whether the first foot and its time are subtracted [-]")
 
     @property
     def text(self) -> str:
-        """What it is, in words."""
-        name = _distance_told(self.distance)
-        return f"{name}{', from the first foot on' if self.rollout else ''}"
+        """Name of the quantity."""
+        return f"{_format_distance(self.distance)}{', from the first foot on' if self.rollout else ''}"
 
 
 class SpeedAtDistance(_Figure):
@@ -159,16 +160,12 @@ class SpeedAtDistance(_Figure):
     unit: ClassVar[str] = "m/s"
     manoeuvre: ClassVar[str] = "acceleration"
     quantity: Literal["speed_at_distance"]
-    distance: Length = Field(default=402.336, gt=0, description="that is covered; a quarter mile if left out [m]")
+    distance: Length = Field(default=_QUARTER_MILE, gt=0, description="distance; by default a quarter mile [m]")
 
     @property
     def text(self) -> str:
-        """What it is, in words."""
-        return f"Speed after the {_distance_told(self.distance).lower()}"
-
-
-def _distance_told(distance: float) -> str:
-    return "Quarter mile" if abs(distance - 402.336) < 0.01 else f"First {distance:.4g} m"
+        """Name of the quantity."""
+        return f"Speed after the {_format_distance(self.distance).lower()}"
 
 
 class TopSpeed(_Figure):
@@ -180,7 +177,7 @@ class TopSpeed(_Figure):
 
     @property
     def text(self) -> str:
-        """What it is, in words."""
+        """Name of the quantity."""
         return "Top speed"
 
 
@@ -190,16 +187,16 @@ class BrakingDistance(_Figure):
     unit: ClassVar[str] = "m"
     manoeuvre: ClassVar[str] = "braking"
     quantity: Literal["braking_distance"]
-    speed: Speed = Field(gt=0, description="at the start [m/s]")
+    speed: Speed = Field(gt=0, description="speed at the start [m/s]")
 
     @property
     def text(self) -> str:
-        """What it is, in words."""
-        return f"{_speed_told(self.speed)} to standstill"
+        """Name of the quantity."""
+        return f"{_format_speed(self.speed)} to standstill"
 
     @property
-    def run(self) -> tuple[Any, ...]:
-        """One a speed."""
+    def run(self) -> tuple[object, ...]:
+        """Key of the simulation: one for each speed."""
         return self.manoeuvre, self.speed
 
 
@@ -209,16 +206,18 @@ class LateralLimit(_Figure):
     unit: ClassVar[str] = "m/s^2"
     manoeuvre: ClassVar[str] = "skidpad"
     quantity: Literal["lateral_limit"]
-    diameter: Length = Field(gt=0, description="of the circle [m]")
+    diameter: Length = Field(gt=0, description="diameter of the circle [m]")
 
     @property
     def text(self) -> str:
-        """What it is, in words."""
-        return f"Lateral acceleration on a circle of {_length_told(self.diameter)}"
+        """Name of the quantity; the diameter is in feet if that is a round number."""
+        feet = self.diameter / FOOT
+        size = f"{feet:.0f} ft" if abs(feet - round(feet)) < 1e-6 else f"{self.diameter:.5g} m"
+        return f"Lateral acceleration on a circle of {size}"
 
     @property
-    def run(self) -> tuple[Any, ...]:
-        """One a circle."""
+    def run(self) -> tuple[object, ...]:
+        """Key of the simulation: one for each circle."""
         return self.manoeuvre, self.diameter
 
 
@@ -231,33 +230,33 @@ class CoastTime(_Figure):
     first: Speed = Field(gt=0, description="speed at the start [m/s]")
     last: Speed = Field(gt=0, description="speed at the end [m/s]")
     rotating_mass: bool = Field(
-        default=True, description="false: the figure was computed as if no wheel or rotor turned, and so is ours [-]"
+        default=True, description="whether the figure includes the inertia of wheels and rotors [-]"
     )
 
     @model_validator(mode="after")
-    def _falls(self) -> "CoastTime":
+    def _speed_decreases(self) -> "CoastTime":
         if self.last >= self.first:
-            raise ValueError("last should be below first")
+            raise ValueError("last must be below first")
         return self
 
     @property
     def text(self) -> str:
-        """What it is, in words."""
-        return f"Coasting from {_speed_told(self.first)} to {_speed_told(self.last)}"
+        """Name of the quantity."""
+        return f"Coasting from {_format_speed(self.first)} to {_format_speed(self.last)}"
 
 
 class RoadLoad(_Figure):
-    """Force that rolling resistance and air take at a speed."""
+    """Force of rolling resistance and air at a speed."""
 
     unit: ClassVar[str] = "N"
     manoeuvre: ClassVar[str] = "coast_down"
     quantity: Literal["road_load"]
-    speed: Speed = Field(gt=0, description="at which [m/s]")
+    speed: Speed = Field(gt=0, description="speed [m/s]")
 
     @property
     def text(self) -> str:
-        """What it is, in words."""
-        return f"Road load at {_speed_told(self.speed)}"
+        """Name of the quantity."""
+        return f"Road load at {_format_speed(self.speed)}"
 
 
 Figure = (
@@ -266,28 +265,28 @@ Figure = (
 
 
 class PublishedFigures(Schema):
-    """published_figures.yaml."""
+    """Contents of published_figures.yaml."""
 
-    variant: str = Field(default="", description="that is driven when the vehicle is named without one [-]")
+    variant: str = Field(default="", description="variant that is driven when the vehicle is named without one [-]")
     payload: Mass = Field(default=0.0, ge=0.0, description="driver and equipment in the tests [kg]")
-    payload_source: str = Field(default="", description="where that is from [-]")
-    none_because: str = Field(default="", description="why there are no figures [-]")
-    notes: list[str] = Field(default_factory=list, description="what a reader should know of all of them [-]")
+    payload_source: str = Field(default="", description="source of the payload [-]")
+    none_because: str = Field(default="", description="reason why there are no figures [-]")
+    notes: list[str] = Field(default_factory=list, description="remarks on all figures [-]")
     figures: list[Annotated[Figure, Field(discriminator="quantity")]] = Field(
-        default_factory=list, description="what is known [-]"
+        default_factory=list, description="published figures [-]"
     )
 
 
 def load_published(vehicle: Vehicle) -> PublishedFigures:
-    """The published figures of a loaded vehicle.
+    """Return the published figures of a loaded vehicle.
 
     Raises:
-        ConfigError: it has no such file, or the file is wrong, or it neither has figures nor says why.
+        ConfigError: there is no such file, it is damaged, or it has neither figures nor a reason for that.
     """
     path = vehicle.folder / FILE
     if not path.is_file():
-        raise ConfigError(f"{vehicle.name}: has no {FILE}; write what is known of it, see docs/validation.md")
+        raise ConfigError(f"{vehicle.name}: has no {FILE}; write one as in docs/validation.md")
     published = load_yaml(path, PublishedFigures)
     if not published.figures and not published.none_because:
-        raise ConfigError(f"{FILE} of {vehicle.name}: no figures; say under none_because why there are none")
+        raise ConfigError(f"{FILE} of {vehicle.name}: has no figures; add figures, or the reason as none_because")
     return published

@@ -1,4 +1,4 @@
-"""A run of a manoeuvre as channels: what was logged, and what handling is judged by."""
+"""Record of a run of a manoeuvre: the logged signals, and those that figures of handling are computed from."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -11,29 +11,29 @@ from scipy.signal import savgol_filter
 from mirdrake.manoeuvres.base import Array
 
 SMOOTHING = 0.1
-"""Length of the parabola through which velocities are differentiated [s]."""
+"""Window of the parabola that differentiates velocities [s]."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """One run; all arrays (n,), SI, ISO 8855.
+    """Record of one run; all arrays (n,), axes and signs of ISO 8855.
 
     Attributes:
-        label: of the run.
-        time: [s].
-        x: of the rear axle's centre [m].
-        y: the same [m].
-        yaw: without jumps [rad].
-        vx: of the rear axle's centre, forward [m/s].
-        vy: the same, to the left [m/s].
-        yaw_rate: [rad/s].
-        roll: [rad].
-        steering: bicycle angle of the front wheels, measured [rad].
-        ahead: of the centre of mass before the rear axle [m].
+        label: name of the run.
+        time: time [s].
+        x: x of the rear axle's centre [m].
+        y: y of the rear axle's centre [m].
+        yaw: unwrapped yaw angle [rad].
+        vx: forward velocity of the rear axle's centre [m/s].
+        vy: velocity of the rear axle's centre to the left [m/s].
+        yaw_rate: yaw rate [rad/s].
+        roll: roll angle [rad].
+        steering: bicycle angle of the front wheels [rad].
+        ahead: distance of the centre of mass ahead of the rear axle [m].
         ratio: hand-wheel angle over road-wheel angle [1].
-        others: further signals by name, without the vehicle's.
-        units: of them.
-        stop: why the run ended.
+        others: further signals by name, without the name of the vehicle.
+        units: units of the signals.
+        stop: reason why the run ended.
     """
 
     label: str
@@ -64,7 +64,7 @@ class Record:
 
     @cached_property
     def speed(self) -> Array:
-        """Of the centre of mass [m/s]."""
+        """Speed of the centre of mass [m/s]."""
         return np.hypot(self.vx, self.vy_com)
 
     @cached_property
@@ -74,33 +74,33 @@ class Record:
 
     @cached_property
     def sideslip(self) -> Array:
-        """Of the centre of mass [rad]."""
+        """Sideslip angle of the centre of mass [rad]."""
         return np.arctan2(self.vy_com, np.maximum(np.abs(self.vx), 1e-3))
 
     @cached_property
     def lateral_acceleration(self) -> Array:
-        """Of the centre of mass, across the car, in the plane of the road [m/s²]."""
+        """Lateral acceleration of the centre of mass, in the plane of the road [m/s²]."""
         return self._slope(self.vy_com) + self.vx * self.yaw_rate
 
     @cached_property
     def longitudinal_acceleration(self) -> Array:
-        """Of the centre of mass, along the car [m/s²]."""
+        """Longitudinal acceleration of the centre of mass [m/s²]."""
         return self._slope(self.vx) - self.vy_com * self.yaw_rate
 
     @cached_property
     def distance(self) -> Array:
-        """Travelled by the rear axle's centre, along the car [m]."""
+        """Distance travelled forward by the rear axle's centre [m]."""
         steps = 0.5 * (self.vx[1:] + self.vx[:-1]) * np.diff(self.time)
         return np.concatenate(([0.0], np.cumsum(steps)))
 
     @cached_property
     def x_com(self) -> Array:
-        """Of the centre of mass [m]."""
+        """X of the centre of mass [m]."""
         return self.x + self.ahead * np.cos(self.yaw)
 
     @cached_property
     def y_com(self) -> Array:
-        """Of the centre of mass [m]."""
+        """Y of the centre of mass [m]."""
         return self.y + self.ahead * np.sin(self.yaw)
 
     def until(self, end: float) -> "Record":
@@ -111,13 +111,12 @@ class Record:
             kept: Array = np.append(values[: len(time) - 1], np.interp(end, self.time, values))
             return kept
 
-        names = [one.name for one in fields(self) if isinstance(getattr(self, one.name), np.ndarray)]
-        channels: dict[str, Any] = {name: cut(getattr(self, name)) for name in names}
-        others = {name: cut(values) for name, values in self.others.items()}
-        return replace(self, **(channels | {"time": time, "others": others}))
+        names = [f.name for f in fields(self) if f.name != "time" and isinstance(getattr(self, f.name), np.ndarray)]
+        channels: Mapping[str, Any] = {name: cut(getattr(self, name)) for name in names}
+        return replace(self, **channels, time=time, others={name: cut(values) for name, values in self.others.items()})
 
     def _slope(self, values: Array) -> Array:
-        """Derivative by time: that of a parabola through the samples around."""
+        """Return the derivative by time: that of a parabola through the samples around."""
         window = max(5, 2 * round(0.5 * SMOOTHING / self.step) + 1)
         if len(values) <= window:
             return np.gradient(values, self.time)
@@ -128,7 +127,7 @@ class Record:
 
 
 def bicycle_angles(left: Array, right: Array) -> Array:
-    """Angle of the ideal wheel between two that stand by the Ackermann law: cot δ = (cot l + cot r) / 2 [rad]."""
+    """Return the bicycle angle of two wheels with Ackermann steering [rad]: cot δ = (cot left + cot right) / 2."""
     tl, tr = np.tan(left), np.tan(right)
     total = tl + tr
     safe = np.where(np.abs(total) > 1e-9, total, 1.0)

@@ -1,4 +1,4 @@
-"""The manoeuvres by name, their settings, and one call that drives one of them."""
+"""Registry of the manoeuvres, their settings, and the function that drives one of them."""
 
 import time
 from collections.abc import Iterable
@@ -35,47 +35,51 @@ MANOEUVRES: dict[str, type[ManoeuvreSpec]] = {
     "coast_down": CoastDownSpec,
     "park": ParkSpec,
 }
-"""Settings and run of each; a new one is one class and one line here."""
+"""Class of each manoeuvre; a new one is one class and one line here."""
 
 
 class _Common(Schema):
-    """What holds for all manoeuvres of a command."""
+    """Settings of all manoeuvres of a command."""
 
     plant: PlantSpec = Field(default_factory=PlantSpec, description="step and contact of the full plant [-]")
     friction: float = Field(0.85, gt=0.0, le=2.0, description="of the road; 0.85 is dry asphalt [-]")
     seed: int = Field(0, ge=0, description="of random steering [-]")
 
 
-_FIELDS: dict[str, Any] = {
-    name: (spec, Field(default_factory=spec, description=f"{spec.title} [-]")) for name, spec in MANOEUVRES.items()
-}
-ManoeuvreSettings: Any = create_model("ManoeuvreSettings", __base__=_Common, __doc__="Settings.", **_FIELDS)
-"""``plant``, ``friction``, ``seed`` and one mapping a manoeuvre."""
+ManoeuvreSettings: Any = create_model(
+    "ManoeuvreSettings",
+    __base__=_Common,
+    __doc__="Settings.",
+    **{  # type: ignore[call-overload]
+        name: (spec, Field(default_factory=spec, description=f"{spec.title} [-]")) for name, spec in MANOEUVRES.items()
+    },
+)
+"""``plant``, ``friction``, ``seed`` and a mapping for each manoeuvre."""
 
 
 def read_settings(overrides: Iterable[str] = ()) -> Any:
-    """The settings of all manoeuvres, with ``"dotted.path=value"`` texts laid over them.
+    """Return the settings of all manoeuvres, with ``"dotted.path=value"`` texts merged over the defaults.
 
     Raises:
-        ConfigError: no such setting, or a value out of range.
+        ConfigError: a setting is unknown, or a value is out of range.
     """
     return parse_yaml("", ManoeuvreSettings, name="manoeuvre", overrides=overrides)
 
 
 def find_names(text: str) -> list[str]:
-    """Names of manoeuvres from ``"braking,slalom"`` or ``"all"``.
+    """Return names of manoeuvres from ``"braking,slalom"`` or ``"all"``.
 
     Raises:
-        ConfigError: no such manoeuvre.
+        ConfigError: a manoeuvre is unknown, or none is named.
     """
     if text.strip() == "all":
         return list(MANOEUVRES)
     names = [name.strip() for name in text.split(",") if name.strip()]
     for name in names:
         if name not in MANOEUVRES:
-            raise ConfigError(f"no manoeuvre '{name}'; {did_you_mean(name, [*MANOEUVRES, 'all'])}")
+            raise ConfigError(f"unknown manoeuvre '{name}'; {did_you_mean(name, [*MANOEUVRES, 'all'])}")
     if not names:
-        raise ConfigError("say which manoeuvre; mirdrake manoeuvre --list shows them")
+        raise ConfigError("no manoeuvre is named; mirdrake manoeuvre --list shows all of them")
     return list(dict.fromkeys(names))
 
 
@@ -83,22 +87,22 @@ def run_manoeuvre(name: str, rig: Rig, spec: ManoeuvreSpec | None = None) -> Out
     """Drive one manoeuvre.
 
     Args:
-        name: of the manoeuvre.
-        rig: where; its runs go into a folder of this name.
-        spec: settings; the defaults if left out. What the user has not set is scaled to the vehicle's size.
+        name: name of the manoeuvre.
+        rig: vehicle and conditions; the runs are written into a folder of the manoeuvre's name.
+        spec: settings; those that the user has not set are scaled to the size of the vehicle.
 
     Raises:
-        ConfigError: a setting makes no sense.
+        ConfigError: a setting is out of range.
     """
     kind = MANOEUVRES[name]
     spec = scaled(spec or kind(), rig.facts.scale)
     outcome = Outcome(name, kind.title, kind.standard, used=list(spec.used()))
     if rig.facts.scale != 1.0:
         outcome.notes.append(
-            f"a small vehicle: lengths are scaled by {rig.facts.scale:.3g}, speeds and times by "
-            f"{rig.facts.scale**0.5:.3g} (equal Froude number), unless they were set"
+            f"small vehicle: lengths are scaled by {rig.facts.scale:.3g}, speeds and times by "
+            f"{rig.facts.scale**0.5:.3g} (equal Froude number), except settings of the user"
         )
-    began, before = time.perf_counter(), len(rig.records)
+    start, before = time.perf_counter(), len(rig.records)
     base = rig.folder
     rig.folder = base / name if base is not None else None
     try:
@@ -110,5 +114,5 @@ def run_manoeuvre(name: str, rig: Rig, spec: ManoeuvreSpec | None = None) -> Out
     finally:
         rig.folder = base
     outcome.runs = [record.label for record in rig.records[before:]]
-    outcome.wall = time.perf_counter() - began
+    outcome.wall = time.perf_counter() - start
     return outcome

@@ -4,13 +4,13 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mirdrake.core.files import write_file
-from mirdrake.manoeuvres.base import STATUS, Metric, Outcome, SettingRecord
+from mirdrake.manoeuvres.base import STATUS, Outcome, SettingRecord
 from mirdrake.manoeuvres.facts import Facts
 
 RESULTS, METRICS = "results.json", "metrics.csv"
@@ -31,7 +31,7 @@ class HandlingResults:
 
     facts: Facts
     model: str
-    plant: dict[str, Any]
+    plant: Mapping[str, Any]
     friction: float
     outcomes: Sequence[Outcome]
     folder: Path | None = None
@@ -41,7 +41,7 @@ class HandlingResults:
         """1 if a manoeuvre failed or diverged, else 0."""
         return int(any(outcome.verdict in {"fail", "diverged"} for outcome in self.outcomes))
 
-    def data(self) -> dict[str, Any]:
+    def data(self) -> dict[str, object]:
         """Return plain data for JSON."""
         facts = self.facts
         return {
@@ -57,7 +57,7 @@ class HandlingResults:
                 "scale": round(facts.scale, 4),
             },
             "model": self.model,
-            "plant": self.plant,
+            "plant": dict(self.plant),
             "friction": self.friction,
             "manoeuvres": [outcome.data() for outcome in self.outcomes],
         }
@@ -82,11 +82,6 @@ def write_results(results: HandlingResults) -> None:
             value = "" if m.value is None else repr(m.value)
             table.writerow([*start, m.key, value, m.unit, m.text, m.note])
     write_file(results.folder / METRICS, text.getvalue())
-
-
-def format_metric(metric: Metric) -> str:
-    """Return the value of a figure with four digits, ``-`` without one."""
-    return format_number(metric.value)
 
 
 def format_number(value: float | None) -> str:
@@ -136,10 +131,10 @@ def describe(outcome: Outcome) -> Iterator[str]:
     reason = f": {outcome.reason}" if outcome.reason else ""
     yield f"{outcome.title} ({outcome.standard}) - {outcome.verdict}{reason} [{runs}]"
     width = max((len(m.text) for m in outcome.metrics), default=0)
-    number_width = max((len(format_metric(m)) for m in outcome.metrics), default=0)
+    number_width = max((len(format_number(m.value)) for m in outcome.metrics), default=0)
     for m in outcome.metrics:
         note = f"   ({m.note})" if m.note else ""
-        yield f"  {m.text:{width}}  {format_metric(m):>{number_width}} {m.unit}{note}".rstrip()
+        yield f"  {m.text:{width}}  {format_number(m.value):>{number_width}} {m.unit}{note}".rstrip()
     for note in outcome.notes:
         yield f"  note: {note}"
     if recalled(outcome) and outcome.verdict != "not possible":

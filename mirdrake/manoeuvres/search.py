@@ -1,4 +1,4 @@
-"""The highest speed at which something is passed."""
+"""Search of the highest speed at which a test is passed."""
 
 from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
@@ -6,23 +6,23 @@ from typing import Generic, NamedTuple, TypeVar
 T = TypeVar("T")
 
 _FACTOR = 1.12
-"""From one speed to the next while one side of the limit is not known."""
+"""Ratio of a speed to the one before while the limit is not bracketed [1]."""
 
 
-class Found(NamedTuple, Generic[T]):
-    """What a search found.
+class SpeedLimit(NamedTuple, Generic[T]):
+    """Result of a search.
 
     Attributes:
         best: result at the highest speed that passed; None if none did.
         passed: that speed [m/s]; nan if there is none.
         failed: lowest speed that failed [m/s]; inf if none did.
-        why: it failed there; or, if none passed, at the lowest speed.
+        reason: reason of that failure; if no speed passed, of the failure at the lowest speed.
     """
 
     best: T | None
     passed: float
     failed: float
-    why: str
+    reason: str
 
 
 def find_highest(
@@ -32,34 +32,34 @@ def find_highest(
     highest: float,
     guess: float,
     resolution: float,
-) -> Found[T]:
-    """Steps from a guess until the limit is between two speeds, then a bisection.
+) -> SpeedLimit[T]:
+    """Return the highest speed that passes: steps from a guess until the limit is bracketed, then a bisection.
 
     Args:
-        attempt: from a speed [m/s] to a result and why it failed; empty text: it passed.
-        lowest: speed [m/s] below which nothing is tried.
-        highest: the same above.
-        guess: where to start.
-        resolution: at which to end [m/s].
+        attempt: returns the result at a speed [m/s], and the reason of a failure; it passed if the text is empty.
+        lowest: lowest speed that is tried [m/s].
+        highest: highest speed that is tried [m/s].
+        guess: first speed that is tried [m/s].
+        resolution: width of the bracket at which the search ends [m/s].
     """
     best: T | None = None
-    passed, failed, why = float("nan"), float("inf"), ""
+    passed, failed, reason = float("nan"), float("inf"), ""
     speed = min(max(guess, lowest), highest)
     while True:
         result, fault = attempt(speed)
         if fault:
-            failed, why = speed, fault
+            failed, reason = speed, fault
         else:
             best, passed = result, speed
         if best is None:
             if speed <= lowest:
-                return Found(None, passed, failed, why)
+                return SpeedLimit(None, passed, failed, reason)
             speed = max(lowest, failed / _FACTOR)
         elif failed == float("inf"):
             if passed >= highest:
-                return Found(best, passed, failed, why)
+                return SpeedLimit(best, passed, failed, reason)
             speed = min(highest, passed * _FACTOR)
         elif failed - passed <= resolution:
-            return Found(best, passed, failed, why)
+            return SpeedLimit(best, passed, failed, reason)
         else:
             speed = 0.5 * (passed + failed)

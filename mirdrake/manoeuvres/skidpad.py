@@ -8,7 +8,16 @@ import numpy as np
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.yaml_io import Duration, Length, Speed
-from mirdrake.manoeuvres.base import Chart, Curve, Diverged, ManoeuvreSpec, NotFeasible, Outcome, setting
+from mirdrake.manoeuvres.base import (
+    Chart,
+    Curve,
+    Diverged,
+    ManoeuvreSpec,
+    NotFeasible,
+    Outcome,
+    setting,
+    time_step_setting,
+)
 from mirdrake.manoeuvres.checks import check_speed, check_steering
 from mirdrake.manoeuvres.courses import make_line
 from mirdrake.manoeuvres.metrics.straight import KMH
@@ -21,14 +30,14 @@ _FSAE = "FSAE Rules 2026, D.10"
 _TIMED = ("right", "left")
 
 _APPROACH = 0.8
-"""Speed at the start over that of the timed laps: a car that is put on a circle at its limit, with its wheel straight,
-leaves the lane before it turns."""
+"""Speed at the start over that of the timed laps [1]: a car that starts at its limit with straight wheels would leave
+the lane before it turns."""
 
-_WAYS = (0.2, 0.4)
-"""Parts of the first lap that are driven at that speed, and on which it rises [1]."""
+_PARTS = (0.2, 0.4)
+"""Parts of the first lap with that speed, and with a rising speed [1]."""
 
-_LATE = _WAYS[0] * (1.0 / _APPROACH - 1.0) + _WAYS[1] * (2.0 / (1.0 + _APPROACH) - 1.0)
-"""Time that the first lap takes longer for it, over that of a lap [1]."""
+_EXTRA_TIME = _PARTS[0] * (1.0 / _APPROACH - 1.0) + _PARTS[1] * (2.0 / (1.0 + _APPROACH) - 1.0)
+"""Extra time of the first lap for it, over the time of a lap [1]."""
 
 
 class SkidpadSpec(ManoeuvreSpec):
@@ -39,26 +48,23 @@ class SkidpadSpec(ManoeuvreSpec):
     headline: ClassVar[tuple[str, ...]] = ("lap", "lateral")
 
     layout: Literal["eight", "circle"] = setting("eight", "figure of eight, or a circle of path_radius", "", "V", _FSAE)
-    path_radius: Length = setting(9.125, "of the middle of the lane", "m", "V", _FSAE, gt=0.0)
-    width: Length = setting(3.0, "of the lane", "m", "V", _FSAE, gt=0.0)
-    diameter: Length = setting(17.10, "of the formula g = 2.012 D / t²", "m", "E", "FSAE 2014", gt=0.0)
-    highest: Speed = setting(60.0 * KMH, "of the bisection", "m/s", "own", gt=0.0)
-    lowest: Speed = setting(15.0 * KMH, "of the bisection", "m/s", "own", gt=0.0)
-    resolution: Speed = setting(0.1 * KMH, "at which the bisection ends", "m/s", "own", gt=0.0)
-
-    time_step: Duration = setting(
-        0.0025, "of the plant, unless plant.time_step is given; the limit needs it", "s", "own", scales=False, gt=0.0
-    )
+    path_radius: Length = setting(9.125, "radius of the middle of the lane", "m", "V", _FSAE, gt=0.0)
+    width: Length = setting(3.0, "width of the lane", "m", "V", _FSAE, gt=0.0)
+    diameter: Length = setting(17.10, "D of the formula g = 2.012 D / t²", "m", "E", "FSAE 2014", gt=0.0)
+    highest: Speed = setting(60.0 * KMH, "highest speed of the bisection", "m/s", "own", gt=0.0)
+    lowest: Speed = setting(15.0 * KMH, "lowest speed of the bisection", "m/s", "own", gt=0.0)
+    resolution: Speed = setting(0.1 * KMH, "difference of speeds at which the bisection ends", "m/s", "own", gt=0.0)
+    time_step: Duration = time_step_setting(0.0025, "the limit needs it")
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
-        """A bisection of the speed."""
+        """Bisect the speed."""
         rig = rig.with_step(self.time_step)
         facts = rig.facts
         if self.highest <= self.lowest:
             raise self.fault("highest", "must be above lowest")
         room = self.width - facts.width
         if room <= 0.0:
-            raise NotFeasible(f"it is {facts.width:.2f} m wide, and the lane has {self.width:.2f} m")
+            raise NotFeasible(f"the vehicle is {facts.width:.2f} m wide, the lane {self.width:.2f} m")
         check_speed(facts, self.lowest)
         check_steering(facts, math.atan(facts.wheelbase / self.path_radius), what=f"a radius of {self.path_radius:g} m")
 
@@ -68,17 +74,17 @@ class SkidpadSpec(ManoeuvreSpec):
             except Diverged as error:
                 return None, str(error)
 
-        found = find_highest(
+        limit = find_highest(
             attempt,
             lowest=self.lowest,
             highest=min(self.highest, 0.95 * facts.top_speed, 1.3 * math.sqrt(12.0 * self.path_radius)),
             guess=math.sqrt((0.6 if self.layout == "eight" else 0.75) * GRAVITY * self.path_radius),
             resolution=self.resolution,
         )
-        best, failed, why = found.best, found.failed, found.why
+        best = limit.best
         if best is None:
-            raise NotFeasible(f"at {self.lowest / KMH:.0f} km/h, the lowest speed, {why}")
-        times = self._laps(best, switch=(2.0 + _LATE) * 2.0 * math.pi * self.path_radius / found.passed)
+            raise NotFeasible(f"at {self.lowest / KMH:.0f} km/h, the lowest speed, {limit.reason}")
+        times = self._laps(best, switch=(2.0 + _EXTRA_TIME) * 2.0 * math.pi * self.path_radius / limit.passed)
         mean = float(np.mean(times))
         for side, lap in zip(_TIMED if self.layout == "eight" else ("left",), times, strict=False):
             outcome.add(f"lap_{side}", f"Timed lap, {side}", lap, "s")
@@ -88,20 +94,16 @@ class SkidpadSpec(ManoeuvreSpec):
             diameter = self.diameter if self.layout == "eight" else 2.0 * self.path_radius
             outcome.add("g_formula", "g = 2.012 D / t², D in m", 2.012 * diameter / mean**2, "g", note)
         chosen = best.time > best.time[-1] - mean
-        outcome.add(
-            "lateral",
-            "Mean lateral acceleration, last lap",
-            float(np.mean(np.abs((best.vx * best.yaw_rate)[chosen]))) / GRAVITY,
-            "g",
-        )
+        lateral = float(np.mean(np.abs((best.vx * best.yaw_rate)[chosen]))) / GRAVITY
+        outcome.add("lateral", "Mean lateral acceleration, last lap", lateral, "g")
         outcome.add("speed", "Speed", float(np.mean(best.speed[chosen])) / KMH, "km/h", "centre of mass, last lap")
-        if failed < math.inf:
-            outcome.add("failed", "Lowest speed that failed", failed / KMH, "km/h", why)
+        if limit.failed < math.inf:
+            outcome.add("failed", "Lowest speed that failed", limit.failed / KMH, "km/h", limit.reason)
         else:
             outcome.notes.append("it stays in the lane at the highest speed that was tried")
         if facts.scale == 1.0 and self.layout == "eight":
             outcome.notes.append(
-                f"it is {facts.width:.2f} m wide in a lane of {self.width:g} m, made for narrower cars"
+                f"the vehicle is {facts.width:.2f} m wide; the lane of {self.width:g} m is made for narrower cars"
             )
         self._draw(outcome, best)
 
@@ -110,15 +112,14 @@ class SkidpadSpec(ManoeuvreSpec):
         lap = 2.0 * math.pi * radius
         if self.layout == "eight":
             swing = 2.0 * math.atan(facts.wheelbase / radius) / facts.steering_rate  # from one side to the other
-            ease = 0.5 * swing * speed
-            line = {"kind": "eight", "radius": radius, "laps": 2, "ease": ease}
-            ways = 4.0 * lap
+            line = {"kind": "eight", "radius": radius, "laps": 2, "ease": 0.5 * swing * speed}
+            length = 4.0 * lap
         else:
             line = {"kind": "circle", "radius": radius, "turn": 1.0, "laps": 2.2}
-            ways = 2.1 * lap
+            length = 2.1 * lap
         start = make_line(line)
-        duration = (ways * 1.01 + _LATE * lap) / speed + 0.2
-        slow, rising = _WAYS[0] * lap / (_APPROACH * speed), _WAYS[1] * lap / (0.5 * (1.0 + _APPROACH) * speed)
+        duration = (length * 1.01 + _EXTRA_TIME * lap) / speed + 0.2
+        slow, rising = _PARTS[0] * lap / (_APPROACH * speed), _PARTS[1] * lap / (0.5 * (1.0 + _APPROACH) * speed)
         speeds = [[0.0, _APPROACH * speed], [slow, _APPROACH * speed], [slow + rising, speed]]
         half = 0.5 * (self.width - facts.width)
         centres = (-radius, radius) if self.layout == "eight" else (radius,)
@@ -129,7 +130,7 @@ class SkidpadSpec(ManoeuvreSpec):
             y = state[1] + facts.ahead * math.sin(state[5])
             away = [math.hypot(x, y - centre) - radius for centre in centres]
             out = max(-min(away), min(away)) - half  # over the inner cones of a circle, or the outer ones of both
-            timed = math.floor(time * speed / lap - _LATE) in {1, 3}
+            timed = math.floor(time * speed / lap - _EXTRA_TIME) in {1, 3}
             if out > (0.02 if timed else self.width):
                 faults.append(f"it left its lane by {out:.2f} m")
                 return faults[-1]
@@ -150,13 +151,13 @@ class SkidpadSpec(ManoeuvreSpec):
         return record, faults[0] if faults else ""
 
     def _laps(self, record: Record, *, switch: float) -> list[float]:
-        """Times of the timed laps [s]: the second of each direction, from angle to angle about the centre.
+        """Return the times of the timed laps [s]: the second of each direction, by the angle about the centre.
 
         Args:
-            record: of the run.
-            switch: when a figure of eight goes from its first circle to the other [s].
+            record: record of the run.
+            switch: time at which a figure of eight changes from its first circle to the other [s].
         """
-        found = []
+        laps = []
         for number, centre in enumerate((-self.path_radius, self.path_radius)):
             if self.layout == "circle" and number == 0:
                 continue
@@ -169,8 +170,8 @@ class SkidpadSpec(ManoeuvreSpec):
                 time, values = record.time[part], np.abs(angle[part] - angle[part][0])
             end = float(values[-1])
             first = min(2.0 * math.pi, max(end - 2.0 * math.pi - 0.05, 0.1))
-            found.append(crossing(time, values, first + 2.0 * math.pi) - crossing(time, values, first))
-        return found
+            laps.append(crossing(time, values, first + 2.0 * math.pi) - crossing(time, values, first))
+        return laps
 
     def _draw(self, outcome: Outcome, record: Record) -> None:
         turn = np.linspace(0.0, 2.0 * math.pi, 181)

@@ -37,30 +37,29 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
         "constant_radius", "which of the methods", "", "E", "ISO 4138:2021"
     )
     turns: Literal["both", "left", "right"] = setting("both", "turns that are driven", "", "E", "ISO 4138:2021")
-    radius: Length = setting(100.0, "of the circle; constant radius", "m", "R", "ISO 4138, at least 30 m", gt=0.0)
+    radius: Length = setting(100.0, "constant radius", "m", "R", "ISO 4138, at least 30 m", gt=0.0)
     speed: Speed = setting(100.0 * KMH, "constant speed", "m/s", "R", "ISO 4138", gt=0.0)
     first_lateral: Acceleration = setting(0.5, "lateral acceleration at the start", "m/s²", "own", gt=0.0)
     speed_rate: Acceleration = setting(0.25, "rise of the speed; constant radius", "m/s²", "own", gt=0.0)
     steering_rate: AngularRate = setting(
         math.radians(8.0), "rise of the hand-wheel angle; constant speed", "rad/s", "own", scales=False, gt=0.0
     )
-    tolerance: Length = setting(2.0, "offset at which it has left the circle; constant radius", "m", "own", gt=0.0)
-    behind: Speed = setting(
-        0.5, "speed short of what is wanted at which it goes no faster; constant radius", "m/s", "own", gt=0.0
-    )
+    tolerance: Length = setting(2.0, "offset from the circle that ends the run; constant radius", "m", "own", gt=0.0)
+    behind: Speed = setting(0.5, "speed below the set-point that ends the run; constant radius", "m/s", "own", gt=0.0)
     limit: Acceleration = setting(12.0, "lateral acceleration at which the run ends", "m/s²", "own", gt=0.0)
     fit_from: Acceleration = setting(1.0, "lower end of the regressions", "m/s²", "own", ge=0.0)
     fit_to: Acceleration = setting(4.0, "upper end of the regressions", "m/s²", "own", gt=0.0)
-    settle: Duration = setting(4.0, "time at the start that does not count", "s", "own", ge=0.0)
-    window: Duration = setting(2.0, "over which signals are averaged", "s", "own", gt=0.0)
-    pressing: float = setting(1.0, "gains of the driver over those he usually has; constant radius", "", "own", gt=0.0)
+    settle: Duration = setting(4.0, "time at the start that is not evaluated", "s", "own", ge=0.0)
+    window: Duration = setting(2.0, "window of the moving averages", "s", "own", gt=0.0)
+    driver_gain: float = setting(1.0, "gains of the driver over their defaults; constant radius", "", "own", gt=0.0)
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
-        """Both turns; see the base class."""
+        """Simulate both turns."""
         if self.fit_to <= self.fit_from:
             raise self.fault("fit_to", "must be above fit_from")
         sides = ["left", "right"] if self.turns == "both" else [self.turns]
-        gradients, peaks, lines, sides_lines, roll_lines = [], [], [], [], []
+        gradients, peaks = [], []
+        curves: dict[str, list[Curve]] = {"delta": [], "beta": [], "roll": []}
         for number, side in enumerate(sides):
             radius = self.method == "constant_radius"
             record = self._circle(rig, side) if radius else self._speed(rig, side)
@@ -68,7 +67,7 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
             fit = self._fit(rig, steady)
             if fit is None:
                 raise NotFeasible(
-                    f"the turn to the {side} gave no steady points from {self.fit_from:g} to {self.fit_to:g} m/s² "
+                    f"the turn to the {side} has no steady points from {self.fit_from:g} to {self.fit_to:g} m/s² "
                     f"(largest {np.max(steady['ay'], initial=0.0):.2f} m/s²; {record.stop})"
                 )
             ratio, wheelbase = rig.facts.ratio, rig.facts.wheelbase
@@ -78,17 +77,20 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
             per_g = math.degrees(fit.slope) * GRAVITY
             note = f"{fit.low:.2f} to {fit.high:.2f} m/s², {fit.count} points, rms {math.degrees(fit.error):.3f} deg"
             outcome.add(f"understeer_{side}", f"Understeer gradient, {side}, road wheels", per_g, "deg/g", note)
-            outcome.add(f"understeer_hand_{side}", f"The same at the hand-wheel, {side}", per_g * ratio, "deg/g")
+            text = f"Understeer gradient, {side}, hand-wheel"
+            outcome.add(f"understeer_hand_{side}", text, per_g * ratio, "deg/g")
             for key, text in (("roll", "Roll gradient"), ("beta", "Sideslip gradient")):
                 slope = fit_line(steady["ay"], steady[key], self.fit_from, self.fit_to)
                 value = math.degrees(slope.slope) * GRAVITY if slope else None
                 outcome.add(f"{key}_{side}", f"{text}, {side}", value, "deg/g", _SIGNS[key])
             reason = "the run ended with its time" if record.stop == "duration" else record.stop
             outcome.add(f"largest_{side}", f"Largest lateral acceleration, {side}", peak / GRAVITY, "g", reason)
-            lines += _curves(steady, "delta", side, number, ratio=ratio, fit=fit if radius else None)
-            sides_lines += _curves(steady, "beta", side, number)
-            roll_lines += _curves(steady, "roll", side, number)
-        outcome.notes.append("one run a side: the repetitions of the standard show scatter, and a simulation has none")
+            curves["delta"] += _curves(steady, "delta", side, number, ratio=ratio, fit=fit if radius else None)
+            curves["beta"] += _curves(steady, "beta", side, number)
+            curves["roll"] += _curves(steady, "roll", side, number)
+        outcome.notes.append(
+            "one run for each side: a simulation has no scatter that needs the repetitions of the standard"
+        )
         mean = float(np.mean(gradients))
         outcome.add("understeer", "Understeer gradient, mean", math.degrees(mean) * GRAVITY, "deg/g")
         outcome.add("largest", "Largest lateral acceleration, mean", float(np.mean(peaks)) / GRAVITY, "g")
@@ -97,8 +99,8 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
             ("critical_speed", "Critical speed", critical_speed(wheelbase, mean), "understeers"),
         ):
             outcome.add(key, text, value / KMH, "km/h", "" if math.isfinite(value) else f"none: it {word}")
-        for label, drawn in (("Hand-wheel angle", lines), ("Sideslip angle", sides_lines), ("Roll angle", roll_lines)):
-            outcome.charts.append(Chart("Lateral acceleration", "m/s²", label, "deg", tuple(drawn)))
+        for label, key in (("Hand-wheel angle", "delta"), ("Sideslip angle", "beta"), ("Roll angle", "roll")):
+            outcome.charts.append(Chart("Lateral acceleration", "m/s²", label, "deg", tuple(curves[key])))
 
     def _circle(self, rig: Rig, side: str) -> Record:
         sign, radius = SIDES[side], self.radius
@@ -118,16 +120,15 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
             away = math.hypot(x + ahead * math.cos(yaw), y + ahead * math.sin(yaw) - centre) - radius
             if time > self.settle and abs(away) > self.tolerance:
                 return f"it left the circle by {self.tolerance:.3g} m"
-            wanted = start + self.speed_rate * (time - self.settle)
-            if time > 2.0 * self.settle and state[6] < wanted - self.behind:
-                return f"it gained no more speed at {state[6] / KMH:.0f} km/h"
+            setpoint = start + self.speed_rate * (time - self.settle)
+            if time > 2.0 * self.settle and state[6] < setpoint - self.behind:
+                return f"its speed did not rise above {state[6] / KMH:.0f} km/h"
             return None
 
+        gain = self.driver_gain
         return rig.run(
-            f"{side}",
-            rig.line_driver(
-                line, speeds=speeds, frequency=2.5 / rig.facts.scale**0.5 * self.pressing, integral=0.5 * self.pressing
-            ),
+            side,
+            rig.line_driver(line, speeds=speeds, frequency=2.5 / rig.facts.scale**0.5 * gain, integral=0.5 * gain),
             duration=self.settle + rising,
             speed=start,
             stop=stop,
@@ -140,7 +141,7 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
         limit = 0.95 * rig.facts.steering_limit
         profile = {"kind": "ramp", "rate": SIDES[side] * rate, "limit": limit, "start": self.settle}
         return rig.run(
-            f"{side}",
+            side,
             rig.open_driver(profile, speeds=[[0.0, self.speed]]),
             duration=self.settle + min(limit / rate, 90.0),
             speed=self.speed,
@@ -148,11 +149,11 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
         )
 
     def _points(self, record: Record, sign: float) -> dict[str, Array]:
-        """Averaged signals of the part that counts, positive in the turn."""
+        """Return averaged signals of the part that is evaluated, positive in the turn."""
         late = record.time > self.settle
         late &= record.time < record.time[-1] - 0.5 * self.window
         ay = record.vx * record.yaw_rate * sign
-        if self.method == "constant_radius":  # on the circle, whatever the wheel does at the limit
+        if self.method == "constant_radius":  # from the driven radius, as the yaw rate oscillates at the limit
             ay = record.speed**2 / np.hypot(record.x_com, record.y_com - sign * self.radius)
         named = {"ay": ay, "delta": sign * record.steering, "beta": sign * record.sideslip, "roll": sign * record.roll}
         named["speed"] = record.speed
@@ -170,7 +171,7 @@ _SIGNS = {"roll": "positive: the body leans out of the turn", "beta": "negative:
 
 
 def spun_or_steady(speed: float, settle: float, limit: float = math.inf) -> Stop:
-    """Stop when the car is far slower than wanted, slides sideways, or its lateral acceleration is large enough."""
+    """Return a stop condition: the car is far too slow, slides sideways, or reaches a lateral acceleration [m/s²]."""
 
     def stop(time: float, state: Sequence[float]) -> str | None:
         vx, vy, rate = state[6], state[7], state[11]

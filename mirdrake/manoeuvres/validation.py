@@ -1,11 +1,11 @@
-"""A vehicle simulated against what is published of the real one, side by side."""
+"""Validation of a vehicle: simulated against published figures."""
 
 import csv
 import io
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,23 +27,23 @@ RESULTS, TABLE = "results.json", "figures.csv"
 
 
 class ValidationSettings(Schema):
-    """What a user may set."""
+    """Settings of a validation."""
 
     tolerance: float = Field(3.0, gt=0.0, lt=100.0, description="largest error that passes [%]")
     plant: PlantSpec = Field(default_factory=PlantSpec, description="step and contact [-]")
-    friction: float = Field(0.85, gt=0.0, le=2.0, description="of the road; 0.85 is dry asphalt [-]")
-    seed: int = Field(0, ge=0, description="of everything random [-]")
+    friction: float = Field(0.85, gt=0.0, le=2.0, description="friction of the road; 0.85 is dry asphalt [-]")
+    seed: int = Field(0, ge=0, description="seed of everything random [-]")
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A published figure beside its simulation.
+    """Published figure and its simulated value.
 
     Attributes:
-        figure: what is published.
-        simulated: in the same unit; None: there is none.
-        note: of the simulation; without a value why there is none.
-        payload: with which it was driven [kg].
+        figure: the published figure.
+        simulated: simulated value in the unit of the figure; None if there is none.
+        note: remark on the simulation, or the reason why there is no value.
+        payload: payload of the simulation [kg].
         tolerance: largest error that passes [1].
     """
 
@@ -55,11 +55,11 @@ class Comparison:
 
     @property
     def error(self) -> float | None:
-        """Simulated less published, over published [1]; None without a simulation."""
+        """Simulated less published over published value [1]; None without a simulated value."""
         return None if self.simulated is None else self.simulated / self.figure.number - 1.0
 
     @property
-    def word(self) -> str:
+    def verdict(self) -> str:
         """``within``, ``outside``, ``not simulated`` or ``not compared``."""
         if self.figure.not_compared:
             return "not compared"
@@ -70,12 +70,12 @@ class Comparison:
         return "outside" if missed else "within"
 
     @property
-    def passed(self) -> bool:
-        """Whether nothing speaks against the model."""
-        return self.word in {"within", "not compared"}
+    def remarks(self) -> str:
+        """Remarks on the figure and on its simulation."""
+        return "; ".join(part for part in (self.figure.note, self.figure.not_compared, self.note) if part)
 
-    def data(self) -> dict[str, Any]:
-        """Plain data, for JSON and the table."""
+    def data(self) -> dict[str, object]:
+        """Return plain data for JSON and the table."""
         return {
             "quantity": self.figure.quantity,
             "text": self.figure.text,
@@ -85,11 +85,11 @@ class Comparison:
             "bound": self.figure.bound,
             "simulated": self.simulated,
             "error_percent": None if self.error is None else 100.0 * self.error,
-            "verdict": self.word,
+            "verdict": self.verdict,
             "payload_kg": self.payload,
             "source": self.figure.source,
             "status": self.figure.status,
-            "note": "; ".join(part for part in (self.figure.note, self.figure.not_compared, self.note) if part),
+            "note": self.remarks,
         }
 
 
@@ -98,15 +98,15 @@ class ValidationResults:
     """All figures of a vehicle.
 
     Attributes:
-        facts: of the vehicle without payload.
-        published: the file.
-        comparisons: in its order.
-        outcomes: what was driven.
+        facts: figures of the vehicle without payload.
+        published: contents of published_figures.yaml.
+        comparisons: comparisons in the order of that file.
+        outcomes: outcomes of the manoeuvres that were driven.
         tolerance: largest error that passes [1].
         plant: settings of the plant.
-        friction: of the road [1].
-        folder: where all is written; None: nowhere.
-        wall: time it took [s].
+        friction: friction of the road [1].
+        folder: folder of all files; None writes nothing.
+        wall: wall time [s].
     """
 
     facts: Facts
@@ -122,18 +122,13 @@ class ValidationResults:
     @property
     def exit_code(self) -> int:
         """0 if every figure that was compared is within the tolerance, else 1."""
-        return int(not all(one.passed for one in self.comparisons))
-
-    @property
-    def compared(self) -> list[Comparison]:
-        """Figures that count."""
-        return [one for one in self.comparisons if one.word != "not compared"]
+        return int(not all(comparison.verdict in {"within", "not compared"} for comparison in self.comparisons))
 
     @property
     def headline(self) -> str:
-        """The outcome in one line."""
+        """Result in one line."""
         if not self.comparisons:
-            return "nothing is published to compare with"
+            return "no published figures to compare"
         counts = {role: self.count(role) for role in ROLES}
         shown = {role: f"{within} of {total}" for role, (within, total) in counts.items() if total}
         predicted = shown.pop("predicted", "")
@@ -145,15 +140,15 @@ class ValidationResults:
 
     def having(self, role: Role) -> list[Comparison]:
         """Return the comparisons whose figures have a role."""
-        return [one for one in self.comparisons if one.figure.role == role]
+        return [comparison for comparison in self.comparisons if comparison.figure.role == role]
 
     def count(self, role: Role) -> tuple[int, int]:
         """Return how many figures of a role are within the tolerance, and how many are compared."""
-        words = [one.word for one in self.having(role) if one.word != "not compared"]
-        return words.count("within"), len(words)
+        verdicts = [comparison.verdict for comparison in self.having(role)]
+        return verdicts.count("within"), len(verdicts) - verdicts.count("not compared")
 
-    def data(self) -> dict[str, Any]:
-        """Plain data, for JSON."""
+    def data(self) -> dict[str, object]:
+        """Return plain data for JSON."""
         return {
             "vehicle": self.facts.name,
             "title": self.facts.title,
@@ -163,43 +158,14 @@ class ValidationResults:
             "plant": dict(self.plant),
             "friction": self.friction,
             "notes": list(self.published.notes),
-            "figures": [one.data() for one in self.comparisons],
+            "figures": [comparison.data() for comparison in self.comparisons],
             "runs": [outcome.data() for outcome in self.outcomes],
             "wall_s": round(self.wall, 1),
         }
 
 
-@dataclass
-class _Cars:
-    """The vehicle with one payload and other arguments after another."""
-
-    model: str
-    settings: ValidationSettings
-    tell: Callable[[str], None]
-    folder: Path | None
-    rigs: dict[tuple[float, tuple[tuple[str, str], ...]], Rig] = field(default_factory=dict)
-
-    def rig(self, payload: float, arguments: Mapping[str, str]) -> Rig:
-        """Where it is driven."""
-        key = payload, tuple(sorted(arguments.items()))
-        if key not in self.rigs:
-            given = dict(arguments) | ({"payload": f"{payload:.10g}"} if payload else {})
-            vehicle = load_vehicle(self.model, arguments=given)
-            self.rigs[key] = Rig(
-                self.model,
-                vehicle,
-                find_facts(vehicle),
-                plant=self.settings.plant.model_dump(exclude_unset=True),
-                friction=self.settings.friction,
-                seed=self.settings.seed,
-                tell=self.tell,
-                arguments=given,
-            )
-        return self.rigs[key]
-
-
 def driven_name(name: str, published: PublishedFigures) -> str:
-    """The vehicle to be driven: the variant that the file names, unless the user has named one."""
+    """Return the name of the vehicle to drive: the variant that the file names, unless the user has named one."""
     return f"{name}{VARIANT_MARK}{published.variant}" if published.variant and VARIANT_MARK not in name else name
 
 
@@ -211,58 +177,86 @@ def validate_vehicle(
     *,
     folder: Path | None = None,
     only: Sequence[str] = (),
-    tell: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> ValidationResults:
-    """Drive what the published figures need, and compare.
+    """Drive the manoeuvres that the published figures need, and compare.
 
     Args:
-        name: of the vehicle to be driven, see :func:`driven_name`.
-        vehicle: the same, loaded.
-        published: its figures.
+        name: name of the vehicle to drive, see :func:`driven_name`.
+        vehicle: the same, loaded without payload.
+        published: its published figures.
         settings: tolerance, plant, friction.
-        folder: gets the runs, a folder each; None: nothing is written.
-        only: quantities that are compared; all if left out.
-        tell: told what is being driven.
+        folder: folder in which each run writes its own; None writes nothing.
+        only: quantities that are compared; by default all.
+        report: called with the name of each run before it starts.
 
     Raises:
-        ConfigError: the vehicle has no argument that a figure asks for, or a setting makes no sense.
+        ConfigError: the vehicle lacks a xacro argument of a figure, or a setting is out of range.
     """
     settings = settings or ValidationSettings()
-    began = time.perf_counter()
-    figures = [one for one in published.figures if not only or one.quantity in only]
-    cars = _Cars(name, settings, tell, folder)
-    groups: dict[tuple[Any, ...], list[int]] = {}
+    tolerance = settings.tolerance / 100.0
+    start = time.perf_counter()
+    figures = [figure for figure in published.figures if not only or figure.quantity in only]
+
+    # Figures with equal run, payload and arguments share a simulation.
+    groups: dict[tuple[object, ...], list[int]] = {}
     for index, figure in enumerate(figures):
         if not figure.not_compared:
-            key = (*figure.run, _payload(figure, published), *sorted(figure.arguments.items()))
-            groups.setdefault(key, []).append(index)
+            conditions = _payload(figure, published), tuple(sorted(figure.arguments.items()))
+            groups.setdefault((figure.run, *conditions), []).append(index)
+    rigs: dict[tuple[object, ...], Rig] = {}
     readings: dict[int, Reading] = {}
     outcomes = []
-    for number, indices in enumerate(groups.values(), start=1):
+    for number, ((_, *rest), indices) in enumerate(groups.items(), start=1):
         members = [figures[index] for index in indices]
-        rig = cars.rig(_payload(members[0], published), members[0].arguments)
+        key = tuple(rest)
+        if key not in rigs:
+            rigs[key] = _make_rig(name, _payload(members[0], published), members[0].arguments, settings, report)
+        rig = rigs[key]
         rig.folder = folder / f"run_{number}" if folder is not None else None
-        drive, found = run_figures(members, rig)
+        drive, group_readings = run_figures(members, rig)
         outcomes.append(drive.outcome)
-        readings.update(zip(indices, found, strict=True))
+        readings.update(zip(indices, group_readings, strict=True))
+
     comparisons = []
     for index, figure in enumerate(figures):
         reading = readings.get(index, Reading(None))
         value = None if reading.value is None else reading.value / figure.factor
-        tolerance = settings.tolerance / 100.0
         comparisons.append(Comparison(figure, value, reading.note, _payload(figure, published), tolerance))
-    used = next(iter(cars.rigs.values()), None)
-    plant = settings.plant.model_dump() | ({"contact": used.contact} if used is not None else {})
+    used = next(iter(rigs.values()), None)
     return ValidationResults(
         find_facts(vehicle),
         published,
         comparisons,
         outcomes,
-        settings.tolerance / 100.0,
-        plant,
+        tolerance,
+        settings.plant.model_dump() | ({"contact": used.contact} if used is not None else {}),
         settings.friction,
         folder,
-        time.perf_counter() - began,
+        time.perf_counter() - start,
+    )
+
+
+def _make_rig(
+    name: str,
+    payload: float,
+    arguments: Mapping[str, str],
+    settings: ValidationSettings,
+    report: Callable[[str], None],
+) -> Rig:
+    """Return the rig of the vehicle with a payload [kg] and other xacro arguments."""
+    arguments = dict(arguments) | ({"payload": f"{payload:.10g}"} if payload else {})
+    vehicle = load_vehicle(name, arguments=arguments)
+    plant = settings.plant.model_dump(exclude_unset=True)
+    return Rig(
+        name,
+        vehicle,
+        find_facts(vehicle),
+        plant=plant,
+        friction=settings.friction,
+        seed=settings.seed,
+        report=report,
+        arguments=arguments,
     )
 
 
@@ -271,15 +265,15 @@ def _payload(figure: Figure, published: PublishedFigures) -> float:
 
 
 def write_validation_results(results: ValidationResults) -> None:
-    """results.json and figures.csv in the folder.
+    """Write results.json and figures.csv into the folder.
 
     Raises:
-        RunError: it cannot be written.
+        RunError: a file cannot be written.
     """
     assert results.folder is not None
     write_file(results.folder / RESULTS, json.dumps(results.data(), indent=2, ensure_ascii=False) + "\n")
     text = io.StringIO()
-    rows = [{"vehicle": results.facts.name, **one.data()} for one in results.comparisons]
+    rows = [{"vehicle": results.facts.name, **comparison.data()} for comparison in results.comparisons]
     names = list(rows[0]) if rows else ["vehicle", "quantity"]
     table = csv.DictWriter(text, names, lineterminator="\n")
     table.writeheader()
@@ -291,23 +285,23 @@ _BOUND = {"about": "", "at_most": "at most ", "at_least": "at least "}
 
 
 def format_published(figure: Figure) -> str:
-    """A published value with its bound and unit, as it was written."""
+    """Return a published value with its bound and unit, as it was written."""
     text = figure.value if figure.value.endswith(figure.shown_unit) else f"{figure.value} {figure.shown_unit}"
     return _BOUND[figure.bound] + text.replace("^2", "²")
 
 
-def error_told(one: Comparison) -> str:
-    """An error with its sign, ``-`` for none."""
-    return "-" if one.error is None else f"{100.0 * one.error:+.1f} %"
+def format_error(error: float | None) -> str:
+    """Return an error [1] in percent with its sign, ``-`` for none."""
+    return "-" if error is None else f"{100.0 * error:+.1f} %"
 
 
 def describe_validation(results: ValidationResults) -> list[str]:
-    """The comparison as lines of text."""
+    """Return the comparison as lines of text."""
     lines = [f"{results.facts.title} ({results.facts.name}): {results.headline}"]
     if results.published.none_because:
         lines.append(f"  {results.published.none_because}")
     heads = ("figure", "published", "simulated", "error", "", "source")
-    tables = {role: [_cells(one) for one in results.having(role)] for role in ROLES}
+    tables = {role: [_cells(comparison) for comparison in results.having(role)] for role in ROLES}
     rows = [heads, *(row for table in tables.values() for row in table)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(heads))]
     for role, table in tables.items():
@@ -316,11 +310,18 @@ def describe_validation(results: ValidationResults) -> list[str]:
         for row in [heads, *table] if table else []:
             cells = [row[0].ljust(widths[0]), *(row[i].rjust(widths[i]) for i in (1, 2, 3))]
             lines.append("  " + "  ".join([*cells, row[4].ljust(widths[4]), row[5]]).rstrip())
-    reasons = {one.note: None for one in results.comparisons if one.word == "not simulated" and one.note}
+    reasons = dict.fromkeys(x.note for x in results.comparisons if x.verdict == "not simulated" and x.note)
     return [*lines, *(f"  not simulated: {reason}" for reason in reasons)]
 
 
-def _cells(one: Comparison) -> tuple[str, ...]:
-    """A row of the table in the terminal."""
-    simulated = "-" if one.simulated is None else format_number(one.simulated)
-    return one.figure.text, format_published(one.figure), simulated, error_told(one), one.word, one.figure.status
+def _cells(comparison: Comparison) -> tuple[str, ...]:
+    """Return a row of the table in the terminal."""
+    figure, simulated = comparison.figure, format_number(comparison.simulated)
+    return (
+        figure.text,
+        format_published(figure),
+        simulated,
+        format_error(comparison.error),
+        comparison.verdict,
+        figure.status,
+    )

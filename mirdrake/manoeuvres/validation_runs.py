@@ -1,9 +1,8 @@
-"""The simulations behind published figures: one manoeuvre a run, and how each figure is read from it."""
+"""Simulations for published figures: the manoeuvre of each quantity, and the value of each figure from its run."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -11,13 +10,13 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.manoeuvres.base import Chart, Curve, Diverged, ManoeuvreSpec, Outcome
 from mirdrake.manoeuvres.metrics.straight import (
     FOOT,
+    KMH,
     MOVED,
     coast_times,
     moves_off,
     time_to_distance,
     time_to_speed,
 )
-from mirdrake.manoeuvres.metrics.straight import KMH as _KMH
 from mirdrake.manoeuvres.published import (
     BrakingDistance,
     CoastTime,
@@ -30,15 +29,18 @@ from mirdrake.manoeuvres.published import (
     TopSpeed,
 )
 from mirdrake.manoeuvres.record import Record
-from mirdrake.manoeuvres.registry import MANOEUVRES, run_manoeuvre
+from mirdrake.manoeuvres.registry import run_manoeuvre
 from mirdrake.manoeuvres.rig import Rig
+from mirdrake.manoeuvres.steady_circle import SteadyStateCircleSpec
+from mirdrake.manoeuvres.straight import AccelerationSpec, BrakingSpec, CoastDownSpec
 
-_MARGIN = 3.0 * _KMH
+_MARGIN = 3.0 * KMH
+"""Extension of a coast-down beyond the speeds that the figures need [m/s]."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What the simulation has for a figure: a value [SI] or None, and a note or the reason why there is none."""
+    """Simulated value of a figure [SI], or None; and a remark, or the reason why there is no value."""
 
     value: float | None
     note: str = ""
@@ -46,7 +48,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Drive:
-    """A run with what came of it."""
+    """Manoeuvre that was driven: its outcome, its records and its rig."""
 
     outcome: Outcome
     records: Sequence[Record]
@@ -54,11 +56,11 @@ class Drive:
 
 
 def _drive_top_speed(rig: Rig) -> Outcome:
-    """Full throttle from just below the estimated top speed until it stays."""
+    """Drive with full throttle from just below the estimated top speed until the speed is constant."""
     outcome = Outcome("top_speed", "Top speed", "full throttle on the flat, no wind")
     if not rig.pedals:
         outcome.verdict = "not possible"
-        outcome.reason = "it has no pedals: its speed control limits the speed, not its motor"
+        outcome.reason = "the vehicle has no pedals: its speed control limits the speed, not its motor"
         return outcome
     length, base = 40.0, rig.folder
     line = {"kind": "straight", "length": 1.5 * rig.facts.top_speed * length}
@@ -72,20 +74,20 @@ def _drive_top_speed(rig: Rig) -> Outcome:
     finally:
         rig.folder = base
     last = record.time > record.time[-1] - 2.0
-    outcome.add("top_speed", "Speed over the last 2 s", float(np.mean(record.vx[last])) / _KMH, "km/h")
-    outcome.charts.append(Chart("Time", "s", "Speed", "km/h", (Curve("Speed", record.time, record.vx / _KMH),)))
+    outcome.add("top_speed", "Speed over the last 2 s", float(np.mean(record.vx[last])) / KMH, "km/h")
+    outcome.charts.append(Chart("Time", "s", "Speed", "km/h", (Curve("Speed", record.time, record.vx / KMH),)))
     return outcome
 
 
 def run_figures(figures: Sequence[Figure], rig: Rig) -> tuple[Drive, list[Reading]]:
-    """Drive once, and read all figures from it; they must have equal runs.
+    """Drive one manoeuvre, and return it with the readings of figures that have the same key of the simulation.
 
     Args:
-        figures: at least one.
-        rig: with their payload; what is written goes into its folder.
+        figures: at least one figure.
+        rig: rig with their payload and the folder of the run.
 
     Raises:
-        ConfigError: a setting makes no sense.
+        ConfigError: a setting is out of range.
     """
     before = len(rig.records)
     name, spec = _spec(figures)
@@ -97,27 +99,30 @@ def run_figures(figures: Sequence[Figure], rig: Rig) -> tuple[Drive, list[Readin
 
 
 def _spec(figures: Sequence[Figure]) -> tuple[str, ManoeuvreSpec | None]:
-    """Name and settings of the manoeuvre that shows all of them; no settings for the top speed."""
+    """Return name and settings of the manoeuvre that the figures need; no settings for the top speed."""
     first = figures[0]
-    settings: dict[str, Any] = {}
-    name = "acceleration"
     if isinstance(first, TopSpeed):
         return "top_speed", None
     if isinstance(first, BrakingDistance):
-        name, settings = "braking", {"speed": first.speed, "others": ()}
-    elif isinstance(first, LateralLimit):
+        return "braking", BrakingSpec(speed=first.speed, others=())
+    if isinstance(first, LateralLimit):
         limit = first.si
-        settings = {"radius": 0.5 * first.diameter, "limit": 1.5 * limit, "first_lateral": 0.5 * limit}
-        name, settings = "steady_state_circle", settings | {"fit_from": 0.52 * limit, "fit_to": 0.7 * limit}
-    elif isinstance(first, CoastTime | RoadLoad):
-        speeds = [speed for one in figures for speed in _coasted(one)]
+        return "steady_state_circle", SteadyStateCircleSpec(
+            radius=0.5 * first.diameter,
+            limit=1.5 * limit,
+            first_lateral=0.5 * limit,
+            fit_from=0.52 * limit,
+            fit_to=0.7 * limit,
+        )
+    if isinstance(first, CoastTime | RoadLoad):
+        speeds = [speed for figure in figures for speed in _coasted(figure)]
         low = min(speeds)
-        name, settings = "coast_down", {"speed": max(speeds) + _MARGIN, "last": max(low - _MARGIN, 0.5 * low)}
-    return name, MANOEUVRES[name](**settings)
+        return "coast_down", CoastDownSpec(speed=max(speeds) + _MARGIN, last=max(low - _MARGIN, 0.5 * low))
+    return "acceleration", AccelerationSpec()
 
 
 def _coasted(figure: Figure) -> tuple[float, float]:
-    """Speeds between which a car has to coast for a figure [m/s]."""
+    """Return the speeds between which a car has to coast for a figure [m/s]."""
     if isinstance(figure, CoastTime):
         return figure.first, figure.last
     assert isinstance(figure, RoadLoad)
@@ -125,15 +130,14 @@ def _coasted(figure: Figure) -> tuple[float, float]:
 
 
 def _read(figure: Figure, drive: Drive) -> Reading:
-    """One figure of a run that was driven."""
+    """Return the simulated value of a figure."""
     outcome = drive.outcome
     if isinstance(figure, TopSpeed):
-        return _metric(outcome, "top_speed", _KMH)
+        return _metric(outcome, "top_speed", KMH)
     if isinstance(figure, BrakingDistance):
-        mean = outcome.value(f"mean_{figure.speed / _KMH:.0f}")
-        return Reading(
-            outcome.value(f"distance_{figure.speed / _KMH:.0f}"), f"mean {mean:.2f} m/s²" if mean is not None else ""
-        )
+        key = f"{figure.speed / KMH:.0f}"
+        mean = outcome.value(f"mean_{key}")
+        return Reading(outcome.value(f"distance_{key}"), f"mean {mean:.2f} m/s²" if mean is not None else "")
     if isinstance(figure, LateralLimit):
         return _metric(outcome, "largest", GRAVITY)
     record = drive.records[0]
@@ -143,18 +147,18 @@ def _read(figure: Figure, drive: Drive) -> Reading:
     if isinstance(figure, CoastTime):
         took = coast_times(record.time, record.vx, [(figure.first, figure.last)])[0]
         parameters = drive.rig.facts.parameters
-        turning = f"{parameters.rotating_mass:.0f} kg that rotate"
+        rotating = f"with {parameters.rotating_mass:.0f} kg of rotating parts"
         if figure.rotating_mass:
-            return _number(took, f"with {turning}")
+            return _number(took, rotating)
         reduced = took * parameters.mass / (parameters.mass + parameters.rotating_mass)
-        return _number(reduced, f"{took:.1f} s as driven, with {turning}")
+        return _number(reduced, f"{took:.1f} s {rotating}")
     return _accelerated(figure, record)
 
 
 def _accelerated(figure: TimeToSpeed | TimeToDistance | SpeedAtDistance, record: Record) -> Reading:
     begin = moves_off(record.time, record.vx, MOVED)
     roll = time_to_distance(record.time, record.distance, FOOT, start=begin)
-    reached = f"it reached {float(np.max(record.vx)) / _KMH:.0f} km/h"
+    reached = f"it reached {float(np.max(record.vx)) / KMH:.0f} km/h"
     if isinstance(figure, TimeToSpeed):
         took = time_to_speed(record.time, record.vx, figure.speed, start=begin)
         return _number(took - figure.rollout * roll, "" if math.isfinite(took) else reached)
@@ -163,16 +167,16 @@ def _accelerated(figure: TimeToSpeed | TimeToDistance | SpeedAtDistance, record:
         if figure.rollout:
             took = time_to_distance(record.time, record.distance, figure.distance, start=begin + roll)
         other = f"{took - roll:.2f} s less the first foot" if not figure.rollout else ""
-        return _number(took, other if math.isfinite(took) else "it did not get that far")
+        return _number(took, other if math.isfinite(took) else "it did not cover the distance")
     took = time_to_distance(record.time, record.distance, figure.distance, start=begin)
     if not math.isfinite(took):
-        return Reading(None, "it did not get that far")
+        return Reading(None, "it did not cover the distance")
     return Reading(float(np.interp(begin + took, record.time, record.vx)))
 
 
 def _metric(outcome: Outcome, key: str, factor: float) -> Reading:
     value = outcome.value(key)
-    return Reading(None, "the run gave none") if value is None else Reading(factor * value)
+    return Reading(None, "the run has no such figure") if value is None else Reading(factor * value)
 
 
 def _number(value: float, note: str) -> Reading:

@@ -1,5 +1,5 @@
-"""Reports: a run as one HTML page that opens anywhere, offline."""
+"""Reports: HTML pages that open offline."""
 
-from mirdrake.report.run_report import RunLike, write_report
+from mirdrake.report.run_report import write_report
 
-__all__ = ["RunLike", "write_report"]
+__all__ = ["write_report"]

@@ -7,10 +7,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-import pandas
 import yaml
 from markupsafe import Markup
 
@@ -24,43 +23,13 @@ from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import embed_svg, svg_size
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
 from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
+from mirdrake.runs.logs import Run
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import Track
 
 _TEMPLATE = "run_report.html.jinja"
 _MOST_EVENTS = 200  # rows of the table
 _MOST_MARKS = 30  # vertical lines in a chart
-
-
-class RunLike(Protocol):
-    """Interface of a run for its report."""
-
-    @property
-    def folder(self) -> Path | None:
-        """Folder of the report, diagram.svg and recording.html; None for a run that is only in memory."""
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The resolved diagram file."""
-
-    @property
-    def summary(self) -> dict[str, Any]:
-        """The figures of the run; empty after a kill."""
-
-    @property
-    def signals(self) -> pandas.DataFrame:
-        """One row per stamp; the index is the time [s]."""
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Unit of each column."""
-
-    @property
-    def events(self) -> list[dict[str, Any]]:
-        """Events: "time" [s], "kind", "text"."""
-
-    def scene(self) -> Scene:
-        """Return the world and the vehicles of the run; RunError if it carries none."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +45,7 @@ class VehiclePage:
     charts: list[Chart]
 
 
-def write_report(run: RunLike, *, diagram_svg: str | None = None) -> Path:
+def write_report(run: Run, *, diagram_svg: str | None = None) -> Path:
     """Write report.html into the folder of a run.
 
     Args:
@@ -97,7 +66,7 @@ def write_report(run: RunLike, *, diagram_svg: str | None = None) -> Path:
     return path
 
 
-def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
+def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
     """Return the page; see :func:`write_report`."""
     summary, spec = run.summary or {}, run.spec or {}
     signals = run.signals[~run.signals.index.duplicated()].sort_index()
@@ -154,7 +123,7 @@ def render_report(run: RunLike, *, diagram_svg: str | None = None) -> str:
 # --- parts of the page ---------------------------------------------------------------------------------------------
 
 
-def _scene_of(run: RunLike) -> tuple[Scene | None, list[str]]:
+def _scene_of(run: Run) -> tuple[Scene | None, list[str]]:
     """Return the scene of a run, if it has one, and notices about it."""
     try:
         scene = run.scene()
@@ -183,7 +152,7 @@ def _dimensions(vehicle: Vehicle | None) -> dict[str, float]:
 
 
 def _make_vehicle_page(
-    run: RunLike, signals: VehicleSignals, index: int, track: Track | None, vehicle: Vehicle | None
+    run: Run, signals: VehicleSignals, index: int, track: Track | None, vehicle: Vehicle | None
 ) -> VehiclePage:
     name = signals.name
     entry = (run.spec or {}).get("vehicles", {}).get(name) or {}
@@ -344,14 +313,14 @@ def _diagram(folder: Path | None, text: str | None) -> tuple[Markup | None, str]
 # --- reading the run -------------------------------------------------------------------------------------------------
 
 
-def _vehicle_names(run: RunLike) -> list[str]:
+def _vehicle_names(run: Run) -> list[str]:
     named = [*((run.spec or {}).get("vehicles") or {}), *((run.summary or {}).get("vehicles") or {})]
     if not named:
         named = [str(column).removesuffix(".x") for column in run.signals.columns if str(column).endswith(".x")]
     return list(dict.fromkeys(str(name) for name in named))
 
 
-def _marks(run: RunLike) -> list[float]:
+def _marks(run: Run) -> list[float]:
     """Return the times of events [s] to draw: within the run, without start and end, none if there are too many."""
     if not len(run.signals):
         return []

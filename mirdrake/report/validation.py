@@ -8,7 +8,7 @@ from pathlib import Path
 from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.published import KNOWN, ROLES, Role
 from mirdrake.manoeuvres.results import format_number, format_setting
-from mirdrake.manoeuvres.validation import Comparison, ValidationResults, error_told, format_published
+from mirdrake.manoeuvres.validation import Comparison, ValidationResults, format_error, format_published
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.words import format_unit
 
@@ -40,7 +40,7 @@ def render_validation(results: ValidationResults) -> str:
         headline=f"{results.facts.title}: {results.headline}",
         results=results,
         tables=[
-            (role, text, [_row(one) for one in results.having(role)])
+            (role, text, [_row(comparison) for comparison in results.having(role)])
             for role, text in ROLES.items()
             if results.having(role)
         ],
@@ -64,8 +64,7 @@ class Row:
     published: str
     simulated: str
     error: str
-    word: str
-    tone: str
+    verdict: str
     payload: str
     source: str
     status: str
@@ -83,7 +82,7 @@ class Bar:
     label: str
     label_x: float
     anchor: str
-    tone: str
+    verdict: str
 
 
 @dataclass(frozen=True)
@@ -107,19 +106,18 @@ class Bars:
     bars: list[Bar]
 
 
-def _row(one: Comparison) -> Row:
-    figure = one.figure
+def _row(comparison: Comparison) -> Row:
+    figure, simulated, error = comparison.figure, comparison.simulated, comparison.error
     return Row(
         text=figure.text,
         published=format_published(figure),
-        simulated="–" if one.simulated is None else f"{_number(one.simulated)} {figure.shown_unit}",
-        error="–" if one.error is None else error_told(one).replace("-", "−"),
-        word=one.word,
-        tone=one.word.replace(" ", "-"),
-        payload=f"{format_number(one.payload)} kg",
+        simulated="–" if simulated is None else f"{_number(simulated)} {figure.shown_unit}",
+        error="–" if error is None else format_error(error).replace("-", "−"),
+        verdict=comparison.verdict,
+        payload=f"{format_number(comparison.payload)} kg",
         source=figure.source,
         status=figure.status,
-        note="; ".join(part for part in (figure.note, figure.not_compared, one.note) if part),
+        note=comparison.remarks,
     )
 
 
@@ -137,45 +135,41 @@ def _tiles(results: ValidationResults) -> list[Tile]:
 def _tile(results: ValidationResults, role: Role) -> Tile:
     """Return the number of figures of a role within the tolerance, and their largest error."""
     within, total = results.count(role)
-    errors = [abs(one.error) for one in results.having(role) if one.error is not None and one.figure.bound == "about"]
+    errors = [abs(x.error) for x in results.having(role) if x.error is not None and x.figure.bound == "about"]
     limit = f"within ±{format_number(100.0 * results.tolerance)} %"
     note = f"{limit}, largest error {100.0 * max(errors):.1f} %" if errors else limit
     return Tile(f"{role.capitalize()} figures", f"{within} of {total}", note)
 
 
 def _known(comparisons: Sequence[Comparison]) -> list[tuple[str, str]]:
-    used = {one.figure.status for one in comparisons}
-    return [(word, text) for word, text in KNOWN.items() if word in used]
+    used = {comparison.figure.status for comparison in comparisons}
+    return [(status, text) for status, text in KNOWN.items() if status in used]
 
 
 def _chart(results: ValidationResults) -> Bars | None:
     """Return errors as bars about zero, with the band of the tolerance; None if there are none."""
-    shown = [one for role in ROLES for one in results.having(role) if one.error is not None]
+    shown = [(x, 100.0 * x.error) for role in ROLES for x in results.having(role) if x.error is not None]
     if not shown:
         return None
     tolerance = 100.0 * results.tolerance
-    most = max(1.4 * tolerance, *(1.08 * abs(100.0 * (one.error or 0.0)) for one in shown))
+    most = max(1.4 * tolerance, *(1.08 * abs(error) for _, error in shown))
     middle = _LEFT + 0.5 * (_WIDTH - _LEFT - _RIGHT)
     scale = 0.5 * (_WIDTH - _LEFT - _RIGHT) / most
-    step = next((one for one in _STEPS if most / one <= 5.0), 2.0 * 10.0 ** math.ceil(math.log10(most / 10.0)))
+    step = next((step for step in _STEPS if most / step <= 5.0), 2.0 * 10.0 ** math.ceil(math.log10(most / 10.0)))
     count = math.floor(most / step)
-    bars = []
-    for number, one in enumerate(shown):
-        error = 100.0 * (one.error or 0.0)
-        start = middle + scale * min(error, 0.0)
-        end = middle + scale * error
-        bars.append(
-            Bar(
-                y=_TOP + number * _ROW,
-                x=start,
-                width=max(abs(scale * error), 1.5),
-                text=f"{one.figure.text} ({one.figure.role})",
-                label=error_told(one).replace("-", "−"),
-                label_x=end + (6.0 if error >= 0.0 else -6.0),
-                anchor="start" if error >= 0.0 else "end",
-                tone=one.word,
-            )
+    bars = [
+        Bar(
+            y=_TOP + number * _ROW,
+            x=middle + scale * min(error, 0.0),
+            width=max(abs(scale * error), 1.5),
+            text=f"{comparison.figure.text} ({comparison.figure.role})",
+            label=format_error(comparison.error).replace("-", "−"),
+            label_x=middle + scale * error + (6.0 if error >= 0.0 else -6.0),
+            anchor="start" if error >= 0.0 else "end",
+            verdict=comparison.verdict,
         )
+        for number, (comparison, error) in enumerate(shown)
+    ]
     ticks = [
         (middle + scale * step * tick, f"{step * tick:+g} %".replace("-", "−") if tick else "0")
         for tick in range(-count, count + 1)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas
 from markupsafe import Markup
 
+from mirdrake.manoeuvres.record import bicycle_angles
 from mirdrake.report.figures import Array, Curve, Panel, draw_chart
 from mirdrake.report.words import format_quantity, format_time
 
@@ -218,7 +219,7 @@ def _plan_yaw_rate(signals: VehicleSignals, wheelbase: float | None) -> Plan | N
     curves = [Curve("measured", rate, "main")]
     caption = f"Up to {format_quantity(float(np.nanmax(np.abs(rate))), '°/s')}."
     if wheelbase and signals.has("vx", "steering_angle.left", "steering_angle.right"):
-        tangent = middle_tangent(signals["steering_angle.left"], signals["steering_angle.right"])
+        tangent = np.tan(bicycle_angles(signals["steering_angle.left"], signals["steering_angle.right"]))
         curves.append(Curve("v·tan δ / L", np.degrees(signals["vx"] * tangent / wheelbase), "ink", dashed=True))
         caption += " Dashed: what the front wheels would give without side slip, with the wheelbase"
         caption += f" L\u00a0=\u00a0{wheelbase:.2f}\u00a0m."
@@ -252,23 +253,6 @@ def _plan_wheels(
     if not panels:
         return None
     return stem.replace("_", "-"), title, panels, f"Range of the {plural}: {'; '.join(ranges)}."
-
-
-def middle_tangent(left: Array, right: Array) -> Array:
-    """Return the tangent of the angle of a single wheel in the middle of the axle, with the same turning centre.
-
-    With Ackermann steering cot δ of the middle wheel is the mean of cot δ of both (Rajamani, Vehicle Dynamics and
-    Control, chapter 2), so its tangent is their harmonic mean. Wheels that point apart have no common point: there the
-    mean is taken.
-
-    Args:
-        left: N angles of the left wheel [rad].
-        right: N angles of the right wheel [rad].
-    """
-    a, b = np.tan(left), np.tan(right)
-    total = a + b
-    same = a * b > 0.0
-    return np.asarray(np.where(same, 2.0 * a * b / np.where(same, total, 1.0), total / 2.0))
 
 
 def distance(signals: VehicleSignals) -> float:

@@ -1,4 +1,4 @@
-"""Incidents of a run that are reported at once: impossible starts, collisions, vehicles that leave the ground."""
+"""Incidents of a run that are reported immediately: impossible starts, collisions, vehicles that leave the ground."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -12,29 +12,29 @@ from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.worlds import PlacedProp, Start, World
 from mirdrake.worlds.clearance import Volume, clearance, clearance_between, place_outline
 
-NEAR = 0.3
-"""A contact further than this [m] from every prop and vehicle is with something else: the body is on the road, say."""
-
 Array = NDArray[np.float64]
 
-LEAST_DEPTH = 1e-3
-"""Depth from which a vehicle starts inside something [m]."""
+NEAR = 0.3
+"""Largest distance of a contact force from the prop or vehicle that it is assigned to [m]; others are with the road."""
 
-_FASTER = 1.02  # start speed over the top speed from which it is reported
-_MOVING = 0.05  # [m/s] speed of a vehicle that does not stand
+LEAST_DEPTH = 1e-3
+"""Least reported depth of a start inside a prop or vehicle [m]."""
+
+_SPEED_MARGIN = 1.02  # start speed over the top speed above which it is reported
+_MOVING = 0.05  # [m/s] speed above which a vehicle moves
 
 
 @dataclass(frozen=True)
 class Incident:
-    """Something that a user should know at once.
+    """Incident of a run.
 
     Attributes:
-        time: since the start of the run [s].
-        kind: start, collision or ground.
-        text: one line.
-        vehicle: whose.
-        other: what it touches, for a collision.
-        speed: of the vehicle at that time [m/s].
+        time: time since the start of the run [s].
+        kind: ``start``, ``collision`` or ``ground``.
+        text: message of one line.
+        vehicle: name of the vehicle.
+        other: name of the prop or vehicle of a collision.
+        speed: speed of the vehicle at that time [m/s].
     """
 
     time: float
@@ -47,18 +47,21 @@ class Incident:
 
 @dataclass
 class Incidents:
-    """Finds incidents in the samples of a run, block by block; each collision with one thing is reported once.
+    """Detector of incidents in the samples of a run, block by block; a collision of a pair is reported once.
 
     Args:
-        world: where the run takes place.
-        vehicles: by name.
-        volumes: what they can touch something with, by name.
+        world: world of the run.
+        vehicles: vehicles by name.
+        volumes: volumes of the vehicles for collisions, by name.
+
+    Attributes:
+        reported: all incidents so far.
     """
 
     world: World
     vehicles: Mapping[str, VehicleInPlant]
     volumes: Mapping[str, Volume]
-    found: list[Incident] = field(default_factory=list)
+    reported: list[Incident] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._props = [prop for prop in self.world.props if not prop.prop.driven_over]
@@ -67,29 +70,29 @@ class Incidents:
 
     def check_starts(self, starts: Mapping[str, Start]) -> list[Incident]:
         """Return the impossible starts of vehicles."""
-        found = [
+        incidents = [
             Incident(0.0, "start", f"{name}: {text}", name)
             for name, start in starts.items()
             for text in self._start_faults(name, start, starts)
         ]
-        self.found += found
-        return found
+        self.reported += incidents
+        return incidents
 
     def look(self, times: Array, columns: Mapping[str, Array]) -> list[Incident]:
-        """Return the new incidents in some samples.
+        """Return the new incidents in a block of samples.
 
         Args:
-            times: of the samples (n) [s].
+            times: times of the samples (n) [s].
             columns: signals by name (n each).
         """
         if not len(times):
             return []
         poses = {name: _poses(columns, name) for name in self.vehicles if f"{name}.x" in columns}
-        found = [incident for name in poses for incident in self._collisions(name, poses, times, columns)]
-        found += [incident for name, places in poses.items() for incident in self._left_ground(name, places, times)]
-        found.sort(key=lambda incident: incident.time)
-        self.found += found
-        return found
+        incidents = [incident for name in poses for incident in self._collisions(name, poses, times, columns)]
+        incidents += [incident for name in poses for incident in self._left_ground(name, poses[name], times)]
+        incidents.sort(key=lambda incident: incident.time)
+        self.reported += incidents
+        return incidents
 
     # --- starts ---------------------------------------------------------------------------------------------------
 
@@ -99,22 +102,21 @@ class Incidents:
             depth = -float(clearance(volume, pose, [prop])[0])
             if depth > LEAST_DEPTH:
                 yield f"starts in '{prop.name}', {depth:.2f} m deep; move the start or the prop"
-        for other, place in starts.items():
-            if other != name and list(starts).index(other) < list(starts).index(name):
-                there = np.array([[place.x, place.y, place.yaw]])
-                depth = -float(clearance_between(volume, pose, self.volumes[other], there)[0])
-                if depth > LEAST_DEPTH:
-                    yield f"starts in '{other}', {depth:.2f} m deep; move one of them"
+        for other in list(starts)[: list(starts).index(name)]:
+            other_pose = np.array([[starts[other].x, starts[other].y, starts[other].yaw]])
+            depth = -float(clearance_between(volume, pose, self.volumes[other], other_pose)[0])
+            if depth > LEAST_DEPTH:
+                yield f"starts in '{other}', {depth:.2f} m deep; move one of them"
         if volume.slabs and not self._is_on_ground(place_outline(volume.outline, pose)[0]).all():
-            yield f"stands beyond the ground at its start, {self._ground}; move the start or set ground.size"
+            yield f"starts beyond the ground, {self._ground}; move the start or set ground.size"
         yield from self._speed_faults(name, start)
 
     def _speed_faults(self, name: str, start: Start) -> Iterator[str]:
         part, speed = self.vehicles[name], start.speed
         ahead, back = top_speeds(part)
-        if speed > _FASTER * ahead:
+        if speed > _SPEED_MARGIN * ahead:
             yield f"starts at {speed:.4g} m/s; its top speed is {ahead:.1f} m/s; lower its start speed"
-        elif -speed > _FASTER * back:
+        elif -speed > _SPEED_MARGIN * back:
             yield f"starts at {speed:.4g} m/s; its top speed backwards is {back:.1f} m/s; lower its start speed"
         if abs(speed) > _MOVING and part.parked:
             yield f"starts at {speed:.4g} m/s although it is parked: its wheels slide"
@@ -128,7 +130,7 @@ class Incidents:
                     f"allows {limit:.1f} m/s"
                 )
 
-    # --- while it drives ------------------------------------------------------------------------------------------
+    # --- during the run -------------------------------------------------------------------------------------------
 
     def _collisions(
         self, name: str, poses: Mapping[str, Array], times: Array, columns: Mapping[str, Array]
@@ -136,7 +138,7 @@ class Incidents:
         """Return the first contacts of a vehicle with each object: overlapping shapes, or a contact force near it."""
         volume, mine = self.volumes[name], poses[name]
         contacts = columns.get("other_contacts", np.zeros(len(times))) > 0.0
-        known = {(one.vehicle, one.other) for one in self.found if one.kind == "collision"}
+        known = {(incident.vehicle, incident.other) for incident in self.reported if incident.kind == "collision"}
         gaps = {
             prop.name: clearance(volume, mine, [prop])
             for prop in self._near(volume, mine)
@@ -150,7 +152,7 @@ class Incidents:
             touches = (gap <= 0.0) | (contacts & (gap < NEAR) & (gap <= nearest))
             if touches.any():
                 row = int(np.argmax(touches))
-                before = max(row - 1, 0)  # the sample of the contact may already be slower
+                before = max(row - 1, 0)  # the contact may already have reduced the speed of its sample
                 speed = float(np.hypot(columns[f"{name}.vx"][before], columns[f"{name}.vy"][before]))
                 text = f"{name}: collision with '{other}' at {speed:.1f} m/s"
                 yield Incident(float(times[row]), "collision", text, name, other, speed)
@@ -163,10 +165,10 @@ class Incidents:
             x, y = poses[row, :2].tolist()
             text = f"{name}: left the world's ground at ({x:.1f}, {y:.1f}) m, {self._ground}"
             yield Incident(float(times[row]), "ground", text, name)
-        if good.any():  # it may come back, and leave again
+        if good.any():  # a vehicle that returns and leaves again is reported again
             (self._outside.add if outside[good][-1] else self._outside.discard)(name)
 
-    # --- what is near ---------------------------------------------------------------------------------------------
+    # --- candidates -----------------------------------------------------------------------------------------------
 
     def _near(self, volume: Volume, poses: Array) -> list[PlacedProp]:
         """Return the props that a vehicle may touch on its path, or have a contact with."""
@@ -178,9 +180,8 @@ class Incidents:
         return [self._props[index] for index in sorted(self._tree.query(line, predicate="dwithin", distance=reach))]
 
     def _may_meet(self, name: str, mine: Array, other: str, theirs: Array) -> bool:
-        reach = NEAR + sum(
-            float(np.hypot(*self.volumes[one].outline.T).max()) for one in (name, other) if self.volumes[one].slabs
-        )
+        volumes = (self.volumes[name], self.volumes[other])
+        reach = NEAR + sum(float(np.hypot(*volume.outline.T).max()) for volume in volumes if volume.slabs)
         apart = np.hypot(*(mine[:, :2] - theirs[:, :2]).T)
         return bool((apart[np.isfinite(apart)] < reach).any())
 

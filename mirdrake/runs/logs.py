@@ -6,15 +6,15 @@
       spec.yaml          the resolved spec, seed, versions and hash
       scene/             the world and the vehicles as they were, see :mod:`mirdrake.assembly.scene`
       signals.parquet    time [s] and named signals; units in the column metadata
-      events.jsonl       what happened, one JSON object a line
+      events.jsonl       occurrences, one JSON object in each line
       ego.front_camera/  pictures named by simulated time, and driving_log.txt beside them
-      ego.lidar.parquet  scans of a sensor whose samples are arrays, one a row
-      ego.imu.parquet    samples of a sensor whose samples are vectors, at its own rate, one a row
+      ego.lidar.parquet  samples of a sensor that outputs arrays, one in each row
+      ego.imu.parquet    samples of a sensor that outputs vectors, at its own rate, one in each row
       summary.json       figures of the run
       recording.html     Meshcat replay        report.html, diagram.svg
 
-While a run goes on, a Parquet table is a folder of finished parts, which pandas and pyarrow read like a file; at the
-end, also after Ctrl-C, it becomes one file. Whatever kills the process, all parts written so far can be read.
+During a run, a Parquet table is a folder of finished parts, which pandas and pyarrow read like a file. At the end, also
+after Ctrl-C, it becomes one file. If the process is killed, all parts written before can be read.
 """
 
 import json
@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property, wraps
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypedDict, TypeVar, cast
 
 import numpy as np
 import pandas as pd
@@ -44,37 +44,45 @@ from mirdrake.core.recording.pictures import picture_name as picture_name
 from mirdrake.core.recording.vectors import ROWS, make_table
 from mirdrake.runs.stop import Stop, StopReason
 
-Given = ParamSpec("Given")
-Found = TypeVar("Found")
+P = ParamSpec("P")
+T = TypeVar("T")
 
 SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
 
 
+class Event(TypedDict):
+    """Occurrence during a run: time [s], kind and one line of text."""
+
+    time: float
+    kind: str
+    text: str
+
+
 @dataclass(frozen=True)
 class Run:
-    """What a simulation gave.
+    """Result of a simulation.
 
     Attributes:
-        folder: where it was written, or None if it is only in memory.
-        spec: the resolved diagram spec as plain data, with seed and versions.
+        folder: run folder; None if the run is only in memory.
+        spec: resolved diagram spec as plain data, with seed and versions.
         summary: figures of the run, see summary.json.
         units: unit of every signal, "" for pure numbers.
-        events: what happened: time [s], kind, text.
-        table: the samples of a run that is only in memory; use :attr:`signals`.
-        laid_out: the scene of a run that was made in this process; use :meth:`scene`.
+        events: occurrences during the run.
+        table: samples of a run that is only in memory; use :attr:`signals`.
+        laid_out: scene of a run that was made in this process; use :meth:`scene`.
     """
 
     folder: Path | None
     spec: dict[str, Any]
     summary: dict[str, Any]
     units: dict[str, str] = field(default_factory=dict)
-    events: list[dict[str, Any]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
     table: pd.DataFrame | None = None
     laid_out: Scene | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def signals(self) -> pd.DataFrame:
-        """Samples by name, index ``time`` [s]; read from the folder when first asked for.
+        """Samples by name, index ``time`` [s]; read from the folder at the first access.
 
         ``signals.attrs["units"]`` has the unit of each column.
         """
@@ -83,10 +91,10 @@ class Run:
         return table
 
     def scene(self) -> Scene:
-        """Return the world and the vehicles of the run as they were, read from the folder when first asked for.
+        """Return the world and the vehicles of the run as they were, read from the folder at the first call.
 
         Raises:
-            RunError: the run carries no scene, or a damaged one.
+            RunError: the run has no scene, or a damaged one.
         """
         return self._scene
 
@@ -95,7 +103,7 @@ class Run:
         if self.laid_out is not None:
             return self.laid_out
         if self.folder is None:
-            raise RunError("run: it is only in memory and carries no scene")
+            raise RunError("the run is only in memory and has no scene")
         return read_scene(self.folder)
 
     @property
@@ -110,7 +118,7 @@ class Run:
 
     @property
     def start(self) -> datetime:
-        """Date and time of the start, which pictures are named after."""
+        """Date and time of the start, from which the names of pictures are derived."""
         with read_errors((self.folder or Path()) / SPEC):
             return parse_start(_mapping(self.spec.get("record", {})).get("start_time"))
 
@@ -135,22 +143,22 @@ def load_run(folder: Path | str) -> Run:
     """Load a run folder, also one whose run was killed.
 
     Raises:
-        ConfigError: it is no run folder.
+        ConfigError: it is not a run folder, or it is damaged.
     """
     folder = Path(folder)
     if not (folder / SPEC).is_file():
         raise ConfigError(f"{folder}: not a run folder (it has no {SPEC})")
     with read_errors(folder / SPEC):
         spec = _mapping(yaml.safe_load((folder / SPEC).read_text(encoding="utf-8")))
-    summary: dict[str, Any] = {"stop_reason": StopReason.KILLED, "stop_detail": ""}
     with read_errors(folder / SUMMARY):
-        if (folder / SUMMARY).exists():
-            summary = _mapping(parse_json((folder / SUMMARY).read_text(encoding="utf-8")))
+        written = (folder / SUMMARY).exists()
+        killed = {"stop_reason": StopReason.KILLED, "stop_detail": ""}
+        summary = _mapping(parse_json((folder / SUMMARY).read_text(encoding="utf-8")) if written else killed)
     with read_errors(folder / SIGNALS):
         schema = _stored_schema(folder)
         units = {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
     with read_errors(folder / EVENTS):
-        events = [_mapping(event) for event in _read_events(folder)]
+        events = _read_events(folder)
     run = Run(folder, spec, summary, units, events)
     with read_errors(folder / SIGNALS):
         if "simulated_s" not in summary and len(run.signals):
@@ -160,23 +168,23 @@ def load_run(folder: Path | str) -> Run:
 
 @contextmanager
 def reading_run(folder: Path | None) -> Iterator[None]:
-    """Raise what the contents of a damaged run folder cause where they are used as a ConfigError with one line.
+    """Convert exceptions due to inconsistent values of a damaged run folder to a ConfigError with one line.
 
-    What cannot be read at all is reported where it is read; this is for values that do not fit one another.
+    Files that cannot be read are reported by their readers.
     """
     try:
         with read_errors(folder or Path()):
             yield
-    except (RuntimeError, AssertionError, SystemExit) as error:  # of Drake; a failed assertion is a SystemExit
+    except (RuntimeError, AssertionError, SystemExit) as error:  # Drake raises SystemExit for a failed assertion
         reason = next(iter(str(error).splitlines()), "")
         raise ConfigError(f"{folder}: damaged, cannot be used: {reason[:160]}") from error
 
 
-def reads_run(function: Callable[Concatenate[Run, Given], Found]) -> Callable[Concatenate[Run, Given], Found]:
-    """Make a function of a run raise what a damaged run folder causes in it as a ConfigError; a decorator."""
+def reads_run(function: Callable[Concatenate[Run, P], T]) -> Callable[Concatenate[Run, P], T]:
+    """Decorate a function of a run with :func:`reading_run`."""
 
     @wraps(function)
-    def read(run: Run, /, *arguments: Given.args, **options: Given.kwargs) -> Found:
+    def read(run: Run, /, *arguments: P.args, **options: P.kwargs) -> T:
         with reading_run(run.folder):
             return function(run, *arguments, **options)
 
@@ -185,7 +193,7 @@ def reads_run(function: Callable[Concatenate[Run, Given], Found]) -> Callable[Co
 
 def _mapping(data: Any) -> dict[str, Any]:
     if not isinstance(data, dict):
-        raise ValueError("it has no mapping (key: value) at its top")
+        raise ValueError("its top level is not a mapping (key: value)")
     return data
 
 
@@ -194,7 +202,7 @@ def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> p
 
     Args:
         folder: the run folder; None gives an empty table.
-        columns: only these, as far as they exist.
+        columns: names of columns; missing ones are ignored.
     """
     with read_errors((folder or Path()) / SIGNALS):
         parts = stored(folder / SIGNALS) if folder is not None else []
@@ -211,23 +219,23 @@ def _stored_schema(folder: Path) -> pa.Schema:
     return pq.read_schema(parts[0]) if parts else pa.schema([])
 
 
-def _read_events(folder: Path) -> list[dict[str, Any]]:
+def _read_events(folder: Path) -> list[Event]:
     if not (folder / EVENTS).is_file():
         return []
     lines = (folder / EVENTS).read_text(encoding="utf-8").splitlines(keepends=True)
-    return [parse_json(line) for line in lines if line.endswith("\n")]
+    return [cast(Event, _mapping(parse_json(line))) for line in lines if line.endswith("\n")]
 
 
 class RunWriter:
-    """Writes a run folder while the run goes on.
+    """Writer of a run folder during the run.
 
     Args:
-        folder: created; must not exist yet or be empty.
-        spec: the resolved spec as plain data.
-        scene: the world and the vehicles, if there are any.
+        folder: new or empty folder.
+        spec: resolved spec as plain data.
+        scene: world and vehicles of the run.
 
     Raises:
-        RunError: the folder cannot be made.
+        RunError: the folder is not empty or cannot be created.
     """
 
     def __init__(self, folder: Path, spec: Mapping[str, Any], scene: Scene | None = None) -> None:
@@ -239,7 +247,7 @@ class RunWriter:
             if any(folder.iterdir()):
                 raise RunError(f"{folder}: is not empty; choose another folder with --out")
         except OSError as error:
-            raise RunError(f"{folder}: cannot be made: {error.strerror}; choose another folder with --out") from None
+            raise RunError(f"{folder}: cannot be created: {error.strerror}; choose another folder with --out") from None
         try:
             write_file(folder / SPEC, yaml.safe_dump(dict(spec), sort_keys=False, allow_unicode=True, width=100))
         except RunError:
@@ -259,16 +267,16 @@ class RunWriter:
         """Write the blocks that are still in memory."""
         self._signals.flush()
 
-    def write_event(self, at: float, kind: str, text: str) -> None:
+    def write_event(self, event: Event) -> None:
         """Add a line to events.jsonl."""
         path = self.folder / EVENTS
         with write_errors(path), path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"time": round(at, 6), "kind": kind, "text": text}) + "\n")
+            file.write(json.dumps(event) + "\n")
 
-    def finish(self, summary: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
-        """Make signals.parquet one file and write summary.json.
+    def finish(self, summary: Callable[[], Mapping[str, object]]) -> dict[str, object]:
+        """Merge signals.parquet into one file and write summary.json.
 
-        How the parts were cut does not show in the file: equal samples give equal bytes.
+        The file does not depend on the parts: equal samples give equal bytes.
 
         Args:
             summary: called when all samples are on disk.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, System
 
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.controllers.ackermann import Ackermann
@@ -20,7 +20,7 @@ from mirdrake.core.recording.pictures import PictureLog, make_pool
 from mirdrake.core.recording.vectors import VectorLog
 from mirdrake.core.signals import signals_of
 from mirdrake.core.vectors import STATE
-from mirdrake.runs.logs import RunWriter
+from mirdrake.runs.logs import Event, RunWriter
 from mirdrake.runs.telemetry import Array, Columns
 from mirdrake.sensors import GroundTruth
 
@@ -28,7 +28,7 @@ _VX = [signal.name for signal in STATE].index("vx")
 
 
 class Blocks:
-    """The blocks of samples of a run, written as they come or kept until the end."""
+    """Blocks of samples of a run, which are written immediately or kept until the end."""
 
     def __init__(self, writer: RunWriter | None) -> None:
         self._writer = writer
@@ -55,18 +55,18 @@ class Blocks:
 
 
 class Events:
-    """What happens in a run, found in its samples."""
+    """Events of a run, detected in its samples."""
 
     def __init__(self, writer: RunWriter | None) -> None:
         self._writer = writer
         self._last: dict[str, float] = {}
-        self.entries: list[dict[str, Any]] = []
+        self.entries: list[Event] = []
 
     def add(self, time: float, kind: str, text: str) -> None:
         """Keep an event, and write it."""
-        self.entries.append({"time": round(time, 6), "kind": kind, "text": text})
+        self.entries.append(Event(time=round(time, 6), kind=kind, text=text))
         if self._writer is not None:
-            self._writer.write_event(time, kind, text)
+            self._writer.write_event(self.entries[-1])
 
     def look(self, times: Array, columns: Columns, vehicles: list[str]) -> None:
         """Add events of wheels that leave or regain the road, laps, and contacts other than tyres on the road."""
@@ -92,22 +92,24 @@ class Events:
 
 
 class Recorder:
-    """A monitor that writes the samples of sensors in the moment that there are new ones; use it as a context manager.
+    """Monitor that writes new samples of sensors after each step; it is a context manager.
 
-    A sample is written once it is shown, with the moment it was taken at as its time; one that is lost is not. Those
-    still on their way when the run ends are written then, see :meth:`counts`. Steps of the simulator end at these
-    moments, as they are events of the sensors, so that none is missed.
+    A sample is written when it is output, with the time at which it was taken; a lost sample is not written. Samples
+    that were taken but not output at the end of the run are written then, see :meth:`counts`. Outputs change in events
+    of the sensors, at which steps of the simulator end, so no sample is missed.
 
-    What it asks of a sensor: an attribute ``record`` that says "pictures" or "array", else its samples are vectors; its
-    ``rate`` [Hz] and ``latency`` [s]; and ``under_way(context)``, samples that are taken and not shown yet. One of
-    pictures has ports ``stamp`` [s] and ``shot``, an object with ``pictures``, arrays by name; or a method
-    ``look(context)``, which gives an array, or several by name. One of arrays has a port ``sample`` or an abstract one
-    of a dataclass with a ``time`` [s], and may have a port ``stamp`` [s]. One of vectors has ``sample`` and ``stamp``;
-    others are not written here.
+    Interface of a sensor:
+
+    - ``record`` is "pictures" or "array"; other samples are vectors.
+    - ``rate`` [Hz], ``latency`` [s], and ``under_way(context)``, the samples that were taken but not output.
+    - Pictures: ports ``stamp`` [s] and ``shot``, an object with ``pictures``, arrays by name; or a method
+      ``look(context)`` that returns an array, or several by name.
+    - Arrays: a port ``sample``, or an abstract port of a dataclass with a ``time`` [s]; optionally ``stamp`` [s].
+    - Vectors: ports ``sample`` and ``stamp``; sensors without them are not recorded here.
 
     Args:
         assembly: the built diagram.
-        folder: of the run.
+        folder: folder of the run.
     """
 
     def __init__(self, assembly: Assembly, folder: Path) -> None:
@@ -137,7 +139,7 @@ class Recorder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """Write what is on its way and what is still in memory; after a failure, as much of it as goes."""
+        """Write pending samples and those in memory; after a failure, as many as possible."""
         fault: RunError | None = None
         for stream in self._streams:
             try:
@@ -161,9 +163,9 @@ class Recorder:
             stream.look(context)
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """Return the number of samples by sensor (``recorded``), and how many of the last ones are not yet written.
+        """Return the number of samples by sensor (``recorded``), and how many were not output at the end.
 
-        These (``under_way``) were taken so shortly before the end that their latency had not passed.
+        The latter (``under_way``) were taken so late that their latency had not passed.
         """
         recorded = {path.name: log.count for camera in self._cameras for path, log in camera.logs.items()}
         recorded |= {samples.log.name: samples.log.count for samples in self._samples}
@@ -173,18 +175,18 @@ class Recorder:
         return {key: counts for key, counts in (("recorded", recorded), ("under_way", late)) if counts}
 
 
-def vector_sensors(assembly: Assembly) -> dict[str, Any]:
-    """Return the sensors of a diagram whose vector samples are to be recorded, by name."""
+def vector_sensors(assembly: Assembly) -> dict[str, System]:
+    """Return the sensors of a diagram whose vector samples are recorded, by name."""
     names = [f"{vehicle}.{sensor}" for vehicle, sensors in assembly.spec.sensors.items() for sensor in sensors]
     if not assembly.spec.record.signals:
         return {}
-    found = {name: assembly.diagram.GetSubsystemByName(name) for name in names if name in assembly.taps}
-    return {name: sensor for name, sensor in found.items() if sensor.HasOutputPort("stamp")}
+    sensors = {name: assembly.diagram.GetSubsystemByName(name) for name in names if name in assembly.taps}
+    return {name: sensor for name, sensor in sensors.items() if sensor.HasOutputPort("stamp")}
 
 
 @dataclass
 class _Camera:
-    """A camera, where its pictures go, and who knows what its vehicle does."""
+    """Camera with the logs of its pictures and the ground truth of its vehicle."""
 
     camera: Any
     make_log: Callable[[Path], PictureLog]
@@ -200,7 +202,7 @@ class _Camera:
     def look(self, context: Context) -> None:
         """Write a picture if there is a new one.
 
-        A camera with a ``stamp`` has drawn it already; to draw it here would draw some of them twice.
+        A camera with a ``stamp`` renders by itself, others render here.
         """
         time = context.get_time()
         due = time >= self.taken / self.camera.rate - 1e-9
@@ -216,7 +218,7 @@ class _Camera:
         self._look(context)
 
     def finish(self, context: Context) -> None:
-        """Finish the run: write the samples that are shown and those in progress."""
+        """Write the last samples of the run, output or pending."""
         if self.camera.HasOutputPort("stamp"):
             self._look(context)
         if hasattr(self.camera, "under_way"):
@@ -231,12 +233,12 @@ class _Camera:
             self.last = stamp
             self._write(stamp, self.camera.GetOutputPort("shot").Eval(own).pictures)
 
-    def _write(self, time: float, seen: Any) -> None:
-        """Write the pictures of a moment [s], with what the vehicle did then."""
+    def _write(self, time: float, pictures: Any) -> None:
+        """Write the pictures of a time [s], with steering and speed of the vehicle at that time."""
         while len(self._drives) > 1 and self._drives[0][0] < time - 1e-6:  # those of lost pictures
             self._drives.popleft()
         _, steering, speed = self._drives.popleft()
-        for name, pixels in (seen if isinstance(seen, Mapping) else {"color": seen}).items():
+        for name, pixels in (pictures if isinstance(pictures, Mapping) else {"color": pictures}).items():
             path = self.folder if name == "color" else self.folder.with_name(f"{self.folder.name}.{name}")
             if path not in self.logs:
                 self.logs[path] = self.make_log(path)
@@ -249,7 +251,7 @@ class _Camera:
 
 @dataclass
 class _Samples:
-    """A sensor whose samples are arrays or vectors, and where they go."""
+    """Sensor with samples of arrays or vectors, and its log."""
 
     sensor: Any
     log: ArrayLog | VectorLog
@@ -268,11 +270,11 @@ class _Samples:
     def look(self, context: Context) -> None:
         """Write a sample if there is a new one."""
         self.log.flush_if_due()
-        if context.get_time() >= self.last + self._wait:  # before that there is none
+        if context.get_time() >= self.last + self._wait:  # earliest time of the next sample
             self._look(context)
 
     def finish(self, context: Context) -> None:
-        """Finish the run: write the samples that are shown and those in progress."""
+        """Write the last samples of the run, output or pending."""
         self._look(context)
         if hasattr(self.sensor, "under_way"):
             for time, sample in self.sensor.under_way(self.sensor.GetMyContextFromRoot(context)):

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
@@ -32,16 +33,16 @@ from mirdrake.runs.telemetry import Array, Columns, Telemetry
 from mirdrake.worlds import Start
 
 BLOCK = 1.0
-"""Simulated time between two looks at the logs [s], the grain of the progress bar."""
+"""Simulated time between two readings of the logs [s], the resolution of the progress bar."""
 
 SLOW_BLOCK = 0.25
 """The same with cameras [s]."""
 
 LONG_BLOCK = 10.0
-"""The same where nobody waits for the samples [s]."""
+"""The same if samples are neither written nor evaluated during the run [s]."""
 
 SLICE = 0.125
-"""Simulated time between two looks at whether to stop [s]; a power of two, so that its multiples are exact."""
+"""Simulated time between two checks for a stop [s]; a power of two, so that its multiples are exact."""
 
 Progress = Callable[[float, float], None]
 
@@ -61,9 +62,9 @@ def simulate(
 
     Args:
         spec: a diagram spec, its data or its name.
-        duration: simulated time [s]; the spec's if left out.
+        duration: simulated time [s]; by default that of the spec.
         folder: run folder to write; None keeps the run in memory.
-        meshcat: shows the run while it goes on.
+        meshcat: shows the run live.
         realtime_rate: 1 for real time, 0 for as fast as it goes.
         progress: called with simulated time and duration [s] every simulated second.
 
@@ -121,6 +122,7 @@ class Simulation:
         end = assembly.spec.duration if duration is None else duration
         if not (math.isfinite(end) and end > 0.0):
             raise ConfigError(f"duration {end} s is not allowed; it must be a positive time")
+        # A new Context, the run folder, and the watchers that are called after every step.
         data = resolved_spec(assembly, duration=end)
         context = assembly.make_context()
         if change is not None:
@@ -144,8 +146,9 @@ class Simulation:
         met = threading.Event()
         if watchers or until is not None:
             simulator.set_monitor(lambda context: _watch(assembly.diagram, watchers, until, met, context))
+        # The run itself; a failure is reported after the folder is finished.
         telemetry, blocks, events = Telemetry(assembly), Blocks(writer), Events(writer)
-        began = time.perf_counter()
+        start = time.perf_counter()
         stop = Stop(StopReason.DURATION)
         incidents = Incidents(assembly.parts.world, assembly.parts.vehicles, self._volumes)
         logs = _Logs(telemetry, blocks, events, incidents, report)
@@ -166,10 +169,12 @@ class Simulation:
                 stop = Stop(StopReason.DIVERGED, f"the solver failed: {line}")
             else:
                 stop = Stop(StopReason.FAILED, _failure(error))
+
+        # The last samples and events, and the summary.
         times, columns = telemetry.read(context)
         blocks.add(times, columns, telemetry.units)
         logs.report(incidents.look(times, columns))
-        wall = time.perf_counter() - began
+        wall = time.perf_counter() - start
         simulated = float(context.get_time())
         if stop.reason is StopReason.FAILED:
             events.add(simulated, "failure", stop.detail)
@@ -181,10 +186,10 @@ class Simulation:
             if view.failed:
                 events.add(view.failed_at, "view", "Meshcat has ended; the run continued without its page")
         figures = partial(
-            make_summary, assembly, data, simulated=simulated, wall=wall, stop=stop, incidents=incidents.found
+            make_summary, assembly, data, simulated=simulated, wall=wall, stop=stop, incidents=incidents.reported
         )
         recorded = recorder.counts() if recorder is not None else {}
-        table, summary = None, {}
+        table: pd.DataFrame | None = None
         if writer is not None:
             read = partial(read_signals, writer.folder, figure_columns(assembly))
             summary = writer.finish(lambda: figures(read()) | recorded)

@@ -54,7 +54,7 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
 
 
 def scene_hashes(scene: Scene) -> dict[str, str]:
-    """Return the hashes of what the files of vehicles and world state, by the vehicles' names and ``world``."""
+    """Return the hashes of the contents of the files of vehicles and world, by the vehicles' names and ``world``."""
     hashes = {
         name: digest_data(
             {
@@ -97,9 +97,17 @@ def make_summary(
     wall: float,
     stop: Stop,
     incidents: Sequence[Incident] = (),
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the content of summary.json."""
-    summary: dict[str, Any] = {
+    vehicles = {}
+    for name, part in assembly.parts.vehicles.items():
+        collisions = [
+            {"time": round(incident.time, 6), "with": incident.other, "speed_mps": round(incident.speed, 3)}
+            for incident in incidents
+            if incident.kind == "collision" and incident.vehicle == name
+        ]
+        vehicles[name] = {"model": part.vehicle.name, **_vehicle_figures(signals, name), "collisions": collisions}
+    return {
         "diagram": data["name"],
         "world": data["world"]["name"],
         "simulated_s": round(simulated, 9),
@@ -110,16 +118,8 @@ def make_summary(
         "seed": data["seed"],
         "spec_sha256": data["provenance"]["spec_sha256"],
         "versions": data["provenance"]["versions"],
-        "vehicles": {},
+        "vehicles": vehicles,
     }
-    for name, part in assembly.parts.vehicles.items():
-        summary["vehicles"][name] = {"model": part.vehicle.name} | _vehicle_figures(signals, name)
-        summary["vehicles"][name]["collisions"] = [
-            {"time": round(one.time, 6), "with": one.other, "speed_mps": round(one.speed, 3)}
-            for one in incidents
-            if one.kind == "collision" and one.vehicle == name
-        ]
-    return summary
 
 
 _FIGURES = ("vx", "speed_command", "wheels_on_road", "lap", "lateral_error", "curvature")
@@ -130,14 +130,14 @@ def figure_columns(assembly: Assembly) -> list[str]:
     return [f"{name}.{signal}" for name in assembly.parts.vehicles for signal in _FIGURES]
 
 
-def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, Any]:
+def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, float | None]:
     """Return the figures of one vehicle; None for those that the world or the run does not have."""
 
     def column(suffix: str) -> Array | None:
         key = f"{name}.{suffix}"
         return signals[key].to_numpy() if key in signals and len(signals) else None
 
-    figures: dict[str, Any] = dict.fromkeys(VEHICLE_FIGURES)
+    figures: dict[str, float | None] = dict.fromkeys(VEHICLE_FIGURES)
     vx, command, wheels = column("vx"), column("speed_command"), column("wheels_on_road")
     lap, lateral, curvature = column("lap"), column("lateral_error"), column("curvature")
     if vx is None or len(signals) < 2:

@@ -14,12 +14,15 @@ from mirdrake.assembly.diagram import Assembly, Tap
 from mirdrake.core.vectors import STATE
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.vehicles import WHEELS
+from mirdrake.vehicles.geometry import VehicleGeometry
+from mirdrake.worlds import World
 from mirdrake.worlds.tracks import Track
 
 Array = NDArray[np.float64]
 
 LEAP = 1.0
 """Change of progress beyond twice the distance travelled that means another section of the road [m]."""
+
 Columns = dict[str, Array]
 
 
@@ -56,9 +59,7 @@ class Telemetry:
             taken, raw[name] = log.sample_times().copy(), log.data().copy()
             log.Clear()
             times = taken if len(raw) == 1 or taken.size < times.size else times
-        if any(
-            values.shape[1] > times.size for values in raw.values()
-        ):  # an error in a block left logs of unequal length
+        if any(values.shape[1] > times.size for values in raw.values()):  # after an error in a block
             raw = {name: values[:, : times.size] for name, values in raw.items()}
         columns: Columns = {}
         if "plant_state" not in raw:
@@ -134,12 +135,7 @@ class Telemetry:
         """Add the track coordinates of a vehicle, and the number of its wheels on a road."""
         world, name = self._assembly.parts.world, part.name
         px, py, yaw = state[0], state[1], state[5]
-        geometry = part.vehicle.geometry
-        corners = [(geometry.wheelbase, geometry.front_track / 2.0), (geometry.wheelbase, -geometry.front_track / 2.0)]
-        corners += [(0.0, geometry.rear_track / 2.0), (0.0, -geometry.rear_track / 2.0)]
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        on_road = sum(world.on_road(px + a * cos - b * sin, py + a * sin + b * cos).astype(float) for a, b in corners)
-        self._put(columns, f"{name}.wheels_on_road", np.asarray(on_road, dtype=float), "")
+        self._put(columns, f"{name}.wheels_on_road", wheels_on_road(world, part.vehicle.geometry, px, py, yaw), "")
         track_name = self._assembly.tracks[name]
         if track_name is None or px.size == 0:
             return
@@ -161,6 +157,24 @@ class Telemetry:
         self._put(columns, f"{name}.curvature", track.curvature(s), "1/m")
         if track.closed:
             self._put(columns, f"{name}.lap", (unrolled - start) / track.length, "")
+
+
+def wheels_on_road(world: World, geometry: VehicleGeometry, x: Array, y: Array, yaw: Array) -> Array:
+    """Return the number of wheels of a vehicle on a road (n); four in a world without roads.
+
+    Args:
+        world: world with the roads.
+        geometry: dimensions of the vehicle.
+        x: positions of its origin (n) [m].
+        y: the same (n) [m].
+        yaw: heading (n) [rad].
+    """
+    base, front, rear = geometry.wheelbase, geometry.front_track / 2.0, geometry.rear_track / 2.0
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    corners = ((base, front), (base, -front), (0.0, rear), (0.0, -rear))
+    on_road = [world.on_road(x + a * cos - b * sin, y + a * sin + b * cos) for a, b in corners]
+    count: Array = np.count_nonzero(on_road, axis=0).astype(float)
+    return count
 
 
 def _follow(track: Track, x: Array, y: Array, last: float | None) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Figures of driving straight ahead: accelerating, braking, coasting, standing."""
+"""Figures of straight driving: acceleration, braking, coasting, creep at standstill."""
 
 import math
 from collections.abc import Sequence
@@ -10,33 +10,30 @@ from scipy.optimize import nnls
 from mirdrake.manoeuvres.base import Array
 from mirdrake.manoeuvres.metrics.transient import crossing
 
-FOOT = 0.3048
-"""[m]"""
-MILE = 1609.344
-"""[m]"""
-MPH = 0.44704
-"""[m/s]"""
-KMH = 1.0 / 3.6
-"""[m/s]"""
+FOOT, MILE = 0.3048, 1609.344
+"""Foot and mile [m]."""
+MPH, KMH = 0.44704, 1.0 / 3.6
+"""Mile per hour and kilometre per hour [m/s]."""
 MOVED = 0.05
-"""Speed from which on a vehicle counts as moving [m/s]."""
+"""Speed above which a vehicle counts as moving [m/s]."""
 
 
-def time_to_speed(time: Array, speed: Array, wanted: float, *, start: float) -> float:
-    """Time from `start` until a speed is reached [s]; NaN if never."""
-    return crossing(time, speed, wanted, after=start) - start
+def time_to_speed(time: Array, speed: Array, target: float, *, start: float) -> float:
+    """Return the time from `start` until a speed is reached [s]; NaN if it is not."""
+    return crossing(time, speed, target, after=start) - start
 
 
-def time_to_distance(time: Array, distance: Array, wanted: float, *, start: float) -> float:
-    """Time from `start` until a way is covered [s], from where the vehicle stood then; NaN if never."""
-    here = float(np.interp(start, time, distance))
-    return crossing(time, distance - here, wanted, after=start) - start
+def time_to_distance(time: Array, distance: Array, target: float, *, start: float) -> float:
+    """Return the time from `start` until a distance is covered from then on [s]; NaN if it is not."""
+    before = float(np.interp(start, time, distance))
+    return crossing(time, distance - before, target, after=start) - start
 
 
 def moves_off(time: Array, speed: Array, level: float) -> float:
-    """When a standing vehicle drives off [s]: the last time it passes `level` before 20 of it; NaN if it never does.
+    """Return the time at which a vehicle moves off [s]; NaN if it does not.
 
-    What an automatic does before, as it creeps against its brakes or rocks on its wheels, does not count.
+    It is the last time at which the speed passes `level` before it reaches 20 times that: a vehicle that creeps against
+    its brakes or rocks on its suspension has not moved off.
     """
     driving = np.flatnonzero(speed > 20.0 * level)
     if not len(driving):
@@ -50,9 +47,9 @@ class Stop:
     """Braking from one speed to another.
 
     Attributes:
-        distance: [m].
-        time: [s].
-        mean: deceleration of the distance, (v0² - v1²) / 2 s [m/s²].
+        distance: braking distance [m].
+        time: braking time [s].
+        mean: mean deceleration over the distance, (v0² - v1²) / 2 s [m/s²].
         developed: mean fully developed deceleration, between 80 % and 10 % of the first speed [m/s²].
     """
 
@@ -63,25 +60,27 @@ class Stop:
 
 
 def stop_from(time: Array, speed: Array, distance: Array, first: float, last: float = 0.0) -> Stop:
-    """Braking from a speed, from the moment it is passed; NaN where that does not happen.
+    """Return the figures of braking from the time at which a speed is passed; NaN where a speed is not passed.
 
     Args:
-        time: rising [s].
-        speed: falling [m/s].
-        distance: travelled [m].
+        time: increasing times [s].
+        speed: decreasing speed [m/s].
+        distance: distance travelled [m].
         first: speed at which the distance begins [m/s].
-        last: at which it ends; zero: at :func:`standstill`.
+        last: speed at which it ends [m/s]; zero for :func:`standstill`.
     """
+
+    def between(begin: float, end: float) -> float:
+        return float(np.interp(end, time, distance) - np.interp(begin, time, distance)) if end > begin else math.nan
+
     begin = crossing(time, speed, first)
     end = crossing(time, speed, last, after=begin) if last > 0.0 else standstill(time, speed, after=begin)
-    way = float(np.interp(end, time, distance) - np.interp(begin, time, distance)) if end > begin else math.nan
-    eight, one = (crossing(time, speed, share * first, after=begin) for share in (0.8, 0.1))
-    between = float(np.interp(one, time, distance) - np.interp(eight, time, distance)) if one > eight else math.nan
+    developed = between(*(crossing(time, speed, share * first, after=begin) for share in (0.8, 0.1)))
     return Stop(
-        distance=way,
+        distance=between(begin, end),
         time=end - begin,
-        mean=(first**2 - last**2) / (2.0 * way),
-        developed=(0.64 - 0.01) * first**2 / (2.0 * between),
+        mean=(first**2 - last**2) / (2.0 * between(begin, end)),
+        developed=(0.64 - 0.01) * first**2 / (2.0 * developed),
     )
 
 
@@ -96,7 +95,7 @@ def standstill(time: Array, speed: Array, *, after: float) -> float:
 
 @dataclass(frozen=True)
 class RoadLoad:
-    """F = a + b v + c v² [N], with v in m/s; and the root mean square of what is left of the speed [m/s]."""
+    """Road load F = a + b v + c v² [N] with v in m/s, and the root mean square error of the speed [m/s]."""
 
     a: float
     b: float
@@ -104,47 +103,48 @@ class RoadLoad:
     error: float
 
     def at(self, speed: float) -> float:
-        """Force at a speed [N]."""
+        """Return the force at a speed [N]."""
         return self.a + self.b * speed + self.c * speed**2
 
 
 def road_load(time: Array, speed: Array, mass: float) -> RoadLoad:
-    """Road load of a coast-down, from the speed over time alone: least squares of its integral.
+    """Return the road load of a coast-down by least squares of the integrated equation of motion.
 
-    m (v0 - v(t)) = a t + b ∫ v dt + c ∫ v² dt needs no derivative. Coefficients are not negative.
+    m (v0 - v(t)) = a t + b ∫ v dt + c ∫ v² dt needs no derivative. The coefficients are not negative.
 
     Args:
-        time: of the coast-down alone [s].
-        speed: [m/s].
-        mass: with that of what rotates [kg].
+        time: times of the coast-down only [s].
+        speed: speed [m/s].
+        mass: mass with the equivalent mass of rotating parts [kg].
     """
     step = np.diff(time)
 
-    def summed(values: Array) -> Array:
+    def integral(values: Array) -> Array:
         return np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * step)))
 
     since = time - time[0]
-    matrix = np.column_stack([since, summed(speed), summed(speed**2)])
+    matrix = np.column_stack([since, integral(speed), integral(speed**2)])
     scale = np.abs(matrix).max(axis=0)
-    lost = mass * (speed[0] - speed)
-    found = nnls(matrix / scale, lost)[0] / scale
-    error = float(np.sqrt(np.mean((matrix @ found - lost) ** 2))) / mass
-    return RoadLoad(float(found[0]), float(found[1]), float(found[2]), error)
+    momentum = mass * (speed[0] - speed)
+    coefficients = nnls(matrix / scale, momentum)[0] / scale
+    error = float(np.sqrt(np.mean((matrix @ coefficients - momentum) ** 2))) / mass
+    a, b, c = coefficients.tolist()
+    return RoadLoad(a, b, c, error)
 
 
 def coast_times(time: Array, speed: Array, steps: Sequence[tuple[float, float]]) -> list[float]:
-    """Time from one speed down to another [s], by pairs of speeds [m/s]; NaN where they are not passed."""
+    """Return the times from a higher to a lower speed [s] for pairs of speeds [m/s]; NaN where they are not passed."""
     return [crossing(time, speed, low) - crossing(time, speed, high) for high, low in steps]
 
 
 def creep(time: Array, x: Array, y: Array, *, settle: float) -> tuple[float, float]:
-    """Speed of a drifting place [m/s], by a straight line through it, and how far it went [m], after settling.
+    """Return the creep speed by a line fitted to the position [m/s], and the largest drift [m], after settling.
 
     Args:
-        time: [s].
-        x: [m].
-        y: [m].
-        settle: time at the start that does not count [s].
+        time: times [s].
+        x: position [m].
+        y: position [m].
+        settle: time at the start that is not evaluated [s].
     """
     chosen = time >= settle
     t, px, py = time[chosen], x[chosen], y[chosen]

@@ -9,22 +9,22 @@ from scipy.signal import csd, welch
 from mirdrake.manoeuvres.base import Array
 
 ROUND_PEAK = 0.2
-"""Part of its time on both sides of a largest value, in which the peak is looked for: it is flat, and wheels that are
-steered by a control unit move in steps, so that the largest sample comes earlier or later by chance."""
+"""Half width of the window around the largest sample in which the peak is fitted, over its time [1]. A peak is flat and
+the steering moves in steps of the control unit, so the largest sample alone is at a random time near the peak."""
 
 
 @dataclass(frozen=True)
 class StepResponse:
-    """Answer to a step of the steering.
+    """Response to a step of the steering.
 
     Attributes:
         start: time at which the steering passes half of its final value [s].
-        steady: final value of the answer, in its unit.
-        response_time: from start until the answer has 90 % of its final value [s].
-        peak_time: from start until the top of a parabola through what is around the largest value, within
+        steady: final value of the response, in its unit.
+        response_time: time from start until the response has 90 % of its final value [s].
+        peak_time: time from start until the peak of a parabola fitted around the largest value, within
             :data:`ROUND_PEAK` of that time [s]; NaN without overshoot.
         overshoot: largest value over the final one, less 1 [1].
-        gain: final value of the answer over that of the steering, unit per rad.
+        gain: final value of the response over that of the steering, unit per rad.
     """
 
     start: float
@@ -36,7 +36,7 @@ class StepResponse:
 
 
 def crossing(time: Array, values: Array, level: float, *, after: float = -math.inf) -> float:
-    """First time after `after` at which a signal reaches a level, from either side, between samples; NaN if never."""
+    """Return the first time after `after` at which a signal crosses a level, interpolated; NaN if it does not."""
     signs = np.sign(values - level)
     hits = np.flatnonzero((signs[:-1] * signs[1:] <= 0.0) & (values[:-1] != values[1:]) & (time[1:] > after))
     if not len(hits):
@@ -47,13 +47,13 @@ def crossing(time: Array, values: Array, level: float, *, after: float = -math.i
 
 
 def step_response(time: Array, steering: Array, answer: Array, *, last: float) -> StepResponse:
-    """Figures of the answer to a step.
+    """Return the figures of the response to a step.
 
     Args:
-        time: rising [s].
-        steering: its angle, zero before the step [rad].
+        time: increasing times [s].
+        steering: steering angle, zero before the step [rad].
         answer: yaw rate or lateral acceleration.
-        last: length of the end of the signals over which final values are taken [s].
+        last: time at the end over which final values are averaged [s].
     """
     end = time >= time[-1] - last
     final, steady = float(np.mean(steering[end])), float(np.mean(answer[end]))
@@ -74,25 +74,25 @@ def step_response(time: Array, steering: Array, answer: Array, *, last: float) -
 
 
 def _top(time: Array, values: Array, index: int) -> float:
-    """Time of the top of the parabola through the samples around a largest one; time from the start on."""
-    at = float(time[index])
-    width = ROUND_PEAK * at
-    near = np.abs(time - at) <= width
+    """Return the time of the peak of a parabola fitted around the largest sample; times are from the start on."""
+    largest = float(time[index])
+    width = ROUND_PEAK * largest
+    near = np.abs(time - largest) <= width
     if np.count_nonzero(near) < 3:
-        return at
-    curve, slope, _ = np.polyfit(time[near] - at, values[near], 2)
-    return at + float(np.clip(-0.5 * slope / curve, -width, width)) if curve < 0.0 else at
+        return largest
+    curve, slope, _ = np.polyfit(time[near] - largest, values[near], 2)
+    return largest + float(np.clip(-0.5 * slope / curve, -width, width)) if curve < 0.0 else largest
 
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """Answer over frequency (n).
+    """Frequency response (n).
 
     Attributes:
-        frequency: [Hz].
-        gain: unit of the answer per rad.
-        phase: without jumps [rad]; negative: the answer is late.
-        coherence: 0 to 1.
+        frequency: frequencies [Hz].
+        gain: gain, unit of the response per rad.
+        phase: unwrapped phase [rad]; negative for a lag.
+        coherence: coherence, 0 to 1.
     """
 
     frequency: Array
@@ -101,16 +101,16 @@ class FrequencyResponse:
     coherence: Array
 
     def at(self, frequency: float) -> tuple[float, float]:
-        """Gain and phase at a frequency [Hz], between the lines; NaN outside."""
+        """Return gain and phase [rad] at a frequency [Hz], interpolated; NaN outside."""
         if not len(self.frequency) or not self.frequency[0] <= frequency <= self.frequency[-1]:
             return math.nan, math.nan
         gain = float(np.interp(frequency, self.frequency, self.gain))
         return gain, float(np.interp(frequency, self.frequency, self.phase))
 
     def peak(self) -> tuple[float, float]:
-        """Frequency [Hz] and height of the largest gain: the top of the parabola through its line and the two beside.
+        """Return frequency [Hz] and value of the largest gain: the peak of a parabola through three points.
 
-        At an end of the range it is the last line itself.
+        At an end of the range it is the last point.
         """
         index = int(np.argmax(self.gain))
         f, g = self.frequency[index - 1 : index + 2], self.gain[index - 1 : index + 2]
@@ -123,15 +123,15 @@ class FrequencyResponse:
 def frequency_response(
     time: Array, steering: Array, answer: Array, *, first: float, last: float, segment: float
 ) -> FrequencyResponse:
-    """Gain, phase and coherence: cross spectrum over power spectrum of the steering (the estimator called H1).
+    """Return gain, phase and coherence: cross spectrum over power spectrum of the steering (H1 estimator).
 
     Args:
-        time: in equal steps [s].
-        steering: what goes in [rad].
-        answer: what comes out.
-        first: lowest frequency wanted [Hz].
-        last: highest one [Hz].
-        segment: length of the stretches over which spectra are averaged [s]; its inverse is the resolution.
+        time: times at equal steps [s].
+        steering: steering angle [rad].
+        answer: response.
+        first: lowest frequency [Hz].
+        last: highest frequency [Hz].
+        segment: length of the segments over which spectra are averaged [s]; its inverse is the resolution.
     """
     rate = 1.0 / float(time[1] - time[0])
     count = min(len(time), round(segment * rate))
@@ -146,20 +146,20 @@ def frequency_response(
 
 
 def bandwidth(response: FrequencyResponse, lag: float) -> float:
-    """Frequency at which the answer is late by `lag` [rad], between the lines [Hz]; NaN if never."""
+    """Return the frequency [Hz] at which the response lags by `lag` [rad], interpolated; NaN if there is none."""
     return crossing(response.frequency, response.phase, -lag)
 
 
 @dataclass(frozen=True)
 class DwellResponse:
-    """Answer to a sine with dwell.
+    """Response to a sine with dwell.
 
     Attributes:
         begin: beginning of steer [s].
         complete: completion of steer [s].
         peak: largest yaw rate after the steering has changed its side [rad/s].
-        ratios: yaw rate over the peak at the asked times after completion [1].
-        displacement: lateral way of the centre of mass at the asked time after the beginning [m].
+        ratios: yaw rate over the peak at the given times after completion [1].
+        displacement: lateral displacement of the centre of mass at the given time after the beginning [m].
         hand_wheel: largest angle of the hand-wheel [rad].
     """
 
@@ -181,22 +181,21 @@ def dwell_response(
     after_beginning: float,
     threshold: float,
 ) -> DwellResponse:
-    """Figures of a sine with dwell, from recorded signals.
+    """Return the figures of a sine with dwell.
 
     Args:
-        time: rising [s].
-        hand_wheel: its angle as recorded [rad].
-        yaw_rate: [rad/s].
-        across: lateral place of the centre of mass, zero at the start [m].
-        after_completion: times after completion of steer at which the yaw rate counts [s].
-        after_beginning: time after the beginning of steer at which the way counts [s].
-        threshold: angle from which on the wheel counts as turned [rad].
+        time: increasing times [s].
+        hand_wheel: hand-wheel angle [rad].
+        yaw_rate: yaw rate [rad/s].
+        across: lateral position of the centre of mass, zero at the start [m].
+        after_completion: times after completion of steer at which the yaw rate is evaluated [s].
+        after_beginning: time after the beginning of steer at which the displacement is evaluated [s].
+        threshold: angle beyond which the hand-wheel counts as turned [rad].
     """
     size = np.abs(hand_wheel)
     turned = np.flatnonzero(size >= threshold)
     if not len(turned):
-        nothing = math.nan
-        return DwellResponse(nothing, nothing, nothing, (nothing,) * len(after_completion), nothing, 0.0)
+        return DwellResponse(math.nan, math.nan, math.nan, (math.nan,) * len(after_completion), math.nan, 0.0)
     begin = crossing(time, size, threshold) if turned[0] else float(time[0])
     last = int(turned[-1])
     complete = crossing(time[last:], size[last:], threshold) if last + 1 < len(time) else float(time[-1])
@@ -208,5 +207,5 @@ def dwell_response(
     ratios = tuple(
         float(-first * np.interp(complete + wait, time, yaw_rate, right=math.nan)) / peak for wait in after_completion
     )
-    way = first * float(np.interp(begin + after_beginning, time, across, right=math.nan))
-    return DwellResponse(begin, complete, peak, ratios, way, float(np.max(np.abs(hand_wheel))))
+    displacement = first * float(np.interp(begin + after_beginning, time, across, right=math.nan))
+    return DwellResponse(begin, complete, peak, ratios, displacement, float(np.max(np.abs(hand_wheel))))
