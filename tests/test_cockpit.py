@@ -5,7 +5,7 @@ import json
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -25,7 +25,7 @@ from mirdrake.viewer.cockpit.shapes import arrows, ribbon
 from mirdrake.viewer.meshcat import make_meshcat
 from mirdrake.viewer.replay import write_replay
 
-Readings = dict[str, Any]
+Readings = Mapping[str, Any]
 
 
 def spec(**more: Any) -> Any:

@@ -3,7 +3,7 @@
 They are computed from the scene of the run (:mod:`mirdrake.assembly.scene`) and from its signals.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import isfinite
 from typing import Any
 
@@ -37,7 +37,7 @@ def optical_name(name: str) -> str:
 
 
 def eyes_of(name: str, mount: Any) -> dict[str, float]:
-    """Return the lenses of a camera by the names of their pictures, with their y position in the mount [m]."""
+    """Return the y position [m] of each lens of a camera in its mount, by the name of its pictures."""
     if not hasattr(mount, "width"):
         return {}
     half = 0.5 * getattr(mount, "baseline", 0.0)
@@ -49,8 +49,8 @@ def link_name(vehicle: str, body: RigidBody) -> str:
     return f"{vehicle}/{body.name()}"
 
 
-def sensor_mounts(run: Run) -> dict[str, Any]:
-    """Return the mounts of the sensors in use by ``<vehicle>.<sensor>``, as in the run."""
+def sensor_mounts(run: Run) -> Mapping[str, Any]:
+    """Return the mounts of the sensors of a run by ``<vehicle>.<sensor>``."""
     vehicles = run.scene().vehicles
     return {
         f"{name}.{sensor}": vehicles[name].sensors.mounts[sensor]

@@ -1,36 +1,37 @@
 """Export of a run as MCAP for Foxglove: its schemas in Protobuf, two of ROS 2, and the signals as JSON.
 
 =========================  ===========================  ===========================================================
-topic                      schema                       what
+topic                      schema                       content
 =========================  ===========================  ===========================================================
 /tf                        foxglove.FrameTransforms     vehicles, their links and sensors, and loose props
 /scene                     foxglove.SceneUpdate         once: the world, its props and the vehicles, for the 3D panel
 /<vehicle>/joint_states    sensor_msgs/msg/JointState   wheels, steering and springs at record.rate (ROS 2, CDR)
 /<vehicle>/signals         mirdrake.Signals (JSON)      all signals of a vehicle at record.rate, units in the schema
 /<vehicle>/<camera>        foxglove.CompressedImage     JPEG of colours, PNG of 16 bits of depths (mm) and labels
-/<vehicle>/<camera>/info   foxglove.CameraCalibration   once a picture, as the picture's
-/<vehicle>/<scanner>       foxglove.LaserScan           a scan; inf: no return
+/<vehicle>/<camera>/info   foxglove.CameraCalibration   with each picture
+/<vehicle>/<scanner>       foxglove.LaserScan           scans; inf: no return
 /<vehicle>/<lidar>         foxglove.PointCloud          returns in the frame of the sensor
-/<vehicle>/<gps>           foxglove.LocationFix         each sample
+/<vehicle>/<gps>           foxglove.LocationFix         each sample with a fix
 /<vehicle>/<gps>/sample    mirdrake.Signals (JSON)      each sample, with its velocity
 /<vehicle>/<imu>           sensor_msgs/msg/Imu          each sample; no orientation (ROS 2, CDR)
-/<vehicle>/<sensor>        mirdrake.Signals (JSON)      each sample of other sensors that give a vector
+/<vehicle>/<sensor>        mirdrake.Signals (JSON)      each sample of other sensors with vector samples
 /log                       foxglove.Log                 events of the run
 =========================  ===========================  ===========================================================
 
-Times are those of the recording, counted from the start time of the run: 1970-01-01 if none was given.
+Times are those of the recording, counted from the start time of the run (`record.start_time`, by default 1970-01-01).
 """
 
 import heapq
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mirdrake.core.errors import MissingDependencyError
 from mirdrake.core.files import replacing
@@ -38,10 +39,12 @@ from mirdrake.core.recording.arrays import Samples
 from mirdrake.core.recording.parts import read_groups, stored
 from mirdrake.core.recording.pictures import EPOCH, Picture
 from mirdrake.export.frames import Frames, Pose, eyes_of, joint_columns, optical_name, sensor_mounts
-from mirdrake.export.models import scene_entities
+from mirdrake.export.models import Fields, scene_entities
 from mirdrake.export.ros import DEFINITIONS, ENCODING, SCHEMA, Ros2Message, imu_message, joint_message
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.runs.logs import SIGNALS, Run, reads_run
+
+Arrays = Mapping[str, NDArray[np.float64]]
 
 SECOND = 10**9  # ns
 _FLOAT32, _INFO, _ERROR = 7, 2, 4  # of Foxglove's enumerations
@@ -50,12 +53,12 @@ _GPS = {"latitude", "longitude", "altitude"}  # of the samples of a receiver
 
 
 class Message(NamedTuple):
-    """A message of an MCAP file; sorted by time, then topic.
+    """Message of an MCAP file; messages are sorted by time, then topic.
 
     Attributes:
-        time: since 1970-01-01 [ns].
-        topic: name.
-        content: a Protobuf message, one of ROS 2, or a mapping that becomes JSON.
+        time: time since 1970-01-01 [ns].
+        topic: name of the topic.
+        content: Protobuf message, ROS 2 message, or mapping for JSON.
     """
 
     time: int
@@ -68,8 +71,8 @@ def write_mcap(run: Run, path: Path) -> dict[str, int]:
     """Write a run as MCAP.
 
     Args:
-        run: with a folder.
-        path: of the file.
+        run: run with a folder.
+        path: path of the file.
 
     Returns:
         number of messages by topic.
@@ -96,7 +99,7 @@ def write_mcap(run: Run, path: Path) -> dict[str, int]:
     return dict(counts)
 
 
-def _register(writer: Any, message: Message, schema: dict[str, Any] | None) -> int:
+def _register(writer: Any, message: Message, schema: Mapping[str, object] | None) -> int:
     """Register the channel of a topic, and return its number."""
     content = message.content
     if isinstance(content, Ros2Message):
@@ -129,12 +132,12 @@ def _make(kind: str) -> Any:
 
 
 class _Streams:
-    """The messages of a run, a stream of rising times for each topic."""
+    """Messages of a run: for each topic a stream with increasing times."""
 
     def __init__(self, run: Run) -> None:
         self._run = run
         self._start = round((run.start - EPOCH).total_seconds() * 1e6) * 1000
-        self.schemas: dict[str, dict[str, Any]] = {}
+        self.schemas: dict[str, Mapping[str, object]] = {}
         self._mounts = sensor_mounts(run)
         self._frames = Frames(run)
         self._eyes = {
@@ -161,10 +164,10 @@ class _Streams:
         return self._start + round(time * SECOND)
 
     def _message(self, time: float, topic: str, kind: str, **fields: Any) -> Message:
-        at = self._stamp(time)
+        stamp = self._stamp(time)
         content = _make(kind)(**fields)
-        content.timestamp.FromNanoseconds(at)
-        return Message(at, topic, content)
+        content.timestamp.FromNanoseconds(stamp)
+        return Message(stamp, topic, content)
 
     def _rows(self, columns: list[str]) -> Iterator[tuple[float, ...]]:
         assert self._run.folder is not None
@@ -185,9 +188,9 @@ class _Streams:
 
     def _fixes(self, name: str, samples: Samples) -> Iterator[Message]:
         for time, values in samples.each():
-            where = {key: float(values[key]) for key in _GPS}
-            if all(map(math.isfinite, where.values())):
-                yield self._message(time, _topic(name), "LocationFix", frame_id=name, **where)
+            position = {key: float(values[key]) for key in _GPS}
+            if all(map(math.isfinite, position.values())):
+                yield self._message(time, _topic(name), "LocationFix", frame_id=name, **position)
 
     def _transforms(self) -> Iterator[Message]:
         """Yield the poses of moving frames at each sample, and those of the sensors on their vehicles once a second."""
@@ -198,37 +201,37 @@ class _Streams:
             if time >= next_fixed - 1e-9:
                 entries += fixed
                 next_fixed += 1.0
-            content, at = many(), self._stamp(time)
+            content, stamp = many(), self._stamp(time)
             for parent, child, pose in entries:
                 entry = transform(parent_frame_id=parent, child_frame_id=child)
-                entry.timestamp.FromNanoseconds(at)
+                entry.timestamp.FromNanoseconds(stamp)
                 _put_pose(entry.translation, entry.rotation, pose)
                 content.transforms.append(entry)
-            yield Message(at, "/tf", content)
+            yield Message(stamp, "/tf", content)
 
     def _scene(self) -> Iterator[Message]:
         """Yield the visible shapes once, at the first sample; they move with the frames of :meth:`_transforms`."""
         first = next(iter(self._rows([])), None)
         if first is None:
             return
-        content, at = _make("SceneUpdate")(), self._stamp(first[0])
+        content, stamp = _make("SceneUpdate")(), self._stamp(first[0])
         for name, frame, primitives in scene_entities(self._frames):
             entity = content.entities.add(id=name, frame_id=frame, frame_locked=True)
-            entity.timestamp.FromNanoseconds(at)
+            entity.timestamp.FromNanoseconds(stamp)
             for key, fields in primitives:
                 _fill(getattr(entity, key).add(), fields)
-        yield Message(at, "/scene", content)
+        yield Message(stamp, "/scene", content)
 
     def _joints(self, part: VehicleInPlant) -> Iterator[Message]:
         joints, topic = joint_columns(self._run, part), f"/{part.name}/joint_states"
         names = [joint.name() for joint, _, _ in joints]
         rates = [rate for _, _, rate in joints if rate is not None]
-        where = [rates.index(rate) if rate is not None else None for _, _, rate in joints]
+        indices = [rates.index(rate) if rate is not None else None for _, _, rate in joints]
         for time, *values in self._rows([*(column for _, column, _ in joints), *rates]):
-            given = values[len(names) :]
-            speeds = [math.nan if index is None else given[index] for index in where]
-            at = self._stamp(time)
-            yield Message(at, topic, joint_message(at, names, values[: len(names)], speeds))
+            recorded = values[len(names) :]
+            speeds = [math.nan if index is None else recorded[index] for index in indices]
+            stamp = self._stamp(time)
+            yield Message(stamp, topic, joint_message(stamp, names, values[: len(names)], speeds))
 
     def _images(self, name: str, pictures: list[Picture]) -> Iterator[Message]:
         frame, topic = optical_name(name if name in self._eyes else self._mounted(name)), _topic(name)
@@ -241,20 +244,24 @@ class _Streams:
         (mount, y), frame, topic = self._eyes[name], optical_name(name), f"{_topic(name)}/info"
         focal = 0.5 * mount.width / math.tan(0.5 * mount.horizontal_fov)
         u, v = 0.5 * (mount.width - 1), 0.5 * (mount.height - 1)
-        fields: dict[str, Any] = {"width": mount.width, "height": mount.height, "distortion_model": "plumb_bob"}
         lens = getattr(mount, "distortion", None)
-        coefficients = [float(getattr(lens, key, 0.0)) for key in ("k1", "k2", "p1", "p2", "k3")]
-        shift = 2.0 * focal * min(y, 0.0)  # of the right eye of a pair, against the left one
-        fields |= {"D": coefficients, "K": [focal, 0.0, u, 0.0, focal, v, 0.0, 0.0, 1.0]}
-        fields |= {"R": np.eye(3).ravel().tolist()}
-        fields |= {"P": [focal, 0.0, u, shift, 0.0, focal, v, 0.0, 0.0, 0.0, 1.0, 0.0]}
+        shift = 2.0 * focal * min(y, 0.0)  # of the right lens of a stereo camera against the left one
+        fields = {
+            "width": mount.width,
+            "height": mount.height,
+            "distortion_model": "plumb_bob",
+            "D": [float(getattr(lens, key, 0.0)) for key in ("k1", "k2", "p1", "p2", "k3")],
+            "K": [focal, 0.0, u, 0.0, focal, v, 0.0, 0.0, 1.0],
+            "R": np.eye(3).ravel().tolist(),
+            "P": [focal, 0.0, u, shift, 0.0, focal, v, 0.0, 0.0, 0.0, 1.0, 0.0],
+        }
         for picture in pictures:
             yield self._message(picture.time, topic, "CameraCalibration", frame_id=frame, **fields)
 
     def _mounted(self, name: str) -> str:
         """Return the sensor of a stream of pictures: ``ego.kinect`` for ``ego.kinect.depth``."""
-        sensors = [f"{vehicle}.{one}" for vehicle, names in self._run.spec["sensors"].items() for one in names]
-        return next((one for one in sensors if name == one or name.startswith(f"{one}.")), name)
+        sensors = [f"{vehicle}.{sensor}" for vehicle, names in self._run.spec["sensors"].items() for sensor in names]
+        return next((sensor for sensor in sensors if name == sensor or name.startswith(f"{sensor}.")), name)
 
     def _scans(self, name: str, samples: Samples) -> Iterator[Message]:
         """Yield point clouds of a lidar, scans of a laser scanner, and other samples as JSON."""
@@ -274,19 +281,18 @@ class _Streams:
         for time, arrays in samples.each():
             yield convert(time, topic, name, arrays)
 
-    def _fan(self, time: float, topic: str, name: str, arrays: dict[str, Any]) -> Message:
-        mount = self._mounts[name]
-        fields: dict[str, Any] = {"start_angle": mount.start_angle, "end_angle": mount.end_angle}
-        fields["ranges"] = arrays["ranges"].ravel().tolist()
-        message = self._message(time, topic, "LaserScan", frame_id=name, **fields)
+    def _fan(self, time: float, topic: str, name: str, arrays: Arrays) -> Message:
+        mount, ranges = self._mounts[name], arrays["ranges"].ravel().tolist()
+        angles = {"start_angle": mount.start_angle, "end_angle": mount.end_angle}
+        message = self._message(time, topic, "LaserScan", frame_id=name, ranges=ranges, **angles)
         message.content.pose.orientation.w = 1.0
         return message
 
-    def _cloud(self, time: float, topic: str, name: str, arrays: dict[str, Any]) -> Message:
+    def _cloud(self, time: float, topic: str, name: str, arrays: Arrays) -> Message:
         azimuths, elevations = np.broadcast_arrays(arrays["azimuths"][None, :], arrays["elevations"][:, None])
-        ways = [np.cos(elevations) * np.cos(azimuths), np.cos(elevations) * np.sin(azimuths), np.sin(elevations)]
-        found = np.isfinite(arrays["ranges"])
-        points = np.stack([way[found] * arrays["ranges"][found] for way in ways], axis=-1).astype("<f4")
+        rays = [np.cos(elevations) * np.cos(azimuths), np.cos(elevations) * np.sin(azimuths), np.sin(elevations)]
+        hits = np.isfinite(arrays["ranges"])
+        points = np.stack([ray[hits] * arrays["ranges"][hits] for ray in rays], axis=-1).astype("<f4")
         element = _make("PackedElementField")
         parts = [element(name=axis, offset=4 * index, type=_FLOAT32) for index, axis in enumerate("xyz")]
         fields = {"frame_id": name, "point_stride": 12, "fields": parts, "data": points.tobytes()}
@@ -294,12 +300,12 @@ class _Streams:
         message.content.pose.orientation.w = 1.0
         return message
 
-    def _imu(self, time: float, topic: str, name: str, arrays: dict[str, Any]) -> Message:
+    def _imu(self, time: float, topic: str, name: str, arrays: Arrays) -> Message:
         values = [float(arrays[key]) for key in _IMU]
-        at = self._stamp(time)
-        return Message(at, topic, imu_message(at, name, values[:3], values[3:]))
+        stamp = self._stamp(time)
+        return Message(stamp, topic, imu_message(stamp, name, values[:3], values[3:]))
 
-    def _values(self, time: float, topic: str, name: str, arrays: dict[str, Any]) -> Message:
+    def _values(self, time: float, topic: str, name: str, arrays: Arrays) -> Message:
         del name
         flat = {
             key: [value if math.isfinite(value) else None for value in np.ravel(values).tolist()]
@@ -324,7 +330,7 @@ def _put_pose(translation: Any, rotation: Any, pose: Pose) -> None:
     rotation.w, rotation.x, rotation.y, rotation.z = pose[3:]
 
 
-def _fill(primitive: Any, fields: dict[str, Any]) -> None:
+def _fill(primitive: Any, fields: Fields) -> None:
     """Set the fields of a primitive of a SceneEntity."""
     for key, value in fields.items():
         target = getattr(primitive, key)

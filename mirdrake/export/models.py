@@ -1,13 +1,13 @@
 """Visual shapes of a run as entities of a foxglove.SceneUpdate: the world, its props and the links of vehicles.
 
-All visual shapes of the plant are taken as they are drawn in Meshcat. A glTF mesh is put into the message as GLB, with
-its buffers and pictures; meshes of other formats and convex hulls become triangles.
+The shapes are those that Meshcat draws. A glTF mesh is written as GLB with its buffers and pictures; meshes of other
+formats and convex hulls become triangles.
 """
 
 import json
 import struct
 from base64 import b64decode
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote_to_bytes
@@ -19,7 +19,7 @@ from pydrake.common import MemoryFile
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Rgba, Role, Shape, Sphere
 from pydrake.math import RigidTransform
 
-from mirdrake.export.frames import WORLD, Frames, Pose, link_name, pose_of
+from mirdrake.export.frames import WORLD, Frames, link_name, pose_of
 
 Array = NDArray[np.float64]
 
@@ -27,17 +27,21 @@ _MEDIA = "model/gltf-binary"
 _GREY = Rgba(0.7, 0.7, 0.7, 1.0)  # of a shape without a colour
 
 
-def scene_entities(frames: Frames) -> Iterator[tuple[str, str, list[tuple[str, dict[str, Any]]]]]:
-    """Yield the id of each entity, its frame and its primitives: the name of a list of SceneEntity, and the fields.
+Fields = Mapping[str, Any]
+"""Fields of a primitive of SceneEntity; poses as :data:`mirdrake.export.frames.Pose`, colours as RGBA."""
 
-    Poses are given as :data:`mirdrake.export.frames.Pose`, colours as red, green, blue, alpha.
-    """
+Primitive = tuple[str, Fields]
+"""Name of a list of SceneEntity, and the fields of an element of it."""
+
+
+def scene_entities(frames: Frames) -> Iterator[tuple[str, str, list[Primitive]]]:
+    """Yield the id of each entity, its frame and its primitives."""
     parts = frames.parts
     plant, inspector = parts.plant, parts.scene_graph.model_inspector()
     names = {part.base.index(): name for name, part in parts.vehicles.items()}
     names |= {body.index(): f"props.{name}" for name, body in parts.props.bodies.items()}
     vehicles = {part.instance: name for name, part in parts.vehicles.items()}
-    found: dict[tuple[str, str], list[tuple[str, dict[str, Any]]]] = {}
+    entities: dict[tuple[str, str], list[Primitive]] = {}
     for geometry in inspector.GetAllGeometryIds(Role.kIllustration):
         body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
         if body.index() == plant.world_body().index():
@@ -51,68 +55,66 @@ def scene_entities(frames: Frames) -> Iterator[tuple[str, str, list[tuple[str, d
         rgba = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
         X_FG = inspector.GetPoseInFrame(geometry)
         color = (rgba.r(), rgba.g(), rgba.b(), rgba.a())
-        found.setdefault(key, []).extend(_primitives(inspector.GetShape(geometry), X_FG, color))
-    for (name, frame), primitives in sorted(found.items(), key=lambda item: item[0]):
+        entities.setdefault(key, []).extend(_primitives(inspector.GetShape(geometry), X_FG, color))
+    for (name, frame), primitives in sorted(entities.items(), key=lambda item: item[0]):
         yield name, frame, primitives
 
 
-def _primitives(shape: Shape, X_FG: RigidTransform, color: tuple[float, ...]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Return the primitives of a shape; none for an unbounded shape."""
-    given: dict[str, Any] = {"pose": pose_of(X_FG), "color": color}
+def _primitives(shape: Shape, X_FG: RigidTransform, color: tuple[float, ...]) -> Iterator[Primitive]:
+    """Yield the primitives of a shape; none for an unbounded shape."""
+    common: Fields = {"pose": pose_of(X_FG), "color": color}
     if isinstance(shape, Box):
-        yield "cubes", given | {"size": shape.size().tolist()}
+        yield "cubes", {**common, "size": shape.size().tolist()}
     elif isinstance(shape, Sphere):
-        yield "spheres", given | {"size": [2.0 * shape.radius()] * 3}
+        yield "spheres", {**common, "size": [2.0 * shape.radius()] * 3}
     elif isinstance(shape, Ellipsoid):
-        yield "spheres", given | {"size": [2.0 * shape.a(), 2.0 * shape.b(), 2.0 * shape.c()]}
+        yield "spheres", {**common, "size": [2.0 * shape.a(), 2.0 * shape.b(), 2.0 * shape.c()]}
     elif isinstance(shape, Cylinder | Capsule):
         width = 2.0 * shape.radius()
-        ends = {"bottom_scale": 1.0, "top_scale": 1.0}
-        yield "cylinders", given | {"size": [width, width, shape.length()], **ends}
+        size = [width, width, shape.length()]
+        yield "cylinders", {**common, "size": size, "bottom_scale": 1.0, "top_scale": 1.0}
         if isinstance(shape, Capsule):
             for z in (-0.5 * shape.length(), 0.5 * shape.length()):
-                end: Pose = pose_of(X_FG @ RigidTransform([0.0, 0.0, z]))
+                end = pose_of(X_FG @ RigidTransform([0.0, 0.0, z]))
                 yield "spheres", {"pose": end, "color": color, "size": [width] * 3}
     elif isinstance(shape, Convex):
         hull = shape.GetConvexHull()
         corners = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
         mesh = trimesh.convex.convex_hull(corners)
-        yield "triangles", given | {"points": mesh.vertices, "indices": mesh.faces.ravel()}
+        yield "triangles", {**common, "points": mesh.vertices, "indices": mesh.faces.ravel()}
     elif isinstance(shape, Mesh):
-        yield from _mesh(shape, given)
+        yield from _mesh(shape, common)
 
 
-def _mesh(shape: Mesh, given: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _mesh(shape: Mesh, common: Fields) -> Iterator[Primitive]:
     source, scale = shape.source(), shape.scale3()
-    if shape.extension() == ".gltf":
-        if source.is_path():
-            text, folder = source.path().read_bytes(), source.path().parent
-            beside: dict[str, Any] = {}
-        else:
-            memory = source.in_memory()
-            text, folder, beside = memory.mesh_file.contents(), Path(), memory.supporting_files
-        yield "models", given | {"scale": scale.tolist(), "media_type": _MEDIA, "data": pack_gltf(text, folder, beside)}
+    model = {**common, "scale": scale.tolist(), "media_type": _MEDIA}
+    if shape.extension() == ".gltf" and source.is_path():
+        yield "models", {**model, "data": pack_gltf(source.path().read_bytes(), source.path().parent, {})}
+    elif shape.extension() == ".gltf":
+        memory = source.in_memory()
+        yield "models", {**model, "data": pack_gltf(memory.mesh_file.contents(), Path(), memory.supporting_files)}
     elif shape.extension() == ".glb":
-        yield "models", given | {"scale": scale.tolist(), "media_type": _MEDIA, "data": source.path().read_bytes()}
+        yield "models", {**model, "data": source.path().read_bytes()}
     elif source.is_path():
         mesh = trimesh.load(source.path(), force="mesh", process=False)
-        yield "triangles", given | {"points": np.asarray(mesh.vertices) * scale, "indices": mesh.faces.ravel()}
+        yield "triangles", {**common, "points": np.asarray(mesh.vertices) * scale, "indices": mesh.faces.ravel()}
 
 
-def pack_gltf(text: bytes, folder: Path, beside: dict[str, Any]) -> bytes:
+def pack_gltf(text: bytes, folder: Path, supporting: Mapping[str, Path | MemoryFile]) -> bytes:
     """Return a glTF file with all its buffers and pictures as one GLB.
 
     Args:
-        text: of the .gltf file.
-        folder: where its other files are.
-        beside: files that are elsewhere or in memory, by the names that the text has for them.
+        text: contents of the .gltf file.
+        folder: folder of its other files.
+        supporting: files elsewhere or in memory, by their names in the .gltf file.
     """
 
     def read(uri: str) -> bytes:
         if uri.startswith("data:"):
             head, _, body = uri.partition(",")
             return b64decode(body) if head.endswith(";base64") else unquote_to_bytes(body)
-        source = beside.get(uri, folder / uri)
+        source = supporting.get(uri, folder / uri)
         return bytes(source.contents()) if isinstance(source, MemoryFile) else Path(source).read_bytes()
 
     data = json.loads(text)

@@ -1,8 +1,9 @@
 """ROS 2 messages for an MCAP file: their definitions, and their contents in CDR encoding.
 
-Foxglove and ROS both read sensor_msgs/msg/Imu and sensor_msgs/msg/JointState. CDR is that of the OMG's Common Object
-Request Broker (formal/2021-11-03, section 9.3): little-endian, each number aligned to its own size counted from behind
-the four bytes of the head, a text or list preceded by its length as uint32, a text ended by a zero byte.
+Foxglove and ROS both read sensor_msgs/msg/Imu and sensor_msgs/msg/JointState. CDR is defined in OMG's Common Object
+Request Broker Architecture (formal/2021-11-03, section 9.3). It is little-endian here. Numbers are aligned to their own
+size, counted from the end of the four header bytes. Texts and lists begin with their length as uint32, and texts end
+with a zero byte.
 """
 
 import struct
@@ -50,16 +51,16 @@ float64[] velocity
 float64[] effort
 {_HEADER}""",
 }
-"""The definition of each message and of those in it."""
+"""Definition of each message with those of its fields."""
 
 
 class Ros2Message:
-    """The contents of a message.
+    """Contents of a message.
 
     Args:
-        kind: a key of :data:`DEFINITIONS`.
-        time: of the header [ns].
-        frame: of the header.
+        kind: key of :data:`DEFINITIONS`.
+        time: time of the header [ns].
+        frame: frame of the header.
     """
 
     def __init__(self, kind: str, time: int, frame: str) -> None:
@@ -75,7 +76,7 @@ class Ros2Message:
         return b"\x00\x01\x00\x00" + bytes(self._data)
 
     def numbers(self, values: Sequence[float]) -> "Ros2Message":
-        """Add float64 values of a fixed number."""
+        """Add an array of float64 of fixed length."""
         for value in values:
             self._add("d", value)
         return self
@@ -103,15 +104,15 @@ class Ros2Message:
 
 
 def imu_message(time: int, frame: str, rate: Sequence[float], acceleration: Sequence[float]) -> Ros2Message:
-    """Return an Imu message without an orientation, which -1 as the first number of its covariance states.
+    """Return an Imu message without orientation: the first element of its covariance is -1.
 
     Args:
-        time: of the sample [ns].
-        frame: of the sensor.
+        time: time of the sample [ns].
+        frame: frame of the sensor.
         rate: angular velocity along x, y, z [rad/s].
         acceleration: specific force along x, y, z [m/s²].
     """
-    unknown = [0.0] * 9  # covariances of zero: not known
+    unknown = [0.0] * 9  # covariances of zero mean unknown
     message = Ros2Message(IMU, time, frame).numbers([0.0, 0.0, 0.0, 1.0]).numbers([-1.0, *unknown[1:]])
     return message.numbers(rate).numbers(unknown).numbers(acceleration).numbers(unknown)
 
@@ -120,9 +121,9 @@ def joint_message(time: int, names: Sequence[str], positions: Sequence[float], r
     """Return a JointState message without efforts.
 
     Args:
-        time: of the sample [ns].
-        names: of the joints.
-        positions: [rad] or [m].
+        time: time of the sample [ns].
+        names: names of the joints.
+        positions: positions [rad] or [m].
         rates: velocities [rad/s] or [m/s]; NaN where none was recorded.
     """
     return Ros2Message(JOINT_STATE, time, "").text_list(names).number_list(positions).number_list(rates).number_list([])

@@ -1,9 +1,8 @@
-"""Export of signals as a CSV table with units in its header, with a table for each sensor of vector samples.
+"""Export of signals as a CSV table with units in its header, and a table for each sensor with vector samples.
 
 The header has ``name [unit]`` for each column, ``name`` alone for pure numbers: ``time [s],ego.x [m],ego.lap``. Numbers
-are in full precision; a value that is not a number is an empty cell. ``mirdrake run --commands`` reads such a table.
-Beside ``signals.csv``, ``signals.ego.imu.csv`` has the samples of the sensor ``ego.imu`` at its own rate, with the time
-at which each was taken.
+have full precision; a value that is not finite is an empty cell. ``mirdrake run --commands`` reads such a table.
+``signals.ego.imu.csv`` has the samples of the sensor ``ego.imu`` at its own rate, with their times.
 """
 
 import csv
@@ -30,8 +29,8 @@ def write_csv(run: Run, path: Path) -> dict[Path, int]:
     """Write the signals of a run and the samples of its sensors.
 
     Args:
-        run: with a folder.
-        path: of the table of the signals.
+        run: run with a folder.
+        path: path of the table of the signals.
 
     Returns:
         number of rows by table.

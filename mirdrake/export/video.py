@@ -12,10 +12,10 @@ from mirdrake.core.recording.pictures import Picture
 from mirdrake.runs.logs import Run, reads_run
 
 TICKS = 90_000
-"""Of the video's clock per second [Hz]; times are kept to 11 µs."""
+"""Rate of the video's clock [Hz]; times have a resolution of 11 µs."""
 
 QUALITY = 20
-"""Constant rate factor of H.264: less is better and larger."""
+"""Constant rate factor of H.264; a lower one gives a better and larger video."""
 
 
 @reads_run
@@ -23,11 +23,11 @@ def write_videos(run: Run, folder: Path) -> dict[Path, int]:
     """Write a video for each camera of a run, ``<camera>.mp4``; depths and labels are not exported.
 
     Args:
-        run: with pictures.
-        folder: for the videos.
+        run: run with pictures.
+        folder: folder of the videos.
 
     Returns:
-        number of frames, by file.
+        number of frames by file.
 
     Raises:
         MissingDependencyError: PyAV is not installed.
@@ -45,8 +45,8 @@ def write_video(pictures: list[Picture], path: Path) -> int:
     """Write a video of pictures.
 
     Args:
-        pictures: of one camera, in the order of time.
-        path: of the file, .mp4.
+        pictures: pictures of one camera, in the order of time.
+        path: path of the .mp4 file.
 
     Returns:
         number of frames.

@@ -24,6 +24,8 @@ from mirdrake.plant.powertrain import PEDALS
 from mirdrake.plant.wheels import RoadFriction
 
 Array = NDArray[np.float32]
+Info = dict[str, Any]
+"""Gymnasium's dictionaries of options and information."""
 
 _SPEED, _STEERING, _STAMP = JOIN
 _PEDALS = "pedals_reference"
@@ -138,7 +140,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         self._context: Context | None = None
         self._steps = 0
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Array, Info]:
         """Start a new episode of the same diagram, without building it again.
 
         Args:
@@ -170,7 +172,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         self._simulator.Initialize()
         return self._observation(), {"time": 0.0}
 
-    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, Info]:
         """Advance by one period with one action.
 
         Returns:
@@ -182,7 +184,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
             raise ConfigError("step: call reset first")
         values = self._command(np.asarray(action, dtype=float))
         self._steps += 1
-        info: dict[str, Any] = {}
+        info: Info = {}
         truncated = self._steps * self.period >= self.duration - 1e-9
         try:
             self._simulator.AdvanceTo(self._steps * self.period)

@@ -1,4 +1,4 @@
-"""Unit tests of user systems in three lines: set inputs, record outputs, compare them with a closed form.
+"""Unit tests of user systems: set inputs, record outputs, compare them with a closed form.
 
 ::
 
@@ -8,13 +8,13 @@
     response = drive(Lag(time_constant=0.5), inputs={"u": 1.0}, duration=3.0)
     assert_follows(response["y"], lambda t: 1.0 - exp(-t / 0.5), atol=1e-6)
 
-:func:`drive` takes a system or a whole diagram file with vehicles; :func:`evaluate` looks at one moment. Ports go by
-their names, and by ``port.element`` where a vector has names. Equal calls give equal bits.
+:func:`drive` takes a system or a diagram file with vehicles; :func:`evaluate` returns the outputs at the start. Ports
+have their names; ``port.element`` is an element of a vector with names. Equal calls give equal bits.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -26,6 +26,7 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     DiagramBuilder,
+    FixedInputPortValue,
     InputPort,
     OutputPort,
     PortDataType,
@@ -41,12 +42,13 @@ from mirdrake.runs.simulation import Simulation
 from mirdrake.runs.stop import StopReason
 
 Array = NDArray[np.float64]
+PortT = TypeVar("PortT", InputPort, OutputPort)
 Input = Any
-"""A constant; a function of time [s]; a pandas Series or DataFrame over time, or (times, values): linear in between."""
+"""Constant, function of time [s], or table, which is interpolated: a pandas Series or DataFrame, or (times, values)."""
 
-_TIGHT = 1e-8  # relative accuracy of the integrator of systems with continuous state
-_ENDS = 1e-9  # [s]
-_BEFORE = 1.0 - 4.0 * float(np.finfo(float).eps)  # a sample comes before the update of its time, however both round
+_ACCURACY = 1e-8  # relative accuracy of the integrator of systems with continuous state
+_TIME_TOLERANCE = 1e-9  # [s]
+_BEFORE = 1.0 - 4.0 * float(np.finfo(float).eps)  # factor of a time just before the update of that time
 
 
 def drive(
@@ -58,28 +60,28 @@ def drive(
     period: float | None = None,
     prepare: Callable[[Context], None] | None = None,
 ) -> pd.DataFrame:
-    """Drive the inputs of a system for a time and read its outputs.
+    """Simulate a system with given inputs and return its outputs over time.
 
-    Of a sampled system a row shows what is there before the update of its own time, as logs in Drake do.
+    A row of a sampled system has the values before the update of its time, as in Drake's logs.
 
     Args:
-        system: a system, which can be driven again and again; or a diagram's name, file, spec or data. Of a diagram
-            file the vehicles without a driver are driven: ``ego.speed_reference`` [m/s], ``ego.steering_reference``
-            [rad]. Their time stamp is always fresh, unless you drive it too.
-        inputs: by name of the port, or ``port.element``; constants, functions of time, tables. A single port of Drake's
-            own systems is called ``u``. Any object, of an abstract port.
-        duration: simulated time [s]; 0 shows the start.
-        outputs: names of ports or ``port.element``; all vectors if left out. Of a diagram file, signals of a run.
-        period: from row to row [s]; a hundredth of the duration if left out, of a diagram file what it says.
-        prepare: changes the Context of the system before the start, for example its state.
+        system: a system, which can be driven repeatedly; or a diagram's name, file, spec or data. In a diagram the
+            inputs of vehicles without a driver are driven: ``ego.speed_reference`` [m/s], ``ego.steering_reference``
+            [rad]; the time stamp of their commands is current by default.
+        inputs: constants, functions of time or tables by port or ``port.element``; any object for an abstract port. The
+            only port of a system of Drake is ``u``.
+        duration: simulated time [s]; 0 gives the start only.
+        outputs: names of ports or ``port.element``, of a diagram signals of a run; by default all vectors.
+        period: time between rows [s]; by default 1 % of the duration, of a diagram ``record.rate``.
+        prepare: function that changes the Context of the system before the start, for example its state.
 
     Returns:
-        one row a sample, index ``time`` [s]; a column a port, or an element ``port.element`` where there are several.
-        ``attrs["units"]`` has the units, as far as the system told them.
+        a row for each sample, index ``time`` [s]; a column for each port, or for each element ``port.element`` of a
+        vector. ``attrs["units"]`` has the units of ports with named signals.
 
     Raises:
-        DiagramError: an unknown or missing input or output, a size that does not fit.
-        ConfigError: an unknown file, or times that make no sense.
+        DiagramError: an input or output is unknown or missing, or its size is wrong.
+        ConfigError: the file is unknown, or a time is not allowed.
     """
     if not (isfinite(duration) and duration >= 0.0):
         raise ConfigError(f"duration {duration} s is not allowed; it must be 0 or more")
@@ -94,13 +96,13 @@ def drive(
         prepare(system.GetMyMutableContextFromRoot(context))
     simulator = Simulator(bench.diagram, context)
     if context.num_continuous_states():
-        simulator.get_mutable_integrator().set_target_accuracy(_TIGHT)
+        simulator.get_mutable_integrator().set_target_accuracy(_ACCURACY)
     simulator.Initialize()
     columns = _columns(system, outputs)
     times = np.arange(int(np.floor(duration / step + 1e-6)) + 1) * step
     rows = []
     for time in times:
-        if time > 0.0:  # advancing to the start would perform its update
+        if time > 0.0:  # advancing to time 0 would perform its update
             simulator.AdvanceTo(time * _BEFORE)
         inner = system.GetMyContextFromRoot(context)
         rows.append([_read(port, element, inner) for _, port, element, _ in columns])
@@ -109,16 +111,16 @@ def drive(
     return frame
 
 
-def evaluate(system: System, inputs: Mapping[str, Input] | None = None, **options: Any) -> dict[str, Any]:
+def evaluate(system: System, inputs: Mapping[str, Input] | None = None, **options: Any) -> Mapping[str, Any]:
     """Return the outputs of a system at its start, for systems without state.
 
     Args:
         system: a system.
-        inputs: as of :func:`drive`.
+        inputs: inputs, see :func:`drive`.
         **options: ``outputs`` and ``prepare`` of :func:`drive`.
 
     Returns:
-        values by name, as the columns of :func:`drive`.
+        values by the names of the columns of :func:`drive`.
     """
     frame = drive(system, inputs=inputs, duration=0.0, **options)
     values = {str(name): frame[name].iloc[0] for name in frame}
@@ -133,43 +135,43 @@ def assert_follows(
     rtol: float = 0.0,
     after: float = 0.0,
 ) -> None:
-    """Fail unless samples follow a closed form.
+    """Assert that samples follow a closed form.
 
     Args:
         actual: samples over time, a column of :func:`drive` or of a run's signals.
-        expected: a function of time [s]; as many numbers as there are samples; or one number for all of them.
-        atol: largest difference, in the unit of the samples.
-        rtol: the same relative to what is expected; both add up.
-        after: samples before this time are ignored [s].
+        expected: function of time [s], a number for each sample, or one number for all samples.
+        atol: absolute tolerance, in the unit of the samples.
+        rtol: tolerance relative to the expected value; both tolerances are added.
+        after: time before which samples are ignored [s].
 
     Raises:
-        AssertionError: where the difference is largest, how large, and how many samples are outside.
-        ConfigError: a tolerance that everything meets, no samples, or another number of them.
+        AssertionError: samples differ; the message has the largest difference, its time, and the number of samples.
+        ConfigError: a tolerance is not finite, there are no samples, or the numbers of samples differ.
     """
     if not (isfinite(atol) and atol >= 0.0 and isfinite(rtol) and rtol >= 0.0):
-        raise ConfigError(f"atol {atol} and rtol {rtol}: tolerances are numbers of 0 or more")
+        raise ConfigError(f"atol {atol}, rtol {rtol}: tolerances must be finite and not negative")
     times = np.asarray(actual.index, dtype=float)
-    have = np.asarray(actual, dtype=float)
+    values = np.asarray(actual, dtype=float)
     if callable(expected):
-        want = np.array([float(expected(float(time))) for time in times])
+        targets = np.array([float(expected(float(time))) for time in times])
     else:
-        want = np.asarray(expected, dtype=float)
-        want = np.full(have.shape, float(want)) if want.ndim == 0 else want
-    if want.shape != have.shape:
-        raise ConfigError(f"{want.size} numbers are expected of {have.size} samples; give as many, or a function")
-    counts = times >= after - _ENDS
-    if not counts.any():
+        targets = np.asarray(expected, dtype=float)
+        targets = np.full(values.shape, float(targets)) if targets.ndim == 0 else targets
+    if targets.shape != values.shape:
+        raise ConfigError(f"expected has {targets.size} numbers for {values.size} samples; give as many, or a function")
+    evaluated = times >= after - _TIME_TOLERANCE
+    if not evaluated.any():
         raise ConfigError(f"no samples after {after:g} s; the last one is at {times[-1] if times.size else 0.0:g} s")
-    times, have, want = times[counts], have[counts], want[counts]
-    excess = np.abs(have - want) - (atol + rtol * np.abs(want))
-    outside = ~(excess <= 0.0)  # NaN is outside, too
+    times, values, targets = times[evaluated], values[evaluated], targets[evaluated]
+    excess = np.abs(values - targets) - (atol + rtol * np.abs(targets))
+    outside = ~(excess <= 0.0)  # also NaN
     if not outside.any():
         return
     worst = int(np.argmax(np.where(np.isfinite(excess), excess, np.inf)))
     name = actual.name if actual.name is not None else "the signal"
     raise AssertionError(
-        f"{name} is {have[worst]:.9g} at t = {times[worst]:g} s where {want[worst]:.9g} is expected: "
-        f"{abs(have[worst] - want[worst]):.3g} apart, {atol + rtol * abs(want[worst]):.3g} is allowed; "
+        f"{name} is {values[worst]:.9g} at t = {times[worst]:g} s, expected {targets[worst]:.9g}: the difference is "
+        f"{abs(values[worst] - targets[worst]):.3g}, allowed {atol + rtol * abs(targets[worst]):.3g}; "
         f"{int(outside.sum())} of {outside.size} samples are outside"
     )
 
@@ -178,7 +180,7 @@ def assert_follows(
 
 
 class _Source(LeafSystem):  # type: ignore[misc, unused-ignore]
-    """Source of an input port; its value can be replaced for the next drive."""
+    """Source of an input port; its value can be replaced before the next simulation."""
 
     def __init__(self, port: InputPort) -> None:
         super().__init__()
@@ -209,7 +211,7 @@ class _Bench:
             self.diagram: Diagram = builder.Build()
         except RuntimeError:
             raise DiagramError(
-                f"{_title(system)} is part of another diagram, or was driven with other inputs; make a new one"
+                f"{_title(system)} is part of another diagram, or was driven with other inputs; make a new system"
             ) from None
 
 
@@ -267,7 +269,7 @@ def _function(value: Input, name: str, size: int) -> Callable[[float], Array]:
         vector = np.atleast_1d(np.asarray(numbers, dtype=float))
         if vector.shape != (size,):
             given = "a number" if vector.shape == (1,) else f"values of shape {vector.shape}"
-            raise DiagramError(f"input '{name}' takes {size} numbers, not {given}")
+            raise DiagramError(f"input '{name}' has {size} numbers, not {given}")
         return vector
 
     if callable(value):
@@ -278,7 +280,7 @@ def _function(value: Input, name: str, size: int) -> Callable[[float], Array]:
     if isinstance(value, tuple) and len(value) == 2 and np.ndim(value[0]) == 1:
         times, values = np.asarray(value[0], dtype=float), np.asarray(value[1], dtype=float)
         if len(times) != len(values) or not len(times) or (np.diff(times) <= 0.0).any():
-            raise DiagramError(f"input '{name}': a table has as many times, rising, as values")
+            raise DiagramError(f"input '{name}': a table needs increasing times and a value for each")
         columns = values.reshape(len(times), -1).T
         checked(columns[:, 0])
         return lambda time: np.array([np.interp(time, times, column) for column in columns])
@@ -319,8 +321,8 @@ def _read(port: OutputPort, element: int | None, context: Context) -> Any:
     return value if element is None else float(value[element])
 
 
-def _ports(ports: Sequence[Any]) -> dict[str, Any]:
-    """Return ports by their names in diagram files; a single port without a name is u or y."""
+def _ports(ports: Sequence[PortT]) -> dict[str, PortT]:
+    """Return ports by their names in diagram files; the only port of a system of Drake is u or y."""
     words = {"u0": "u", "y0": "y", "delayed_u": "y"} if len(ports) == 1 else {}
     return {words.get(port.get_name(), port.get_name()): port for port in ports}
 
@@ -362,7 +364,7 @@ def _drive_file(
     stamps = [name for name in ports if name.endswith(f".{JOIN[2]}") and name not in inputs]
     wanted = {**inputs, **dict.fromkeys(stamps, lambda time: time)}
     functions = {name: _function(value, name, ports[name].size()) for name, value in wanted.items()}
-    held: dict[str, Any] = {}
+    held: dict[str, FixedInputPortValue] = {}
 
     def start(context: Context) -> None:
         for name, function in functions.items():

@@ -1,6 +1,5 @@
 """The inspection report: the vehicle to scale, its figures, findings, links and joints."""
 
-import base64
 import io
 import math
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from mirdrake.report.vehicle_drawing import draw_lock, draw_side, draw_top
 from mirdrake.report.words import title_case
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.figures import Inspection, SensorFigures
+from mirdrake.viewer.pages import data_address
 from mirdrake.viewer.portrait import try_portrait
 
 _TEMPLATE = "inspection.html.jinja"
@@ -159,7 +159,7 @@ def _portrait(vehicle: Vehicle) -> str | None:
         return None
     file = io.BytesIO()
     picture.save(file, "JPEG", quality=88, optimize=True)
-    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode("ascii")
+    return data_address(file.getvalue(), "image/jpeg")
 
 
 def _graph(figures: Inspection) -> tuple[Markup | None, str]:

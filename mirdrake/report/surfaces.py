@@ -3,7 +3,6 @@
 Parallel projection and a depth buffer; Drake's own renderer has perspective only, and needs EGL.
 """
 
-import base64
 import io
 import logging
 from collections.abc import Sequence
@@ -32,6 +31,7 @@ from pydrake.multibody.tree import BodyIndex
 
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.parse import parse_urdf
+from mirdrake.viewer.pages import data_address
 
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
@@ -67,11 +67,11 @@ class Surface:
 def collect_surfaces(
     vehicle: Vehicle, *, collision: bool = False, steering: tuple[float, float] = (0.0, 0.0)
 ) -> list[Surface]:
-    """What is seen of a vehicle, or what it is for contact.
+    """Return the visual or the collision shapes of a vehicle as triangles.
 
     Args:
-        vehicle: to look at.
-        collision: take the collision shapes; of meshes their hulls.
+        vehicle: the vehicle.
+        collision: whether to return the collision shapes, of meshes their hulls.
         steering: angles of the left and the right wheel [rad].
     """
     plant, scene_graph, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
@@ -181,14 +181,14 @@ def _face_colours(part: trimesh.Trimesh, colour: Sequence[float]) -> Array:
 
 
 def picture_of(surfaces: Sequence[Surface], *, view: str, box: tuple[float, float, float, float], width: int) -> str:
-    """A shaded picture as PNG in a ``data:`` address, for the href of an SVG image.
+    """Return a shaded picture as PNG in a ``data:`` address, for the href of an SVG image.
 
     Args:
-        surfaces: to draw.
+        surfaces: surfaces to draw.
         view: "side", from the right with x to the right and z up; "top", x to the right and y up; "front", from ahead
             with y to the right and z up.
-        box: what the picture shows, in the two axes of the view: left, low, right, high [m].
-        width: of the picture [pixel].
+        box: region in the two axes of the view: left, low, right, high [m].
+        width: width of the picture [pixel].
     """
     across, up, near = _VIEWS[view]
     left, low, right, high = box
@@ -212,7 +212,9 @@ def picture_of(surfaces: Sequence[Surface], *, view: str, box: tuple[float, floa
         y = (high - up[1] * triangles[:, :, up[0]]) * scale
         _fill(pixels, x, y, near[1] * triangles[:, :, near[0]], painted.astype(np.uint8))
     small = Image.fromarray(pixels).resize((width, rows // _FINER), Image.Resampling.BOX)
-    return png_address(small)
+    file = io.BytesIO()
+    small.save(file, "PNG")
+    return data_address(file.getvalue(), "image/png")
 
 
 def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: NDArray[np.uint8]) -> None:
@@ -259,10 +261,3 @@ def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: 
         nearest[place] = z[order]
         picture[place, :3] = colours[which]
         picture[place, 3] = 255
-
-
-def png_address(image: Image.Image) -> str:
-    """A picture as PNG in a ``data:`` address."""
-    file = io.BytesIO()
-    image.save(file, "PNG")
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")

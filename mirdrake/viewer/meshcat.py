@@ -3,7 +3,7 @@
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
-from math import cos, pi, sin
+from math import cos, exp, pi, sin
 
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -135,6 +135,40 @@ def overlook(meshcat: Meshcat, world: World) -> None:
     size = max(right - left, north - south)
     x, y = 0.5 * (left + right), 0.5 * (south + north)
     meshcat.SetCameraPose([x, y - 0.3 * size, 0.32 * size], [x, y, 0.0])
+
+
+class ChaseCamera:
+    """Camera behind a vehicle whose heading follows with a first-order lag.
+
+    Args:
+        meshcat: Meshcat with the vehicle.
+    """
+
+    def __init__(self, meshcat: Meshcat) -> None:
+        self._meshcat = meshcat
+        self._heading: float | None = None
+
+    def follow(self, X_WB: RigidTransform, *, elapsed: float, lag: float) -> None:
+        """Move the world under the camera.
+
+        Args:
+            X_WB: pose of the vehicle.
+            elapsed: time since the last call [s].
+            lag: time constant of the heading [s]; 0 for none.
+        """
+        x, y, _ = X_WB.translation()
+        yaw = RollPitchYaw(X_WB.rotation()).yaw_angle()
+        if self._heading is None or lag <= 0.0:
+            self._heading = yaw
+        else:
+            self._heading += ((yaw - self._heading + pi) % (2.0 * pi) - pi) * (1.0 - exp(-elapsed / lag))
+        X_CW, X_CL = chase(x=x, y=y, yaw=self._heading)
+        self._meshcat.SetTransform(WORLD_PATH, X_CW)
+        self._meshcat.SetTransform(LIGHTS_PATH, X_CL)
+
+    def forget(self) -> None:
+        """Take the heading of the vehicle at the next call, after a jump of the vehicle."""
+        self._heading = None
 
 
 def chase(*, x: float, y: float, yaw: float) -> tuple[RigidTransform, RigidTransform]:

@@ -4,7 +4,6 @@ On this machine a server delivers each picture on request. A page that opens off
 size and number.
 """
 
-import base64
 import io
 import json
 from collections.abc import Callable, Sequence
@@ -19,6 +18,7 @@ from mirdrake.core.files import write_file
 from mirdrake.core.recording.pictures import Picture
 from mirdrake.runs.logs import Run, reads_run
 from mirdrake.viewer.meshcat import offline_meshcat
+from mirdrake.viewer.pages import add_to_body, data_address
 from mirdrake.viewer.recording import draw_run, views_of
 from mirdrake.viewer.server import Answer, PageServer
 from mirdrake.viewer.views import with_views
@@ -165,7 +165,7 @@ def embedded(picture: Picture) -> str:
             small = small.resize((WIDTH, max(1, round(small.height * WIDTH / small.width))))
         file = io.BytesIO()
         small.save(file, "JPEG", quality=QUALITY)
-    return f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}"
+    return data_address(file.getvalue(), "image/jpeg")
 
 
 def _page(
@@ -181,22 +181,20 @@ def _page(
     with offline_meshcat(world=run.scene().world) as meshcat:
         draw_run(run, meshcat, frames_per_second=frames_per_second)
         recording = meshcat.StaticHtml()
-    began = float(run.signals.index[0])
+    start = float(run.signals.index[0])
     cameras = [
         {
             "name": name,
-            "times": [round(picture.time - began, 6) for picture in one],
-            "steering": [round(picture.steering, 5) for picture in one],
-            "speed": [round(picture.speed, 4) for picture in one],
-            "sources": [source(name, picture) for picture in one],
+            "times": [round(picture.time - start, 6) for picture in taken],
+            "steering": [round(picture.steering, 5) for picture in taken],
+            "speed": [round(picture.speed, 4) for picture in taken],
+            "sources": [source(name, picture) for picture in taken],
         }
-        for name, one in pictures.items()
-        if one
+        for name, taken in pictures.items()
+        if taken
     ]
     page = with_views(recording, views_of(run))
     if not cameras:
         return page
     data = json.dumps(cameras).replace("</", "<\\/")
-    head, mark, tail = page.rpartition("</body>")
-    assert mark, "Meshcat's page has no body"
-    return head + _PANEL.replace("DATA", data) + mark + tail
+    return add_to_body(page, _PANEL.replace("DATA", data))

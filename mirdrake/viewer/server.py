@@ -89,7 +89,7 @@ class PageServer:
         *,
         ports: Iterable[int],
         files: Callable[[str], Answer | None] = lambda _: None,
-        posts: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]] | None = None,
+        posts: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, object]]] | None = None,
         upstream: Upstream | None = None,
         largest: int = MOST,
     ) -> None:

@@ -1,6 +1,5 @@
 """A vehicle in Meshcat with sliders for its joints and buttons for layers: meshes, collision shapes, frames."""
 
-import time
 from math import cos, pi, sin
 
 import numpy as np
@@ -19,15 +18,13 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from mirdrake.plant.plant import VehicleInPlant, make_plant, set_start
 from mirdrake.vehicles import Vehicle
+from mirdrake.viewer.controls import LayerButtons, follow_controls
 from mirdrake.viewer.meshcat import WORLD_PATH
 from mirdrake.worlds import load_world
 
 BUTTONS = {"Frames": "KeyF", "Collision shapes": "KeyC", "Meshes": "KeyM"}
 """Buttons in Meshcat's controls, and their keys."""
 
-STOP = "Stop"
-PERIOD = 1.0 / 32.0
-"""Time between two readings of the controls [s]."""
 
 SHAPE_COLOUR = Rgba(1.0, 0.30, 0.05, 0.5)
 _AXES = (Rgba(0.90, 0.10, 0.10, 1.0), Rgba(0.10, 0.65, 0.15, 1.0), Rgba(0.10, 0.30, 0.95, 1.0))
@@ -37,13 +34,13 @@ class VehicleView:
     """Sliders and buttons of a vehicle in Meshcat, and their effects.
 
     Args:
-        meshcat: shows the vehicle.
-        diagram: with the plant in it.
-        plant: holds the vehicle.
+        meshcat: Meshcat that shows the vehicle.
+        diagram: diagram with the plant.
+        plant: plant with the vehicle.
         part: the vehicle in the plant.
-        frames: whether frames and centre of mass are shown at first.
-        collision: the same for collision shapes.
-        meshes: the same for meshes.
+        frames: whether frames and centre of mass are visible at first.
+        collision: whether collision shapes are visible at first.
+        meshes: whether meshes are visible at first.
     """
 
     def __init__(
@@ -59,8 +56,6 @@ class VehicleView:
     ) -> None:
         self._meshcat, self._diagram, self._plant, self._part = meshcat, diagram, plant, part
         self._context = diagram.CreateDefaultContext()
-        self.shown = {"Frames": frames, "Collision shapes": collision, "Meshes": meshes}
-        self._clicks = dict.fromkeys(BUTTONS, 0)
         self._joints = _moving_joints(plant, part)
         self._values = dict.fromkeys(self._joints, 0.0)
         self._ranges: dict[str, tuple[float, float]] = {}
@@ -73,44 +68,36 @@ class VehicleView:
             step = 0.01 if reach[1] - reach[0] > 0.2 else (reach[1] - reach[0]) / 100.0
             self._ranges[name] = reach
             meshcat.AddSlider(name, *reach, step, self._values[name])
-        for name, key in BUTTONS.items():
-            meshcat.AddButton(name, key)
+        shown = {"Frames": frames, "Collision shapes": collision, "Meshes": meshes}
+        paths = ("frames",), ("collision",), ("visualizer", part.name)
+        layers = dict(zip(shown, (self._path(*names) for names in paths), strict=True))
+        self._layers = LayerButtons(meshcat, BUTTONS, shown, layers)
         self.publish()
-        self._show()
+        self._layers.apply()
+
+    @property
+    def shown(self) -> dict[str, bool]:
+        """Whether each layer is visible."""
+        return self._layers.shown
 
     @property
     def _plant_context(self) -> Context:
         return self._plant.GetMyMutableContextFromRoot(self._context)
 
     def Run(self, diagram: Diagram, timeout: float | None = None, stop_button_keycode: str = "Escape") -> None:  # noqa: N802
-        """Follow sliders and buttons until the button "Stop" is pressed; called as Drake's JointSliders are.
+        """Follow sliders and buttons until the button "Stop" is pressed; the interface is that of Drake's JointSliders.
 
         Args:
-            diagram: the one that the view was made with.
-            timeout: after which it ends anyway [s]; None: never.
-            stop_button_keycode: key that presses the button.
+            diagram: diagram of the view.
+            timeout: time after which it ends [s]; None for no timeout.
+            stop_button_keycode: key of the button.
         """
         assert diagram is self._diagram
-        self._meshcat.AddButton(STOP, stop_button_keycode)
-        end = None if timeout is None else time.monotonic() + timeout
-        try:
-            while self._meshcat.GetButtonClicks(STOP) < 1 and (end is None or time.monotonic() < end):
-                self.follow()
-                time.sleep(PERIOD)
-        finally:
-            self._meshcat.DeleteButton(STOP)
+        follow_controls(self._meshcat, self.follow, timeout=timeout, key=stop_button_keycode)
 
     def follow(self) -> bool:
         """Apply the present values of sliders and buttons; return whether anything has changed."""
-        changed = False
-        for name in BUTTONS:
-            clicks = self._meshcat.GetButtonClicks(name)
-            if (clicks - self._clicks[name]) % 2:
-                self.shown[name] = not self.shown[name]
-                changed = True
-            self._clicks[name] = clicks
-        if changed:
-            self._show()
+        changed = self._layers.follow()
         values = {name: self._clipped(name, self._meshcat.GetSliderValue(name)) for name in self._joints}
         if values != self._values:
             self._values, changed = values, True
@@ -137,13 +124,6 @@ class VehicleView:
             )
         com = self._plant.CalcCenterOfMassPositionInWorld(context, [self._part.instance])
         self._meshcat.SetTransform(self._path("frames", "centre of mass"), RigidTransform(com))
-
-    def _show(self) -> None:
-        """Show and hide layers."""
-        meshes = self._path("visualizer", self._part.name)
-        self._meshcat.SetProperty(meshes, "visible", self.shown["Meshes"])
-        self._meshcat.SetProperty(self._path("collision"), "visible", self.shown["Collision shapes"])
-        self._meshcat.SetProperty(self._path("frames"), "visible", self.shown["Frames"])
 
     def _draw_frames(self) -> None:
         """Draw a triad for each link and a ball at the centre of mass."""

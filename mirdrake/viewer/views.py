@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from pydrake.geometry import Meshcat
 
 from mirdrake.vehicles import Vehicle
+from mirdrake.viewer.pages import add_to_body
 
 CAR = 2.6
 """Wheelbase of the distances below [m]; they scale with the wheelbase of a vehicle."""
@@ -131,10 +132,8 @@ def with_views(page: str, views: Iterable[View]) -> str:
         page: of :meth:`pydrake.geometry.Meshcat.StaticHtml`, or of a server.
         views: to choose from.
     """
-    head, mark, tail = page.rpartition("</body>")
-    assert mark, "Meshcat's page has no body"
     data = json.dumps([asdict(view) for view in views]).replace("</", "<\\/")
-    return head + _PANEL.replace("VIEWS", data) + mark + tail
+    return add_to_body(page, _PANEL.replace("VIEWS", data))
 
 
 def _scaled(size: float, x: float, y: float, z: float) -> tuple[float, float, float]:

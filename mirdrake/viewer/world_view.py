@@ -1,16 +1,13 @@
 """A world in Meshcat with the findings of its check: overlaps in red, starts, goals, paths, names, collision shapes.
 
-In the scene tree, below ``drake``, are ``visualizer`` (what is seen), ``collision`` (what is felt), and ``names``,
-``faults``, ``starts``, ``goals``, ``paths``; each can be switched there, also in a saved page.
+In the scene tree, below ``drake``, are ``visualizer`` (visual shapes), ``collision`` (collision shapes), and ``names``,
+``faults``, ``starts``, ``goals``, ``paths``; each can be shown and hidden there, also in a saved page.
 """
 
-import base64
 import contextlib
 import io
 import json
 import math
-import time
-from typing import Any
 
 import numpy as np
 import shapely
@@ -32,8 +29,10 @@ from pydrake.systems.framework import DiagramBuilder
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.plant.plant import make_plant
+from mirdrake.viewer.controls import LayerButtons, follow_controls
 from mirdrake.viewer.meshcat import WORLD_PATH, make_meshcat, make_offline_meshcat
-from mirdrake.viewer.vehicle_view import PERIOD, SHAPE_COLOUR, STOP
+from mirdrake.viewer.pages import data_address
+from mirdrake.viewer.vehicle_view import SHAPE_COLOUR
 from mirdrake.world_checks import Examination, Fault
 from mirdrake.world_checks.paths import goal_area
 from mirdrake.worlds import World
@@ -42,7 +41,7 @@ from mirdrake.worlds.meshes import Array, fill
 LAYERS = {"Names": "KeyN", "Collision shapes": "KeyC", "Faults": "KeyF", "Paths": "KeyP"}
 """Buttons in Meshcat's controls, and their keys."""
 
-_PATHS = {"Names": "names", "Collision shapes": "collision", "Faults": "faults", "Paths": "paths"}
+
 _RED, _GREEN, _BLUE, _VIOLET = (
     Rgba(0.95, 0.05, 0.05, 0.75),
     Rgba(0.05, 0.62, 0.20, 1.0),
@@ -67,8 +66,6 @@ class WorldView:
     def __init__(self, meshcat: Meshcat, found: Examination, *, collision: bool = False, names: bool = True) -> None:
         assert found.world is not None
         self._meshcat, self.world = meshcat, found.world
-        self.shown = {"Names": names, "Collision shapes": collision, "Faults": True, "Paths": True}
-        self._clicks = dict.fromkeys(LAYERS, 0)
         self._low, self._high = _extent(found.world)
         self._size = max(float((self._high - self._low).max()), 8.0)
         self._draw_props()
@@ -80,37 +77,25 @@ class WorldView:
         for number, path in enumerate(found.paths):
             ribbon = shapely.LineString(path.poses[:, :2]).buffer(0.5 * _RIBBON)
             self._fill(f"paths/{number} {path.vehicle} {path.start} {path.goal}", ribbon, 0.06, _VIOLET)
-        for name, key in LAYERS.items():
-            meshcat.AddButton(name, key)
-        self._switch()
+        shown = {"Names": names, "Collision shapes": collision, "Faults": True, "Paths": True}
+        paths = {"Names": "names", "Collision shapes": "collision", "Faults": "faults", "Paths": "paths"}
+        self._layers = LayerButtons(meshcat, LAYERS, shown, {name: _path(path) for name, path in paths.items()})
+        self._layers.apply()
         self._look()
 
+    @property
+    def shown(self) -> dict[str, bool]:
+        """Whether each layer is visible."""
+        return self._layers.shown
+
     def follow(self) -> bool:
-        """Apply the present values of the buttons; return whether anything has changed."""
-        changed = False
-        for name in LAYERS:
-            clicks = self._meshcat.GetButtonClicks(name)
-            if (clicks - self._clicks[name]) % 2:
-                self.shown[name] = not self.shown[name]
-                changed = True
-            self._clicks[name] = clicks
-        if changed:
-            self._switch()
-        return changed
+        """Apply the clicks on the buttons; return whether a layer has changed."""
+        return self._layers.follow()
 
     def run(self, *, timeout: float | None = None) -> None:
         """Follow the buttons until "Stop" is pressed, or for a time [s]."""
-        self._meshcat.AddButton(STOP, "Escape")
-        end = None if timeout is None else time.monotonic() + timeout
         with contextlib.suppress(KeyboardInterrupt):
-            while self._meshcat.GetButtonClicks(STOP) < 1 and (end is None or time.monotonic() < end):
-                self.follow()
-                time.sleep(PERIOD)
-        self._meshcat.DeleteButton(STOP)
-
-    def _switch(self) -> None:
-        for name, path in _PATHS.items():
-            self._meshcat.SetProperty(_path(path), "visible", self.shown[name])
+            follow_controls(self._meshcat, self.follow, timeout=timeout)
 
     def _draw_props(self) -> None:
         """Draw scenery, props and collision shapes."""
@@ -242,7 +227,7 @@ def _label(text: str) -> InMemoryMesh:
     faces = np.array([0, 1, 2, 0, 2, 3]).astype("<u2")
     blob = points.tobytes() + uv.tobytes() + faces.tobytes()
     limits = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
-    document: dict[str, Any] = {
+    document: dict[str, object] = {
         "asset": {"version": "2.0"},
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
@@ -258,7 +243,7 @@ def _label(text: str) -> InMemoryMesh:
         ],
         "textures": [{"source": 0, "sampler": 0}],
         "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
-        "images": [{"uri": _data("image/png", picture.getvalue())}],
+        "images": [{"uri": data_address(picture.getvalue(), "image/png")}],
         "accessors": [
             {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", **limits},
             {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
@@ -269,10 +254,6 @@ def _label(text: str) -> InMemoryMesh:
             {"buffer": 0, "byteOffset": 48, "byteLength": 32},
             {"buffer": 0, "byteOffset": 80, "byteLength": 12},
         ],
-        "buffers": [{"byteLength": len(blob), "uri": _data("application/octet-stream", blob)}],
+        "buffers": [{"byteLength": len(blob), "uri": data_address(blob, "application/octet-stream")}],
     }
     return InMemoryMesh(mesh_file=MemoryFile(json.dumps(document), ".gltf", f"label {text}"))
-
-
-def _data(kind: str, content: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"

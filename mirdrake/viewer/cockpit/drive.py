@@ -53,7 +53,7 @@ class Cockpit:
         scene: of the spec, if it is made already.
         meshcat: where to draw, made in the thread that drives; None draws nothing.
         say: called with messages of one line.
-        folder: gives the folder of a recording.
+        folder: returns the folder of a recording.
         timeout: see :class:`~mirdrake.viewer.cockpit.watchdog.InputWatchdog`.
 
     Attributes:
@@ -80,7 +80,7 @@ class Cockpit:
         self.limits = manual_limits(self.part)
         self.gains = self.part.vehicle.control.gains()
         self.watchdog = InputWatchdog(timeout=timeout)
-        self.readings: dict[str, Any] = {}
+        self.readings: Mapping[str, Any] = {}
         self.runs: list[Run] = []
         self._say, self._folder = say, folder or (lambda: default_folder(f"drive_{self.part.vehicle.name}"))
         systems = {system.get_name(): system for system in self.assembly.diagram.GetSystems()}
@@ -318,7 +318,7 @@ class Cockpit:
             self._factor = (at - before) / (now - since)
         x = self._state()
         status = self._control.GetOutputPort("status").Eval(self._control.GetMyContextFromRoot(self._context)).tolist()
-        readings: dict[str, Any] = {
+        readings: dict[str, object] = {
             "time": at,
             "x": x[0],
             "y": x[1],
@@ -371,10 +371,10 @@ class Cockpit:
             self.overlays.draw(self._context)
 
     def gain(self, name: str) -> float:
-        """The value that a gain has in the Context now.
+        """Return the value of a gain in the Context.
 
         Raises:
-            ConfigError: there is none of that name.
+            ConfigError: there is no such gain.
         """
         for gain in self.gains:
             if gain.path == name:
@@ -384,7 +384,7 @@ class Cockpit:
 
 @contextmanager
 def _interrupt(over: threading.Event) -> Iterator[None]:
-    """While inside, Ctrl-C sets the event; a second one ends at once. Only in the main thread."""
+    """Have Ctrl-C set the event; a second one raises KeyboardInterrupt. Other threads than the main one ignore it."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

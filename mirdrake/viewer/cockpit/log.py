@@ -119,7 +119,7 @@ class DriveLog:
         return data
 
 
-def _merge_gains(control: Mapping[str, Any], gains: Mapping[str, float]) -> dict[str, Any]:
+def _merge_gains(control: Mapping[str, Any], gains: Mapping[str, float]) -> Mapping[str, Any]:
     """Return changes of a control.yaml merged with gains by their paths."""
     data: dict[str, Any] = deepcopy(dict(control))
     for path, value in gains.items():

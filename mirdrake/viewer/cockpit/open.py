@@ -75,7 +75,7 @@ class OpenCockpit:
         """Drive until Ctrl-C, or for a wall-clock time [s], inside ``with``."""
         self.drive.run(duration=duration, watch=self._watch)
 
-    def _report(self, page: str, message: Mapping[str, Any]) -> Mapping[str, Any]:
+    def _report(self, page: str, message: Mapping[str, Any]) -> Mapping[str, object]:
         self.drive.watchdog.report(page, message)
         return self.drive.readings
 
@@ -86,7 +86,7 @@ class OpenCockpit:
             if self.drive.watchdog.silence > self._remind:
                 self._say(f"no page is open; the cockpit is at {self.url}")
 
-    def _about(self) -> dict[str, Any]:
+    def _about(self) -> dict[str, object]:
         """Return the data of the page that do not change."""
         drive, assembly = self.drive, self.drive.assembly
         assert drive.picture is not None

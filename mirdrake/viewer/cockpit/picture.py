@@ -4,15 +4,12 @@ The picture follows the wall clock and is omitted without a viewer or when time 
 nothing and equals that of `mirdrake run`.
 """
 
-from math import exp, pi
-
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
-from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.plant.plant import make_plant
-from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase
+from mirdrake.viewer.meshcat import ChaseCamera
 from mirdrake.viewer.views import View, make_views, set_view
 
 
@@ -26,7 +23,7 @@ class Picture:
     """
 
     def __init__(self, meshcat: Meshcat, assembly: Assembly, name: str) -> None:
-        self._meshcat, self._plant = meshcat, assembly.parts.plant
+        self._camera, self._plant = ChaseCamera(meshcat), assembly.parts.plant
         builder = DiagramBuilder()
         vehicles = {key: part.vehicle for key, part in assembly.parts.vehicles.items()}
         self._parts = make_plant(builder, assembly.parts.world, vehicles, spec=assembly.spec.plant)
@@ -38,7 +35,6 @@ class Picture:
         self._base = self._parts.vehicles[name].base
         self.views = {view.name: view for view in make_views(vehicles[name])}
         self.view: View = next(iter(self.views.values()))
-        self._heading: float | None = None
         set_view(meshcat, self.view)
 
     def look(self, name: str) -> None:
@@ -46,8 +42,8 @@ class Picture:
         self.view = self.views.get(name, self.view)
 
     def forget(self) -> None:
-        """Place the camera anew after a jump of the vehicle."""
-        self._heading = None
+        """Turn the camera to the vehicle at once, after a jump of the vehicle."""
+        self._camera.forget()
 
     def draw(self, context: Context, *, passed: float) -> None:
         """Draw the present state.
@@ -59,13 +55,5 @@ class Picture:
         self._context.SetTime(context.get_time())
         self._parts.plant.SetPositions(self._own, self._plant.GetPositions(self._plant.GetMyContextFromRoot(context)))
         X_WB = self._parts.plant.EvalBodyPoseInWorld(self._own, self._base)
-        x, y, _ = X_WB.translation()
-        yaw = RollPitchYaw(X_WB.rotation()).yaw_angle()
-        if self._heading is None or self.view.lag <= 0.0:
-            self._heading = yaw
-        turn = (yaw - self._heading + pi) % (2.0 * pi) - pi
-        self._heading += turn * (1.0 - exp(-passed / self.view.lag)) if self.view.lag > 0.0 else 0.0
-        X_CW, X_CL = chase(x=x, y=y, yaw=self._heading)
         self._diagram.ForcedPublish(self._context)
-        self._meshcat.SetTransform(WORLD_PATH, X_CW)
-        self._meshcat.SetTransform(LIGHTS_PATH, X_CL)
+        self._camera.follow(X_WB, elapsed=passed, lag=self.view.lag)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from importlib.resources import files
 from typing import Any
 
+from mirdrake.viewer.pages import add_to_body
 from mirdrake.viewer.private_meshcat import Upstream
 from mirdrake.viewer.server import PageServer
 
@@ -22,7 +23,7 @@ def make_server(
     *,
     upstream: Upstream,
     about: Mapping[str, Any],
-    report: Callable[[str, Mapping[str, Any]], Mapping[str, Any]],
+    report: Callable[[str, Mapping[str, Any]], Mapping[str, object]],
     order: Callable[[Mapping[str, Any]], None],
     port: int | None = None,
 ) -> PageServer:
@@ -40,7 +41,7 @@ def make_server(
     """
     page = _page(upstream, about).encode()
 
-    def ordered(message: Mapping[str, Any]) -> Mapping[str, Any]:
+    def ordered(message: Mapping[str, Any]) -> Mapping[str, object]:
         order(message)
         return {}
 
@@ -63,6 +64,4 @@ def _page(upstream: Upstream, about: Mapping[str, Any]) -> str:
         f"<style>\n{parts['page.css']}</style>\n{parts['page.html']}"
         f'<script id="about" type="application/json">{data}</script>\n<script>\n{parts["page.js"]}</script>\n'
     )
-    head, mark, tail = page.rpartition("</body>")
-    assert mark, "Meshcat's page has no body"
-    return (head + over + mark + tail).replace("<title>Drake MeshCat</title>", "<title>mirdrake drive</title>")
+    return add_to_body(page, over).replace("<title>Drake MeshCat</title>", "<title>mirdrake drive</title>")
