@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from mirdrake.core.errors import MissingDependencyError
 from mirdrake.core.files import write_file
-from mirdrake.report.inspection_text import axis_name, draw_links, limits_of
+from mirdrake.report.inspection_text import axis_name, draw_links, figure_rows, limits_of
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.surfaces import collect_surfaces
 from mirdrake.report.svg import embed_svg, svg_size
@@ -110,36 +110,9 @@ def _rear_radius(figures: Inspection) -> str:
 
 
 def _facts(figures: Inspection) -> list[tuple[str, str, str]]:
-    """Return the other figures: name, value, formula or meaning."""
-    inner, outer = (math.degrees(angle) for angle in figures.steering_limits)
-    inertia = ", ".join(map(_figure, figures.inertia))
-    size = "{:.3f} × {:.3f} × {:.3f} m".format
-    lock = "rear axle's centre: L / tan(inner) + kingpin track / 2"
-    rows = [
-        (
-            "Centre of mass",
-            "{:.3f}, {:.3f}, {:.3f} m".format(*(round(value, 3) + 0.0 for value in figures.com)),
-            "x from the rear axle, y, z from the road",
-        ),
-        ("Axle loads at rest", " and ".join(f"{_figure(load)} N" for load in figures.loads), "front, rear"),
-        ("Load on the left wheels", f"{100.0 * figures.side_share:.1f} %", "of the total"),
-        ("Tracks", "{:.3f}, {:.3f} m".format(*figures.tracks), "front, rear; between contact centres"),
-        ("Kingpin track", f"{figures.kingpin_track:.3f} m", "between the steering axes, on the road"),
-        ("Wheel widths", "{:.3f}, {:.3f} m".format(*figures.wheel_widths), "front, rear; of the collision shapes"),
-        ("Size of the collision shapes", size(*figures.size), "length, width, height above the road"),
-        ("Size of the visual shapes", size(*(figures.visual_size or figures.size)), "with mirrors and antennas"),
-        (
-            "Wheels at full lock",
-            f"{inner:.1f}°, {outer:.1f}°",
-            "inner, outer: cot(outer) = cot(inner) + kingpin track / L",
-        ),
-        ("Turning radius", f"{figures.turning_radius:.2f} m", lock),
-        ("Wall to wall", f"{figures.wall_circle:.2f} m", "diameter of the outermost corner of the collision shapes"),
-        ("Inertia", f"{inertia} kg m²", "roll, pitch, yaw about the centre of mass"),
-        ("Radii of gyration", "{:.3f}, {:.3f}, {:.3f} m".format(*figures.gyration), "roll, pitch, yaw: √(I / m)"),
-        ("Dynamic index", f"{figures.dynamic_index:.2f}", "k² / (a b) of the yaw inertia; cars have 0.8 to 1.1"),
-    ]
-    return rows if figures.visual_size else [row for row in rows if row[0] != "Size of the visual shapes"]
+    """Return the figures without a tile: name, value, and formula or meaning."""
+    tiles = {"Mass", "Wheelbase", "Turning circle", "Rollover threshold", "Wheel radii", "Ground clearance"}
+    return [row for row in figure_rows(figures) if row[0] not in tiles]
 
 
 def _view(sensor: SensorFigures) -> str:

@@ -11,41 +11,61 @@ from mirdrake.vehicles.figures import Inspection, JointFigures, LinkFigures
 _COLOURS = {"body": "#dbe7f3", "wheel": "#e3f1e4", "knuckle": "#fdebd0", "sensor": "#f3e5f5", "frame": "#eceff1"}
 
 
+def figure_rows(figures: Inspection) -> list[tuple[str, str, str]]:
+    """Return the figures of a vehicle for terminal and page: name, value with its unit, and a note."""
+    front, rear = figures.loads
+    inner, outer = (math.degrees(angle) for angle in figures.steering_limits)
+    clearance = figures.ground_clearance
+    sizes = [("Size of the collision shapes", figures.size, "length, width, height above the road")]
+    if figures.visual_size:
+        sizes.append(("Size of the visual shapes", figures.visual_size, "with mirrors and antennas"))
+    return [
+        ("Mass", f"{figures.mass:.1f} kg" if figures.mass >= 100.0 else f"{figures.mass:.4g} kg", ""),
+        ("Centre of mass", _metres(figures.com), "x from the rear axle, y, z from the road"),
+        (
+            "Axle loads at rest",
+            f"front {_load(front)} ({100 * figures.front_share:.1f} %), rear {_load(rear)}",
+            "",
+        ),
+        ("Load on the left wheels", f"{100.0 * figures.side_share:.1f} %", "of the total"),
+        ("Wheelbase", f"{figures.wheelbase:.3f} m", ""),
+        ("Tracks", _metres(figures.tracks), "front, rear; between contact centres"),
+        ("Kingpin track", f"{figures.kingpin_track:.3f} m", "between the steering axes, on the road"),
+        ("Wheel radii", _metres(figures.wheel_radii, digits=4), "front, rear"),
+        ("Wheel widths", _metres(figures.wheel_widths), "front, rear; of the collision shapes"),
+        *((name, " x ".join(f"{edge:.3f}" for edge in size) + " m", note) for name, size, note in sizes),
+        ("Ground clearance", f"{clearance:.3f} m" if math.isfinite(clearance) else "-", "of the collision shapes"),
+        (
+            "Wheels at full lock",
+            f"{inner:.1f} deg, {outer:.1f} deg",
+            "inner, outer: cot(outer) = cot(inner) + kingpin track / L",
+        ),
+        (
+            "Turning radius",
+            f"{figures.turning_radius:.2f} m",
+            "rear axle's centre: L / tan(inner) + kingpin track / 2",
+        ),
+        ("Turning circle", f"{figures.turning_circle:.2f} m", "kerb to kerb, diameter"),
+        ("Wall to wall", f"{figures.wall_circle:.2f} m", "diameter of the outermost corner of the collision shapes"),
+        (
+            "Inertia",
+            ", ".join(f"{value:.4g}" for value in figures.inertia) + " kg m²",
+            "roll, pitch, yaw about the centre of mass",
+        ),
+        ("Radii of gyration", _metres(figures.gyration), "roll, pitch, yaw: √(I / m)"),
+        ("Dynamic index", f"{figures.dynamic_index:.2f}", "k² / (a b) of the yaw inertia; cars have 0.8 to 1.1"),
+        ("Rollover threshold", f"{figures.static_stability:.2f} g", "T / 2h, on rigid tyres"),
+    ]
+
+
+def _metres(values: Sequence[float], *, digits: int = 3) -> str:
+    """Return lengths without negative zeros."""
+    return ", ".join(f"{round(value, digits) + 0.0:.{digits}f}" for value in values) + " m"
+
+
 def describe(figures: Inspection) -> str:
     """Return the figures as text with aligned columns."""
-    front, rear = figures.loads
-    length, width, height = figures.size
-    inner, outer = (math.degrees(angle) for angle in figures.steering_limits)
-    roll, pitch, yaw = figures.inertia
-    x, y, z = (round(value, 3) + 0.0 for value in figures.com)
-    rows = [
-        ("mass", f"{figures.mass:.1f} kg" if figures.mass >= 100.0 else f"{figures.mass:.4g} kg"),
-        ("centre of mass", f"{x:.3f} m ahead of the rear axle, {y:.3f} m to the left, {z:.3f} m above the road"),
-        (
-            "axle loads",
-            f"front {_load(front)} ({100 * figures.front_share:.1f} %), rear {_load(rear)}",
-        ),
-        ("left wheels", f"{100 * figures.side_share:.1f} % of the load"),
-        ("wheelbase", f"{figures.wheelbase:.3f} m"),
-        ("track", f"front {figures.tracks[0]:.3f} m, rear {figures.tracks[1]:.3f} m"),
-        ("between steering axes", f"{figures.kingpin_track:.3f} m"),
-        ("wheels", _wheels(figures)),
-        ("size", f"{length:.3f} x {width:.3f} x {height:.3f} m (collision shapes)"),
-        *(
-            [("", "{:.3f} x {:.3f} x {:.3f} m (what is seen)".format(*figures.visual_size))]
-            if figures.visual_size
-            else []
-        ),
-        ("ground clearance", f"{figures.ground_clearance:.3f} m" if math.isfinite(figures.ground_clearance) else "-"),
-        ("full lock", f"inner wheel {inner:.1f} deg, outer wheel {outer:.1f} deg"),
-        ("turning radius", f"{figures.turning_radius:.2f} m (rear axle's centre)"),
-        ("turning circle", f"{figures.turning_circle:.2f} m (kerb to kerb, diameter)"),
-        ("", f"{figures.wall_circle:.2f} m (wall to wall, corners of the collision shapes)"),
-        ("inertia", f"roll {roll:.4g}, pitch {pitch:.4g}, yaw {yaw:.4g} kg m² (about the centre of mass)"),
-        ("radii of gyration", "roll {:.3f}, pitch {:.3f}, yaw {:.3f} m".format(*figures.gyration)),
-        ("dynamic index", f"{figures.dynamic_index:.2f} (k² / a b of the yaw inertia; cars have 0.8 to 1.1)"),
-        ("static stability", f"{figures.static_stability:.2f} (tips at so many g sideways)"),
-    ]
+    rows = [(name, value, f"({note})" if note else "") for name, value, note in figure_rows(figures)]
     parts = [
         f"{figures.vehicle}: {figures.title}, {figures.drive} drive, grade {figures.grade}",
         _columns(rows, indent=2),
@@ -118,14 +138,6 @@ def _load(force: float) -> str:
     newton = f"{force:.0f}" if abs(force) >= 1000.0 else f"{force:.4g}"
     kilogram = force / GRAVITY
     return f"{newton} N, " + (f"{kilogram:.1f} kg" if abs(kilogram) >= 100.0 else f"{kilogram:.4g} kg")
-
-
-def _wheels(figures: Inspection) -> str:
-    sizes = [
-        f"radius {radius:.4f} m, width {width:.3f} m"
-        for radius, width in zip(figures.wheel_radii, figures.wheel_widths, strict=True)
-    ]
-    return sizes[0] if sizes[0] == sizes[1] else f"front {sizes[0]}; rear {sizes[1]}"
 
 
 def _link_row(link: LinkFigures) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ In the scene tree, below ``drake``, are ``visualizer`` (visual shapes), ``collis
 
 import contextlib
 import io
-import json
 import math
 
 import numpy as np
@@ -28,6 +27,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder
 from shapely.geometry.base import BaseGeometry
 
+from mirdrake.core.meshes import Primitive, gltf_text, pbr_material
 from mirdrake.plant.plant import make_plant
 from mirdrake.viewer.controls import LayerButtons, follow_controls
 from mirdrake.viewer.meshcat import WORLD_PATH, make_meshcat, make_offline_meshcat
@@ -54,13 +54,13 @@ _RIBBON = 0.15  # [m] width of a path
 
 
 class WorldView:
-    """A world with the findings of its check.
+    """World with the findings of its check in Meshcat.
 
     Args:
-        meshcat: shows it.
-        found: the world, laid out, and its faults and paths.
-        collision: show the collision shapes at first.
-        names: show the names at first.
+        meshcat: Meshcat that shows the world.
+        found: the world with its faults and paths.
+        collision: whether collision shapes are visible at first.
+        names: whether names are visible at first.
     """
 
     def __init__(self, meshcat: Meshcat, found: Examination, *, collision: bool = False, names: bool = True) -> None:
@@ -221,39 +221,14 @@ def _label(text: str) -> InMemoryMesh:
     picture = io.BytesIO()
     image.quantize(8).save(picture, "PNG", optimize=True)
     half = 0.5 * width / height
-    corners = np.array([[-half, -0.5], [half, -0.5], [half, 0.5], [-half, 0.5]])
-    points = np.column_stack((corners, np.zeros(4))).astype("<f4")  # glTF: y up, seen from +z
-    uv = np.array([[0, 1], [1, 1], [1, 0], [0, 0]]).astype("<f4")
-    faces = np.array([0, 1, 2, 0, 2, 3]).astype("<u2")
-    blob = points.tobytes() + uv.tobytes() + faces.tobytes()
-    limits = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
-    document: dict[str, object] = {
-        "asset": {"version": "2.0"},
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
-        "materials": [
-            {
-                "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0},
-                "doubleSided": True,
-                "extensions": {"KHR_materials_unlit": {}},
-            }
-        ],
-        "textures": [{"source": 0, "sampler": 0}],
-        "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}],
-        "images": [{"uri": data_address(picture.getvalue(), "image/png")}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", **limits},
-            {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
-            {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
-            {"buffer": 0, "byteOffset": 48, "byteLength": 32},
-            {"buffer": 0, "byteOffset": 80, "byteLength": 12},
-        ],
-        "buffers": [{"byteLength": len(blob), "uri": data_address(blob, "application/octet-stream")}],
-    }
-    return InMemoryMesh(mesh_file=MemoryFile(json.dumps(document), ".gltf", f"label {text}"))
+    corners = np.array([[-half, 0.0, -0.5], [half, 0.0, -0.5], [half, 0.0, 0.5], [-half, 0.0, 0.5]])
+    paper = pbr_material((0.0, 0.0, 0.0, 1.0), roughness=1.0)  # emission has no shading
+    paper |= {
+        "emissiveTexture": {"index": 0},
+        "emissiveFactor": [1.0, 1.0, 1.0],
+        "doubleSided": True,
+    }  # without shading
+    triangles, uv = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint16), np.array([[0, 1], [1, 1], [1, 0], [0, 0]])
+    plate = Primitive(corners, np.tile([0.0, -1.0, 0.0], (4, 1)), triangles, paper, uv=uv)
+    document = gltf_text([plate], images=[data_address(picture.getvalue(), "image/png")])
+    return InMemoryMesh(mesh_file=MemoryFile(document, ".gltf", f"label {text}"))
