@@ -223,8 +223,6 @@ _LEFT = {
 _QUICK = [
     ("step_steer", "bolt", "point"),
     ("braking", "bolt", "point"),
-    ("braking", "bolt", "hydroelastic"),
-    ("split_friction_braking", "bolt", "point"),
     ("step_steer", "unior", "point"),
     ("braking", "unior", "point"),
 ]

@@ -14,7 +14,13 @@ pytest.importorskip("ipykernel")
 FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
-SLOW = {"03_make_your_own_vehicle", "05_sensors_and_recording", "07_tuning", "08_identification"}
+SLOW = {
+    "03_make_your_own_vehicle",
+    "04_worlds_and_suites",
+    "05_sensors_and_recording",
+    "07_tuning",
+    "08_identification",
+}
 """Names that take long and whose commands other fast tests run."""
 
 LONGEST_CELL = 45
@@ -52,8 +58,8 @@ def test_a_notebook_runs_from_top_to_bottom(path: Path, tmp_path: Path):
     assert all(cell.execution_count for cell in cells if cell.source.strip())
     kinds = {key for cell in cells for output in cell.outputs for key in output.get("data", {})}
     assert kinds & {"image/png", "text/html"}, "it shows no picture, table or view"
-    told = [output.text for cell in cells for output in cell.outputs if output.get("name") == "stderr"]
-    assert told == []
+    errors = [output.text for cell in cells for output in cell.outputs if output.get("name") == "stderr"]
+    assert errors == []
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -22,7 +22,7 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.paths import names
-from mirdrake.runs.logs import RunWriter, load_run
+from mirdrake.runs.logs import Run, RunWriter, load_run
 from mirdrake.runs.simulation import Simulation, default_folder, simulate
 from mirdrake.workflow import run_diagram
 
@@ -81,6 +81,18 @@ def drive(**changes: Any) -> dict[str, Any]:
     } | changes
 
 
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Return one second of :func:`drive` in a folder."""
+    return simulate(drive(duration=1.0), folder=tmp_path_factory.mktemp("recorded") / "run")
+
+
+def folder_of(run: Run) -> Path:
+    """Return the folder of a run."""
+    assert run.folder is not None
+    return run.folder
+
+
 def start_run(folder: Path, *arguments: str) -> subprocess.Popen[str]:
     """`mirdrake run bolt_test_track` as a process of its own, into folder/out."""
     command = [sys.executable, "-m", "mirdrake.cli", "run", "bolt_test_track", "--out", "out", "--no-recording"]
@@ -121,24 +133,23 @@ def test_a_run_folder_is_complete(tmp_path: Path) -> None:
     assert set(spec["provenance"]["versions"]) >= {"mirdrake", "drake", "numpy", "python"}
 
 
-def test_a_folder_is_the_same_run_when_it_is_read_again(tmp_path: Path) -> None:
-    run = simulate(drive(duration=1.0), folder=tmp_path / "run")
-    again = load_run(tmp_path / "run")
-    pd.testing.assert_frame_equal(again.signals, run.signals, check_exact=True)
-    assert again.units == run.units
-    assert again.summary == run.summary
-    assert again.spec == run.spec
-    assert again.events == run.events
+def test_a_folder_is_the_same_run_when_it_is_read_again(recorded: Run) -> None:
+    again = load_run(folder_of(recorded))
+    pd.testing.assert_frame_equal(again.signals, recorded.signals, check_exact=True)
+    assert again.units == recorded.units
+    assert again.summary == recorded.summary
+    assert again.spec == recorded.spec
+    assert again.events == recorded.events
 
 
-def test_signals_open_in_pandas_with_units(tmp_path: Path) -> None:
-    simulate(drive(duration=1.0), folder=tmp_path / "run")
-    table = pd.read_parquet(tmp_path / "run" / "signals.parquet")
+def test_signals_open_in_pandas_with_units(recorded: Run) -> None:
+    file = folder_of(recorded) / "signals.parquet"
+    table = pd.read_parquet(file)
     units = table.attrs["units"]
     assert list(units) == list(table.columns)
     expected = {"time": "s", "ego.vx": "m/s", "ego.yaw": "rad", "ego.wheel_torque.rear_left": "N m", "ego.lap": ""}
     assert {name: units[name] for name in expected} == expected
-    schema = pq.read_schema(tmp_path / "run" / "signals.parquet")
+    schema = pq.read_schema(file)
     assert {name: schema.field(name).metadata[b"unit"].decode() for name in expected} == expected
     times = table["time"].to_numpy()
     np.testing.assert_allclose(times, 0.02 * np.arange(51), atol=1e-12)  # 50 Hz, both ends included
@@ -181,7 +192,7 @@ def test_a_default_folder_is_named_after_the_diagram_and_never_taken_twice(tmp_p
     assert not second.exists()
 
 
-def test_a_missing_signal_is_told_with_its_neighbours() -> None:
+def test_an_unknown_signal_is_an_error_with_suggestions() -> None:
     run = simulate(drive(duration=0.1))
     with pytest.raises(ConfigError, match=r"no signal 'ego\.vxx'; did you mean 'ego\.vx'"):
         run["ego.vxx"]
@@ -234,19 +245,16 @@ def test_a_run_from_a_spec_reports_files_that_have_changed_since(
         assert "changed since" not in capsys.readouterr().err
 
 
-def test_another_process_gives_the_same_bytes(tmp_path: Path) -> None:
-    simulate(drive(duration=1.0), folder=tmp_path / "first")
-    command = [sys.executable, "-m", "mirdrake.cli", "run", "first/spec.yaml", "--out", "second", "--quiet"]
+def test_another_process_gives_the_same_bytes(recorded: Run, tmp_path: Path) -> None:
+    spec = folder_of(recorded) / "spec.yaml"
+    command = [sys.executable, "-m", "mirdrake.cli", "run", str(spec), "--out", "second", "--quiet"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    data = (tmp_path / "first" / "signals.parquet").read_bytes()
+    data = (folder_of(recorded) / "signals.parquet").read_bytes()
     assert (tmp_path / "second" / "signals.parquet").read_bytes() == data
 
 
-def test_two_runs_of_one_built_diagram_are_the_same(tmp_path: Path) -> None:
-    from mirdrake.assembly.diagram import assemble
-    from mirdrake.runs.simulation import Simulation
-
+def test_two_runs_of_one_built_diagram_are_the_same() -> None:
     simulation = Simulation(assemble(drive(duration=1.0)))
     first, second = simulation.run(), simulation.run()
     pd.testing.assert_frame_equal(first.signals, second.signals, check_exact=True)
@@ -265,7 +273,7 @@ def test_the_hash_is_that_of_the_contents(tmp_path: Path) -> None:
     assert first == again != digest(world)
 
 
-def test_a_vehicle_that_nobody_drives_is_told_before_anything_is_written(tmp_path: Path) -> None:
+def test_a_vehicle_without_a_driver_is_an_error_before_anything_is_written(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"control: 'ego' has no driver .*ego\.speed_reference.*; add control\.ego"):
         simulate(drive(control={}), folder=tmp_path / "run")
     assert not (tmp_path / "run").exists()
@@ -274,7 +282,7 @@ def test_a_vehicle_that_nobody_drives_is_told_before_anything_is_written(tmp_pat
 # --- what ends a run -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_stopped_run_keeps_what_was_done(number: signal.Signals, tmp_path: Path) -> None:
     process = start_run(tmp_path, "--duration", "10000", "--set", "laps=null")
     wait_for_parts(tmp_path, count=2)
@@ -325,29 +333,30 @@ def faulty_drive(tmp_path: Path) -> Path:
     return tmp_path / "faulty.yaml"
 
 
-def run_command(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "mirdrake.cli", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
-
-
-def test_a_block_that_raises_ends_the_run_with_its_own_file_and_line(faulty_drive: Path, tmp_path: Path) -> None:
-    done = run_command("run", "faulty.yaml", "--out", "out", folder=tmp_path)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith("error: out: the run failed at t = 0.8")
-    assert "own_faulty.py:17: ZeroDivisionError: no more ideas" in done.stderr
+def test_a_block_that_raises_ends_the_run_with_its_own_file_and_line(
+    faulty_drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", faulty_drive.name, "--out", "out"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("error: out: the run failed at t = 0.8")
+    assert "own_faulty.py:17: ZeroDivisionError: no more ideas" in err
     run = load_run(tmp_path / "out")
     assert "ZeroDivisionError" in run.stop.detail
     assert run.signals.index[-1] >= 0.75
     assert run.events[-1]["kind"] == "failure"
 
 
-def test_a_nan_in_the_steering_ends_the_run_with_a_reason(faulty_drive: Path, tmp_path: Path) -> None:
-    done = run_command("run", "faulty.yaml", "--out", "out", "--set", "systems.faulty.how=nan", folder=tmp_path)
-    assert done.returncode == 1
-    assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith("error: out: the run diverged: faulty.y is nan at t = 0.8 s; ")
+def test_a_nan_in_the_steering_ends_the_run_with_a_reason(
+    faulty_drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", faulty_drive.name, "--out", "out", "--set", "systems.faulty.how=nan"]) == 1
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert err.startswith("error: out: the run diverged: faulty.y is nan at t = 0.8 s; ")
     run = load_run(tmp_path / "out")
     assert str(run.stop) == "diverged: faulty.y is nan at t = 0.8 s"
     assert run["ego.vx"].notna().all()  # the dead-man does not take it for a command
@@ -378,7 +387,7 @@ def test_the_handlers_of_signals_are_as_before_a_run() -> None:
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
 
 
-def test_a_half_written_event_is_left_out(tmp_path: Path) -> None:
+def test_a_half_written_event_is_ignored(tmp_path: Path) -> None:
     writer = RunWriter(tmp_path / "run", {"world": "empty"})
     writer.write_event({"time": 1.0, "kind": "stop", "text": "here"})
     with (tmp_path / "run" / "events.jsonl").open("a", encoding="utf-8") as file:
@@ -386,7 +395,7 @@ def test_a_half_written_event_is_left_out(tmp_path: Path) -> None:
     assert load_run(tmp_path / "run").events == [{"time": 1.0, "kind": "stop", "text": "here"}]
 
 
-def test_a_folder_that_is_no_run_is_told(tmp_path: Path) -> None:
+def test_a_folder_without_a_run_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="not a run folder"):
         load_run(tmp_path)
 
