@@ -347,13 +347,13 @@ class Cockpit:
 
     @contextmanager
     def _drawing(self) -> Iterator[None]:
-        """While inside, the end of Meshcat ends the picture; the drive goes on without."""
+        """Remove the picture if Meshcat ends inside; the drive continues without it."""
         try:
             with meshcat_faults():
                 yield
         except RunError as error:
             self._meshcat = self.picture = self.overlays = None
-            self._report(f"{error}; the drive goes on without a picture", "view")
+            self._report(f"{error}; the drive continues without a picture", "view")
 
     def _draw(self, passed: float, *, overlays: bool) -> None:
         with self._drawing():

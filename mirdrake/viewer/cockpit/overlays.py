@@ -190,24 +190,24 @@ class Overlays:
             show_points(self._meshcat, path, points, point_size=0.09 * self._size, height=2.5 * self._size)
 
     def _contacts(self, context: Context) -> list[tuple[Array, Array, int]]:
-        """Where contacts are [m], their force on what is above or on the vehicle [N], and the vehicle's body, or -1."""
+        """Return position [m], force on the vehicle or the upper body [N] and body (-1 if not ours) of each contact."""
         plant = self._assembly.parts.plant
         results: ContactResults = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
-        found = []
+        contacts = []
         for i in range(results.num_point_pair_contacts()):
             pair = results.point_pair_contact_info(i)
             first, second = int(pair.bodyA_index()), int(pair.bodyB_index())
             body = second if self._ours(second) else first if self._ours(first) else -1
             sign = -1.0 if body == first and body != second else 1.0
-            found.append((pair.contact_point(), sign * pair.contact_force(), body))
+            contacts.append((pair.contact_point(), sign * pair.contact_force(), body))
         for i in range(results.num_hydroelastic_contacts()):
             patch = results.hydroelastic_contact_info(i)
             surface = patch.contact_surface()
             bodies = [self._body(surface.id_M()), self._body(surface.id_N())]
             body = bodies[0] if self._ours(bodies[0]) else bodies[1] if self._ours(bodies[1]) else -1
             sign = 1.0 if body == bodies[0] else -1.0
-            found.append((surface.centroid(), sign * patch.F_Ac_W().translational(), body))
-        return found
+            contacts.append((surface.centroid(), sign * patch.F_Ac_W().translational(), body))
+        return contacts
 
     def _ours(self, body: int) -> bool:
         plant = self._assembly.parts.plant
@@ -220,10 +220,10 @@ class Overlays:
         return int(body.index()) if body is not None else 0
 
     def _draw_contacts(self, context: Context) -> None:
-        found = sorted(self._contacts(context), key=lambda contact: -float(np.linalg.norm(contact[1])))
-        found = found[:MOST_CONTACTS]
-        starts = np.array([place for place, _, _ in found]).reshape(-1, 3)
-        forces = np.array([force for _, force, _ in found]).reshape(-1, 3)
+        contacts = sorted(self._contacts(context), key=lambda contact: -float(np.linalg.norm(contact[1])))
+        contacts = contacts[:MOST_CONTACTS]
+        starts = np.array([position for position, _, _ in contacts]).reshape(-1, 3)
+        forces = np.array([force for _, force, _ in contacts]).reshape(-1, 3)
         self._arrows("contacts/all", starts, forces, _RED)
 
     def _draw_tyres(self, context: Context) -> None:
@@ -232,15 +232,15 @@ class Overlays:
         self._arrows("tyres/all", starts, forces, _VIOLET)
 
     def _friction_forces(self, context: Context) -> tuple[Array, Array]:
-        """Places and horizontal forces (n, 3) of the wheels' contacts."""
-        found = [(place, force) for place, force, body in self._contacts(context) if body in self._wheels]
-        starts = np.array([place for place, _ in found]).reshape(-1, 3)
-        forces = np.array([force for _, force in found]).reshape(-1, 3)
+        """Return positions and horizontal forces (n, 3) of the contacts of the wheels."""
+        contacts = [(position, force) for position, force, body in self._contacts(context) if body in self._wheels]
+        starts = np.array([position for position, _ in contacts]).reshape(-1, 3)
+        forces = np.array([force for _, force in contacts]).reshape(-1, 3)
         forces[:, 2] = 0.0
         return starts, forces
 
     def _law_forces(self, context: Context) -> tuple[Array, Array]:
-        """The same from a tyre model, ahead and to the left of each wheel."""
+        """Return positions and horizontal forces (n, 3) of the tyre law at each wheel."""
         assert self._tyres is not None
         plant = self._assembly.parts.plant
         own = plant.GetMyContextFromRoot(context)
@@ -257,15 +257,15 @@ class Overlays:
         return starts, forces
 
     def _draw_friction(self) -> None:
-        """Patches as they are seen from above, the last on top; the more slippery, the redder."""
+        """Draw the visible parts of the patches, the last on top; red for low friction, green for high friction."""
         world = self._assembly.parts.world
         above: shapely.Geometry = shapely.MultiPolygon()
         for patch in reversed(world.patches):
-            seen = shapely.difference(patch.area, above)
+            visible = shapely.difference(patch.area, above)
             above = shapely.union(above, patch.area)
-            if seen.area < 1e-6:
+            if visible.area < 1e-6:
                 continue
-            surface = fill(seen, z=0.025, tile=1.0, color=(0.0, 0.0, 0.0), texture=None)
+            surface = fill(visible, z=0.025, tile=1.0, color=(0.0, 0.0, 0.0), texture=None)
             mesh = Triangles(
                 np.asfortranarray(surface.vertices.T), np.asfortranarray(surface.triangles.T.astype(np.int32))
             )

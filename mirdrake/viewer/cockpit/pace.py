@@ -1,36 +1,36 @@
-"""The pace of a drive: simulated time keeps up with the wall clock, and pictures are drawn where time is left.
+"""The pace of a drive: simulated time follows the wall clock, and pictures are drawn in the remaining time.
 
-Slices of time are due at fixed moments, not some time after each other. So a slice that ends late is made good by the
-next ones, which do not wait. Pictures get rare while the drive is late, and never take more than a part of the time.
+Time slices are due at fixed times. After a slice that ends late, the next ones do not wait until the drive has caught
+up. Pictures are less frequent while the drive is late, and take at most a share of the time.
 """
 
 import time
 from collections.abc import Callable
 
 BEHIND = 0.5
-"""So far behind the wall clock, the drive gives up catching up: time goes slower, nothing jumps further [s]."""
+"""Largest delay against the wall clock that the drive catches up [s]; beyond it, simulated time runs slower."""
 
 FRAME = 1.0 / 36.0
-"""Wall-clock time between two pictures, where there is time [s]; a little less than that of two slices."""
+"""Least wall-clock time between two pictures [s], a little less than that of two slices."""
 
 LATE = 0.02
-"""So far behind the wall clock, pictures are left out [s]."""
+"""Delay against the wall clock above which pictures are less frequent [s]."""
 
 SHARE = 0.25
-"""The most of the wall-clock time that pictures take; a fifth of it while the drive is late."""
+"""Largest share of pictures in the wall-clock time [1]; a fifth of it while the drive is late."""
 
 
 class Pace:
-    """When the next slice of simulated time is due, and when a picture may be drawn.
+    """Schedule of time slices and pictures.
 
     Args:
         period: simulated time of a slice [s].
-        clock: wall clock, rising [s].
-        sleep: waits for so long [s].
+        clock: returns the wall-clock time [s].
+        sleep: waits for a time [s].
 
     Attributes:
-        late: how far the drive was behind the wall clock after the last slice [s]; negative while it waits.
-        passed: from the beginning of the last picture but one to that of the last one [s].
+        late: delay against the wall clock after the last slice [s]; negative while the drive waits.
+        passed: time between the last two pictures [s].
     """
 
     def __init__(
@@ -46,11 +46,11 @@ class Pace:
         self.rest()
 
     def rest(self) -> None:
-        """Time stood still until now; nothing is due for it."""
+        """Restart the schedule now, after a pause."""
         self._due, self.late = self._clock(), 0.0
 
     def keep(self) -> None:
-        """A slice was simulated: wait until the next one is due, or do not where that has passed."""
+        """Wait after a slice until the next one is due, if that is in the future."""
         self._due += self._period
         self.late = self._clock() - self._due
         if self.late < 0.0:
@@ -59,7 +59,7 @@ class Pace:
             self._due += self.late - BEHIND
 
     def draws(self) -> bool:
-        """Whether there is time for a picture now; :meth:`drew` is to be called after it."""
+        """Return whether a picture is due; call :meth:`drew` after it."""
         now, gap = self._clock(), max(FRAME, self._cost / SHARE)
         passed = now - self._began
         if passed < (gap if self.late < LATE else 5.0 * gap):
@@ -68,5 +68,5 @@ class Pace:
         return True
 
     def drew(self) -> None:
-        """The picture was drawn."""
+        """Record the time that the picture took."""
         self._cost = self._clock() - self._began

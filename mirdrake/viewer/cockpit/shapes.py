@@ -1,4 +1,4 @@
-"""Ribbons and arrows as triangles: lines of WebGL are one pixel wide, whatever is asked for."""
+"""Ribbons and arrows as triangles, as lines of WebGL are always one pixel wide."""
 
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ class Triangles(NamedTuple):
 
 
 def ribbon(points: ArrayLike, *, width: float, height: float) -> Triangles:
-    """A flat strip along a line.
+    """Return a flat strip along a line.
 
     Args:
         points: of the line (n, 2) [m], n at least 2, neighbours apart.
@@ -45,21 +45,21 @@ def ribbon(points: ArrayLike, *, width: float, height: float) -> Triangles:
 
 
 def arrows(starts: ArrayLike, vectors: ArrayLike, *, radius: float) -> Triangles:
-    """Arrows in one mesh.
+    """Return arrows as one mesh.
 
     Args:
-        starts: where they begin (n, 3) [m].
-        vectors: from there to their tips (n, 3) [m]; those shorter than twice the radius are left out.
-        radius: of the shafts [m].
+        starts: positions of their tails (n, 3) [m].
+        vectors: vectors from tails to tips (n, 3) [m]; those shorter than twice the radius are omitted.
+        radius: radius of the shafts [m].
     """
     tails = np.asarray(starts, dtype=float).reshape(-1, 3)
-    ways = np.asarray(vectors, dtype=float).reshape(-1, 3)
-    lengths = np.linalg.norm(ways, axis=1)
+    shafts = np.asarray(vectors, dtype=float).reshape(-1, 3)
+    lengths = np.linalg.norm(shafts, axis=1)
     long = lengths > 2.0 * radius
-    tails, ways, lengths = tails[long], ways[long], lengths[long]
+    tails, shafts, lengths = tails[long], shafts[long], lengths[long]
     if not len(tails):
         return Triangles(np.zeros((3, 3), order="F"), np.zeros((3, 1), dtype=np.int32, order="F"))
-    along = ways / lengths[:, None]
+    along = shafts / lengths[:, None]
     other = np.where(np.abs(along[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     across = np.cross(along, other)
     across /= np.linalg.norm(across, axis=1)[:, None]
@@ -71,7 +71,7 @@ def arrows(starts: ArrayLike, vectors: ArrayLike, *, radius: float) -> Triangles
         tails[:, None] + radius * around,
         necks[:, None] + radius * around,
         necks[:, None] + _HEAD_WIDTH * radius * around,
-        (tails + ways)[:, None],
+        (tails + shafts)[:, None],
     ]
     vertices = np.concatenate(rings, axis=1)  # (n, 3 sides + 1, 3)
     i = np.arange(_SIDES)
