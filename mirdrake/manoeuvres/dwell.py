@@ -109,6 +109,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
                 passed[side] = amplitude
             else:
                 self._draw(outcome, record, side, fault=False)
+        # The worst figures of each side, and the largest amplitude that passed.
         for side, results in responses.items():
             for number, wait in enumerate(self.waits):
                 ratio = max(response.ratios[number] for _, response in results)

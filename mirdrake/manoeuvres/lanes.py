@@ -69,6 +69,7 @@ class CourseSpec(ManoeuvreSpec):
         highest = min(self.highest, 0.95 * facts.top_speed)
         check_speed(facts, self.lowest)
 
+        # A run that diverges counts as a failure of its speed.
         passes: list[tuple[float, Record]] = []
 
         def attempt(speed: float) -> tuple[tuple[Record, list[float]] | None, str]:

@@ -53,6 +53,8 @@ class StepSteerSpec(ManoeuvreSpec):
         rig = rig.with_step(self.time_step)
         facts, sign = rig.facts, SIDES[self.turn]
         check_speed(facts, self.speed)
+
+        # The gain at this lateral acceleration is not known beforehand: the angle is corrected by the result.
         angle = _first_angle(facts, self.lateral, self.speed)
         for number in range(3):
             check_steering(facts, angle, what="the step")
@@ -76,6 +78,7 @@ class StepSteerSpec(ManoeuvreSpec):
             angle *= min(max(self.lateral / max(steady, 1e-3), 0.4), 2.0)
         else:
             raise NotFeasible(f"no angle gives {self.lateral:g} m/s²; the last one gave {steady:.2f} m/s²")
+        # Figures from the signals of the last run.
         outcome.notes = list(dict.fromkeys(outcome.notes))
         before = float(np.interp(self.settle, record.time, record.vx))
         check_entry(before, self.speed, self.tolerance, where="at the step")
@@ -234,6 +237,7 @@ class FrequencyResponseSpec(ManoeuvreSpec):
         )
         if record.stop != "duration":
             raise NotFeasible(f"with {math.degrees(angle):.2f} deg at the road wheels {record.stop}")
+        # Gains and phases within the excited band; outside of it the spectrum of the steering is too small.
         band = {"first": self.first, "last": self.last, "segment": self.segment}
         yaw = frequency_response(record.time, record.hand_wheel, record.yaw_rate, **band)
         side = frequency_response(record.time, record.hand_wheel, record.lateral_acceleration, **band)

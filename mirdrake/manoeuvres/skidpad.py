@@ -81,6 +81,7 @@ class SkidpadSpec(ManoeuvreSpec):
             guess=math.sqrt((0.6 if self.layout == "eight" else 0.75) * GRAVITY * self.path_radius),
             resolution=self.resolution,
         )
+        # Lap times and lateral acceleration of the fastest run within the lane.
         best = limit.best
         if best is None:
             raise NotFeasible(f"at {self.lowest / KMH:.0f} km/h, the lowest speed, {limit.reason}")
@@ -117,10 +118,12 @@ class SkidpadSpec(ManoeuvreSpec):
         else:
             line = {"kind": "circle", "radius": radius, "turn": 1.0, "laps": 2.2}
             length = 2.1 * lap
+        # The speed rises in the first lap; only the second lap of each direction is timed.
         start = make_line(line)
         duration = (length * 1.01 + _EXTRA_TIME * lap) / speed + 0.2
         slow, rising = _PARTS[0] * lap / (_APPROACH * speed), _PARTS[1] * lap / (0.5 * (1.0 + _APPROACH) * speed)
         speeds = [[0.0, _APPROACH * speed], [slow, _APPROACH * speed], [slow + rising, speed]]
+        # Untimed laps may leave the lane by its width; a timed lap must stay inside and hold the speed.
         half = 0.5 * (self.width - facts.width)
         centres = (-radius, radius) if self.layout == "eight" else (radius,)
         faults: list[str] = []

@@ -91,6 +91,7 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
         outcome.notes.append(
             "one run for each side: a simulation has no scatter that needs the repetitions of the standard"
         )
+        # Figures of both sides together.
         mean = float(np.mean(gradients))
         outcome.add("understeer", "Understeer gradient, mean", math.degrees(mean) * GRAVITY, "deg/g")
         outcome.add("largest", "Largest lateral acceleration, mean", float(np.mean(peaks)) / GRAVITY, "g")

@@ -173,9 +173,10 @@ def _draw(
     total = sum(heights) + (_TOP + _GAP) * len(panels) - _GAP + _BOTTOM
     figure = Figure(figsize=(width / 72.0, total / 72.0), dpi=72.0)
     span = _time_span(time)
-    boxes: list[dict[str, Any]] = []
+    boxes: list[dict[str, object]] = []
     data: dict[str, dict[str, str]] = {}
     top = 0.0
+    # Panels are placed by hand: all charts of a page have the same margins, so that their time axes are aligned.
     for number, (panel, height) in enumerate(zip(panels, heights, strict=True)):
         top += _TOP
         box = (_LEFT / width, 1.0 - (top + height) / total, (width - _LEFT - _RIGHT) / width, height / total)
@@ -198,6 +199,7 @@ def _draw(
             axes.set_xlabel("Time [s]", labelpad=3.0)
         else:
             axes.tick_params(labelbottom=False)
+        # The page's script shows the values under the pointer and needs the axes in pixels and in units.
         boxes.append(
             {
                 "x": [_LEFT, width - _RIGHT],

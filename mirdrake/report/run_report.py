@@ -79,6 +79,7 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
     tracks = [] if scene is None else list(scene.world.tracks.values())
     names = _vehicle_names(run)
     folder = run.folder.name if run.folder else ""
+    # Pictures need Matplotlib's settings of reports, whatever the settings of the user are.
     with drawing_style():
         vehicles = [
             _make_vehicle_page(

@@ -87,6 +87,7 @@ def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: b
     def y_of(value: float) -> float:
         return _TOP + (high - value) / (high - low) * (height - _TOP - _BOTTOM)
 
+    # Axes first; the curve is drawn over them, and a failed margin has an area below zero.
     zero, parts = y_of(0.0), []
     values = _ticks(low, high, 3)
     for value in values:

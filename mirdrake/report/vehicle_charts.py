@@ -180,6 +180,7 @@ def _plan_lateral_error(
         caption += f"Largest: {largest} to the {side} at {format_time(float(signals.time[worst]))}; "
         caption += f"root mean square {format_quantity(float(np.sqrt(np.nanmean(error**2))), 'm', digits=2)}."
     curve = Curve("lateral error", error, "main")
+    # A small error would be a flat line on the scale of the road, so a second panel shows it across the road.
     if road_edges is not None:
         edges = [
             Curve(f"{side} edge", values, "ink", dashed=True) for side, values in zip(_SIDES, road_edges, strict=True)
