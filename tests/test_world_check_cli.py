@@ -8,7 +8,7 @@ import pytest
 
 from mirdrake import cli
 from mirdrake.cli import world_check, world_show
-from mirdrake.viewer.world_view import LAYERS, show_found
+from mirdrake.viewer.world_view import LAYERS, show_examination
 from mirdrake.world_checks import examine
 
 Call = Callable[..., tuple[int, str, list[str]]]
@@ -89,7 +89,7 @@ def test_show_writes_a_page_and_reports_the_faults(call: Call) -> None:
 
 
 def test_the_view_has_all_layers_and_buttons_toggle_them(call: Call) -> None:
-    meshcat, view = show_found(examine("w.yaml", overrides=["params.x=0.9"]), port=0)
+    meshcat, view = show_examination(examine("w.yaml", overrides=["params.x=0.9"]), port=0)
     for path in ("names/a", "collision", "faults/0 a b/needle", "starts/gate/head", "goals/exit", "visualizer"):
         assert meshcat.HasPath(f"/drake/{path}"), path
     assert meshcat.HasPath("/drake/paths/0 bolt gate exit")

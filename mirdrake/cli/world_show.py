@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.core.yaml_io import shown
     from mirdrake.viewer.meshcat import meshcat_faults
     from mirdrake.viewer.show import write_page
-    from mirdrake.viewer.world_view import show_found
+    from mirdrake.viewer.world_view import show_examination
     from mirdrake.world_checks import examine
 
     result = examine(options.file, overrides=world_overrides(options), vehicle=options.vehicle)
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> int:
     if result.world is None:
         return 2
     offline = options.save is not None
-    meshcat, view = show_found(result, offline=offline, collision=options.collision, names=not options.no_names)
+    meshcat, view = show_examination(result, offline=offline, collision=options.collision, names=not options.no_names)
     if options.save is not None:
         write_page(meshcat, options.save)
         print(shown(options.save))

@@ -231,7 +231,7 @@ def _chart(chart: Chart, prefix: str, *, wide: bool) -> DrawnChart:
     legend = [
         (line.name, _COLOURS[line.colour], line.style)
         for line in chart.lines
-        if line.name and len({one.name for one in chart.lines if one.name}) > 1
+        if line.name and len({curve.name for curve in chart.lines if curve.name}) > 1
     ]
     return DrawnChart(text, Markup(picture), legend, wide)
 

@@ -143,11 +143,11 @@ def _headline(suite: Suite) -> str:
 
 def _largest(results: Sequence[Result]) -> dict[str, float]:
     """Return the largest finite margin of each requirement, the scale of its bars."""
-    found: dict[str, float] = {}
+    largest: dict[str, float] = {}
     for finding in (finding for result in results for finding in result.findings):
         if finding.margin is not None:
-            found[finding.text] = max(found.get(finding.text, 0.0), abs(finding.margin))
-    return found
+            largest[finding.text] = max(largest.get(finding.text, 0.0), abs(finding.margin))
+    return largest
 
 
 def _row(case: Case, result: Result, largest: dict[str, float], *, detailed: bool) -> Row:
@@ -244,7 +244,7 @@ def _matrices(suite: Suite) -> list[Matrix]:
             tooltip = f"{case.name}: {verdict}" + (f", {_margin(result.worst)}" if result and result.worst else "")
             rows.setdefault(label, {})[_value(case.values[across])] = (verdict, f"case-{case.slug}", tooltip)
         blank = ("none", "", "")
-        cells = [(label, [found.get(column, blank) for column in columns]) for label, found in rows.items()]
+        cells = [(label, [row.get(column, blank) for column in columns]) for label, row in rows.items()]
         matrices.append(Matrix(test, across, columns, cells))
     return matrices
 

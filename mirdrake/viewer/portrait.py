@@ -120,7 +120,7 @@ def _seen_points(parts: PlantParts, part: VehicleInPlant, context: Context) -> l
     """Return points (n, 3) [m] with the hull of each visual shape."""
     inspector = parts.scene_graph.model_inspector()
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
-    found = [np.array([[0.0, 0.0, 0.0], [part.vehicle.geometry.wheelbase, 0.0, 0.0]])]
+    hulls = [np.array([[0.0, 0.0, 0.0], [part.vehicle.geometry.wheelbase, 0.0, 0.0]])]
     for index in parts.plant.GetBodyIndices(part.instance):
         body = parts.plant.get_body(index)
         X_WB = parts.plant.EvalBodyPoseInWorld(context, body)
@@ -133,8 +133,8 @@ def _seen_points(parts: PlantParts, part: VehicleInPlant, context: Context) -> l
                 points = (signs * box.half_width()) @ box.pose().rotation().matrix().T + box.pose().translation()
             else:
                 continue
-            found.append(points @ X_WG.rotation().matrix().T + X_WG.translation())
-    return found
+            hulls.append(points @ X_WG.rotation().matrix().T + X_WG.translation())
+    return hulls
 
 
 def _add_shadow(parts: PlantParts, points: list[Array]) -> None:

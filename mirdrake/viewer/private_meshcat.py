@@ -130,7 +130,7 @@ def release(meshcat: Meshcat) -> None:
     To be called on the thread that made it, when no diagram draws in it any more.
     """
     gc.collect()  # diagrams are reference cycles: those that drew in it go now, on this thread
-    _MADE[:] = [one for one in _MADE if one is not meshcat]
+    _MADE[:] = [made for made in _MADE if made is not meshcat]
 
 
 def _make(*, host: str, port: int, url: str) -> Meshcat:
@@ -169,9 +169,9 @@ def _find_listener(port: int) -> int:
         try:
             if not os.readlink(entry).startswith("socket:"):
                 continue
-            with socket.socket(fileno=os.dup(number)) as one:
-                listens = one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
-                if listens and one.family == socket.AF_INET and one.getsockname()[1] == port:
+            with socket.socket(fileno=os.dup(number)) as candidate:
+                listens = candidate.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+                if listens and candidate.family == socket.AF_INET and candidate.getsockname()[1] == port:
                     return number
         except OSError:  # closed in the meantime
             continue

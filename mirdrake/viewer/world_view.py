@@ -58,23 +58,23 @@ class WorldView:
 
     Args:
         meshcat: Meshcat that shows the world.
-        found: the world with its faults and paths.
+        check: the world with its faults and paths.
         collision: whether collision shapes are visible at first.
         names: whether names are visible at first.
     """
 
-    def __init__(self, meshcat: Meshcat, found: Examination, *, collision: bool = False, names: bool = True) -> None:
-        assert found.world is not None
-        self._meshcat, self.world = meshcat, found.world
-        self._low, self._high = _extent(found.world)
+    def __init__(self, meshcat: Meshcat, check: Examination, *, collision: bool = False, names: bool = True) -> None:
+        assert check.world is not None
+        self._meshcat, self.world = meshcat, check.world
+        self._low, self._high = _extent(check.world)
         self._size = max(float((self._high - self._low).max()), 8.0)
         self._draw_props()
         self._draw_names()
-        for number, fault in enumerate(fault for fault in found.faults if fault.kind in _MARKED):
+        for number, fault in enumerate(fault for fault in check.faults if fault.kind in _MARKED):
             self._draw_fault(number, fault)
         self._draw_starts()
         self._draw_goals()
-        for number, path in enumerate(found.paths):
+        for number, path in enumerate(check.paths):
             ribbon = shapely.LineString(path.poses[:, :2]).buffer(0.5 * _RIBBON)
             self._fill(f"paths/{number} {path.vehicle} {path.start} {path.goal}", ribbon, 0.06, _VIOLET)
         shown = {"Names": names, "Collision shapes": collision, "Faults": True, "Paths": True}
@@ -174,20 +174,25 @@ class WorldView:
         self._meshcat.SetCameraPose([x, y - 0.45 * self._size, 0.5 * self._size], [x, y, 0.0])
 
 
-def show_found(
-    found: Examination, *, offline: bool = False, port: int | None = None, collision: bool = False, names: bool = True
+def show_examination(
+    check: Examination,
+    *,
+    offline: bool = False,
+    port: int | None = None,
+    collision: bool = False,
+    names: bool = True,
 ) -> tuple[Meshcat, WorldView]:
     """Return a Meshcat on localhost with a world and the findings of its check.
 
     Args:
-        found: see :func:`mirdrake.world_checks.examine`; its world must be laid out.
+        check: see :func:`mirdrake.world_checks.examine`; its world must be laid out.
         offline: without a page, for a file.
         port: see :func:`mirdrake.viewer.make_meshcat`.
         collision: show the collision shapes at first.
         names: show the names at first.
     """
-    meshcat = make_offline_meshcat(world=found.world) if offline else make_meshcat(port=port, world=found.world)
-    return meshcat, WorldView(meshcat, found, collision=collision, names=names)
+    meshcat = make_offline_meshcat(world=check.world) if offline else make_meshcat(port=port, world=check.world)
+    return meshcat, WorldView(meshcat, check, collision=collision, names=names)
 
 
 # --- the inner parts ----------------------------------------------------------------------------------------------
