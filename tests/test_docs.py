@@ -1,4 +1,4 @@
-"""What the documentation shows works."""
+"""Examples of the documentation run."""
 
 import re
 import shutil
@@ -45,7 +45,7 @@ def test_a_world_in_the_documentation_is_sound(tmp_path, page, number, text):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page):
+def test_links_have_targets(page):
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text(encoding="utf-8")):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
@@ -94,8 +94,8 @@ def test_a_part_of_a_vehicle_in_the_documentation_drives(tmp_path, page, number,
     assert run["ego.vx"].iloc[-1] > 1.0
 
 
-def test_a_foot_of_ones_own_presses_the_pedals(tmp_path, monkeypatch):
-    """The diagram of docs/powertrain.md, which asks for no speed."""
+def test_a_user_system_can_replace_the_pedal_controller(tmp_path, monkeypatch):
+    """The diagram of docs/powertrain.md, without a speed command."""
     (tmp_path / "my_pedals.py").write_text(
         "from pydrake.systems.framework import LeafSystem\n\n\n"
         "class Foot(LeafSystem):\n"
@@ -109,3 +109,13 @@ def test_a_foot_of_ones_own_presses_the_pedals(tmp_path, monkeypatch):
     run = Simulation(assemble(spec)).run(duration=1.0)
     assert run["ego.powertrain.throttle"].iloc[-1] == pytest.approx(0.3, abs=0.01)
     assert run["ego.vx"].iloc[-1] > 0.5
+
+
+@pytest.mark.slow
+def test_the_blocks_of_the_python_page_run_in_order(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    namespace: dict[str, object] = {}
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text("utf-8"), re.DOTALL)
+    assert len(blocks) == 5
+    for block in blocks:
+        exec(block, namespace)
