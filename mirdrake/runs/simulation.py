@@ -13,18 +13,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.geometry import Meshcat
 from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, System
+from pydrake.systems.framework import Context, EventStatus, System
 
-from mirdrake.assembly.diagram import DRAWING_PERIOD, Assembly, DiagramSpec, assemble
+from mirdrake.assembly.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, DivergedError, RunError
 from mirdrake.core.yaml_io import shown, where
 from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.incidents import Incident, Incidents
+from mirdrake.runs.live_view import LiveView
 from mirdrake.runs.logs import Run, RunWriter, read_signals
 from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
 from mirdrake.runs.stop import Stop, StopReason
@@ -133,7 +134,7 @@ class Simulation:
         simulator.set_target_realtime_rate(realtime_rate)
         simulator.clear_monitor()
         watchers: list[Callable[[Context], None]] = [monitor] if monitor is not None else []
-        view = _View(assembly, assembly.meshcat) if assembly.meshcat is not None else None
+        view = LiveView(assembly, assembly.meshcat) if assembly.meshcat is not None else None
         if view is not None:
             watchers.append(view)
         if self._friction.varies:
@@ -182,7 +183,7 @@ class Simulation:
             events.add(simulated, "stop", str(stop))
 
         if view is not None:
-            view.draw(context)
+            view.update(context)
             if view.failed:
                 events.add(view.failed_at, "view", "Meshcat has ended; the run continued without its page")
         figures = partial(
@@ -351,54 +352,6 @@ def _failure(error: BaseException) -> str:
         return text
     file = Path(frame.tb_frame.f_code.co_filename)
     return text if file.is_relative_to(Path(__file__).parents[1]) else f"{shown(file)}:{frame.tb_lineno}: {text}"
-
-
-class _View:
-    """Draws a run in Meshcat until Meshcat ends.
-
-    A copy of the scene graph with a MeshcatVisualizer makes a diagram of its own, which gets the poses of each drawing:
-    an exception of Meshcat does not reach the simulator, neither at the start nor within a step.
-
-    Args:
-        assembly: the diagram that runs.
-        meshcat: where to draw.
-
-    Attributes:
-        failed: whether Meshcat has ended.
-        failed_at: simulated time at which it was noticed [s].
-    """
-
-    def __init__(self, assembly: Assembly, meshcat: Meshcat) -> None:
-        self._plant = assembly.parts.plant
-        builder = DiagramBuilder()
-        scene_graph: Any = builder.AddSystem(assembly.parts.scene_graph.Clone())
-        params = MeshcatVisualizerParams(delete_on_initialization_event=False)
-        MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
-        self._diagram = builder.Build()
-        self._context = self._diagram.CreateDefaultContext()
-        self._poses = scene_graph.get_source_pose_port(self._plant.get_source_id())
-        self._poses_context = scene_graph.GetMyMutableContextFromRoot(self._context)
-        self._next = 0.0
-        self.failed, self.failed_at = False, 0.0
-
-    def __call__(self, context: Context) -> None:
-        """Draw, if it is time to."""
-        time = context.get_time()
-        if time >= self._next:
-            self._next = time + DRAWING_PERIOD
-            self.draw(context)
-
-    def draw(self, context: Context) -> None:
-        """Draw the state of a Context of the whole diagram."""
-        if self.failed:
-            return
-        poses = self._plant.get_geometry_pose_output_port()
-        self._poses.FixValue(self._poses_context, poses.EvalAbstract(self._plant.GetMyContextFromRoot(context)))
-        self._context.SetTime(context.get_time())
-        try:
-            self._diagram.ForcedPublish(self._context)
-        except RuntimeError:
-            self.failed, self.failed_at = True, context.get_time()
 
 
 def _watch(

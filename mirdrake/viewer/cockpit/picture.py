@@ -1,39 +1,32 @@
-"""The picture of a drive: a second plant with the pose of the simulated one.
+"""The picture of a drive in Meshcat.
 
-The picture follows the wall clock and is omitted without a viewer or when time is short. The simulated diagram draws
-nothing and equals that of `mirdrake run`.
+It follows the wall clock and is omitted without a viewer or when time is short. The simulated diagram draws nothing and
+equals that of `mirdrake run`.
 """
 
-from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import Assembly
-from mirdrake.plant.plant import make_plant
+from mirdrake.runs.live_view import LiveView
 from mirdrake.viewer.meshcat import ChaseCamera
 from mirdrake.viewer.views import View, make_views, set_view
 
 
 class Picture:
-    """The picture of a drive in Meshcat.
+    """Picture of a drive in Meshcat.
 
     Args:
-        meshcat: where to draw.
-        assembly: what drives.
-        name: of the vehicle that is followed.
+        meshcat: Meshcat in which it is drawn.
+        assembly: simulated diagram.
+        name: name of the vehicle that the camera follows.
     """
 
     def __init__(self, meshcat: Meshcat, assembly: Assembly, name: str) -> None:
-        self._camera, self._plant = ChaseCamera(meshcat), assembly.parts.plant
-        builder = DiagramBuilder()
-        vehicles = {key: part.vehicle for key, part in assembly.parts.vehicles.items()}
-        self._parts = make_plant(builder, assembly.parts.world, vehicles, spec=assembly.spec.plant)
-        params = MeshcatVisualizerParams(publish_period=1.0 / 30.0, delete_on_initialization_event=False)
-        MeshcatVisualizer.AddToBuilder(builder, self._parts.scene_graph, meshcat, params)
-        self._diagram = builder.Build()
-        self._context = self._diagram.CreateDefaultContext()
-        self._own = self._parts.plant.GetMyMutableContextFromRoot(self._context)
-        self._base = self._parts.vehicles[name].base
-        self.views = {view.name: view for view in make_views(vehicles[name])}
+        self._camera, self._view = ChaseCamera(meshcat), LiveView(assembly, meshcat)
+        part, self._plant = assembly.parts.vehicles[name], assembly.parts.plant
+        self._base = part.base
+        self.views = {view.name: view for view in make_views(part.vehicle)}
         self.view: View = next(iter(self.views.values()))
         set_view(meshcat, self.view)
 
@@ -52,8 +45,6 @@ class Picture:
             context: of the simulated diagram.
             passed: time since the last picture [s].
         """
-        self._context.SetTime(context.get_time())
-        self._parts.plant.SetPositions(self._own, self._plant.GetPositions(self._plant.GetMyContextFromRoot(context)))
-        X_WB = self._parts.plant.EvalBodyPoseInWorld(self._own, self._base)
-        self._diagram.ForcedPublish(self._context)
+        self._view.draw(context)
+        X_WB = self._plant.EvalBodyPoseInWorld(self._plant.GetMyContextFromRoot(context), self._base)
         self._camera.follow(X_WB, elapsed=passed, lag=self.view.lag)
