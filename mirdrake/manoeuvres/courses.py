@@ -20,6 +20,9 @@ from mirdrake.manoeuvres.by_kind import make_by_kind
 _STRAIGHT = 0.002
 """Weight of the total curvature of a planned line against its largest curvature [1/m per rad]."""
 
+_REACH = 60
+"""Samples of a line to both sides of the last one among which the nearest is searched."""
+
 _CHECK_STEP = 0.005
 """Largest distance between two positions at which the body is checked against the cones, over its length [1]."""
 
@@ -59,22 +62,21 @@ class Line:
     yaw: Array
     curvature: Array
 
-    def project(self, x: float, y: float, near: int | None = None, reach: int = 60) -> tuple[int, float, float]:
+    def project(self, x: float, y: float, near: int | None = None) -> tuple[int, float, float]:
         """Return the index of the nearest sample, the arc length of the projection, and the offset to the left [m].
 
         Args:
             x: coordinate of the point [m].
             y: coordinate of the point [m].
-            near: index around which samples are searched; by default all are.
-            reach: number of samples searched to both sides of `near`.
+            near: index around which :data:`_REACH` samples are searched to both sides; by default all are.
         """
-        low = 0 if near is None else max(0, near - reach)
-        high = len(self.s) if near is None else min(len(self.s), near + reach)
+        low = 0 if near is None else max(0, near - _REACH)
+        high = len(self.s) if near is None else min(len(self.s), near + _REACH)
         distances = np.hypot(self.x[low:high] - x, self.y[low:high] - y)
         if near is None:  # a line of several laps passes the same point again: the first lap counts
             step = float(self.s[1] - self.s[0])
             first = int(np.argmax(distances <= float(np.min(distances)) + step))
-            distances = distances[: first + reach]
+            distances = distances[: first + _REACH]
         index = low + int(np.argmin(distances))
         yaw = float(self.yaw[index])
         dx, dy = x - float(self.x[index]), y - float(self.y[index])
@@ -92,10 +94,9 @@ class Line:
         return yaw, float(self.curvature[index]) * (1.0 - part) + float(self.curvature[index + 1]) * part
 
 
-def from_curvature(curvature: Array, step: float, *, yaw: float = 0.0) -> Line:
-    """Return a line from the origin with given curvatures [1/m] at equal steps [m]."""
-    turned = np.concatenate(([0.0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * step)))
-    heading: Array = yaw + turned
+def from_curvature(curvature: Array, step: float) -> Line:
+    """Return a line from the origin along x with given curvatures [1/m] at equal steps [m]."""
+    heading = np.concatenate(([0.0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * step)))
     x = np.concatenate(([0.0], np.cumsum(0.5 * (np.cos(heading[1:]) + np.cos(heading[:-1])) * step)))
     y = np.concatenate(([0.0], np.cumsum(0.5 * (np.sin(heading[1:]) + np.sin(heading[:-1])) * step)))
     return Line(step * np.arange(len(curvature), dtype=np.float64), x, y, heading, curvature)
@@ -229,11 +230,10 @@ def within(
     return resample(x, solution.x[:count])
 
 
-def resample(x: Array, y: Array, step: float | None = None) -> Line:
+def resample(x: Array, y: Array) -> Line:
     """Return a line through points at steps of equal chord length, with heading and curvature by differences."""
     lengths = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
-    count = len(x) if step is None else max(5, math.ceil(lengths[-1] / step) + 1)
-    s = np.linspace(0.0, lengths[-1], count)
+    s = np.linspace(0.0, lengths[-1], len(x))
     px, py = np.interp(s, lengths, x), np.interp(s, lengths, y)
     yaw = np.unwrap(np.arctan2(np.gradient(py, s), np.gradient(px, s)))
     return Line(s, px, py, yaw, np.gradient(yaw, s))

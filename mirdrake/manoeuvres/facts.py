@@ -42,7 +42,7 @@ class Facts:
         has_tyre_law: whether tyre forces come from a tyre law.
         pedals: whether it is driven through pedals.
         top_speed: top speed on the flat, by power or governor [m/s].
-        full_throttle: acceleration from standstill by the largest torque [m/s²].
+
         scale: scale of lengths for its size [1]; 1 for cars.
     """
 
@@ -62,7 +62,7 @@ class Facts:
     has_tyre_law: bool
     pedals: bool
     top_speed: float
-    full_throttle: float
+
     scale: float
 
     @property
@@ -131,7 +131,6 @@ def find_facts(vehicle: Vehicle) -> Facts:
         has_tyre_law=spec.tyres.has_law,
         pedals=vehicle.control.wheel_speed.uses_pedals,
         top_speed=_top_speed(vehicle, parameters, radius),
-        full_throttle=spec.powertrain.max_torque / radius / parameters.mass,
         scale=1.0 if length >= SMALL else length / CAR_WHEELBASE,
     )
 

@@ -1,6 +1,5 @@
 """Recordings of the cases of a suite that did not pass."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,45 +10,37 @@ from mirdrake.runs.logs import Run, load_run
 from mirdrake.suites import Suite
 from mirdrake.viewer import write_recording
 
-MOST = 20
-"""Largest number of recordings of a suite; each has about 4 MB."""
+_MOST = 20  # recordings of a suite; each has about 4 MB
 
 RECORDING = "recording.html"
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-def write_recordings(
-    suite: Suite, *, most: int = MOST, progress: Callable[[int, int], None] | None = None
-) -> list[tuple[str, str]]:
-    """Write recording.html into the run folders of a suite, the worst cases first.
+def write_recordings(suite: Suite) -> list[tuple[str, str]]:
+    """Write recording.html into the run folders of a suite, for the :data:`_MOST` worst cases.
 
     Args:
-        suite: with a folder.
-        most: number of recordings.
-        progress: called with the number of recordings done and of all of them.
+        suite: suite with a folder.
 
     Returns:
         failures: name of the case, and the reason in one line.
     """
     assert suite.folder is not None
-    chosen = [result for _, result in suite.ranked() if result.folder is not None][:most]
     faults = []
-    for done, result in enumerate(chosen, start=1):
-        place = suite.folder / str(result.folder)
-        if not (place / RECORDING).is_file():
+    for result in [result for _, result in suite.ranked() if result.folder is not None][:_MOST]:
+        folder = suite.folder / str(result.folder)
+        if not (folder / RECORDING).is_file():
             try:
-                _record(place)
+                _record(folder)
             except (MirdrakeError, RuntimeError, ValueError, KeyError, OSError) as error:
                 faults.append((result.name, (str(error).splitlines() or [type(error).__name__])[0]))
-        if progress is not None:
-            progress(done, len(chosen))
     return faults
 
 
-def _record(place: Path) -> None:
+def _record(folder: Path) -> None:
     """Record a run up to the first pose that is not finite; a run with one sample or none has no recording."""
-    run = load_run(place)
+    run = load_run(folder)
     known = until_lost(run)
     if len(known.signals) > 1:
         write_recording(known, frames_per_second=float(run.spec["record"]["frames"]))

@@ -79,10 +79,9 @@ class Sheet:
             f"{html.escape(words)}</text>"
         )
 
-    def balance(self, x: float, y: float, *, radius: float = 9.0) -> None:
+    def balance(self, x: float, y: float) -> None:
         """Add the symbol of a centre of mass [m]: a disc with black and white quarters."""
-        u, v = self.at(x, y)
-        r = radius
+        (u, v), r = self.at(x, y), 9.0
         quarters = f"M{u:.1f} {v:.1f}v{-r}a{r} {r} 0 0 1 {r} {r}zM{u:.1f} {v:.1f}v{r}a{r} {r} 0 0 1 {-r} {-r}z"
         self.add(f'<circle class="disc" cx="{u:.1f}" cy="{v:.1f}" r="{r}"/><path class="quarters" d="{quarters}"/>')
 

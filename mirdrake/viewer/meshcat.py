@@ -113,16 +113,16 @@ def meshcat_faults() -> Iterator[None]:
         raise RunError("Meshcat has ended unexpectedly, and the page with it") from None
 
 
-def place_camera(meshcat: Meshcat, *, x: float, y: float, yaw: float, distance: float = 6.0) -> None:
-    """Place the camera behind a vehicle, to its left.
+def place_camera(meshcat: Meshcat, *, x: float, y: float, yaw: float) -> None:
+    """Place the camera 6 m behind a vehicle, to its left.
 
     Args:
-        meshcat: where.
+        meshcat: Meshcat with the vehicle.
         x: position of the vehicle [m].
         y: position of the vehicle [m].
         yaw: heading of the vehicle [rad].
-        distance: from the vehicle [m].
     """
+    distance = 6.0
     angle = yaw + pi - 0.6
     target = [x + 1.3 * cos(yaw), y + 1.3 * sin(yaw), 0.6]
     eye = [target[0] + distance * cos(angle), target[1] + distance * sin(angle), 0.4 * distance]

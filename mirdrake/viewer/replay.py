@@ -6,7 +6,7 @@ size and number.
 
 import io
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -85,13 +85,12 @@ _PANEL = """
 
 
 @reads_run
-def write_replay(run: Run, path: Path, *, frames_per_second: float = 20.0) -> None:
+def write_replay(run: Run, path: Path) -> None:
     """Write a page that opens offline.
 
     Args:
-        run: with a folder and signals, with or without pictures.
-        path: of the page.
-        frames_per_second: of the Meshcat recording, in simulated time [Hz].
+        run: run with a folder and signals, with or without pictures.
+        path: path of the page.
 
     Raises:
         RunError: the run has no samples, or the page cannot be written.
@@ -99,16 +98,15 @@ def write_replay(run: Run, path: Path, *, frames_per_second: float = 20.0) -> No
     total = sum(len(pictures) for pictures in run.pictures.values())
     stride = -(-total // MOST) if total else 1
     chosen = {name: pictures[::stride] for name, pictures in run.pictures.items()}
-    write_file(path, _page(run, chosen, lambda _, picture: embedded(picture), frames_per_second=frames_per_second))
+    write_file(path, _page(run, chosen, lambda _, picture: embedded(picture)))
 
 
 class Replay:
     """A page on this machine with every picture of a run.
 
     Args:
-        run: a run with a folder and signals.
-        port: to listen on; 0 takes any free one.
-        frames_per_second: of the Meshcat recording, in simulated time [Hz].
+        run: run with a folder and signals.
+        port: port to listen on; 0 takes any free one.
 
     Attributes:
         url: address of the page.
@@ -117,8 +115,8 @@ class Replay:
         RunError: the run has no samples, or the port is taken.
     """
 
-    def __init__(self, run: Run, *, port: int = 0, frames_per_second: float = 20.0) -> None:
-        page = reads_run(_page)(run, run.pictures, _address, frames_per_second=frames_per_second).encode()
+    def __init__(self, run: Run, *, port: int = 0) -> None:
+        page = reads_run(_page)(run, run.pictures, _address).encode()
         pictures = {_address(name, p): p for name, taken in run.pictures.items() for p in taken}
 
         def files(path: str) -> Answer | None:
@@ -168,18 +166,12 @@ def embedded(picture: Picture) -> str:
     return data_address(file.getvalue(), "image/jpeg")
 
 
-def _page(
-    run: Run,
-    pictures: dict[str, Sequence[Picture]] | dict[str, list[Picture]],
-    source: Callable[[str, Picture], str],
-    *,
-    frames_per_second: float,
-) -> str:
+def _page(run: Run, pictures: Mapping[str, Sequence[Picture]], source: Callable[[str, Picture], str]) -> str:
     """Return the Meshcat recording of a run with the panel of its cameras."""
     if run.signals.empty:
         raise RunError(f"{run.folder}: has no samples to replay")
     with offline_meshcat(world=run.scene().world) as meshcat:
-        draw_run(run, meshcat, frames_per_second=frames_per_second)
+        draw_run(run, meshcat)
         recording = meshcat.StaticHtml()
     start = float(run.signals.index[0])
     cameras = [

@@ -44,12 +44,12 @@ def moves_off(time: Array, speed: Array, level: float) -> float:
 
 @dataclass(frozen=True)
 class Stop:
-    """Braking from one speed to another.
+    """Braking from a speed to standstill.
 
     Attributes:
         distance: braking distance [m].
         time: braking time [s].
-        mean: mean deceleration over the distance, (v0² - v1²) / 2 s [m/s²].
+        mean: mean deceleration over the distance, v² / 2 s [m/s²].
         developed: mean fully developed deceleration, between 80 % and 10 % of the first speed [m/s²].
     """
 
@@ -59,27 +59,26 @@ class Stop:
     developed: float
 
 
-def stop_from(time: Array, speed: Array, distance: Array, first: float, last: float = 0.0) -> Stop:
-    """Return the figures of braking from the time at which a speed is passed; NaN where a speed is not passed.
+def stop_from(time: Array, speed: Array, distance: Array, first: float) -> Stop:
+    """Return the figures of braking to :func:`standstill` from the time at which a speed is passed; NaN if it is not.
 
     Args:
         time: increasing times [s].
         speed: decreasing speed [m/s].
         distance: distance travelled [m].
         first: speed at which the distance begins [m/s].
-        last: speed at which it ends [m/s]; zero for :func:`standstill`.
     """
 
     def between(begin: float, end: float) -> float:
         return float(np.interp(end, time, distance) - np.interp(begin, time, distance)) if end > begin else math.nan
 
     begin = crossing(time, speed, first)
-    end = crossing(time, speed, last, after=begin) if last > 0.0 else standstill(time, speed, after=begin)
+    end = standstill(time, speed, after=begin)
     developed = between(*(crossing(time, speed, share * first, after=begin) for share in (0.8, 0.1)))
     return Stop(
         distance=between(begin, end),
         time=end - begin,
-        mean=(first**2 - last**2) / (2.0 * between(begin, end)),
+        mean=first**2 / (2.0 * between(begin, end)),
         developed=(0.64 - 0.01) * first**2 / (2.0 * developed),
     )
 
