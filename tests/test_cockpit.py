@@ -124,7 +124,7 @@ def test_a_recording_is_an_ordinary_run_folder(recorded):
     assert run.summary["vehicles"]["ego"]["distance_m"] > 5.0
 
 
-def test_lost_input_brakes_to_a_stand_and_is_said(recorded):
+def test_lost_input_brakes_to_standstill_and_is_reported(recorded):
     folder, said = recorded
     run = load_run(folder)
     lost = [event for event in run.events if event["kind"] == "input"]
@@ -179,7 +179,7 @@ def test_reset_returns_the_vehicle_and_keeps_the_gains():
         assert cockpit.gain("speed.kp") == 1.0
 
 
-def test_time_stands_still_in_a_pause_and_keeps_the_pace_otherwise():
+def test_simulated_time_stops_in_a_pause_and_follows_the_clock_otherwise():
     cockpit = Cockpit(spec())
     with Fingers(cockpit) as fingers:
         fingers.until(lambda readings: readings["time"] > 0.5)
@@ -211,7 +211,7 @@ def test_an_unknown_gain_is_named(tmp_path):
         Cockpit(spec()).gain("kp")
 
 
-def test_a_folder_that_cannot_be_written_is_said_and_the_drive_goes_on(tmp_path):
+def test_a_folder_that_cannot_be_written_is_reported_and_the_drive_continues(tmp_path):
     (tmp_path / "run").write_text("in the way")
     said: list[str] = []
     cockpit = Cockpit(spec(), say=said.append, folder=lambda: tmp_path / "run")
@@ -284,12 +284,12 @@ def test_a_report_is_answered_with_what_the_gauges_show(site):
         ("GET", "cas-v1/../../x", {}, 404),
     ],
 )
-def test_strangers_are_refused(site, method, path, headers, status):
+def test_requests_of_other_pages_are_rejected(site, method, path, headers, status):
     assert ask(site, method, path, b"{}", **headers)[0] == status
 
 
 @pytest.mark.parametrize("body", [b"", b"{", b"[1]", b"null"])
-def test_a_message_that_is_none_is_refused(site, body):
+def test_a_request_that_is_not_a_message_is_rejected(site, body):
     assert ask(site, "POST", "report", body)[0] == 400
 
 
@@ -299,7 +299,7 @@ def test_a_taken_port_is_named(site):
         OpenCockpit(spec(), port=port)
 
 
-def test_without_a_page_the_address_is_said_again():
+def test_without_a_page_the_address_is_repeated():
     said: list[str] = []
     with OpenCockpit(spec(), port=0, say=said.append, remind=0.3) as cockpit:
         cockpit.run(duration=0.8)
@@ -360,7 +360,7 @@ def test_a_ribbon_is_as_wide_as_asked_and_its_area_is_length_times_width():
     assert set(vertices[2]) == {0.1}
 
 
-def test_arrows_reach_from_tail_to_tip_and_short_ones_are_left_out():
+def test_arrows_reach_from_tail_to_tip_and_short_ones_are_omitted():
     tails = np.array([[0.0, 0, 0], [5, 5, 5], [1, 1, 1]])
     vertices, faces = arrows(tails, np.array([[0.0, 0, 2], [1e-3, 0, 0], [3, 0, 0]]), radius=0.05)
     assert vertices.shape[1] == 2 * 19

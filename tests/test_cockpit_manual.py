@@ -34,7 +34,7 @@ def test_a_pressed_throttle_gives_the_acceleration_times_the_time():
     assert drive(ManualCommand(), ManualInput(throttle=0.5), 2.0).speed == pytest.approx(0.5 * 3.0 * 2.0)
 
 
-def test_nobody_gets_faster_than_the_limits():
+def test_commands_stay_within_the_limits():
     assert drive(ManualCommand(), ManualInput(throttle=1.0), 60.0).speed == LIMITS.forward
     assert drive(ManualCommand(), ManualInput(brake=1.0), 60.0).speed == -LIMITS.backward
     assert drive(ManualCommand(), ManualInput(speed=1e3), 60.0).speed == LIMITS.forward
@@ -90,7 +90,7 @@ def test_keys_and_stick_steer_no_more_than_a_vehicle_can_follow(speed):
     )  # a slider may
 
 
-def test_nobody_at_the_wheel_brakes_to_a_stand_and_holds_the_wheel():
+def test_without_a_driver_the_vehicle_brakes_to_standstill_and_holds_the_steering():
     state = ManualCommand(speed=12.0, steering=0.2)
     for _ in range(round(1.0 / PERIOD)):
         state = stop_step(state, period=PERIOD, limits=LIMITS)
@@ -128,7 +128,7 @@ PRESSED: dict[str, Any] = {"throttle": 1.0, "active": True}
 IDLE: dict[str, Any] = {"throttle": 0.0, "active": False}
 
 
-def test_nobody_drives_before_a_page_has_spoken(watchdog):
+def test_no_page_drives_before_the_first_message(watchdog):
     assert watchdog.read() is None
     assert not watchdog.lost
 
@@ -148,7 +148,7 @@ def test_a_silent_page_is_lost_and_a_press_takes_over_again(watchdog, clock):
     assert not watchdog.lost
 
 
-def test_a_page_that_comes_back_late_was_lost_even_if_nobody_looked(watchdog, clock):
+def test_a_late_message_counts_as_lost_input_even_without_a_reading(watchdog, clock):
     watchdog.report("a", PRESSED)
     clock.now = 5.0
     watchdog.report("a", IDLE)

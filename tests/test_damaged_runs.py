@@ -101,14 +101,14 @@ def test_a_name_stays_inside_the_folder_of_runs(name: str) -> None:
 
 @pytest.mark.parametrize("digits", [310, 400, 4000, 5000])
 @pytest.mark.parametrize("sign", ["", "-", "+"])
-def test_a_whole_number_beyond_the_range_of_floats_is_refused_with_its_line(digits: int, sign: str) -> None:
+def test_a_whole_number_beyond_the_range_of_floats_is_rejected_with_its_line(digits: int, sign: str) -> None:
     with pytest.raises(ConfigError, match="f:2: not a number, or too long"):
         parse_tree(f"a: 1\nb: {sign}{'9' * digits}\n", "f")
 
 
 @pytest.mark.parametrize("key", ["plant.time_step", "control.ego.period"])
 @pytest.mark.parametrize("value", [1e-12, 9e-6, 5e-324])
-def test_a_period_with_which_a_run_would_not_end_is_refused(key: str, value: float) -> None:
+def test_a_period_too_short_for_a_run_to_end_is_rejected(key: str, value: float) -> None:
     top, *_, last = key.split(".")
     data = {"world": "test_track", "vehicles": {"ego": {"model": "bolt"}}}
     part = {last: value} if top == "plant" else {"ego": {"kind": "constant", "speed": 5, last: value}}

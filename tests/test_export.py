@@ -293,7 +293,7 @@ def test_a_video_has_every_picture_at_its_time(folder: Path, run: Run, tmp_path:
 @pytest.mark.parametrize(
     ("kind", "package", "extra"), [("mcap", "mcap.writer", "mcap"), ("video", "av", "video")], ids=["mcap", "video"]
 )
-def test_a_missing_package_is_told_with_what_to_install(
+def test_the_error_of_a_missing_package_states_what_to_install(
     folder: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -311,7 +311,7 @@ def test_a_missing_package_is_told_with_what_to_install(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_cannot_be_exported_is_told(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_export_without_data_is_an_error(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bare = tmp_path / "bare"
     bare.mkdir()
     shutil.copy(folder / "spec.yaml", bare)

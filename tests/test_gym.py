@@ -175,7 +175,7 @@ def breaks(assembly, rng):
 """
 
 
-def test_functions_of_ones_own_go_by_module_and_name(tmp_path: Path, monkeypatch):
+def test_user_functions_are_named_by_module_and_name(tmp_path: Path, monkeypatch):
     (tmp_path / "gym_functions_of_mine.py").write_text(MODULE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     env = DriveEnv(
@@ -201,7 +201,7 @@ def test_functions_of_ones_own_go_by_module_and_name(tmp_path: Path, monkeypatch
     assert (reward, terminated, info["bad_reward"]) == (0.0, False, True)
 
 
-def test_an_action_that_is_no_number_is_the_middle_of_its_range(env):
+def test_an_action_that_is_not_finite_is_the_middle_of_its_range(env):
     env.reset(seed=0)
     observation, reward, *_ = env.step(np.array([np.nan, np.inf], dtype=np.float32))
     assert np.isfinite(observation).all()
@@ -273,7 +273,7 @@ def test_sensors_and_blocks_are_observed_and_other_drivers_keep_driving():
         ({"start": "everywhere"}, "unknown start 'everywhere'; (allowed: anywhere_on_track), or module:name"),
     ],
 )
-def test_wrong_names_and_ranges_are_told_on_one_line(options, message):
+def test_wrong_names_and_ranges_are_errors_of_one_line(options, message):
     with pytest.raises(ConfigError) as caught:
         DriveEnv(PLAIN, **options)
     assert message in str(caught.value)

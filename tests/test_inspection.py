@@ -174,7 +174,7 @@ def test_a_sound_car_gets_no_warning(bolt):
         ("vehicle.yaml", "  brakes.front_share: ", "  # brakes.front_share: ", "no source for brakes.front_share"),
     ],
 )
-def test_what_looks_wrong_is_told_in_words(copy, file, old, new, words):
+def test_findings_are_sentences(copy, file, old, new, words):
     assert any(words in warning for warning in copy(file, old, new).warnings)
 
 
@@ -244,7 +244,7 @@ def test_the_page_needs_no_other_file_and_no_network(page):
     assert outside <= {"http://www.w3.org/2000/svg"}
 
 
-def test_the_page_tells_the_figures_and_the_warnings(page):
+def test_the_page_has_the_figures_and_the_warnings(page):
     assert "tyres of &lt;rubber&gt; &amp; air" in page
     assert "<rubber>" not in page
     assert "1 finding<" in page

@@ -298,7 +298,7 @@ def test_a_record_of_a_steady_turn_has_the_acceleration_of_its_centre_of_mass():
     assert record.distance[-1] == pytest.approx(v * TIME[-1])
 
 
-def test_the_bicycle_angle_lies_between_the_wheels_by_their_cotangents():
+def test_the_cotangent_of_the_bicycle_angle_is_the_mean_of_both_wheels():
     delta = np.array([-0.3, -1e-9, 0.0, 0.2])
     t = np.tan(delta)
     left, right = np.arctan(t / (1.0 - 0.3 * t)), np.arctan(t / (1.0 + 0.3 * t))

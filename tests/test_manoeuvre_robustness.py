@@ -112,7 +112,7 @@ def test_a_planned_line_is_straight_where_it_need_not_bend():
 # --- the plant --------------------------------------------------------------------------------------------------------
 
 
-def test_tyres_with_a_law_stand_on_points_unless_patches_are_asked_for():
+def test_tyres_with_a_law_have_point_contact_by_default():
     assert _rig().contact == "point"
     assert _rig("bolt").contact == "hydroelastic"
     assert _rig(plant={"contact": "hydroelastic"}).contact == "hydroelastic"

@@ -155,7 +155,7 @@ def test_an_overlap_that_a_rule_allows_and_a_touch_are_none() -> None:
 
 
 @pytest.mark.parametrize("which", ["lot", "city", "crates", "crowd", "test_track", "skidpad"])
-def test_no_name_lies_on_another_or_leaves_the_map(which: str) -> None:
+def test_no_name_overlaps_another_or_leaves_the_map(which: str) -> None:
     crowd: list[dict[str, Any]] = [{"prop": "tree", "scatter": {"region": {"disc": {"radius": 30}}, "count": 60}}]
     crowd += [{"box": [0.5, 0.5, 1], "name": f"thing_{i}", "at": [40 + 2 * (i % 5), 2 * (i // 5)]} for i in range(25)]
     worlds = {"lot": LOT, "city": CITY, "crates": CRATES, "crowd": CITY | {"props": crowd}}

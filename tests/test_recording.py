@@ -327,7 +327,7 @@ def test_depths_beyond_16_bits_are_cut() -> None:
 
 
 @pytest.mark.parametrize("text", ["yesterday", "2026-13-01", ""])
-def test_a_start_that_is_no_date_is_refused(text: str) -> None:
+def test_a_start_time_that_is_not_a_date_is_rejected(text: str) -> None:
     with pytest.raises(ValueError, match="is no date and time; write it as 2026-05-31 12:00"):
         RecordSpec(start_time=text)
 

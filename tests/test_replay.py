@@ -97,7 +97,9 @@ def test_the_page_on_this_machine_gives_each_picture_and_nothing_else(run: Run) 
         thread.join()
 
 
-def test_what_cannot_be_replayed_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str], run: Run) -> None:
+def test_a_run_that_cannot_be_replayed_is_an_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], run: Run
+) -> None:
     (tmp_path / "bare").mkdir()
     (tmp_path / "bare" / "spec.yaml").write_bytes((run.folder or tmp_path).joinpath("spec.yaml").read_bytes())
     told = {

@@ -284,7 +284,7 @@ def test_a_run_of_a_sample_or_two_is_reported(tmp_path, rows):
     assert "Speed and set-point" in render_report(replace(run, table=run.signals.iloc[:rows]))
 
 
-def test_without_a_track_the_drive_is_shown_and_track_figures_are_left_out(tmp_path):
+def test_without_a_track_the_drive_is_shown_without_track_figures(tmp_path):
     run = short_run(tmp_path, summary={})
     gone = [
         f"ego.{key}" for key in ("lateral_error", "heading_error", "progress", "lap", "curvature", "wheels_on_road")
@@ -429,7 +429,7 @@ def test_thinning_keeps_the_ends_and_every_peak():
     [(0.12349, "m", "0.123 m"), (965.2, "m", "965 m"), (12340.0, "N", "12\u202f340 N"), (-0.5, "m", "−0.500 m"),
      (0.0, "s", "0 s"), (float("nan"), "m", "–"), (21.84, "°", "21.8°"), (3.2, "×", "3.20×"), (2e-5, "m", "2e−05 m")],
 )  # fmt: skip
-def test_numbers_are_told_with_three_digits_and_their_unit(value, unit, text):
+def test_quantities_have_three_digits_and_their_unit(value, unit, text):
     assert format_quantity(value, unit).replace("\u00a0", " ") == text
 
 
@@ -441,7 +441,7 @@ def test_times_and_names_read_like_prose():
     assert title_case("cat_vehicle") == "Cat vehicle"
 
 
-def test_the_map_shows_what_stands_in_the_world(tmp_path):
+def test_the_map_shows_the_props(tmp_path):
     path = tmp_path / "yard.yaml"
     text = "mirdrake: world/1\nparams: {x: 5}\nprops:\n  - {box: [2, 1, 1], at: [$x, 3]}\n"
     path.write_text(text, encoding="utf-8")

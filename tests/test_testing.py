@@ -158,12 +158,12 @@ def test_one_moment_is_enough_for_a_law_without_memory():
         ),
     ],
 )
-def test_wrong_names_and_sizes_are_told_with_what_would_be_right(call, message):
+def test_errors_of_names_and_sizes_state_what_is_allowed(call, message):
     with pytest.raises(DiagramError, match=re.escape(message)):
         call()
 
 
-def test_a_system_inside_another_diagram_is_refused():
+def test_a_system_inside_another_diagram_is_rejected():
     builder, gain = DiagramBuilder(), Gain(1.0, 1)
     builder.AddSystem(gain)
     diagram = builder.Build()
@@ -173,7 +173,7 @@ def test_a_system_inside_another_diagram_is_refused():
 
 
 @pytest.mark.parametrize("times", [{"duration": -1.0}, {"duration": float("nan")}, {"period": 0.0}])
-def test_times_that_make_no_sense_are_refused(times: dict[str, Any]):
+def test_impossible_times_are_rejected(times: dict[str, Any]):
     with pytest.raises(ConfigError, match="is not allowed"):
         drive(Gain(1.0, 1), inputs={"u": 1.0}, **times)
 
@@ -183,7 +183,7 @@ def test_times_that_make_no_sense_are_refused(times: dict[str, Any]):
 RAMP = pd.Series([0.0, 1.0, 2.0, 3.5], index=[0.0, 1.0, 2.0, 3.0], name="x")
 
 
-def test_what_does_not_follow_is_told_with_place_and_size():
+def test_a_deviation_is_reported_with_time_and_size():
     message = "x is 3.5 at t = 3 s, expected 3: the difference is 0.5, allowed 0.1; 1 of 4 samples are outside"
     with pytest.raises(AssertionError, match=re.escape(message)):
         assert_follows(RAMP, lambda t: t, atol=0.1)
@@ -191,13 +191,13 @@ def test_what_does_not_follow_is_told_with_place_and_size():
     assert_follows(RAMP, lambda t: t, atol=0.0, rtol=0.17)
 
 
-def test_a_sample_that_is_no_number_never_follows():
+def test_a_sample_that_is_not_finite_never_follows():
     for wrong in (RAMP.where(RAMP < 3.0), RAMP * np.inf):
         with pytest.raises(AssertionError, match="expected"):
             assert_follows(wrong, lambda t: t, atol=1e9)
 
 
-def test_the_beginning_may_be_left_out_but_not_everything():
+def test_early_samples_may_be_ignored_but_not_all():
     assert_follows(RAMP, [9.0, 1.0, 2.0, 3.5], atol=1e-12, after=1.0)
     with pytest.raises(AssertionError):
         assert_follows(RAMP, [9.0, 1.0, 2.0, 3.5], atol=1e-12)
@@ -205,7 +205,7 @@ def test_the_beginning_may_be_left_out_but_not_everything():
         assert_follows(RAMP, 0.0, atol=1.0, after=4.0)
 
 
-def test_tolerances_that_everything_meets_and_other_lengths_are_refused():
+def test_infinite_tolerances_and_other_lengths_are_rejected():
     for tolerance in (float("inf"), float("nan"), -1.0):
         with pytest.raises(ConfigError, match="tolerances"):
             assert_follows(RAMP, 0.0, atol=tolerance)

@@ -78,7 +78,7 @@ def test_values_keep_the_unit_in_which_they_were_published():
         ),
     ],
 )
-def test_a_wrong_file_is_told_with_its_place(text, fault):
+def test_faults_of_a_file_have_file_and_line(text, fault):
     with pytest.raises(ConfigError) as error:
         parse_yaml(text, PublishedFigures, name="f.yaml")
     assert fault in str(error.value)
@@ -93,7 +93,7 @@ def test_a_payload_sits_where_the_body_has_its_centre():
 
 
 @pytest.mark.parametrize("payload", ["-1", "much"])
-def test_a_payload_that_makes_no_sense_is_refused(payload):
+def test_an_impossible_payload_is_rejected(payload):
     with pytest.raises(ModelError, match=f"'{payload}'"):
         load_vehicle("mkz", arguments={"payload": payload})
 
@@ -225,7 +225,7 @@ def test_bad_input_is_one_line(arguments, fault, capsys):
     assert error.count("\n") == 1
 
 
-def test_a_vehicle_without_a_file_is_told_what_to_write(tmp_path, monkeypatch, capsys):
+def test_the_error_of_a_vehicle_without_a_file_states_what_to_write(tmp_path, monkeypatch, capsys):
     source = names("models")["unior"]
     folder = tmp_path / "models" / "mine"
     shutil.copytree(source, folder, ignore=shutil.ignore_patterns(FILE))

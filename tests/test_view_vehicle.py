@@ -93,7 +93,7 @@ def test_a_slider_turns_its_wheel_and_nothing_else(view):
     np.testing.assert_allclose(turned[:2], [np.cos(0.5), np.sin(0.5)], atol=1e-4)
 
 
-def test_the_car_stands_on_its_compressed_tyres(view):
+def test_the_car_rests_on_compressed_tyres(view):
     _, remote = view()
     # README of the Bolt, section 7: d = (0.75 N / (E w sqrt(2 / R)))^(2/3) is 7.29 mm for 4437 N, 6.21 mm for 3486 N.
     for name, depth in (("front_left_wheel", 7.29e-3), ("rear_right_wheel", 6.21e-3)):
