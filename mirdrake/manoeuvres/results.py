@@ -97,6 +97,11 @@ def format_number(value: float | None) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+def format_figure(value: float | None) -> str:
+    """Return a number with four significant digits for a page; ``–`` for None."""
+    return "–" if value is None else format_number(value).replace("-", "−")
+
+
 def format_setting(used: SettingRecord) -> str:
     """Return the value of a setting with its unit."""
     value = used.value

@@ -16,7 +16,14 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.base import Chart, Metric, Outcome
 from mirdrake.manoeuvres.registry import MANOEUVRES
-from mirdrake.manoeuvres.results import HandlingResults, format_number, format_setting, format_status, recalled
+from mirdrake.manoeuvres.results import (
+    HandlingResults,
+    format_figure,
+    format_number,
+    format_setting,
+    format_status,
+    recalled,
+)
 from mirdrake.report.figures import drawing_style, thin, to_svg
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import THEME, embed_svg
@@ -73,7 +80,7 @@ def render_handling(results: HandlingResults) -> str:
     facts = results.facts
     return render_page(
         _TEMPLATE,
-        filters={"figure": _figure, "units": format_unit, "value": format_setting, "status": format_status},
+        filters={"figure": format_figure, "units": format_unit, "value": format_setting, "status": format_status},
         title=f"{facts.title} · handling",
         over=f"{facts.name} · handling report · {'full plant' if results.model == 'full' else 'single-track model'}",
         headline=f"{facts.title}: {_headline(results.outcomes)}",
@@ -163,10 +170,6 @@ def _figure_text(metric: Metric) -> str:
 
 
 _MOST_FIGURES = 3  # of the title
-
-
-def _figure(value: float | None) -> str:
-    return "–" if value is None else format_number(value).replace("-", "−")
 
 
 # --- charts ----------------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from mirdrake.core.files import write_file
 from mirdrake.report.inspection_text import axis_name, draw_links, figure_rows, limits_of
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.surfaces import collect_surfaces
-from mirdrake.report.svg import embed_svg, svg_size
+from mirdrake.report.svg import embed_graph
 from mirdrake.report.vehicle_drawing import draw_lock, draw_side, draw_top
 from mirdrake.report.words import title_case
 from mirdrake.vehicles import Vehicle
@@ -138,14 +138,9 @@ def _portrait(vehicle: Vehicle) -> str | None:
 def _graph(figures: Inspection) -> tuple[Markup | None, str]:
     """Return the graph of links and joints, or the reason why there is none."""
     try:
-        text = draw_links(figures)
+        return Markup(embed_graph(draw_links(figures), "links-", "Links, and the joints between them")), ""
     except MissingDependencyError as error:
         return None, str(error)
-    size = svg_size(text)
-    attributes = {"role": "img", "aria-label": "Links, and the joints between them"}
-    if size:
-        attributes["style"] = f"width:{max(320.0, min(size[0], 4000.0)):.0f}px"
-    return Markup(embed_svg(text, "links-", attributes=attributes, decimals=2, scope=".diagram")), ""
 
 
 def _figure(value: float | Sequence[float] | None) -> str:

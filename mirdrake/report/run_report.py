@@ -20,7 +20,7 @@ from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive
 from mirdrake.report.drive_layers import scale_colours
 from mirdrake.report.figures import Array, drawing_style
 from mirdrake.report.page import Tile, render_page
-from mirdrake.report.svg import embed_svg, svg_size
+from mirdrake.report.svg import embed_graph
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
 from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
 from mirdrake.runs.logs import Run
@@ -301,12 +301,8 @@ def _diagram(folder: Path | None, text: str | None) -> tuple[Markup | None, str]
         return None, f"The block diagram was not drawn because Graphviz is missing; {install}."
     if not text:
         return None, ""
-    size = svg_size(text)
-    attributes = {"role": "img", "aria-label": "Systems of the diagram and the wires between them"}
-    if size:
-        attributes["style"] = f"width:{max(320.0, min(size[0], 4000.0)):.0f}px"
     try:
-        return Markup(embed_svg(text, "diagram-", attributes=attributes, decimals=2, scope=".diagram")), ""
+        return Markup(embed_graph(text, "diagram-", "Systems of the diagram and the wires between them")), ""
     except ValueError as error:
         return None, f"The drawing of the diagram is omitted: {error}."
 

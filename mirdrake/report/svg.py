@@ -96,6 +96,20 @@ def embed_svg(
     return _COLOUR.sub(lambda match: _VARIABLES.get(match.group(), match.group()), written)
 
 
+def embed_graph(text: str, prefix: str, label: str) -> str:
+    """Return a graph of Graphviz as an element in its own size; see :func:`embed_svg`.
+
+    Args:
+        text: the document.
+        prefix: prefix of ids, unique in the page.
+        label: text for readers who cannot see the picture.
+    """
+    attributes, size = {"role": "img", "aria-label": label}, svg_size(text)
+    if size:
+        attributes["style"] = f"width:{max(320.0, min(size[0], 4000.0)):.0f}px"
+    return embed_svg(text, prefix, attributes=attributes, decimals=2, scope=".diagram")
+
+
 def svg_size(text: str) -> tuple[float, float] | None:
     """Return width and height of an SVG document in user units, from its viewBox; None if it has none."""
     match = re.search(r"viewBox\s*=\s*['\"]\s*[-\d.eE+]+[\s,]+[-\d.eE+]+[\s,]+([\d.eE+]+)[\s,]+([\d.eE+]+)", text)

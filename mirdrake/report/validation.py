@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mirdrake.core.files import write_file
 from mirdrake.manoeuvres.published import KNOWN, ROLES, Role
-from mirdrake.manoeuvres.results import format_number, format_setting
+from mirdrake.manoeuvres.results import format_figure, format_number, format_setting
 from mirdrake.manoeuvres.validation import Comparison, ValidationResults, format_error, format_published
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.words import format_unit
@@ -34,7 +34,7 @@ def render_validation(results: ValidationResults) -> str:
     none_because = results.published.none_because
     return render_page(
         _TEMPLATE,
-        filters={"number": _number, "units": format_unit, "value": format_setting},
+        filters={"number": format_figure, "units": format_unit, "value": format_setting},
         title=f"{results.facts.title} · validation",
         over=f"{results.facts.name} · validation report · simulated against published figures of the real vehicle",
         headline=f"{results.facts.title}: {results.headline}",
@@ -50,10 +50,6 @@ def render_validation(results: ValidationResults) -> str:
         known=_known(results.comparisons),
         outcomes=results.outcomes,
     )
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else format_number(value).replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -111,7 +107,7 @@ def _row(comparison: Comparison) -> Row:
     return Row(
         text=figure.text,
         published=format_published(figure),
-        simulated="–" if simulated is None else f"{_number(simulated)} {figure.shown_unit}",
+        simulated="–" if simulated is None else f"{format_figure(simulated)} {figure.shown_unit}",
         error="–" if error is None else format_error(error).replace("-", "−"),
         verdict=comparison.verdict,
         payload=f"{format_number(comparison.payload)} kg",

@@ -18,7 +18,7 @@ _PICTURE = 1400  # pixels across a vehicle
 _WEDGE = 0.42  # drawn reach of a sensor over the length of the vehicle
 
 
-class Sheet:
+class Drawing:
     """Drawing commands in metres that become SVG in the units of the page.
 
     Args:
@@ -144,39 +144,39 @@ def draw_side(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surf
     top = max(float(high[2]), *sensors) if sensors else float(high[2])
     room = (84.0 if any(sensor.upward for sensor in figures.sensors) else 42.0) / scale
     left = 0.5 * (low[0] + high[0]) - 0.5 * WIDTH / scale
-    sheet = Sheet(left=left, top=top + room, scale=scale, height=(top + room) * scale + 150.0)
-    _, ground = sheet.at(0.0, 0.0)
-    sheet.add(f'<rect class="road" x="0" y="{ground:.1f}" width="{WIDTH:.0f}" height="7"/>')
+    drawing = Drawing(left=left, top=top + room, scale=scale, height=(top + room) * scale + 150.0)
+    _, ground = drawing.at(0.0, 0.0)
+    drawing.add(f'<rect class="road" x="0" y="{ground:.1f}" width="{WIDTH:.0f}" height="7"/>')
     box = (float(low[0]), min(0.0, float(low[2])), float(high[0]), float(high[2]))
-    sheet.image(picture_of(seen or solid, view="side", box=box, width=_PICTURE), box)
+    drawing.image(picture_of(seen or solid, view="side", box=box, width=_PICTURE), box)
     for sensor in figures.sensors:
         if sensor.upward and abs(math.cos(sensor.yaw)) > 0.5:
             ahead = sensor.pitch if math.cos(sensor.yaw) > 0.0 else math.pi - sensor.pitch
             begin, end = (ahead + angle for angle in sensor.upward)
-            sheet.wedge(sensor.place[0], sensor.place[2], begin, end, _drawn_reach(sensor, figures))
-    sheet.add('<g class="solids">')
+            drawing.wedge(sensor.place[0], sensor.place[2], begin, end, _drawn_reach(sensor, figures))
+    drawing.add('<g class="solids">')
     for surface in solid:
-        sheet.outline(surface, (0, 2))
-    sheet.add("</g>")
+        drawing.outline(surface, (0, 2))
+    drawing.add("</g>")
 
     front, rear = figures.loads
     for x, load, share in ((figures.wheelbase, front, figures.front_share), (0.0, rear, 1.0 - figures.front_share)):
-        u, _ = sheet.at(x, 0.0)
-        sheet.add(f'<path class="load" d="M{u:.1f} {ground + 10:.1f}l-7 12h5v16h4v-16h5z"/>')
-        sheet.text(u + 14.0, ground + 34.0, format_quantity(load, "N", digits=4), kind="force", anchor="start")
-        sheet.text(u - 14.0, ground + 34.0, f"{100.0 * share:.0f} %", kind="force", anchor="end")
-    sheet.across(0.0, figures.wheelbase, ground + 82.0, f"wheelbase {figures.wheelbase:.3f} m", touch=0.0)
+        u, _ = drawing.at(x, 0.0)
+        drawing.add(f'<path class="load" d="M{u:.1f} {ground + 10:.1f}l-7 12h5v16h4v-16h5z"/>')
+        drawing.text(u + 14.0, ground + 34.0, format_quantity(load, "N", digits=4), kind="force", anchor="start")
+        drawing.text(u - 14.0, ground + 34.0, f"{100.0 * share:.0f} %", kind="force", anchor="end")
+    drawing.across(0.0, figures.wheelbase, ground + 82.0, f"wheelbase {figures.wheelbase:.3f} m", touch=0.0)
     solids = _points(solid or seen)
     begin, end = float(solids[:, 0].min()), float(solids[:, 0].max())
-    sheet.across(begin, end, ground + 120.0, f"length {figures.size[0]:.3f} m", touch=0.0)
-    right = sheet.at(float(high[0]), 0.0)[0]
-    sheet.upward(0.0, figures.size[2], right + 60.0, f"height {figures.size[2]:.3f} m", touch=end)
+    drawing.across(begin, end, ground + 120.0, f"length {figures.size[0]:.3f} m", touch=0.0)
+    right = drawing.at(float(high[0]), 0.0)[0]
+    drawing.upward(0.0, figures.size[2], right + 60.0, f"height {figures.size[2]:.3f} m", touch=end)
     x, _, z = figures.com
-    first = sheet.at(float(low[0]), 0.0)[0]
-    sheet.upward(0.0, z, first - 38.0, f"{z:.3f} m", touch=x)
-    sheet.balance(x, z)
-    sheet.numbers(figures.sensors, (0, 2))
-    return sheet.svg(f"{figures.title} from the right, to scale")
+    first = drawing.at(float(low[0]), 0.0)[0]
+    drawing.upward(0.0, z, first - 38.0, f"{z:.3f} m", touch=x)
+    drawing.balance(x, z)
+    drawing.numbers(figures.sensors, (0, 2))
+    return drawing.svg(f"{figures.title} from the right, to scale")
 
 
 def draw_top(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surface]) -> str:
@@ -187,27 +187,27 @@ def draw_top(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surfa
     half = max(float(np.abs(points[:, 1]).max()), *(abs(sensor.place[1]) for sensor in figures.sensors), 0.0)
     half += (70.0 if any(sensor.across for sensor in figures.sensors) else 24.0) / scale
     left = 0.5 * (low[0] + high[0]) - 0.5 * WIDTH / scale
-    sheet = Sheet(left=left, top=half, scale=scale, height=2.0 * half * scale)
-    sheet.line((float(low[0]) - 20.0 / scale, 0.0), (float(high[0]) + 20.0 / scale, 0.0), "middle")
+    drawing = Drawing(left=left, top=half, scale=scale, height=2.0 * half * scale)
+    drawing.line((float(low[0]) - 20.0 / scale, 0.0), (float(high[0]) + 20.0 / scale, 0.0), "middle")
     box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    sheet.image(picture_of(seen or solid, view="top", box=box, width=_PICTURE), box)
+    drawing.image(picture_of(seen or solid, view="top", box=box, width=_PICTURE), box)
     for sensor in figures.sensors:
         if sensor.across:
             begin, end = (sensor.yaw + angle for angle in sensor.across)
-            sheet.wedge(sensor.place[0], sensor.place[1], begin, end, _drawn_reach(sensor, figures))
-    sheet.add('<g class="solids">')
+            drawing.wedge(sensor.place[0], sensor.place[1], begin, end, _drawn_reach(sensor, figures))
+    drawing.add('<g class="solids">')
     for surface in solid:
-        sheet.outline(surface, (0, 1))
-    sheet.add("</g>")
-    first, last = sheet.at(float(low[0]), 0.0)[0], sheet.at(float(high[0]), 0.0)[0]
+        drawing.outline(surface, (0, 1))
+    drawing.add("</g>")
+    first, last = drawing.at(float(low[0]), 0.0)[0], drawing.at(float(high[0]), 0.0)[0]
     front, rear = (0.5 * track for track in figures.tracks)
-    sheet.upward(-front, front, last + 34.0, f"track {2.0 * front:.3f} m", touch=figures.wheelbase)
-    sheet.upward(-rear, rear, first - 38.0, f"track {2.0 * rear:.3f} m", touch=0.0)
+    drawing.upward(-front, front, last + 34.0, f"track {2.0 * front:.3f} m", touch=figures.wheelbase)
+    drawing.upward(-rear, rear, first - 38.0, f"track {2.0 * rear:.3f} m", touch=0.0)
     width = 0.5 * figures.size[1]
-    sheet.upward(-width, width, last + 84.0, f"width {figures.size[1]:.3f} m", touch=float(high[0]))
-    sheet.balance(figures.com[0], figures.com[1])
-    sheet.numbers(figures.sensors, (0, 1))
-    return sheet.svg(f"{figures.title} from above, to scale")
+    drawing.upward(-width, width, last + 84.0, f"width {figures.size[1]:.3f} m", touch=float(high[0]))
+    drawing.balance(figures.com[0], figures.com[1])
+    drawing.numbers(figures.sensors, (0, 1))
+    return drawing.svg(f"{figures.title} from above, to scale")
 
 
 def draw_lock(figures: Inspection, seen: Sequence[Surface], wheels: Sequence[Surface]) -> str:
@@ -221,22 +221,22 @@ def draw_lock(figures: Inspection, seen: Sequence[Surface], wheels: Sequence[Sur
     wall, kerb, middle = 0.5 * figures.wall_circle, 0.5 * figures.turning_circle, figures.turning_radius
     room = 1.06 * wall
     scale = 0.56 * WIDTH / (2.0 * room)
-    sheet = Sheet(left=-0.5 * WIDTH / scale, top=middle + room, scale=scale, height=2.0 * room * scale)
-    u, v = sheet.at(0.0, middle)
+    drawing = Drawing(left=-0.5 * WIDTH / scale, top=middle + room, scale=scale, height=2.0 * room * scale)
+    u, v = drawing.at(0.0, middle)
     for radius, kind in ((wall, "wall"), (kerb, "kerb"), (middle, "path")):
-        sheet.add(f'<circle class="{kind}" cx="{u:.1f}" cy="{v:.1f}" r="{radius * scale:.1f}"/>')
+        drawing.add(f'<circle class="{kind}" cx="{u:.1f}" cy="{v:.1f}" r="{radius * scale:.1f}"/>')
     inner, outer = (0.5 * figures.kingpin_track, -0.5 * figures.kingpin_track)
     for x, y in ((figures.wheelbase, inner), (figures.wheelbase, outer), (0.0, -0.5 * figures.tracks[1])):
-        sheet.line((0.0, middle), (x, y), "ray")
+        drawing.line((0.0, middle), (x, y), "ray")
     points = _points(seen)
     low, high = points.min(axis=0), points.max(axis=0)
     box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    sheet.image(picture_of(seen, view="top", box=box, width=_PICTURE // 2), box)
+    drawing.image(picture_of(seen, view="top", box=box, width=_PICTURE // 2), box)
     for wheel in wheels:
-        sheet.outline(wheel, (0, 1), kind="tread")
-    sheet.add(f'<circle class="mount" cx="{u:.1f}" cy="{v:.1f}" r="4"/>')
+        drawing.outline(wheel, (0, 1), kind="tread")
+    drawing.add(f'<circle class="mount" cx="{u:.1f}" cy="{v:.1f}" r="4"/>')
     degrees = [math.degrees(angle) for angle in figures.steering_limits]
-    sheet.text(u, v - 12.0, f"inner wheel {degrees[0]:.1f}°, outer wheel {degrees[1]:.1f}°", kind="size")
+    drawing.text(u, v - 12.0, f"inner wheel {degrees[0]:.1f}°, outer wheel {degrees[1]:.1f}°", kind="size")
     label = WIDTH - 205.0
     rows = (
         ("wall", "wall to wall", figures.wall_circle),
@@ -245,12 +245,12 @@ def draw_lock(figures: Inspection, seen: Sequence[Surface], wheels: Sequence[Sur
     )
     for row, (kind, words, diameter) in enumerate(rows):
         y = 46.0 + 52.0 * row
-        sheet.add(
+        drawing.add(
             f'<line class="{kind}" x1="{label - 44:.1f}" y1="{y - 4:.1f}" x2="{label - 12:.1f}" y2="{y - 4:.1f}"/>'
         )
-        sheet.text(label, y, f"{diameter:.2f} m", kind="force", anchor="start")
-        sheet.text(label, y + 19.0, words, kind="label", anchor="start")
-    return sheet.svg(f"{figures.title} at full lock, to scale")
+        drawing.text(label, y, f"{diameter:.2f} m", kind="force", anchor="start")
+        drawing.text(label, y + 19.0, words, kind="label", anchor="start")
+    return drawing.svg(f"{figures.title} at full lock, to scale")
 
 
 def _ranges(numbers: Sequence[int]) -> str:
