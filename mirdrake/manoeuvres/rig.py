@@ -130,11 +130,11 @@ class Rig:
             "preview": 0.1,
             "course": self.facts.steadiness(speed),
         }
-        return _driver("PathDriver", line=dict(line), **(numbers | settings))
+        return _driver("PathDriver", line=dict(line), **(numbers | _given(settings)))
 
     def open_driver(self, profile: Mapping[str, object], **settings: object) -> dict[str, object]:
         """Return the entry of an OpenLoopDriver; None values of `settings` are omitted."""
-        return _driver("OpenLoopDriver", profile=dict(profile), **settings)
+        return _driver("OpenLoopDriver", profile=dict(profile), **_given(settings))
 
     def run(
         self,
@@ -255,7 +255,7 @@ class Rig:
         model = builder.AddNamedSystem("single_track", SingleTrack(parameters, variant))
         mass, rotating = parameters.mass, parameters.rotating_mass
         control = builder.AddNamedSystem("control", SingleTrackControl(self.vehicle, mass=mass, rotating=rotating))
-        pilot = OwnDriverSpec.model_validate(driver).make_system(self.vehicle, scene, where=label)
+        pilot = OwnDriverSpec.model_validate(dict(driver)).make_system(self.vehicle, scene, where=label)
         builder.AddNamedSystem("driver", pilot)
         builder.Connect(control.steering, model.steering)
         if self.pedals:
@@ -337,9 +337,12 @@ class Rig:
 
 
 def _driver(kind: str, **settings: object) -> dict[str, object]:
-    """Return the entry of a driver of manoeuvres for ``control`` of a diagram file, without settings that are None."""
-    given = {key: value for key, value in settings.items() if value is not None}
-    return {"kind": f"mirdrake.manoeuvres.drivers:{kind}", **given}
+    """Return the entry of a driver of manoeuvres for ``control`` of a diagram file."""
+    return {"kind": f"mirdrake.manoeuvres.drivers:{kind}", **settings}
+
+
+def _given(settings: Mapping[str, object]) -> dict[str, object]:
+    return {key: value for key, value in settings.items() if value is not None}
 
 
 def _write(
