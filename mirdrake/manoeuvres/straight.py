@@ -196,7 +196,7 @@ class BrakingSpec(ManoeuvreSpec):
             key = f"{speed / KMH:.0f}"
             outcome.add(f"distance_{key}", f"From {text} to standstill", braking.distance, "m")
             if first:
-                outcome.add("time", "Time", braking.time, "s")
+                outcome.add("time", "Braking time", braking.time, "s")
             outcome.add(f"mean_{key}", "Mean deceleration of the distance", braking.mean, "m/s²", text)
             if first:
                 note = "80 to 10 % of the speed"
