@@ -258,7 +258,7 @@ def test_sensors_and_blocks_are_observed_and_other_drivers_keep_driving():
         ({"vehicle": "egon"}, "no vehicle 'egon' in the diagram; did you mean 'ego'"),
         ({"observe": ["ego.vxx"]}, "the diagram has no signal 'ego.vxx'; did you mean 'ego.vx'"),
         ({"observe": ["ego.curvature_ahead.far"]}, "'far' is not a distance in m"),
-        ({"observe": []}, "observe: nothing"),
+        ({"observe": []}, "observe: is empty"),
         ({"act": ["ego.sped_reference"]}, "'ego.sped_reference'"),
         ({"act": ["egon.speed_reference"]}, "is not an input of the diagram; did you mean 'ego.speed_reference'"),
         ({"act": ["ego.speed_reference"] * 2}, "is named twice"),
@@ -270,7 +270,7 @@ def test_sensors_and_blocks_are_observed_and_other_drivers_keep_driving():
         ({"reward": "math:nothing_there"}, "no function 'nothing_there' in math"),
         ({"reward": "no_such_module_here:x"}, "module 'no_such_module_here' cannot be imported"),
         ({"ends": [3]}, "end: 3 is not a function"),
-        ({"start": "everywhere"}, "unknown start 'everywhere'; (allowed: anywhere_on_track), or module:name"),
+        ({"start": "everywhere"}, "unknown start 'everywhere'; (allowed: anywhere_on_track), or give module:name"),
     ],
 )
 def test_wrong_names_and_ranges_are_errors_of_one_line(options, message):

@@ -158,10 +158,10 @@ def test_the_page_shows_both_values_the_error_the_source_and_what_is_not_compare
         ("pc", "1 of 1 predicted figures within 3 % (calibrated 1 of 1)"),
         ("ppPci", "2 of 3 predicted figures within 3 % (calibrated 1 of 1, input 1 of 1)"),
         ("cCi", "no predicted figure to compare; calibrated 1 of 2, input 1 of 1 within 3 %"),
-        ("", "nothing is published to compare with"),
+        ("", "no published figures to compare"),
     ],
 )
-def test_predicted_figures_are_counted_apart_from_those_that_set_the_model(roles, headline):
+def test_predicted_figures_are_counted_separately(roles, headline):
     names = {"p": "predicted", "c": "calibrated", "i": "input"}
     made = [Comparison(_sixty(role=names[k.lower()]), 6.9 + 3.0 * k.isupper(), "", 80.0, 0.03) for k in roles]
     results = _results(*made)
@@ -196,9 +196,9 @@ def test_figures_that_follow_from_a_limit_or_were_fitted_are_not_predictions(nam
 # --- the command line --------------------------------------------------------------------------------------------
 
 
-def test_a_vehicle_without_figures_says_why(tmp_path, capsys):
+def test_the_reason_for_missing_figures_is_reported(tmp_path, capsys):
     assert main(["validate", "unior", "--out", str(tmp_path / "out")]) == 0
-    assert "nothing is published to compare with" in capsys.readouterr().out
+    assert "no published figures to compare" in capsys.readouterr().out
     assert "Nothing to compare" in (tmp_path / "out" / "validation.html").read_text(encoding="utf-8")
 
 

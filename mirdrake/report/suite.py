@@ -4,7 +4,7 @@ The page needs no network and no other file; only its links to recordings and ru
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
