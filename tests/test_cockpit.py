@@ -217,7 +217,7 @@ def test_a_folder_that_cannot_be_written_is_reported_and_the_drive_continues(tmp
     cockpit = Cockpit(spec(), say=said.append, folder=lambda: tmp_path / "run")
     cockpit.order({"do": "record"})
     cockpit.run(duration=0.2)
-    assert "cannot be made" in said[0]
+    assert "cannot be created" in said[0]
     assert cockpit.runs == []
     assert cockpit.readings["time"] > 0.0
 
