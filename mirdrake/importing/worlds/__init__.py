@@ -46,7 +46,9 @@ from mirdrake.worlds.props import PlacedProp
 
 __all__ = ["Change", "WorldImport", "import_world"]
 
+_AHEAD = 30.0  # [m] to be free ahead of the origin, where a world without starts has its start
 _REACH = 200.0  # [m] of the ground of a world without tracks and size
+_FARTHEST = 2000.0  # [m] up to which the ground is widened to surfaces; solvers lose digits far from the origin
 _MARGIN = 20.0  # [m] ground beyond the props
 _MOST_PAIRS = 60  # overlaps that are named one by one
 _MOST_ENTRIES = 5000  # of a world
@@ -207,7 +209,8 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
     """Return a start with room for a car, and what is wrong with the first start of the source.
 
     It is on the track with the most room ahead along its line (the longest of several), else where the first start is,
-    or as near to it as there is room. Nothing if the first start of the source has room, or if there is no room at all.
+    or as near to it as there is room. Nothing if the first start of the source has room, if a world without starts has
+    room ahead of its origin, or if there is no room at all.
     """
     free = FreePlaces(world)
     name, start = next(iter(world.starts.items()))
@@ -218,7 +221,7 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
     on_track = free.find_on_tracks()
     if on_track is not None:
         return {new: f"on_track: {{track: {on_track[0]}, s: {number(on_track[1])}}}"}, remark
-    if free.is_start(start):
+    if free.is_free(start.x, start.y, start.yaw, ahead=_AHEAD):
         return {}, ""
     pose = free.find_near(start.x, start.y)
     if pose is None and props:
@@ -228,7 +231,7 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
         return {}, ""
     new = next(word for word in ("free", "free_start") if word not in world.spec.start)
     return {new: f"at: [{number(pose[0])}, {number(pose[1])}], yaw: {degrees(pose[2])}"}, (
-        remark if world.spec.start else "no free space at the origin"
+        remark if world.spec.start else "no free space ahead of the origin"
     )
 
 
@@ -300,8 +303,8 @@ def _overlap_rules(props: list[PlacedProp], where: str, add_change: Callable[[Ch
 
 
 def _widen(ground: GroundText, props: list[PlacedProp], where: str, add_change: Callable[[Change], None]) -> None:
-    """Widen the ground to all objects; with tracks its size is centred on them."""
-    far = reach(props)
+    """Widen the ground to all objects and patches; with tracks its size is centred on them."""
+    far = max(reach(props), min(ground.reach, _FARTHEST))
     half = min(ground.size) / 2.0 if ground.size is not None else _REACH
     if ground.routes:
         bounds = np.array([route.track.bounds for route in ground.routes.values()])
@@ -324,7 +327,7 @@ def _widen(ground: GroundText, props: list[PlacedProp], where: str, add_change: 
             "ground",
             was,
             f"{ground.size[0]:g} m x {ground.size[1]:g} m",
-            "objects are further out",
+            "objects and surfaces are further out",
         )
     )
 

@@ -1,7 +1,7 @@
 """Drivable surfaces: wide level faces of slabs and meshes that are not far above the ground."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 
@@ -166,12 +166,14 @@ def is_ground(surface: Surface, height: float) -> bool:
     """
     # On the ground any thin surface counts; above it only wide ones that are not named as an obstacle.
     above = surface.top - height
+    named = any(word in surface.words.lower() for word in _OBSTACLES)
     if surface.rise > HIGHEST and not surface.whole:
         return False
     if surface.rise <= HIGHEST and above <= FLAT:
         thin = surface.thickness <= 0.1 * math.sqrt(surface.area) or above <= 0.5 * FLAT
-        return surface.area >= _SMALLEST and thin
-    named = any(word in surface.words.lower() for word in _OBSTACLES)
+        # The foot of a barrier may be level with the ground, and the barrier itself above it.
+        foot = named and len(surface.obj.collisions) > len(surface.shapes)
+        return surface.area >= _SMALLEST and thin and not foot
     wide = surface.area >= _SMALLEST_RAISED and surface.width >= _NARROWEST_RAISED
     return wide and not named and (above <= HIGHEST or surface.rise > HIGHEST)
 
@@ -236,6 +238,20 @@ def without(obj: SourceObject, surfaces: list[Surface]) -> SourceObject:
     """Return an object without the collision shapes that are ground, except those with something above them."""
     gone = [shape for surface in surfaces if surface.whole for shape in surface.shapes]
     return replace(obj, collisions=[shape for shape in obj.collisions if all(shape is not other for other in gone)])
+
+
+def footprints(objects: Iterable[SourceObject], low: float, high: float) -> list[shapely.Polygon]:
+    """Return the outlines seen from above [m] of the collision shapes between two heights of W [m]."""
+    outlines = []
+    for obj in objects:
+        for shape in obj.collisions:
+            try:
+                points = corners_in_world(shape, obj).reshape(-1, 3)
+            except MeshError:
+                continue
+            if len(points) and points[:, 2].max() > low and points[:, 2].min() < high:
+                outlines.append(shapely.MultiPoint(points[:, :2]).convex_hull)
+    return [polygon for polygon in outlines if polygon.geom_type == "Polygon"]
 
 
 def heights_below(surfaces: list[Surface], points: Array, height: float) -> Array:

@@ -19,6 +19,7 @@ from mirdrake.importing.worlds.drivable import (
     ROAD_WORDS,
     Surface,
     corners_in_world,
+    footprints,
     heights_below,
     is_ground,
     surfaces_of,
@@ -40,6 +41,8 @@ _WIDEST = 1e5  # [m] ground
 _UNEVEN = 0.5  # [m] between the highest and the lowest point of roads on level ground
 _LARGEST_BASE = 20.0  # [m²] from which on a floor may be the base plane
 _LIFT = 3e-3  # [m] height of visuals above the ground, so that they do not flicker
+_CAR_HEIGHT = 2.0  # [m] below which obstacles block a road
+_CLEAR = 1.2  # [m] between the middle of a road and an obstacle: half a car and some room
 _LONG_ROUTE = 150.0  # [m] of a track that needs no other
 
 
@@ -54,6 +57,7 @@ class GroundText:
         routes: the same tracks laid out.
         drawn: visual-only objects.
         height: of the base plane in W of the source [m]; the new W is that much higher.
+        reach: farthest corner of a patch from the origin along x or y [m].
     """
 
     surface: str = "concrete"
@@ -64,6 +68,7 @@ class GroundText:
     routes: dict[str, Route] = field(default_factory=dict)
     drawn: list[SourceObject] = field(default_factory=list)
     height: float = 0.0
+    reach: float = 0.0
 
 
 def make_ground(world: SourceWorld, add_change: Callable[[Change], None]) -> GroundText:
@@ -448,8 +453,9 @@ def _add_routes(
         parts = sorted(
             (part for part in shapely.get_parts(joined) if part.geom_type == "Polygon"), key=lambda part: -part.area
         )
+        obstacles = footprints(world.objects, ground.height + FLAT, ground.height + _CAR_HEIGHT)
         for part in parts[:3]:
-            route = route_in_area(part)
+            route = _route_around(part, obstacles)
             if route is None or route.track.length < 1.3 * longest:
                 continue
             name = _new_track(ground, "road", route, ", road: false" if route.is_road else "")
@@ -471,6 +477,21 @@ def _add_routes(
     ground.tracks = {name: ground.tracks[name] for name in order}
 
 
+def _route_around(area: shapely.Polygon, obstacles: list[shapely.Polygon]) -> Route | None:
+    """Return the track along the middle of an area, or of its free part if obstacles block the middle."""
+    route = route_in_area(area)
+    if route is None or not obstacles:
+        return route
+    blocked = shapely.union_all([obstacle.buffer(_CLEAR) for obstacle in obstacles])
+    s = np.linspace(0.0, route.track.length, max(2, math.ceil(route.track.length)))
+    line = shapely.LineString(np.column_stack(route.track.point(s, np.zeros_like(s))))
+    if not line.intersects(blocked):
+        return route
+    free = shapely.get_parts(shapely.difference(area, blocked))
+    largest = max(free, key=shapely.area, default=None)
+    return (route_in_area(largest) if isinstance(largest, shapely.Polygon) else None) or route
+
+
 def _new_track(ground: GroundText, wanted: str, route: Route, more: str) -> str:
     name = _plain_name(
         wanted, set(ground.tracks) | {patch.split("name: ")[1].split(",")[0] for patch in ground.patches}
@@ -485,6 +506,9 @@ def _new_track(ground: GroundText, wanted: str, route: Route, more: str) -> str:
 
 def _patches_of(ground: GroundText, surfaces: list[Surface], wanted: str, look: str, mu: float | None) -> int:
     """Add patches for touching surfaces; return their number."""
+    for surface in surfaces:
+        for polygon in surface.polygons:
+            ground.reach = max(ground.reach, *map(abs, polygon.bounds))
     rect = _rect_of(surfaces[0]) if len(surfaces) == 1 else ""
     if rect:
         ground.patches.append(_patch(_patch_name(ground, wanted), rect, look, mu))
