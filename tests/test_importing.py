@@ -13,7 +13,6 @@ from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError, ModelError
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.vehicles import import_vehicle
-from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
 from mirdrake.importing.vehicles.model import (
     Controller,
     Inertial,
@@ -555,8 +554,8 @@ def test_different_radii_of_visual_and_collision_shape_are_reported():
 
 def test_plausible_masses_are_kept():
     result = repaired(car())
-    assert total_mass(result.parts) == pytest.approx(BODY + 4 * WHEEL + 2 * HUB)
-    com = centre_of_mass(result.body, result.knuckles, result.wheels, result.layout)
+    assert result.total_mass() == pytest.approx(BODY + 4 * WHEEL + 2 * HUB)
+    com = result.centre_of_mass(result.layout)
     # body midway 0.2 m above the axles, two hubs in front: (1400 x 1.3 + 60 x 2.6) / 1500 and 0.3 + 0.2 x 1400 / 1500
     assert com == pytest.approx([1.3173, 0.0, 0.4867], abs=1e-4)
     assert np.diag(result.wheels["rear_left"].mass.inertia) == pytest.approx(np.diag(wheel_tensor()))
@@ -673,7 +672,7 @@ def test_a_centre_of_mass_outside_of_the_car_is_moved_to_a_third_of_its_height(p
     model = car()
     model.links["chassis"].inertial.X_LI = at(*place)
     result = repaired(model)
-    com = centre_of_mass(result.body, result.knuckles, result.wheels, result.layout)
+    com = result.centre_of_mass(result.layout)
     assert com[2] == pytest.approx(0.35 * 0.9)  # the box ends 0.6 m above the axles
     assert reports(result, "centre of mass of the car: height", what)
 
@@ -682,7 +681,7 @@ def test_a_centre_of_mass_ahead_of_the_front_axle_is_moved_between_the_axles():
     model = car()
     model.links["chassis"].inertial.X_LI = at(1.5, 0.0, 0.2)
     result = repaired(model)
-    com = centre_of_mass(result.body, result.knuckles, result.wheels, result.layout)
+    com = result.centre_of_mass(result.layout)
     assert com[0] == pytest.approx(WHEELBASE / 2)
 
 
@@ -729,7 +728,7 @@ def test_200_damaged_cars_are_repaired_or_rejected_in_one_line():
             assert "\n" not in str(refused)
             continue
         cars += 1
-        for part in result.parts:
+        for part in result:
             low, middle, high = np.linalg.eigvalsh(part.mass.inertia)
             assert part.mass.mass > 0.0
             assert low > 0.0
@@ -1261,7 +1260,7 @@ def test_springs_of_the_source_become_the_suspension(dialect):
         assert values == pytest.approx([K, C, 0.0])
     assert (springs.rebound, springs.bump) == pytest.approx((-0.08, 0.12))
     assert set(result.spring_joints.values()) == {"s_ka", "s_kb", "s_j2a", "s_j2b"}
-    assert total_mass(result.parts) == pytest.approx(BODY + 4 * WHEEL + 2 * HUB + 20.0)
+    assert result.total_mass() == pytest.approx(BODY + 4 * WHEEL + 2 * HUB + 20.0)
     assert not reports(result, "s_ka", "fixed at zero")
 
 
@@ -1326,7 +1325,7 @@ def test_springs_of_one_axle_stay_and_the_other_axle_is_almost_rigid(fixed, spru
     assert values[f"{rigid_end}_stiffness"] == pytest.approx(5.0 * result.estimates.tyre_point_stiffness)
     assert values[f"{rigid_end}_anti_roll"] == 0.0
     assert reports(result, f"suspension: {rigid_end} springs", "none", "please check", "no springs at this axle")
-    assert total_mass(result.parts) == pytest.approx(BODY + 4 * WHEEL + 2 * HUB + 20.0)
+    assert result.total_mass() == pytest.approx(BODY + 4 * WHEEL + 2 * HUB + 20.0)
     assert set(result.spring_joints) == set(result.wheels)
 
 

@@ -100,6 +100,14 @@ class Change:
         return " ".join(f"{self.part}: {self.old} -> {self.new_text} ({self.reason})".split())
 
 
+class Changes(list[Change]):
+    """Changes in the order in which they were made."""
+
+    def add(self, code: Code, place: str, part: str, old: str, new: str | None, reason: str) -> None:
+        """Append a change; see :class:`Change`."""
+        self.append(Change(code, place, part, old, new, reason))
+
+
 def unusual(place: str, part: str, old: str, reason: str) -> Change:
     """Return the change of a value that is kept although it is unusual."""
     return Change(Code.UNUSUAL, place, part, old, KEPT, reason)

@@ -374,10 +374,7 @@ def _massless(
 
 
 def _unconnected(
-    urdf: Urdf,
-    spec: VehicleSpec,
-    links: Mapping[str, ElementTree.Element],
-    joints: Mapping[str, ElementTree.Element],
+    urdf: Urdf, spec: VehicleSpec, links: Mapping[str, ElementTree.Element], joints: Mapping[str, ElementTree.Element]
 ) -> Iterator[MirdrakeError]:
     """Links that do not hang on base_link: Drake would let them fall beside the car."""
     children: dict[str, list[str]] = {}

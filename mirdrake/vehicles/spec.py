@@ -97,8 +97,7 @@ class VehicleSpec(Schema):
     pedals: Pedals = Field(default_factory=Pedals)
     actuators: Actuators = Field(default_factory=Actuators)
     sources: dict[str, str] = Field(
-        default_factory=dict,
-        description="dotted path of a number in this file -> its source, or why it is assumed",
+        default_factory=dict, description="dotted path of a number in this file -> its source, or why it is assumed"
     )
 
     def driven_wheels(self) -> tuple[str, ...]:

@@ -148,13 +148,7 @@ def _file(path: Path) -> Path:
 
 
 def make_vehicle(
-    urdf: Urdf,
-    *,
-    folder: Path,
-    spec: VehicleSpec,
-    control: ControlSpec,
-    sensors: SensorsSpec,
-    name: str | None = None,
+    urdf: Urdf, *, folder: Path, spec: VehicleSpec, control: ControlSpec, sensors: SensorsSpec, name: str | None = None
 ) -> Vehicle:
     """Check an expanded model against its specs, and measure it; its name is the folder's if none is given.
 

@@ -209,7 +209,7 @@ def place_parts() -> tuple[Part, ...]:
 CAR = CarOutline(
     form=Form(
         plan=PLAN, side_inset=SIDE_INSET, nose=NOSE, tail=TAIL, deck=DECK, bottom=BOTTOM, roof=ROOF,
-        cabin_plan=CABIN_PLAN, cabin_taper=CABIN_TAPER, cabin_tail=CABIN_TAIL, half_width=0.8825,
+        cabin_plan=CABIN_PLAN, cabin_taper=CABIN_TAPER, cabin_tail=CABIN_TAIL, half_width=0.8825
     ),
     wheelbase=2.601,
     wheel=WheelDesign(radius=0.3234, width=0.215, rim_radius=0.2159),

@@ -144,7 +144,7 @@ def turned(mesh: Mesh, angle: float, at: Sequence[float] = (0.0, 0.0, 0.0)) -> M
 
 def window(
     rect: tuple[float, float, float, float], depth: float, *, wall: str, frame: str, glass: str, border: float = 0.07,
-    panes: tuple[int, int] = (1, 1), bar: float = 0.05, sill: str = "",
+    panes: tuple[int, int] = (1, 1), bar: float = 0.05, sill: str = ""
 ) -> Mesh:  # fmt: skip
     """Return what fills an opening (y, z, y, z) of a wall that faces +x at x = 0: reveals, frame, panes, a sill."""
     mesh = Mesh()

@@ -351,84 +351,84 @@ PROPS: dict[str, Prop] = {
     "cone": Prop(
         "Traffic cone, 0.71 m",
         "MUTCD 2009 section 6F.64: 28 in high, white bands of 6 in and 4 in; base 0.37 m and 3.2 kg (7 lb): as sold",
-        3.2, street.make_cone, cone_solids, Material((0.95, 0.33, 0.05), 0.6),
+        3.2, street.make_cone, cone_solids, Material((0.95, 0.33, 0.05), 0.6)
     ),
     "barrel": Prop(
         "Construction drum, 0.91 m",
         "MUTCD 2009 section 6F.67: at least 36 in high and 18 in wide, stripes of 6 in; taper, base and mass assumed",
-        16.0, street.make_barrel, barrel_solids, Material((0.95, 0.36, 0.05), 0.6),
+        16.0, street.make_barrel, barrel_solids, Material((0.95, 0.36, 0.05), 0.6)
     ),
     "jersey_barrier": Prop(
         "Concrete barrier of the New Jersey shape, 3.05 m",
         "FHWA, New Jersey safety shape: 24 in wide, 32 in high, rising at 55 degrees to 13 in and then at 84 degrees; "
         "10 ft long as sold; mass of 0.74 m3 at 2400 kg/m3; chamfers and openings assumed",
-        1770.0, street.make_jersey_barrier, jersey_solids, Material((0.72, 0.71, 0.68), 0.95),
+        1770.0, street.make_jersey_barrier, jersey_solids, Material((0.72, 0.71, 0.68), 0.95)
     ),
     "stop_sign": Prop(
         "Stop sign on a post, 2.90 m",
         "MUTCD 2009 sections 2A.18 and 2B.05: R1-1 of 30 in, lower edge 7 ft above the ground; post of 2 in and mass "
         "assumed",
-        12.0, street.make_stop_sign, stop_solids,
+        12.0, street.make_stop_sign, stop_solids
     ),
     "traffic_light": Prop(
         "Traffic light on a post, red lit, 3.79 m",
         "MUTCD 2009 sections 4D.07 and 4D.15: lenses of 12 in, head 8 ft to 19 ft above the ground beside a road; "
         "sections, visors, back plate, post and mass assumed",
-        95.0, street.make_traffic_light, signal_solids, Material((0.96, 0.73, 0.10), 0.5),
+        95.0, street.make_traffic_light, signal_solids, Material((0.96, 0.73, 0.10), 0.5)
     ),
     "pedestrian": Prop(
         "Standing person, 1.75 m",
         "DIN 33402-2:2005, men of 18 to 65 years: median height 1.75 m, mass 79 kg; proportions assumed",
-        79.0, nature.make_pedestrian, person_solids, Material((0.33, 0.45, 0.55), 0.85),
+        79.0, nature.make_pedestrian, person_solids, Material((0.33, 0.45, 0.55), 0.85)
     ),
     "sedan": Prop(
         "Parked sedan, 4.5 m x 1.8 m x 1.45 m without mirrors",
         "Sizes and mass of a compact sedan: assumed; no maker's car",
         1400.0, cars.make_sedan, _car_solids((0.316, 0.205, 2.65, 1.54), 0.93, 0.90),
-        Material((0.42, 0.10, 0.11), 0.35, 0.15),
+        Material((0.42, 0.10, 0.11), 0.35, 0.15)
     ),
     "van": Prop(
         "Parked van, 5.0 m x 2.0 m x 2.0 m without mirrors",
         "Sizes and mass of a panel van of 5 m: assumed; no maker's car",
         2000.0, cars.make_van, _car_solids((0.335, 0.215, 2.93, 1.70), 1.18, 0.99),
-        Material((0.88, 0.89, 0.88), 0.38),
+        Material((0.88, 0.89, 0.88), 0.38)
     ),
     "tree": Prop(
         "Broad-leaved tree, 7 m",
         "Sizes and mass of a young street tree: assumed",
-        900.0, nature.make_tree, tree_solids, Material((0.30, 0.47, 0.15), 0.85),
+        900.0, nature.make_tree, tree_solids, Material((0.30, 0.47, 0.15), 0.85)
     ),
     "house": Prop(
         "Two-storey house with a gable roof",
         "Sizes and mass of a family house: assumed",
-        150000.0, buildings.make_house, house_solids, Material((0.90, 0.86, 0.75), 0.9),
+        150000.0, buildings.make_house, house_solids, Material((0.90, 0.86, 0.75), 0.9)
     ),
     "building": Prop(
         "City block of four storeys, resizable",
         "Sizes and mass: assumed, storeys of 2.9 m above shops of 3.6 m",
-        1200000.0, buildings.make_building, whole, Material((0.76, 0.62, 0.51), 0.95), resizable=True,
+        1200000.0, buildings.make_building, whole, Material((0.76, 0.62, 0.51), 0.95), resizable=True
     ),
     "thrift_store": Prop(
         "Shop on one floor with windows, awning and sign board",
         "Sizes and mass: assumed",
-        180000.0, buildings.make_thrift_store, shop_solids, Material((0.86, 0.80, 0.70), 0.9),
+        180000.0, buildings.make_thrift_store, shop_solids, Material((0.86, 0.80, 0.70), 0.9)
     ),
     "lamp_post": Prop(
         "Street lamp with two arms, 7.9 m",
         "Height of 8 m as common along streets; arms, taper and mass assumed",
-        110.0, street.make_lamp_post, lamp_solids, Material((0.40, 0.43, 0.44), 0.5, 0.2),
+        110.0, street.make_lamp_post, lamp_solids, Material((0.40, 0.43, 0.44), 0.5, 0.2)
     ),
     "wall": Prop(
         "Wall of concrete blocks, 4 m x 0.2 m x 2 m, resizable",
         "Blocks of 16 in x 8 in x 8 in with their joints (ASTM C90); length and height assumed; mass at 2000 kg/m3",
-        3200.0, street.make_wall, whole, Material((0.66, 0.65, 0.62), 0.95), resizable=True,
+        3200.0, street.make_wall, whole, Material((0.66, 0.65, 0.62), 0.95), resizable=True
     ),
     "speed_bump": Prop(
         "Rubber speed bump, 75 mm",
         "ITE on speed humps: 3 in to 4 in high; a bump of a car park is 1 ft to 3 ft along the road; length across and "
         "mass assumed",
         60.0, street.make_speed_bump, lambda _: [hull("bump.obj", street.bump_corners())],
-        Material((0.97, 0.76, 0.08), 0.7), mu=0.8, driven_over=True,
+        Material((0.97, 0.76, 0.08), 0.7), mu=0.8, driven_over=True
     ),
 }  # fmt: skip
 

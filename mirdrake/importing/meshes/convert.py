@@ -180,7 +180,7 @@ def convert_collision(
         shapes.append(
             replace(
                 shape, mesh=folder / "meshes" / file, address=f"meshes/{file}", scale=(1.0, 1.0, 1.0), submesh="",
-                rgba=None, texture=None,
+                rgba=None, texture=None
             )
         )  # fmt: skip
     return shapes, _changes(shape, "collision", notes)

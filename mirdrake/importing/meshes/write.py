@@ -67,7 +67,7 @@ def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
         primitives.append(
             Primitive(
                 points, normals, index, material,
-                uv=None if picture is None else uv, colors=colors if picture is None else None,
+                uv=None if picture is None else uv, colors=colors if picture is None else None
             )
         )  # fmt: skip
     meshes.write_gltf(path, primitives, images=images)
@@ -127,9 +127,7 @@ def _joined(arrays: Sequence[Array | None]) -> Array | None:
     return np.concatenate(known) if known else None
 
 
-def _indexed(
-    piece: Piece,
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None, NDArray[Any] | None, NDArray[Any]]:
+def _indexed(piece: Piece) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any] | None, NDArray[Any] | None, NDArray[Any]]:
     """Return vertices without repetition as glTF wants them, and the index of each corner."""
     assert piece.normals is not None
     # Rows are compared as bytes: equal position, normal, texture coordinate and colour are one vertex.

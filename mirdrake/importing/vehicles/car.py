@@ -1,11 +1,12 @@
 """The repaired car as it is written: seven links in the frames of mirdrake."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Changes
 from mirdrake.importing.shape import Shape, Vector
 from mirdrake.importing.vehicles.round_shapes import Bounds
 from mirdrake.vehicles.estimates import Estimates
@@ -36,6 +37,16 @@ class Layout:
     X_MB: RigidTransform
     parts: dict[str, RigidTransform]
 
+    def places(self) -> dict[str, Vector]:
+        """Return origins of knuckles and wheels in base_link [m]."""
+        places = {}
+        for side, sign in (("left", 1.0), ("right", -1.0)):
+            x, y = self.wheelbase, sign * self.tracks[0] / 2.0
+            places[f"front_{side}"] = np.array([x, y, self.radii[0]])
+            places[f"rear_{side}"] = np.array([0.0, sign * self.tracks[1] / 2.0, self.radii[1]])
+            places[f"{side}_knuckle"] = np.array([x + self.trail, sign * self.kingpin_track / 2.0, self.radii[0]])
+        return places
+
 
 @dataclass
 class Mass:
@@ -65,6 +76,41 @@ class Part:
     mass: Mass = field(default_factory=Mass)
     visuals: list[Shape] = field(default_factory=list)
     collisions: list[Shape] = field(default_factory=list)
+
+
+@dataclass(kw_only=True)
+class Parts:
+    """Links with mass of a car.
+
+    Attributes:
+        body: base link.
+        knuckles: left and right.
+        wheels: by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
+        carriers: by the wheel's name, what moves up and down with it besides wheel and knuckle, in the frame of the
+            body; empty without springs.
+    """
+
+    body: Part
+    knuckles: tuple[Part, Part]
+    wheels: dict[str, Part]
+    carriers: dict[str, Part] = field(default_factory=dict)
+
+    def __iter__(self) -> Iterator[Part]:
+        yield from (self.body, *self.knuckles, *self.wheels.values(), *self.carriers.values())
+
+    def total_mass(self) -> float:
+        """Return the mass of the whole car [kg]."""
+        return sum(part.mass.mass for part in self)
+
+    def centre_of_mass(self, layout: Layout) -> Vector:
+        """Return the centre of mass of the whole car in base_link [m]."""
+        places = layout.places()
+        items = [(part.mass, np.zeros(3)) for part in (self.body, *self.carriers.values())]
+        items += [(self.knuckles[0].mass, places["left_knuckle"]), (self.knuckles[1].mass, places["right_knuckle"])]
+        items += [(part.mass, places[name]) for name, part in self.wheels.items()]
+        total = sum(mass.mass for mass, _ in items)
+        com: Vector = sum((mass.mass * (place + mass.com) for mass, place in items), np.zeros(3)) / total
+        return com
 
 
 @dataclass(frozen=True)
@@ -100,8 +146,8 @@ class SpringSet:
     bump: float
 
 
-@dataclass
-class Car:
+@dataclass(kw_only=True)
+class Car(Parts):
     """Content of the files of a vehicle folder.
 
     Attributes:
@@ -109,13 +155,8 @@ class Car:
         title: for people.
         base: name of the base link.
         layout: dimensions.
-        body: base link.
-        knuckles: left and right.
-        wheels: by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
-        wheel_joints: names, by the same.
+        wheel_joints: names, by the names of the wheels.
         steering_joints: names, left and right.
-        carriers: by the wheel's name, what moves up and down with it besides wheel and knuckle, in the frame of the
-            body; empty without springs.
         spring_joints: names, by the wheel's name.
         springs: of the suspension; None: the wheels do not move up and down.
         drive: driven axle.
@@ -136,9 +177,6 @@ class Car:
     title: str
     base: str
     layout: Layout
-    body: Part
-    knuckles: tuple[Part, Part]
-    wheels: dict[str, Part]
     wheel_joints: dict[str, str]
     steering_joints: tuple[str, str]
     drive: Drive
@@ -146,7 +184,6 @@ class Car:
     numbers: dict[str, Number]
     estimates: Estimates
     bounds: Bounds
-    carriers: dict[str, Part] = field(default_factory=dict)
     spring_joints: dict[str, str] = field(default_factory=dict)
     springs: SpringSet | None = None
     frames: list[Frame] = field(default_factory=list)
@@ -154,10 +191,5 @@ class Car:
     mounts: dict[str, dict[str, object]] = field(default_factory=dict)
     variant: dict[str, object] | None = None
     licence: str = ""
-    changes: list[Change] = field(default_factory=list)
+    changes: Changes = field(default_factory=Changes)
     warnings: list[str] = field(default_factory=list)
-
-    @property
-    def parts(self) -> list[Part]:
-        """Body, knuckles, wheels and carriers."""
-        return [self.body, *self.knuckles, *self.wheels.values(), *self.carriers.values()]

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Code
 from mirdrake.importing.sdf.colours import colour_of
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.values import leaves, make_pose, read_number, read_numbers
@@ -50,9 +50,7 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
         elif link is not None and tag == "material":
             named = text or _script_name(child)
             if not _paint(link.visuals, named):
-                model.changes.append(
-                    Change(Code.MATERIAL, where(child), f"link '{name}': material", named, None, SCRIPT)
-                )
+                model.changes.add(Code.MATERIAL, where(child), f"link '{name}': material", named, None, SCRIPT)
         elif joint is not None and tag in {"springStiffness", "stiffness"}:
             joint.stiffness = read_number(text, where=where(child), what=f"<{tag}>")
         elif link is not None and tag in {"visual", "collision"} and child.find("material") is not None:
@@ -62,7 +60,7 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
             why = "it has no counterpart in mirdrake" if not name or link is not None or joint is not None else (
                 f"there is no link or joint '{name}'"
             )  # fmt: skip
-            model.changes.append(Change(Code.ELEMENT, where(child), about, text[:80] or "…", None, why))
+            model.changes.add(Code.ELEMENT, where(child), about, text[:80] or "…", None, why)
 
 
 def read_spring_damper(element: ElementTree.Element, model: SourceModel, where: Where) -> None:
@@ -83,7 +81,7 @@ def read_spring_damper(element: ElementTree.Element, model: SourceModel, where: 
             return
     was = " and ".join(sorted(ends))
     why = "no prismatic joint connects its links"
-    model.changes.append(Change(Code.ELEMENT, where(element), "spring between links", was, None, why))
+    model.changes.add(Code.ELEMENT, where(element), "spring between links", was, None, why)
 
 
 def read_sensor(element: ElementTree.Element, link: str, where: Where, model: SourceModel) -> SensorTag:
@@ -98,15 +96,13 @@ def read_sensor(element: ElementTree.Element, link: str, where: Where, model: So
         if values.get("pose.degrees") in ("1", "true"):
             place[3:] = np.radians(place[3:])
     except ModelError as error:
-        model.changes.append(
-            Change(Code.SENSOR, where(element), f"sensor '{name}': place", _after(error), "at the link", "no pose")
+        model.changes.add(
+            Code.SENSOR, where(element), f"sensor '{name}': place", _after(error), "at the link", "no pose"
         )
     try:
         rate = read_number(next(filter(None, rates), None), where=where(element), what="<update_rate>")
     except ModelError as error:
-        model.changes.append(
-            Change(Code.SENSOR, where(element), f"sensor '{name}': rate", _after(error), "usual", "no rate")
-        )
+        model.changes.add(Code.SENSOR, where(element), f"sensor '{name}': rate", _after(error), "usual", "no rate")
     return SensorTag(
         name=name,
         kind=element.get("type", "").lower(),

@@ -7,7 +7,7 @@ from math import isfinite, sqrt
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.car import Mass
 from mirdrake.importing.vehicles.kinematics import Tree
@@ -51,7 +51,7 @@ def gather(
     links: Sequence[str],
     X_MP: RigidTransform,
     size: float,
-    changes: list[Change],
+    changes: Changes,
     *,
     wheel: tuple[float, float] | None = None,
 ) -> Mass:
@@ -87,7 +87,7 @@ def _steiner(arm: Vector) -> Vector:
 
 
 def _in_part(
-    tree: Tree, name: str, X_PM: RigidTransform, size: float, changes: list[Change], wheel: tuple[float, float] | None
+    tree: Tree, name: str, X_PM: RigidTransform, size: float, changes: Changes, wheel: tuple[float, float] | None
 ) -> Mass:
     """Return the corrected mass properties of a link."""
     link = tree.model.links[name]
@@ -98,7 +98,7 @@ def _in_part(
     if not isfinite(inertial.mass) or inertial.mass <= 0.0:
         if inertial.mass != 0.0:
             became = "none; the part it belongs to has the mass"
-            changes.append(Change(Code.MASS, where, f"{what}: mass", f"{inertial.mass:g} kg", became, "not above zero"))
+            changes.add(Code.MASS, where, f"{what}: mass", f"{inertial.mass:g} kg", became, "not above zero")
         return Mass()
     # An impossible tensor is replaced by that of a cylinder for wheels, else of the box around the shapes.
     X_PL = X_PM.multiply(tree.poses[name])
@@ -121,7 +121,7 @@ def _in_part(
             inertia_L = box_inertia(mass, edges)
             became = f"of the box around its shapes, {edges[0]:.3g} x {edges[1]:.3g} x {edges[2]:.3g} m"
         was = f"{moments_text(np.asarray(inertial.inertia, dtype=float))} for {mass:.4g} kg"
-        changes.append(Change(Code.INERTIA, where, f"{what}: inertia", was, became, fault))
+        changes.add(Code.INERTIA, where, f"{what}: inertia", was, became, fault)
     else:
         inertia_L = R_LI @ widen(np.asarray(inertial.inertia, dtype=float)) @ R_LI.T
         # A possible tensor may have exchanged axes, a common mistake of files that were rotated by hand.
@@ -130,16 +130,14 @@ def _in_part(
             was = moments_along_axes(inertia_L)
             inertia_L = inertia_L[np.ix_(order, order)]
             why = f"the mass would be outside of the link's shapes along {_outside(order)}"
-            changes.append(
-                Change(Code.INERTIA, where, f"{what}: inertia along x, y, z", was, moments_along_axes(inertia_L), why)
-            )
+            changes.add(Code.INERTIA, where, f"{what}: inertia along x, y, z", was, moments_along_axes(inertia_L), why)
     # A centre of mass far outside of the link is usually a value of another frame.
     middle = np.zeros(3) if bounds is None else 0.5 * (bounds[0] + bounds[1])
     distance = float(np.linalg.norm(com_L - middle))
     if not distance <= FARTHEST * _half_size(bounds, size):
         became = "in the link's origin" if bounds is None else "in the middle of its shapes"
         why = f"the link is {2.0 * _half_size(bounds, size):.3g} m large"
-        changes.append(Change(Code.MASS, where, f"{what}: centre of mass", f"{distance:.4g} m from there", became, why))
+        changes.add(Code.MASS, where, f"{what}: centre of mass", f"{distance:.4g} m from there", became, why)
         com_L = middle
     R_PL = X_PL.rotation().matrix()
     return Mass(mass, X_PL.multiply(com_L), R_PL @ inertia_L @ R_PL.T)

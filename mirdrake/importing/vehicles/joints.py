@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from math import isfinite
 
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Change, Changes, Code
 from mirdrake.importing.vehicles.limits import driven_wheels
 from mirdrake.importing.vehicles.model import Controller, Joint, Plugin, SourceModel
 from mirdrake.importing.vehicles.recognise import Roles
@@ -25,7 +25,7 @@ def report_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]
         roles: of the joints.
         sprung: joints that become the suspension.
     """
-    changes: list[Change] = []
+    changes = Changes()
     # Joints are compared by identity: a joint that steers and spins has both roles.
     wheels = [wheel.joint for wheel in roles.wheels.values()]
     used = [*wheels, *(joint for joint in roles.steering if all(joint is not other for other in wheels))]
@@ -38,13 +38,13 @@ def report_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]
                 springs = joint.kind == "prismatic" and joint.name in carrying
                 code = Code.SUSPENSION_FIXED if springs else Code.JOINT_FIXED
                 why = _SUSPENSION if springs else _WHY.get(joint.kind, "mirdrake has no such joint in a car")
-                changes.append(Change(code, joint.where, what, _words(joint), "fixed at zero", why))
+                changes.add(code, joint.where, what, _words(joint), "fixed at zero", why)
     for joint in used:
         changes += _of_used(joint, spins=any(joint is other for other in wheels))
     for joint in sprung:
         why = "suspension travel is vertical in mirdrake; zero is the position of the loaded car at rest"
         became = "prismatic, along the vertical: suspension"
-        changes.append(Change(Code.JOINT, joint.where, f"joint '{joint.name}'", _words(joint), became, why))
+        changes.add(Code.JOINT, joint.where, f"joint '{joint.name}'", _words(joint), became, why)
     changes += _actuators(roles, used)
     return changes
 
@@ -70,31 +70,21 @@ def _number(value: float | None) -> str:
 
 def _of_used(joint: Joint, *, spins: bool) -> list[Change]:
     """Return the changes of a wheel or steering joint."""
-    changes = []
+    changes = Changes()
     what = f"joint '{joint.name}'"
     if joint.kind in ("universal", "revolute2"):
         became = "a steering joint, a knuckle and a wheel joint"
-        changes.append(
-            Change(
-                Code.JOINT,
-                joint.where,
-                what,
-                f"{joint.kind}: steers and spins",
-                became,
-                "a joint has one degree of freedom in mirdrake",
-            )
-        )
+        why = "a joint has one degree of freedom in mirdrake"
+        changes.add(Code.JOINT, joint.where, what, f"{joint.kind}: steers and spins", became, why)
     elif spins and joint.kind != "continuous":
-        changes.append(
-            Change(Code.JOINT, joint.where, what, _words(joint), "continuous", "a wheel joint has no limits")
-        )
+        changes.add(Code.JOINT, joint.where, what, _words(joint), "continuous", "a wheel joint has no limits")
     if joint.mimic:
         why = "the Ackermann law sets the angle of each wheel" if not spins else "each wheel rolls independently"
-        changes.append(Change(Code.JOINT, joint.where, f"{what}: mimic", f"follows '{joint.mimic}'", None, why))
+        changes.add(Code.JOINT, joint.where, f"{what}: mimic", f"follows '{joint.mimic}'", None, why)
     if joint.damping or joint.friction:
         was = f"damping {joint.damping:.4g} N m s/rad, friction {joint.friction:.4g} N m"
         why = "rolling resistance is a property of the tyre" if spins else "damping is a property of the steering servo"
-        changes.append(Change(Code.JOINT, joint.where, f"{what}: losses", was, None, why))
+        changes.add(Code.JOINT, joint.where, f"{what}: losses", was, None, why)
     return changes
 
 
@@ -103,20 +93,20 @@ def _actuators(roles: Roles, used: Sequence[Joint]) -> list[Change]:
     model = roles.tree.model
     moved = {item.joint for item in model.transmissions}
     missing = [joint for joint in used if joint.name not in moved]
-    changes = []
+    changes = Changes()
     if missing:
         names = ", ".join(f"'{joint.name}'" for joint in missing)
         why = "each wheel has a brake and each steering joint a servo"
-        changes.append(Change(Code.ACTUATOR, missing[0].where, f"actuators of {names}", "none", "added", why))
+        changes.add(Code.ACTUATOR, missing[0].where, f"actuators of {names}", "none", "added", why)
     for item in model.transmissions:
         if item.reduction != 1.0 and any(item.joint == joint.name for joint in used):
             was = f"{item.reduction:g}"
             why = "torques are given at the joint"
-            changes.append(Change(Code.ACTUATOR, item.where, f"joint '{item.joint}': reduction", was, None, why))
+            changes.add(Code.ACTUATOR, item.where, f"joint '{item.joint}': reduction", was, None, why)
     for plugin in model.plugins:
         what = f"plugin '{plugin.name or plugin.filename}'"
         was = ", ".join([plugin.filename, *_numbers_of(plugin)])
-        changes.append(Change(Code.PLUGIN, plugin.where, what, was, None, "Gazebo plugins are not executed"))
+        changes.add(Code.PLUGIN, plugin.where, what, was, None, "Gazebo plugins are not executed")
     return changes
 
 
@@ -134,7 +124,7 @@ def _numbers_of(plugin: Plugin) -> list[str]:
 # --- gains -------------------------------------------------------------------------------------------------------
 
 
-def imported_gains(model: SourceModel, roles: Roles, changes: list[Change]) -> dict[str, object] | None:
+def imported_gains(model: SourceModel, roles: Roles, changes: Changes) -> dict[str, object] | None:
     """Return variants/imported.yaml with the PID gains of the source; None if it has none for wheels and steering."""
     wheels = [roles.wheels[name].joint.name for name in driven_wheels(roles.drive)]
     found = {"wheel_speed": _gains(model, wheels), "steering": _gains(model, [joint.name for joint in roles.steering])}
@@ -148,7 +138,7 @@ def imported_gains(model: SourceModel, roles: Roles, changes: list[Change]) -> d
             if complete
             else "the gains of the other joints are missing"
         )
-        changes.append(Change(Code.GAINS, controller.where, f"gains of {part} ('{controller.name}')", was, became, why))
+        changes.add(Code.GAINS, controller.where, f"gains of {part} ('{controller.name}')", was, became, why)
     if len(known) < len(found):
         return None
     control = {part: _pid(gains) for part, (gains, _) in known.items()}

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.model import Joint, SourceModel
 
@@ -62,7 +62,7 @@ class Tree:
         return turned
 
 
-def make_tree(model: SourceModel) -> tuple[Tree, list[Change]]:
+def make_tree(model: SourceModel) -> tuple[Tree, Changes]:
     """Return the largest tree of a model, and what was left out of it.
 
     Raises:
@@ -72,19 +72,19 @@ def make_tree(model: SourceModel) -> tuple[Tree, list[Change]]:
     if not model.links:
         raise ModelError(f"{place}: no links in it; give the file that describes the vehicle")
     # Each link has one parent: a second joint would close a loop.
-    changes = []
+    changes = Changes()
     above: dict[str, Joint] = {}
     for joint in model.joints.values():
         what, was = f"joint '{joint.name}'", f"{joint.kind}, {joint.parent} to {joint.child}"
         if joint.parent == "world" or joint.kind in FREE:
             if joint.parent == "world" and joint.kind == "fixed":
-                changes.append(Change(Code.JOINT, joint.where, what, was, None, "a vehicle is not fixed to the world"))
+                changes.add(Code.JOINT, joint.where, what, was, None, "a vehicle is not fixed to the world")
         elif joint.parent not in model.links or joint.child not in model.links:
             lost = joint.parent if joint.parent not in model.links else joint.child
-            changes.append(Change(Code.JOINT, joint.where, what, was, None, f"there is no link '{lost}'"))
+            changes.add(Code.JOINT, joint.where, what, was, None, f"there is no link '{lost}'")
         elif joint.child in above or joint.kind == "gearbox":
             why = "it closes a kinematic loop; a vehicle is a tree of links"
-            changes.append(Change(Code.JOINT, joint.where, what, was, None, why))
+            changes.add(Code.JOINT, joint.where, what, was, None, why)
         else:
             above[joint.child] = joint
     # Files may contain several trees, for example a ground link; the vehicle is the largest.
@@ -95,16 +95,8 @@ def make_tree(model: SourceModel) -> tuple[Tree, list[Change]]:
     tree = max(trees, key=lambda tree: len(tree.poses))  # the first of equals
     for name, link in model.links.items():
         if name not in tree.poses and name != "world":
-            changes.append(
-                Change(
-                    Code.JOINT,
-                    link.where,
-                    f"link '{name}'",
-                    "part of the model",
-                    None,
-                    "no joint connects it to the vehicle",
-                )
-            )
+            why = "no joint connects it to the vehicle"
+            changes.add(Code.JOINT, link.where, f"link '{name}'", "part of the model", None, why)
     return tree, changes
 
 

@@ -6,7 +6,7 @@ Limits of joints and figures of drive plugins have the same weight: the smallest
 from collections.abc import Iterator, Sequence
 from math import inf, isfinite, pi
 
-from mirdrake.importing.changes import Change, Code, unusual
+from mirdrake.importing.changes import Change, Changes, Code, unusual
 from mirdrake.importing.vehicles.car import Number
 from mirdrake.importing.vehicles.model import Limits, Link, Surface
 from mirdrake.importing.vehicles.recognise import Roles, Wheel, turns_freely
@@ -53,7 +53,7 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
     """Return the largest steering angle of the inner wheel [rad]."""
     inner: list[tuple[float, str]] = []
     loose: list[tuple[float, str, str, str]] = []  # numbers at joints that have no limits
-    changes = []
+    changes = Changes()
     # Joint limits count from the angle that turns left, so those of a reversed axis are exchanged.
     for side, joint in zip(("left", "right"), roles.steering, strict=True):
         axis = roles.tree.axis(joint)
@@ -68,42 +68,28 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
         if free and 0.0 < reach < pi / 2.0 and 0.0 < outer < pi / 2.0:
             loose.append((reach, joint.where, what, f"{joint.kind}, {was}"))
         elif free:
-            changes.append(
-                Change(
-                    Code.LIMIT,
-                    joint.where,
-                    what,
-                    f"{joint.kind}, {was}",
-                    "see the steering limit",
-                    "a steering joint has limits",
-                )
-            )
+            why = "a steering joint has limits"
+            changes.add(Code.LIMIT, joint.where, what, f"{joint.kind}, {was}", "see the steering limit", why)
         elif not (reach > 0.0 and outer > 0.0):
-            changes.append(
-                Change(
-                    Code.LIMIT, joint.where, what, was, "see the steering limit", "the wheel cannot steer to both sides"
-                )
+            changes.add(
+                Code.LIMIT, joint.where, what, was, "see the steering limit", "the wheel cannot steer to both sides"
             )
         elif reach >= pi / 2.0:
-            changes.append(
-                Change(
-                    Code.LIMIT, joint.where, what, was, "see the steering limit", "steering angles are below 90 degrees"
-                )
+            changes.add(
+                Code.LIMIT, joint.where, what, was, "see the steering limit", "steering angles are below 90 degrees"
             )
         else:
             inner.append((reach, joint.where))
             if abs(outer - reach) > 0.01 * reach:
                 why = "the limit is that of the inner wheel; the outer angle follows from the Ackermann law"
-                changes.append(Change(Code.LIMIT, joint.where, what, was, f"±{reach:.4g} rad", why))
+                changes.add(Code.LIMIT, joint.where, what, was, f"±{reach:.4g} rad", why)
     # Values at joints without limits are used if no joint has valid limits.
     for reach, where, what, was in loose:
         if inner:
-            changes.append(
-                Change(Code.LIMIT, where, what, was, "see the steering limit", "a steering joint has limits")
-            )
+            changes.add(Code.LIMIT, where, what, was, "see the steering limit", "a steering joint has limits")
         else:
             why = "a continuous joint has no limits; its limit values are used"
-            changes.append(Change(Code.LIMIT, where, what, was, f"±{reach:.4g} rad", why))
+            changes.add(Code.LIMIT, where, what, was, f"±{reach:.4g} rad", why)
     inner = inner or [(reach, where) for reach, where, _, _ in loose]
     # A plugin commands at most its own limit, so the smaller one acts.
     stated = [item for item in read_stated(roles.tree.model.plugins) if item.figure == "steering_limit"]
@@ -111,21 +97,19 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
     if tight is not None and tight.value < min((reach for reach, _ in inner), default=inf):
         was = f"±{min(inner)[0]:.4g} rad at the joints" if inner else "none at the joints"
         why = f"{tight.key} of the plugin, used for the inner wheel"
-        changes.append(Change(Code.LIMIT, tight.where, "steering limit", was, f"±{tight.value:.4g} rad", why))
+        changes.add(Code.LIMIT, tight.where, "steering limit", was, f"±{tight.value:.4g} rad", why)
         changes += _check_usual("steering limit", "rad", tight.value, tight.where, USUAL_LIMIT)
         return Number(tight.value, f"imported: plugin, {tight.where}"), changes
     if not inner:
         text = f"estimated: {STEERING_LIMIT:g} rad, value of the Bolt; no usable limit in the source"
         where = roles.steering[0].where
-        changes.append(
-            Change(Code.LIMIT, where, "steering limit", "none", f"±{STEERING_LIMIT:g} rad", "value of the Bolt")
-        )
+        changes.add(Code.LIMIT, where, "steering limit", "none", f"±{STEERING_LIMIT:g} rad", "value of the Bolt")
         return Number(STEERING_LIMIT, text), changes
     limit, where = min(inner)
     if len(inner) == 2 and abs(inner[0][0] - inner[1][0]) > 0.01 * limit:
         was = f"left {inner[0][0]:.4g}, right {inner[1][0]:.4g} rad"
-        changes.append(
-            Change(Code.LIMIT, where, "steering limit", was, f"±{limit:.4g} rad", "the limit is the same to both sides")
+        changes.add(
+            Code.LIMIT, where, "steering limit", was, f"±{limit:.4g} rad", "the limit is the same to both sides"
         )
     changes += _check_usual("steering limit", "rad", limit, where, USUAL_LIMIT)
     return Number(limit, f"imported: {where}"), changes
@@ -152,7 +136,7 @@ def collect_numbers(
         estimates: for the whole car.
         tyres: the same with the radius and width of the front and of the rear wheels.
     """
-    changes: list[Change] = []
+    changes = Changes()
     numbers = {"steering_limit": limit}
     steering, wheels = roles.steering, roles.wheels
     stated = read_stated(roles.tree.model.plugins)
@@ -216,7 +200,7 @@ def collect_numbers(
     return numbers, changes
 
 
-def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, changes: list[Change]) -> Number:
+def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, changes: Changes) -> Number:
     """Return the torque of all driven wheels together [N m]."""
     driven = driven_wheels(roles.drive)
     share = estimates.max_torque / len(driven)
@@ -244,7 +228,7 @@ def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, 
     return Number(total, text)
 
 
-def _brakes(stated: Sequence[Stated], estimates: Estimates, changes: list[Change]) -> tuple[Number, Number]:
+def _brakes(stated: Sequence[Stated], estimates: Estimates, changes: Changes) -> tuple[Number, Number]:
     """Return the brake torque of all wheels together [N m] and the share of the front axle [-]."""
     # Plugins state brake torques per wheel, per axle or in total.
     found = [item for item in stated if item.figure == "brake_torque" and isfinite(item.value)]
@@ -292,7 +276,7 @@ def _choose_value(
     usual: tuple[float, float],
     most: float,
     estimate: Number,
-    changes: list[Change],
+    changes: Changes,
 ) -> Number:
     """Return the smallest possible value of the source, else the estimate."""
     # Gazebo files use zero, negative and huge values for "no limit".
@@ -313,12 +297,10 @@ def _choose_value(
             else f"impossible, so it means no limit; at most {most:.3g} {unit} is possible"
         )
         became = f"{estimate.value:.4g} {unit}: {how}"
-        changes.append(Change(Code.LIMIT, _place(where), what, f"{value:.4g} {unit}", became, why))
+        changes.add(Code.LIMIT, _place(where), what, f"{value:.4g} {unit}", became, why)
     else:
         where = given[0][1]
-        changes.append(
-            Change(Code.LIMIT, where, what, "none", f"{estimate.value:.4g} {unit}: {how}", "not in the source")
-        )
+        changes.add(Code.LIMIT, where, what, "none", f"{estimate.value:.4g} {unit}: {how}", "not in the source")
     return estimate
 
 
@@ -342,7 +324,7 @@ def _wheel_links(roles: Roles, wheels: Sequence[Wheel]) -> list[Link]:
     return [links[name] for wheel in wheels for name in roles.tree.rigid_with(wheel.joint.child, ())]
 
 
-def _friction(roles: Roles, end: str, pair: Sequence[Wheel], changes: list[Change]) -> Number:
+def _friction(roles: Roles, end: str, pair: Sequence[Wheel], changes: Changes) -> Number:
     """Return the friction coefficient of an axle's tyres; one for both directions of Gazebo."""
     surfaces = [link.surface for link in _wheel_links(roles, pair) if link.surface is not None]
     given = [(value, item.where) for item in surfaces for value in (item.mu, item.mu2) if value is not None]
@@ -355,28 +337,21 @@ def _friction(roles: Roles, end: str, pair: Sequence[Wheel], changes: list[Chang
         if max(good) - min(good) > 1e-3 * mean:
             was = ", ".join(f"{value:g}" for value in good)
             why = "the same along and across, left and right"
-            changes.append(Change(Code.CONTACT, where, what, was, f"{mean:.4g}", why))
+            changes.add(Code.CONTACT, where, what, was, f"{mean:.4g}", why)
         return Number(mean, f"imported: {where}")
     if given:
         where = given[0][1]
         was = ", ".join(dict.fromkeys(f"{value:g}" for value, _ in given))
         why = f"tyres on roads have {low:g} to {high:g}; Gazebo's numbers mean that nothing slips"
-        changes.append(Change(Code.CONTACT, where, what, was, "0.9", why))
+        changes.add(Code.CONTACT, where, what, was, "0.9", why)
     else:
-        changes.append(
-            Change(
-                Code.CONTACT,
-                pair[0].joint.where,
-                what,
-                "not stated",
-                "0.9",
-                HOW["friction"].removeprefix("estimated: "),
-            )
+        changes.add(
+            Code.CONTACT, pair[0].joint.where, what, "not stated", "0.9", HOW["friction"].removeprefix("estimated: ")
         )
     return Number(0.9, HOW["friction"])
 
 
-def _report_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, Number], changes: list[Change]) -> None:
+def _report_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, Number], changes: Changes) -> None:
     """Report contact stiffness and damping, which are solver settings of ODE."""
     surfaces = [link.surface for link in _wheel_links(roles, wheels) if link.surface is not None]
     given = [item for item in surfaces if item.stiffness is not None or item.damping is not None or item.others]
@@ -387,14 +362,14 @@ def _report_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, 
             f"modulus {numbers['front_tyre_modulus'].value:.4g} Pa, {numbers['front_tyre_stiffness'].value:.4g} N/m"
         )
         why = "kp and kd belong to Gazebo's contact solver, not to tyres; estimated from the load"
-        changes.append(Change(Code.CONTACT, first.where, "contact stiffness of the tyres", was, became, why))
+        changes.add(Code.CONTACT, first.where, "contact stiffness of the tyres", was, became, why)
     turning = {link.name for link in _wheel_links(roles, wheels)}
     for name in roles.tree.poses:
         link = roles.tree.model.links[name]
         if link.surface is not None and name not in turning and (was := _contact_text(link.surface)):
             became = "that of all bodies: friction 0.5"
             why = "only tyres have a contact of their own"
-            changes.append(Change(Code.CONTACT, link.surface.where, f"link '{name}': contact", was, became, why))
+            changes.add(Code.CONTACT, link.surface.where, f"link '{name}': contact", was, became, why)
 
 
 def _contact_text(surface: Surface) -> str:

@@ -1,13 +1,10 @@
 """Masses and inertias of body, knuckles and wheels: left and right are equal, missing ones are estimated."""
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 import numpy as np
 
-from mirdrake.importing.changes import Change, Code, unusual
+from mirdrake.importing.changes import Change, Changes, Code, unusual
 from mirdrake.importing.shape import Vector
-from mirdrake.importing.vehicles.car import Layout, Mass, Part
+from mirdrake.importing.vehicles.car import Layout, Mass, Part, Parts
 from mirdrake.importing.vehicles.inertia import DENSITY, box_inertia, cylinder_inertia, gather, moments_text, widen
 from mirdrake.importing.vehicles.kinematics import Tree
 from mirdrake.importing.vehicles.round_shapes import Bounds
@@ -34,18 +31,11 @@ HEAVY = 1.8
 POUND = 0.45359237
 
 
-def gather_masses(
-    tree: Tree,
-    layout: Layout,
-    body: Part,
-    knuckles: tuple[Part, Part],
-    wheels: dict[str, Part],
-    bounds: Bounds,
-    carriers: Mapping[str, Part] = MappingProxyType({}),
-) -> list[Change]:
+def gather_masses(tree: Tree, layout: Layout, parts: Parts, bounds: Bounds) -> list[Change]:
     """Set the mass of each part, from its links or estimated; left and right are equal afterwards."""
+    body, knuckles, wheels = parts.body, parts.knuckles, parts.wheels
     # Masses of the links first; implausible ones are then treated as missing.
-    changes: list[Change] = []
+    changes = Changes()
     size = 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
     body.mass = gather(tree, body.links, body.X_MP, size, changes)
     for part in knuckles:
@@ -67,17 +57,15 @@ def gather_masses(
         mass = DENSITY * float(np.prod(edges))
         body.mass = Mass(mass, 0.5 * (bounds[0] + bounds[1]), box_inertia(mass, edges))
         became = f"{mass:.4g} kg: {DENSITY:g} kg/m³ of the box around it"
-        changes.append(
-            Change(Code.MASS, where, f"link '{body.name}': mass", "none", became, "a moving link needs a mass")
-        )
+        changes.add(Code.MASS, where, f"link '{body.name}': mass", "none", became, "a moving link needs a mass")
     for end, radius, width in zip(("front", "rear"), layout.radii, layout.widths, strict=True):
         pair = (wheels[f"{end}_left"], wheels[f"{end}_right"])
         if max(part.mass.mass for part in pair) <= 0.0:
             mass = min(283.0 * np.pi * radius**2 * width, 0.025 * body.mass.mass)  # as in estimates.HOW
             _set_wheels(pair, mass, cylinder_inertia(mass, radius=radius, length=width, axis=1))
             at = tree.model.links[pair[0].links[0]].where
-            changes.append(
-                Change(Code.MASS, at, f"{end} wheels: mass", "none", f"{mass:.4g} kg", "estimated as for a new vehicle")
+            changes.add(
+                Code.MASS, at, f"{end} wheels: mass", "none", f"{mass:.4g} kg", "estimated as for a new vehicle"
             )
             continue
         _mirror(f"{end} wheels", pair, tree, changes)
@@ -91,30 +79,20 @@ def gather_masses(
         _set_knuckles(knuckles, mass, layout.radii[0])
         at = tree.model.links[knuckles[0].links[0]].where
         why = "a moving link needs a mass; estimated as half a wheel's"
-        changes.append(Change(Code.MASS, at, "steering knuckles: mass", "none", f"{mass:.4g} kg", why))
+        changes.add(Code.MASS, at, "steering knuckles: mass", "none", f"{mass:.4g} kg", why)
     else:
         _mirror("steering knuckles", knuckles, tree, changes)
-    for end in ("front", "rear"):
-        if carriers:
-            _weigh_carriers(
-                (carriers[f"{end}_left"], carriers[f"{end}_right"]), end, wheels, body, layout, tree, changes
-            )
-    for part in (body, *knuckles, *wheels.values(), *carriers.values()):
+    for end in ("front", "rear") if parts.carriers else ():
+        _weigh_carriers(end, parts, layout, tree, changes)
+    for part in parts:
         part.mass.inertia = widen(part.mass.inertia)
     return changes
 
 
-def _weigh_carriers(
-    pair: tuple[Part, Part],
-    end: str,
-    wheels: Mapping[str, Part],
-    body: Part,
-    layout: Layout,
-    tree: Tree,
-    changes: list[Change],
-) -> None:
+def _weigh_carriers(end: str, parts: Parts, layout: Layout, tree: Tree, changes: Changes) -> None:
     """Set the masses of the carriers of an axle; without masses in the source, a share of the body's."""
-    radius = layout.radii[end == "rear"]
+    radius, body = layout.radii[end == "rear"], parts.body
+    pair = (parts.carriers[f"{end}_left"], parts.carriers[f"{end}_right"])
     for part in pair:
         part.mass = gather(tree, part.links, part.X_MP, radius, changes)
         if part.links:
@@ -122,8 +100,8 @@ def _weigh_carriers(
     if max(part.mass.mass for part in pair) > 0.0:
         _mirror(f"{end} carriers", pair, tree, changes)
         return
-    mass = min(0.5 * wheels[f"{end}_left"].mass.mass, 0.02 * body.mass.mass)
-    places = part_places(layout)
+    mass = min(0.5 * parts.wheels[f"{end}_left"].mass.mass, 0.02 * body.mass.mass)
+    places = layout.places()
     inertia = cylinder_inertia(mass, radius=0.3 * radius, length=0.3 * radius, axis=2)
     for part, side in zip(pair, ("left", "right"), strict=True):
         part.mass = Mass(mass, places[f"{end}_{side}"], inertia.copy())
@@ -131,79 +109,31 @@ def _weigh_carriers(
     body.mass = Mass(scale * body.mass.mass, body.mass.com, scale * body.mass.inertia)
     became = f"{mass:.4g} kg each, of the body's"
     at = tree.model.links[tree.root].where
-    changes.append(
-        Change(Code.MASS, at, f"{end} carriers: mass", "none", became, "half a wheel's; a moving link needs a mass")
-    )
+    changes.add(Code.MASS, at, f"{end} carriers: mass", "none", became, "half a wheel's; a moving link needs a mass")
 
 
-def total_mass(parts: list[Part]) -> float:
-    """Return mass of the whole car [kg]."""
-    return sum(part.mass.mass for part in parts)
-
-
-def centre_of_mass(
-    body: Part,
-    knuckles: tuple[Part, Part],
-    wheels: dict[str, Part],
-    layout: Layout,
-    carriers: Mapping[str, Part] = MappingProxyType({}),
-) -> Vector:
-    """Return centre of mass of the whole car in base_link [m]."""
-    places = part_places(layout)
-    items = [(part.mass, np.zeros(3)) for part in (body, *carriers.values())]
-    items += [(part.mass, places[f"{side}_knuckle"]) for part, side in zip(knuckles, ("left", "right"), strict=True)]
-    items += [(part.mass, places[name]) for name, part in wheels.items()]
-    total = sum(mass.mass for mass, _ in items)
-    com: Vector = sum((mass.mass * (place + mass.com) for mass, place in items), np.zeros(3)) / total
-    return com
-
-
-def part_places(layout: Layout) -> dict[str, Vector]:
-    """Return origins of knuckles and wheels in base_link [m]."""
-    places = {}
-    for side, sign in (("left", 1.0), ("right", -1.0)):
-        x, y = layout.wheelbase, sign * layout.tracks[0] / 2.0
-        places[f"front_{side}"] = np.array([x, y, layout.radii[0]])
-        places[f"rear_{side}"] = np.array([0.0, sign * layout.tracks[1] / 2.0, layout.radii[1]])
-        places[f"{side}_knuckle"] = np.array([x + layout.trail, sign * layout.kingpin_track / 2.0, layout.radii[0]])
-    return places
-
-
-def check_balance(
-    body: Part,
-    knuckles: tuple[Part, Part],
-    wheels: dict[str, Part],
-    layout: Layout,
-    bounds: Bounds,
-    where: str,
-    carriers: Mapping[str, Part] = MappingProxyType({}),
-) -> list[Change]:
+def check_balance(parts: Parts, layout: Layout, bounds: Bounds, where: str) -> list[Change]:
     """Move an implausible centre of mass of the car by moving that of the body."""
-    changes = []
-    com = centre_of_mass(body, knuckles, wheels, layout, carriers)
+    changes = Changes()
+    com, total, body = parts.centre_of_mass(layout), parts.total_mass(), parts.body
     height = max(float(bounds[1][2]), 2.0 * max(layout.radii))
     wanted = com.copy()
     if not 0.0 < com[2] <= height:
         wanted[2] = COM_HEIGHT * height
         became = f"{wanted[2]:.4g} m: {COM_HEIGHT:g} of the height"
         why = "below the road" if com[2] <= 0.0 else f"above the car, which is {height:.3g} m high"
-        changes.append(
-            Change(Code.MASS, where, "centre of mass of the car: height", f"{com[2]:.4g} m above the road", became, why)
+        changes.add(
+            Code.MASS, where, "centre of mass of the car: height", f"{com[2]:.4g} m above the road", became, why
         )
     if not 0.05 * layout.wheelbase < com[0] < 0.95 * layout.wheelbase:
         wanted[0] = 0.5 * layout.wheelbase
         was = f"{com[0]:.4g} m ahead of the rear axle"
         why = f"the axles are {layout.wheelbase:.4g} m apart; it would tip over or unload an axle"
-        changes.append(
-            Change(Code.MASS, where, "centre of mass of the car: along", was, f"{wanted[0]:.4g} m: midway", why)
-        )
+        changes.add(Code.MASS, where, "centre of mass of the car: along", was, f"{wanted[0]:.4g} m: midway", why)
     if abs(com[1]) > 0.25 * min(layout.tracks):
         wanted[1] = 0.0
         was = f"{com[1]:.4g} m to the left"
-        changes.append(
-            Change(Code.MASS, where, "centre of mass of the car: sideways", was, "0 m", "it would almost tip over")
-        )
-    total = total_mass([body, *knuckles, *wheels.values(), *carriers.values()])
+        changes.add(Code.MASS, where, "centre of mass of the car: sideways", was, "0 m", "it would almost tip over")
     if body.mass.mass < 0.5 * total:
         was = f"{body.mass.mass:.4g} kg of {total:.4g} kg"
         why = "the wheels and knuckles are heavier than the body"
@@ -227,15 +157,15 @@ def _around(layout: Layout, bounds: Bounds) -> Vector:
 
 
 def _discard_implausible(
-    part: Part, volume: float, densities: tuple[float, float], tree: Tree, changes: list[Change]
+    part: Part, volume: float, densities: tuple[float, float], tree: Tree, changes: Changes
 ) -> None:
     """Discard a mass that no part of this size has."""
     density = part.mass.mass / volume
     if part.mass.mass > 0.0 and not densities[0] <= density <= densities[1]:
         where = tree.model.links[part.links[0]].where
         why = f"{density:.3g} kg per m³ of the space it takes; {densities[0]:g} to {densities[1]:g} is plausible"
-        changes.append(
-            Change(Code.MASS, where, f"link '{part.name}': mass", f"{part.mass.mass:.4g} kg", "treated as missing", why)
+        changes.add(
+            Code.MASS, where, f"link '{part.name}': mass", f"{part.mass.mass:.4g} kg", "treated as missing", why
         )
         part.mass = Mass()
 
@@ -243,7 +173,7 @@ def _discard_implausible(
 # --- pairs -------------------------------------------------------------------------------------------------------
 
 
-def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: list[Change]) -> None:
+def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: Changes) -> None:
     """Set left and right to their mirrored mean; a side without mass to the other one."""
     left, right = (part.mass for part in pair)
     if min(left.mass, right.mass) <= 0.0:
@@ -256,7 +186,7 @@ def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: list[Change
     if abs(left.mass - right.mass) > 1e-3 * mean:
         at = tree.model.links[pair[0].links[0]].where
         was = f"{left.mass:.4g} and {right.mass:.4g} kg"
-        changes.append(Change(Code.MASS, at, f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are equal"))
+        changes.add(Code.MASS, at, f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are equal")
     pair[0].mass = Mass(mean, com, inertia)
     pair[1].mass = Mass(mean, MIRROR @ com, MIRROR @ inertia @ MIRROR)
 
@@ -272,9 +202,7 @@ def _set_knuckles(pair: tuple[Part, Part], mass: float, radius: float) -> None:
         part.mass = Mass(mass, np.zeros(3), inertia.copy())
 
 
-def _repair_wheel(
-    pair: tuple[Part, Part], end: str, radius: float, width: float, tree: Tree, changes: list[Change]
-) -> None:
+def _repair_wheel(pair: tuple[Part, Part], end: str, radius: float, width: float, tree: Tree, changes: Changes) -> None:
     """Balance a wheel, and make its spin axis the axis with the largest moment of inertia."""
     mass = pair[0].mass
     at = tree.model.links[pair[0].links[0]].where
@@ -282,7 +210,7 @@ def _repair_wheel(
     offset = float(np.linalg.norm(mass.com))
     if offset > max(1e-3, 0.02 * radius):
         was = f"{offset:.3g} m from the wheel's centre"
-        changes.append(Change(Code.MASS, at, f"{what}: centre of mass", was, "in it", "wheels are balanced"))
+        changes.add(Code.MASS, at, f"{what}: centre of mass", was, "in it", "wheels are balanced")
     # The largest moment of a wheel is about its axis; files often have it in another slot.
     moments = mass.inertia.diagonal()
     order = np.argsort(moments)
@@ -291,9 +219,7 @@ def _repair_wheel(
         others = [i for i in range(3) if i != top]
         moments = np.array([moments[others].mean(), moments[top], moments[others].mean()])
         was = f"{'xyz'[top]} axis has the largest moment, {moments_text(mass.inertia)}"
-        changes.append(
-            Change(Code.INERTIA, at, f"{what}: inertia", was, "about the wheel's own axis", "the wheel spins about y")
-        )
+        changes.add(Code.INERTIA, at, f"{what}: inertia", was, "about the wheel's own axis", "the wheel spins about y")
     spin, across = float(moments[1]), 0.5 * float(moments[0] + moments[2])
     relative = spin / (mass.mass * radius**2)
     if not SPIN[0] <= relative <= SPIN[1] or across < 0.5 * spin * (1.0 - 1e-6):
@@ -301,15 +227,13 @@ def _repair_wheel(
         was = f"spin {spin:.4g}, across {across:.4g} kg m²"
         became = f"solid cylinder: spin {inertia[1, 1]:.4g}, across {inertia[0, 0]:.4g} kg m²"
         why = f"spin is {relative:.3g} m r²; wheels have 0.5 to 1"
-        changes.append(Change(Code.INERTIA, at, f"{what}: inertia", was, became, why))
+        changes.add(Code.INERTIA, at, f"{what}: inertia", was, became, why)
     else:
         inertia = np.diag([across, spin, across])
     _set_wheels(pair, mass.mass, inertia)
 
 
-def _split(
-    knuckles: tuple[Part, Part], wheels: tuple[Part, Part], radius: float, tree: Tree, changes: list[Change]
-) -> None:
+def _split(knuckles: tuple[Part, Part], wheels: tuple[Part, Part], radius: float, tree: Tree, changes: Changes) -> None:
     """Take the mass of the knuckles from wheels whose joint steers and spins."""
     whole = wheels[0].mass
     mass = UNION_SHARE * whole.mass
@@ -317,13 +241,5 @@ def _split(
     _set_knuckles(knuckles, mass, radius)
     at = tree.model.links[wheels[0].links[0]].where
     became = f"wheel of {whole.mass - mass:.4g} kg and steering knuckle of {mass:.4g} kg"
-    changes.append(
-        Change(
-            Code.MASS,
-            at,
-            "front wheels: mass",
-            f"{whole.mass:.4g} kg",
-            became,
-            "mirdrake has separate joints for steering and spin",
-        )
-    )
+    why = "mirdrake has separate joints for steering and spin"
+    changes.add(Code.MASS, at, "front wheels: mass", f"{whole.mass:.4g} kg", became, why)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Changes
 from mirdrake.importing.places import Places
 from mirdrake.importing.shape import Shape, Vector
 
@@ -195,7 +195,7 @@ class SourceModel:
     transmissions: list[Transmission] = field(default_factory=list)
     controllers: list[Controller] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
-    changes: list[Change] = field(default_factory=list)
+    changes: Changes = field(default_factory=Changes)
     texts: dict[str, str] = field(default_factory=dict)
     hints: list[str] = field(default_factory=list)
 
@@ -210,5 +210,5 @@ def shorten_places(model: SourceModel) -> Places:
     for part in parts:
         if part is not None:
             part.where = places.short(part.where)  # type: ignore[attr-defined]
-    model.changes = [places.change(change) for change in model.changes]
+    model.changes = Changes(map(places.change, model.changes))
     return places

@@ -6,7 +6,7 @@ from math import isfinite
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Code
 from mirdrake.importing.values import make_pose
 from mirdrake.importing.vehicles.model import Plugin, SensorTag, SourceModel
 
@@ -32,7 +32,7 @@ def take_plugin(plugin: Plugin, reference: str, model: SourceModel) -> None:
     for words, why in _NONE.items():
         if re.search(words, file, re.IGNORECASE):
             what = f"plugin '{plugin.name or plugin.filename}'"
-            model.changes.append(Change(Code.PLUGIN, plugin.where, what, plugin.filename, None, why))
+            model.changes.add(Code.PLUGIN, plugin.where, what, plugin.filename, None, why)
             return
     # The file name of the plugin decides, since names of plugins are free text.
     kind = next((kind for words, kind in _KINDS if re.search(words, file, re.IGNORECASE)), None)
@@ -45,7 +45,7 @@ def take_plugin(plugin: Plugin, reference: str, model: SourceModel) -> None:
     if not link and not named:
         link = next(iter(model.links), "")
         why = "the plugin names no link; Gazebo uses the root link"
-        model.changes.append(Change(Code.SENSOR, plugin.where, f"sensor '{plugin.name}': link", "none", link, why))
+        model.changes.add(Code.SENSOR, plugin.where, f"sensor '{plugin.name}': link", "none", link, why)
     X_LS = RigidTransform(make_pose(_triple(plugin, "xyzOffset"), _triple(plugin, "rpyOffset")))
     rate = next((_number(plugin.values[key]) for key in _RATES if key in plugin.values), None)
     name = plugin.name or plugin.filename

@@ -13,7 +13,7 @@ import numpy as np
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Code
 from mirdrake.importing.gazebo_xml import XmlFiles
 from mirdrake.importing.sdf.colours import Rgba
 from mirdrake.importing.sdf.elements import (
@@ -73,7 +73,7 @@ def _choose_model(root: Element, model: SourceModel, files: XmlFiles) -> Element
         if world is not None:
             became, why = f"model '{moving[0].get('name', '')}'", "the rest of the world is not a vehicle"
             what = f"world '{world.get('name', '')}'"
-            model.changes.append(Change(Code.ELEMENT, files.where(world), what, f"{len(world)} elements", became, why))
+            model.changes.add(Code.ELEMENT, files.where(world), what, f"{len(world)} elements", became, why)
         return moving[0]
     if models and not moving:
         names = ", ".join(element.get("name", "") for element in models[:8])
@@ -240,7 +240,7 @@ class _Reader:
             return None
         if remark and shape.kind == "mesh":
             became = None if shape.mesh is None else shape.mesh.name
-            self._model.changes.append(Change(Code.MESH, where, f"{what} mesh", shape.address, became, remark))
+            self._model.changes.add(Code.MESH, where, f"{what} mesh", shape.address, became, remark)
         elif remark:
             self._change(Code.SHAPE, element, what, f"<{read.tag}>", shape.kind, remark)
         shape.X_LG, _ = read_pose(element.find("pose"), self._files, scope.version)
@@ -314,9 +314,7 @@ class _Reader:
             )
             if joint.parent == "world":
                 why = "a vehicle is not fixed to the ground"
-                self._model.changes.append(
-                    Change(Code.JOINT, joint.where, f"joint '{name}'", "to the world", None, why)
-                )
+                self._model.changes.add(Code.JOINT, joint.where, f"joint '{name}'", "to the world", None, why)
                 del self._model.joints[name]
                 continue
             X_MJ = self._frames.pose(name)
@@ -347,7 +345,7 @@ class _Reader:
         raise ModelError(f"{joint.where}: joint '{joint.name}': link '{name}' does not exist")
 
     def _change(self, code: Code, element: Element, part: str, old: str, new: str | None, reason: str) -> None:
-        self._model.changes.append(Change(code, self._files.where(element), part, old, new, reason))
+        self._model.changes.add(code, self._files.where(element), part, old, new, reason)
 
 
 def _end_of(element: Element, tag: str) -> str:

@@ -149,7 +149,7 @@ class _Reader:
     def _change(
         self, code: Code, element: ElementTree.Element, part: str, old: str, new: str | None, reason: str
     ) -> None:
-        self._model.changes.append(Change(code, self._urdf.where(element), part, old, new, reason))
+        self._model.changes.add(code, self._urdf.where(element), part, old, new, reason)
 
     # --- links ---
 
@@ -256,7 +256,7 @@ class _Reader:
         path, remark = self._packages.resolve(address, folder=self._folder)
         if remark:
             became = None if path is None else path.name
-            self._model.changes.append(Change(Code.MESH, where, f"{what} mesh", address, became, remark))
+            self._model.changes.add(Code.MESH, where, f"{what} mesh", address, became, remark)
         return Shape("mesh", mesh=path, address=address, scale=scale, where=where)  # type: ignore[arg-type]
 
     def _material(

@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.driven import find_drive
 from mirdrake.importing.vehicles.kinematics import Tree, frame_about, make_tree, source_name
@@ -83,7 +83,7 @@ class Roles:
     steering: tuple[Joint, Joint]
     drive: Drive
     drive_source: str
-    changes: list[Change]
+    changes: Changes
 
 
 def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
@@ -110,7 +110,7 @@ def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
     steering = (_kingpin(wheels["front_left"], front), _kingpin(wheels["front_right"], front))
     joints = {name: wheel.joint.name for name, wheel in wheels.items()}
     drive, drive_source, driven_changes = find_drive(model, joints, asked=drive)
-    return Roles(tree, wheels, steering, drive, drive_source, changes + driven_changes)
+    return Roles(tree, wheels, steering, drive, drive_source, Changes(changes + driven_changes))
 
 
 def turns_freely(joint: Joint, limits: Limits) -> bool:
@@ -234,7 +234,7 @@ def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) ->
     return f"{_named(wheels)} on {_axle_word(axles)}"
 
 
-def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: list[Change]) -> tuple[list[Wheel], list[Wheel]]:
+def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: Changes) -> tuple[list[Wheel], list[Wheel]]:
     """Return the steered axle and the other one."""
     wheels = [wheel for axle in axles for wheel in axle]
     casters = [wheel for wheel in wheels if _is_caster(tree, wheel)]
@@ -261,17 +261,15 @@ def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: list[Change])
         if (_middle(front) - _middle(rear))[0] < 0.0:
             why = "the steered axle is assumed to be the front"
             places = f"{_names(front)} towards -x"
-            changes.append(
-                Change(
-                    Code.DIRECTION, front[0].joint.where, "direction of travel", places, "towards the steered axle", why
-                )
+            changes.add(
+                Code.DIRECTION, front[0].joint.where, "direction of travel", places, "towards the steered axle", why
             )
         return front, rear
     rear, front = sorted(axles, key=lambda axle: _middle(axle)[0])
     for wheel in rear:
         joint = _own(wheel, rear)[-1]
         why = "both axles are steered; mirdrake steers the front axle, here that towards +x"
-        changes.append(Change(Code.JOINT_FIXED, joint.where, f"joint '{joint.name}'", joint.kind, "fixed at zero", why))
+        changes.add(Code.JOINT_FIXED, joint.where, f"joint '{joint.name}'", joint.kind, "fixed at zero", why)
     return front, rear
 
 

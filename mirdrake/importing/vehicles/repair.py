@@ -1,21 +1,21 @@
 """From a recognised model to a car that mirdrake can drive; each correction is a Change."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Change, Changes, Code
 from mirdrake.importing.meshes.convert import with_known_submesh
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.vehicles.body_cover import COVERED, LARGEST, body_boxes, plan_cover, usual_bounds
-from mirdrake.importing.vehicles.car import Car, Frame, Layout, Part
+from mirdrake.importing.vehicles.car import Car, Frame, Layout, Part, Parts
 from mirdrake.importing.vehicles.joints import imported_gains, report_joints
 from mirdrake.importing.vehicles.kinematics import Tree, source_name
 from mirdrake.importing.vehicles.limits import collect_numbers, driven_wheels, steering_limit
-from mirdrake.importing.vehicles.masses import centre_of_mass, check_balance, gather_masses, total_mass
+from mirdrake.importing.vehicles.masses import check_balance, gather_masses
 from mirdrake.importing.vehicles.model import SourceModel
 from mirdrake.importing.vehicles.names import Names
 from mirdrake.importing.vehicles.recognise import Roles
@@ -42,37 +42,32 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
         ModelError: left and right differ too much.
     """
     # Dimensions and parts.
-    changes = [*model.changes, *roles.changes]
+    changes = Changes([*model.changes, *roles.changes])
     layout, found = straighten(roles)
     changes += found
     names = Names()
     sprung, found = find_springs(roles) if springs else ({}, [])
     changes += found
-    body, knuckles, wheels, carriers = _make_parts(roles, layout, names, sprung, changes)
+    parts = _make_parts(roles, layout, names, sprung, changes)
     # Masses, which need the size of the body, and balance, which needs all masses.
-    bounds = _body_bounds(body, layout, changes)
-    changes += gather_masses(roles.tree, layout, body, knuckles, wheels, bounds, carriers)
+    bounds = _body_bounds(parts.body, layout, changes)
+    changes += gather_masses(roles.tree, layout, parts, bounds)
     where = model.links[roles.tree.root].where or source_name(model)
-    changes += check_balance(body, knuckles, wheels, layout, bounds, where, carriers)
+    changes += check_balance(parts, layout, bounds, where)
     # Limits and estimates; the steering limit is an input of the estimates.
     limit, found = steering_limit(roles)
     changes += found
-    com = centre_of_mass(body, knuckles, wheels, layout, carriers)
-    mass = total_mass([body, *knuckles, *wheels.values(), *carriers.values()])
-    whole, front, rear = (
-        _estimates(roles, layout, bounds, mass, float(com[0]), limit.value, end) for end in (None, 0, 1)
-    )
+    mass, com_x = parts.total_mass(), float(parts.centre_of_mass(layout)[0])
+    whole, front, rear = (_estimates(roles, layout, bounds, mass, com_x, limit.value, end) for end in (None, 0, 1))
     numbers, found = collect_numbers(roles, limit, whole, (front, rear))
     changes += found
     # Springs that would carry nothing are fixed instead, which changes the parts: start again without springs.
     suspension = None
     if sprung:
-        suspension, found = make_springs(
-            sprung, body=body, knuckles=knuckles, wheels=wheels, carriers=carriers, layout=layout, estimates=whole
-        )
+        suspension, found = make_springs(sprung, parts, layout=layout, estimates=whole)
         if suspension is None:
             car = repair(model, roles, name=name, springs=False)
-            return replace(car, changes=[*car.changes, *found])
+            return replace(car, changes=Changes([*car.changes, *found]))
         changes += found
     # Names, frames and sensors last, since sensors refer to frames of all parts.
     wheel_joints, steering_joints = _name_joints(roles, names)
@@ -81,21 +76,18 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
         for key, item in sprung.items()
     }
     changes += report_joints(roles, sprung=[item.joint for item in sprung.values() if item.joint is not None])
-    changes += _report_collisions(roles, (*knuckles, *carriers.values()), layout)
-    frames, places = _make_frames(roles, body, knuckles, wheels, carriers, names)
+    changes += _report_collisions(roles, (*parts.knuckles, *parts.carriers.values()), layout)
+    frames, places = _make_frames(roles, parts, names)
     mounts, mount_frames, found = make_mounts(model, places, names)
     changes += found
     return Car(
+        **vars(parts),
         name=name,
         title=" ".join(model.name.replace("_", " ").split()) or name,
-        base=body.name,
+        base=parts.body.name,
         layout=layout,
-        body=body,
-        knuckles=knuckles,
-        wheels=wheels,
         wheel_joints=wheel_joints,
         steering_joints=steering_joints,
-        carriers=carriers,
         spring_joints=spring_joints,
         springs=suspension,
         drive=roles.drive,
@@ -142,8 +134,8 @@ def _estimates(
 
 
 def _make_parts(
-    roles: Roles, layout: Layout, names: Names, sprung: Mapping[str, WheelSpring], changes: list[Change]
-) -> tuple[Part, tuple[Part, Part], dict[str, Part], dict[str, Part]]:
+    roles: Roles, layout: Layout, names: Names, sprung: Mapping[str, WheelSpring], changes: Changes
+) -> Parts:
     """Return body, knuckles, wheels and, with springs, carriers, with their shapes."""
     tree = roles.tree
     free = {wheel.joint.name for wheel in roles.wheels.values()} | {joint.name for joint in roles.steering}
@@ -154,13 +146,13 @@ def _make_parts(
     else:
         base = names.link(tree.root)
         why = f"another link is called '{BASE}'"
-        changes.append(Change(Code.FRAME, root.where, "name of the base link", tree.root, f"{base} stays", why))
+        changes.add(Code.FRAME, root.where, "name of the base link", tree.root, f"{base} stays", why)
     body = Part(base, tree.rigid_with(tree.root, free), layout.X_MB)
     if not layout.X_MB.IsNearlyEqualTo(RigidTransform(), 1e-6):
         x, y, z = np.where(np.abs(layout.X_MB.translation()) < 1e-6, 0.0, layout.X_MB.translation())
         was = f"link '{tree.root}', {_shown(-x, -y, -z)} m from the new place along its axes"
         became = f"link '{base}', on the road below the centre of the rear axle, x ahead"
-        changes.append(Change(Code.FRAME, root.where, "base frame", was, became, "convention of mirdrake"))
+        changes.add(Code.FRAME, root.where, "base frame", was, became, "convention of mirdrake")
     # A joint that steers and spins has no link between both motions: the knuckle is new.
     knuckles = []
     for side, joint in zip(SIDES, roles.steering, strict=True):
@@ -180,11 +172,12 @@ def _make_parts(
         own = tree.rigid_with(child, free) if child else []
         name = names.link(child) if child else names.new(f"{key}_carrier")
         carriers[key] = Part(name, own, layout.X_MB)
-    for part in (body, *knuckles, *wheels.values(), *carriers.values()):
+    parts = Parts(body=body, knuckles=(knuckles[0], knuckles[1]), wheels=wheels, carriers=carriers)
+    for part in parts:
         _take_shapes(tree, part)
     body.visuals = _with_known_submeshes(body.visuals, changes)
     body.collisions = _with_known_submeshes(body.collisions, changes)
-    return body, (knuckles[0], knuckles[1]), wheels, carriers
+    return parts
 
 
 def _take_shapes(tree: Tree, part: Part) -> None:
@@ -195,7 +188,7 @@ def _take_shapes(tree: Tree, part: Part) -> None:
         part.collisions += [replace(shape, X_LG=X_PL.multiply(shape.X_LG)) for shape in link.collisions]
 
 
-def _with_known_submeshes(shapes: Iterable[Shape], changes: list[Change]) -> list[Shape]:
+def _with_known_submeshes(shapes: Iterable[Shape], changes: Changes) -> list[Shape]:
     """Return the shapes of the body with whole meshes instead of unknown submeshes, each mesh once."""
     kept: list[Shape] = []
     for shape in shapes:
@@ -212,7 +205,7 @@ def _with_known_submeshes(shapes: Iterable[Shape], changes: list[Change]) -> lis
     return kept
 
 
-def _body_bounds(body: Part, layout: Layout, changes: list[Change]) -> Bounds:
+def _body_bounds(body: Part, layout: Layout, changes: Changes) -> Bounds:
     """Return the bounding box of the body: of its visuals, else of its collision shapes, else an estimate."""
     limits = np.array(LARGEST) * layout.wheelbase
     for shapes in (body.visuals, body.collisions):
@@ -225,16 +218,8 @@ def _body_bounds(body: Part, layout: Layout, changes: list[Change]) -> Bounds:
     length, width, height = (float(edge) for edge in upper - [lower[0], lower[1], 0.0])
     became = f"{length:.3g} x {width:.3g} x {height:.3g} m, estimated from wheelbase, track and wheels"
     where = body.visuals[0].where if body.visuals else ""
-    changes.append(
-        Change(
-            Code.SHAPE,
-            where,
-            "size of the body",
-            "no shapes of the size of the car",
-            became,
-            "needed for mass and aerodynamics",
-        )
-    )
+    why = "needed for mass and aerodynamics"
+    changes.add(Code.SHAPE, where, "size of the body", "no shapes of the size of the car", became, why)
     return lower, upper
 
 
@@ -248,24 +233,17 @@ def _name_joints(roles: Roles, names: Names) -> tuple[dict[str, str], tuple[str,
     return wheels, (steering[0], steering[1])
 
 
-def _make_frames(
-    roles: Roles,
-    body: Part,
-    knuckles: Sequence[Part],
-    wheels: dict[str, Part],
-    carriers: dict[str, Part],
-    names: Names,
-) -> tuple[list[Frame], dict[str, tuple[str, RigidTransform]]]:
+def _make_frames(roles: Roles, parts: Parts, names: Names) -> tuple[list[Frame], dict[str, tuple[str, RigidTransform]]]:
     """Return links that became part of another one as frames, and the new place of every link."""
     tree, frames = roles.tree, []
     places: dict[str, tuple[str, RigidTransform]] = {}
-    for part in (body, *knuckles, *wheels.values(), *carriers.values()):
+    for part in parts:
         X_PM = part.X_MP.inverse()
         for name in part.links:
             X_PL = X_PM.multiply(tree.poses[name])
             places[name] = (part.name, X_PL)
-            main = part is not body and name == part.links[0]
-            if main or (name == tree.root and body.name == names.link(name)):
+            main = part is not parts.body and name == part.links[0]
+            if main or (name == tree.root and parts.body.name == names.link(name)):
                 continue
             joint = tree.above[name].name if name in tree.above else f"{name}_frame"
             frames.append(Frame(names.link(name), names.joint(joint), part.name, X_PL))
@@ -274,7 +252,7 @@ def _make_frames(
 
 def _report_collisions(roles: Roles, knuckles: Iterable[Part], layout: Layout) -> list[Change]:
     """Return the changes of the collision shapes of wheels and knuckles, which are replaced."""
-    changes = []
+    changes = Changes()
     links = roles.tree.model.links
     for key, wheel in roles.wheels.items():
         rear = key.startswith("rear")
@@ -284,24 +262,14 @@ def _report_collisions(roles: Roles, knuckles: Iterable[Part], layout: Layout) -
             was = ", ".join(_shape_text(shape) for shape in shapes[:4]) + (", …" if len(shapes) > 4 else "")
             became = f"cylinder of radius {layout.radii[rear]:.4g} m, {layout.widths[rear]:.4g} m wide"
             what = f"link '{wheel.joint.child}': collision shapes"
-            changes.append(
-                Change(
-                    Code.SHAPE, shapes[0].where, what, was, became, "the collision geometry of a wheel is a cylinder"
-                )
+            changes.add(
+                Code.SHAPE, shapes[0].where, what, was, became, "the collision geometry of a wheel is a cylinder"
             )
     for part in knuckles:
         for shape in part.collisions:
             what = f"link '{part.name}': collision shape"
-            changes.append(
-                Change(
-                    Code.SHAPE,
-                    shape.where,
-                    what,
-                    _shape_text(shape),
-                    None,
-                    "parts between wheel and body have no collision geometry",
-                )
-            )
+            why = "parts between wheel and body have no collision geometry"
+            changes.add(Code.SHAPE, shape.where, what, _shape_text(shape), None, why)
         part.collisions.clear()
     return changes
 

@@ -7,7 +7,6 @@ import numpy as np
 from mirdrake.importing.changes import TABLE_HEAD, Code, rows_by_file, table_cell
 from mirdrake.importing.places import Places
 from mirdrake.importing.vehicles.car import Car
-from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
 from mirdrake.importing.vehicles.model import SourceModel
 from mirdrake.vehicles.estimates import HOW
 
@@ -47,7 +46,7 @@ _CONTROL = (
 
 def readme_words(car: Car, model: SourceModel, places: Places) -> dict[str, object]:
     """Return the variables of the README template besides the car."""
-    mass = total_mass(car.parts)
+    mass = car.total_mass()
     driven = "All-wheel-driven" if car.drive == "all" else f"{car.drive.capitalize()}-driven"
     wheelbase = car.layout.wheelbase
     return {
@@ -64,7 +63,7 @@ def readme_words(car: Car, model: SourceModel, places: Places) -> dict[str, obje
 
 def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
     layout = car.layout
-    com = centre_of_mass(car.body, car.knuckles, car.wheels, layout, car.carriers)
+    com = car.centre_of_mass(layout)
     measured = "imported: measured on links and joints"
     wheels = (car.wheels["front_left"].mass, car.wheels["rear_left"].mass)
     repaired = any(change.code in (Code.MASS, Code.INERTIA) for change in car.changes)

@@ -7,7 +7,7 @@ from math import atan2, inf, isfinite, isnan, radians
 import numpy as np
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Change, Changes, Code
 from mirdrake.importing.vehicles.car import Frame
 from mirdrake.importing.vehicles.model import SensorTag, SourceModel
 from mirdrake.importing.vehicles.names import Names
@@ -52,23 +52,21 @@ def make_mounts(
     """
     mounts: dict[str, MountData] = {}
     frames: list[Frame] = []
-    changes: list[Change] = []
+    changes = Changes()
     taken: set[str] = set()
     for sensor in model.sensors:
         what, was = f"sensor '{sensor.name}'", f"type {sensor.kind}"
         kind = _kind_of(sensor)
         if kind is None or sensor.link not in places:
             why = "mirdrake has no such sensor" if kind is None else f"there is no link '{sensor.link}'"
-            changes.append(Change(Code.SENSOR, sensor.where, what, was, None, why))
+            changes.add(Code.SENSOR, sensor.where, what, was, None, why)
             continue
         parent, X_PL = places[sensor.link]
         X_LS = sensor.X_LS
         distance = float(np.linalg.norm(X_LS.translation()))
         if not distance <= REACH:
             why = f"a sensor is at most {REACH:g} m from its link"
-            changes.append(
-                Change(Code.SENSOR, sensor.where, f"{what}: place", f"{distance:.3g} m away", "at the link", why)
-            )
+            changes.add(Code.SENSOR, sensor.where, f"{what}: place", f"{distance:.3g} m away", "at the link", why)
             X_LS = RigidTransform()
         for suffix, mount, X_SC in _Reader(sensor, changes).mounts(kind):
             label = re.sub(r"[^A-Za-z0-9_]+", "_", f"{sensor.name}{suffix}")[:64]
@@ -94,7 +92,7 @@ def _kind_of(sensor: SensorTag) -> str | None:
 class _Reader:
     """Reads the values of one sensor; missing and invalid values become changes."""
 
-    def __init__(self, sensor: SensorTag, changes: list[Change]) -> None:
+    def __init__(self, sensor: SensorTag, changes: Changes) -> None:
         self._sensor, self._changes = sensor, changes
 
     def mounts(self, kind: str) -> Iterator[tuple[str, MountData, RigidTransform]]:
@@ -128,7 +126,7 @@ class _Reader:
             self._add_change(item.key, item.old, item.new, item.reason)
         if fitted is None:
             what, was = f"sensor '{self._sensor.name}'", f"type {self._sensor.kind}"
-            self._changes.append(Change(Code.SENSOR, self._sensor.where, what, was, None, reason))
+            self._changes.add(Code.SENSOR, self._sensor.where, what, was, None, reason)
             return
         yield suffix, fitted, X_SC
 
@@ -150,9 +148,7 @@ class _Reader:
         return RATES[kind]
 
     def _add_change(self, part: str, was: str, became: str, why: str) -> None:
-        self._changes.append(
-            Change(Code.SENSOR, self._sensor.where, f"sensor '{self._sensor.name}': {part}", was, became, why)
-        )
+        self._changes.add(Code.SENSOR, self._sensor.where, f"sensor '{self._sensor.name}': {part}", was, became, why)
 
     def _get(self, *keys: str) -> float | None:
         """Return the first of these values that is a number; the first number of a list."""
@@ -232,9 +228,7 @@ class _Reader:
             texts = ("none" if value is None else f"{value:g}" for value in (start, end, near, far))
             was = "{} beams from {} to {} rad, {} to {} m".format(f"{columns:g}", *texts)
             why = "number of beams, angles or range are missing"
-            self._changes.append(
-                Change(Code.SENSOR, self._sensor.where, f"sensor '{self._sensor.name}'", was, None, why)
-            )
+            self._changes.add(Code.SENSOR, self._sensor.where, f"sensor '{self._sensor.name}'", was, None, why)
             return None
         single = columns == 1 and rows <= 1
         if rows > 1:

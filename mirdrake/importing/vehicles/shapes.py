@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Change, Changes, Code
 from mirdrake.importing.meshes.convert import MeshError, convert_collision, convert_visual
 from mirdrake.importing.meshes.convex import CUT_TIME, CutTime
 from mirdrake.importing.shape import Shape
@@ -33,13 +33,13 @@ def convert_shapes(car: Car, folder: Path, *, convex_time: float = CUT_TIME) -> 
         folder: the vehicle's.
         convex_time: for cutting collision meshes into convex parts [s].
     """
-    changes: list[Change] = []
+    changes = Changes()
     files: set[str] = set()
     written: dict[tuple[object, ...], Shape] = {}
     # Visuals.
-    places = {part.name: part.visuals[0].where for part in car.parts if part.visuals}
+    places = {part.name: part.visuals[0].where for part in car if part.visuals}
     drawn: list[Shape] = []
-    for part in car.parts:
+    for part in car:
         converted = [(shape, _visual(shape, part, folder, files, written, changes)) for shape in part.visuals]
         part.visuals = [new for _, new in converted if new is not None]
         if part is car.body:
@@ -62,19 +62,12 @@ def convert_shapes(car: Car, folder: Path, *, convex_time: float = CUT_TIME) -> 
 
 
 def _visual(
-    shape: Shape,
-    part: Part,
-    folder: Path,
-    files: set[str],
-    written: dict[tuple[object, ...], Shape],
-    changes: list[Change],
+    shape: Shape, part: Part, folder: Path, files: set[str], written: dict[tuple[object, ...], Shape], changes: Changes
 ) -> Shape | None:
     """Return a converted visual; each mesh is written once."""
     what = f"link '{part.name}': visual"
     if shape.kind == "plane" or not _is_sound(shape):
-        changes.append(
-            Change(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "it has no valid size")
-        )
+        changes.add(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "it has no valid size")
         return None
     if shape.kind != "mesh":
         return shape
@@ -95,14 +88,10 @@ def _visual(
     return new
 
 
-def _collision(
-    shape: Shape, part: Part, folder: Path, files: set[str], changes: list[Change], time: CutTime
-) -> list[Shape]:
+def _collision(shape: Shape, part: Part, folder: Path, files: set[str], changes: Changes, time: CutTime) -> list[Shape]:
     what = f"link '{part.name}': collision shape"
     if shape.kind == "plane" or not _is_sound(shape):
-        changes.append(
-            Change(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "it has no valid size")
-        )
+        changes.add(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "it has no valid size")
         return []
     if shape.kind == "mesh" and shape.mesh is None:  # reported by the reader
         return []
@@ -121,7 +110,7 @@ def _is_sound(shape: Shape) -> bool:
     return bool(np.isfinite(shape.X_LG.translation()).all()) and all(0.0 < size < 1000.0 for size in shape.size)
 
 
-def _lift(shape: Shape, body: Part, low: float, changes: list[Change]) -> Shape | None:
+def _lift(shape: Shape, body: Part, low: float, changes: Changes) -> Shape | None:
     """Return a collision shape of the body raised above the road; None if most of it is below."""
     box = bounds_in(shape, RigidTransform())
     if box is None or box[0][2] >= low:
@@ -131,7 +120,7 @@ def _lift(shape: Shape, body: Part, low: float, changes: list[Change]) -> Shape 
     was = f"{shape.kind} from {bottom:.4g} to {top:.4g} m above the road"
     why = "it would touch the road before the wheels"
     if top - low < 0.3 * (top - bottom):
-        changes.append(Change(Code.SHAPE, shape.where, what, was, None, why))
+        changes.add(Code.SHAPE, shape.where, what, was, None, why)
         return None
     # An upright box is cut off at the bottom; any other shape is moved up.
     R = shape.X_LG.rotation().matrix()
@@ -139,9 +128,9 @@ def _lift(shape: Shape, body: Part, low: float, changes: list[Change]) -> Shape 
         edge = int(np.argmax(np.abs(R[2])))
         size = list(shape.size)
         size[edge] = top - low
-        changes.append(Change(Code.SHAPE, shape.where, what, was, f"from {low:.4g} m on", why))
+        changes.add(Code.SHAPE, shape.where, what, was, f"from {low:.4g} m on", why)
         return replace(shape, size=tuple(size), X_LG=_raised(shape.X_LG, (low - bottom) / 2.0))
-    changes.append(Change(Code.SHAPE, shape.where, what, was, f"{low - bottom:.4g} m higher", why))
+    changes.add(Code.SHAPE, shape.where, what, was, f"{low - bottom:.4g} m higher", why)
     return replace(shape, X_LG=_raised(shape.X_LG, low - bottom))
 
 
@@ -154,7 +143,7 @@ def _show_body(car: Car, reported: Sequence[Change]) -> list[Change]:
 
     Visuals that are drawn, such as sensors, stay.
     """
-    changes: list[Change] = []
+    changes = Changes()
     body, what = car.body, f"link '{car.body.name}': visuals"
     where = body.visuals[0].where if body.visuals else body.collisions[0].where if body.collisions else ""
     cover = plan_cover(body_boxes(body.collisions, car.layout), car.layout)
@@ -167,7 +156,7 @@ def _show_body(car: Car, reported: Sequence[Change]) -> list[Change]:
         shown = "a box of the usual size for its wheelbase and track is"
     was = f"{len(body.visuals)} that cover little of it" if body.visuals else "none that can be drawn"
     body.visuals += [replace(shape, rgba=_PAINT) for shape in body.collisions]
-    changes.append(Change(Code.SHAPE, where, what, was, shown.rsplit(" ", 1)[0], "the body would be invisible"))
+    changes.add(Code.SHAPE, where, what, was, shown.rsplit(" ", 1)[0], "the body would be invisible")
     lost = [change for change in reported if change.part == f"link '{body.name}': visual" and change.left_out]
     reason = f" ({lost[0].old}: {lost[0].reason})" if lost else ""
     car.warnings.append(f"The body has no visual shape that can be used{reason}: {shown} drawn instead.")
@@ -182,7 +171,7 @@ def _show_wheels(car: Car, places: Mapping[str, str], *, every: bool) -> list[Ch
         places: part that had visuals -> place in the source.
         every: also wheels that had none, which may be drawn with the body.
     """
-    changes = []
+    changes = Changes()
     for key, wheel in car.wheels.items():
         if wheel.visuals or not (every or wheel.name in places):
             continue
@@ -190,13 +179,11 @@ def _show_wheels(car: Car, places: Mapping[str, str], *, every: bool) -> list[Ch
         size = (car.layout.radii[rear], car.layout.widths[rear])
         wheel.visuals = [Shape("cylinder", size, RigidTransform(_LYING, np.zeros(3)), rgba=_RUBBER)]
         what, why = f"link '{wheel.name}': visuals", "the wheel would be invisible"
-        changes.append(
-            Change(Code.SHAPE, places.get(wheel.name, ""), what, "none that can be drawn", "its collision shapes", why)
-        )
+        changes.add(Code.SHAPE, places.get(wheel.name, ""), what, "none that can be drawn", "its collision shapes", why)
     return changes
 
 
-def _box(car: Car, bounds: Bounds, was: str, changes: list[Change]) -> Shape:
+def _box(car: Car, bounds: Bounds, was: str, changes: Changes) -> Shape:
     """Return a collision shape for a body: its bounding box, above the road."""
     lower, upper = (np.array(corner) for corner in bounds)
     lower[2] = max(lower[2], min(car.estimates.ground_clearance, 0.5 * upper[2]))
@@ -204,14 +191,6 @@ def _box(car: Car, bounds: Bounds, was: str, changes: list[Change]) -> Shape:
     became = f"box {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m, from {lower[2]:.3g} m on"
     where = car.body.visuals[0].where if car.body.visuals else ""
     what = f"link '{car.body.name}': collision shape"
-    changes.append(
-        Change(
-            Code.SHAPE,
-            where,
-            what,
-            was,
-            became,
-            "the box around the body; without it, the car would have no collision geometry",
-        )
-    )
+    why = "the box around the body; without it, the car would have no collision geometry"
+    changes.add(Code.SHAPE, where, what, was, became, why)
     return Shape("box", tuple(size.tolist()), RigidTransform(0.5 * (lower + upper)), where=where)

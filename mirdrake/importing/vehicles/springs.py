@@ -8,9 +8,8 @@ from math import isfinite, pi, sqrt
 import numpy as np
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.importing.changes import Change, Code
-from mirdrake.importing.vehicles.car import Layout, Number, Part, SpringSet
-from mirdrake.importing.vehicles.masses import centre_of_mass, total_mass
+from mirdrake.importing.changes import Change, Changes, Code
+from mirdrake.importing.vehicles.car import Layout, Number, Parts, SpringSet
 from mirdrake.importing.vehicles.model import Joint, SourceModel
 from mirdrake.importing.vehicles.recognise import Roles
 from mirdrake.importing.vehicles.straighten import SIDES
@@ -143,45 +142,34 @@ def _rate(roles: Roles, joint: Joint, wheel: np.ndarray) -> float:
 
 
 def make_springs(
-    springs: dict[str, WheelSpring],
-    *,
-    body: Part,
-    knuckles: tuple[Part, Part],
-    wheels: dict[str, Part],
-    carriers: dict[str, Part],
-    layout: Layout,
-    estimates: Estimates,
+    springs: dict[str, WheelSpring], parts: Parts, *, layout: Layout, estimates: Estimates
 ) -> tuple[SpringSet | None, list[Change]]:
     """Return stiffness, damping and travel of all springs; None if a spring would carry nothing.
 
     Args:
         springs: of all wheels.
-        body: with its mass, as have all parts.
-        knuckles: left and right.
-        wheels: by name.
-        carriers: what moves up and down with a wheel, by the wheel's name.
+        parts: with their masses.
         layout: dimensions.
         estimates: for the whole car.
     """
     where = _place(springs.values())
-    parts = [body, *knuckles, *wheels.values(), *carriers.values()]
     # Wheel loads minus the weight below the springs: what each spring carries.
-    com, weight = centre_of_mass(body, knuckles, wheels, layout, carriers), total_mass(parts) * GRAVITY
+    com, weight = parts.centre_of_mass(layout), parts.total_mass() * GRAVITY
     share = float(com[0]) / layout.wheelbase
     track = share * layout.tracks[0] + (1.0 - share) * layout.tracks[1]
     loads = {}
     for name in WHEELS:
         front, left = name.startswith("front"), name.endswith("left")
         side = 0.5 + (1.0 if left else -1.0) * float(com[1]) / track
-        knuckle = knuckles[not left].mass.mass if front else 0.0
-        below = wheels[name].mass.mass + carriers[name].mass.mass + knuckle
+        knuckle = parts.knuckles[not left].mass.mass if front else 0.0
+        below = parts.wheels[name].mass.mass + parts.carriers[name].mass.mass + knuckle
         loads[name] = weight * (share if front else 1.0 - share) * side - below * GRAVITY
     if min(loads.values()) <= 0.0:
         name = min(loads, key=lambda key: loads[key])
         why = f"the {name.replace('_', ' ')} wheel and its unsprung parts are heavier than its wheel load"
         return None, [Change(Code.SUSPENSION, where, "suspension", f"springs at {len(springs)} wheels", None, why)]
     numbers: dict[str, Number] = {}
-    changes: list[Change] = []
+    changes = Changes()
     for end in ENDS:
         pair = [springs[f"{end}_{side}"] for side in SIDES]
         body_mass = 0.5 * (loads[f"{end}_left"] + loads[f"{end}_right"]) / GRAVITY
@@ -197,7 +185,7 @@ def _fill(
     elsewhere: str,
     estimates: Estimates,
     numbers: dict[str, Number],
-    changes: list[Change],
+    changes: Changes,
 ) -> None:
     """Set stiffness, damping and anti-roll bar of an axle at the wheel.
 
@@ -231,7 +219,7 @@ def _fill(
         numbers[f"{end}_anti_roll"] = Number(float(getattr(estimates, f"{end}_anti_roll")), HOW[f"{end}_anti_roll"])
         became = f"{stiffness:.4g} N/m at the wheel: please check"
     was = "none" if not given else ", ".join(f"{value:.4g} N/m" for value in given)
-    changes.append(Change(Code.SUSPENSION, where, what, was, became, why))
+    changes.add(Code.SUSPENSION, where, what, was, became, why)
     # Without damping in the source, the damping ratio is 0.3, common for cars.
     damping = [item.joint.damping / item.up**2 for item in pair if item.joint is not None]
     good = [value for value in damping if isfinite(value) and value > 0.0]
@@ -240,10 +228,10 @@ def _fill(
         return
     value, why = 2.0 * 0.3 * sqrt(stiffness * body_mass), HOW[f"{end}_damping"]
     numbers[f"{end}_damping"] = Number(value, why)
-    changes.append(Change(Code.SUSPENSION, where, f"suspension: {end} dampers", "none", f"{value:.4g} N s/m", why))
+    changes.add(Code.SUSPENSION, where, f"suspension: {end} dampers", "none", f"{value:.4g} N s/m", why)
 
 
-def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: list[Change]) -> tuple[float, float]:
+def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: Changes) -> tuple[float, float]:
     """Return the rebound (below 0) and bump travel [m] that all joints allow."""
     lows, highs = [], []
     for item in springs:
@@ -256,9 +244,7 @@ def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: list[
             highs.append(ends[1])
     usual, where = estimates.suspension_travel, _place(springs)
     if not lows:
-        changes.append(
-            Change(Code.SUSPENSION, where, "suspension: travel", "none", f"±{usual:.3g} m", HOW["suspension_travel"])
-        )
+        changes.add(Code.SUSPENSION, where, "suspension: travel", "none", f"±{usual:.3g} m", HOW["suspension_travel"])
         return -usual, usual
     low, high = max(lows), min(highs)
     if low < 0.0 < high:
@@ -266,7 +252,5 @@ def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: list[
     half = 0.5 * (min(highs) - min(lows))
     half = half if half > 0.0 else usual
     why = "the zero position of the loaded car is in the middle of the travel"
-    changes.append(
-        Change(Code.SUSPENSION, where, "suspension: travel", f"{low:.3g} … {high:.3g} m", f"±{half:.3g} m", why)
-    )
+    changes.add(Code.SUSPENSION, where, "suspension: travel", f"{low:.3g} … {high:.3g} m", f"±{half:.3g} m", why)
     return -half, half

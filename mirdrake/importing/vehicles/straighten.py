@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.changes import Change, Code, unusual
+from mirdrake.importing.changes import Change, Changes, Code, unusual
 from mirdrake.importing.shape import Vector
 from mirdrake.importing.vehicles.car import Layout
 from mirdrake.importing.vehicles.kinematics import Tree, frame_about, source_name
@@ -45,7 +45,7 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
         ModelError: it is too crooked.
     """
     tree, wheels = roles.tree, roles.wheels
-    changes: list[Change] = []
+    changes = Changes()
     place = source_name(tree.model)
     radii, widths = [], []
     for end in ("front", "rear"):
@@ -86,9 +86,7 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     if skew > WORTH_SAYING * wheelbase:
         was = f"{_shown(kingpins[0])} and {_shown(kingpins[1])} m"
         why = "left and right are mirror images"
-        changes.append(
-            Change(Code.GEOMETRY, roles.steering[0].where, "places of the steering axes", was, _shown(middle), why)
-        )
+        changes.add(Code.GEOMETRY, roles.steering[0].where, "places of the steering axes", was, _shown(middle), why)
     for side, kingpin in zip(SIDES, kingpins, strict=True):
         at = np.array([kingpin[0], kingpin[1], radii[0]])
         parts[f"{side}_knuckle"] = X_MB.multiply(RigidTransform(at))
@@ -107,7 +105,7 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
 
 
 def _mean(
-    place: str, what: str, values: list[float], pair: list[Wheel], changes: list[Change], *, strict: bool = True
+    place: str, what: str, values: list[float], pair: list[Wheel], changes: Changes, *, strict: bool = True
 ) -> float:
     """Return the mean of left and right."""
     low, high = min(values), max(values)
@@ -119,15 +117,13 @@ def _mean(
     mean = 0.5 * (low + high)
     if high - low > WORTH_SAYING * high:
         was = f"{values[0]:.4g} and {values[1]:.4g} m"
-        changes.append(
-            Change(
-                Code.GEOMETRY, pair[0].shape.shape.where, what, was, f"{mean:.4g} m", "the wheels of an axle are equal"
-            )
+        changes.add(
+            Code.GEOMETRY, pair[0].shape.shape.where, what, was, f"{mean:.4g} m", "the wheels of an axle are equal"
         )
     return mean
 
 
-def _base_frame(place: str, contact: dict[str, Vector], changes: list[Change]) -> RigidTransform:
+def _base_frame(place: str, contact: dict[str, Vector], changes: Changes) -> RigidTransform:
     """Return base_link: below the centre of the rear axle, x ahead, in the plane of the contact points."""
     front = 0.5 * (contact["front_left"] + contact["front_right"])
     rear = 0.5 * (contact["rear_left"] + contact["rear_right"])
@@ -148,11 +144,11 @@ def _base_frame(place: str, contact: dict[str, Vector], changes: list[Change]) -
         if abs(angle) > WORTH_SAYING:
             why = "the wheels of the source are not level at the zero position"
             was = f"the contact points have {degrees(angle):.3g} degrees of {what}"
-            changes.append(Change(Code.GEOMETRY, place, "level", was, "rotated to level", why))
+            changes.add(Code.GEOMETRY, place, "level", was, "rotated to level", why)
     return RigidTransform(RotationMatrix(np.column_stack([x, y, z])), rear)
 
 
-def _report_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, changes: list[Change]) -> None:
+def _report_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, changes: Changes) -> None:
     """Report the distance [m] of a wheel from its mirrored position."""
     distance, allowed = float(np.linalg.norm(shift)), max(SLACK, ALIKE * wheelbase)
     if distance > allowed:
@@ -163,14 +159,12 @@ def _report_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, cha
     if distance > WORTH_SAYING * wheelbase:
         what = f"joint '{wheel.joint.name}': place"
         why = "left and right are mirror images"
-        changes.append(
-            Change(
-                Code.GEOMETRY, wheel.joint.where, what, f"{_shown(shift)} m from the mirrored position", "mirrored", why
-            )
+        changes.add(
+            Code.GEOMETRY, wheel.joint.where, what, f"{_shown(shift)} m from the mirrored position", "mirrored", why
         )
 
 
-def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> RigidTransform:
+def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: Changes) -> RigidTransform:
     """Return the frame of a wheel in the source, y along its axis to the left."""
     R_MB = X_MB.rotation().matrix()
     joint, shape = wheel.joint, wheel.shape
@@ -180,41 +174,21 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> R
     if axis @ R_MB[:, 1] < 0.0:
         axis = -axis
         why = "positive wheel speed drives forward"
-        changes.append(
-            Change(Code.GEOMETRY, joint.where, f"{what}: sense of the axis", "to the right", "to the left", why)
-        )
+        changes.add(Code.GEOMETRY, joint.where, f"{what}: sense of the axis", "to the right", "to the left", why)
     along, _, up = R_MB.T @ axis
     for name, angle in (("camber", asin(float(up))), ("toe", asin(float(along)))):
         if abs(angle) > WORTH_SAYING:
             was = f"{degrees(angle):.3g} degrees of {name}"
-            changes.append(
-                Change(
-                    Code.GEOMETRY,
-                    joint.where,
-                    f"{what}: axis",
-                    was,
-                    "lateral",
-                    "wheels have no camber and no toe in mirdrake",
-                )
-            )
+            why = "wheels have no camber and no toe in mirdrake"
+            changes.add(Code.GEOMETRY, joint.where, f"{what}: axis", was, "lateral", why)
     if wheel.off_axis > max(1e-3, 0.01 * shape.radius):
         was = f"centre {wheel.off_axis:.3g} m from the joint's axis"
-        changes.append(
-            Change(
-                Code.SHAPE,
-                shape.shape.where,
-                f"{what}: {shape.role} shape",
-                was,
-                "centred",
-                "a wheel is centred on its axis",
-            )
-        )
+        why = "a wheel is centred on its axis"
+        changes.add(Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, "centred", why)
     if shape.width_from:
         was = f"sphere of radius {shape.radius:.4g} m"
         became = f"cylinder {shape.width:.4g} m wide ({shape.width_from})"
-        changes.append(
-            Change(Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, became, "a sphere has no width")
-        )
+        changes.add(Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, became, "a sphere has no width")
     # The collision shape decides; a visual that differs from it is a hint to check.
     if wheel.seen is not None and abs(wheel.seen.centre[1] - shape.centre[1]) > BESIDE * shape.radius:
         was = f"middle {abs(wheel.seen.centre[1] - shape.centre[1]):.3g} m from that of the visual"
@@ -225,13 +199,11 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: list[Change]) -> R
     if shape.role == "visual":
         became = f"cylinder of radius {shape.radius:.4g} m, {shape.width:.4g} m wide"
         why = "the wheel has no round collision shape; that of the visual is used"
-        changes.append(
-            Change(Code.SHAPE, shape.shape.where, f"{what}: collision shape", "none that is round", became, why)
-        )
+        changes.add(Code.SHAPE, shape.shape.where, f"{what}: collision shape", "none that is round", became, why)
     return frame_about(wheel.point, y=axis, up=R_MB[:, 2])
 
 
-def _kingpin(tree: Tree, joint: Joint, X_BM: RigidTransform, changes: list[Change]) -> Vector:
+def _kingpin(tree: Tree, joint: Joint, X_BM: RigidTransform, changes: Changes) -> Vector:
     """Return the point where a steering axis meets the road, x and y [m]."""
     axis = tree.axis(joint)
     assert axis is not None, "recognised by its axis"
@@ -239,15 +211,13 @@ def _kingpin(tree: Tree, joint: Joint, X_BM: RigidTransform, changes: list[Chang
     if up[2] < 0.0:
         up = -up
         why = "positive steering angle turns left"
-        changes.append(
-            Change(Code.GEOMETRY, joint.where, f"joint '{joint.name}': sense of the axis", "downwards", "upwards", why)
-        )
+        changes.add(Code.GEOMETRY, joint.where, f"joint '{joint.name}': sense of the axis", "downwards", "upwards", why)
     # The steering axis is made vertical where it meets the road, which keeps the scrub radius.
     lean = acos(min(1.0, float(up[2])))
     if lean > WORTH_SAYING:
         was = f"{degrees(lean):.3g} degrees off the vertical"
         why = "steering axes are vertical in mirdrake; their position on the road is kept"
-        changes.append(Change(Code.GEOMETRY, joint.where, f"joint '{joint.name}': axis", was, "vertical", why))
+        changes.add(Code.GEOMETRY, joint.where, f"joint '{joint.name}': axis", was, "vertical", why)
     point = X_BM.multiply(tree.pose(joint).translation())
     on_road: Vector = (point - up * (point[2] / up[2]))[:2]
     return on_road

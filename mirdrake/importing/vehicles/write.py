@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from mirdrake.importing.changes import Changes
 from mirdrake.importing.meshes.convex import CUT_TIME
 from mirdrake.importing.places import Places
 from mirdrake.importing.shape import Shape
@@ -35,7 +36,7 @@ def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places, con
         convex_time: for cutting collision meshes into convex parts [s].
     """
     car.changes += convert_shapes(car, folder, convex_time=convex_time)
-    car.changes = list(dict.fromkeys(map(places.change, car.changes)))
+    car.changes = Changes(dict.fromkeys(map(places.change, car.changes)))
     car.warnings = list(map(places.text, car.warnings))
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),

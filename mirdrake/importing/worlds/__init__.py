@@ -25,7 +25,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from mirdrake.core.errors import ConfigError, ModelError, WorldError
 from mirdrake.core.files import staging
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Change, Changes, Code
 from mirdrake.importing.places import Places
 from mirdrake.importing.sdf.search import Models
 from mirdrake.importing.worlds.convert import Converter
@@ -120,10 +120,10 @@ def _build(
     world: SourceWorld, name: str, building: Path, places: Places, *, strict: bool, show_progress: Callable[[str], None]
 ) -> tuple[str, tuple[Change, ...], tuple[str, ...], int]:
     """Write the world into `building`; return its text, changes, checks and number of entries."""
-    add_change = world.changes.append
+    changes = world.changes
     # Ground first, since its height is subtracted from all objects.
-    ground = make_ground(world, add_change)
-    converter = Converter(name, building, ground.height, add_change, show_progress)
+    ground = make_ground(world, changes)
+    converter = Converter(name, building, ground.height, changes, show_progress)
     entries = converter.entries(world)
     scenery = converter.scenery(ground.drawn)
     if strict and converter.lost:
@@ -137,17 +137,17 @@ def _build(
     for sun in world.suns:
         if sun is not (suns[0] if suns else None):
             why = "a world has one sun" if sun in suns else "it shines upwards; the sun has to be above the horizon"
-            add_change(Change(Code.LIGHT, sun.where, f"directional light '{sun.name}'", "…", None, why))
+            changes.add(Code.LIGHT, sun.where, f"directional light '{sun.name}'", "…", None, why)
     # Objects of the source may overlap, float or be buried; rules allow it in the new world.
     show_progress("placing")
     props = place(entries, building)
-    overlaps = _overlap_rules(props, where, add_change)
-    if _let_fall(entries, props, where, add_change):
+    overlaps = _overlap_rules(props, where, changes)
+    if _let_fall(entries, props, where, changes):
         props = place(entries, building)
-    heights = _height_rules(props, where, add_change)
+    heights = _height_rules(props, where, changes)
     # Rules name single props, so entries are merged into grids only without rules.
     grids = into_grids(entries) if not overlaps and not heights else entries
-    _widen(ground, props, where, add_change)
+    _widen(ground, props, where, changes)
     starts = {
         start: f"at: [{number(X.translation()[0])}, {number(X.translation()[1])}], "
         f"yaw: {degrees(RollPitchYaw(X.rotation()).yaw_angle())}"
@@ -174,30 +174,22 @@ def _build(
     first, remark = _free_start(laid, props)
     blocked = [start for start in starts if not FreePlaces(laid).is_start(laid.starts[start])]
     for start in blocked:
-        add_change(
-            Change(
-                Code.START,
-                where,
-                f"start '{start}'",
-                starts.pop(start),
-                None,
-                f"no free space for a car of the size of {CAR}",
-            )
-        )
+        why = f"no free space for a car of the size of {CAR}"
+        changes.add(Code.START, where, f"start '{start}'", starts.pop(start), None, why)
     if first or blocked:
         laid = write({**first, **starts})
     if first:
         became = ", ".join(f"start '{one}': {keys}" for one, keys in first.items())
-        add_change(Change(Code.START, where, "start", remark, became, f"free space for a car of the size of {CAR}"))
+        changes.add(Code.START, where, "start", remark, became, f"free space for a car of the size of {CAR}")
     # The report lists what `mirdrake world check` would find.
     show_progress("checking")
     found = [_relative(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
     checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps, ground)))
     checks += tuple(f"world check: {text}" for text in found)
-    changes = tuple(dict.fromkeys(places.change(change) for change in world.changes))
-    report = report_text(name, files=world.files, entries=grids, changes=changes, places=places, checks=checks)
+    reported = tuple(dict.fromkeys(map(places.change, changes)))
+    report = report_text(name, files=world.files, entries=grids, changes=reported, places=places, checks=checks)
     (building / f"{name}.md").write_text(report, encoding="utf-8")
-    return file.read_text(encoding="utf-8"), changes, checks, len(grids)
+    return file.read_text(encoding="utf-8"), reported, checks, len(grids)
 
 
 def _relative(text: str, building: Path) -> str:
@@ -235,7 +227,7 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
     )
 
 
-def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, add_change: Callable[[Change], None]) -> bool:
+def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, changes: Changes) -> bool:
     """Lower loose objects above the ground onto it, stacks together; return whether there were any."""
     hanging = {fault.names[0] for fault in find_unsupported(Neighbours(props), None) if fault.kind == "floating"}
     loose = [prop for prop in props if prop.name in hanging and not prop.static]
@@ -250,15 +242,13 @@ def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, add_cha
         X = by_name[prop.name].X_WP
         by_name[prop.name].X_WP = RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, drop]))
     was = f"{len(loose)} up to {highest:.3g} m above the ground: {', '.join(prop.name for prop in loose[:5])}"
-    add_change(
-        Change(
-            Code.MODEL, where, "loose objects above the ground", was, "on the ground", "they would fall in the source"
-        )
+    changes.add(
+        Code.MODEL, where, "loose objects above the ground", was, "on the ground", "they would fall in the source"
     )
     return True
 
 
-def _height_rules(props: list[PlacedProp], where: str, add_change: Callable[[Change], None]) -> dict[str, float]:
+def _height_rules(props: list[PlacedProp], where: str, changes: Changes) -> dict[str, float]:
     """Return tolerances for fixed objects above or below the ground in the source: name -> tolerance [m]."""
     near = Neighbours(props)
     off = {
@@ -269,10 +259,8 @@ def _height_rules(props: list[PlacedProp], where: str, add_change: Callable[[Cha
     if off:
         named = ", ".join(list(off)[:5]) + (" …" if len(off) > 5 else "")
         why = "fixed objects may float or be buried in the source"
-        add_change(
-            Change(
-                Code.RULE, where, "height of objects", f"{len(off)} off the ground: {named}", "allowed by rules", why
-            )
+        changes.add(
+            Code.RULE, where, "height of objects", f"{len(off)} off the ground: {named}", "allowed by rules", why
         )
     return off if len(off) <= _MOST_PAIRS else {"*": max(off.values())}
 
@@ -282,27 +270,19 @@ def _shines(direction: Array) -> bool:
     return length > 1e-9 and float(direction[2]) < -1e-3 * length
 
 
-def _overlap_rules(props: list[PlacedProp], where: str, add_change: Callable[[Change], None]) -> list[tuple[str, str]]:
+def _overlap_rules(props: list[PlacedProp], where: str, changes: Changes) -> list[tuple[str, str]]:
     """Return the overlapping pairs of the source as rules; one rule for all if there are many."""
     pairs = find_overlaps(props)
     if not pairs:
         return []
     shown_pairs = ", ".join(f"{a} and {b}" for a, b in pairs[:5]) + (" …" if len(pairs) > 5 else "")
     was = f"{len(pairs)} pair{'s' if len(pairs) != 1 else ''}: {shown_pairs}"
-    add_change(
-        Change(
-            Code.RULE,
-            where,
-            "overlapping objects",
-            was,
-            "allowed by rules",
-            "objects of a world may not overlap without a rule",
-        )
-    )
+    why = "objects of a world may not overlap without a rule"
+    changes.add(Code.RULE, where, "overlapping objects", was, "allowed by rules", why)
     return pairs if len(pairs) <= _MOST_PAIRS else [("*", "*")]
 
 
-def _widen(ground: GroundText, props: list[PlacedProp], where: str, add_change: Callable[[Change], None]) -> None:
+def _widen(ground: GroundText, props: list[PlacedProp], where: str, changes: Changes) -> None:
     """Widen the ground to all objects and patches; with tracks its size is centred on them."""
     far = max(reach(props), min(ground.reach, _FARTHEST))
     half = min(ground.size) / 2.0 if ground.size is not None else _REACH
@@ -320,16 +300,8 @@ def _widen(ground: GroundText, props: list[PlacedProp], where: str, add_change: 
     side = 2.0 * float(np.ceil((far + _MARGIN) / 10.0) * 10.0)
     was = "size of the visual plane" if ground.size is not None else "400 m x 400 m"
     ground.size = (max(side, ground.size[0]), max(side, ground.size[1])) if ground.size else (side, side)
-    add_change(
-        Change(
-            Code.GROUND,
-            where,
-            "ground",
-            was,
-            f"{ground.size[0]:g} m x {ground.size[1]:g} m",
-            "objects and surfaces are further out",
-        )
-    )
+    why = "objects and surfaces are further out"
+    changes.add(Code.GROUND, where, "ground", was, f"{ground.size[0]:g} m x {ground.size[1]:g} m", why)
 
 
 def _checks(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.entry import Entry, degrees, is_word, number
@@ -32,7 +32,7 @@ class Converter:
         name: of the new world.
         folder: in which it is built; props go to ``<name>/props/`` below it.
         height: of the ground in the source [m].
-        add_change: called with every change.
+        changes: get every change.
         progress: called with the current step.
         lost: ``file:line: fault`` of all objects with collision geometry that were left out.
         starts: vehicles of the source: name -> pose.
@@ -41,7 +41,7 @@ class Converter:
     name: str
     folder: Path
     height: float
-    add_change: Callable[[Change], None]
+    changes: Changes
     progress: Callable[[str], None]
     lost: list[str] = field(default_factory=list)
     starts: dict[str, RigidTransform] = field(default_factory=dict)
@@ -56,10 +56,8 @@ class Converter:
         for actor, kind, X, where in world.actors:
             what, known = f"actor '{actor}'", find_known(kind)
             if known is None:
-                self.add_change(
-                    Change(
-                        Code.MODEL, where, what, kind, None, "actors do not move in mirdrake, and its model is unknown"
-                    )
+                self.changes.add(
+                    Code.MODEL, where, what, kind, None, "actors do not move in mirdrake, and its model is unknown"
                 )
                 continue
             x, y, _ = X.translation()
@@ -73,7 +71,7 @@ class Converter:
             count = len(self._sunk)
             was = f"{count} obj{'s' if count > 1 else ''} up to {1e3 * max(self._sunk):.2g} mm off the ground"
             why = "contacts of Gazebo are soft; loose objects would jump"
-            self.add_change(Change(Code.MODEL, f"{world.files[0]}:1", "loose objects", was, "on the ground", why))
+            self.changes.add(Code.MODEL, f"{world.files[0]}:1", "loose objects", was, "on the ground", why)
         return done
 
     def scenery(self, objects: Sequence[SourceObject]) -> list[str]:
@@ -86,13 +84,13 @@ class Converter:
                 short = self._new_folder(obj.kind)
                 (self.folder / short).mkdir(parents=True)
                 self.progress(f"converting {obj.kind}")
-                if not write_visual(obj, RigidTransform(), self.folder / short, self.add_change):
+                if not write_visual(obj, RigidTransform(), self.folder / short, self.changes):
                     shutil.rmtree(self.folder / short, ignore_errors=True)
                     short = ""
                 self._folders[key] = (short, RigidTransform())
             short, _ = self._folders[key]
             if not short:
-                self.add_change(Change(Code.MODEL, obj.where, what, "visuals", None, "none of its meshes can be read"))
+                self.changes.add(Code.MODEL, obj.where, what, "visuals", None, "none of its meshes can be read")
                 continue
             X = lowered(obj.X_WM, self.height)
             at = ", ".join(number(value) for value in X.translation())
@@ -111,7 +109,7 @@ class Converter:
             self.starts[name] = lowered(obj.X_WM, self.height)
             was = f"{obj.wheels} turning joints"
             why = "a vehicle, not a prop; use mirdrake import vehicle"
-            self.add_change(Change(Code.START, obj.where, what, was, f"start '{name}'", why))
+            self.changes.add(Code.START, obj.where, what, was, f"start '{name}'", why)
             return None
         # A model without its own files becomes a prop of its size, if it is well known.
         known = self._known_for(obj)
@@ -120,19 +118,19 @@ class Converter:
             return self._known(obj, known, what, why)
         self.lost += obj.broken
         for change in obj.missing:
-            self.add_change(change)
+            self.changes.append(change)
         if obj.absent or not obj.collisions:
             why = obj.broken[0].partition(": ")[2] if obj.broken else (
                 "it is visual only" if obj.visuals else "it has no shapes"
             )  # fmt: skip
-            self.add_change(Change(Code.MODEL, obj.where, what, obj.kind, None, why))
+            self.changes.add(Code.MODEL, obj.where, what, obj.kind, None, why)
             return None
         if not np.isfinite(obj.X_WM.GetAsMatrix34()).all():
-            self.add_change(Change(Code.MODEL, obj.where, what, obj.kind, None, "its pose is not finite"))
+            self.changes.add(Code.MODEL, obj.where, what, obj.kind, None, "its pose is not finite")
             return None
         if obj.loose and not obj.static:
             was, became = f"{obj.loose} joints that move", "one rigid body"
-            self.add_change(Change(Code.MODEL, obj.where, what, was, became, "props do not have joints"))
+            self.changes.add(Code.MODEL, obj.where, what, was, became, "props do not have joints")
         return self._primitive(obj) or self._file(obj)
 
     def _known_for(self, obj: SourceObject) -> Known | None:
@@ -157,15 +155,8 @@ class Converter:
             sides = " x ".join(f"{side:.3g}" for side in prop.size)
             became = f"prop {prop.name}, {sides} m" + (f" for {words} m" if prop.asked is None else "")
         self._set_loose(entry)
-        self.add_change(
-            Change(
-                Code.STAND_IN if known.sure else Code.STAND_IN_UNSURE,
-                obj.where,
-                what,
-                obj.kind,
-                became,
-                f"{why}{about}",
-            )
+        self.changes.add(
+            Code.STAND_IN if known.sure else Code.STAND_IN_UNSURE, obj.where, what, obj.kind, became, f"{why}{about}"
         )
         return entry
 
@@ -189,7 +180,7 @@ class Converter:
         key = key_of(obj)
         what = f"model '{obj.name}'"
         if key in self._empty:
-            self.add_change(Change(Code.MODEL, obj.where, what, obj.kind, None, self._empty[key]))
+            self.changes.add(Code.MODEL, obj.where, what, obj.kind, None, self._empty[key])
             return None
         if key not in self._folders:
             short = self._new_folder(obj.kind)
@@ -197,19 +188,19 @@ class Converter:
             self.progress(f"converting {obj.kind}")
             try:
                 cut = self._cut(obj, target)
-                X_MP, size = write_prop(cut, target, add_change=self.add_change)
+                X_MP, size = write_prop(cut, target, changes=self.changes)
             except EmptyPropError as error:
                 shutil.rmtree(target, ignore_errors=True)
                 self._empty[key] = str(error)
                 self.lost.append(f"{obj.where}: {what}: {error}")
-                self.add_change(Change(Code.MODEL, obj.where, what, obj.kind, None, str(error)))
+                self.changes.add(Code.MODEL, obj.where, what, obj.kind, None, str(error))
                 return None
             if np.abs(X_MP.translation()).max() > 5e-5:
                 x, y, z = (number(value) for value in X_MP.translation())
                 why = "the frame of a prop is on the ground below the centre of its bounding box"
                 sides = " x ".join(f"{side:.3g}" for side in size)
                 became = f"frame at {x} {y} {z} m in the model, box of {sides} m"
-                self.add_change(Change(Code.MODEL, obj.where, what, "frame of the model", became, why))
+                self.changes.add(Code.MODEL, obj.where, what, "frame of the model", became, why)
             self._folders[key] = (short, X_MP)
         short, X_MP = self._folders[key]
         entry = Entry(("file", short), self._new_name(obj.name), lowered(obj.X_WM @ X_MP, self.height), obj)
@@ -233,11 +224,11 @@ class Converter:
             if kind == "walls" and corners is not None:
                 parts = cut_walls(shape, corners, target, name=f"wall_{index}")
                 why = "the convex hull of the walls would fill the room"
-                self.add_change(Change(Code.MODEL, shape.where, what, "walls", f"{len(parts)} convex parts", why))
+                self.changes.add(Code.MODEL, shape.where, what, "walls", f"{len(parts)} convex parts", why)
                 shapes += parts
             elif kind == "terrain":
                 why = "it is terrain; the ground of a world is a plane"
-                self.add_change(Change(Code.MODEL, shape.where, what, "wide and low", None, why))
+                self.changes.add(Code.MODEL, shape.where, what, "wide and low", None, why)
                 self.lost.append(f"{shape.where}: {what}: {why}")
             elif shape.kind == "polyline":
                 shapes += convex_outlines(shape)
@@ -292,8 +283,8 @@ class Converter:
         entry.X_WP = RigidTransform(X.rotation(), [*X.translation()[:2], 0.0])
         if abs(z - self.height) > 1e-3 or crowd.box is not None:
             why += "; on the ground"
-        self.add_change(
-            Change(Code.POPULATION, crowd.where, f"population '{crowd.name}'", was, entry.layout.partition(":")[0], why)
+        self.changes.add(
+            Code.POPULATION, crowd.where, f"population '{crowd.name}'", was, entry.layout.partition(":")[0], why
         )
         return entry
 
@@ -307,10 +298,8 @@ class Converter:
         sound = obj.mass is not None and 1e-6 < obj.mass < 1e9
         if obj.mass is not None and not sound:
             what = f"model '{obj.name}': mass"
-            self.add_change(
-                Change(
-                    Code.MODEL, obj.where, what, f"{obj.mass:g} kg", f"{_LOOSE_MASS:g} kg", "the mass is not plausible"
-                )
+            self.changes.add(
+                Code.MODEL, obj.where, what, f"{obj.mass:g} kg", f"{_LOOSE_MASS:g} kg", "the mass is not plausible"
             )
         if sound or entry.what[0] in {"box", "cylinder", "sphere"}:
             entry.mass = obj.mass if sound else _LOOSE_MASS

@@ -251,7 +251,7 @@ def footprints(objects: Iterable[SourceObject], low: float, high: float) -> list
                 continue
             if len(points) and points[:, 2].max() > low and points[:, 2].min() < high:
                 outlines.append(shapely.MultiPoint(points[:, :2]).convex_hull)
-    return [polygon for polygon in outlines if polygon.geom_type == "Polygon"]
+    return [polygon for polygon in outlines if isinstance(polygon, shapely.Polygon)]
 
 
 def heights_below(surfaces: list[Surface], points: Array, height: float) -> Array:

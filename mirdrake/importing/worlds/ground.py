@@ -5,14 +5,13 @@ are lowered onto it, together with the objects on them. Roads get a centre line 
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.drivable import (
@@ -71,16 +70,16 @@ class GroundText:
     reach: float = 0.0
 
 
-def make_ground(world: SourceWorld, add_change: Callable[[Change], None]) -> GroundText:
+def make_ground(world: SourceWorld, changes: Changes) -> GroundText:
     """Return the ground; objects that become ground are removed from the world, those on it are lowered.
 
     Args:
         world: its `objects` are changed.
-        add_change: called with every change.
+        changes: get every change.
     """
     # All candidates for ground: level planes, and level faces of objects that do not move.
     ground = GroundText()
-    level = _level_planes(world, add_change)
+    level = _level_planes(world, changes)
     surfaces = [surface for obj in world.objects if _may_be_ground(obj) for surface in surfaces_of(obj)]
     thin = [surface for surface in surfaces if surface.thickness <= 0.1 * math.sqrt(surface.area)]
     floors: list[Surface] = []
@@ -89,80 +88,54 @@ def make_ground(world: SourceWorld, add_change: Callable[[Change], None]) -> Gro
     if level:
         base = max(level, key=lambda plane: math.prod(plane.size or (1e6, 1e6)))
         ground.height = _height(float(base.X_WP.translation()[2]))
-        _take_base(ground, base, add_change)
+        _take_base(ground, base, changes)
         for plane in level:
             if plane is not base:
-                _patch_of_plane(ground, plane, base, add_change)
+                _patch_of_plane(ground, plane, base, changes)
     elif thin and (largest := max(thin, key=lambda one: one.area)).area > _LARGEST_BASE:
         ground.height = _height(largest.top)
         if _is_base(largest, surfaces, world.roads):
-            _take_floor(ground, largest, add_change)
+            _take_floor(ground, largest, changes)
             floors.append(largest)
         else:
             ground.surface = "grass"
             was = f"no plane, but roads at z = {largest.top:.4g} m"
-            add_change(
-                Change(Code.GROUND, largest.obj.where, "ground", was, "ground of grass", "a world needs a base plane")
-            )
+            changes.add(Code.GROUND, largest.obj.where, "ground", was, "ground of grass", "a world needs a base plane")
     elif world.roads and np.ptp(heights := np.concatenate([road.points[:, 2] for road in world.roads])) < _UNEVEN:
         ground.height = _height(float(np.median(heights)))
         was = f"none; roads at z = {np.median(heights):.4g} m"
-        add_change(
-            Change(
-                Code.GROUND,
-                world.roads[0].where,
-                "ground",
-                was,
-                f"ground of {ground.surface}",
-                "a world needs a base plane",
-            )
-        )
+        why = "a world needs a base plane"
+        changes.add(Code.GROUND, world.roads[0].where, "ground", was, f"ground of {ground.surface}", why)
     else:
         where = str(world.files[0]) + ":1"
-        add_change(
-            Change(Code.GROUND, where, "ground", "none", f"{ground.surface} at z = 0", "a world needs a base plane")
-        )
+        changes.add(Code.GROUND, where, "ground", "none", f"{ground.surface} at z = 0", "a world needs a base plane")
 
     # Slabs and sheets, visual-only surfaces and roads; then the objects on them.
     accepted = [surface for surface in surfaces if is_ground(surface, ground.height)]
-    roads = _lay_down(world, ground, [surface for surface in accepted if surface not in floors], add_change)
-    _take_out(world, ground, accepted, add_change)
-    roads += _lay_down(world, ground, _take_seen(world, ground, add_change), add_change)
+    roads = _lay_down(world, ground, [surface for surface in accepted if surface not in floors], changes)
+    _take_out(world, ground, accepted, changes)
+    roads += _lay_down(world, ground, _take_seen(world, ground, changes), changes)
     for road in world.roads:
-        _lay_road(ground, road, add_change)
-    _add_routes(world, ground, roads, add_change)
-    _lower_things(world, ground, accepted, add_change)
+        _lay_road(ground, road, changes)
+    _add_routes(world, ground, roads, changes)
+    _lower_things(world, ground, accepted, changes)
     if abs(ground.height) > 1e-4:
         where = level[0].where if level else f"{world.files[0]}:1"
         became = f"z = 0, everything {abs(ground.height):.4g} m {'lower' if ground.height > 0.0 else 'higher'}"
-        add_change(
-            Change(
-                Code.GROUND,
-                where,
-                "height of the ground",
-                f"z = {ground.height:.4g} m",
-                became,
-                "the ground is at z = 0",
-            )
+        changes.add(
+            Code.GROUND, where, "height of the ground", f"z = {ground.height:.4g} m", became, "the ground is at z = 0"
         )
     return ground
 
 
-def _level_planes(world: SourceWorld, add_change: Callable[[Change], None]) -> list[Plane]:
+def _level_planes(world: SourceWorld, changes: Changes) -> list[Plane]:
     level = []
     for plane in world.planes:
         tilt = math.acos(float(np.clip(plane.X_WP.rotation().matrix()[2, 2], -1.0, 1.0)))
         if tilt > _LEVEL:
             why = "the ground is level; ground.slope sets a slope of the whole world"
-            add_change(
-                Change(
-                    Code.GROUND,
-                    plane.where,
-                    f"plane '{plane.name}'",
-                    f"tilted by {math.degrees(tilt):.4g} deg",
-                    None,
-                    why,
-                )
+            changes.add(
+                Code.GROUND, plane.where, f"plane '{plane.name}'", f"tilted by {math.degrees(tilt):.4g} deg", None, why
             )
         else:
             level.append(plane)
@@ -186,7 +159,7 @@ def _is_base(floor: Surface, surfaces: list[Surface], roads: list[Road]) -> bool
     return floor.area > 0.5 * shapely.MultiPoint(corners).convex_hull.area
 
 
-def _take_floor(ground: GroundText, floor: Surface, add_change: Callable[[Change], None]) -> None:
+def _take_floor(ground: GroundText, floor: Surface, changes: Changes) -> None:
     """Use the largest floor as base plane of a world without one, and as a patch if it is not a level rectangle."""
     obj = floor.obj
     ground.surface = _surface_of(floor) or "concrete"
@@ -197,15 +170,13 @@ def _take_floor(ground: GroundText, floor: Surface, add_change: Callable[[Change
     if rect and "yaw" not in rect:
         ground.mu = _mu(obj)
         became = f"ground of {ground.surface}, {ground.size[0]:g} m x {ground.size[1]:g} m"
-        add_change(Change(Code.GROUND, obj.where, f"model '{obj.name}'", was, became, "a world needs a base plane"))
+        changes.add(Code.GROUND, obj.where, f"model '{obj.name}'", was, became, "a world needs a base plane")
         return
-    add_change(
-        Change(Code.GROUND, obj.where, "ground", was, f"ground of {ground.surface}", "a world needs a base plane")
-    )
+    changes.add(Code.GROUND, obj.where, "ground", was, f"ground of {ground.surface}", "a world needs a base plane")
     _patches_of(ground, [floor], obj.name, ground.surface, _mu(obj))
 
 
-def _take_base(ground: GroundText, plane: Plane, add_change: Callable[[Change], None]) -> None:
+def _take_base(ground: GroundText, plane: Plane, changes: Changes) -> None:
     ground.surface = _surface(plane.words) or "concrete"
     became = f"ground of {ground.surface}"
     x, y, _ = plane.X_WP.translation().tolist()
@@ -222,7 +193,7 @@ def _take_base(ground: GroundText, plane: Plane, add_change: Callable[[Change], 
         why = f"the base plane; mu {plane.mu:g} means no slip, so that of the surface is used"
     else:
         why = "the base plane; mu is that of the surface"
-    add_change(Change(Code.GROUND, plane.where, f"plane '{plane.name}'", was, became, why))
+    changes.add(Code.GROUND, plane.where, f"plane '{plane.name}'", was, became, why)
 
 
 def _rectangle(plane: Plane) -> Array:
@@ -233,11 +204,11 @@ def _rectangle(plane: Plane) -> Array:
     return seen
 
 
-def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, add_change: Callable[[Change], None]) -> None:
+def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, changes: Changes) -> None:
     height = float(plane.X_WP.translation()[2]) - ground.height
     what, was = f"plane '{plane.name}'", f"plane {height:.4g} m over the ground"
     if plane.size is None or abs(height) > FLAT:
-        add_change(Change(Code.GROUND, plane.where, what, was, None, f"'{base.name}' is the ground already"))
+        changes.add(Code.GROUND, plane.where, what, was, None, f"'{base.name}' is the ground already")
         return
     surface = _surface(plane.words) or ground.surface
     mu = plane.mu if plane.mu is not None and 0.0 < plane.mu <= 2.0 else None
@@ -246,16 +217,14 @@ def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, add_change: C
     R = plane.X_WP.rotation().matrix()
     rect = _rect((x, y), plane.size, math.atan2(R[1, 0], R[0, 0]))
     ground.patches.append(_patch(name, rect, surface, mu))
-    add_change(
-        Change(Code.GROUND, plane.where, what, was, f"patch '{name}' of {surface}", f"'{base.name}' is the ground")
-    )
+    changes.add(Code.GROUND, plane.where, what, was, f"patch '{name}' of {surface}", f"'{base.name}' is the ground")
 
 
 # --- slabs, sheets and visual-only surfaces ------------------------------------------------------------------------
 
 
 def _lay_down(
-    world: SourceWorld, ground: GroundText, surfaces: list[Surface], add_change: Callable[[Change], None]
+    world: SourceWorld, ground: GroundText, surfaces: list[Surface], changes: Changes
 ) -> list[shapely.Polygon]:
     """Add patches for surfaces, adjacent similar ones together; return the areas of roads."""
     # Surfaces with the same look and friction that touch become one patch, the lowest first.
@@ -263,7 +232,7 @@ def _lay_down(
     for surface in sorted(surfaces, key=lambda one: one.top):
         if surface.top < ground.height - FLAT and world.planes:
             what, was = f"model '{surface.obj.name}'", f"level, {ground.height - surface.top:.3g} m below the ground"
-            add_change(Change(Code.GROUND, surface.obj.where, what, was, None, "it is below the ground plane"))
+            changes.add(Code.GROUND, surface.obj.where, what, was, None, "it is below the ground plane")
             continue
         mu = _mu(surface.obj) if surface.obj.collisions else ground.mu
         alike.setdefault((_surface_of(surface) or ground.surface, mu), []).append(surface)
@@ -282,7 +251,7 @@ def _lay_down(
                 was, became = f"{was}, rising by {rise:.3g} m", f"{became}, flattened"
             elif above > FLAT:
                 was, became = f"{was}, {above:.3g} m above the ground", f"{became}, {above:.3g} m lower"
-            add_change(Change(Code.GROUND, first.where, what, was, became, why))
+            changes.add(Code.GROUND, first.where, what, was, became, why)
             if look in {"asphalt", "concrete"} or any(one.width < 0.25 * math.sqrt(one.area) for one in together):
                 roads += [polygon for surface in together for polygon in surface.polygons]
     return roads
@@ -308,9 +277,7 @@ def _root(group: list[int], index: int) -> int:
     return index
 
 
-def _take_out(
-    world: SourceWorld, ground: GroundText, surfaces: list[Surface], add_change: Callable[[Change], None]
-) -> None:
+def _take_out(world: SourceWorld, ground: GroundText, surfaces: list[Surface], changes: Changes) -> None:
     """Remove surfaces from their objects; the rest is an obstacle or visual only."""
     of: dict[SourceObject, list[Surface]] = {}
     for surface in surfaces:
@@ -322,7 +289,7 @@ def _take_out(
             objects.append(rest if obj in of else obj)
             continue
         for change in obj.missing:
-            add_change(change)
+            changes.append(change)
         own = of[obj]
         if any(not _looks_like(shape, obj, own) for shape in obj.visuals):
             ground.drawn.append(_lifted(rest, max(surface.top for surface in own) - ground.height))
@@ -354,7 +321,7 @@ def _lifted(obj: SourceObject, above: float) -> SourceObject:
     return replace(obj, X_WM=X, collisions=[])
 
 
-def _take_seen(world: SourceWorld, ground: GroundText, add_change: Callable[[Change], None]) -> list[Surface]:
+def _take_seen(world: SourceWorld, ground: GroundText, changes: Changes) -> list[Surface]:
     """Move objects with visuals only to the scenery; return those of their surfaces that are ground."""
     found: list[Surface] = []
     objects = []
@@ -371,17 +338,15 @@ def _take_seen(world: SourceWorld, ground: GroundText, add_change: Callable[[Cha
         if any(not _looks_like(shape, obj, own) for shape in obj.visuals):
             ground.drawn.append(_lifted(obj, above))
         for change in obj.missing:
-            add_change(change)
+            changes.append(change)
         if not own:
             why = "it has no collision geometry in the source"
-            add_change(Change(Code.GROUND, obj.where, f"model '{obj.name}'", "only visuals", "visual only", why))
+            changes.add(Code.GROUND, obj.where, f"model '{obj.name}'", "only visuals", "visual only", why)
     world.objects = objects
     return found
 
 
-def _lower_things(
-    world: SourceWorld, ground: GroundText, surfaces: list[Surface], add_change: Callable[[Change], None]
-) -> None:
+def _lower_things(world: SourceWorld, ground: GroundText, surfaces: list[Surface], changes: Changes) -> None:
     """Lower the objects on surfaces that were lowered."""
     objects = [*world.objects, *ground.drawn]
     if not objects or not surfaces:
@@ -394,7 +359,7 @@ def _lower_things(
     if moved:
         was = f"{len(moved)} on a surface up to {max(drop for _, drop in moved):.3g} m above the ground"
         why = "the surfaces below them were lowered"
-        add_change(Change(Code.GROUND, f"{world.files[0]}:1", "objects on raised ground", was, "lowered with it", why))
+        changes.add(Code.GROUND, f"{world.files[0]}:1", "objects on raised ground", was, "lowered with it", why)
 
 
 def _foot(obj: SourceObject) -> Array:
@@ -415,7 +380,7 @@ def _foot(obj: SourceObject) -> Array:
 # --- roads and their centre lines -----------------------------------------------------------------------------------
 
 
-def _lay_road(ground: GroundText, road: Road, add_change: Callable[[Change], None]) -> None:
+def _lay_road(ground: GroundText, road: Road, changes: Changes) -> None:
     """Add a road of the source as a track, else as patches."""
     heights = road.points[:, 2] - ground.height
     lifted = f", up to {np.abs(heights).max():.3g} m off the ground" if np.abs(heights).max() > FLAT else ""
@@ -425,7 +390,7 @@ def _lay_road(ground: GroundText, road: Road, add_change: Callable[[Change], Non
     if route is not None and route.is_road:
         name = _new_track(ground, road.name, route, f", surface: {surface}")
         became = f"track '{name}' of {surface}, {route.track.length:.4g} m long"
-        add_change(Change(Code.ROAD, road.where, f"road '{road.name}'", was, became, "corners were rounded to arcs"))
+        changes.add(Code.ROAD, road.where, f"road '{road.name}'", was, became, "corners were rounded to arcs")
         return
     line = shapely.LineString(road.points[:, :2])
     areas = outline([line.buffer(road.width / 2.0, cap_style="flat", join_style="mitre", mitre_limit=2.0)])
@@ -433,16 +398,12 @@ def _lay_road(ground: GroundText, road: Road, add_change: Callable[[Change], Non
     became = f"{len(areas)} patch{'es' if len(areas) != 1 else ''} of {surface}"
     if route is not None:
         became += f", and track '{_new_track(ground, road.name, route, '')}' along its middle"
-    add_change(
-        Change(
-            Code.ROAD, road.where, f"road '{road.name}'", was, became, "it crosses itself or is too wide for its bends"
-        )
+    changes.add(
+        Code.ROAD, road.where, f"road '{road.name}'", was, became, "it crosses itself or is too wide for its bends"
     )
 
 
-def _add_routes(
-    world: SourceWorld, ground: GroundText, roads: list[shapely.Polygon], add_change: Callable[[Change], None]
-) -> None:
+def _add_routes(world: SourceWorld, ground: GroundText, roads: list[shapely.Polygon], changes: Changes) -> None:
     """Add a track along the largest connected roads unless a track is long enough; the longest comes first."""
     longest = max((route.track.length for route in ground.routes.values()), default=0.0)
     areas = [*roads, *(route.track.area for route in ground.routes.values())]
@@ -461,16 +422,8 @@ def _add_routes(
             name = _new_track(ground, "road", route, ", road: false" if route.is_road else "")
             was = f"{part.area:.4g} m² of connected roads"
             became = f"track '{name}' along their middle, {route.track.length:.4g} m long"
-            add_change(
-                Change(
-                    Code.ROAD,
-                    f"{world.files[0]}:1",
-                    "centre line of the roads",
-                    was,
-                    became,
-                    "drivers follow a centre line",
-                )
-            )
+            why = "drivers follow a centre line"
+            changes.add(Code.ROAD, f"{world.files[0]}:1", "centre line of the roads", was, became, why)
             longest = route.track.length
     order = sorted(ground.routes, key=lambda name: -ground.routes[name].track.length)
     ground.routes = {name: ground.routes[name] for name in order}

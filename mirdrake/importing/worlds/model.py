@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
-from mirdrake.importing.changes import Change
+from mirdrake.importing.changes import Changes
 from mirdrake.importing.shape import Shape
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class SourceObject:
     loose: int = 0
     sources: list[str] = field(default_factory=list)
     absent: bool = False
-    missing: list[Change] = field(default_factory=list)
+    missing: Changes = field(default_factory=Changes)
     broken: list[str] = field(default_factory=list)
     where: str = ""
 
@@ -139,5 +139,5 @@ class SourceWorld:
     roads: list[Road] = field(default_factory=list)
     suns: list[Sun] = field(default_factory=list)
     actors: list[tuple[str, str, RigidTransform, str]] = field(default_factory=list)
-    changes: list[Change] = field(default_factory=list)
+    changes: Changes = field(default_factory=Changes)
     files: list[Path] = field(default_factory=list)

@@ -1,7 +1,6 @@
 """Objects with several shapes or meshes as folders with a prop.yaml, a glTF visual and convex collision parts."""
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import trimesh
 from pydrake.math import RigidTransform, RollPitchYaw
 from trimesh import Trimesh
 
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.meshes.convert import convert_collision, load_visual
 from mirdrake.importing.meshes.convex import make_hull
 from mirdrake.importing.meshes.read import (
@@ -36,14 +35,14 @@ class EmptyPropError(Exception):
 
 
 def write_prop(
-    obj: SourceObject, folder: Path, *, add_change: Callable[[Change], None]
+    obj: SourceObject, folder: Path, *, changes: Changes
 ) -> tuple[RigidTransform, tuple[float, float, float]]:
     """Write an object as a prop.
 
     Args:
         obj: with collision shapes, none of them a plane; those of kind convex are in the folder already.
         folder: of the prop; it is made.
-        add_change: called with every change.
+        changes: get every change.
 
     Returns:
         pose X_MP of the prop's frame P in the model (on the ground below the middle of its box, to the millimetre), and
@@ -62,11 +61,11 @@ def write_prop(
         try:
             parts, found = convert_collision(shape, folder, name=f"solid_{index}")
         except MeshError as error:
-            add_change(error.left_out(shape.where, f"model '{obj.name}': collision"))
+            changes.append(error.left_out(shape.where, f"model '{obj.name}': collision"))
             obj.broken.append(f"{shape.where}: {error}")
             continue
         for change in found:
-            add_change(change)
+            changes.append(change)
         solids += [(part, _points(part)) for part in parts]
     if not solids:
         raise EmptyPropError("none of its collision shapes can be read")
@@ -74,7 +73,7 @@ def write_prop(
         solids.sort(key=lambda solid: -float(np.prod(np.ptp(solid[1], axis=0))))
         why = f"a prop has at most {MOST_SOLIDS} shapes"
         what = f"model '{obj.name}': collisions"
-        add_change(Change(Code.MESH, obj.where, what, f"{len(solids)} shapes", f"the {MOST_SOLIDS} largest", why))
+        changes.add(Code.MESH, obj.where, what, f"{len(solids)} shapes", f"the {MOST_SOLIDS} largest", why)
         solids = solids[:MOST_SOLIDS]
     # The frame of the prop is on the ground below the centre of its bounding box.
     cloud = np.concatenate([points for _, points in solids])
@@ -82,7 +81,7 @@ def write_prop(
     origin = np.array([*np.round(0.5 * (low + high)[:2], 3), low[2]])
     X_PM = RigidTransform(-origin)
     size = np.maximum(high - low, 1e-3)
-    visual = write_visual(obj, X_PM, folder, add_change)
+    visual = write_visual(obj, X_PM, folder, changes)
     lines = [
         f"description: {_quoted(f'{obj.kind}, imported from Gazebo')}",
         f"size: [{', '.join(number(side) for side in size)}]",
@@ -227,7 +226,7 @@ def _bulges(area: shapely.Geometry) -> bool:
 # --- visuals --------------------------------------------------------------------------------------------------------
 
 
-def write_visual(obj: SourceObject, X_PM: RigidTransform, folder: Path, add_change: Callable[[Change], None]) -> bool:
+def write_visual(obj: SourceObject, X_PM: RigidTransform, folder: Path, changes: Changes) -> bool:
     """Write all visuals as one glTF file; return whether there are any."""
     pieces: list[Piece] = []
     notes: list[tuple[str, str, Note]] = []
@@ -238,7 +237,7 @@ def write_visual(obj: SourceObject, X_PM: RigidTransform, folder: Path, add_chan
         try:
             found, remarks = pieces_of(shape)
         except MeshError as error:
-            add_change(error.left_out(shape.where, what))
+            changes.append(error.left_out(shape.where, what))
             continue
         notes += [(shape.where, f"{what} {shape.address}".strip(), note) for note in remarks]
         matrix = (X_PM @ shape.X_LG).GetAsMatrix4()
@@ -247,7 +246,7 @@ def write_visual(obj: SourceObject, X_PM: RigidTransform, folder: Path, add_chan
         written = write_gltf(pieces, folder / "visual.gltf")
         notes += [(obj.where, f"model '{obj.name}': visuals", note) for note in written]
     for where, what, note in dict.fromkeys(notes):
-        add_change(Change(Code.MESH, where, what, note.old, note.new, note.reason))
+        changes.add(Code.MESH, where, what, note.old, note.new, note.reason)
     return bool(pieces)
 
 

@@ -4,7 +4,6 @@ Poses follow the rules of :mod:`mirdrake.importing.sdf.frames`. Static models ne
 objects; the parts of a model that can move stay together.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,7 +12,7 @@ from pydrake.math import RigidTransform
 
 from mirdrake.core.errors import ModelError
 from mirdrake.core.yaml_io import shown
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.gazebo_xml import XmlFiles
 from mirdrake.importing.sdf.elements import (
     DEEPEST,
@@ -71,14 +70,12 @@ class ModelReader:
         models: find included models.
         tree: give the places.
         frames: collect all frames.
-        add_change: called with every change.
+        changes: get every change.
         files: collect all files that are read.
     """
 
-    def __init__(
-        self, models: Models, tree: XmlFiles, frames: Frames, add_change: Callable[[Change], None], files: list[Path]
-    ) -> None:
-        self._models, self._tree, self._frames, self._add_change, self._files = models, tree, frames, add_change, files
+    def __init__(self, models: Models, tree: XmlFiles, frames: Frames, changes: Changes, files: list[Path]) -> None:
+        self._models, self._tree, self._frames, self._changes, self._files = models, tree, frames, changes, files
         self._parsed: dict[Path, Element] = {}
         self._count = 0
         self.drafts: list[Draft] = []
@@ -122,7 +119,7 @@ class ModelReader:
             draft.obj.broken.append(str(error))
             place, _, fault = str(error).partition(": ")
             became = "left out with all its following elements"
-            self._add_change(Change(Code.MODEL, place, f"model '{draft.obj.name}': a part of it", "…", became, fault))
+            self._changes.add(Code.MODEL, place, f"model '{draft.obj.name}': a part of it", "…", became, fault)
 
     def include(self, element: Element, scope: Scope, *, draft: Draft | None = None) -> None:
         """Read an ``<include>``; see :meth:`model`."""
@@ -183,7 +180,7 @@ class ModelReader:
             name, number = f"{wanted}_{number}", number + 1
         if name != wanted:
             why = "the name is used already"
-            self._add_change(Change(Code.MODEL, where, "name of a model", wanted, name, why))
+            self._changes.add(Code.MODEL, where, "name of a model", wanted, name, why)
         return name
 
     def _one_more(self, where: str) -> None:
@@ -214,12 +211,12 @@ class ModelReader:
                 self._joint(child, scope, draft)
             elif child.tag == "plugin":
                 what = f"model '{draft.obj.name}': <plugin>"
-                self._add_change(
-                    Change(Code.SHAPE, where, what, child.get("filename", ""), None, "Gazebo plugins are not executed")
+                self._changes.add(
+                    Code.SHAPE, where, what, child.get("filename", ""), None, "Gazebo plugins are not executed"
                 )
             elif child.tag not in _SILENT:
                 what = f"model '{draft.obj.name}': <{child.tag}>"
-                self._add_change(Change(Code.SHAPE, where, what, "…", None, "it has no counterpart in mirdrake"))
+                self._changes.add(Code.SHAPE, where, what, "…", None, "it has no counterpart in mirdrake")
 
     def _joint(self, element: Element, scope: Scope, draft: Draft) -> None:
         kind = element.get("type", "").strip().lower()
@@ -243,8 +240,8 @@ class ModelReader:
         draft.links.append(full)
         if not obj.static and text_of(element, "kinematic") in {"1", "true"}:
             obj.static = True
-            self._add_change(
-                Change(Code.MODEL, where, f"model '{obj.name}'", "kinematic", "static", "it cannot move in mirdrake")
+            self._changes.add(
+                Code.MODEL, where, f"model '{obj.name}'", "kinematic", "static", "it cannot move in mirdrake"
             )
         mass = read_number(element.findtext("inertial/mass"), where=where, what="<mass>")
         if mass is not None:
@@ -259,17 +256,17 @@ class ModelReader:
                         obj.broken.append(str(error))
                     place, _, fault = str(error).partition(": ")
                     what = f"model '{obj.name}': {child.tag}"
-                    self._add_change(Change(Code.SHAPE, place, what, child.get("name", ""), None, fault))
+                    self._changes.add(Code.SHAPE, place, what, child.get("name", ""), None, fault)
             elif child.tag == "light":
                 what, why = f"model '{obj.name}': <light>", "only the sun is supported"
-                self._add_change(Change(Code.LIGHT, self._tree.where(child), what, child.get("name", ""), None, why))
+                self._changes.add(Code.LIGHT, self._tree.where(child), what, child.get("name", ""), None, why)
             elif child.tag == "sensor":
                 what, why = f"model '{obj.name}': <sensor>", "a prop has no sensors"
-                self._add_change(Change(Code.SENSOR, self._tree.where(child), what, child.get("name", ""), None, why))
+                self._changes.add(Code.SENSOR, self._tree.where(child), what, child.get("name", ""), None, why)
             elif child.tag not in _SILENT:
                 what = f"model '{obj.name}': <{child.tag}>"
-                self._add_change(
-                    Change(Code.SHAPE, self._tree.where(child), what, "…", None, "it has no counterpart in mirdrake")
+                self._changes.add(
+                    Code.SHAPE, self._tree.where(child), what, "…", None, "it has no counterpart in mirdrake"
                 )
 
     def _shape(self, element: Element, scope: Scope, link: str, draft: Draft) -> None:
@@ -278,14 +275,14 @@ class ModelReader:
         X, relative = read_pose(element.find("pose"), self._tree, scope.version)
         for plugin in element.findall("plugin"):
             where_plugin, file = self._tree.where(plugin), plugin.get("filename", "")
-            self._add_change(
-                Change(Code.PLUGIN, where_plugin, f"{what}: <plugin>", file, None, "Gazebo plugins are not executed")
+            self._changes.add(
+                Code.PLUGIN, where_plugin, f"{what}: <plugin>", file, None, "Gazebo plugins are not executed"
             )
         read = read_shape(element, self._tree, self._models, scope.folder, check_sizes=True)
         shape, remark = read.shape, read.remark
         if shape is None:
             if remark:
-                self._add_change(Change(Code.SHAPE, where, what, element.get("name", ""), None, remark))
+                self._changes.add(Code.SHAPE, where, what, element.get("name", ""), None, remark)
             if remark and element.tag == "collision":
                 obj.broken.append(f"{where}: {what}: {remark}")
             return
@@ -306,10 +303,10 @@ class ModelReader:
             obj.sources.append(model_name(shape.address))
             if element.tag == "collision":
                 obj.broken.append(f"{where}: {what}: mesh '{shape.address}': {remark}")
-            obj.missing.append(Change(Code.MESH, where, f"{what} mesh", shape.address, None, remark))
+            obj.missing.add(Code.MESH, where, f"{what} mesh", shape.address, None, remark)
             return
         if remark:
             found = shape.mesh.name if shape.mesh is not None else shape.kind
-            self._add_change(Change(Code.MODEL, where, what, shape.address or element.get("name", ""), found, remark))
+            self._changes.add(Code.MODEL, where, what, shape.address or element.get("name", ""), found, remark)
         placed = _Placed(shape, X, scope.full(relative) if relative else link, link)
         (draft.visuals if element.tag == "visual" else draft.collisions).append(placed)

@@ -13,7 +13,7 @@ import shapely
 from pydrake.math import RigidTransform, RotationMatrix
 
 from mirdrake.core.errors import ModelError
-from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.changes import Code
 from mirdrake.importing.gazebo_xml import XmlFiles
 from mirdrake.importing.sdf.elements import read_pose, text_of, version_of
 from mirdrake.importing.sdf.frames import WORLD, Frame, Frames, Scope
@@ -69,8 +69,8 @@ def read_world(path: Path, *, models: Models) -> SourceWorld:
     world = SourceWorld(path.stem if name in {"", "default", "world", "default_world"} else name, files=[path])
     for extra in worlds[1:]:
         why = "only the first world of a file is read"
-        world.changes.append(
-            Change(Code.ELEMENT, tree.where(extra), f"world '{extra.get('name', '')}'", "a second world", None, why)
+        world.changes.add(
+            Code.ELEMENT, tree.where(extra), f"world '{extra.get('name', '')}'", "a second world", None, why
         )
     _Reader(world, models, tree, Scope("", WORLD, version, path.parent, (path,))).read(worlds[0])
     return world
@@ -82,7 +82,7 @@ class _Reader:
     def __init__(self, world: SourceWorld, models: Models, tree: XmlFiles, scope: Scope) -> None:
         self._world, self._tree, self._scope = world, tree, scope
         self._frames = Frames()
-        self._models = ModelReader(models, tree, self._frames, world.changes.append, world.files)
+        self._models = ModelReader(models, tree, self._frames, world.changes, world.files)
         self._scales: dict[str, tuple[float, float, float]] = {}
         self._gone: set[str] = set()
         self._lights: list[tuple[Element, str]] = []
@@ -112,19 +112,10 @@ class _Reader:
             if index in own:
                 continue
             if obj.name in self._gone:
-                self._add_change(
-                    Code.MODEL,
-                    obj.where,
-                    f"model '{obj.name}'",
-                    "deleted in <state>",
-                    None,
-                    "the saved state deletes it",
-                )
+                why = "the saved state deletes it"
+                self._world.changes.add(Code.MODEL, obj.where, f"model '{obj.name}'", "deleted in <state>", None, why)
             elif not self._planes(obj):
                 self._world.objects.append(obj)
-
-    def _add_change(self, code: Code, place: str, part: str, old: str, new: str | None, reason: str) -> None:
-        self._world.changes.append(Change(code, place, part, old, new, reason))
 
     def _children(self, element: Element) -> None:
         for child in element:
@@ -144,7 +135,7 @@ class _Reader:
                     )
                 )
             else:
-                self._add_change(Code.ELEMENT, place, f"<{child.tag}>", child.get("name", ""), None, fault)
+                self._world.changes.add(Code.ELEMENT, place, f"<{child.tag}>", child.get("name", ""), None, fault)
 
     def _known_child(self, child: Element, where: str) -> None:
         tag, name = child.tag, child.get("name", "")
@@ -185,10 +176,10 @@ class _Reader:
         elif tag == "gravity" or (tag == "physics" and child.find("gravity") is not None):
             self._gravity(child if tag == "gravity" else child.find("gravity"), where)
             if tag == "physics":
-                self._add_change(Code.ELEMENT, where, "<physics>", name, None, _WHY["physics"])
+                self._world.changes.add(Code.ELEMENT, where, "<physics>", name, None, _WHY["physics"])
         else:
             was = child.get("filename", "") or name or child.get("type", "")
-            self._add_change(
+            self._world.changes.add(
                 Code.ELEMENT, where, f"<{tag}>", was, None, _WHY.get(tag, "it has no counterpart in mirdrake")
             )
 
@@ -197,13 +188,8 @@ class _Reader:
         value = read_numbers(text, count=3, default=[0, 0, -9.81], where=where, what="<gravity>")
         if not np.allclose(value, [0.0, 0.0, -9.81], atol=0.03):
             was = " ".join(f"{part:g}" for part in value)
-            self._add_change(
-                Code.ELEMENT,
-                where,
-                "<gravity>",
-                f"{was} m/s²",
-                "9.81 m/s² downwards",
-                "gravity is fixed in mirdrake",
+            self._world.changes.add(
+                Code.ELEMENT, where, "<gravity>", f"{was} m/s²", "9.81 m/s² downwards", "gravity is fixed in mirdrake"
             )
 
     def _actor(self, child: Element, where: str) -> None:
@@ -236,15 +222,11 @@ class _Reader:
                 moved += self._state_of(child, "")
             except ModelError as error:
                 place, _, fault = str(error).partition(": ")
-                self._add_change(Code.MODEL, place, "<state> of a model", child.get("name", ""), None, fault)
+                self._world.changes.add(Code.MODEL, place, "<state> of a model", child.get("name", ""), None, fault)
         why = "the poses of the saved state are used"
-        self._add_change(
-            Code.ELEMENT,
-            self._tree.where(state),
-            "<state>",
-            f"{len(state.findall('model'))} models",
-            f"{moved} moved",
-            why,
+        became = f"{moved} moved"
+        self._world.changes.add(
+            Code.ELEMENT, self._tree.where(state), "<state>", f"{len(state.findall('model'))} models", became, why
         )
 
     def _state_of(self, element: Element, prefix: str, depth: int = 0) -> int:
@@ -265,13 +247,9 @@ class _Reader:
                 raise ModelError(f"{where}: <scale> {a:g} {b:g} {c:g} leaves nothing of the model")
             if (a, b, c) != (1.0, 1.0, 1.0):
                 self._scales[name] = (a, b, c)
-                self._add_change(
-                    Code.MODEL,
-                    where,
-                    f"model '{name}': scale",
-                    f"{a:g} {b:g} {c:g}",
-                    "applied to its shapes",
-                    "scale of the saved state",
+                why = "scale of the saved state"
+                self._world.changes.add(
+                    Code.MODEL, where, f"model '{name}': scale", f"{a:g} {b:g} {c:g}", "applied to its shapes", why
                 )
         for child in element:
             inner = f"{name}::{child.get('name', '')}"
@@ -332,7 +310,7 @@ class _Reader:
             X = self._frames.pose(frame)
         except ModelError as error:
             place, _, fault = str(error).partition(": ")
-            self._add_change(Code.LIGHT, place, f"{kind} light '{name}'", "…", None, fault)
+            self._world.changes.add(Code.LIGHT, place, f"{kind} light '{name}'", "…", None, fault)
             return
         self._world.suns.append(Sun(name, X.rotation().multiply(direction), where))
 

@@ -32,7 +32,7 @@ class Drawing:
 
     def draw(
         self, material: str | None, view: Sequence[float], shape: BaseGeometry | Points, *, round_by: float = 0.0,
-        facing: float = 0.1, only: tuple[str, ...] = (),
+        facing: float = 0.1, only: tuple[str, ...] = ()
     ) -> BaseGeometry:  # fmt: skip
         """Draw a shape, or the polygon through points (in the picture plane), and return it."""
         area = shape if isinstance(shape, BaseGeometry) else outline(shape, round_by)
@@ -54,7 +54,7 @@ class Drawing:
 
     def side_windows(
         self, belt: Points, rail: Points, panes: Sequence[tuple[float, float, float]], *, frame: float = 0.020,
-        frame_material: str = "gloss_black", surround: str = "", back: Points = (), front: Points = (),
+        frame_material: str = "gloss_black", surround: str = "", back: Points = (), front: Points = ()
     ) -> None:  # fmt: skip
         """Draw the side windows.
 
