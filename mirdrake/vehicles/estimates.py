@@ -7,8 +7,9 @@ scale with m g, lengths with R or L, and times with sqrt(R / g) (Froude scaling)
 step of the plant and the period of the controllers. The steering servo is designed for these.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from math import atan, atan2, cos, hypot, log, pi, radians, sin, sqrt, tan
+from typing import Any
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
@@ -62,219 +63,223 @@ STEERING_ERROR = 1e-3
 STEERING_FREQUENCY = 10.0
 """Smallest natural frequency of a steering servo with its wheel [Hz]; the servo is strongly overdamped."""
 
-HOW: dict[str, str] = {
-    "length": "estimated: 1.65 wheelbases (Bolt 1.60, Escape 1.69, MKZ 1.73), at least 2.6 wheel radii longer than one",
-    "width": "estimated: 1.03 x (track + wheel width); Bolt 1.765 m of 1.716 m",
-    "height": "estimated: 4.6 wheel radii (Bolt 4.9, MKZ 4.5, Unior 4.4)",
-    "ground_clearance": "estimated: 0.45 wheel radii; Bolt 0.15 m",
-    "arch_half": "estimated: reach of a tyre at the steering limit, plus a clearance of 0.1 wheel radii",
-    "front_axle_share": "estimated: 0.5, the mean of front-driven (Bolt 0.56) and rear-driven cars",
-    "com_height": "estimated: 0.37 of the height as in cars without a floor battery, at most 0.45 tracks so that "
-    "the vehicle slides before it rolls over",
-    "wheel_mass": "estimated: 283 kg per m³ of wheel cylinder (Bolt 20 kg), at most 2.5 % of the mass (Unior 2.1 %)",
-    "knuckle_mass": "estimated: half a wheel, as the Bolt's (10 kg)",
-    "kingpin_offset": "estimated: scrub radius of 0.06 wheel radii; Bolt 0.02 m",
-    "inertia_edges": "estimated: homogeneous box of 0.88 widths and 0.75 heights (Bolt), as long as makes the yaw "
-    "inertia of the whole vehicle the one below",
-    "yaw_inertia": "estimated: 0.13 x mass x wheelbase x length as measured road vehicles; below 100 kg 0.09, as "
-    "F1TENTH, BARC, AutoRally",
-    "roll_inertia": "estimated: body as a homogeneous box, plus wheels and knuckles",
-    "pitch_inertia": "estimated: body as a homogeneous box, plus wheels and knuckles",
-    "tyre_modulus": "estimated: compression of 0.021 radii under a quarter of the weight (Bolt); up to 0.055 radii for "
-    "radii below 0.32 m, so that the patch is long enough for steps of 5 ms",
-    "tyre_resolution": "estimated: 0.155 wheel radii; Bolt 0.05 m",
-    "tyre_dissipation": "estimated: 0.85 over the speed of the tread towards the road at top speed, so that the "
-    "patch does not break up; Bolt 0.1 s/m",
-    "tyre_point_stiffness": "estimated: compression of 0.061 radii under a quarter of the weight; Bolt 2e5 N/m",
-    "friction": "estimated: 0.9, a car tyre on dry asphalt (Bolt 0.82 to 1.04)",
-    "rolling_resistance": "estimated: 0.01, a common car tyre (Bolt 0.0073, Audibot 0.01)",
-    "max_torque": "estimated: half the weight as thrust, 0.5 m g R (Bolt 0.495)",
-    "max_power": "estimated: full torque up to 0.45 of the top speed, as the Bolt (93 W/kg)",
-    "brake_torque": "estimated: 1.5 times the weight as braking force, so that the tyres limit the braking (Bolt 1.56)",
-    "brake_front_share": "estimated: load share of the front axle when braking with 0.5 g",
-    "steering_effort": "estimated: 0.8 x wheel load x wheel radius (Bolt 1000 N m)",
-    "steering_rate": "estimated: 0.16 m/s over the wheel radius (Bolt 0.5 rad/s, F1TENTH 3.2 rad/s)",
-    "steering_motor_damping": "estimated: torque over the no-load speed, which is four times the rate, as of the "
-    "Unior's motors (data sheet: 4.1)",
-    "steering_motor_inertia": "estimated: 16 ms x the damping of the motor, as of the Unior's motors; with the "
-    "wheel, a joint lags by 20 to 25 ms",
-    "steering_ratio": "estimated: 8.2 rad of the hand wheel to each side (MKZ) over the steering limit; 1 below "
-    "100 kg, without a hand wheel",
-    "steering_stiffness": "estimated: 1 mrad under the scrub moment of the tyre, friction x load x the root of an "
-    "eighth of the patch's diagonal squared plus the scrub radius squared; at least 10 Hz with the wheel",
-    "handling_steering_stiffness": "estimated: 39 per rad x wheel load x wheel radius (Bolt 5e4 N m/rad), as compliant "
-    "as a real steering; at least 10 Hz with the wheel",
-    "steering_damping": "estimated: time constant 0.02 s, one period of the controllers, as the Bolt",
-    "handling_steering_damping": "estimated: time constant 0.02 s, one period of the controllers",
-    "handling_steering_rate": "estimated: 2.5 times the rate of an automated vehicle; drivers reach 1200 deg/s at "
-    "the hand wheel (FMVSS 126), the servo of AutoRally 8 rad/s",
-    "wheel_speed_limit": "estimated: 130 rad/s as the Bolt (one revolution in ten steps of 5 ms), at most 45 m/s",
-    "wheel_servo_gain": "estimated: time constant 0.42 s for a car, with the root of the wheel radius (Bolt 200)",
-    "speed_kp": "estimated: 1, as the Bolt",
-    "speed_ki": "estimated: 1 per s for a car, over the root of the wheel radius",
-    "max_correction": "estimated: 2 m/s for a car, with the root of the wheel radius",
-    "max_acceleration": "estimated: 3 m/s², as the Bolt",
-    "max_deceleration": "estimated: 5 m/s², as the Bolt",
-    "drag_area": "estimated: 0.3 x width x height; Bolt 0.825 m²",
-    "carrier_mass": "estimated: half a wheel, as the Bolt",
-    "suspension_travel": "estimated: 0.31 wheel radii, as the Bolt",
-    "front_stiffness": "estimated: ride frequency 1.25 Hz with the tyre for a car, over the root of the wheel radius",
-    "rear_stiffness": "estimated: ride frequency 1.4 Hz with the tyre for a car, over the root of the wheel radius",
-    "front_damping": "estimated: damping ratio 0.3",
-    "rear_damping": "estimated: damping ratio 0.3",
-    "front_anti_roll": "estimated: 5 degrees of roll at 1 g, tyres included; 0.65 of the bars in front",
-    "rear_anti_roll": "estimated: 5 degrees of roll at 1 g, tyres included; 0.35 of the bars at the rear",
-    "front_load": "estimated: of a wheel at rest",
-    "rear_load": "estimated: of a wheel at rest",
-    "front_cornering_stiffness": "estimated: 11 x the load per rad, as tyres of cars; robots 6.5 (ORCA 6), lorries "
-    "less with the root of the load above 10 kN",
-    "rear_cornering_stiffness": "estimated: 1.15 times the front's for its load, so that the vehicle understeers",
-    "front_slip_stiffness": "estimated: twice the cornering stiffness",
-    "rear_slip_stiffness": "estimated: twice the cornering stiffness",
-    "patch_half_length": "estimated: 0.2 wheel radii, as tyres of cars",
-    "assist_speed": "estimated: 2 m/s for a car, with the root of the wheel radius",
-    "stability_gain": "estimated: with mass x wheel radius x root of the wheel radius; the Bolt has 2e4 N m s/rad",
-    "stability_dead_band": "estimated: 0.05 rad/s for a wheelbase of 2.6 m, over the root of the wheelbase",
-    "stability_torque": "estimated: 0.3 of the weight x wheel radius; a car like the Bolt 1500 N m",
-    "relaxation_x": "estimated: 0.5 wheel radii",
-    "relaxation_y": "estimated: 1.3 wheel radii; cars 0.3 to 0.6 m",
-}
-"""How each field of :class:`Estimates` is estimated; the text of ``sources`` in vehicle.yaml and of the README."""
+
+def _quantity(label: str, unit: str, how: str) -> Any:
+    """Return a field of :class:`Estimates`: its name in tables, its unit, and how it is estimated."""
+    return field(metadata={"label": label, "unit": unit, "how": f"estimated: {how}"})
 
 
 @dataclass(frozen=True)
 class Estimates:
     """Estimated parameters of a vehicle, and the given ones. SI units, vehicle frame of :mod:`mirdrake.vehicles`.
 
-    Attributes:
-        length: overall length [m].
-        width: overall width without mirrors [m].
-        height: height above the road [m].
-        ground_clearance: height of the underside [m].
-        arch_half: half length of a front wheel arch [m].
-        front_axle_share: share of the weight on the front axle at rest [-].
-        com_height: centre of mass of the whole vehicle above the road [m].
-        wheel_mass: one wheel with tyre [kg].
-        knuckle_mass: one steering knuckle with hub and brake [kg].
-        kingpin_offset: scrub radius: distance of the steering axis from the wheel's middle plane, on the road [m].
-        inertia_edges: edges along x, y, z of a homogeneous box with the body's inertia [m].
-        yaw_inertia: of the whole vehicle about its centre of mass [kg m²].
-        roll_inertia: of the whole vehicle about x [kg m²].
-        pitch_inertia: of the whole vehicle about y [kg m²].
-        tyre_modulus: hydroelastic modulus of the wheel mesh of :mod:`mirdrake.plant.wheel_shape` [Pa].
-        tyre_resolution: Drake's mesh hint [m].
-        tyre_dissipation: Hunt-Crossley dissipation [s/m].
-        tyre_point_stiffness: [N/m].
-        friction: tyre on road [-].
-        rolling_resistance: [-].
-        max_torque: of the powertrain, at the driven wheels together [N m].
-        max_power: of the powertrain [W].
-        brake_torque: all four wheels together [N m].
-        brake_front_share: share of the brake torque on the front axle [-].
-        steering_effort: of one steering joint [N m].
-        steering_rate: at the road wheel [rad/s].
-        steering_motor_damping: damping of one steering motor, at the road wheel [N m s/rad].
-        steering_motor_inertia: rotor inertia of one steering motor, at the road wheel [kg m²].
-        steering_ratio: hand wheel to road wheel [-].
-        steering_stiffness: of one steering servo, with tyres on contact friction [N m/rad].
-        steering_damping: of one steering servo [N m s/rad].
-        handling_steering_stiffness: of one steering servo in the handling variant [N m/rad].
-        handling_steering_damping: of one steering servo in the handling variant [N m s/rad].
-        handling_steering_rate: at the road wheel [rad/s].
-        wheel_speed_limit: [rad/s].
-        wheel_servo_gain: of one driven wheel [N m s/rad].
-        speed_kp: of the speed loop [-].
-        speed_ki: of the speed loop [1/s].
-        max_correction: of the speed loop [m/s].
-        max_acceleration: of the speed set-point [m/s²].
-        max_deceleration: of the speed set-point [m/s²].
-        drag_area: drag coefficient times frontal area [m²].
-        carrier_mass: unsprung mass of a wheel besides wheel and knuckle [kg].
-        suspension_travel: wheel travel up and down from the design position [m].
-        front_stiffness: of a front spring, at the wheel [N/m].
-        rear_stiffness: of a rear spring, at the wheel [N/m].
-        front_damping: of a front damper, at the wheel [N s/m].
-        rear_damping: of a rear damper, at the wheel [N s/m].
-        front_anti_roll: force of the front anti-roll bar on a wheel over the difference of travel [N/m].
-        rear_anti_roll: force of the rear anti-roll bar on a wheel over the difference of travel [N/m].
-        front_load: of a front wheel at rest [N].
-        rear_load: of a rear wheel at rest [N].
-        front_cornering_stiffness: of a front tyre at that load [N/rad].
-        rear_cornering_stiffness: of a rear tyre at that load [N/rad].
-        front_slip_stiffness: longitudinal, of a front tyre at that load [N].
-        rear_slip_stiffness: longitudinal, of a rear tyre at that load [N].
-        patch_half_length: half the length of a tyre's contact patch [m].
-        assist_speed: lowest speed at which antilock brakes, traction and stability control act [m/s].
-        stability_gain: of the stability control [N m s/rad].
-        stability_dead_band: yaw-rate error that the stability control ignores [rad/s].
-        stability_torque: its largest brake torque of one wheel [N m].
-        relaxation_x: relaxation length of longitudinal slip [m].
-        relaxation_y: relaxation length of lateral slip [m].
+    The label of each field says what it is; quantities of an axle are those of one wheel, spring, damper or tyre.
     """
 
-    length: float
-    width: float
-    height: float
-    ground_clearance: float
-    arch_half: float
-    front_axle_share: float
-    com_height: float
-    wheel_mass: float
-    knuckle_mass: float
-    kingpin_offset: float
-    inertia_edges: tuple[float, float, float]
-    yaw_inertia: float
-    roll_inertia: float
-    pitch_inertia: float
-    tyre_modulus: float
-    tyre_resolution: float
-    tyre_dissipation: float
-    tyre_point_stiffness: float
-    friction: float
-    rolling_resistance: float
-    max_torque: float
-    max_power: float
-    brake_torque: float
-    brake_front_share: float
-    steering_effort: float
-    steering_rate: float
-    steering_motor_damping: float
-    steering_motor_inertia: float
-    steering_ratio: float
-    steering_stiffness: float
-    steering_damping: float
-    handling_steering_stiffness: float
-    handling_steering_damping: float
-    handling_steering_rate: float
-    wheel_speed_limit: float
-    wheel_servo_gain: float
-    speed_kp: float
-    speed_ki: float
-    max_correction: float
-    max_acceleration: float
-    max_deceleration: float
-    drag_area: float
-    carrier_mass: float
-    suspension_travel: float
-    front_stiffness: float
-    rear_stiffness: float
-    front_damping: float
-    rear_damping: float
-    front_anti_roll: float
-    rear_anti_roll: float
-    front_load: float
-    rear_load: float
-    front_cornering_stiffness: float
-    rear_cornering_stiffness: float
-    front_slip_stiffness: float
-    rear_slip_stiffness: float
-    patch_half_length: float
-    assist_speed: float
-    stability_gain: float
-    stability_dead_band: float
-    stability_torque: float
-    relaxation_x: float
-    relaxation_y: float
+    length: float = _quantity(
+        "length", "m", "1.65 wheelbases (Bolt 1.60, Escape 1.69, MKZ 1.73), at least 2.6 wheel radii longer than one"
+    )
+    width: float = _quantity("width", "m", "1.03 x (track + wheel width); Bolt 1.765 m of 1.716 m")
+    height: float = _quantity("height", "m", "4.6 wheel radii (Bolt 4.9, MKZ 4.5, Unior 4.4)")
+    ground_clearance: float = _quantity("ground clearance", "m", "0.45 wheel radii; Bolt 0.15 m")
+    arch_half: float = _quantity(
+        "half length of a wheel arch", "m", "reach of a tyre at the steering limit, plus a clearance of 0.1 wheel radii"
+    )
+    front_axle_share: float = _quantity(
+        "share of the weight on the front axle", "-", "0.5, the mean of front-driven (Bolt 0.56) and rear-driven cars"
+    )
+    com_height: float = _quantity(
+        "height of the centre of mass",
+        "m",
+        "0.37 of the height as in cars without a floor battery, at most 0.45 tracks so that the vehicle slides "
+        "before it rolls over",
+    )
+    wheel_mass: float = _quantity(
+        "one wheel", "kg", "283 kg per m³ of wheel cylinder (Bolt 20 kg), at most 2.5 % of the mass (Unior 2.1 %)"
+    )
+    knuckle_mass: float = _quantity("one steering knuckle", "kg", "half a wheel, as the Bolt's (10 kg)")
+    kingpin_offset: float = _quantity(
+        "scrub radius: steering axis inside the middle plane of the wheel",
+        "m",
+        "scrub radius of 0.06 wheel radii; Bolt 0.02 m",
+    )
+    inertia_edges: tuple[float, float, float] = _quantity(
+        "box with the inertia of the body",
+        "m",
+        "homogeneous box of 0.88 widths and 0.75 heights (Bolt), as long as makes the yaw inertia of the whole "
+        "vehicle the one below",
+    )
+    yaw_inertia: float = _quantity(
+        "yaw inertia, whole vehicle",
+        "kg m²",
+        "0.13 x mass x wheelbase x length as measured road vehicles; below 100 kg 0.09, as F1TENTH, BARC, AutoRally",
+    )
+    roll_inertia: float = _quantity(
+        "roll inertia, whole vehicle", "kg m²", "body as a homogeneous box, plus wheels and knuckles"
+    )
+    pitch_inertia: float = _quantity(
+        "pitch inertia, whole vehicle", "kg m²", "body as a homogeneous box, plus wheels and knuckles"
+    )
+    tyre_modulus: float = _quantity(
+        "hydroelastic modulus",
+        "Pa",
+        "compression of 0.021 radii under a quarter of the weight (Bolt); up to 0.055 radii for radii below 0.32 m, "
+        "so that the patch is long enough for steps of 5 ms",
+    )
+    tyre_resolution: float = _quantity("mesh hint", "m", "0.155 wheel radii; Bolt 0.05 m")
+    tyre_dissipation: float = _quantity(
+        "dissipation",
+        "s/m",
+        "0.85 over the speed of the tread towards the road at top speed, so that the patch does not break up; Bolt "
+        "0.1 s/m",
+    )
+    tyre_point_stiffness: float = _quantity(
+        "stiffness in point contact", "N/m", "compression of 0.061 radii under a quarter of the weight; Bolt 2e5 N/m"
+    )
+    friction: float = _quantity(
+        "friction coefficient of the tyre", "-", "0.9, a car tyre on dry asphalt (Bolt 0.82 to 1.04)"
+    )
+    rolling_resistance: float = _quantity(
+        "rolling resistance", "-", "0.01, a common car tyre (Bolt 0.0073, Audibot 0.01)"
+    )
+    max_torque: float = _quantity(
+        "drive torque, sum over the driven wheels", "N m", "half the weight as thrust, 0.5 m g R (Bolt 0.495)"
+    )
+    max_power: float = _quantity("power", "W", "full torque up to 0.45 of the top speed, as the Bolt (93 W/kg)")
+    brake_torque: float = _quantity(
+        "brake torque, sum over the four wheels",
+        "N m",
+        "1.5 times the weight as braking force, so that the tyres limit the braking (Bolt 1.56)",
+    )
+    brake_front_share: float = _quantity(
+        "share of the brake torque on the front axle", "-", "load share of the front axle when braking with 0.5 g"
+    )
+    steering_effort: float = _quantity(
+        "torque of a steering joint", "N m", "0.8 x wheel load x wheel radius (Bolt 1000 N m)"
+    )
+    steering_rate: float = _quantity(
+        "steering rate at the road wheel", "rad/s", "0.16 m/s over the wheel radius (Bolt 0.5 rad/s, F1TENTH 3.2 rad/s)"
+    )
+    steering_motor_damping: float = _quantity(
+        "damping of a steering motor",
+        "N m s/rad",
+        "torque over the no-load speed, which is four times the rate, as of the Unior's motors (data sheet: 4.1)",
+    )
+    steering_motor_inertia: float = _quantity(
+        "rotor inertia of a steering motor, at the road wheel",
+        "kg m²",
+        "16 ms x the damping of the motor, as of the Unior's motors; with the wheel, a joint lags by 20 to 25 ms",
+    )
+    steering_ratio: float = _quantity(
+        "steering ratio",
+        "-",
+        "8.2 rad of the hand wheel to each side (MKZ) over the steering limit; 1 below 100 kg, without a hand wheel",
+    )
+    steering_stiffness: float = _quantity(
+        "steering servo",
+        "N m/rad",
+        "1 mrad under the scrub moment of the tyre, friction x load x the root of an eighth of the patch's diagonal "
+        "squared plus the scrub radius squared; at least 10 Hz with the wheel",
+    )
+    steering_damping: float = _quantity(
+        "steering servo", "N m s/rad", "time constant 0.02 s, one period of the controllers, as the Bolt"
+    )
+    handling_steering_stiffness: float = _quantity(
+        "steering servo",
+        "N m/rad",
+        "39 per rad x wheel load x wheel radius (Bolt 5e4 N m/rad), as compliant as a real steering; at least 10 Hz "
+        "with the wheel",
+    )
+    handling_steering_damping: float = _quantity(
+        "steering servo", "N m s/rad", "time constant 0.02 s, one period of the controllers"
+    )
+    handling_steering_rate: float = _quantity(
+        "steering rate",
+        "rad/s",
+        "2.5 times the rate of an automated vehicle; drivers reach 1200 deg/s at the hand wheel (FMVSS 126), the "
+        "servo of AutoRally 8 rad/s",
+    )
+    wheel_speed_limit: float = _quantity(
+        "wheel speed limit", "rad/s", "130 rad/s as the Bolt (one revolution in ten steps of 5 ms), at most 45 m/s"
+    )
+    wheel_servo_gain: float = _quantity(
+        "servo of a driven wheel",
+        "N m s/rad",
+        "time constant 0.42 s for a car, with the root of the wheel radius (Bolt 200)",
+    )
+    speed_kp: float = _quantity("speed loop, kp", "-", "1, as the Bolt")
+    speed_ki: float = _quantity("speed loop, ki", "1/s", "1 per s for a car, over the root of the wheel radius")
+    max_correction: float = _quantity(
+        "speed loop, limit of the correction", "m/s", "2 m/s for a car, with the root of the wheel radius"
+    )
+    max_acceleration: float = _quantity("slope of the speed set-point when accelerating", "m/s²", "3 m/s², as the Bolt")
+    max_deceleration: float = _quantity("slope of the speed set-point when decelerating", "m/s²", "5 m/s², as the Bolt")
+    drag_area: float = _quantity("drag area", "m²", "0.3 x width x height; Bolt 0.825 m²")
+    carrier_mass: float = _quantity("unsprung mass besides wheel and knuckle", "kg", "half a wheel, as the Bolt")
+    suspension_travel: float = _quantity("wheel travel in bump and rebound", "m", "0.31 wheel radii, as the Bolt")
+    front_stiffness: float = _quantity(
+        "front spring", "N/m", "ride frequency 1.25 Hz with the tyre for a car, over the root of the wheel radius"
+    )
+    rear_stiffness: float = _quantity(
+        "rear spring", "N/m", "ride frequency 1.4 Hz with the tyre for a car, over the root of the wheel radius"
+    )
+    front_damping: float = _quantity("front damper", "N s/m", "damping ratio 0.3")
+    rear_damping: float = _quantity("rear damper", "N s/m", "damping ratio 0.3")
+    front_anti_roll: float = _quantity(
+        "front anti-roll bar, force over difference of travel",
+        "N/m",
+        "5 degrees of roll at 1 g, tyres included; 0.65 of the bars in front",
+    )
+    rear_anti_roll: float = _quantity(
+        "rear anti-roll bar, force over difference of travel",
+        "N/m",
+        "5 degrees of roll at 1 g, tyres included; 0.35 of the bars at the rear",
+    )
+    front_load: float = _quantity("load, front", "N", "of a wheel at rest")
+    rear_load: float = _quantity("load, rear", "N", "of a wheel at rest")
+    front_cornering_stiffness: float = _quantity(
+        "cornering stiffness, front",
+        "N/rad",
+        "11 x the load per rad, as tyres of cars; robots 6.5 (ORCA 6), lorries less with the root of the load above "
+        "10 kN",
+    )
+    rear_cornering_stiffness: float = _quantity(
+        "cornering stiffness, rear", "N/rad", "1.15 times the front's for its load, so that the vehicle understeers"
+    )
+    front_slip_stiffness: float = _quantity("longitudinal slip stiffness, front", "N", "twice the cornering stiffness")
+    rear_slip_stiffness: float = _quantity("longitudinal slip stiffness, rear", "N", "twice the cornering stiffness")
+    patch_half_length: float = _quantity("half length of the contact patch", "m", "0.2 wheel radii, as tyres of cars")
+    assist_speed: float = _quantity(
+        "antilock, traction and stability control are active above",
+        "m/s",
+        "2 m/s for a car, with the root of the wheel radius",
+    )
+    stability_gain: float = _quantity(
+        "gain of the stability control",
+        "N m s/rad",
+        "with mass x wheel radius x root of the wheel radius; the Bolt has 2e4 N m s/rad",
+    )
+    stability_dead_band: float = _quantity(
+        "yaw-rate error that the stability control ignores",
+        "rad/s",
+        "0.05 rad/s for a wheelbase of 2.6 m, over the root of the wheelbase",
+    )
+    stability_torque: float = _quantity(
+        "brake torque of the stability control, one wheel",
+        "N m",
+        "0.3 of the weight x wheel radius; a car like the Bolt 1500 N m",
+    )
+    relaxation_x: float = _quantity("relaxation length, longitudinal", "m", "0.5 wheel radii")
+    relaxation_y: float = _quantity("relaxation length, lateral", "m", "1.3 wheel radii; cars 0.3 to 0.6 m")
+
+
+HOW: dict[str, str] = {item.name: item.metadata["how"] for item in fields(Estimates)}
+"""How each field of :class:`Estimates` is estimated; the text of ``sources`` in vehicle.yaml and of the README."""
+
+LABELS: dict[str, tuple[str, str]] = {
+    item.name: (item.metadata["label"], item.metadata["unit"]) for item in fields(Estimates)
+}
+"""Name in tables and unit of each field of :class:`Estimates`."""
 
 
 def estimate(

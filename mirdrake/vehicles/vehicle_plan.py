@@ -8,6 +8,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
 from mirdrake.vehicles.estimates import (
     HOW,
+    LABELS,
     ROBOT_MASS,
     ROBOT_STEERING,
     STEERING_MOST,
@@ -54,121 +55,44 @@ ROBOT_BODY, VAN_BODY, TRUCK_BODY = 200.0, 2500.0, 5000.0
 
 _FRONT_SHARE = "estimated: 0.56, as the Bolt, which also has its motor over the driven front axle"
 
-TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = (
-    (
-        "Dimensions",
-        "properties.xacro",
-        (
-            ("wheelbase", "wheelbase", "m"),
-            ("track", "track, front", "m"),
-            ("track_rear", "track, rear", "m"),
-            ("wheel_radius", "wheel radius, front", "m"),
-            ("wheel_width", "wheel width, front", "m"),
-            ("rear_wheel_radius", "wheel radius, rear", "m"),
-            ("rear_wheel_width", "wheel width, rear", "m"),
-            ("length", "length", "m"),
-            ("width", "width", "m"),
-            ("height", "height", "m"),
-            ("ground_clearance", "ground clearance", "m"),
-            ("kingpin_offset", "scrub radius: steering axis inside the middle plane of the wheel", "m"),
-        ),
-    ),
-    (
-        "Masses and inertia",
-        "properties.xacro; the inertia of the whole vehicle is a result, not an input",
-        (
-            ("mass", "mass of the whole vehicle", "kg"),
-            ("wheel_mass", "one wheel", "kg"),
-            ("knuckle_mass", "one steering knuckle", "kg"),
-            ("front_axle_share", "share of the weight on the front axle", "-"),
-            ("com_height", "height of the centre of mass", "m"),
-            ("inertia_edges", "box with the inertia of the body", "m"),
-            ("roll_inertia", "roll inertia, whole vehicle", "kg m²"),
-            ("pitch_inertia", "pitch inertia, whole vehicle", "kg m²"),
-            ("yaw_inertia", "yaw inertia, whole vehicle", "kg m²"),
-        ),
-    ),
-    (
-        "Steering, drive and brakes",
-        "properties.xacro and vehicle.yaml",
-        (
-            ("steering_limit", "steering limit of the inner wheel", "rad"),
-            ("steering_rate", "steering rate at the road wheel", "rad/s"),
-            ("steering_effort", "torque of a steering joint", "N m"),
-            ("steering_motor_damping", "damping of a steering motor", "N m s/rad"),
-            ("steering_motor_inertia", "rotor inertia of a steering motor, at the road wheel", "kg m²"),
-            ("steering_ratio", "steering ratio", "-"),
-            ("max_torque", "drive torque, sum over the driven wheels", "N m"),
-            ("max_power", "power", "W"),
-            ("brake_torque", "brake torque, sum over the four wheels", "N m"),
-            ("brake_front_share", "share of the brake torque on the front axle", "-"),
-            ("wheel_speed_limit", "wheel speed limit", "rad/s"),
-            ("rolling_resistance", "rolling resistance", "-"),
-            ("drag_area", "drag area", "m²"),
-        ),
-    ),
-    (
-        "Suspension",
-        "suspension.xacro and variants/springs.yaml; referred to the wheel",
-        (
-            ("carrier_mass", "unsprung mass besides wheel and knuckle", "kg"),
-            ("suspension_travel", "wheel travel in bump and rebound", "m"),
-            ("front_stiffness", "front spring", "N/m"),
-            ("front_damping", "front damper", "N s/m"),
-            ("front_anti_roll", "front anti-roll bar, force over difference of travel", "N/m"),
-            ("rear_stiffness", "rear spring", "N/m"),
-            ("rear_damping", "rear damper", "N s/m"),
-            ("rear_anti_roll", "rear anti-roll bar, force over difference of travel", "N/m"),
-        ),
-    ),
-    (
-        "Contact",
-        "contact.xacro",
-        (
-            ("friction", "friction coefficient of the tyre", "-"),
-            ("tyre_modulus", "hydroelastic modulus", "Pa"),
-            ("tyre_resolution", "mesh hint", "m"),
-            ("tyre_dissipation", "dissipation", "s/m"),
-            ("tyre_point_stiffness", "stiffness in point contact", "N/m"),
-            ("arch_half", "half length of a wheel arch", "m"),
-        ),
-    ),
-    (
-        "Control",
-        "control.yaml",
-        (
-            ("speed_kp", "speed loop, kp", "-"),
-            ("speed_ki", "speed loop, ki", "1/s"),
-            ("max_correction", "speed loop, limit of the correction", "m/s"),
-            ("max_acceleration", "slope of the speed set-point when accelerating", "m/s²"),
-            ("max_deceleration", "slope of the speed set-point when decelerating", "m/s²"),
-            ("wheel_servo_gain", "servo of a driven wheel", "N m s/rad"),
-            ("steering_stiffness", "steering servo", "N m/rad"),
-            ("steering_damping", "steering servo", "N m s/rad"),
-        ),
-    ),
-    (
-        "Slip tyres",
-        "variants/handling.yaml; each for one tyre at the load of its axle",
-        (
-            ("front_load", "load, front", "N"),
-            ("rear_load", "load, rear", "N"),
-            ("front_cornering_stiffness", "cornering stiffness, front", "N/rad"),
-            ("rear_cornering_stiffness", "cornering stiffness, rear", "N/rad"),
-            ("front_slip_stiffness", "longitudinal slip stiffness, front", "N"),
-            ("rear_slip_stiffness", "longitudinal slip stiffness, rear", "N"),
-            ("patch_half_length", "half length of the contact patch", "m"),
-            ("relaxation_x", "relaxation length, longitudinal", "m"),
-            ("relaxation_y", "relaxation length, lateral", "m"),
-            ("assist_speed", "antilock, traction and stability control are active above", "m/s"),
-            ("stability_gain", "gain of the stability control", "N m s/rad"),
-            ("stability_dead_band", "yaw-rate error that the stability control ignores", "rad/s"),
-            ("stability_torque", "brake torque of the stability control, one wheel", "N m"),
-            ("handling_steering_stiffness", "steering servo", "N m/rad"),
-            ("handling_steering_damping", "steering servo", "N m s/rad"),
-            ("handling_steering_rate", "steering rate", "rad/s"),
-        ),
-    ),
+_TABLES = (
+    ("Dimensions", "properties.xacro",
+     "wheelbase track track_rear wheel_radius wheel_width rear_wheel_radius rear_wheel_width length width height "
+     "ground_clearance kingpin_offset"),
+    ("Masses and inertia", "properties.xacro; the inertia of the whole vehicle is a result, not an input",
+     "mass wheel_mass knuckle_mass front_axle_share com_height inertia_edges roll_inertia pitch_inertia yaw_inertia"),
+    ("Steering, drive and brakes", "properties.xacro and vehicle.yaml",
+     "steering_limit steering_rate steering_effort steering_motor_damping steering_motor_inertia steering_ratio "
+     "max_torque max_power brake_torque brake_front_share wheel_speed_limit rolling_resistance drag_area"),
+    ("Suspension", "suspension.xacro and variants/springs.yaml; referred to the wheel",
+     "carrier_mass suspension_travel front_stiffness front_damping front_anti_roll rear_stiffness rear_damping "
+     "rear_anti_roll"),
+    ("Contact", "contact.xacro",
+     "friction tyre_modulus tyre_resolution tyre_dissipation tyre_point_stiffness arch_half"),
+    ("Control", "control.yaml",
+     "speed_kp speed_ki max_correction max_acceleration max_deceleration wheel_servo_gain steering_stiffness "
+     "steering_damping"),
+    ("Slip tyres", "variants/handling.yaml; each for one tyre at the load of its axle",
+     "front_load rear_load front_cornering_stiffness rear_cornering_stiffness front_slip_stiffness "
+     "rear_slip_stiffness patch_half_length relaxation_x relaxation_y assist_speed stability_gain "
+     "stability_dead_band stability_torque handling_steering_stiffness handling_steering_damping "
+     "handling_steering_rate"),
+)  # fmt: skip
+
+_INPUT_LABELS = {
+    "wheelbase": ("wheelbase", "m"),
+    "track": ("track, front", "m"),
+    "track_rear": ("track, rear", "m"),
+    "wheel_radius": ("wheel radius, front", "m"),
+    "wheel_width": ("wheel width, front", "m"),
+    "rear_wheel_radius": ("wheel radius, rear", "m"),
+    "rear_wheel_width": ("wheel width, rear", "m"),
+    "mass": ("mass of the whole vehicle", "kg"),
+    "steering_limit": ("steering limit of the inner wheel", "rad"),
+}
+
+TABLES: tuple[tuple[str, str, tuple[tuple[str, str, str], ...]], ...] = tuple(
+    (title, file, tuple((key, *(_INPUT_LABELS | LABELS)[key]) for key in keys.split())) for title, file, keys in _TABLES
 )
 """Tables of the README: title, file, and key, label and unit of each number."""
 

@@ -8,7 +8,7 @@ from mirdrake.importing.changes import TABLE_HEAD, Code, rows_by_file, table_cel
 from mirdrake.importing.places import Places
 from mirdrake.importing.vehicles.car import Car
 from mirdrake.importing.vehicles.model import SourceModel
-from mirdrake.vehicles.estimates import HOW
+from mirdrake.vehicles.estimates import HOW, LABELS
 
 Row = tuple[str, str, str, str]
 _ROWS = (
@@ -32,16 +32,8 @@ _ROWS = (
     ("tyre_dissipation", "dissipation of the tyres", "s/m"),
     ("tyre_resolution", "mesh hint of the tyres", "m"),
 )
-_CONTROL = (
-    ("wheel_servo_gain", "servo of a driven wheel", "N m s/rad"),
-    ("steering_stiffness", "steering servo", "N m/rad"),
-    ("steering_damping", "steering servo", "N m s/rad"),
-    ("speed_kp", "speed loop", "-"),
-    ("speed_ki", "speed loop", "1/s"),
-    ("max_correction", "speed loop, limit of the correction", "m/s"),
-    ("max_acceleration", "rate limit of the speed set-point, acceleration", "m/s²"),
-    ("max_deceleration", "rate limit of the speed set-point, deceleration", "m/s²"),
-)
+_CONTROL = ("wheel_servo_gain", "steering_stiffness", "steering_damping", "speed_kp", "speed_ki", "max_correction",
+            "max_acceleration", "max_deceleration")  # fmt: skip
 
 
 def readme_words(car: Car, model: SourceModel, places: Places) -> dict[str, object]:
@@ -82,7 +74,7 @@ def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
         ("inertia of the body", " ".join(_n(value) for value in np.diag(car.body.mass.inertia)), "kg m²", masses),
     ]
     numbers = [(label, _n(car.numbers[key].value), unit, car.numbers[key].source) for key, label, unit in _ROWS]
-    control = [(label, _n(getattr(car.estimates, key)), unit, HOW[key]) for key, label, unit in _CONTROL]
+    control = [(LABELS[key][0], _n(getattr(car.estimates, key)), LABELS[key][1], HOW[key]) for key in _CONTROL]
     tables = [("Dimensions and masses", dimensions), ("Limits and contact", numbers), ("Control", control)]
     return [(title, [tuple(map(table_cell, row)) for row in rows]) for title, rows in tables]  # type: ignore[misc]
 
