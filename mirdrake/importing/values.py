@@ -38,13 +38,18 @@ def read_number(text: str | None, *, where: str, what: str) -> float | None:
     """
     if text is None or not text.strip():
         return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if math.isnan(value):
+    value = to_number(text)
+    if value is None or math.isnan(value):
         raise ModelError(f"{where}: {what} '{text.strip()[:60]}' should be a number{_template(text)}")
     return value
+
+
+def to_number(text: str) -> float | None:
+    """Return the number in a text, which may be infinite or NaN; None for any other text."""
+    try:
+        return float(text)
+    except ValueError:
+        return None
 
 
 def _template(text: str) -> str:

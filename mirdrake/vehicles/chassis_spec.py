@@ -10,8 +10,8 @@ from mirdrake.core.yaml_io import Length, Schema
 # --- suspension --------------------------------------------------------------------------------------------------
 
 
-class SuspensionJoints(Schema):
-    """Prismatic joints of the wheel suspension, positive in bump; 0 is the loaded vehicle at rest."""
+class WheelJoints(Schema):
+    """Continuous joints of the four wheels."""
 
     front_left: str
     front_right: str
@@ -21,6 +21,10 @@ class SuspensionJoints(Schema):
     def names(self) -> tuple[str, str, str, str]:
         """Return the joint names in the order of :data:`mirdrake.vehicles.spec.WHEELS`."""
         return (self.front_left, self.front_right, self.rear_left, self.rear_right)
+
+
+class SuspensionJoints(WheelJoints):
+    """Prismatic joints of the wheel suspension, positive in bump; 0 is the loaded vehicle at rest."""
 
 
 class AxleSuspension(Schema):

@@ -13,7 +13,7 @@ from pydantic import Field
 from mirdrake.core.errors import did_you_mean
 from mirdrake.core.yaml_io import Acceleration, Angle, AngularRate, Duration, Frequency, Length, Schema, Speed
 from mirdrake.tyres import TyreSpec
-from mirdrake.vehicles.chassis_spec import Aerodynamics, Suspension, SuspensionJoints
+from mirdrake.vehicles.chassis_spec import Aerodynamics, Suspension, SuspensionJoints, WheelJoints
 from mirdrake.vehicles.joint_control import JointControl, SteeringControl, WheelSpeedControl
 from mirdrake.vehicles.powertrain_spec import Actuators, Brakes, Pedals, Powertrain
 
@@ -22,19 +22,6 @@ WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 
 
 # --- vehicle.yaml ------------------------------------------------------------------------------------------------
-
-
-class WheelJoints(Schema):
-    """Continuous joints of the four wheels."""
-
-    front_left: str
-    front_right: str
-    rear_left: str
-    rear_right: str
-
-    def names(self) -> tuple[str, str, str, str]:
-        """Return the joint names in the order of :data:`WHEELS`."""
-        return (self.front_left, self.front_right, self.rear_left, self.rear_right)
 
 
 class SteeringJoints(Schema):

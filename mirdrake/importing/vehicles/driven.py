@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from math import isfinite
 
 from mirdrake.importing.changes import Change, Code
+from mirdrake.importing.values import to_number
 from mirdrake.importing.vehicles.kinematics import source_name
 from mirdrake.importing.vehicles.model import Plugin, SourceModel
 from mirdrake.vehicles.spec import Drive
@@ -74,21 +75,16 @@ def _axle(wheels: Iterable[str]) -> Drive:
 def _by_torque(plugin: Plugin) -> Drive | None:
     """Return the axles that a plugin drives, if it states a torque for each."""
     torques: dict[str, float] = {}
-    for key, value in plugin.values.items():
-        leaf = key.rpartition(".")[2]
+    for key, text in plugin.values.items():
+        leaf, torque = key.rpartition(".")[2], to_number(text)
         match = _TORQUE.search(leaf)
-        if match is not None and _OTHER_TORQUE.search(leaf) is None and _is_number(value):
+        if match is None or _OTHER_TORQUE.search(leaf) is not None:
+            continue
+        if torque is not None and isfinite(torque):
             end = "front" if match.group(1).lower() == "front" else "rear"
-            torques[end] = max(torques.get(end, 0.0), abs(float(value)))
+            torques[end] = max(torques.get(end, 0.0), abs(torque))
     driven = [end for end, torque in torques.items() if torque > 0.0]
     return _axle(driven) if len(torques) == 2 and driven else None
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return isfinite(float(text))
-    except ValueError:
-        return False
 
 
 def _moved_by(plugin: Plugin, joints: Iterable[str]) -> list[str]:

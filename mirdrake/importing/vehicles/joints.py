@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from math import isfinite
 
 from mirdrake.importing.changes import Change, Changes, Code
+from mirdrake.importing.values import to_number
 from mirdrake.importing.vehicles.limits import driven_wheels
 from mirdrake.importing.vehicles.model import Controller, Joint, Plugin, SourceModel
 from mirdrake.importing.vehicles.recognise import Roles
@@ -112,13 +113,9 @@ def _actuators(roles: Roles, used: Sequence[Joint]) -> list[Change]:
 
 def _numbers_of(plugin: Plugin) -> list[str]:
     """Return the numeric parameters of a plugin by name."""
-    found = []
-    for key, text in plugin.values.items():
-        try:
-            found.append(f"{key} {float(text):.6g}")
-        except ValueError:
-            continue
-    return found[:MOST_NUMBERS] + (["…"] if len(found) > MOST_NUMBERS else [])
+    numbers = {key: to_number(text) for key, text in plugin.values.items()}
+    words = [f"{key} {value:.6g}" for key, value in numbers.items() if value is not None]
+    return words[:MOST_NUMBERS] + (["…"] if len(words) > MOST_NUMBERS else [])
 
 
 # --- gains -------------------------------------------------------------------------------------------------------

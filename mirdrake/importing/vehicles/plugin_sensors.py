@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 
 from mirdrake.importing.changes import Code
-from mirdrake.importing.values import make_pose
+from mirdrake.importing.values import make_pose, to_number
 from mirdrake.importing.vehicles.model import Plugin, SensorTag, SourceModel
 
 _KINDS = (("imu", "imu"), ("gps|gnss|navsat", "gps"), ("sonar|ultraso|gazebo_ros_range", "sonar"))
@@ -47,7 +47,7 @@ def take_plugin(plugin: Plugin, reference: str, model: SourceModel) -> None:
         why = "the plugin names no link; Gazebo uses the root link"
         model.changes.add(Code.SENSOR, plugin.where, f"sensor '{plugin.name}': link", "none", link, why)
     X_LS = RigidTransform(make_pose(_triple(plugin, "xyzOffset"), _triple(plugin, "rpyOffset")))
-    rate = next((_number(plugin.values[key]) for key in _RATES if key in plugin.values), None)
+    rate = next((to_number(plugin.values[key]) for key in _RATES if key in plugin.values), None)
     name = plugin.name or plugin.filename
     model.sensors.append(SensorTag(name, kind, link or named, X_LS, rate, dict(plugin.values), (file,), plugin.where))
 
@@ -64,13 +64,6 @@ def _link_of(plugin: Plugin, reference: str, model: SourceModel) -> tuple[str, s
 
 def _triple(plugin: Plugin, key: str) -> np.ndarray:
     """Return three finite numbers of a plugin; zeros if it has none."""
-    numbers = [_number(word) for word in plugin.values.get(key, "").split()]
+    numbers = [to_number(word) for word in plugin.values.get(key, "").split()]
     good = [value for value in numbers if value is not None and isfinite(value)]
     return np.array(good if len(good) == 3 else [0.0, 0.0, 0.0])
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None

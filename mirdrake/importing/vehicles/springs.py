@@ -9,6 +9,7 @@ import numpy as np
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.importing.changes import Change, Changes, Code
+from mirdrake.importing.values import to_number
 from mirdrake.importing.vehicles.car import Layout, Number, Parts, SpringSet
 from mirdrake.importing.vehicles.model import Joint, SourceModel
 from mirdrake.importing.vehicles.recognise import Roles
@@ -68,7 +69,7 @@ def take_springs(model: SourceModel) -> None:
                     given[moved] = (gains.get("p", 0.0), gains.get("d", 0.0))
     for plugin in model.plugins:
         leaves = {key: key.rpartition(".")[2].partition("[")[0] for key in plugin.values}
-        numbers = {key: value for key, text in plugin.values.items() if (value := _number(text)) is not None}
+        numbers = {key: value for key, text in plugin.values.items() if (value := to_number(text)) is not None}
         stiffness = [value for key, value in numbers.items() if _STIFFNESS.search(leaves[key])]
         damping = [value for key, value in numbers.items() if _DAMPING.search(leaves[key])]
         if len(set(stiffness)) == 1:
@@ -78,13 +79,6 @@ def take_springs(model: SourceModel) -> None:
         joint = model.joints.get(name)
         if joint is not None and joint.kind == "prismatic" and joint.stiffness is None and isfinite(k) and k > 0.0:
             joint.stiffness, joint.damping = k, joint.damping or (c if isfinite(c) and c > 0.0 else 0.0)
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
 
 
 def find_springs(roles: Roles) -> tuple[dict[str, WheelSpring], list[Change]]:

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import isfinite, pi, radians
 
+from mirdrake.importing.values import to_number
 from mirdrake.importing.vehicles.model import Plugin
 
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
@@ -58,11 +59,8 @@ def _of_plugin(plugin: Plugin) -> Iterator[Stated]:
         leaf = key.rpartition(".")[2].partition("[")[0]
         words = {word.lower() for word in _WORD.findall(leaf)}
         figure = _figure(words)
-        try:
-            value = float(text)
-        except ValueError:
-            continue
-        if figure is None or not isfinite(value):
+        value = to_number(text)
+        if figure is None or value is None or not isfinite(value):
             continue
         value = abs(value) if figure != "torque" else value
         if words & {"deg", "degree", "degrees"}:
