@@ -42,14 +42,17 @@ _NUMBER = re.compile(r"\d+")
 _CONVERSION = re.compile(r"%(?:\([^)]*\))?([-#0 +]*[\d*]*(?:\.[\d*]*)?)")
 
 METHODS: dict[type, frozenset[str]] = {
-    str: frozenset(
-        ["capitalize", "center", "count", "endswith", "find", "format", "index", "isalnum", "isalpha", "isdigit", "islower", "isnumeric", "isspace", "isupper", "join", "ljust", "lower", "lstrip", "partition", "replace", "rfind", "rindex", "rjust", "rpartition", "rsplit", "rstrip", "split", "splitlines", "startswith", "strip", "swapcase", "title", "upper", "zfill"]
-    ),
+    str: frozenset({
+        "capitalize", "center", "count", "endswith", "find", "format", "index", "isalnum", "isalpha", "isdigit",
+        "islower", "isnumeric", "isspace", "isupper", "join", "ljust", "lower", "lstrip", "partition", "replace",
+        "rfind", "rindex", "rjust", "rpartition", "rsplit", "rstrip", "split", "splitlines", "startswith", "strip",
+        "swapcase", "title", "upper", "zfill"
+    }),
     list: frozenset({"count", "index"}),
     tuple: frozenset({"count", "index"}),
     dict: frozenset({"get", "items", "keys", "values"}),
     float: frozenset({"is_integer"}),
-}
+}  # fmt: skip
 """Methods that an expression may call, by type."""
 
 
