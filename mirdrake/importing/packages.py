@@ -61,12 +61,12 @@ class Packages:
         """Return sibling packages with the same prefix: ``car_control`` for ``car_description``."""
         name, folder = self.own()
         start = _SUFFIX.sub("", name)
-        found = []
+        folders = []
         for other in _folders_in(folder.parent) if _names_of(folder) else ():
             names = _names_of(other)
             if other != folder and names and (names[0] == start or names[0].startswith(f"{start}_")):
-                found.append(other)
-        return found
+                folders.append(other)
+        return folders
 
     def resolve(self, address: str, *, folder: Path) -> tuple[Path | None, str]:
         """Return the file of an address, and a remark if it is missing or not at its address.
@@ -89,11 +89,11 @@ class Packages:
                 path = Path(rest)
             else:
                 name, _, inner = rest.partition("/")
-                found = self.find(name)
-                if found is None:
+                folder_of = self.find(name)
+                if folder_of is None:
                     kind = "package" if scheme == "package" else "model"
                     return None, f"{kind} '{name}' is not found; give its folder with --package {name}=DIR"
-                root, path = found, found / inner
+                root, path = folder_of, folder_of / inner
         else:
             path = Path(text)
             path = path if path.is_absolute() else folder / path
@@ -108,7 +108,7 @@ class Packages:
         other = _any_case(path)
         if other is not None:
             return (None, _POINTER_TEXT) if _is_pointer(other) else (other, "found with different upper and lower case")
-        same = [found for found in _files(root) if found.name.lower() == path.name.lower()]
+        same = [candidate for candidate in _files(root) if candidate.name.lower() == path.name.lower()]
         if len(same) == 1:
             return same[0], f"not at its address; used is the file of that name in {same[0].parent.name}/"
         for archive in _files(root):

@@ -67,15 +67,15 @@ def make_pose(xyz: Sequence[float] | Vector, rpy: Sequence[float] | Vector) -> R
 
 def leaves(element: Element, prefix: str = "") -> dict[str, str]:
     """Return texts and attributes of all elements below one by dotted path; repeated tags are ``tag[2]``."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     count: Counter[str] = Counter()
     for child in element:
         count[child.tag] += 1
         path = f"{prefix}{child.tag}" + (f"[{count[child.tag]}]" if count[child.tag] > 1 else "")
         for key, value in child.attrib.items():
-            found[f"{path}.{key}"] = value
+            values[f"{path}.{key}"] = value
         if len(child):
-            found |= leaves(child, f"{path}.")
+            values |= leaves(child, f"{path}.")
         elif (child.text or "").strip():
-            found[path] = (child.text or "").strip()
-    return found
+            values[path] = (child.text or "").strip()
+    return values

@@ -498,16 +498,16 @@ def _springs(
         track: [m].
         slow: times of this vehicle over those of the Bolt [-].
     """
-    found: dict[str, float] = {}
+    springs: dict[str, float] = {}
     for axle, body, ride in (("front", bodies[0], 1.25), ("rear", bodies[1], 1.4)):
         with_tyre = body * (2.0 * pi * ride / slow) ** 2
-        found[f"{axle}_stiffness"] = stiffness = 1.0 / (1.0 / with_tyre - 1.0 / tyre)
-        found[f"{axle}_damping"] = 2.0 * 0.3 * sqrt(stiffness * body)
+        springs[f"{axle}_stiffness"] = stiffness = 1.0 / (1.0 / with_tyre - 1.0 / tyre)
+        springs[f"{axle}_damping"] = 2.0 * 0.3 * sqrt(stiffness * body)
     # Roll stiffness for 5 degrees at 1 g, the weight leaning along; tyres in series; less what the springs have.
     wanted = tipping / radians(5.0) + tipping
-    own = wanted / (1.0 - min(wanted / (tyre * track**2), 0.8))
-    bars = max(own / track**2 - 0.5 * (found["front_stiffness"] + found["rear_stiffness"]), 0.0)
-    return found | {"front_anti_roll": 0.65 * bars, "rear_anti_roll": 0.35 * bars}
+    stiffness_of_axles = wanted / (1.0 - min(wanted / (tyre * track**2), 0.8))
+    bars = max(stiffness_of_axles / track**2 - 0.5 * (springs["front_stiffness"] + springs["rear_stiffness"]), 0.0)
+    return springs | {"front_anti_roll": 0.65 * bars, "rear_anti_roll": 0.35 * bars}
 
 
 def _reach(radius: float, side: float, limit: float) -> float:
@@ -569,8 +569,8 @@ def _inertia(
     across = (front + rear) * track**2 / 4.0
     up = (front + rear) * (radius - z) ** 2 + body * (body_z - z) ** 2
     b, c = 0.88 * size[1], 0.75 * size[2]
-    own = 4.0 * _wheel_inertia(wheel, radius, wheel_width) + 2.0 * knuckle * (0.3 * radius) ** 2 / 2.0
-    rest = along + across + own
+    about_own = 4.0 * _wheel_inertia(wheel, radius, wheel_width) + 2.0 * knuckle * (0.3 * radius) ** 2 / 2.0
+    rest = along + across + about_own
     # The box is at least as long as 0.4 of the vehicle, and so little wider that the yaw inertia is met.
     b = min(b, sqrt(max(12.0 * (yaw - rest) / body - (0.4 * size[0]) ** 2, (0.4 * b) ** 2)))
     square = 12.0 * (yaw - rest) / body - b**2

@@ -138,7 +138,7 @@ def _solids(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBo
 
 def _corners(inspector: SceneGraphInspector, X_WB: RigidTransform, geometries: Sequence[GeometryId]) -> Points:
     """Return points (n, 3) in base_link with the bounding box of the shapes: hulls of meshes, corners of boxes."""
-    found = [np.empty((0, 3))]
+    clouds = [np.empty((0, 3))]
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
     for geometry in geometries:
         X_WG = X_WB @ inspector.GetPoseInFrame(geometry)
@@ -150,8 +150,8 @@ def _corners(inspector: SceneGraphInspector, X_WB: RigidTransform, geometries: S
             points = half @ box.pose().rotation().matrix().T + box.pose().translation()
         else:  # a half space is unbounded
             continue
-        found.append(points @ X_WG.rotation().matrix().T + X_WG.translation())
-    return np.vstack(found)
+        clouds.append(points @ X_WG.rotation().matrix().T + X_WG.translation())
+    return np.vstack(clouds)
 
 
 def _size(points: Points) -> tuple[float, float, float]:
@@ -222,7 +222,7 @@ def _joints(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Join
         (actuator := plant.get_joint_actuator(index)).joint().name(): float(actuator.effort_limit())
         for index in plant.GetJointActuatorIndices()
     }
-    found = []
+    rows = []
     for element in ElementTree.fromstring(vehicle.urdf).findall("joint"):
         name, kind = element.get("name", ""), element.get("type", "")
         joint = plant.GetJointByName(name)
@@ -233,7 +233,7 @@ def _joints(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Join
             axis = joint.translation_axis()
         limits = (joint.position_lower_limits(), joint.position_upper_limits(), joint.velocity_upper_limits())
         lower, upper, velocity = (float(limit[0]) if turns else 0.0 for limit in limits)
-        found.append(
+        rows.append(
             JointFigures(
                 name=name,
                 kind=kind,
@@ -249,12 +249,12 @@ def _joints(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Join
                 damping=dampers.get(name, float(joint.default_damping_vector()[0]) if turns else 0.0),
             )
         )
-    return tuple(found)
+    return tuple(rows)
 
 
 def _actuators(plant: MultibodyPlant, joints: Sequence[JointFigures]) -> tuple[ActuatorFigures, ...]:
     known = {joint.name: joint for joint in joints}
-    found = []
+    rows = []
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
         joint = known[actuator.joint().name()]
@@ -262,7 +262,7 @@ def _actuators(plant: MultibodyPlant, joints: Sequence[JointFigures]) -> tuple[A
         moves = f"drives and brakes the {role.partition(' wheel')[0]} wheel" if role.endswith("driven") else ""
         moves = moves or (f"brakes the {role}" if role.endswith("wheel") else "")
         moves = moves or (f"steers the {role.partition(' ')[0]} front wheel" if role.endswith("steering") else "")
-        found.append(
+        rows.append(
             ActuatorFigures(
                 name=actuator.name(),
                 joint=joint.name,
@@ -270,16 +270,16 @@ def _actuators(plant: MultibodyPlant, joints: Sequence[JointFigures]) -> tuple[A
                 effort=float(actuator.effort_limit()),
             )
         )
-    return tuple(found)
+    return tuple(rows)
 
 
 def _sensors(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[SensorFigures, ...]:
-    found = []
+    rows = []
     for name, mount in vehicle.sensors.mounts.items():
         X_BS = plant.CalcRelativeTransform(context, plant.world_frame(), plant.GetFrameByName(mount.frame))
         ahead = X_BS.rotation().matrix()[:, 0]
         view = mount.field_of_view()
-        found.append(
+        rows.append(
             SensorFigures(
                 name=name,
                 kind=mount.kind,
@@ -293,7 +293,7 @@ def _sensors(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Sen
                 reach=view.reach if view else (),
             )
         )
-    return tuple(found)
+    return tuple(rows)
 
 
 def _three(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:

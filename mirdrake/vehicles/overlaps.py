@@ -41,7 +41,7 @@ def find_overlaps(
     everything = GeometrySet([shape for shapes in solids.values() for shape in shapes])
     scene_graph.collision_filter_manager(context).Apply(CollisionFilterDeclaration().AllowWithin(everything))
 
-    found: dict[tuple[str, str], Overlap] = {}
+    deepest: dict[tuple[str, str], Overlap] = {}
     inner, outer = angles
     for left, right in ((0.0, 0.0), (inner, outer), (-outer, -inner)):
         for joint, angle in zip(steering, (left, right), strict=True):
@@ -58,10 +58,10 @@ def find_overlaps(
                 pairs = [(mine, other) for mine in solids[wheel.index()] for other in shapes]
                 depth = max((_depth(query, *pair) for pair in pairs), default=0.0)
                 key = (wheel.name(), plant.get_body(index).name())
-                known = found.get(key)
+                known = deepest.get(key)
                 if depth > LEAST_DEPTH and (known is None or (known.pose == pose and depth > known.depth)):
-                    found[key] = Overlap(*key, depth, pose)
-    return tuple(found.values())
+                    deepest[key] = Overlap(*key, depth, pose)
+    return tuple(deepest.values())
 
 
 def _depth(query: QueryObject, first: GeometryId, second: GeometryId) -> float:

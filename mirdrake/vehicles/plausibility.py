@@ -33,75 +33,79 @@ def find_oddities(figures: Inspection, vehicle: Vehicle) -> list[str]:
 
 def _balance(figures: Inspection) -> list[str]:
     """Centre of mass and inertia of the whole vehicle."""
-    found = []
+    messages = []
     x, y, z = figures.com
     if not 0.0 < x < figures.wheelbase:
-        found.append(f"centre of mass {x:.3f} m ahead of the rear axle: not between the axles, the vehicle tips over")
+        messages.append(
+            f"centre of mass {x:.3f} m ahead of the rear axle: not between the axles, the vehicle tips over"
+        )
     elif not 0.25 < figures.front_share < 0.75:
-        found.append(f"{100.0 * figures.front_share:.0f} % of the weight is on the front axle; cars have 40 to 65 %")
+        messages.append(f"{100.0 * figures.front_share:.0f} % of the weight is on the front axle; cars have 40 to 65 %")
     if z <= 0.0:
-        found.append(f"centre of mass {-z:.3f} m below the road: load transfer has the wrong sign")
+        messages.append(f"centre of mass {-z:.3f} m below the road: load transfer has the wrong sign")
     elif figures.static_stability < 1.0:
-        found.append(
+        messages.append(
             f"centre of mass {z:.3f} m above the road: tips at {figures.static_stability:.2f} g sideways, "
             "before it slides"
         )
     if abs(y) > 0.02 * figures.tracks[1]:
-        found.append(f"centre of mass {abs(y):.3f} m to the {'left' if y > 0.0 else 'right'}")
+        messages.append(f"centre of mass {abs(y):.3f} m to the {'left' if y > 0.0 else 'right'}")
     if not 0.5 < figures.dynamic_index < 1.5:
         index = figures.dynamic_index
-        found.append(f"yaw inertia {figures.inertia[2]:.4g} kg m²: {index:.2f} m a b; cars have 0.8 to 1.1")
+        messages.append(f"yaw inertia {figures.inertia[2]:.4g} kg m²: {index:.2f} m a b; cars have 0.8 to 1.1")
     roll, pitch, _ = figures.inertia
     if roll > pitch and figures.wheelbase > max(figures.tracks):
-        found.append(f"roll inertia {roll:.4g} kg m² exceeds pitch inertia {pitch:.4g} kg m²; are x and y exchanged?")
-    return found
+        messages.append(
+            f"roll inertia {roll:.4g} kg m² exceeds pitch inertia {pitch:.4g} kg m²; are x and y exchanged?"
+        )
+    return messages
 
 
 def _odd_link(link: LinkFigures, figures: Inspection) -> list[str]:
     """Return messages on the inertia and the friction of a link."""
-    found = []
+    messages = []
     small, middle, large = link.moments
     if link.spin is not None:
         if not SPIN_FACTORS[0] <= link.spin <= SPIN_FACTORS[1]:
-            found.append(
+            messages.append(
                 f"wheel '{link.name}': inertia about its axis is {link.spin:.2f} m R²; a disc has 0.5, a hoop 1"
             )
         elif link.spin_is_smaller:
-            found.append(
+            messages.append(
                 f"wheel '{link.name}': its largest moment of inertia, {large:.4g} kg m², is not about the axis that "
                 "it turns about; are two moments exchanged?"
             )
     elif link.size_ratio is not None and not SIZE_RATIOS[0] <= link.size_ratio <= SIZE_RATIOS[1]:
-        found.append(
+        messages.append(
             f"link '{link.name}': inertia of a box {link.edges[0]:.3g} m long, but its shapes measure "
             f"{link.extent[0]:.3g} m"
         )
     if link.spin is None and link.triangle is not None and link.triangle < 1.001 and link.mass > 0.05 * figures.mass:
-        found.append(f"link '{link.name}': inertia of a flat plate ({small:.4g} + {middle:.4g} = {large:.4g} kg m²)")
+        messages.append(f"link '{link.name}': inertia of a flat plate ({small:.4g} + {middle:.4g} = {large:.4g} kg m²)")
     if link.friction is not None and link.friction > MOST_FRICTION:
-        found.append(f"link '{link.name}': friction {link.friction:g}; tyres on dry asphalt have about 1")
-    return found
+        messages.append(f"link '{link.name}': friction {link.friction:g}; tyres on dry asphalt have about 1")
+    return messages
 
 
 def _contact(figures: Inspection) -> list[str]:
     """Return messages on wheels that overlap other links, and on the ground clearance."""
-    found = [
+    messages = [
         f"wheel '{overlap.wheel}' sticks {1000.0 * overlap.depth:.0f} mm deep in '{overlap.link}' {overlap.pose}"
         for overlap in figures.overlaps
     ]
     if figures.ground_clearance < 0.02 * figures.wheelbase:
-        found.append(f"ground clearance {figures.ground_clearance:.3f} m; the body may scrape")
-    return found
+        messages.append(f"ground clearance {figures.ground_clearance:.3f} m; the body may scrape")
+    return messages
 
 
 def _limits(figures: Inspection, vehicle: Vehicle) -> list[str]:
     """Return messages on joints without limits."""
-    found = []
+    messages = []
     for joint in figures.joints:
         if joint.role.endswith("steering") and math.isinf(vehicle.geometry.steering_rate):
-            found.append(f"joint '{joint.name}': no limit of its rate; the steering jumps")
+            messages.append(f"joint '{joint.name}': no limit of its rate; the steering jumps")
         elif "wheel" in joint.role and math.isinf(joint.velocity):
-            found.append(f"joint '{joint.name}': no limit of its speed")
+            messages.append(f"joint '{joint.name}': no limit of its speed")
         if math.isinf(joint.effort):
-            found.append(f"joint '{joint.name}': no effort limit; it can give any torque")
-    return found
+            messages.append(f"joint '{joint.name}': no effort limit; it can give any torque")
+    return messages

@@ -54,11 +54,11 @@ def presets() -> dict[str, PresetSpec]:
         ConfigError: a file of presets is invalid.
     """
     files = [path for folder in search_folders("models") for path in sorted(folder.glob("sensors/*.yaml"))]
-    found: dict[str, PresetSpec] = {}
+    known: dict[str, PresetSpec] = {}
     for path in files:
         for name, preset in _load(path, path.stat().st_mtime_ns).items():
-            found.setdefault(name, preset)
-    return found
+            known.setdefault(name, preset)
+    return known
 
 
 def with_preset(mount: Any) -> Any:

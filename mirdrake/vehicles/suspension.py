@@ -45,7 +45,7 @@ def find_suspension_faults(
     for wheel in WHEELS:
         roles = [getattr(spec.joints.wheels, wheel)]
         roles += [getattr(spec.joints.steering, _STEERED[wheel])] if wheel in _STEERED else []
-        own = getattr(names, wheel) if names is not None else None
+        spring = getattr(names, wheel) if names is not None else None
         if roles[0] not in joints:
             continue  # said elsewhere
         chain, link = [], _end(joints[roles[0]], "child")
@@ -54,14 +54,16 @@ def find_suspension_faults(
             link = _end(above[link], "parent")
         for joint in chain:
             name, kind = joint.get("name", ""), joint.get("type", "")
-            if name != own and name not in roles and kind != "fixed":
+            if name != spring and name not in roles and kind != "fixed":
                 yield ModelError(
                     f"{urdf.where(joint)}: joint '{name}' is {kind} and carries the {wheel} wheel, but has no role; "
                     f"name it in vehicle.yaml under joints.suspension.{wheel}, or make it fixed"
                 )
-        if own is not None and own in joints and joints[own] not in chain:
-            at = where_in(spec, "joints", "suspension", wheel)
-            yield ConfigError(f"{at}: joint '{own}' does not carry the {wheel} wheel; name the one above '{roles[0]}'")
+        if spring is not None and spring in joints and joints[spring] not in chain:
+            place = where_in(spec, "joints", "suspension", wheel)
+            yield ConfigError(
+                f"{place}: joint '{spring}' does not carry the {wheel} wheel; name the one above '{roles[0]}'"
+            )
 
 
 def _end(joint: ElementTree.Element, tag: str) -> str:
@@ -98,19 +100,19 @@ def measure_spring_loads(
     mean_track = share * geometry.front_track + (1.0 - share) * geometry.rear_track
     loads = []
     for i, name in enumerate(spec.joints.suspension.names()):
-        joint, at = plant.GetJointByName(name), where(name)
+        joint, place = plant.GetJointByName(name), where(name)
         X_BJ = plant.CalcRelativeTransform(context, base.body_frame(), joint.frame_on_parent())
         axis = X_BJ.rotation().multiply(joint.translation_axis())
         if abs(axis[2] - 1.0) > TOLERANCE:
             shown = " ".join(f"{value:.4g}" for value in np.where(np.abs(axis) < 1e-9, 0.0, axis))
             raise ModelError(
-                f"{at}: suspension joint '{name}' moves along {shown} of '{spec.base_link}'; "
+                f"{place}: suspension joint '{name}' moves along {shown} of '{spec.base_link}'; "
                 "it should be 0 0 1, so that a positive travel lifts the wheel"
             )
         low, high = joint.position_lower_limit(), joint.position_upper_limit()
         if not -math.inf < low < 0.0 < high < math.inf:
             raise ModelError(
-                f"{at}: suspension joint '{name}' is limited to {low:g} … {high:g} m; "
+                f"{place}: suspension joint '{name}' is limited to {low:g} … {high:g} m; "
                 "it needs the rebound travel below zero and the bump travel above"
             )
         below = plant.GetBodiesKinematicallyAffectedBy([joint.index()])
@@ -120,7 +122,7 @@ def measure_spring_loads(
         load = axle * side - unsprung
         if load <= 0.0:
             raise ModelError(
-                f"{at}: the spring of '{name}' carries {load:.4g} N: {axle * side:.4g} N on the wheel less "
+                f"{place}: the spring of '{name}' carries {load:.4g} N: {axle * side:.4g} N on the wheel less "
                 f"{unsprung:.4g} N of what hangs below; move the centre of mass, or make the wheel lighter"
             )
         loads.append(load)

@@ -173,9 +173,9 @@ def plan_vehicle(
         for axle in ("", "rear_") if place == "tyre" else ("rear_",) if place == "tyre_rear" else ("",):
             for part, size in zip(("wheel_radius", "wheel_width"), parse_tyre(text, where=place), strict=True):
                 values[axle + part], sources[axle + part] = size, f"{GIVEN}: tyre {text.strip()}"
-    for own, common in (("track", "track_front"), ("track_rear", "track")):
-        if own not in values:
-            values[own], sources[own] = values[common], sources[common]
+    for axle_key, common in (("track", "track_front"), ("track_rear", "track")):
+        if axle_key not in values:
+            values[axle_key], sources[axle_key] = values[common], sources[common]
     for known in (values, sources):
         known.pop("track_front", None)
     if "wheel_radius" not in values:
@@ -226,12 +226,12 @@ def _check_doubles(given: Mapping[str, Any], tyres: Mapping[str, str]) -> None:
     pairs = [("steering_limit", "turning_circle"), ("track", "track_front")]
     present = {*given, *tyres}
     pairs += [("tyre", "tyre_front"), ("tyre", "tyre_rear")]
-    for one, other in pairs:
-        if one in present and other in present:
-            raise ConfigError(f"{one} and {other} are both given; give one of them")
+    for first, other in pairs:
+        if first in present and other in present:
+            raise ConfigError(f"{first} and {other} are both given; give one of them")
     if len(present & {"tyre_front", "tyre_rear"}) == 1:
-        (one,) = present & {"tyre_front", "tyre_rear"}
-        raise ConfigError(f"{one} is given alone; give tyre_front and tyre_rear, or tyre for both axles")
+        (first,) = present & {"tyre_front", "tyre_rear"}
+        raise ConfigError(f"{first} is given alone; give tyre_front and tyre_rear, or tyre for both axles")
 
 
 def _usual_body(mass: float) -> str:
@@ -246,7 +246,7 @@ def _estimate_sizes(values: dict[str, Any], sources: dict[str, str], body: str) 
     """Estimate wheel width, steering limit, length and height if not given, and complete the rear axle."""
     radius, wheelbase, track = values["wheel_radius"], values["wheelbase"], values["track"]
     long, high, why = STYLES[body]
-    own = {
+    estimates = {
         "wheel_width": min(0.665 * radius, 0.8 * track),
         "length": max(long * wheelbase, wheelbase + 2.6 * radius),
         "height": high * radius,
@@ -267,8 +267,8 @@ def _estimate_sizes(values: dict[str, Any], sources: dict[str, str], body: str) 
         values["steering_limit"] = angle
         sources["steering_limit"] = f"{sources.pop('turning_circle')}: turning circle {values['turning_circle']:g} m"
     else:
-        own["steering_limit"] = estimate_steering_limit(mass=values["mass"], **steering)
-    for key, value in own.items():
+        estimates["steering_limit"] = estimate_steering_limit(mass=values["mass"], **steering)
+    for key, value in estimates.items():
         if key not in values:
             values[key], sources[key] = rounded(value), texts[key]
     for key in ("wheel_radius", "wheel_width"):

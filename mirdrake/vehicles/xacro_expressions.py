@@ -94,7 +94,7 @@ class Evaluator:
         def fatal(*texts: Any) -> None:
             raise XacroException(" ".join(map(_text, texts)))
 
-        own = {
+        xacro_functions = {
             "load_yaml": load_yaml,
             "abs_filename": abs_filename,
             "arg": argument,
@@ -102,12 +102,14 @@ class Evaluator:
             "tokenize": _tokenize,
             "fatal": fatal,
         } | dict.fromkeys(("message", "warning", "error", "print_location"), tell)
-        spaces = {"math": _Functions(_MATH), "python": _Functions(_PYTHON), "xacro": _Functions(own)}
-        direct = {name: deprecated("xacro", name, own[name]) for name in ("load_yaml", "abs_filename", "dotify")}
+        spaces = {"math": _Functions(_MATH), "python": _Functions(_PYTHON), "xacro": _Functions(xacro_functions)}
+        direct = {
+            name: deprecated("xacro", name, xacro_functions[name]) for name in ("load_yaml", "abs_filename", "dotify")
+        }
         direct |= {name: deprecated("python", name, _PYTHON[name]) for name in ("sorted", "range")}
         self._names: dict[str, Any] = {**_MATH, **_PYTHON, **direct, **spaces}
         self._functions = [*self._names.values(), *(value for space in spaces.values() for value in space.values())]
-        self._callable = {id(one) for one in self._functions if callable(one)}
+        self._callable = {id(entry) for entry in self._functions if callable(entry)}
         self._tick = tick
         self._steps, self._until, self._nested = 0, 0.0, 0
         self._symbols: Any = {}
@@ -139,7 +141,7 @@ class Evaluator:
         outer = self._steps, self._symbols, self._first, self._callable, self._until
         self._steps, self._symbols, self._first = 0, symbols, names or {}
         self._until, self._nested = time.thread_time() + SECONDS, self._nested + 1
-        self._callable = self._callable | {id(one) for one in self._first.values() if callable(one)}
+        self._callable = self._callable | {id(function) for function in self._first.values() if callable(function)}
         try:
             return self._value(tree.body, {}, 0)
         finally:
@@ -236,11 +238,11 @@ class Evaluator:
     def _dict(self, node: ast.Dict, local: Mapping[str, Any], depth: int) -> dict[Any, Any]:
         result: dict[Any, Any] = {}
         for key, value in zip(node.keys, node.values, strict=True):
-            one = self._value(value, local, depth)
+            item = self._value(value, local, depth)
             if key is None:
-                result.update(one if isinstance(one, dict) else {})
+                result.update(item if isinstance(item, dict) else {})
             else:
-                result[self._value(key, local, depth)] = one
+                result[self._value(key, local, depth)] = item
         return result
 
     # --- operations --------------------------------------------------------------------------------------------------
@@ -256,8 +258,8 @@ class Evaluator:
 
     def _boolean(self, node: ast.BoolOp, local: Mapping[str, Any], depth: int) -> Any:
         value = None
-        for one in node.values:
-            value = self._value(one, local, depth)
+        for operand in node.values:
+            value = self._value(operand, local, depth)
             if bool(value) != isinstance(node.op, ast.And):
                 break
         return value
@@ -286,27 +288,33 @@ class Evaluator:
 
     def _comprehension(self, node: Any, local: Mapping[str, Any], depth: int) -> Any:
         """The items of a list, set, dictionary or generator; the last becomes a list."""
-        found: list[Any] = []
+        results: list[Any] = []
         size = 0
 
         def each(number: int, scope: Mapping[str, Any]) -> None:
             nonlocal size
             if number == len(node.generators):
                 if isinstance(node, ast.DictComp):
-                    found.append((self._value(node.key, scope, depth), self._value(node.value, scope, depth)))
+                    results.append((self._value(node.key, scope, depth), self._value(node.value, scope, depth)))
                 else:
-                    found.append(self._value(node.elt, scope, depth))
-                size += measure(found[-1])
+                    results.append(self._value(node.elt, scope, depth))
+                size += measure(results[-1])
                 _bounded(size)
                 return
             part = node.generators[number]
             for item in _list(self._value(part.iter, scope, depth)):
                 inner = {**scope, **_bind(part.target, item)}
-                if all(self._value(one, inner, depth) for one in part.ifs):
+                if all(self._value(test, inner, depth) for test in part.ifs):
                     each(number + 1, inner)
 
         each(0, local)
-        return dict(found) if isinstance(node, ast.DictComp) else set(found) if isinstance(node, ast.SetComp) else found
+        return (
+            dict(results)
+            if isinstance(node, ast.DictComp)
+            else set(results)
+            if isinstance(node, ast.SetComp)
+            else results
+        )
 
     def _call(self, node: ast.Call, local: Mapping[str, Any], depth: int) -> Any:
         """Call a function of xacro, or a method of :data:`METHODS`."""
@@ -357,18 +365,18 @@ def measure(value: Any, *, most: int = LARGEST) -> int:
     """Return the characters and items of a value, with all that is in it; counting stops above `most`."""
     total, waiting = 0, [value]
     while waiting and total <= most:
-        one = waiting.pop()
+        item = waiting.pop()
         total += 1
-        if isinstance(one, str):
-            total += len(one)
-        elif isinstance(one, dict):
-            total += len(one)
+        if isinstance(item, str):
+            total += len(item)
+        elif isinstance(item, dict):
+            total += len(item)
             if total <= most:
-                waiting += [*dict.keys(one), *dict.values(one)]
-        elif isinstance(one, list | tuple | set | frozenset):
-            total += len(one)
+                waiting += [*dict.keys(item), *dict.values(item)]
+        elif isinstance(item, list | tuple | set | frozenset):
+            total += len(item)
             if total <= most:
-                waiting += one
+                waiting += item
     return total
 
 
@@ -403,7 +411,9 @@ def _bind(target: ast.expr, item: Any) -> dict[str, Any]:
         if len(items) != len(target.elts):
             raise ValueError(f"{len(items)} values for {len(target.elts)} names")
         return {
-            key: value for one, part in zip(target.elts, items, strict=True) for key, value in _bind(one, part).items()
+            key: value
+            for element, part in zip(target.elts, items, strict=True)
+            for key, value in _bind(element, part).items()
         }
     raise XacroException("only names may be assigned in a comprehension")
 
@@ -433,9 +443,9 @@ def _add(left: Any, right: Any) -> Any:
 
 
 def _multiply(left: Any, right: Any) -> Any:
-    for one, times in ((left, right), (right, left)):
-        if isinstance(one, str | list | tuple) and isinstance(times, int):
-            _bounded(measure(one) * max(times, 0))
+    for repeated, times in ((left, right), (right, left)):
+        if isinstance(repeated, str | list | tuple) and isinstance(times, int):
+            _bounded(measure(repeated) * max(times, 0))
     return left * right
 
 
@@ -500,8 +510,8 @@ def _format(text: str, *values: Any, **named: Any) -> str:
 
 
 def _replace(text: str, old: str, new: str, count: int = -1) -> str:
-    found = text.count(old) if count < 0 else min(text.count(old), count)
-    _bounded(len(text) + found * len(new))
+    matches = text.count(old) if count < 0 else min(text.count(old), count)
+    _bounded(len(text) + matches * len(new))
     return text.replace(old, new, count)
 
 
@@ -556,7 +566,7 @@ def _range(*limits: Any) -> list[int]:
 
 def _sum(values: Any, start: Any = 0) -> Any:
     items = _list(values)
-    if any(not isinstance(one, int | float) for one in (*items, start)):
+    if any(not isinstance(item, int | float) for item in (*items, start)):
         raise TypeError("sum adds numbers only")
     return sum(items, start)
 
@@ -568,13 +578,13 @@ def _int(value: Any = 0, *base: Any) -> int:
 
 
 def _map(function: Callable[..., Any], *values: Any) -> list[Any]:
-    found: list[Any] = []
+    results: list[Any] = []
     size = 0
     for items in zip(*map(_list, values), strict=False):
-        found.append(_checked(function(*items), set()))
-        size += measure(found[-1])
+        results.append(_checked(function(*items), set()))
+        size += measure(results[-1])
         _bounded(10 * size)
-    return found
+    return results
 
 
 def _filter(function: Callable[..., Any] | None, values: Any) -> list[Any]:
@@ -601,7 +611,7 @@ def _extreme(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _instance(value: Any, kinds: Any) -> bool:
     if isinstance(kinds, tuple):
-        return any(_instance(value, one) for one in kinds)
+        return any(_instance(value, kind) for kind in kinds)
     return isinstance(value, int if kinds is _int else kinds)
 
 
@@ -629,8 +639,8 @@ def _fold(function: Callable[[Any, Any], Any], start: int) -> Callable[..., Any]
 
 def _product(values: Any, *, start: Any = 1) -> Any:
     result = start
-    for one in _list(values):
-        result = _checked(result * one if isinstance(one, int | float) else math.nan, set())
+    for value in _list(values):
+        result = _checked(result * value if isinstance(value, int | float) else math.nan, set())
     return result
 
 

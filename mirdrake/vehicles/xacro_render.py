@@ -160,8 +160,8 @@ class _Expansion:
         except OSError as error:
             problem = (error.strerror or "cannot be read") if path.exists() else "no such file"
         if problem:
-            at = f"{self.where()}: include: " if self.files else ""
-            raise ModelError(f"{at}{name}: {problem}")
+            prefix = f"{self.where()}: include: " if self.files else ""
+            raise ModelError(f"{prefix}{name}: {problem}")
         self.files.append(path)
         lines = parse_xml(data, name, error=ModelError).lines.values()
         try:
@@ -240,7 +240,7 @@ class _Expansion:
         Raises:
             XacroException: it is not set or may not be read, and there is no default.
         """
-        allowed = VARIABLES | {one.strip() for one in os.environ.get(MORE_VARIABLES, "").split(",")}
+        allowed = VARIABLES | {name_of.strip() for name_of in os.environ.get(MORE_VARIABLES, "").split(",")}
         if name in allowed and name in os.environ:
             return os.environ[name]
         what = "is not set" if name in allowed else f"is not read; allow it with {MORE_VARIABLES}={name}"

@@ -327,8 +327,8 @@ def _simplified(corners: Array, triangles: NDArray[np.int64]) -> tuple[Array, ND
 def _close(points: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
     """Fill each hole whose edge is one simple loop by a fan from its middle."""
     edges = np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])).tolist()
-    there = {(a, b) for a, b in edges}
-    rim = {b: a for a, b in there if (b, a) not in there}  # the way that the missing triangles would run
+    present = {(a, b) for a, b in edges}
+    rim = {b: a for a, b in present if (b, a) not in present}  # the way that the missing triangles would run
     middles: list[Array] = []
     fans: list[tuple[int, int, int]] = []
     while rim:

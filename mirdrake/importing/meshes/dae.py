@@ -51,13 +51,13 @@ def _matrix(node: Node) -> Array:
     """Return the transformation of a node; unlike in pycollada, rotation axes may have any length."""
     matrix = np.eye(4)
     for step in node.transforms:
-        own = np.asarray(step.matrix, dtype=float)
+        local = np.asarray(step.matrix, dtype=float)
         if isinstance(step, RotateTransform):
             length = float(np.linalg.norm((step.x, step.y, step.z)))
             if length > 0.0:
                 axis = (step.x / length, step.y / length, step.z / length)
-                own = np.asarray(RotateTransform(*axis, step.angle).matrix, dtype=float)
-        matrix = matrix @ own
+                local = np.asarray(RotateTransform(*axis, step.angle).matrix, dtype=float)
+        matrix = matrix @ local
     return matrix
 
 
@@ -93,9 +93,9 @@ class _Reader:
                 yield from self.geometry(skin.geometry, self._bound(node.materials), matrix @ bind, names)
         elif isinstance(node, Node):  # an instance of another node too
             inner = getattr(node, "node", None) or node
-            own = tuple(str(word) for word in (inner.xmlnode.get("name"), inner.id) if word)
+            node_names = tuple(str(word) for word in (inner.xmlnode.get("name"), inner.id) if word)
             for child in node.children:
-                yield from self.walk(child, matrix @ _matrix(inner), names + own)
+                yield from self.walk(child, matrix @ _matrix(inner), names + node_names)
 
     def _bound(self, bindings: Any) -> Mapping[str, Any]:
         return {binding.symbol: binding.target for binding in bindings}
@@ -103,7 +103,7 @@ class _Reader:
     def geometry(
         self, geometry: Any, bound: Mapping[str, Any], matrix: Array, names: tuple[str, ...]
     ) -> Iterator[Piece]:
-        own = tuple(str(word) for word in (geometry.name, geometry.id) if word)
+        geometry_names = tuple(str(word) for word in (geometry.name, geometry.id) if word)
         for given in geometry.primitives:
             triangles = given.triangleset() if isinstance(given, Polylist) else given  # Polygons is a Polylist
             if not isinstance(triangles, TriangleSet) or triangles.vertex is None or not len(triangles.index):
@@ -121,7 +121,7 @@ class _Reader:
                 colors = colors[..., :4]
             corners = np.asarray(triangles.vertex, dtype=float)[triangles.vertex_index]
             material = self._material(bound.get(triangles.material), str(triangles.material or ""))
-            piece = Piece(tuple(dict.fromkeys(names + own)), corners, normals, uv, colors, material)
+            piece = Piece(tuple(dict.fromkeys(names + geometry_names)), corners, normals, uv, colors, material)
             yield piece.moved(matrix)
 
     def _material(self, given: Any, symbol: str) -> Material:

@@ -198,12 +198,12 @@ def _triangles_inside(place: Array, normal: Array) -> list[tuple[int, int, int]]
     outline = shapely.Polygon(flat)
     if not outline.is_valid:
         return []
-    found = []
+    triangles = []
     for triangle in shapely.get_parts(shapely.constrained_delaunay_triangles(outline)):
         ring = shapely.get_coordinates(shapely.orient_polygons(triangle))[:3]
         a, b, c = (int(np.argmin(np.linalg.norm(flat - point, axis=1))) for point in ring)
-        found.append((a, b, c))
-    return found
+        triangles.append((a, b, c))
+    return triangles
 
 
 # --- materials ---------------------------------------------------------------------------------------------------
@@ -260,11 +260,13 @@ def _color(words: list[str] | None) -> tuple[float, float, float] | None:
 
 def _texture_address(words: list[str]) -> str:
     """Return the file name of a texture line without its options; it may contain spaces."""
-    at = 0
-    while at < len(words) and words[at] in _OPTION_VALUES:
-        option = words[at]
-        end = at + 1 + _OPTION_VALUES[option]
+    start = 0
+    while start < len(words) and words[start] in _OPTION_VALUES:
+        option = words[start]
+        end = start + 1 + _OPTION_VALUES[option]
         if option in _NUMERIC:
-            end = next((k for k in range(at + 2, min(end, len(words))) if not _floats([words[k]], colour=False)), end)
-        at = end
-    return " ".join(words[at:])
+            end = next(
+                (k for k in range(start + 2, min(end, len(words))) if not _floats([words[k]], colour=False)), end
+            )
+        start = end
+    return " ".join(words[start:])

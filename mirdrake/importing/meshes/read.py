@@ -195,11 +195,11 @@ def select_submesh(mesh: ReadMesh, path: Path, name: str) -> tuple[Piece, ...]:
     """
     if not name:
         return mesh.pieces
-    found = tuple(piece for piece in mesh.pieces if name in piece.names)
-    if not found:
+    pieces = tuple(piece for piece in mesh.pieces if name in piece.names)
+    if not pieces:
         names = [known for piece in mesh.pieces for known in piece.names]
         raise SubmeshError(path, f"has no submesh '{name}': {did_you_mean(name, names)}")
-    return found
+    return pieces
 
 
 def _without_broken(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
@@ -271,8 +271,8 @@ def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
     for start, end in _runs(same):
         run = order[start : end + 1]
         along = face[run] @ face[run[0]] > 0.0
-        for one, other in zip(run[along].tolist(), run[~along].tolist(), strict=False):
-            dropped[other if rank[one] >= rank[other] else one] = True
+        for first, other in zip(run[along].tolist(), run[~along].tolist(), strict=False):
+            dropped[other if rank[first] >= rank[other] else first] = True
     if dropped.any():
         why = "they would be drawn at the same place"
         notes.append(Note(f"{int(dropped.sum())} pairs of coincident opposite triangles", "one of each", why))
@@ -314,19 +314,19 @@ class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ig
             return None
         near = (".", "textures", "../textures", "../materials/textures", "../../materials/textures", "../images")
         for candidate in (words.lstrip("/"), words, *(f"{place}/{name}" for place in near)):
-            found = _find_any_case(self.folder, candidate)
-            if found is not None:
-                return found
+            path = _find_any_case(self.folder, candidate)
+            if path is not None:
+                return path
         return None
 
     def get(self, key: str) -> bytes:
         """Return the content of a file that a mesh refers to (for trimesh)."""
-        found = self.find(key)
-        if found is None:
+        path = self.find(key)
+        if path is None:
             if Path(key).suffix.lower() in (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".tif", ".tiff", ".gif", ".dds"):
                 self.notes.append(_missing(key))
             raise ValueError(f"{key} is missing")
-        return found.read_bytes()
+        return path.read_bytes()
 
     def write(self, name: str, data: bytes) -> None:
         """Raise an error: nothing is written beside the source (for trimesh)."""
@@ -342,12 +342,12 @@ class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ig
 
     def picture(self, address: str, *, alpha: bool = False) -> Image.Image | None:
         """Return an opened texture, with opacity if `alpha`; None and a note if it cannot be read."""
-        found = self.find(address)
-        if found is None:
+        path = self.find(address)
+        if path is None:
             self.notes.append(_missing(address))
             return None
         try:
-            with Image.open(BytesIO(found.read_bytes())) as image:
+            with Image.open(BytesIO(path.read_bytes())) as image:
                 return _plain(image, alpha=alpha)
         except Exception as error:  # Pillow's errors are of every kind
             self.notes.append(Note(f"texture {address}", None, f"cannot be read: {error}"))

@@ -142,14 +142,14 @@ def _indexed(piece: Piece) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any] | N
     keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     vertices = rows[first]
-    at = 6
-    found_uv = found_colors = None
+    column = 6
+    vertex_uv = vertex_colors = None
     if piece.uv is not None:
-        found_uv, at = np.ascontiguousarray(vertices[:, at : at + 2]), at + 2
+        vertex_uv, column = np.ascontiguousarray(vertices[:, column : column + 2]), column + 2
     if piece.colors is not None:
-        found_colors = np.ascontiguousarray(vertices[:, at : at + 4])
+        vertex_colors = np.ascontiguousarray(vertices[:, column : column + 4])
     points, normals = (np.ascontiguousarray(vertices[:, start : start + 3]) for start in (0, 3))
-    return points, normals, found_uv, found_colors, index.ravel().astype("<u4")
+    return points, normals, vertex_uv, vertex_colors, index.ravel().astype("<u4")
 
 
 def corner_normals(piece: Piece) -> Array:

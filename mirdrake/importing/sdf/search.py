@@ -71,10 +71,10 @@ class Models(Packages):
         parts = [part for part in rest.split("/") if part]
         if "models" not in parts[:-1] or ".." in parts:
             return None
-        at = parts.index("models")
-        below = parts[at + 2 :]
+        index = parts.index("models")
+        below = parts[index + 2 :]
         below = below[below.index("files") + 1 :] if "files" in below else []
-        names = [server.lower(), *(part.lower() for part in parts[max(0, at - 1) : at + 2])]
+        names = [server.lower(), *(part.lower() for part in parts[max(0, index - 1) : index + 2])]
         homes = [Path(entry) for name in FUEL_VARIABLES if (entry := os.environ.get(name, ""))]
         for cache in (*homes, *(Path.home() / folder for folder in _FUEL_CACHES)):
             try:
@@ -100,8 +100,8 @@ class Models(Packages):
             return None, f"{scheme}:// is not supported; model://, package:// and file:// are"
         if mark and scheme in {"http", "https"}:
             name = model_name(address)
-            found = self.fuel(address) or self.find(name) or self.find(name.replace(" ", "_"))
-            path = model_file(found) if found and found.is_dir() else None
+            match = self.fuel(address) or self.find(name) or self.find(name.replace(" ", "_"))
+            path = model_file(match) if match and match.is_dir() else None
             why = f"it is not in the local cache of Fuel, and nothing is downloaded; give it with --package {name}=DIR"
             return path, "" if path else why
 
@@ -131,15 +131,15 @@ class Models(Packages):
         text = unquote(address.strip())
         scheme, mark, rest = text.partition("://")
         if mark and scheme in {"http", "https"}:
-            found = self.fuel(address)
-            if found is not None and found.is_file():
-                return found, ""
+            match = self.fuel(address)
+            if match is not None and match.is_file():
+                return match, ""
             name = model_name(address)
             text = f"model://{name}/meshes/{rest.rpartition('/')[2]}"
         elif not (mark and scheme == "file" and Path(rest).is_file()):
-            found = self.below(rest if mark else text) if not (folder / text).is_file() else None
-            if found is not None and found.is_file():
-                return found, ""
+            match = self.below(rest if mark else text) if not (folder / text).is_file() else None
+            if match is not None and match.is_file():
+                return match, ""
         path, remark = super().resolve(text, folder=folder)
         return path, remark.replace(" is not found; ", f" is not found; {searched()}; ")
 
@@ -189,7 +189,7 @@ def _search_folders() -> list[Path]:
 
 def _from_environment() -> dict[str, Path]:
     """Return the models in the folders of the environment variables, the first one of a name."""
-    found: dict[str, Path] = {}
+    models: dict[str, Path] = {}
     for top in _search_folders():
         try:
             folders = sorted(top.iterdir()) if top.is_dir() else []
@@ -197,5 +197,5 @@ def _from_environment() -> dict[str, Path]:
             continue
         for folder in folders:
             if any((folder / mark).is_file() for mark in ("model.config", "model.sdf", "package.xml")):
-                found.setdefault(folder.name, folder)
-    return found
+                models.setdefault(folder.name, folder)
+    return models

@@ -51,10 +51,10 @@ def find_drive(
         if joint in places and (not moved or joint in moved)
     }
     plugged = {joint: item.where for item in model.plugins for joint in _moved_by(item, places)}
-    for found, kind in ((commanded, "controller"), (moved, "transmission")):
-        if found:
-            drive = _axle(places[joint] for joint in found)
-            return drive, f"imported: {kind}, {next(iter(found.values()))}", []
+    for driven_joints, kind in ((commanded, "controller"), (moved, "transmission")):
+        if driven_joints:
+            drive = _axle(places[joint] for joint in driven_joints)
+            return drive, f"imported: {kind}, {next(iter(driven_joints.values()))}", []
     for plugin in model.plugins:  # a torque is a stronger sign than the name of a joint
         by_torque = _by_torque(plugin)
         if by_torque is not None:

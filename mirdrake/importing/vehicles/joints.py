@@ -124,11 +124,14 @@ def _numbers_of(plugin: Plugin) -> list[str]:
 def imported_gains(model: SourceModel, roles: Roles, changes: Changes) -> dict[str, object] | None:
     """Return variants/imported.yaml with the PID gains of the source; None if it has none for wheels and steering."""
     wheels = [roles.wheels[name].joint.name for name in driven_wheels(roles.drive)]
-    found = {"wheel_speed": _gains(model, wheels), "steering": _gains(model, [joint.name for joint in roles.steering])}
-    known = {part: item for part, item in found.items() if item is not None}
+    gains_by_loop = {
+        "wheel_speed": _gains(model, wheels),
+        "steering": _gains(model, [joint.name for joint in roles.steering]),
+    }
+    known = {part: item for part, item in gains_by_loop.items() if item is not None}
     for part, (gains, controller) in known.items():
         was = ", ".join(f"{key} {value:g}" for key, value in gains.items())
-        complete = len(known) == len(found)
+        complete = len(known) == len(gains_by_loop)
         became = "in variants/imported.yaml" if complete else None
         why = (
             "the estimated gains are the default; these are for comparison"
@@ -136,7 +139,7 @@ def imported_gains(model: SourceModel, roles: Roles, changes: Changes) -> dict[s
             else "the gains of the other joints are missing"
         )
         changes.add(Code.GAINS, controller.where, f"gains of {part} ('{controller.name}')", was, became, why)
-    if len(known) < len(found):
+    if len(known) < len(gains_by_loop):
         return None
     control = {part: _pid(gains) for part, (gains, _) in known.items()}
     places = ", ".join(dict.fromkeys(controller.where for _, controller in known.values()))

@@ -42,11 +42,11 @@ class Tree:
 
     def rigid_with(self, link: str, free: Container[str]) -> list[str]:
         """Return a link and its descendants, except see the steering limit a joint named in `free`."""
-        found = [link]
+        links = [link]
         for name in self.poses:  # parents come first
-            if name in self.above and self.above[name].parent in found and self.above[name].name not in free:
-                found.append(name)
-        return found
+            if name in self.above and self.above[name].parent in links and self.above[name].name not in free:
+                links.append(name)
+        return links
 
     def pose(self, joint: Joint) -> RigidTransform:
         """Return pose of a joint's frame J in M."""

@@ -143,8 +143,8 @@ def collect_numbers(
     radius = min(wheel.shape.radius for wheel in wheels.values())
 
     def plugins(figure: str, scale: float = 1.0) -> list[Given]:
-        found = [item for item in stated if item.figure == figure]
-        return [(item.value * scale, f"plugin, {item.where}") for item in found]
+        matching = [item for item in stated if item.figure == figure]
+        return [(item.value * scale, f"plugin, {item.where}") for item in matching]
 
     # Joints and plugins side by side.
     rates = [(joint.limits.velocity, joint.where) for joint in steering]
@@ -191,10 +191,10 @@ def collect_numbers(
     limited = numbers["max_torque"].source.startswith("imported") or top < estimates.wheel_speed_limit
     power = numbers["max_torque"].value * top * POWER_SHARE if limited else estimates.max_power
     numbers["max_power"] = Number(power, HOW["max_power"])
-    for end, own in zip(("front", "rear"), tyres, strict=True):
+    for end, tyre in zip(("front", "rear"), tyres, strict=True):
         pair = [wheels[f"{end}_{side}"] for side in ("left", "right")]
-        numbers[f"{end}_tyre_modulus"] = _estimate(own, "tyre_modulus")
-        numbers[f"{end}_tyre_stiffness"] = _estimate(own, "tyre_point_stiffness")
+        numbers[f"{end}_tyre_modulus"] = _estimate(tyre, "tyre_modulus")
+        numbers[f"{end}_tyre_stiffness"] = _estimate(tyre, "tyre_point_stiffness")
         numbers[f"{end}_friction"] = _friction(roles, end, pair, changes)
     _report_stiffness(roles, list(wheels.values()), numbers, changes)
     return numbers, changes
@@ -231,12 +231,12 @@ def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, 
 def _brakes(stated: Sequence[Stated], estimates: Estimates, changes: Changes) -> tuple[Number, Number]:
     """Return the brake torque of all wheels together [N m] and the share of the front axle [-]."""
     # Plugins state brake torques per wheel, per axle or in total.
-    found = [item for item in stated if item.figure == "brake_torque" and isfinite(item.value)]
+    brakes = [item for item in stated if item.figure == "brake_torque" and isfinite(item.value)]
     estimate, share = _estimate(estimates, "brake_torque"), _estimate(estimates, "brake_front_share")
-    if not any(item.value > 0.0 for item in found):
+    if not any(item.value > 0.0 for item in brakes):
         return estimate, share
-    by_end = {item.end: item.value for item in found}
-    where = found[0].where
+    by_end = {item.end: item.value for item in brakes}
+    where = brakes[0].where
     # Figures are of one wheel; without an axle also of all together: whichever is nearer to the estimate.
     if "front" in by_end and "rear" in by_end:
         total = 2.0 * (by_end["front"] + by_end["rear"])

@@ -58,10 +58,10 @@ def _absolute(value: str) -> str:
     if path.is_absolute() or not value or (os.sep not in value and not path.suffix and value not in (".", "..")):
         return value
     try:
-        there = path.exists()
+        exists = path.exists()
     except (OSError, ValueError):
         return value
-    return str(path.absolute()) if there else value
+    return str(path.absolute()) if exists else value
 
 
 def _main_file(path: Path) -> Path:
@@ -77,13 +77,13 @@ def _main_file(path: Path) -> Path:
     sdf = model_file(path)
     if sdf is not None:
         return sdf
-    found = [
+    candidates = [
         file
         for below in ("", "urdf", "xacro", "robots", "description")
         for file in sorted((path / below).glob("*"))
         if file.suffix in {".urdf", ".xacro", ".sdf"} and file.is_file()
     ]
-    whole = [file for file in dict.fromkeys(found) if _is_whole(file)]
+    whole = [file for file in dict.fromkeys(candidates) if _is_whole(file)]
     if len(whole) != 1:
         names = ", ".join(shown(file) for file in whole[:8]) or "none"
         raise ModelError(f"{shown(path)}: give the file that describes the vehicle; there are {len(whole)}: {names}")

@@ -88,8 +88,8 @@ def _missing_prefixes(urdf: Urdf) -> Iterator[str]:
     for path in urdf.files:
         macros |= set(_MACRO.findall(path.read_text(encoding="utf-8", errors="replace")))
     standard = set().union(*_KNOWN.values())
-    found = [child for parent in (urdf.root, *urdf.root) for child in parent if isinstance(child.tag, str)]
-    for element in found:
+    children = [child for parent in (urdf.root, *urdf.root) for child in parent if isinstance(child.tag, str)]
+    for element in children:
         tag = element.tag
         if tag in standard or not (tag in macros or tag in _XACRO):
             continue
@@ -217,10 +217,10 @@ class _Reader:
         for shape in geometry:
             if shape is inside:
                 continue
-            found = self._shape(shape, where, what)
-            if found is not None:
-                found.X_LG, found.rgba, found.texture = pose, rgba, texture
-                yield found
+            result = self._shape(shape, where, what)
+            if result is not None:
+                result.X_LG, result.rgba, result.texture = pose, rgba, texture
+                yield result
 
     def _shape(self, shape: ElementTree.Element, where: str, what: str) -> Shape | None:
         def size(key: str, count: int = 1) -> tuple[float, ...]:

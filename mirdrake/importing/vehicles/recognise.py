@@ -97,8 +97,8 @@ def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
         ModelError: it is not a car with four wheels, two of them steered; the message states what it is.
     """
     tree, changes = make_tree(model)
-    found, blank = find_wheels(tree)
-    axles = _axles(tree, found, blank)
+    wheels_found, blank = find_wheels(tree)
+    axles = _axles(tree, wheels_found, blank)
     front, rear = _front_and_rear(tree, axles, changes)
     ahead = _level(_middle(front) - _middle(rear))
     left = np.cross(UP, ahead)
@@ -134,7 +134,7 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
     Raises:
         ModelError: a joint turns the wheels of both sides.
     """
-    found, blank = [], []
+    turning, blank = [], []
     spinning = {joint.name: spin for joint in tree.above.values() if (spin := _spin(tree, joint)) is not None}
     for name, (joint, axis, second) in spinning.items():
         X_MW = frame_about(tree.pose(joint).translation(), y=axis, up=UP)
@@ -160,11 +160,11 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
         off_axis = float(np.hypot(shape.centre[0], shape.centre[2]))
         point = X_MW.multiply(np.array([0.0, shape.centre[1], 0.0]))
         seen = next((item for item in rounds if item.role == "visual"), None)
-        found.append(Wheel(joint, second, axis, point, off_axis, shape, tuple(upright), seen))
-    if not found:
+        turning.append(Wheel(joint, second, axis, point, off_axis, shape, tuple(upright), seen))
+    if not turning:
         return [], blank
-    lowest = min(found, key=lambda wheel: wheel.bottom)
-    return [wheel for wheel in found if wheel.bottom - lowest.bottom <= LOW * lowest.shape.radius], blank
+    lowest = min(turning, key=lambda wheel: wheel.bottom)
+    return [wheel for wheel in turning if wheel.bottom - lowest.bottom <= LOW * lowest.shape.radius], blank
 
 
 def _spin(tree: Tree, joint: Joint) -> tuple[Joint, Vector, bool] | None:
@@ -243,13 +243,13 @@ def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: Changes) -> t
         raise _rejection(tree, f"2 driven wheels and 2 casters (differential drive): {_names(driven)}", wheels)
     steered = [axle for axle in axles if all(_own(wheel, axle) for wheel in axle)]
     for axle in axles:
-        own = [bool(_own(wheel, axle)) for wheel in axle]
-        if any(own) and not all(own):
-            steered_one = axle[own.index(True)].joint.name
+        steers = [bool(_own(wheel, axle)) for wheel in axle]
+        if any(steers) and not all(steers):
+            steered_one = axle[steers.index(True)].joint.name
             what = f"{_named(axle)} on one axle, only one of which is steered ('{steered_one}')"
             raise _rejection(tree, what, wheels)
         shared = [joint for joint in axle[0].steering if joint in axle[1].steering]
-        if shared and not any(own):
+        if shared and not any(steers):
             what = f"joint '{shared[-1].name}' steers an axle as a whole; a car steers each front wheel by itself"
             raise _rejection(tree, what, wheels)
     if not steered:
@@ -310,18 +310,18 @@ def _count_skids(tree: Tree, wheels: Sequence[Wheel]) -> int:
 # --- words -------------------------------------------------------------------------------------------------------
 
 
-def _rejection(tree: Tree, found: str, wheels: Sequence[Wheel]) -> ModelError:
+def _rejection(tree: Tree, summary: str, wheels: Sequence[Wheel]) -> ModelError:
     """Return the error for a model that is not a car: what was found, unusable joints, mistakes in the files."""
     names, used = [wheel.joint.name for wheel in wheels], [joint.name for wheel in wheels for joint in wheel.steering]
     faults = unusable_wheels(tree, names, level=LEVEL) if len(wheels) != 4 else ""
     steering = unusable_steering(tree, names, used, upright=UPRIGHT)
     faults += steering
     if steering:
-        found = found.replace("no steering joint", "no usable steering joint")
+        summary = summary.replace("no steering joint", "no usable steering joint")
     hints = "".join(f"; {hint}" for hint in tree.model.hints)
     place = source_name(tree.model)
     what = "not a car with four wheels on two axles, two of them steered"
-    return ModelError(f"{place}: {what}; found {found}{faults}{hints}")
+    return ModelError(f"{place}: {what}; found {summary}{faults}{hints}")
 
 
 def _inventory(tree: Tree) -> str:

@@ -43,11 +43,11 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
     """
     # Dimensions and parts.
     changes = Changes([*model.changes, *roles.changes])
-    layout, found = straighten(roles)
-    changes += found
+    layout, more = straighten(roles)
+    changes += more
     names = Names()
-    sprung, found = find_springs(roles) if springs else ({}, [])
-    changes += found
+    sprung, more = find_springs(roles) if springs else ({}, [])
+    changes += more
     parts = _make_parts(roles, layout, names, sprung, changes)
     # Masses, which need the size of the body, and balance, which needs all masses.
     bounds = _body_bounds(parts.body, layout, changes)
@@ -55,20 +55,20 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
     where = model.links[roles.tree.root].where or source_name(model)
     changes += check_balance(parts, layout, bounds, where)
     # Limits and estimates; the steering limit is an input of the estimates.
-    limit, found = steering_limit(roles)
-    changes += found
+    limit, more = steering_limit(roles)
+    changes += more
     mass, com_x = parts.total_mass(), float(parts.centre_of_mass(layout)[0])
     whole, front, rear = (_estimates(roles, layout, bounds, mass, com_x, limit.value, end) for end in (None, 0, 1))
-    numbers, found = collect_numbers(roles, limit, whole, (front, rear))
-    changes += found
+    numbers, more = collect_numbers(roles, limit, whole, (front, rear))
+    changes += more
     # Springs that would carry nothing are fixed instead, which changes the parts: start again without springs.
     suspension = None
     if sprung:
-        suspension, found = make_springs(sprung, parts, layout=layout, estimates=whole)
+        suspension, more = make_springs(sprung, parts, layout=layout, estimates=whole)
         if suspension is None:
             car = repair(model, roles, name=name, springs=False)
-            return replace(car, changes=Changes([*car.changes, *found]))
-        changes += found
+            return replace(car, changes=Changes([*car.changes, *more]))
+        changes += more
     # Names, frames and sensors last, since sensors refer to frames of all parts.
     wheel_joints, steering_joints = _name_joints(roles, names)
     spring_joints = {
@@ -78,8 +78,8 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
     changes += report_joints(roles, sprung=[item.joint for item in sprung.values() if item.joint is not None])
     changes += _report_collisions(roles, (*parts.knuckles, *parts.carriers.values()), layout)
     frames, places = _make_frames(roles, parts, names)
-    mounts, mount_frames, found = make_mounts(model, places, names)
-    changes += found
+    mounts, mount_frames, more = make_mounts(model, places, names)
+    changes += more
     return Car(
         **vars(parts),
         name=name,
@@ -169,9 +169,9 @@ def _make_parts(
     carriers = {}
     for key, item in sprung.items():
         child = "" if item.steered or item.joint is None else item.joint.child
-        own = tree.rigid_with(child, free) if child else []
+        carried = tree.rigid_with(child, free) if child else []
         name = names.link(child) if child else names.new(f"{key}_carrier")
-        carriers[key] = Part(name, own, layout.X_MB)
+        carriers[key] = Part(name, carried, layout.X_MB)
     parts = Parts(body=body, knuckles=(knuckles[0], knuckles[1]), wheels=wheels, carriers=carriers)
     for part in parts:
         _take_shapes(tree, part)
@@ -192,9 +192,9 @@ def _with_known_submeshes(shapes: Iterable[Shape], changes: Changes) -> list[Sha
     """Return the shapes of the body with whole meshes instead of unknown submeshes, each mesh once."""
     kept: list[Shape] = []
     for shape in shapes:
-        known, found = with_known_submesh(shape)
-        changes += found
-        if not found or not any(
+        known, more = with_known_submesh(shape)
+        changes += more
+        if not more or not any(
             other.mesh == known.mesh
             and not other.submesh
             and other.scale == known.scale

@@ -45,8 +45,10 @@ def read_controllers(folders: Iterable[Path], model: SourceModel, *, only: Set[s
     for folder in folders:
         for below in ("config", "param", "params", "cfg", "yaml", "control"):
             for path in sorted((folder / below).rglob("*.y*ml")) if (folder / below).is_dir() else ():
-                found = _read_file(path)
-                model.controllers += found if only is None else [item for item in found if only & set(item.joints)]
+                controllers = _read_file(path)
+                model.controllers += (
+                    controllers if only is None else [item for item in controllers if only & set(item.joints)]
+                )
 
 
 def _read_file(path: Path) -> list[Controller]:
@@ -65,14 +67,14 @@ def _controllers(data: Any, path: tuple[str, ...], where: str) -> Iterator[Contr
     # A controller is a mapping with a type such as package/Class, or with gains; others are searched inside.
     kind = data.get("type")
     gains = {
-        str(name): found
+        str(name): pid
         for key in ("pid_gains", "gains")
         if isinstance(data.get(key), Mapping)
         for name, entry in data[key].items()
-        if (found := _gains(entry))
+        if (pid := _gains(entry))
     }
-    if found := _gains(data.get("pid")):
-        gains[str(data.get("joint", ""))] = found
+    if pid := _gains(data.get("pid")):
+        gains[str(data.get("joint", ""))] = pid
     if (isinstance(kind, str) and "/" in kind) or gains:
         joints = data.get("joints", data.get("joint", ()))
         names = tuple(map(str, joints)) if isinstance(joints, list) else (str(joints),) if joints else tuple(gains)

@@ -87,7 +87,7 @@ def find_rounds(tree: Tree, links: Iterable[str], X_MW: RigidTransform) -> list[
 
 
 def _rounds(shapes: Iterable[Shape], X_WL: RigidTransform, role: str) -> list[Round]:
-    found = []
+    rounds = []
     for shape in shapes:
         if shape.kind in ("box", "plane"):
             continue
@@ -96,7 +96,7 @@ def _rounds(shapes: Iterable[Shape], X_WL: RigidTransform, role: str) -> list[Ro
             radius, length = shape.size[:2]
             width = length + (2.0 * radius if shape.kind == "capsule" else 0.0)
             if 0.0 < radius < LARGEST and 0.0 < width < LARGEST and np.isfinite(X_WG.translation()).all():
-                found.append(Round(radius, width, X_WG.translation(), shape, role))
+                rounds.append(Round(radius, width, X_WG.translation(), shape, role))
             continue
         # Any other shape is round if its extents across the axis are equal.
         box = bounds_in(shape, X_WL)
@@ -109,8 +109,8 @@ def _rounds(shapes: Iterable[Shape], X_WL: RigidTransform, role: str) -> list[Ro
             and abs(extent[0] - extent[2]) <= ROUND * max(extent[0], extent[2])
         ):
             radius = 0.25 * (extent[0] + extent[2])
-            found.append(Round(float(radius), float(extent[1]), 0.5 * (box[0] + box[1]), shape, role))
-    return found
+            rounds.append(Round(float(radius), float(extent[1]), 0.5 * (box[0] + box[1]), shape, role))
+    return rounds
 
 
 def _with_width(item: Round, visuals: list[Round]) -> Round:

@@ -50,24 +50,24 @@ def fit_mount(
         the valid mount, its corrections and ""; or None, the corrections so far and the schema's reason.
     """
     cls, mount = mount_classes()[mount["kind"]], dict(mount)
-    found: list[Correction] = []
-    _convert_degrees(cls, mount, found)
-    _bound(cls, mount, defaults, found)
-    _order(mount, found)
-    _narrow(mount, found)
+    corrections: list[Correction] = []
+    _convert_degrees(cls, mount, corrections)
+    _bound(cls, mount, defaults, corrections)
+    _order(mount, corrections)
+    _narrow(mount, corrections)
     if "rows" in mount and mount["columns"] * mount["rows"] > MAX_RAYS:
-        _set(mount, "columns", MAX_RAYS // mount["rows"], f"at most {MAX_RAYS} rays a scan are cast", found)
+        _set(mount, "columns", MAX_RAYS // mount["rows"], f"at most {MAX_RAYS} rays a scan are cast", corrections)
     for _ in range(len(mount)):
         try:
             cls.model_validate({"frame": "any", **mount})
-            return mount, found, ""
+            return mount, corrections, ""
         except ValidationError as error:
             first = error.errors()[0]
         key, reason = str(first["loc"][0]) if first["loc"] else "", first["msg"].removeprefix("Value error, ")
         if key not in mount or cls.model_fields[key].is_required():
             break
-        found.append(Correction(key, str(mount.pop(key))[:60], "left out", reason))
-    return None, found, f"{key}: {reason}" if key else reason
+        corrections.append(Correction(key, str(mount.pop(key))[:60], "left out", reason))
+    return None, corrections, f"{key}: {reason}" if key else reason
 
 
 def mount_classes() -> dict[str, type[Mount]]:
@@ -92,12 +92,12 @@ def limits_of(cls: type[Mount], key: str) -> tuple[float, float, bool]:
     return low, high, strict
 
 
-def _set(mount: MountData, key: str, value: float, why: str, found: list[Correction]) -> None:
-    found.append(Correction(key, f"{mount[key]:.6g}", f"{value:.6g}", why))
+def _set(mount: MountData, key: str, value: float, why: str, corrections: list[Correction]) -> None:
+    corrections.append(Correction(key, f"{mount[key]:.6g}", f"{value:.6g}", why))
     mount[key] = value
 
 
-def _convert_degrees(cls: type[Mount], mount: MountData, found: list[Correction]) -> None:
+def _convert_degrees(cls: type[Mount], mount: MountData, corrections: list[Correction]) -> None:
     """Convert angles that are impossible in radians from degrees, both ends of a fan together."""
     # 90 as a limit of a fan can only mean degrees.
     for keys in _ANGLES:
@@ -110,10 +110,10 @@ def _convert_degrees(cls: type[Mount], mount: MountData, found: list[Correction]
             turned = [radians(mount[key]) for key in keys]
             if all(abs(angle) <= min(highest, pi if single else highest) for angle in turned):
                 for key, angle in zip(keys, turned, strict=True):
-                    _set(mount, key, angle, "in degrees: no such angle in radians", found)
+                    _set(mount, key, angle, "in degrees: no such angle in radians", corrections)
 
 
-def _bound(cls: type[Mount], mount: MountData, defaults: Mapping[str, float], found: list[Correction]) -> None:
+def _bound(cls: type[Mount], mount: MountData, defaults: Mapping[str, float], corrections: list[Correction]) -> None:
     """Limit counts and distances to the schema, and remove invalid optional values."""
     for key, value in list(mount.items()):
         if isinstance(value, str | dict | bool):
@@ -121,39 +121,39 @@ def _bound(cls: type[Mount], mount: MountData, defaults: Mapping[str, float], fo
         low, high, strict = limits_of(cls, key)
         field, distance = cls.model_fields[key], any(key in pair for pair in _RANGES)
         if distance and value > FARTHEST:
-            _set(mount, key, FARTHEST, f"at most {FARTHEST:g} m", found)
+            _set(mount, key, FARTHEST, f"at most {FARTHEST:g} m", corrections)
         elif key == "cone" and value >= high and isfinite(value):
-            _set(mount, key, WIDEST, "a cone is narrower than half a turn", found)
+            _set(mount, key, WIDEST, "a cone is narrower than half a turn", corrections)
         elif value > high and field.annotation is int:
-            _set(mount, key, int(high), f"at most {high:g}", found)
+            _set(mount, key, int(high), f"at most {high:g}", corrections)
         elif value < low or value > high or (strict and value == low) or not isfinite(value):
             if key in defaults:
-                _set(mount, key, defaults[key], f"{low:g} to {high:g} is allowed; Gazebo's default", found)
+                _set(mount, key, defaults[key], f"{low:g} to {high:g} is allowed; Gazebo's default", corrections)
             elif key in ("near", "depth_near"):
-                _set(mount, key, NEAREST, "above 0", found)
+                _set(mount, key, NEAREST, "above 0", corrections)
             elif not field.is_required():
                 del mount[key]
                 default = field.get_default(call_default_factory=True)
                 text = f"{default:g}" if isinstance(default, int | float) else "0"
-                found.append(Correction(key, f"{value:.6g}", text, f"{low:g} to {high:g} is allowed"))
+                corrections.append(Correction(key, f"{value:.6g}", text, f"{low:g} to {high:g} is allowed"))
     # Noise is a mapping in the schema: a plain number is its standard deviation.
     for key in [key for key, value in mount.items() if key.endswith("noise") and not isinstance(value, str | dict)]:
         if not (isfinite(mount[key]) and mount[key] >= 0.0):
-            found.append(Correction(key, f"{mount[key]:.6g}", "0", "a standard deviation is 0 or more"))
+            corrections.append(Correction(key, f"{mount[key]:.6g}", "0", "a standard deviation is 0 or more"))
             del mount[key]
 
 
-def _order(mount: MountData, found: list[Correction]) -> None:
+def _order(mount: MountData, corrections: list[Correction]) -> None:
     """Exchange a nearest and a farthest distance in the wrong order."""
     for near, far in _RANGES:
         if near in mount and far in mount and mount[near] > mount[far] > 0.0:
             was = f"{mount[near]:.6g} to {mount[far]:.6g} m"
             mount[near], mount[far] = mount[far], mount[near]
             became = f"{mount[near]:.6g} to {mount[far]:.6g} m"
-            found.append(Correction(f"{near} and {far}", was, became, "exchanged: near should be below far"))
+            corrections.append(Correction(f"{near} and {far}", was, became, "exchanged: near should be below far"))
 
 
-def _narrow(mount: MountData, found: list[Correction]) -> None:
+def _narrow(mount: MountData, corrections: list[Correction]) -> None:
     """Limit a fan to one turn."""
     for start, end in _FANS:
         if start not in mount or end not in mount:
@@ -165,4 +165,4 @@ def _narrow(mount: MountData, found: list[Correction]) -> None:
                 mount[start] = -copysign(pi, span)
             mount[end] = mount[start] + copysign(2.0 * pi, span)
             became = f"{mount[start]:.6g} to {mount[end]:.6g} rad"
-            found.append(Correction(f"{start} and {end}", was, became, "a fan of beams is at most one turn"))
+            corrections.append(Correction(f"{start} and {end}", was, became, "a fan of beams is at most one turn"))

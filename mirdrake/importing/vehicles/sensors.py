@@ -103,10 +103,10 @@ class _Reader:
             eyes = eyes or [("", "camera", "camera")]
         else:
             eyes = [("", "camera", kind)]
-        for suffix, camera, own in eyes:
-            mount = self._fill(own, camera)
-            X_SC = self._pose(camera) if own in ("camera", "depth_camera", "stereo_camera") else RigidTransform()
-            if own == "stereo_camera" and mount is not None:
+        for suffix, camera, label in eyes:
+            mount = self._fill(label, camera)
+            X_SC = self._pose(camera) if label in ("camera", "depth_camera", "stereo_camera") else RigidTransform()
+            if label == "stereo_camera" and mount is not None:
                 left, right = X_SC, self._pose(cameras[1])
                 across = left.inverse().multiply(right.translation())
                 mount["baseline"] = float(np.linalg.norm(across)) or self._get("plugin.hackBaseline") or 0.0

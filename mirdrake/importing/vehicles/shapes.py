@@ -79,11 +79,11 @@ def _visual(
         return replace(known, X_LG=shape.X_LG, where=shape.where)
     name = Names.unique(Path(shape.address or "mesh").stem.replace(".", "_"), files)
     try:
-        new, found = convert_visual(shape, folder, name=name)
+        new, more = convert_visual(shape, folder, name=name)
     except MeshError as error:
         changes.append(error.left_out(shape.where, what))
         return None
-    changes += found
+    changes += more
     written[key] = new
     return new
 
@@ -97,11 +97,11 @@ def _collision(shape: Shape, part: Part, folder: Path, files: set[str], changes:
         return []
     name = Names.unique(f"{Path(shape.address or 'mesh').stem}_collision".replace(".", "_"), files)
     try:
-        new, found = convert_collision(shape, folder, name=name, time=time)
+        new, more = convert_collision(shape, folder, name=name, time=time)
     except MeshError as error:
         changes.append(error.left_out(shape.where, what))
         return []
-    changes += found
+    changes += more
     return new
 
 

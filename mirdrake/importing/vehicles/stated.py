@@ -40,18 +40,18 @@ class Stated:
 
 def read_stated(plugins: Iterable[Plugin]) -> list[Stated]:
     """Return the figures that plugins state."""
-    found = [item for plugin in plugins for item in _of_plugin(plugin)]
+    figures = [item for plugin in plugins for item in _of_plugin(plugin)]
     # Beside a limit at the road wheel, a larger one is that of the hand wheel; alone it is beyond a right angle.
     # Steering limits beyond a right angle are those of the hand wheel.
-    road = [item.value for item in found if item.figure == "steering_limit" and item.value < 0.5 * pi]
-    hand = [item for item in found if item.figure == "steering_limit" and item.value >= 0.5 * pi]
+    road = [item.value for item in figures if item.figure == "steering_limit" and item.value < 0.5 * pi]
+    hand = [item for item in figures if item.figure == "steering_limit" and item.value >= 0.5 * pi]
     ratios = [
         Stated("steering_ratio", "", item.value / min(road), item.key, item.where)
         for item in hand
         if road and item.value <= 50.0
     ]
-    stated = {item.figure for item in found}
-    return [item for item in found if item not in hand] + ([] if "steering_ratio" in stated else ratios)
+    stated = {item.figure for item in figures}
+    return [item for item in figures if item not in hand] + ([] if "steering_ratio" in stated else ratios)
 
 
 def _of_plugin(plugin: Plugin) -> Iterator[Stated]:

@@ -88,8 +88,8 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
         why = "left and right are mirror images"
         changes.add(Code.GEOMETRY, roles.steering[0].where, "places of the steering axes", was, _shown(middle), why)
     for side, kingpin in zip(SIDES, kingpins, strict=True):
-        at = np.array([kingpin[0], kingpin[1], radii[0]])
-        parts[f"{side}_knuckle"] = X_MB.multiply(RigidTransform(at))
+        kingpin_point = np.array([kingpin[0], kingpin[1], radii[0]])
+        parts[f"{side}_knuckle"] = X_MB.multiply(RigidTransform(kingpin_point))
     trail = float(middle[0]) - wheelbase
     layout = Layout(
         wheelbase=wheelbase,

@@ -179,13 +179,13 @@ def _build(
     if first or blocked:
         laid = write({**first, **starts})
     if first:
-        became = ", ".join(f"start '{one}': {keys}" for one, keys in first.items())
+        became = ", ".join(f"start '{label}': {keys}" for label, keys in first.items())
         changes.add(Code.START, where, "start", remark, became, f"free space for a car of the size of {CAR}")
     # The report lists what `mirdrake world check` would find.
     show_progress("checking")
-    found = [_relative(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
+    remaining = [_relative(fault.text, building) for fault in check_world(laid, vehicle=CAR, first_steps=True)]
     checks = tuple(map(places.text, _checks(world, converter, props, grids, overlaps, ground)))
-    checks += tuple(f"world check: {text}" for text in found)
+    checks += tuple(f"world check: {text}" for text in remaining)
     reported = tuple(dict.fromkeys(map(places.change, changes)))
     report = report_text(name, files=world.files, entries=grids, changes=reported, places=places, checks=checks)
     (building / f"{name}.md").write_text(report, encoding="utf-8")
@@ -335,16 +335,16 @@ def _check_place(target: Path, name: str, *, force: bool) -> list[Path]:
     Raises:
         ConfigError: something is there that may not be replaced.
     """
-    there = [path for path in (target / f"{name}.yaml", target / f"{name}.md", target / name) if _exists(path)]
+    existing = [path for path in (target / f"{name}.yaml", target / f"{name}.md", target / name) if _exists(path)]
     if target.exists() and not target.is_dir():
         raise ConfigError(f"{shown(target)} is not a folder; choose another one")
-    if there and not force:
-        raise ConfigError(f"{shown(there[0])} is there already; take another name, or force to replace it")
-    for path in there:
+    if existing and not force:
+        raise ConfigError(f"{shown(existing[0])} is there already; take another name, or force to replace it")
+    for path in existing:
         wanted = path.is_dir() == (path.name == name)
         if path.is_symlink() or not wanted or (path.is_dir() and {entry.name for entry in path.iterdir()} - {"props"}):
             raise ConfigError(f"{shown(path)} was not made by an import, so it is not replaced; take another name")
-    return there
+    return existing
 
 
 def _exists(path: Path) -> bool:

@@ -93,11 +93,11 @@ class Converter:
                 self.changes.add(Code.MODEL, obj.where, what, "visuals", None, "none of its meshes can be read")
                 continue
             X = lowered(obj.X_WM, self.height)
-            at = ", ".join(number(value) for value in X.translation())
+            position = ", ".join(number(value) for value in X.translation())
             roll, pitch, yaw = RollPitchYaw(X.rotation()).vector()
             turned = (("yaw", yaw), ("pitch", pitch), ("roll", roll))
             angles = "".join(f", {word}: {degrees(angle)}" for word, angle in turned if degrees(angle) != "0 deg")
-            done.append(f"file: {short}/visual.gltf, at: [{at}]{angles}")
+            done.append(f"file: {short}/visual.gltf, at: [{position}]{angles}")
         return done
 
     # --- one object ---
@@ -137,7 +137,7 @@ class Converter:
         """Return the known model for an object without its own files."""
         if not obj.sources or (obj.collisions and not obj.absent and not _sees_nothing(obj)):
             return None
-        return next((found for name in (obj.kind, *obj.sources) if (found := find_known(name))), None)
+        return next((known for name in (obj.kind, *obj.sources) if (known := find_known(name))), None)
 
     def _known(self, obj: SourceObject, known: Known, what: str, why: str) -> Entry:
         prop = stand_in(known)

@@ -80,7 +80,7 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
     # A road of its own mesh beside others, such as track_road.dae beside track_field.dae, is not merged with them.
     road_meshes = [shape for shape in shapes if _names_a_road((PurePath(shape.address).stem, shape.submesh))]
     road_meshes = road_meshes if len(road_meshes) < len(shapes) else []
-    found: list[Surface] = []
+    floors: list[Surface] = []
     roads: list[Surface] = []
     for shape in shapes:
         try:
@@ -93,14 +93,14 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
             roads.append(road)
         if not len(upper):
             continue
-        own = PurePath(shape.address).stem if shape in road_meshes else words
-        surface = _surface(obj, shape, upper, float(corners[:, :, 2].min()), whole=whole, words=own)
+        name = PurePath(shape.address).stem if shape in road_meshes else words
+        surface = _surface(obj, shape, upper, float(corners[:, :, 2].min()), whole=whole, words=name)
         level = abs(float((obj.X_WM @ shape.X_LG).rotation().matrix()[2, 2])) > _LEVEL
         surface.box = shape if shape.kind in {"box", "plane"} and level else None
         top, polygons = surface.top, surface.polygons
-        same = next((other for other in found if other.words == surface.words and abs(other.top - top) <= FLAT), None)
+        same = next((other for other in floors if other.words == surface.words and abs(other.top - top) <= FLAT), None)
         if same is None:
-            found.append(surface)
+            floors.append(surface)
             continue
         merged = outline([*same.polygons, *polygons])
         same.shapes.append(shape)
@@ -108,7 +108,7 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
         same.area, same.top = sum(polygon.area for polygon in merged), max(same.top, top)
         same.rise, same.thickness = max(same.rise, surface.rise), max(same.thickness, surface.thickness)
         same.box, same.whole = None, same.whole and whole
-    return sorted((surface for surface in (*found, *roads) if surface.polygons), key=lambda surface: surface.top)
+    return sorted((surface for surface in (*floors, *roads) if surface.polygons), key=lambda surface: surface.top)
 
 
 def _surface(obj: SourceObject, shape: Shape, upper: Array, lowest: float, *, whole: bool, words: str) -> Surface:
@@ -267,6 +267,6 @@ def heights_below(surfaces: list[Surface], points: Array, height: float) -> Arra
         if abs(surface.top - height) < 1e-4 and surface.rise < 1e-3:
             continue
         top = tops_at(surface.triangles, points[:, :2])
-        there = np.isfinite(top) & (points[:, 2] > top - FLAT)
-        best[there] = np.maximum(best[there], top[there] - height)
+        below = np.isfinite(top) & (points[:, 2] > top - FLAT)
+        best[below] = np.maximum(best[below], top[below] - height)
     return best

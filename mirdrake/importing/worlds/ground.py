@@ -229,7 +229,7 @@ def _lay_down(
     """Add patches for surfaces, adjacent similar ones together; return the areas of roads."""
     # Surfaces with the same look and friction that touch become one patch, the lowest first.
     alike: dict[tuple[str, float | None], list[Surface]] = {}
-    for surface in sorted(surfaces, key=lambda one: one.top):
+    for surface in sorted(surfaces, key=lambda item: item.top):
         if surface.top < ground.height - FLAT and world.planes:
             what, was = f"model '{surface.obj.name}'", f"level, {ground.height - surface.top:.3g} m below the ground"
             changes.add(Code.GROUND, surface.obj.where, what, was, None, "it is below the ground plane")
@@ -244,7 +244,7 @@ def _lay_down(
             above = max(surface.top for surface in together) - ground.height
             rise = max(surface.rise for surface in together)
             what = f"model '{first.name}'" + (f" and {len(together) - 1} that touch it" if len(together) > 1 else "")
-            was = f"level, {together[0].thickness:.3g} m thick, {sum(one.area for one in together):.4g} m²"
+            was = f"level, {together[0].thickness:.3g} m thick, {sum(item.area for item in together):.4g} m²"
             became = f"{count} patch{'es' if count != 1 else ''} of {look}"
             why = "drivable surfaces are ground"
             if rise > FLAT:
@@ -252,7 +252,7 @@ def _lay_down(
             elif above > FLAT:
                 was, became = f"{was}, {above:.3g} m above the ground", f"{became}, {above:.3g} m lower"
             changes.add(Code.GROUND, first.where, what, was, became, why)
-            if look in {"asphalt", "concrete"} or any(one.width < 0.25 * math.sqrt(one.area) for one in together):
+            if look in {"asphalt", "concrete"} or any(item.width < 0.25 * math.sqrt(item.area) for item in together):
                 roads += [polygon for surface in together for polygon in surface.polygons]
     return roads
 
@@ -265,10 +265,10 @@ def _touching(surfaces: list[Surface]) -> list[list[Surface]]:
     for a, b in zip(first.tolist(), second.tolist(), strict=True):
         low, high = sorted((_root(group, a), _root(group, b)))
         group[high] = low
-    found: dict[int, list[Surface]] = {}
+    groups: dict[int, list[Surface]] = {}
     for index, surface in enumerate(surfaces):
-        found.setdefault(_root(group, index), []).append(surface)
-    return list(found.values())
+        groups.setdefault(_root(group, index), []).append(surface)
+    return list(groups.values())
 
 
 def _root(group: list[int], index: int) -> int:
@@ -290,9 +290,9 @@ def _take_out(world: SourceWorld, ground: GroundText, surfaces: list[Surface], c
             continue
         for change in obj.missing:
             changes.append(change)
-        own = of[obj]
-        if any(not _looks_like(shape, obj, own) for shape in obj.visuals):
-            ground.drawn.append(_lifted(rest, max(surface.top for surface in own) - ground.height))
+        surfaces_of_obj = of[obj]
+        if any(not _looks_like(shape, obj, surfaces_of_obj) for shape in obj.visuals):
+            ground.drawn.append(_lifted(rest, max(surface.top for surface in surfaces_of_obj) - ground.height))
     world.objects = objects
 
 
@@ -323,27 +323,27 @@ def _lifted(obj: SourceObject, above: float) -> SourceObject:
 
 def _take_seen(world: SourceWorld, ground: GroundText, changes: Changes) -> list[Surface]:
     """Move objects with visuals only to the scenery; return those of their surfaces that are ground."""
-    found: list[Surface] = []
+    taken: list[Surface] = []
     objects = []
     for obj in world.objects:
         if obj.collisions or not obj.visuals or obj.absent or obj.broken or obj.wheels:
             objects.append(obj)
             continue
-        own = [surface for surface in surfaces_of(obj, seen=True) if is_ground(surface, ground.height)]
-        own = [
-            surface for surface in own if surface.whole and surface.top > ground.height - FLAT and surface.width > 1.0
+        level = [surface for surface in surfaces_of(obj, seen=True) if is_ground(surface, ground.height)]
+        level = [
+            surface for surface in level if surface.whole and surface.top > ground.height - FLAT and surface.width > 1.0
         ]
-        found += own
-        above = max((surface.top for surface in own), default=ground.height) - ground.height
-        if any(not _looks_like(shape, obj, own) for shape in obj.visuals):
+        taken += level
+        above = max((surface.top for surface in level), default=ground.height) - ground.height
+        if any(not _looks_like(shape, obj, level) for shape in obj.visuals):
             ground.drawn.append(_lifted(obj, above))
         for change in obj.missing:
             changes.append(change)
-        if not own:
+        if not level:
             why = "it has no collision geometry in the source"
             changes.add(Code.GROUND, obj.where, f"model '{obj.name}'", "only visuals", "visual only", why)
     world.objects = objects
-    return found
+    return taken
 
 
 def _lower_things(world: SourceWorld, ground: GroundText, surfaces: list[Surface], changes: Changes) -> None:

@@ -149,9 +149,9 @@ def stand_in(known: Known) -> StandIn | None:
     A prop of one size is scaled by the model's longest side, and must then be within a third of each of the others.
     Where the size of the model is not known for certain, the first prop is taken as it is.
     """
-    there = prop_names()
+    existing = prop_names()
     for name in known.props:
-        if name not in there:
+        if name not in existing:
             continue
         try:
             size = load_prop(name).size

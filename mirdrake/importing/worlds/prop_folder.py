@@ -59,12 +59,12 @@ def write_prop(
             solids.append((shape, _points(shape)))
             continue
         try:
-            parts, found = convert_collision(shape, folder, name=f"solid_{index}")
+            parts, more = convert_collision(shape, folder, name=f"solid_{index}")
         except MeshError as error:
             changes.append(error.left_out(shape.where, f"model '{obj.name}': collision"))
             obj.broken.append(f"{shape.where}: {error}")
             continue
-        for change in found:
+        for change in more:
             changes.append(change)
         solids += [(part, _points(part)) for part in parts]
     if not solids:
@@ -124,9 +124,9 @@ def _solid_text(shape: Shape, points: Array, X_PM: RigidTransform, folder: Path,
         hull = make_hull((points - shape.X_LG.translation()) @ shape.X_LG.rotation().matrix())
         write_obj(hull.points, hull.faces, folder / f"round_{index}.obj")
         parts = [f"convex: round_{index}.obj"]
-    at = [number(value) for value in X_PS.translation()]
-    if at != ["0", "0", "0"]:
-        parts.append(f"at: [{', '.join(at)}]")
+    position = [number(value) for value in X_PS.translation()]
+    if position != ["0", "0", "0"]:
+        parts.append(f"at: [{', '.join(position)}]")
     angles = RollPitchYaw(X_PS.rotation()).vector()
     turned = zip(("yaw", "pitch", "roll"), (degrees(angles[i]) for i in (2, 1, 0)), strict=True)
     return ", ".join([*parts, *(f"{word}: {angle}" for word, angle in turned if angle != "0 deg")])
@@ -207,11 +207,11 @@ def convex_outlines(shape: Shape) -> list[Shape]:
         part = waiting.pop()
         while True:
             both = ((other, shapely.union(part, other)) for other in waiting if shapely.intersects(part, other))
-            found = next(((other, whole) for other, whole in both if _bulges(whole)), None)
-            if found is None:
+            concave = next(((other, whole) for other, whole in both if _bulges(whole)), None)
+            if concave is None:
                 break
-            waiting.remove(found[0])
-            part = found[1]
+            waiting.remove(concave[0])
+            part = concave[1]
         done.append(part)
     return [replace(shape, submesh=shapely.to_wkt(part, rounding_precision=9)) for part in done]
 
@@ -235,13 +235,13 @@ def write_visual(obj: SourceObject, X_PM: RigidTransform, folder: Path, changes:
         if shape.kind == "plane" and obj.collisions:
             continue
         try:
-            found, remarks = pieces_of(shape)
+            parts, remarks = pieces_of(shape)
         except MeshError as error:
             changes.append(error.left_out(shape.where, what))
             continue
         notes += [(shape.where, f"{what} {shape.address}".strip(), note) for note in remarks]
         matrix = (X_PM @ shape.X_LG).GetAsMatrix4()
-        pieces += [piece.moved(matrix) for piece in found]
+        pieces += [piece.moved(matrix) for piece in parts]
     if pieces:
         written = write_gltf(pieces, folder / "visual.gltf")
         notes += [(obj.where, f"model '{obj.name}': visuals", note) for note in written]

@@ -306,7 +306,7 @@ class ModelReader:
             obj.missing.add(Code.MESH, where, f"{what} mesh", shape.address, None, remark)
             return
         if remark:
-            found = shape.mesh.name if shape.mesh is not None else shape.kind
-            self._changes.add(Code.MODEL, where, what, shape.address or element.get("name", ""), found, remark)
+            became = shape.mesh.name if shape.mesh is not None else shape.kind
+            self._changes.add(Code.MODEL, where, what, shape.address or element.get("name", ""), became, remark)
         placed = _Placed(shape, X, scope.full(relative) if relative else link, link)
         (draft.visuals if element.tag == "visual" else draft.collisions).append(placed)

@@ -104,12 +104,12 @@ class _Reader:
             self._light(light, frame)
         # Poses are known once all frames are read.
         objects = [self._finish(draft) for draft in self._models.drafts]
-        own = {index for _, indices in self._crowds for index in indices}
+        copies = {index for _, indices in self._crowds for index in indices}
         for crowd, indices in self._crowds:  # a model may hold nothing but an include
             copied = [objects[index] for index in indices]
             self._crowd(crowd, next((obj for obj in copied if obj.collisions or obj.absent), copied[0]))
         for index, obj in enumerate(objects):
-            if index in own:
+            if index in copies:
                 continue
             if obj.name in self._gone:
                 why = "the saved state deletes it"
@@ -194,8 +194,8 @@ class _Reader:
 
     def _actor(self, child: Element, where: str) -> None:
         pose = child.find("pose")
-        way = child.find("script/trajectory/waypoint/pose")
-        X, _ = read_pose(pose if pose is not None else way, self._tree, self._scope.version)
+        waypoint = child.find("script/trajectory/waypoint/pose")
+        X, _ = read_pose(pose if pose is not None else waypoint, self._tree, self._scope.version)
         kind = model_name(text_of(child, "include/uri")) or "person_standing"
         self._world.actors.append((child.get("name", "") or "actor", kind, X, where))
 
@@ -285,12 +285,12 @@ class _Reader:
             size = (20.0, 20.0) if plain_name(obj.kind) == "asphalt_plane" else (100.0, 100.0)
             self._world.planes.append(Plane(obj.name, obj.X_WM, size, None, obj.kind, obj.where))
             return True
-        found = [shape for shape in obj.collisions if shape.kind == "plane"]
+        planes = [shape for shape in obj.collisions if shape.kind == "plane"]
         seen = [shape for shape in obj.visuals if shape.kind == "plane"]
-        if not found:
+        if not planes:
             return False
         words = " ".join([obj.name, obj.kind, *(shape.address for shape in seen)])
-        for shape in found:
+        for shape in planes:
             sizes = [other.size for other in (*seen, shape) if len(other.size) == 2 and min(other.size) > 0.0]
             edges = (sizes[0][0], sizes[0][1]) if sizes else None
             X_WP = obj.X_WM @ shape.X_LG @ RigidTransform(_onto(np.array(shape.scale)), np.zeros(3))

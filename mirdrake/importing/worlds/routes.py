@@ -183,25 +183,25 @@ def _rounded(
     share = np.full(len(lengths), 0.5)
     share[0] = share[-1] = 0.98 if len(lengths) > 1 else 1.0
     cut = np.zeros(len(turns))
-    for at, turn in enumerate(turns):
+    for index, turn in enumerate(turns):
         if abs(turn) < _STRAIGHT:
             continue
         half = math.tan(abs(turn) / 2.0)
-        room = min(share[at] * lengths[at], share[at + 1] * lengths[at + 1]) - _LEAST_LINE
+        room = min(share[index] * lengths[index], share[index + 1] * lengths[index + 1]) - _LEAST_LINE
         if room <= 0.0:
             return None
         off = max(0.25 * width, 0.1) / (1.0 / math.cos(turn / 2.0) - 1.0)  # radius that cuts the corner so far
-        cut[at] = min(room, max(off, _RADIUS, 0.6 * width) * half)
+        cut[index] = min(room, max(off, _RADIUS, 0.6 * width) * half)
     segments: list[tuple[float, float]] = []
-    for at, length in enumerate(lengths):
-        left = length - (cut[at - 1] if at else 0.0) - (cut[at] if at < len(turns) else 0.0)
+    for index, length in enumerate(lengths):
+        left = length - (cut[index - 1] if index else 0.0) - (cut[index] if index < len(turns) else 0.0)
         if left > 1e-3:
             segments.append((float(left), 0.0))
-        if at < len(turns) and abs(turns[at]) >= _STRAIGHT:
-            radius = cut[at] / math.tan(abs(turns[at]) / 2.0)
+        if index < len(turns) and abs(turns[index]) >= _STRAIGHT:
+            radius = cut[index] / math.tan(abs(turns[index]) / 2.0)
             if radius < 0.05:
                 return None
-            segments.append((float(radius), float(turns[at])))
+            segments.append((float(radius), float(turns[index])))
     return (float(places[0, 0]), float(places[0, 1]), float(headings[0])), segments
 
 

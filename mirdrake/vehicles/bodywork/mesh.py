@@ -24,10 +24,10 @@ class Material:
     def entry(self, name: str) -> dict[str, Any]:
         """Return the material in glTF's form."""
         linear = [round(value, 5) for value in srgb_to_linear(np.array(self.rgb)).tolist()]
-        found = {"name": name, **pbr_material((*linear, 1.0), roughness=self.roughness, metallic=self.metallic)}
+        material = {"name": name, **pbr_material((*linear, 1.0), roughness=self.roughness, metallic=self.metallic)}
         if self.emissive:
-            found["emissiveFactor"] = [round(value * self.emissive, 5) for value in linear]
-        return found
+            material["emissiveFactor"] = [round(value * self.emissive, 5) for value in linear]
+        return material
 
 
 MATERIALS: dict[str, Material] = {
@@ -118,9 +118,9 @@ class Mesh:
 
     def corners(self, *materials: str) -> Array:
         """Return the corners (n, 3) of all triangles, or of those of the named materials."""
-        found = [t.reshape(-1, 3) for name, chunks in self.parts.items() if not materials or name in materials
+        chunks_of = [t.reshape(-1, 3) for name, chunks in self.parts.items() if not materials or name in materials
                  for t, _ in chunks]  # fmt: skip
-        return np.concatenate(found) if found else np.zeros((0, 3))
+        return np.concatenate(chunks_of) if chunks_of else np.zeros((0, 3))
 
     def write(
         self,
