@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, cast
 
 
 @dataclass(frozen=True)
@@ -197,8 +197,7 @@ class Inspection:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for JSON; what is not finite becomes None."""
-        data: dict[str, Any] = _finite(asdict(self))
-        return data
+        return cast(dict[str, Any], _finite(asdict(self)))
 
 
 def _finite(value: Any) -> Any:

@@ -4,7 +4,7 @@ Presets are data: every ``sensors/*.yaml`` in a models folder (see :mod:`mirdrak
 wins.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -85,7 +85,7 @@ def _load(path: Path, _changed: int) -> dict[str, PresetSpec]:
     return load_yaml(path, PresetsSpec).presets
 
 
-def _paths(data: dict[str, Any], prefix: str = "") -> Iterator[str]:
+def _paths(data: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
     """Yield the dotted paths of all quantities: all keys except kinds and switches."""
     for key, value in data.items():
         if isinstance(value, dict):

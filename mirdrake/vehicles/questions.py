@@ -195,7 +195,7 @@ def ask(
     *,
     input: Callable[[str], str] = builtins.input,  # noqa: A002
     say: Callable[[str], object] = lambda _: None,
-) -> dict[str, Any]:
+) -> dict[str, float | str]:
     """Ask for the missing input in a terminal; an invalid answer is asked for again.
 
     Args:
@@ -224,7 +224,7 @@ def ask(
             except ConfigError as error:
                 say(str(error))
 
-    def wheel(text: str) -> dict[str, Any]:
+    def wheel(text: str) -> dict[str, float | str]:
         if "/" in text:
             parse_tyre(text)
             return {"tyre": text}

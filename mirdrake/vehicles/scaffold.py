@@ -8,6 +8,7 @@ module.
 import json
 import os
 import re
+from dataclasses import dataclass
 from math import atan, ceil, hypot, pi, radians, sqrt, tan
 from pathlib import Path
 from typing import Any
@@ -287,8 +288,29 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
     write_visuals(folder, plan)
 
 
-def place_sensors(plan: Plan) -> list[dict[str, Any]]:
-    """Return name, preset, position in base_link [m] and mast [m] of each sensor, outside of the collision boxes.
+@dataclass(frozen=True)
+class PlacedSensor:
+    """A sensor of a new vehicle.
+
+    Attributes:
+        sensor: word for it, of :data:`mirdrake.vehicles.questions.SENSORS`.
+        name: of the mount.
+        preset: of the mount.
+        x: position in base_link [m].
+        z: the same.
+        mast: heights of its lower and upper end [m]; None without a mast.
+    """
+
+    sensor: str
+    name: str
+    preset: str
+    x: float
+    z: float
+    mast: tuple[float, float] | None
+
+
+def place_sensors(plan: Plan) -> list[PlacedSensor]:
+    """Return the sensors of a new vehicle, outside of the collision boxes.
 
     Cameras and lidars look over the body. The mast of a lidar with several planes is so high that its lowest beam, 15
     degrees below the horizon, clears the ends of the roof. The mast ends a hundredth of the vehicle height below the
@@ -317,9 +339,7 @@ def place_sensors(plan: Plan) -> list[dict[str, Any]]:
     for sensor in plan.sensors:
         name, preset, (x, z), foot = known[sensor]
         mast = None if foot is None else (foot, z - 0.01 * height)
-        mounts.append(
-            {"name": name, "preset": preset, "x": rounded(x), "z": rounded(z), "mast": mast, "sensor": sensor}
-        )
+        mounts.append(PlacedSensor(sensor, name, preset, rounded(x), rounded(z), mast))
     return mounts
 
 

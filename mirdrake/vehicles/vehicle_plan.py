@@ -159,7 +159,7 @@ def plan_vehicle(
         raise ConfigError(f"missing: {', '.join(missing)}")
 
     # Given quantities in SI units with their origin. A value without an axle is that of the front axle.
-    values: dict[str, Any] = {}
+    values: dict[str, float] = {}
     faults = []
     for key, value in given.items():
         try:
@@ -186,15 +186,17 @@ def plan_vehicle(
     # Input quantities that are not given.
     _estimate_sizes(values, sources, body := body or _usual_body(values["mass"]))
     share, share_text = (0.56, _FRONT_SHARE) if drive == "front" else (None, HOW["front_axle_share"])
-    inputs: dict[str, Any] = {
-        key: values.get(key)
-        for key in (
-            *("mass", "wheelbase", "steering_limit", "length", "height"),
-            *("width", "com_height", "yaw_inertia", "power", "top_speed"),
-        )
-    }
     result = estimate(
-        **inputs,
+        mass=values["mass"],
+        wheelbase=values["wheelbase"],
+        steering_limit=values["steering_limit"],
+        length=values["length"],
+        height=values["height"],
+        width=values.get("width"),
+        com_height=values.get("com_height"),
+        yaw_inertia=values.get("yaw_inertia"),
+        power=values.get("power"),
+        top_speed=values.get("top_speed"),
         track=(values["track"] + values["track_rear"]) / 2.0,
         wheel_radius=(values["wheel_radius"] + values["rear_wheel_radius"]) / 2.0,
         wheel_width=(values["wheel_width"] + values["rear_wheel_width"]) / 2.0,
@@ -204,13 +206,14 @@ def plan_vehicle(
     for key, name in (("power", "max_power"), ("top_speed", "wheel_speed_limit")):
         if key in values:
             sources[name] = sources.pop(key) + (", over the wheel radius" if key == "top_speed" else "")
+    _check_power(asdict(result) | values)
+    numbers: dict[str, float | tuple[float, ...]] = {**values}
     for key, value in asdict(result).items():
-        if key not in values:
-            values[key] = tuple(map(rounded, value)) if isinstance(value, tuple) else rounded(value)
+        if key not in numbers:
+            numbers[key] = tuple(map(rounded, value)) if isinstance(value, tuple) else rounded(value)
             sources.setdefault(key, share_text if key == "front_axle_share" else HOW[key])
-    _check_power(values)
-    values = {key: value for key, value in values.items() if key not in ("power", "top_speed", "turning_circle")}
-    return Plan(values, {key: sources[key] for key in values}, body, drive, parse_sensors(sensors))
+    numbers = {key: value for key, value in numbers.items() if key not in ("power", "top_speed", "turning_circle")}
+    return Plan(numbers, {key: sources[key] for key in numbers}, body, drive, parse_sensors(sensors))
 
 
 def _check_doubles(given: Mapping[str, Any], tyres: Mapping[str, str]) -> None:
@@ -242,7 +245,7 @@ def _usual_body(mass: float) -> str:
     return "truck"
 
 
-def _estimate_sizes(values: dict[str, Any], sources: dict[str, str], body: str) -> None:
+def _estimate_sizes(values: dict[str, float], sources: dict[str, str], body: str) -> None:
     """Estimate wheel width, steering limit, length and height if not given, and complete the rear axle."""
     radius, wheelbase, track = values["wheel_radius"], values["wheelbase"], values["track"]
     long, high, why = STYLES[body]

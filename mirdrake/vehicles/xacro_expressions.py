@@ -56,7 +56,7 @@ METHODS: dict[type, frozenset[str]] = {
 """Methods that an expression may call, by type."""
 
 
-class _Functions(dict[str, Any]):
+class _Functions(dict[str, object]):
     """Functions and constants below a name such as ``math``."""
 
 
@@ -106,8 +106,11 @@ class Evaluator:
         direct = {
             name: deprecated("xacro", name, xacro_functions[name]) for name in ("load_yaml", "abs_filename", "dotify")
         }
-        direct |= {name: deprecated("python", name, _PYTHON[name]) for name in ("sorted", "range")}
-        self._names: dict[str, Any] = {**_MATH, **_PYTHON, **direct, **spaces}
+        direct |= {
+            name: deprecated("python", name, function)
+            for name, function in (("sorted", _extreme(sorted)), ("range", _range))
+        }
+        self._names: dict[str, object] = {**_MATH, **_PYTHON, **direct, **spaces}
         self._functions = [*self._names.values(), *(value for space in spaces.values() for value in space.values())]
         self._callable = {id(entry) for entry in self._functions if callable(entry)}
         self._tick = tick
@@ -403,7 +406,7 @@ def _list(value: Any) -> list[Any]:
     raise TypeError(f"'{type(value).__name__}' object is not iterable")
 
 
-def _bind(target: ast.expr, item: Any) -> dict[str, Any]:
+def _bind(target: ast.expr, item: Any) -> dict[str, object]:
     if isinstance(target, ast.Name):
         return {target.id: item}
     if isinstance(target, ast.Tuple | ast.List):
@@ -644,7 +647,7 @@ def _product(values: Any, *, start: Any = 1) -> Any:
     return result
 
 
-_PYTHON: dict[str, Any] = {
+_PYTHON: dict[str, object] = {
     "True": True, "False": False, "list": list, "dict": dict, "len": len, "str": str, "float": float, "int": _int,
     "bool": bool, "tuple": tuple, "set": set, "frozenset": frozenset, "abs": abs, "all": all, "any": any,
     "divmod": divmod, "ord": ord, "map": _map, "filter": _filter, "min": _extreme(min), "max": _extreme(max),
@@ -654,8 +657,10 @@ _PYTHON: dict[str, Any] = {
     "zip": lambda *values: list(zip(*map(_list, values), strict=False)),
 }  # fmt: skip
 
-_MATH: dict[str, Any] = {name: value for name, value in vars(math).items() if not name.startswith("_")}
-_MATH |= {name: _limited(_MATH[name]) for name in ("factorial", "comb", "perm")} | {"prod": _product}
+_MATH: dict[str, object] = {name: value for name, value in vars(math).items() if not name.startswith("_")}
+_MATH |= {"factorial": _limited(math.factorial), "comb": _limited(math.comb), "perm": _limited(math.perm)} | {
+    "prod": _product
+}
 _MATH |= {"gcd": _fold(math.gcd, 0), "lcm": _fold(math.lcm, 1)}
 
 _UNARY: dict[type, Callable[[Any], Any]] = {

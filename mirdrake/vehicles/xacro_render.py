@@ -423,7 +423,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
         inside = text.removeprefix("$(").removesuffix(")")
         words = inside.split()
         if inside.startswith("eval "):
-            functions: dict[str, Any] = {"arg": argument, "env": note.variable, "find": note.found, "true": True}
+            functions: dict[str, object] = {"arg": argument, "env": note.variable, "find": note.found, "true": True}
             functions |= {"optenv": lambda name, default="": note.variable(name, default), "false": False}
             functions |= {"dirname": lambda: str(Path(xacro.abs_filename_spec("")).resolve())}
             values = {name: argument(name) for name in arguments["arg"]}

@@ -81,7 +81,7 @@ def write_obj(points: Array, faces: NDArray[np.int64], path: Path) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _material(look: Material, picture: int | None, *, tinted: bool) -> dict[str, Any]:
+def _material(look: Material, picture: int | None, *, tinted: bool) -> dict[str, object]:
     rgba = look.rgba or (GREY if picture is None and not tinted else (1.0, 1.0, 1.0, 1.0))
     color = (*_rounded(srgb_to_linear(np.array(rgba[:3]))), round(rgba[3], 5))
     entry = {

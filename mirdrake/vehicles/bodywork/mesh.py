@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ class Material:
     metallic: float = 0.0
     emissive: float = 0.0
 
-    def entry(self, name: str) -> dict[str, Any]:
+    def entry(self, name: str) -> dict[str, object]:
         """Return the material in glTF's form."""
         linear = [round(value, 5) for value in srgb_to_linear(np.array(self.rgb)).tolist()]
         material = {"name": name, **pbr_material((*linear, 1.0), roughness=self.roughness, metallic=self.metallic)}
