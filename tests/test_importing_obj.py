@@ -179,3 +179,17 @@ def test_opacity_and_colours_of_materials(tmp_path):
         "a": (0, 0, 1, 0.25), "b": (1, 0, 0, 0.75), "c": (0.7, 0.7, 0.7, 1), "e": (0, 0, 0, 1),
     }  # fmt: skip
     assert looks["e"].emission == (1, 0, 0)
+
+
+@pytest.mark.parametrize(("opacity", "mode"), [("", "RGB"), ("map_d both.png\n", "RGBA"), ("map_d mask.png\n", "RGBA")])
+def test_an_alpha_channel_is_opacity_only_with_map_d(tmp_path, opacity, mode):
+    """The Prius of OSRF keeps a mask of its paint in the alpha channel: its lamps and bumpers were holes."""
+    Image.new("RGBA", (2, 2), (200, 10, 10, 0)).save(tmp_path / "both.png")
+    Image.new("L", (4, 4), 0).save(tmp_path / "mask.png")
+    library = f"newmtl paint\nKd 1 1 1\nmap_Kd both.png\n{opacity}"
+    text = "mtllib car.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl paint\nf 1/1 2/1 3/1\n"
+    (piece,) = read(tmp_path, text, library).pieces
+    picture = piece.material.picture
+    assert picture is not None
+    assert picture.mode == mode
+    assert picture.getpixel((0, 0)) == (200, 10, 10, 0)[: len(mode)]

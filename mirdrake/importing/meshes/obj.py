@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from PIL import Image
 
 from mirdrake.importing.meshes.read import INVISIBLE, Array, Material, Note, Piece, TextureFolder
 
@@ -238,11 +239,26 @@ def _material(name: str, values: dict[str, list[str]], folder: TextureFolder) ->
         opacity = 1.0
     alpha = min(1.0 if opacity is None else opacity, 1.0)
     glow = _color(values.get("ke")) or (0.0, 0.0, 0.0)
-    address = _texture_address(values.get("map_kd", []))
-    picture = folder.picture(address, alpha=True) if address else None
+    picture = _texture(values, folder)
     if picture is not None:
         return Material(name, (1.0, 1.0, 1.0, alpha), picture, glow)
     return Material(name, (*(_color(values.get("kd")) or (0.7, 0.7, 0.7)), alpha), None, glow)
+
+
+def _texture(values: dict[str, list[str]], folder: TextureFolder) -> Image.Image | None:
+    """Return the picture of ``map_Kd`` with the opacity of ``map_d``, which may be the same file.
+
+    Without ``map_d`` an alpha channel is not opacity: programs keep gloss or paint masks in it.
+    """
+    address, mask_address = (_texture_address(values.get(key, [])) for key in ("map_kd", "map_d"))
+    picture = folder.picture(address, alpha=mask_address == address) if address else None
+    mask = (
+        folder.picture(mask_address, alpha=True) if picture is not None and mask_address not in ("", address) else None
+    )
+    if picture is not None and mask is not None:
+        opacity = mask.getchannel("A") if mask.mode == "RGBA" else mask.convert("L")
+        picture.putalpha(opacity.resize(picture.size))
+    return picture
 
 
 def _number(words: list[str] | None, change: Callable[[float], float]) -> float | None:

@@ -12,7 +12,7 @@ from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds.model import Array, SourceObject
 from mirdrake.importing.worlds.prop_folder import as_mesh, pieces_of
-from mirdrake.importing.worlds.surfaces import FLAT, corners_of, kind_of, outline, seen_from_above, tops_at
+from mirdrake.importing.worlds.surfaces import FLAT, LARGE, corners_of, kind_of, outline, seen_from_above, tops_at
 
 HIGHEST = 0.45
 """Height above the ground up to which a wide level face is a road and not the top of an obstacle [m]."""
@@ -241,7 +241,10 @@ def without(obj: SourceObject, surfaces: list[Surface]) -> SourceObject:
 
 
 def footprints(objects: Iterable[SourceObject], low: float, high: float) -> list[shapely.Polygon]:
-    """Return the outlines seen from above [m] of the collision shapes between two heights of W [m]."""
+    """Return the outlines seen from above [m] of the collision shapes between two heights of W [m].
+
+    The hull stands for a shape, so wide meshes, which may hold a whole town around its roads, are left out.
+    """
     outlines = []
     for obj in objects:
         for shape in obj.collisions:
@@ -249,7 +252,8 @@ def footprints(objects: Iterable[SourceObject], low: float, high: float) -> list
                 points = corners_in_world(shape, obj).reshape(-1, 3)
             except MeshError:
                 continue
-            if len(points) and points[:, 2].max() > low and points[:, 2].min() < high:
+            wide = shape.kind == "mesh" and float(np.ptp(points[:, :2], axis=0).max(initial=0.0)) > LARGE
+            if len(points) and not wide and points[:, 2].max() > low and points[:, 2].min() < high:
                 outlines.append(shapely.MultiPoint(points[:, :2]).convex_hull)
     return [polygon for polygon in outlines if isinstance(polygon, shapely.Polygon)]
 

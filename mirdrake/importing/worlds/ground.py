@@ -440,9 +440,9 @@ def _route_around(area: shapely.Polygon, obstacles: list[shapely.Polygon]) -> Ro
     line = shapely.LineString(np.column_stack(route.track.point(s, np.zeros_like(s))))
     if not line.intersects(blocked):
         return route
-    free = shapely.get_parts(shapely.difference(area, blocked))
+    free = [part for part in shapely.get_parts(shapely.difference(area, blocked)) if part.geom_type == "Polygon"]
     largest = max(free, key=shapely.area, default=None)
-    return (route_in_area(largest) if isinstance(largest, shapely.Polygon) else None) or route
+    return (route_in_area(largest) if largest is not None else None) or route
 
 
 def _new_track(ground: GroundText, wanted: str, route: Route, more: str) -> str:
