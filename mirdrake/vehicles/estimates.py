@@ -48,7 +48,7 @@ STEERING_MOST = 0.8
 """Largest estimate of a steering limit [rad]; the joints of driven front wheels do not allow more."""
 
 YAW_COEFFICIENT = (0.09, 0.13)
-"""Yaw inertia over mass x wheelbase x length: of robots and of road vehicles [-].
+"""Return yaw inertia over mass x wheelbase x length: of robots and of road vehicles [-].
 
 Burg uses this form for road vehicles with 0.127 (quoted by MacInnis et al., SAE 970951); the four measured vehicles in
 tests/data/yaw_inertias.csv have 0.12 to 0.15. Model cars have their mass near the middle: F1TENTH 0.067, BARC 0.085 to
@@ -439,7 +439,7 @@ def estimate(
 
 
 def yaw_coefficient(mass: float) -> float:
-    """Yaw inertia over mass x wheelbase x length [-] of a vehicle of this mass [kg]; :data:`YAW_COEFFICIENT`."""
+    """Return yaw inertia over mass x wheelbase x length [-] of a vehicle of this mass [kg]; :data:`YAW_COEFFICIENT`."""
     robot, road = YAW_COEFFICIENT
     return robot + (road - robot) * min(max(log(mass / ROBOT_MASS) / log(2.0), 0.0), 1.0)
 
@@ -489,7 +489,7 @@ def least_turning_circle(*, wheelbase: float, track: float, wheel_radius: float,
 def _springs(
     *, bodies: tuple[float, float], tyre: float, tipping: float, track: float, slow: float
 ) -> dict[str, float]:
-    """Springs, dampers and bars of both axles, all at the wheel [N/m, N s/m].
+    """Return springs, dampers and bars of both axles, all at the wheel [N/m, N s/m].
 
     Args:
         bodies: part of the body on a front and on a rear spring [kg].
@@ -511,7 +511,7 @@ def _springs(
 
 
 def _reach(radius: float, side: float, limit: float) -> float:
-    """How far a wheel reaches ahead of its steering axis [m] at any angle up to the limit.
+    """Return how far a wheel reaches ahead of its steering axis [m] at any angle up to the limit.
 
     Args:
         radius: of the wheel [m].
@@ -523,7 +523,7 @@ def _reach(radius: float, side: float, limit: float) -> float:
 
 
 def _wheel_inertia(mass: float, radius: float, width: float) -> float:
-    """Inertia of a wheel about a vertical axis through its centre [kg m²]: of a solid cylinder."""
+    """Return the inertia of a wheel about a vertical axis through its centre [kg m²]: of a solid cylinder."""
     return mass * (3.0 * radius**2 + width**2) / 12.0
 
 
@@ -540,7 +540,7 @@ def _inertia(
     com: tuple[float, float],
     parts: tuple[float, float],
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Edges of the body's box [m], and roll, pitch and yaw inertia of the whole vehicle [kg m²].
+    """Return the edges of the body's box [m], and roll, pitch and yaw inertia of the whole vehicle [kg m²].
 
     Wheels and knuckles count as points at the wheel centres, but for the yaw inertia.
 

@@ -34,7 +34,7 @@ class FileChange:
         return self.before != self.after
 
     def diff(self) -> str:
-        """The difference in unified form; empty if there is none."""
+        """Return the difference in unified form; empty if there is none."""
         name = shown(self.path)
         lines = difflib.unified_diff(
             self.before.splitlines(keepends=True), self.after.splitlines(keepends=True), name, name, "before", "after"
@@ -45,7 +45,7 @@ class FileChange:
         """Write the file atomically, with its mode; a link remains a link.
 
         Raises:
-            RunError: it cannot be written, or is no longer what it was.
+            RunError: it cannot be written, or has changed since it was read.
         """
         if not self.changes:
             return
@@ -61,7 +61,7 @@ class FileChange:
 def change_file(
     path: Path, edits: Sequence[Edit], *, check: Callable[[str], None], notes: Sequence[str] = ()
 ) -> FileChange:
-    """Edits on a YAML file, not yet written.
+    """Return the edits on a YAML file, not yet written.
 
     Args:
         path: the file.
@@ -72,7 +72,7 @@ def change_file(
     Raises:
         ConfigError: the file cannot be read, an edit does not fit it, or it would no longer load.
     """
-    read_text(path)  # says in our words what is wrong
+    read_text(path)  # raises errors in the project's form
     before = path.read_bytes().decode()
     name = shown(path)
     try:

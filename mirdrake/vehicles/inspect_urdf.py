@@ -1,7 +1,7 @@
 """Checks of an expanded URDF that Drake's parser does not make, or only warns about.
 
-Drake replaces an impossible inertia by a plausible one, skips actuators without effort, and never looks at roles.
-Here all of these are errors that name the link or joint, the numbers, and the line in the xacro source.
+Drake replaces an impossible inertia by a plausible one, skips actuators without effort, and does not know roles.
+Here these are errors that name the link or joint, the numbers, and the line in the xacro source.
 """
 
 import base64
@@ -42,7 +42,7 @@ def check_urdf(urdf: Urdf, *, spec: VehicleSpec, sensors: SensorsSpec) -> None:
 
 
 def find_faults(urdf: Urdf, *, spec: VehicleSpec | None, sensors: SensorsSpec | None) -> Iterator[MirdrakeError]:
-    """All faults of links, joints, actuators and frames; what needs a spec that is None is left out."""
+    """Yield all faults of links, joints, actuators and frames; checks that need a spec that is None are left out."""
     links = {link.get("name", ""): link for link in urdf.root.findall("link")}
     joints = {joint.get("name", ""): joint for joint in urdf.root.findall("joint")}
     for element in urdf.root:
@@ -68,7 +68,7 @@ def find_faults(urdf: Urdf, *, spec: VehicleSpec | None, sensors: SensorsSpec | 
 
 
 def _raised(check: Callable[..., None], *arguments: Any) -> Iterator[MirdrakeError]:
-    """The fault that a check raises, if it does."""
+    """Yield the fault that a check raises."""
     try:
         check(*arguments)
     except MirdrakeError as fault:
@@ -76,7 +76,7 @@ def _raised(check: Callable[..., None], *arguments: Any) -> Iterator[MirdrakeErr
 
 
 def _twice(urdf: Urdf) -> Iterator[MirdrakeError]:
-    """Links or joints of the same name."""
+    """Yield links or joints of the same name."""
     for kind in ("link", "joint"):
         first: dict[str, ElementTree.Element] = {}
         for element in urdf.root.findall(kind):
@@ -89,7 +89,7 @@ def _twice(urdf: Urdf) -> Iterator[MirdrakeError]:
 
 
 def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple[str, ...]]:
-    """Give every mesh a ``package://`` address, and check that its file is there.
+    """Give every mesh a ``package://`` address, and check that its file exists.
 
     Relative addresses count from the vehicle's folder, whose name is also a package name.
 
@@ -137,7 +137,7 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
 
 
 def _mesh_file(address: str, folder: Path, packages: Mapping[str, str], at: str) -> tuple[str, Path]:
-    """(new address, or "" to keep the old one; file) of a mesh."""
+    """Return the new address of a mesh, "" to keep the old one, and its file."""
     for scheme in ("package://", "model://"):
         if address.startswith(scheme):
             package, _, rest = address.removeprefix(scheme).partition("/")
@@ -165,7 +165,7 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "
 
 
 def _check_gltf(path: Path, at: str) -> None:
-    """A glTF file and its buffers hold together: VTK, which reads them for cameras, crashes on some that do not."""
+    """Check that a glTF file is consistent with its buffers: VTK, which reads it for cameras, may crash otherwise."""
     try:
         text = path.read_text(encoding="utf-8")
         content = json.loads(
@@ -191,7 +191,7 @@ def _check_gltf(path: Path, at: str) -> None:
 
 
 def _finite(text: str) -> float:
-    """A number of a JSON file; Python would take more than VTK does."""
+    """Return a number of a JSON file; Python accepts more than VTK."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{text[:40]} is not a finite number")
@@ -207,7 +207,7 @@ def _plain(error: Exception) -> str:
 
 
 def _entry(content: Mapping[str, Any], kind: str, number: Any) -> Any:
-    """An entry of one of the lists of a glTF file, by number."""
+    """Return an entry of one of the lists of a glTF file, by number."""
     entries = content.get(kind, [])
     if type(number) is not int or not 0 <= number < len(entries):
         raise ValueError(f"there is no {kind}[{str(number)[:40]}]")
@@ -215,10 +215,10 @@ def _entry(content: Mapping[str, Any], kind: str, number: Any) -> Any:
 
 
 def _check_links(content: Mapping[str, Any]) -> None:
-    """What refers to something refers to something that exists, and no node hangs below itself.
+    """Check that references lead to existing entries, and that nodes form trees.
 
     Raises:
-        ValueError, KeyError, TypeError or AttributeError: it does not.
+        ValueError, KeyError, TypeError or AttributeError: a reference is wrong.
     """
     if not isinstance(content["asset"]["version"], str):
         raise ValueError("the version is no text")
@@ -237,7 +237,7 @@ def _check_links(content: Mapping[str, Any]) -> None:
         for child in node.get("children", []):
             _entry(content, "nodes", child)
             if child in parents:
-                raise ValueError(f"nodes[{child}] hangs below two others")
+                raise ValueError(f"nodes[{child}] is a child of two others")
             parents.add(child)
         for key, count in (("matrix", 16), ("translation", 3), ("rotation", 4), ("scale", 3)):
             numbers = np.array(node.get(key, [0] * count), dtype=float)
@@ -260,7 +260,7 @@ def _check_links(content: Mapping[str, Any]) -> None:
 
 
 def _check_data(content: Mapping[str, Any], path: Path) -> None:
-    """Buffers are as long as said, views and accessors lie in them, points are numbers, triangles have their points.
+    """Check the length of buffers, the ranges of views and accessors, and the numbers of points and triangles.
 
     Raises:
         ValueError, KeyError, TypeError, AttributeError or OSError: something is wrong.
@@ -315,13 +315,13 @@ def _check_data(content: Mapping[str, Any], path: Path) -> None:
 
 
 def _mass(link: ElementTree.Element) -> float | None:
-    """Mass [kg] of a link, None without `<inertial>`."""
+    """Return the mass [kg] of a link; None without `<inertial>`."""
     mass = link.find("inertial/mass")
     return None if mass is None else number(mass.get("value"))
 
 
 def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
-    """Mass and inertia about the centre of mass [kg, kg m²] belong to a body that can exist."""
+    """Check that mass and inertia about the centre of mass [kg, kg m²] are physically possible."""
     inertial = link.find("inertial")
     if inertial is None:
         return
@@ -359,7 +359,7 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
 def _massless(
     urdf: Urdf, links: Mapping[str, ElementTree.Element], joints: Mapping[str, ElementTree.Element]
 ) -> Iterator[MirdrakeError]:
-    """Links that move together and have no mass together: Drake fails at the first step."""
+    """Yield links without mass that move, also with those fixed to them: Drake fails at the first step."""
     parent_of = {}
     for joint in joints.values():
         parent, child = joint.find("parent"), joint.find("child")
@@ -382,7 +382,7 @@ def _massless(
 def _unconnected(
     urdf: Urdf, spec: VehicleSpec, links: Mapping[str, ElementTree.Element], joints: Mapping[str, ElementTree.Element]
 ) -> Iterator[MirdrakeError]:
-    """Links that do not hang on base_link: Drake would let them fall beside the car."""
+    """Yield links that no joint connects to base_link: Drake would let them fall beside the vehicle."""
     children: dict[str, list[str]] = {}
     for joint in joints.values():
         ends = [end.get("link", "") if (end := joint.find(tag)) is not None else "" for tag in ("parent", "child")]
@@ -396,7 +396,7 @@ def _unconnected(
     for name, link in links.items():
         if name not in reached:
             yield ModelError(
-                f"{urdf.where(link)}: link '{name}' hangs on nothing; add a joint that leads to it from "
+                f"{urdf.where(link)}: link '{name}' is not connected; add a joint that leads to it from "
                 f"'{spec.base_link}'"
             )
 
@@ -405,7 +405,7 @@ def _unconnected(
 
 
 def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree.Element]) -> Iterator[MirdrakeError]:
-    """Joints with roles that do not exist, have two roles, the wrong type, or no actuator."""
+    """Yield joints of roles that are missing, have two roles, the wrong type, or no actuator."""
     roles = [(("joints", "wheels", name), getattr(spec.joints.wheels, name), "continuous") for name in WHEELS]
     roles += [
         (("joints", "steering", name), getattr(spec.joints.steering, name), "revolute") for name in ("left", "right")
@@ -439,13 +439,13 @@ def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
 def check_actuators(
     plant: MultibodyPlant, *, spec: VehicleSpec, where: Callable[[str], str], warnings: Sequence[str]
 ) -> None:
-    """Drake made one actuator for each joint with a role.
+    """Check that Drake made one actuator for each joint with a role.
 
     Args:
         plant: holds the vehicle, finalised.
         spec: joint roles.
         where: ``file:line`` of a joint in its source.
-        warnings: what Drake's parser said, which may tell the reason.
+        warnings: warnings of Drake's parser, which may give the reason.
 
     Raises:
         ModelError: none, or several.
@@ -460,7 +460,7 @@ def check_actuators(
 
 
 def _effort(joint: ElementTree.Element) -> float | None:
-    """Effort limit [N m] of a joint, None without one."""
+    """Return the effort limit [N m] of a joint; None without one."""
     limit = joint.find("limit")
     if limit is None or limit.get("effort") is None:
         return None
@@ -468,7 +468,7 @@ def _effort(joint: ElementTree.Element) -> float | None:
 
 
 def _weak_joints(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree.Element]) -> Iterator[MirdrakeError]:
-    """Effort limits that do not let through the brakes' torque, and at driven wheels the motor's on top of it."""
+    """Yield wheel joints whose effort limit is below the torque of the brakes plus, at driven wheels, of the motor."""
     driven = spec.driven_wheels()
     share = spec.brakes.front_share
     for wheel in WHEELS:

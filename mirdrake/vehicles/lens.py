@@ -66,7 +66,7 @@ class LensSpec(Schema):
         return u, v
 
     def _slopes(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """dx'/dx, dx'/dy = dy'/dx and dy'/dy."""
+        """Return dx'/dx, dx'/dy = dy'/dx and dy'/dy."""
         r2 = x * x + y * y
         radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
         bend = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + r2 * 3.0 * self.k3))  # of radial, by r² / 2

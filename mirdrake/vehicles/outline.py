@@ -109,7 +109,7 @@ def _measure(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -
 
 
 def _points_of(shape: Shape) -> Array | None:
-    """Points whose convex hull is a shape (n, 3), in its own frame [m]; None where its oriented box counts."""
+    """Return points (n, 3) [m] whose convex hull is a shape, in its frame; None for shapes replaced by their box."""
     angle = 2.0 * np.pi * np.arange(_CIRCLE) / _CIRCLE
     circle = np.column_stack((np.cos(angle), np.sin(angle))) / np.cos(np.pi / _CIRCLE)
     if isinstance(shape, Cylinder):

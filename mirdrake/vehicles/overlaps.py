@@ -65,7 +65,7 @@ def find_overlaps(
 
 
 def _depth(query: QueryObject, first: GeometryId, second: GeometryId) -> float:
-    """How deep two shapes overlap [m]; negative when apart, 0 where Drake cannot say."""
+    """Return the depth of the overlap of two shapes [m]; negative when apart, 0 if Drake cannot compute it."""
     try:
         return -float(query.ComputeSignedDistancePairClosestPoints(first, second).distance)
     except RuntimeError:  # no algorithm for this pair of shapes, or it did not converge

@@ -17,7 +17,7 @@ _LINE = re.compile(r"<literal-string>\.urdf:(\d+):\s*")
 
 
 def make_package_map(packages: Mapping[str, str]) -> PackageMap:
-    """A package map that holds these packages and nothing else: it never goes to the network."""
+    """Return a package map with these packages only, so that nothing is downloaded."""
     package_map = PackageMap.MakeEmpty()
     for name, folder in packages.items():
         package_map.Add(name, Path(folder))
@@ -27,7 +27,7 @@ def make_package_map(packages: Mapping[str, str]) -> PackageMap:
 def parse_urdf(
     text: str, *, packages: Mapping[str, str], where_line: Callable[[int], str]
 ) -> tuple[MultibodyPlant, SceneGraph, tuple[str, ...]]:
-    """Parse a vehicle alone into a plant, finalise it, and collect what Drake had to say.
+    """Parse a vehicle alone into a plant, finalise it, and collect Drake's warnings.
 
     The plant is there to be measured, not simulated: hydroelastic meshes are made coarse, which saves most of the time.
 
@@ -64,7 +64,7 @@ def parse_urdf(
 
 
 def _coarse(text: str) -> str:
-    """The text with resolution hints [m] of at least 1."""
+    """Return the text with resolution hints [m] of at least 1."""
 
     def coarser(match: re.Match[str]) -> str:
         try:

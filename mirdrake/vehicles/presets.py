@@ -15,7 +15,7 @@ from mirdrake.core.errors import did_you_mean
 from mirdrake.core.paths import search_folders
 from mirdrake.core.yaml_io import Schema, load_yaml
 
-_PLACE = {"frame", "preset"}  # what a mount says for itself
+_PLACE = {"frame", "preset"}  # keys that a preset does not have
 
 
 class PresetSpec(Schema):
@@ -81,7 +81,7 @@ def with_preset(mount: Any) -> Any:
 
 @lru_cache(maxsize=64)
 def _load(path: Path, _changed: int) -> dict[str, PresetSpec]:
-    """The presets of a file, read anew when it has changed."""
+    """Return the presets of a file, read again when it has changed."""
     return load_yaml(path, PresetsSpec).presets
 
 

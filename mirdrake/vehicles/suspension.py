@@ -1,7 +1,8 @@
 """Checks of a suspension, and the static load of each spring.
 
-A suspended wheel hangs on a chain of joints: base_link, prismatic joint along z, at the front the steering joint, wheel
-joint. Travel is positive when the wheel moves up into the body (bump), and 0 as the car stands, loaded.
+A suspended wheel is at the end of a chain of joints: base_link, prismatic joint along z, at the front the steering
+joint, wheel joint. Travel is positive in bump, when the wheel moves up into the body, and 0 in the loaded vehicle at
+rest.
 """
 
 import math
@@ -25,7 +26,7 @@ _STEERED = {"front_left": "left", "front_right": "right"}
 def find_suspension_faults(
     urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree.Element]
 ) -> Iterator[MirdrakeError]:
-    """Joints without springs, springs without joints, and wheels that hang on other joints than vehicle.yaml says.
+    """Yield joints without springs, springs without joints, and wheels on other joints than vehicle.yaml names.
 
     Args:
         urdf: the expanded model.
@@ -47,7 +48,7 @@ def find_suspension_faults(
         roles += [getattr(spec.joints.steering, _STEERED[wheel])] if wheel in _STEERED else []
         spring = getattr(names, wheel) if names is not None else None
         if roles[0] not in joints:
-            continue  # said elsewhere
+            continue  # reported by the check of roles
         chain, link = [], _end(joints[roles[0]], "child")
         while link in above and link != spec.base_link and above[link] not in chain:
             chain.append(above[link])
@@ -67,7 +68,7 @@ def find_suspension_faults(
 
 
 def _end(joint: ElementTree.Element, tag: str) -> str:
-    """Link at one end of a joint."""
+    """Return the link at one end of a joint."""
     end = joint.find(tag)
     return "" if end is None else end.get("link", "")
 
@@ -123,7 +124,7 @@ def measure_spring_loads(
         if load <= 0.0:
             raise ModelError(
                 f"{place}: the spring of '{name}' carries {load:.4g} N: {axle * side:.4g} N on the wheel less "
-                f"{unsprung:.4g} N of what hangs below; move the centre of mass, or make the wheel lighter"
+                f"{unsprung:.4g} N of unsprung weight; move the centre of mass, or make the wheel lighter"
             )
         loads.append(load)
     return tuple(loads)

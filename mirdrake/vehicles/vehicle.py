@@ -104,12 +104,12 @@ def find_vehicle(name: str, *, where: str = "") -> tuple[Path, str | None]:
 
 
 def variants(folder: Path) -> dict[str, Path]:
-    """The variants of a vehicle folder with their files, sorted by name."""
+    """Return the variants of a vehicle folder with their files, sorted by name."""
     return {path.stem: path for path in sorted(folder.glob("variants/*.yaml"))}
 
 
 def load_variant(folder: Path, variant: str | None, *, where: str = "") -> VariantSpec:
-    """What a variant changes; nothing if there is none.
+    """Return the differences of a variant from the files of the folder; none without a variant.
 
     Raises:
         ConfigError: the folder has no such variant, or its file is wrong.
@@ -124,7 +124,7 @@ def load_variant(folder: Path, variant: str | None, *, where: str = "") -> Varia
 
 
 def load_part(folder: Path, key: str, schema: type[SchemaT], change: VariantSpec) -> SchemaT:
-    """One of the YAML files of a vehicle folder with a variant laid over it.
+    """Return one of the YAML files of a vehicle folder, merged with a variant.
 
     Args:
         folder: of the vehicle.
@@ -141,9 +141,9 @@ def load_part(folder: Path, key: str, schema: type[SchemaT], change: VariantSpec
 
 
 def _file(path: Path) -> Path:
-    """The path, unless reading from it would never end."""
+    """Return the path of a regular file; reading a pipe or a device would not end."""
     if path.exists() and not path.is_file() and not path.is_dir():
-        raise ConfigError(f"{shown(path)}: is no file")
+        raise ConfigError(f"{shown(path)}: is not a file")
     return path
 
 
@@ -195,7 +195,7 @@ def check_pedals(spec: VehicleSpec, control: ControlSpec) -> None:
 
 
 def with_drive(spec: VehicleSpec, drive: str, where: str) -> VehicleSpec:
-    """The spec with another driven axle."""
+    """Return the spec with another driven axle."""
     allowed = get_args(Drive)
     if drive not in allowed:
         prefix = f"{where}: " if where else ""

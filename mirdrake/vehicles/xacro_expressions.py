@@ -152,7 +152,7 @@ class Evaluator:
             self._nested -= 1
 
     def _value(self, node: ast.AST, local: Mapping[str, Any], depth: int) -> Any:
-        """The checked value of a node."""
+        """Return the checked value of a node."""
         self._steps += 1
         if self._steps > STEPS:
             raise XacroException(f"the expression takes more than {STEPS} steps")
@@ -190,7 +190,7 @@ class Evaluator:
         raise NameError(f"name '{name}' is not defined")
 
     def _attribute(self, node: ast.Attribute, local: Mapping[str, Any], depth: int) -> Any:
-        """A name below ``math`` and so on, a property of an included namespace, or a key of a dictionary from YAML."""
+        """Return a name below ``math`` and so on, a property of an included namespace, or a key of YAML data."""
         owner, name = self._value(node.value, local, depth), node.attr
         if isinstance(owner, _Functions):
             if name in owner:
@@ -290,7 +290,7 @@ class Evaluator:
         return _format_one(value, "" if node.format_spec is None else self._value(node.format_spec, local, depth))
 
     def _comprehension(self, node: Any, local: Mapping[str, Any], depth: int) -> Any:
-        """The items of a list, set, dictionary or generator; the last becomes a list."""
+        """Return the items of a list, set, dictionary or generator; the last becomes a list."""
         results: list[Any] = []
         size = 0
 
@@ -341,10 +341,10 @@ class Evaluator:
 
 
 def _checked(value: Any, functions: set[int], *, new: bool = True) -> Any:
-    """A value, if it is of an allowed type and not too large; the size of a collection counts where it is new.
+    """Return a value after checking its type and size; the size of a collection counts where it is new.
 
     Raises:
-        XacroException: it is not.
+        XacroException: the type is not allowed, or the value is too large.
     """
     if isinstance(value, bool | float) or value is None:
         return value
@@ -389,14 +389,14 @@ def _bounded(size: float) -> None:
 
 
 def _small(*numbers: Any) -> None:
-    """Refuse arguments of functions whose cost grows with them."""
+    """Reject large arguments of functions whose cost grows with them."""
     for number in numbers:
         if isinstance(number, int) and abs(number) > _ARGUMENT:
             raise XacroException(f"an argument of {number.bit_length()} bits is larger than {_ARGUMENT}")
 
 
 def _list(value: Any) -> list[Any]:
-    """Items of a collection.
+    """Return the items of a collection.
 
     Raises:
         TypeError: it is not one.
@@ -430,7 +430,7 @@ def _repr(value: Any) -> str:
 
 
 def _printable(value: Any) -> Any:
-    """A value whose text does not depend on where it is in memory."""
+    """Return a value whose text does not contain an address in memory."""
     if callable(value) or isinstance(value, _Functions | Table):
         raise XacroException("a function has no text")
     return value
@@ -619,7 +619,7 @@ def _instance(value: Any, kinds: Any) -> bool:
 
 
 def _limited(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of integers whose cost grows with them."""
+    """Return a function of integers with a limit on their size, on which its cost depends."""
 
     def limited(*values: Any) -> Any:
         _small(*values)
@@ -629,7 +629,7 @@ def _limited(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _fold(function: Callable[[Any, Any], Any], start: int) -> Callable[..., Any]:
-    """A function of any number of integers whose result may not grow without bound."""
+    """Return a function of any number of integers with a limit on its result."""
 
     def fold(*values: Any) -> Any:
         result: Any = start

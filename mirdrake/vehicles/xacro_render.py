@@ -78,7 +78,7 @@ class Urdf:
         root: the same as a tree.
         places: (file, line in the source) of the element that starts on each line of `text`.
         files: every file that took part, main file first.
-        warnings: what xacro had to say.
+        warnings: those of xacro.
     """
 
     text: str
@@ -89,11 +89,11 @@ class Urdf:
     warnings: tuple[str, ...] = ()
 
     def where(self, element: ElementTree.Element) -> str:
-        """``file:line`` of an element in its source."""
+        """Return ``file:line`` of an element in its source."""
         return self.where_line(self.lines.get(element, 0))
 
     def where_line(self, line: int) -> str:
-        """``file:line`` in the source of a line of the expanded text."""
+        """Return ``file:line`` in the source of a line of the expanded text."""
         known = [number for number in self.places if number <= line]
         name, number = self.places[max(known)] if known else (shown(self.files[0]), 1)
         return f"{name}:{number}"
@@ -101,7 +101,7 @@ class Urdf:
 
 @dataclass
 class _Expansion:
-    """What is noted while xacro works."""
+    """State of an expansion: places, arguments, files, warnings and limits."""
 
     given: frozenset[str] = frozenset()
     places: list[Place] = field(default_factory=list)
@@ -134,7 +134,7 @@ class _Expansion:
             )
 
     def missing(self) -> dict[str, Place]:
-        """Arguments that have neither a value nor a default, declared or only used."""
+        """Return arguments with neither a value nor a default, declared or only used."""
         undeclared = {
             name: place for name, place in self.used.items() if name not in self.arguments and name not in self.given
         }
@@ -150,10 +150,10 @@ class _Expansion:
             self.cursor = int(node.getAttribute(_AT))
 
     def parse(self, path: Path) -> xml.dom.minidom.Document:
-        """One file as a DOM tree whose elements know their place."""
+        """Return a file as a DOM tree whose elements have the attribute of their place."""
         name = shown(path)
         try:
-            problem = "" if path.is_file() or not path.exists() else "is a folder" if path.is_dir() else "is no file"
+            problem = "" if path.is_file() or not path.exists() else "is a folder" if path.is_dir() else "is not a file"
             if not problem and path.stat().st_size > FILE_SIZE:
                 problem = f"has more than {FILE_SIZE} bytes"
             data = b"" if problem else path.read_bytes()  # reading a pipe or a device would never end
@@ -256,7 +256,7 @@ class _Yaml(yaml.SafeLoader):
 
 
 def _expanded_size(node: Any, known: dict[int, int]) -> int:
-    """Values of a YAML document with its aliases written out.
+    """Return the number of values of a YAML document with its aliases written out.
 
     Raises:
         XacroException: a value contains itself.
@@ -275,7 +275,7 @@ def _expanded_size(node: Any, known: dict[int, int]) -> int:
 
 
 def _package_of(file: Path) -> Path:
-    """The folder of the package that a file belongs to; without ``package.xml`` its own, or that above ``urdf``."""
+    """Return the package folder of a file; without ``package.xml`` the file's folder, or the one above ``urdf``."""
     folder = Path(os.path.abspath(file)).parent.resolve()
     for above in (folder, *folder.parents):
         if (above / "package.xml").is_file():
@@ -356,7 +356,7 @@ def _check_arguments(given: Mapping[str, str], note: _Expansion, where: str) -> 
 
 
 def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
-    """Text, tree and line table of an expanded document."""
+    """Return text, tree and line table of an expanded document."""
     places: list[Place] = []
     last: Place = (shown(note.files[0]), 1)
     root_node: Any = document.documentElement
@@ -377,7 +377,7 @@ def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
 
 @contextlib.contextmanager
 def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
-    """Let xacro parse and evaluate through `note`, tell it where it is, and print nothing."""
+    """Make xacro parse and evaluate through `note`, with its position, without printing."""
     check_attrs, handle_macro_call, eval_all = xacro.check_attrs, xacro.handle_macro_call, xacro.eval_all
     eval_extension, eval_text = xacro.eval_extension, xacro.eval_text
     arguments = xacro.substitution_args_context
@@ -467,7 +467,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
 
 
 def _elements(node: Any) -> Iterator[Any]:
-    """An element and all below it, in document order."""
+    """Yield an element and all below it, in document order."""
     yield node
     for child in node.childNodes:
         if child.nodeType == child.ELEMENT_NODE:
@@ -489,5 +489,5 @@ def _one_line(error: Exception) -> str:
 
 
 def _printable(text: str) -> str:
-    """The text with invisible characters spelt out."""
+    """Return the text with invisible characters written as escapes."""
     return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text)

@@ -40,7 +40,7 @@ _PLATE = 1e-3  # [m], thickness that a flat mesh gets
 _BOX_FILL, _CYLINDER_FILL = 0.97, 0.93  # a prism of 10 sides fills 0.935 of its cylinder, a box 0.64
 _FACES = 2000  # for decomposing; more are simplified first
 _BODIES = 100  # more are too slow to cut
-_SAMPLES = 10_000  # triangles that are looked at to tell whether a mesh is convex
+_SAMPLES = 10_000  # triangles that are tested to find whether a mesh is convex
 _CONCAVITY = 0.04  # CoACD's threshold
 _ZIP = b"PK\x03\x04"  # a library may print before it
 _GAIN = 0.9  # parts are worth it if they have less than this share of the hull's volume
@@ -152,7 +152,7 @@ def _fewer(corners: Array) -> Array:
 def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
     """Return the convex parts of a mesh.
 
-    Connected bodies are treated one by one. Those that are convex (no triangle lies deeper in the hull than
+    Connected bodies are decomposed separately. Those that are convex (no triangle lies deeper in the hull than
     2 % of its size) become their hull; the others are cut by CoACD (Wei et al., ACM Trans. Graph. 41(4), 2022), if it
     is installed. More bodies than parts allowed are cut together.
 

@@ -13,7 +13,7 @@ from collada.triangleset import TriangleSet
 
 from mirdrake.importing.meshes.read import INVISIBLE, Array, Material, Note, Piece, TextureFolder
 
-_LUMINANCE = np.array([0.212671, 0.715160, 0.072169])  # ITU-R BT.709-4, as COLLADA 1.4.1 says for RGB_ZERO
+_LUMINANCE = np.array([0.212671, 0.715160, 0.072169])  # ITU-R BT.709-4, as COLLADA 1.4.1 specifies for RGB_ZERO
 
 
 def read_collada(document: Collada, folder: TextureFolder) -> Iterator[Piece]:

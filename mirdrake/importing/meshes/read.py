@@ -142,7 +142,7 @@ class ReadMesh(NamedTuple):
 def read_mesh(path: Path) -> ReadMesh:
     """Return the triangles of a DAE, STL, OBJ, glTF, GLB or PLY file; the extension may be in upper case.
 
-    Lines and points are passed over, as are triangles without area or with they have invalid coordinates.
+    Lines and points are passed over, as are triangles without area or with invalid coordinates.
 
     Raises:
         MeshError: the file is missing, unreadable or has no triangle.
@@ -171,7 +171,7 @@ def _read(path: Path, _changed: int, _size: int) -> ReadMesh:
     notes: list[Note] = []
     folder = TextureFolder(path.parent, notes)
     try:
-        with warnings.catch_warnings():  # those of the readers say nothing about the file
+        with warnings.catch_warnings():  # warnings of the readers do not concern the file
             warnings.simplefilter("ignore")
             pieces = list(_reader(kind)(data, folder))
     except (MeshError, MissingDependencyError):
@@ -223,7 +223,7 @@ def _wound_by_normals(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]
     """Return the pieces with the winding of each triangle according to its vertex normals.
 
     A renderer takes the outside of a triangle from its winding and the light from its normals; where they disagree it
-    draws black. The the normals count. They have gone through the same transformations, and unlike the winding they are
+    draws black. The normals count. They have gone through the same transformations, and unlike the winding they are
     not reversed by a mirror, which some exporters account for and others do not.
     """
     result, turned, count = [], 0, 0

@@ -96,7 +96,7 @@ def import_vehicle(
         folder: where the vehicle's folder goes; ``models`` in the working directory if left out.
         packages: ROS package name -> folder, besides those found around the file.
         arguments: values of xacro arguments.
-        drive: driven axle: front, rear or all; what the files show_progress if left out.
+        drive: driven axle: front, rear or all; what the files state if left out.
         force: replace a vehicle of that name.
         convex_time: for cutting collision meshes into convex parts [s]; those left become their convex hulls.
         progress: called with the current step.

@@ -17,7 +17,7 @@ LARGEST = (3.0, 2.5, 2.0)
 COVERED = 0.3
 """Share of wheelbase x track that a body covers at least, seen from above; masts, sensors and plates cover less."""
 
-_NEAR = 0.02  # of the wheelbase, between shapes that hang together
+_NEAR = 0.02  # of the wheelbase, between shapes that are connected
 _INVISIBLE = 0.05  # opacity of shapes that are ignored
 
 

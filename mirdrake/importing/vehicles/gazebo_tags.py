@@ -28,7 +28,7 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
     """Read a ``<gazebo>`` tag; elements without counterpart become changes.
 
     Raises:
-        ModelError: a number is none.
+        ModelError: a value is not a number.
     """
     name = element.get("reference", "")
     link, joint = model.links.get(name), model.joints.get(name)

@@ -72,7 +72,7 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
     """Return the level faces of an object on which a car could drive, grouped by height, lowest first.
 
     Args:
-        obj: a obj of the source.
+        obj: an object of the source.
         seen: look at its visuals instead of its collision shapes.
     """
     shapes = obj.visuals if seen else obj.collisions
@@ -243,7 +243,7 @@ def without(obj: SourceObject, surfaces: list[Surface]) -> SourceObject:
 def footprints(objects: Iterable[SourceObject], low: float, high: float) -> list[shapely.Polygon]:
     """Return the outlines seen from above [m] of the collision shapes between two heights of W [m].
 
-    The hull stands for a shape, so wide meshes, which may hold a whole town around its roads, are left out.
+    The outline is that of the convex hull. Wide meshes are left out, since they may hold a town around its roads.
     """
     outlines = []
     for obj in objects:

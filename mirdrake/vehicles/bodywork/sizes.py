@@ -40,7 +40,7 @@ class BodySize:
 
     @property
     def front(self) -> float:
-        """X of the front end [m]."""
+        """Return the x coordinate of the front end [m]."""
         return self.wheelbase + self.front_overhang
 
     def check(self) -> None:
