@@ -4,14 +4,11 @@ Drake replaces an impossible inertia by a plausible one, skips actuators without
 Here these are errors that name the link or joint, the numbers, and the line in the xacro source.
 """
 
-import base64
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,6 +17,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError, did_you_mean
 from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import where as where_in
+from mirdrake.vehicles.gltf_check import check_gltf
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.numbers_in_urdf import check_numbers, number
 from mirdrake.vehicles.spec import WHEELS, VehicleSpec
@@ -118,7 +116,7 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
                     raise ModelError(f"{place}: no such file: {path}")
                 if path.suffix == ".gltf" and path not in seen:
                     seen.add(path)
-                    _check_gltf(path, place)
+                    check_gltf(path, place)
                 if path.suffix.lower() not in formats:
                     if role == "collision":
                         raise ModelError(f"{place}: Drake reads {', '.join(formats)}; convert it")
@@ -156,159 +154,6 @@ def _mesh_file(address: str, folder: Path, packages: Mapping[str, str], at: str)
 
 def _escaped(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;").replace(">", "&gt;")
-
-
-# --- glTF --------------------------------------------------------------------------------------------------------
-
-_SCALARS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-
-
-def _check_gltf(path: Path, at: str) -> None:
-    """Check that a glTF file is consistent with its buffers: VTK, which reads it for cameras, may crash otherwise."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        content = json.loads(
-            text, parse_float=_finite, parse_int=lambda word: int(_finite(word)), parse_constant=_finite
-        )
-        addresses = [entry.get("uri", "") for key in ("buffers", "images") for entry in content.get(key, [])]
-        missing = [
-            address
-            for address in addresses
-            if address and not address.startswith("data:") and not _beside(path, address).is_file()
-        ]
-    except (ValueError, AttributeError, TypeError, OSError, RecursionError) as error:
-        raise ModelError(f"{at}: not a glTF file: {_plain(error)}") from None
-    if missing:
-        raise ModelError(f"{at}: it needs '{missing[0]}'; no such file: {_beside(path, missing[0])}")
-    try:
-        _check_links(content)
-        _check_data(content, path)
-    except KeyError as error:
-        raise ModelError(f"{at}: broken glTF file: {error} is missing") from None
-    except (ValueError, AttributeError, TypeError, OSError, IndexError) as error:
-        raise ModelError(f"{at}: broken glTF file: {_plain(error)}") from None
-
-
-def _finite(text: str) -> float:
-    """Return a number of a JSON file; Python accepts more than VTK."""
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text[:40]} is not a finite number")
-    return value
-
-
-def _beside(path: Path, address: str) -> Path:
-    return path.parent / unquote(address)
-
-
-def _plain(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
-
-
-def _entry(content: Mapping[str, Any], kind: str, number: Any) -> Any:
-    """Return an entry of one of the lists of a glTF file, by number."""
-    entries = content.get(kind, [])
-    if type(number) is not int or not 0 <= number < len(entries):
-        raise ValueError(f"there is no {kind}[{str(number)[:40]}]")
-    return entries[number]
-
-
-def _check_links(content: Mapping[str, Any]) -> None:
-    """Check that references lead to existing entries, and that nodes form trees.
-
-    Raises:
-        ValueError, KeyError, TypeError or AttributeError: a reference is wrong.
-    """
-    if not isinstance(content["asset"]["version"], str):
-        raise ValueError("the version is no text")
-    for texture in content.get("textures", []):
-        for key, kind in (("source", "images"), ("sampler", "samplers")):
-            if key in texture:
-                _entry(content, kind, texture[key])
-    for material in content.get("materials", []):
-        for part in (material, material.get("pbrMetallicRoughness", {})):
-            for key in [key for key in part if key.endswith("Texture")]:
-                _entry(content, "textures", part[key]["index"])
-    parents = set()
-    for node in content.get("nodes", []):
-        if "mesh" in node:
-            _entry(content, "meshes", node["mesh"])
-        for child in node.get("children", []):
-            _entry(content, "nodes", child)
-            if child in parents:
-                raise ValueError(f"nodes[{child}] is a child of two others")
-            parents.add(child)
-        for key, count in (("matrix", 16), ("translation", 3), ("rotation", 4), ("scale", 3)):
-            numbers = np.array(node.get(key, [0] * count), dtype=float)
-            if numbers.shape != (count,) or not np.isfinite(numbers).all():
-                raise ValueError(f"{key} of a node should be {count} numbers")
-    scenes = content["scenes"]
-    for scene in scenes:
-        for index in scene.get("nodes", []):
-            _entry(content, "nodes", index)
-            if index in parents:
-                raise ValueError(f"nodes[{index}] is in a scene and below another node")
-    waiting = list(_entry(content, "scenes", content.get("scene", 0)).get("nodes", []))
-    shown = False
-    while waiting:
-        node = content["nodes"][waiting.pop()]
-        shown = shown or "mesh" in node
-        waiting += node.get("children", [])
-    if not shown:
-        raise ValueError("its scene shows no mesh")
-
-
-def _check_data(content: Mapping[str, Any], path: Path) -> None:
-    """Check the length of buffers, the ranges of views and accessors, and the numbers of points and triangles.
-
-    Raises:
-        ValueError, KeyError, TypeError, AttributeError or OSError: something is wrong.
-    """
-    buffers = []
-    for index, buffer in enumerate(content.get("buffers", [])):
-        uri = buffer["uri"]
-        data = base64.b64decode(uri.partition(",")[2]) if uri.startswith("data:") else _beside(path, uri).read_bytes()
-        if not 0 < buffer["byteLength"] <= len(data):
-            name = f"buffers[{index}]" if uri.startswith("data:") else f"'{uri}'"
-            raise ValueError(f"{name} has {len(data)} bytes and should have {buffer['byteLength']}")
-        buffers.append(data[: buffer["byteLength"]])
-    for index, view in enumerate(content.get("bufferViews", [])):
-        _entry(content, "buffers", view["buffer"])
-        begin, length = view.get("byteOffset", 0), view["byteLength"]
-        if begin < 0 or length <= 0 or begin + length > len(buffers[view["buffer"]]):
-            raise ValueError(f"bufferViews[{index}] does not lie in its buffer")
-
-    def values(index: Any) -> np.ndarray:
-        accessor = _entry(content, "accessors", index)
-        kind, width, count = _SCALARS[accessor["componentType"]], _WIDTHS[accessor["type"]], accessor["count"]
-        if any(len(accessor[key]) != width for key in ("min", "max") if key in accessor):
-            raise ValueError(f"min and max of accessors[{index}] should be {width} numbers")
-        view = _entry(content, "bufferViews", accessor["bufferView"])
-        begin, size = accessor.get("byteOffset", 0), width * np.dtype(kind).itemsize
-        stride = view.get("byteStride", size)
-        if begin < 0 or count < 1 or stride < size or begin + stride * (count - 1) + size > view["byteLength"]:
-            raise ValueError(f"accessors[{index}] does not lie in its bufferView")
-        data = np.frombuffer(buffers[view["buffer"]], np.uint8, offset=view.get("byteOffset", 0) + begin)
-        rows = np.lib.stride_tricks.as_strided(data, (count, size), (stride, 1))
-        return np.ascontiguousarray(rows).view(kind)
-
-    for index in range(len(content.get("accessors", []))):
-        values(index)
-    for index, mesh in enumerate(content["meshes"]):
-        for primitive in mesh["primitives"]:
-            points = values(primitive["attributes"]["POSITION"])
-            if points.shape[1] != 3 or points.dtype != np.float32 or not (np.abs(points) < 1e6).all():
-                raise ValueError(f"meshes[{index}] has points that are not three finite numbers")
-            for name, attribute in primitive["attributes"].items():
-                if len(values(attribute)) != len(points):
-                    raise ValueError(f"meshes[{index}] has {len(points)} points, but another count of {name}")
-            if "indices" in primitive:
-                corners = values(primitive["indices"])
-                if corners.shape[1] != 1 or corners.dtype.kind != "u" or corners.max() >= len(points):
-                    raise ValueError(f"meshes[{index}] has triangles whose corners are not among its points")
-            if "material" in primitive:
-                _entry(content, "materials", primitive["material"])
 
 
 # --- links -------------------------------------------------------------------------------------------------------

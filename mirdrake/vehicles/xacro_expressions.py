@@ -8,15 +8,32 @@ expression a bounded number of steps.
 """
 
 import ast
-import math
-import operator
-import re
-import string
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from xacro import NameSpace, Table, XacroException, YamlDictWrapper, YamlListWrapper, tokenize
+from xacro import NameSpace, Table, XacroException, YamlDictWrapper
+
+from mirdrake.vehicles.xacro_functions import (
+    BINARY,
+    COMPARISONS,
+    MATH,
+    METHODS,
+    PYTHON,
+    UNARY,
+    Functions,
+    check_size,
+    checked,
+    extreme_of,
+    format_value,
+    items_of,
+    measure,
+    method_of,
+    range_of,
+    repr_of,
+    text_of,
+    tokenize_text,
+)  # fmt: skip
 
 LONGEST = 5_000
 """Characters of an expression."""
@@ -30,34 +47,7 @@ SECONDS = 0.5
 PROPERTIES = 200
 """Properties that are evaluated within one another, each for the expression of the one before."""
 
-LARGEST = 100_000
-"""Characters of a text, and items of a collection with all that is in it."""
-
-BITS = 256
-"""Bits of an integer."""
-
 _DEPTH = 60  # of nested operations
-_ARGUMENT = 1_000  # the largest argument of functions whose cost grows with it; widths and precisions of formats
-_NUMBER = re.compile(r"\d+")
-_CONVERSION = re.compile(r"%(?:\([^)]*\))?([-#0 +]*[\d*]*(?:\.[\d*]*)?)")
-
-METHODS: dict[type, frozenset[str]] = {
-    str: frozenset({
-        "capitalize", "center", "count", "endswith", "find", "format", "index", "isalnum", "isalpha", "isdigit",
-        "islower", "isnumeric", "isspace", "isupper", "join", "ljust", "lower", "lstrip", "partition", "replace",
-        "rfind", "rindex", "rjust", "rpartition", "rsplit", "rstrip", "split", "splitlines", "startswith", "strip",
-        "swapcase", "title", "upper", "zfill"
-    }),
-    list: frozenset({"count", "index"}),
-    tuple: frozenset({"count", "index"}),
-    dict: frozenset({"get", "items", "keys", "values"}),
-    float: frozenset({"is_integer"}),
-}  # fmt: skip
-"""Methods that an expression may call, by type."""
-
-
-class _Functions(dict[str, object]):
-    """Functions and constants below a name such as ``math``."""
 
 
 class Evaluator:
@@ -81,7 +71,7 @@ class Evaluator:
         tick: Callable[[], None] = lambda: None,
     ) -> None:
         def tell(*texts: Any) -> str:
-            warn(" ".join(map(_text, texts)))
+            warn(" ".join(map(text_of, texts)))
             return ""
 
         def deprecated(space: str, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -92,25 +82,25 @@ class Evaluator:
             return call
 
         def fatal(*texts: Any) -> None:
-            raise XacroException(" ".join(map(_text, texts)))
+            raise XacroException(" ".join(map(text_of, texts)))
 
         xacro_functions = {
             "load_yaml": load_yaml,
             "abs_filename": abs_filename,
             "arg": argument,
             "dotify": lambda value: YamlDictWrapper(dict(value)),
-            "tokenize": _tokenize,
+            "tokenize": tokenize_text,
             "fatal": fatal,
         } | dict.fromkeys(("message", "warning", "error", "print_location"), tell)
-        spaces = {"math": _Functions(_MATH), "python": _Functions(_PYTHON), "xacro": _Functions(xacro_functions)}
+        spaces = {"math": Functions(MATH), "python": Functions(PYTHON), "xacro": Functions(xacro_functions)}
         direct = {
             name: deprecated("xacro", name, xacro_functions[name]) for name in ("load_yaml", "abs_filename", "dotify")
         }
         direct |= {
             name: deprecated("python", name, function)
-            for name, function in (("sorted", _extreme(sorted)), ("range", _range))
+            for name, function in (("sorted", extreme_of(sorted)), ("range", range_of))
         }
-        self._names: dict[str, object] = {**_MATH, **_PYTHON, **direct, **spaces}
+        self._names: dict[str, object] = {**MATH, **PYTHON, **direct, **spaces}
         self._functions = [*self._names.values(), *(value for space in spaces.values() for value in space.values())]
         self._callable = {id(entry) for entry in self._functions if callable(entry)}
         self._tick = tick
@@ -166,7 +156,7 @@ class Evaluator:
         if method is None:
             raise XacroException(f"{_WORDS.get(type(node), type(node).__name__)} is not allowed in an expression")
         value = method(self, node, local, depth + 1)
-        return _checked(value, self._callable, new=type(node) not in _LOOKUPS)
+        return checked(value, self._callable, new=type(node) not in _LOOKUPS)
 
     # --- values ------------------------------------------------------------------------------------------------------
 
@@ -192,7 +182,7 @@ class Evaluator:
     def _attribute(self, node: ast.Attribute, local: Mapping[str, Any], depth: int) -> Any:
         """Return a name below ``math`` and so on, a property of an included namespace, or a key of YAML data."""
         owner, name = self._value(node.value, local, depth), node.attr
-        if isinstance(owner, _Functions):
+        if isinstance(owner, Functions):
             if name in owner:
                 return owner[name]
             raise NameError(f"name '{name}' is not defined")
@@ -222,11 +212,11 @@ class Evaluator:
         size = 0
         for node in nodes:
             if isinstance(node, ast.Starred):
-                items += _list(self._value(node.value, local, depth))
+                items += items_of(self._value(node.value, local, depth))
             else:
                 items.append(self._value(node, local, depth))
                 size += measure(items[-1])
-            _bounded(size + len(items))
+            check_size(size + len(items))
         return items
 
     def _list(self, node: ast.List, local: Mapping[str, Any], depth: int) -> list[Any]:
@@ -251,13 +241,13 @@ class Evaluator:
     # --- operations --------------------------------------------------------------------------------------------------
 
     def _unary(self, node: ast.UnaryOp, local: Mapping[str, Any], depth: int) -> Any:
-        return _UNARY[type(node.op)](self._value(node.operand, local, depth))
+        return UNARY[type(node.op)](self._value(node.operand, local, depth))
 
     def _binary(self, node: ast.BinOp, local: Mapping[str, Any], depth: int) -> Any:
         left, right = self._value(node.left, local, depth), self._value(node.right, local, depth)
-        if type(node.op) not in _BINARY:
+        if type(node.op) not in BINARY:
             raise XacroException("the operator @ is not allowed in an expression")
-        return _BINARY[type(node.op)](left, right)
+        return BINARY[type(node.op)](left, right)
 
     def _boolean(self, node: ast.BoolOp, local: Mapping[str, Any], depth: int) -> Any:
         value = None
@@ -272,7 +262,7 @@ class Evaluator:
         result: Any = True
         for kind, other in zip(node.ops, node.comparators, strict=True):
             right = self._value(other, local, depth)
-            result = _COMPARISONS[type(kind)](left, right)
+            result = COMPARISONS[type(kind)](left, right)
             if not result:
                 break
             left = right
@@ -286,8 +276,8 @@ class Evaluator:
 
     def _formatted(self, node: ast.FormattedValue, local: Mapping[str, Any], depth: int) -> str:
         value = self._value(node.value, local, depth)
-        value = {115: _text, 114: _repr, 97: _repr}.get(node.conversion, lambda one: one)(value)
-        return _format_one(value, "" if node.format_spec is None else self._value(node.format_spec, local, depth))
+        value = {115: text_of, 114: repr_of, 97: repr_of}.get(node.conversion, lambda one: one)(value)
+        return format_value(value, "" if node.format_spec is None else self._value(node.format_spec, local, depth))
 
     def _comprehension(self, node: Any, local: Mapping[str, Any], depth: int) -> Any:
         """Return the items of a list, set, dictionary or generator; the last becomes a list."""
@@ -302,10 +292,10 @@ class Evaluator:
                 else:
                     results.append(self._value(node.elt, scope, depth))
                 size += measure(results[-1])
-                _bounded(size)
+                check_size(size)
                 return
             part = node.generators[number]
-            for item in _list(self._value(part.iter, scope, depth)):
+            for item in items_of(self._value(part.iter, scope, depth)):
                 inner = {**scope, **_bind(part.target, item)}
                 if all(self._value(test, inner, depth) for test in part.ifs):
                     each(number + 1, inner)
@@ -324,9 +314,9 @@ class Evaluator:
         function, owner = None, None
         if isinstance(node.func, ast.Attribute):
             owner = self._value(node.func.value, local, depth)
-            kinds = [kind for kind in METHODS if isinstance(owner, kind) and not isinstance(owner, Table | _Functions)]
+            kinds = [kind for kind in METHODS if isinstance(owner, kind) and not isinstance(owner, Table | Functions)]
             if kinds and node.func.attr in METHODS[kinds[0]]:
-                function = _method(owner, node.func.attr)
+                function = method_of(owner, node.func.attr)
         if function is None:
             function = self._value(node.func, local, depth)
             if id(function) not in self._callable:
@@ -337,80 +327,11 @@ class Evaluator:
         return function(*positional, **{str(word.arg): self._value(word.value, local, depth) for word in node.keywords})
 
 
-# --- bounds -------------------------------------------------------------------------------------------------------
-
-
-def _checked(value: Any, functions: set[int], *, new: bool = True) -> Any:
-    """Return a value after checking its type and size; the size of a collection counts where it is new.
-
-    Raises:
-        XacroException: the type is not allowed, or the value is too large.
-    """
-    if isinstance(value, bool | float) or value is None:
-        return value
-    if isinstance(value, int):
-        if value.bit_length() > BITS:
-            raise XacroException(f"an integer of more than {BITS} bits")
-        return value
-    if isinstance(value, str):
-        _bounded(len(value))
-        return value
-    if isinstance(value, _Functions | NameSpace | slice) or id(value) in functions:
-        return value
-    if isinstance(value, list | tuple | dict | set | frozenset) and not isinstance(value, Table):
-        if new:
-            _bounded(measure(value))
-        return value
-    raise XacroException(f"a value of the type {type(value).__name__} is not allowed in an expression")
-
-
-def measure(value: Any, *, most: int = LARGEST) -> int:
-    """Return the characters and items of a value, with all that is in it; counting stops above `most`."""
-    total, waiting = 0, [value]
-    while waiting and total <= most:
-        item = waiting.pop()
-        total += 1
-        if isinstance(item, str):
-            total += len(item)
-        elif isinstance(item, dict):
-            total += len(item)
-            if total <= most:
-                waiting += [*dict.keys(item), *dict.values(item)]
-        elif isinstance(item, list | tuple | set | frozenset):
-            total += len(item)
-            if total <= most:
-                waiting += item
-    return total
-
-
-def _bounded(size: float) -> None:
-    if size > LARGEST:
-        raise XacroException(f"a value of more than {LARGEST} characters or items")
-
-
-def _small(*numbers: Any) -> None:
-    """Reject large arguments of functions whose cost grows with them."""
-    for number in numbers:
-        if isinstance(number, int) and abs(number) > _ARGUMENT:
-            raise XacroException(f"an argument of {number.bit_length()} bits is larger than {_ARGUMENT}")
-
-
-def _list(value: Any) -> list[Any]:
-    """Return the items of a collection.
-
-    Raises:
-        TypeError: it is not one.
-    """
-    if isinstance(value, str | list | tuple | dict | set | frozenset) and not isinstance(value, Table | _Functions):
-        return list(value)
-    raise TypeError(f"'{type(value).__name__}' object is not iterable")
-
-
 def _bind(target: ast.expr, item: Any) -> dict[str, object]:
     if isinstance(target, ast.Name):
         return {target.id: item}
     if isinstance(target, ast.Tuple | ast.List):
-        items = _list(item)
+        items = items_of(item)
         if len(items) != len(target.elts):
             raise ValueError(f"{len(items)} values for {len(target.elts)} names")
         return {
@@ -421,280 +342,6 @@ def _bind(target: ast.expr, item: Any) -> dict[str, object]:
     raise XacroException("only names may be assigned in a comprehension")
 
 
-def _text(value: Any = "") -> str:
-    return str(_printable(value))
-
-
-def _repr(value: Any) -> str:
-    return repr(_printable(value))
-
-
-def _printable(value: Any) -> Any:
-    """Return a value whose text does not contain an address in memory."""
-    if callable(value) or isinstance(value, _Functions | Table):
-        raise XacroException("a function has no text")
-    return value
-
-
-# --- operators ----------------------------------------------------------------------------------------------------
-
-
-def _add(left: Any, right: Any) -> Any:
-    if isinstance(left, str | list | tuple) and isinstance(right, str | list | tuple):
-        _bounded(len(left) + len(right))
-    return left + right
-
-
-def _multiply(left: Any, right: Any) -> Any:
-    for repeated, times in ((left, right), (right, left)):
-        if isinstance(repeated, str | list | tuple) and isinstance(times, int):
-            _bounded(measure(repeated) * max(times, 0))
-    return left * right
-
-
-def _power(left: Any, right: Any) -> Any:
-    integers = isinstance(left, int) and isinstance(right, int) and abs(left) > 1
-    if integers and (left.bit_length() - 1) * abs(right) > BITS:
-        raise XacroException(f"an integer of more than {BITS} bits")
-    return left**right
-
-
-def _shift(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    def shift(left: Any, right: Any) -> Any:
-        if isinstance(right, int) and right > BITS:
-            raise XacroException(f"a shift by more than {BITS} bits")
-        return operation(left, right)
-
-    return shift
-
-
-def _modulo(left: Any, right: Any) -> Any:
-    if isinstance(left, str):
-        for spec in _CONVERSION.findall(left):
-            _check_format(spec)
-            if "*" in spec:
-                raise XacroException("a format with * is not allowed in an expression")
-        _printable(right)
-        _bounded(len(left) + (left.count("%") + 1) * measure(right))
-    return left % right
-
-
-def _check_format(text: str) -> None:
-    if any(len(number) > 4 or int(number) > _ARGUMENT for number in _NUMBER.findall(text)):
-        raise XacroException(f"a format with a number above {_ARGUMENT}")
-
-
-# --- functions ----------------------------------------------------------------------------------------------------
-
-
-class _Formatter(string.Formatter):
-    """``str.format`` without attributes and items of the arguments."""
-
-    def get_field(self, field_name: str, args: Any, kwargs: Any) -> Any:
-        if "." in field_name or "[" in field_name:
-            raise XacroException("a format may not use attributes or items: give the value itself")
-        return super().get_field(field_name, args, kwargs)
-
-    def format_field(self, value: Any, format_spec: str) -> Any:
-        return _format_one(value, format_spec)
-
-    def convert_field(self, value: Any, conversion: Any) -> Any:
-        return super().convert_field(_printable(value), conversion)
-
-
-def _format_one(value: Any, spec: str) -> str:
-    _check_format(spec)
-    return format(_printable(value), spec)
-
-
-def _format(text: str, *values: Any, **named: Any) -> str:
-    _bounded(len(text) + text.count("{") * measure([values, named]))
-    return _Formatter().vformat(text, values, named)
-
-
-def _replace(text: str, old: str, new: str, count: int = -1) -> str:
-    matches = text.count(old) if count < 0 else min(text.count(old), count)
-    _bounded(len(text) + matches * len(new))
-    return text.replace(old, new, count)
-
-
-def _join(text: str, parts: Any) -> str:
-    items = _list(parts)
-    _bounded(measure(items) + len(text) * len(items))
-    return text.join(items)
-
-
-def _padded(name: str) -> Callable[..., str]:
-    def pad(text: str, width: int, *fill: str) -> str:
-        _small(width)
-        return str(getattr(text, name)(width, *fill))
-
-    return pad
-
-
-_SAFE_METHODS: dict[str, Callable[..., Any]] = {
-    "format": _format,
-    "replace": _replace,
-    "join": _join,
-    **{name: _padded(name) for name in ("center", "ljust", "rjust", "zfill")},
-}
-
-
-def _method(owner: Any, name: str) -> Callable[..., Any]:
-    if isinstance(owner, dict):
-        wrap = YamlListWrapper.wrap if isinstance(owner, YamlDictWrapper) else lambda value: value
-        plain: dict[str, Callable[..., Any]] = {
-            "get": lambda *key: wrap(dict.get(owner, *key)),
-            "items": lambda: [(key, wrap(value)) for key, value in dict.items(owner)],
-            "keys": lambda: list(dict.keys(owner)),
-            "values": lambda: [wrap(value) for value in dict.values(owner)],
-        }
-        return plain[name]
-    if isinstance(owner, str) and name in _SAFE_METHODS:
-        return lambda *values, **named: _SAFE_METHODS[name](owner, *values, **named)
-    method: Callable[..., Any] = getattr(owner, name)
-    return method
-
-
-def _round(value: Any, digits: int | None = None) -> Any:
-    _small(digits)
-    return round(value, digits)
-
-
-def _range(*limits: Any) -> list[int]:
-    numbers = range(*limits)
-    _bounded(len(numbers) if all(abs(limit) < 1 << 62 for limit in limits) else math.inf)
-    return list(numbers)
-
-
-def _sum(values: Any, start: Any = 0) -> Any:
-    items = _list(values)
-    if any(not isinstance(item, int | float) for item in (*items, start)):
-        raise TypeError("sum adds numbers only")
-    return sum(items, start)
-
-
-def _int(value: Any = 0, *base: Any) -> int:
-    if isinstance(value, str):
-        _small(len(value))
-    return int(value, *base)
-
-
-def _map(function: Callable[..., Any], *values: Any) -> list[Any]:
-    results: list[Any] = []
-    size = 0
-    for items in zip(*map(_list, values), strict=False):
-        results.append(_checked(function(*items), set()))
-        size += measure(results[-1])
-        _bounded(10 * size)
-    return results
-
-
-def _filter(function: Callable[..., Any] | None, values: Any) -> list[Any]:
-    items = _list(values)
-    results = items if function is None else _map(function, items)
-    return [item for item, keep in zip(items, results, strict=True) if keep]
-
-
-def _tokenize(text: str, sep: str = ",; ", skip_empty: bool = True) -> list[str]:
-    if not isinstance(sep, str) or len(sep) > 20 or any(letter in sep for letter in "[]\\^-"):
-        raise XacroException("tokenize: the separators are single characters other than [ ] \\ ^ -")
-    parts: list[str] = tokenize(text, sep, skip_empty)
-    return parts
-
-
-def _extreme(function: Callable[..., Any]) -> Callable[..., Any]:
-    def extreme(*values: Any, **named: Any) -> Any:
-        if named.get("key") not in {None, abs, len, float, _int, str}:
-            raise XacroException("key must be abs, len, float, int or str")
-        return function(*values, **named)
-
-    return extreme
-
-
-def _instance(value: Any, kinds: Any) -> bool:
-    if isinstance(kinds, tuple):
-        return any(_instance(value, kind) for kind in kinds)
-    return isinstance(value, int if kinds is _int else kinds)
-
-
-def _limited(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function of integers with a limit on their size, on which its cost depends."""
-
-    def limited(*values: Any) -> Any:
-        _small(*values)
-        return function(*values)
-
-    return limited
-
-
-def _fold(function: Callable[[Any, Any], Any], start: int) -> Callable[..., Any]:
-    """Return a function of any number of integers with a limit on its result."""
-
-    def fold(*values: Any) -> Any:
-        result: Any = start
-        for value in values:
-            result = _checked(function(result, value), set())
-        return result
-
-    return fold
-
-
-def _product(values: Any, *, start: Any = 1) -> Any:
-    result = start
-    for value in _list(values):
-        result = _checked(result * value if isinstance(value, int | float) else math.nan, set())
-    return result
-
-
-_PYTHON: dict[str, object] = {
-    "True": True, "False": False, "list": list, "dict": dict, "len": len, "str": str, "float": float, "int": _int,
-    "bool": bool, "tuple": tuple, "set": set, "frozenset": frozenset, "abs": abs, "all": all, "any": any,
-    "divmod": divmod, "ord": ord, "map": _map, "filter": _filter, "min": _extreme(min), "max": _extreme(max),
-    "round": _round, "sorted": _extreme(sorted), "range": _range, "sum": _sum, "repr": _repr, "isinstance": _instance,
-    "enumerate": lambda values, start=0: list(enumerate(_list(values), start)),
-    "reversed": lambda values: _list(values)[::-1],
-    "zip": lambda *values: list(zip(*map(_list, values), strict=False)),
-}  # fmt: skip
-
-_MATH: dict[str, object] = {name: value for name, value in vars(math).items() if not name.startswith("_")}
-_MATH |= {"factorial": _limited(math.factorial), "comb": _limited(math.comb), "perm": _limited(math.perm)} | {
-    "prod": _product
-}
-_MATH |= {"gcd": _fold(math.gcd, 0), "lcm": _fold(math.lcm, 1)}
-
-_UNARY: dict[type, Callable[[Any], Any]] = {
-    ast.UAdd: operator.pos,
-    ast.USub: operator.neg,
-    ast.Not: operator.not_,
-    ast.Invert: operator.inv,
-}
-_BINARY: dict[type, Callable[[Any, Any], Any]] = {
-    ast.Add: _add,
-    ast.Sub: operator.sub,
-    ast.Mult: _multiply,
-    ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv,
-    ast.Mod: _modulo,
-    ast.Pow: _power,
-    ast.LShift: _shift(operator.lshift),
-    ast.RShift: _shift(operator.rshift),
-    ast.BitAnd: operator.and_,
-    ast.BitOr: operator.or_,
-    ast.BitXor: operator.xor,
-}
-_COMPARISONS: dict[type, Callable[[Any, Any], Any]] = {
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.Is: operator.is_,
-    ast.IsNot: operator.is_not,
-    ast.In: lambda left, right: left in right,
-    ast.NotIn: lambda left, right: left not in right,
-}
 _NODES: dict[type, Callable[..., Any]] = {
     ast.Constant: Evaluator._constant,
     ast.Name: Evaluator._name,

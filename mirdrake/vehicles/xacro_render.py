@@ -32,7 +32,8 @@ from xacro.substitution_args import convert_value
 from mirdrake.core.errors import ModelError, did_you_mean
 from mirdrake.core.xml_reader import parse_xml
 from mirdrake.core.yaml_io import shown
-from mirdrake.vehicles.xacro_expressions import LARGEST, Evaluator
+from mirdrake.vehicles.xacro_expressions import Evaluator
+from mirdrake.vehicles.xacro_functions import LARGEST
 
 Place = tuple[str, int]
 _AT = "_at"
