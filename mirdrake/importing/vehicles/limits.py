@@ -147,37 +147,19 @@ def collect_numbers(
         return [(item.value * scale, f"plugin, {item.where}") for item in matching]
 
     # Joints and plugins side by side.
-    rates = [(joint.limits.velocity, joint.where) for joint in steering]
-    numbers["steering_rate"] = _choose_value(
-        "steering rate",
-        "rad/s",
-        [*plugins("steering_rate"), *rates],
-        RATE,
-        MOST_RATE,
-        _estimate(estimates, "steering_rate"),
-        changes,
-    )
     effort = estimates.steering_effort
+    rates = [(joint.limits.velocity, joint.where) for joint in steering]
     efforts = [(joint.limits.effort, joint.where) for joint in steering]
-    numbers["steering_effort"] = _choose_value(
-        "steering torque",
-        "N m",
-        [*plugins("steering_effort"), *efforts],
-        (EFFORT[0] * effort, EFFORT[1] * effort),
-        MOST_EFFORT * effort,
-        _estimate(estimates, "steering_effort"),
-        changes,
-    )
     speeds = [(_limits(wheel).velocity, wheel.joint.where) for wheel in wheels.values()]
-    numbers["wheel_speed_limit"] = _choose_value(
-        "speed limit of the wheels",
-        "rad/s",
-        [*plugins("max_speed", 1.0 / radius), *speeds],
-        (SPEED[0] / radius, SPEED[1] / radius),
-        MOST_SPEED / radius,
-        _estimate(estimates, "wheel_speed_limit"),
-        changes,
-    )
+    possible: tuple[tuple[str, str, str, list[Given], tuple[float, float], float], ...] = (
+        ("steering_rate", "steering rate", "rad/s", plugins("steering_rate") + rates, RATE, MOST_RATE),
+        ("steering_effort", "steering torque", "N m", plugins("steering_effort") + efforts,
+         (EFFORT[0] * effort, EFFORT[1] * effort), MOST_EFFORT * effort),
+        ("wheel_speed_limit", "speed limit of the wheels", "rad/s", plugins("max_speed", 1.0 / radius) + speeds,
+         (SPEED[0] / radius, SPEED[1] / radius), MOST_SPEED / radius),
+    )  # fmt: skip
+    for key, what, unit, given, usual, most in possible:
+        numbers[key] = _choose_value(what, unit, given, usual, most, _estimate(estimates, key), changes)
     numbers["max_torque"] = _drive_torque(roles, stated, estimates, changes)
     numbers["brake_torque"], numbers["brake_front_share"] = _brakes(stated, estimates, changes)
     for field in ("rolling_resistance", "steering_ratio", "drag_area", "tyre_resolution", "tyre_dissipation"):
