@@ -80,6 +80,7 @@ def measure_geometry(
         X_BJ = plant.CalcRelativeTransform(context, base, joint.frame_on_child())
         return X_BJ.rotation().multiply(joint.revolute_axis()), X_BJ.translation()
 
+    # The signs of speeds and angles follow from the axes, so both are checked before anything is measured.
     for joint in wheels:
         axis, _ = axis_and_centre(joint)
         if abs(axis[1] - 1.0) > TOLERANCE:
@@ -94,11 +95,13 @@ def measure_geometry(
                 f"{where(joint.name())}: steering joint '{joint.name()}' turns about {_shown(axis)} of "
                 f"'{spec.base_link}'; it must be 0 0 1, so that a positive angle turns left"
             )
+    # One number stands for both sides of an axle, so the sides must be mirror images.
     p_BW = np.array([axis_and_centre(joint)[1] for joint in wheels])
     p_BK = np.array([axis_and_centre(joint)[1] for joint in kingpins])
     for pair, points in ((wheels[:2], p_BW[:2]), (wheels[2:], p_BW[2:]), (kingpins, p_BK)):
         _check_pair(pair, points, where)
     sizes = [_measure_axle(plant, scene_graph, axle, where) for axle in (wheels[:2], wheels[2:])]
+    # The rest pose and the tyre model assume that base_link is on the road below the rear axle.
     for i, (joint, (x, _, z)) in enumerate(zip(wheels, p_BW, strict=True)):
         radius = sizes[i // 2][0]
         if abs(z - radius) > TOLERANCE:

@@ -124,6 +124,7 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
             except ModelError as fault:
                 faults.append(str(fault))
                 continue
+            # The text is edited instead of the tree, so that the lines of messages stay those of the source.
             if package:
                 number = urdf.lines[mesh] - 1
                 text[number] = text[number].replace(
@@ -190,6 +191,7 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
             [products["ixz"], products["iyz"], values["izz"]],
         ]
     )
+    # Drake would replace an impossible tensor by a plausible one with a warning.
     small, middle, large = np.linalg.eigvalsh(tensor)
     shown = f"{small:.6g}, {middle:.6g}, {large:.6g} kg m²"
     if small <= 0.0:

@@ -213,11 +213,13 @@ def _joints(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Join
     driven = {getattr(joints.wheels, wheel) for wheel in vehicle.spec.driven_wheels()}
     roles = {name: f"{role}, driven" if name in driven else role for name, role in roles.items()}
     roles |= {joints.steering.left: "left steering", joints.steering.right: "right steering"}
+    # Dampers of a suspension are force elements of mirdrake, not joint damping of the URDF.
     dampers: dict[str, float] = {}
     if joints.suspension is not None and vehicle.spec.suspension is not None:
         roles |= {name: f"{wheel} suspension" for wheel, name in zip(WHEELS, joints.suspension.names(), strict=True)}
         corners = vehicle.spec.suspension.corners()
         dampers = {name: corner.damping for name, corner in zip(joints.suspension.names(), corners, strict=True)}
+    # Effort limits belong to actuators in Drake; a joint without one has none.
     efforts = {
         (actuator := plant.get_joint_actuator(index)).joint().name(): float(actuator.effort_limit())
         for index in plant.GetJointActuatorIndices()

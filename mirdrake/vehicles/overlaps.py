@@ -37,10 +37,12 @@ def find_overlaps(
         ]
         for body in (plant.get_body(BodyIndex(number)) for number in range(1, plant.num_bodies()))
     }
+    # Parsers exclude adjacent links from collision; here every pair is of interest.
     plant_context, context = plant.CreateDefaultContext(), scene_graph.CreateDefaultContext()
     everything = GeometrySet([shape for shapes in solids.values() for shape in shapes])
     scene_graph.collision_filter_manager(context).Apply(CollisionFilterDeclaration().AllowWithin(everything))
 
+    # Straight ahead first: an overlap found there is not reported again at full lock.
     deepest: dict[tuple[str, str], Overlap] = {}
     inner, outer = angles
     for left, right in ((0.0, 0.0), (inner, outer), (-outer, -inner)):

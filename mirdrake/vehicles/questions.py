@@ -230,6 +230,7 @@ def ask(
             return {"tyre": text}
         return {"wheel_radius": read_quantity(QUANTITIES["wheel_radius"], text)}
 
+    # A quantity is skipped if another answer determines it, such as a tyre size the wheel radius.
     for quantity in QUANTITIES.values():
         key = quantity.key
         tyres = "tyre" in known or {"tyre_front", "tyre_rear"} <= known.keys()

@@ -279,6 +279,7 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
         "given_count": len(plan.sources) - len(plan.estimated()),
         "summary": f"{driven} vehicle of {values['mass']:g} kg with a wheelbase of {values['wheelbase']:g} m.",
     }
+    # The tree of templates is the tree of the folder.
     environment = _templates()
     for template in sorted((TEMPLATES / "vehicle").rglob("*.jinja")):
         place = template.relative_to(TEMPLATES / "vehicle")

@@ -42,6 +42,7 @@ def find_suspension_faults(
         yield ConfigError(
             f"{where_in(spec, 'suspension')}: the springs have no joints; name them under joints.suspension"
         )
+    # A movable joint without a role in the chain of a wheel would swing freely in the plant.
     above = {child: joint for joint in joints.values() if (child := _end(joint, "child"))}
     for wheel in WHEELS:
         roles = [getattr(spec.joints.wheels, wheel)]
@@ -97,6 +98,7 @@ def measure_spring_loads(
     base = plant.GetBodyByName(spec.base_link)
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, base, RigidTransform())
     x, y, _ = plant.CalcCenterOfMassPositionInWorld(context).tolist()
+    # Moment balances about the axles and about the middle give the four wheel loads.
     weight, share = plant.CalcTotalMass(context) * GRAVITY, x / geometry.wheelbase
     mean_track = share * geometry.front_track + (1.0 - share) * geometry.rear_track
     loads = []

@@ -92,6 +92,7 @@ class Evaluator:
             "tokenize": tokenize_text,
             "fatal": fatal,
         } | dict.fromkeys(("message", "warning", "error", "print_location"), tell)
+        # xacro allows its functions below a name, and with a warning also directly.
         spaces = {"math": Functions(MATH), "python": Functions(PYTHON), "xacro": Functions(xacro_functions)}
         direct = {
             name: deprecated("xacro", name, xacro_functions[name]) for name in ("load_yaml", "abs_filename", "dotify")
@@ -100,6 +101,7 @@ class Evaluator:
             name: deprecated("python", name, function)
             for name, function in (("sorted", extreme_of(sorted)), ("range", range_of))
         }
+        # Only these objects may be called; they are compared by identity, so that no value can imitate one.
         self._names: dict[str, object] = {**MATH, **PYTHON, **direct, **spaces}
         self._functions = [*self._names.values(), *(value for space in spaces.values() for value in space.values())]
         self._callable = {id(entry) for entry in self._functions if callable(entry)}

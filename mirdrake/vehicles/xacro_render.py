@@ -169,9 +169,11 @@ class _Expansion:
             document = xml.dom.minidom.parseString(data)
         except expat.ExpatError as error:  # undeclared name space prefixes
             raise ModelError(f"{name}:{error.lineno}: not valid XML: {expat.ErrorString(error.code)}") from None
+        # Arguments are found in the text, since xacro reports the first missing one only.
         for number, words in enumerate(data.decode("utf-8", errors="replace").splitlines(), start=1):
             for match in _USED.finditer(words):
                 self.used.setdefault(match.group(1), (name, number))
+        # minidom has no lines: each element gets the number of its place as an attribute, which xacro copies.
         for node, line in zip(_elements(document.documentElement), lines, strict=True):
             node.setAttribute(_AT, str(len(self.places)))
             self.places.append((name, line))
@@ -390,6 +392,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
         tick=note.tick,
     )
 
+    # xacro has no hooks: its functions are replaced by ones that note the position and count before they call it.
     def parse(source: Any, filename: Any = None) -> Any:
         return note.parse(Path(filename)) if source is None else source
 
@@ -449,6 +452,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
     def warning(*texts: Any, **_: Any) -> None:
         note.warnings.append(f"{note.where()}: {' '.join(map(str, texts))}")
 
+    # All replacements are undone together, also after an error, because xacro is shared by the whole process.
     limit = sys.getrecursionlimit()
     sys.setrecursionlimit(max(limit, 20 * MACROS))  # a macro within a macro takes some ten calls
     with (

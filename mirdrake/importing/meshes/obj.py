@@ -105,6 +105,7 @@ def _table(rows: list[list[float]], width: int) -> Array:
 def _read_lines(text: str) -> _Content:
     content = _Content()
     vertex_lists = {"v": content.points, "vt": content.uv, "vn": content.normals}
+    # An object, groups and a material stay active until the next line of their kind; faces belong to all three.
     target, material = "", ""
     groups: tuple[str, ...] = ()
     part: _Part | None = None

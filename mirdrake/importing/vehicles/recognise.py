@@ -134,6 +134,7 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
     Raises:
         ModelError: a joint turns the wheels of both sides.
     """
+    # The shape decides, not the name: a wheel is round about its own axis.
     turning, blank = [], []
     spinning = {joint.name: spin for joint in tree.above.values() if (spin := _spin(tree, joint)) is not None}
     for name, (joint, axis, second) in spinning.items():
@@ -163,6 +164,7 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
         turning.append(Wheel(joint, second, axis, point, off_axis, shape, tuple(upright), seen))
     if not turning:
         return [], blank
+    # Steering wheels, fans and lidars are round and turn as well, but do not touch the road.
     lowest = min(turning, key=lambda wheel: wheel.bottom)
     return [wheel for wheel in turning if wheel.bottom - lowest.bottom <= LOW * lowest.shape.radius], blank
 

@@ -35,6 +35,7 @@ def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places, con
         places: how files of the source are named.
         convex_time: for cutting collision meshes into convex parts [s].
     """
+    # Shapes first: the templates name their files, and the README lists their changes.
     car.changes += convert_shapes(car, folder, convex_time=convex_time)
     car.changes = Changes(dict.fromkeys(map(places.change, car.changes)))
     car.warnings = list(map(places.text, car.warnings))

@@ -249,6 +249,7 @@ class Converter:
         if entry is None:
             return None
         x, y, _ = entry.X_WP.translation().tolist()
+        # Layouts with an exact counterpart keep the positions of Gazebo; others are random in both programs.
         was = f"{crowd.count} by {crowd.layout}"
         if crowd.layout == "grid" and abs(yaw) < 1e-6:
             (columns, rows), (dx, dy) = crowd.grid, crowd.step
@@ -279,6 +280,7 @@ class Converter:
                 )
             entry.layout = f"scatter: {{region: {{{region}}}, count: {crowd.count}}}"
             why = "positions are random (seed of the world), without collisions"
+        # A layout has positions of its own, so that only the height and rotation of the entry remain.
         X = entry.X_WP
         entry.X_WP = RigidTransform(X.rotation(), [*X.translation()[:2], 0.0])
         if abs(z - self.height) > 1e-3 or crowd.box is not None:

@@ -106,6 +106,7 @@ def report_text(
         "Source files: " + ", ".join(f"`{places.file(path)}`" for path in files) + ".",
         "",
     ]
+    # What the user should check comes first; the complete list of changes is long.
     if checks:
         lines += ["## Please check", "", *(f"- {table_cell(check)}" for check in checks), ""]
     if entries:
