@@ -82,7 +82,7 @@ def _check_links(content: Mapping[str, Any]) -> None:
         for part in (material, material.get("pbrMetallicRoughness", {})):
             for key in [key for key in part if key.endswith("Texture")]:
                 _entry(content, "textures", part[key]["index"])
-    # A node with two parents, or in a cycle, makes VTK's reader recurse without an end.
+    # Nodes of glTF form trees; readers that follow a cycle would not end.
     parents = set()
     for node in content.get("nodes", []):
         if "mesh" in node:
@@ -118,7 +118,7 @@ def _check_data(content: Mapping[str, Any], path: Path) -> None:
     Raises:
         ValueError, KeyError, TypeError, AttributeError or OSError: something is wrong.
     """
-    # VTK does not compare lengths and reads beyond the end of short buffers.
+    # A reader that trusts the stated lengths reads beyond the end of a short buffer.
     buffers = []
     for index, buffer in enumerate(content.get("buffers", [])):
         uri = buffer["uri"]
@@ -147,7 +147,7 @@ def _check_data(content: Mapping[str, Any], path: Path) -> None:
         rows = np.lib.stride_tricks.as_strided(data, (count, size), (stride, 1))
         return np.ascontiguousarray(rows).view(kind)
 
-    # All accessors are read, also unused ones, because VTK reads them.
+    # Unused accessors count as well, since a reader may load them.
     for index in range(len(content.get("accessors", []))):
         values(index)
     for index, mesh in enumerate(content["meshes"]):
