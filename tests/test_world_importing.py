@@ -563,6 +563,27 @@ def test_roads_of_points_are_tracks(tmp_path, seed):
     assert drive_along(world)
 
 
+def test_a_centre_line_goes_around_obstacles_on_a_wide_road(tmp_path):
+    """A barrier in the middle of a slab of 120 m x 20 m; beside it there is room for a car."""
+    slab = traps.model("asphalt", size="120 20 0.02", pose="0 0 0.01 0 0 0")
+    foot = traps.model("jersey_barrier", size="1 6 0.1", pose="10 0 0.0 0 0 0")
+    wall = traps.model("block", size="1 6 1", pose="10 0 0.5 0 0 0")
+    _, world = imported(traps.world(tmp_path, slab + foot + wall), tmp_path / "worlds")
+    assert drive_along(world)
+    assert next(iter(world.tracks.values())).length > 80.0
+
+
+def test_the_ground_reaches_below_surfaces_wider_than_its_plane(tmp_path):
+    field = "".join(
+        traps.model(f"asphalt_{k}", size="200 200 0.02", pose=f"{200 * k} 0 0.01 0 0 0") for k in (-1, 0, 1)
+    )
+    _, world = imported(traps.world(tmp_path, field), tmp_path / "worlds")
+    xmin, ymin, xmax, ymax = world.ground.extent
+    assert xmin <= -300.0
+    assert xmax >= 300.0
+    assert min(-ymin, ymax) >= 100.0
+
+
 def test_what_is_above_the_ground_stays_an_obstacle(tmp_path):
     inside = (
         traps.model("road", size="60 8 0.1", pose="0 0 0.05 0 0 0")
@@ -717,6 +738,17 @@ def test_the_start_is_free(tmp_path, seed):
     assert not any(prop.footprint.intersects(car) for prop in world.props)
     assert not check.check_world(world, vehicle="bolt")
     assert not any("world check" in line for line in result.checks)
+
+
+def test_a_world_without_starts_gets_one_with_room_ahead(tmp_path):
+    inside = traps.model("box", size="1 1 1", pose="8 0 0.5 0 0 0")
+    _, world = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
+    start = next(iter(world.starts.values()))
+    c, s = np.cos(start.yaw), np.sin(start.yaw)
+    lane = shapely.Polygon(
+        [(start.x + c * u - s * v, start.y + s * u + c * v) for u, v in ((0, -1), (30, -1), (30, 1), (0, 1))]
+    )
+    assert not any(prop.footprint.intersects(lane) for prop in world.props)
 
 
 def test_blocked_starts_of_the_source_are_left_out(tmp_path):
