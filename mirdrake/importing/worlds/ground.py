@@ -56,6 +56,7 @@ class GroundText:
         routes: the same tracks laid out.
         drawn: visual-only objects.
         height: of the base plane in W of the source [m]; the new W is that much higher.
+        names: of all patches and tracks.
         reach: farthest corner of a patch from the origin along x or y [m].
     """
 
@@ -67,6 +68,7 @@ class GroundText:
     routes: dict[str, Route] = field(default_factory=dict)
     drawn: list[SourceObject] = field(default_factory=list)
     height: float = 0.0
+    names: set[str] = field(default_factory=set)
     reach: float = 0.0
 
 
@@ -212,7 +214,7 @@ def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, changes: Chan
         return
     surface = _surface(plane.words) or ground.surface
     mu = plane.mu if plane.mu is not None and 0.0 < plane.mu <= 2.0 else None
-    name = _patch_name(ground, plane.name)
+    name = _new_name(ground, plane.name)
     x, y, _ = plane.X_WP.translation().tolist()
     R = plane.X_WP.rotation().matrix()
     rect = _rect((x, y), plane.size, math.atan2(R[1, 0], R[0, 0]))
@@ -446,9 +448,7 @@ def _route_around(area: shapely.Polygon, obstacles: list[shapely.Polygon]) -> Ro
 
 
 def _new_track(ground: GroundText, wanted: str, route: Route, more: str) -> str:
-    name = _plain_name(
-        wanted, set(ground.tracks) | {patch.split("name: ")[1].split(",")[0] for patch in ground.patches}
-    )
+    name = _new_name(ground, wanted)
     ground.tracks[name] = route.text + more
     ground.routes[name] = route
     return name
@@ -464,7 +464,7 @@ def _patches_of(ground: GroundText, surfaces: list[Surface], wanted: str, look: 
             ground.reach = max(ground.reach, *map(abs, polygon.bounds))
     rect = _rect_of(surfaces[0]) if len(surfaces) == 1 else ""
     if rect:
-        ground.patches.append(_patch(_patch_name(ground, wanted), rect, look, mu))
+        ground.patches.append(_patch(_new_name(ground, wanted), rect, look, mu))
         return 1
     polygons = [polygon for surface in surfaces for polygon in surface.polygons]
     return _add_polygons(ground, outline(polygons) if len(surfaces) > 1 else polygons, wanted, look, mu)
@@ -506,7 +506,7 @@ def _add_polygons(
     for polygon in polygons:
         corners = list(polygon.exterior.coords)[:-1]
         text = f"polygon: [{', '.join(f'[{number(x)}, {number(y)}]' for x, y in corners)}]"
-        ground.patches.append(_patch(_patch_name(ground, wanted), text, surface, mu))
+        ground.patches.append(_patch(_new_name(ground, wanted), text, surface, mu))
     return len(polygons)
 
 
@@ -526,17 +526,15 @@ def _patch(name: str, area: str, surface: str, mu: float | None) -> str:
     return f"    - {{name: {name}, {area}, surface: {surface}{friction}}}"
 
 
-def _patch_name(ground: GroundText, wanted: str) -> str:
-    return _plain_name(wanted, {patch.split("name: ")[1].split(",")[0] for patch in ground.patches})
-
-
-def _plain_name(wanted: str, taken: set[str]) -> str:
+def _new_name(ground: GroundText, wanted: str) -> str:
+    """Return a name that YAML reads as text and that no track or patch has."""
     plain = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in wanted).strip("_").lower()
     plain = plain if plain[:1].isalpha() and not is_word(plain) else f"patch_{plain}".rstrip("_")
     name, count = plain, 1
-    while name in taken:
+    while name in ground.names:
         count += 1
         name = f"{plain}_{count}"
+    ground.names.add(name)
     return name
 
 
