@@ -566,8 +566,8 @@ def test_roads_of_points_are_tracks(tmp_path, seed):
 def test_a_centre_line_goes_around_obstacles_on_a_wide_road(tmp_path):
     """A barrier in the middle of a slab of 120 m x 20 m; beside it there is room for a car."""
     slab = traps.model("asphalt", size="120 20 0.02", pose="0 0 0.01 0 0 0")
-    foot = traps.model("jersey_barrier", size="1 6 0.1", pose="10 0 0.0 0 0 0")
-    wall = traps.model("block", size="1 6 1", pose="10 0 0.5 0 0 0")
+    foot = traps.model("jersey_barrier", size="1 2 0.1", pose="10 0 0.0 0 0 0")
+    wall = traps.model("block", size="1 2 1", pose="10 0 0.5 0 0 0")
     _, world = imported(traps.world(tmp_path, slab + foot + wall), tmp_path / "worlds")
     assert drive_along(world)
     assert next(iter(world.tracks.values())).length > 80.0
