@@ -14,7 +14,7 @@ file            the world, or a vehicle in it, cannot be loaded or laid out
 unplaced        a random prop found no free position
 rule            a rule is broken
 overlap         two props overlap
-unchecked       it is not known whether two props overlap
+unchecked       too many pairs of props to examine all of them
 gap             two props are closer than the rule min_gap allows
 buried          a prop is below the ground
 floating        a prop is above the ground without support

@@ -33,14 +33,6 @@ def overlap(one: PlacedProp, other: PlacedProp, depth: tuple[float, float], posi
     )
 
 
-def unchecked(one: PlacedProp, other: PlacedProp, reason: str) -> str:
-    """Return the sentence for two props of which it is not known whether they overlap."""
-    return (
-        f"it is not known whether '{one.name}' overlaps '{other.name}' ({other.file_line}): {reason}; "
-        "move or turn one of them a little"
-    )
-
-
 def too_many_pairs(overlaps: int, neighbours: int) -> str:
     """Return the sentence for a world with more pairs of props in one place than are examined."""
     return (

@@ -61,16 +61,29 @@ class Separation:
         return float(np.linalg.norm(self.translation))
 
 
-def separate(one: PlacedProp, other: PlacedProp) -> Separation:
+def separate(moving: PlacedProp, fixed: PlacedProp) -> Separation:
     """Return the shortest translation of one prop that separates all its solids from those of the other."""
-    origin = one.X_WP.translation()
-    moving = [_Core.of(one, solid, origin) for solid in one.prop.solids]
-    fixed = [_Core.of(other, solid, origin) for solid in other.prop.solids]
-    differences = _Differences(moving, fixed)
-    return Separation(np.zeros(3), 0.0) if differences.count == 0 else _search(differences)
+    return _separate(moving, moving.prop.solids, fixed, fixed.prop.solids)
+
+
+def separate_solids(moving: PlacedProp, fixed: PlacedProp, numbers: tuple[int, int]) -> Separation:
+    """Return the shortest translation that separates one solid of each prop, regardless of their other solids."""
+    first, second = numbers
+    return _separate(moving, [moving.prop.solids[first]], fixed, [fixed.prop.solids[second]])
 
 
 # --- the inner parts ----------------------------------------------------------------------------------------------
+
+
+def _separate(
+    moving: PlacedProp, moving_solids: Sequence[Solid], fixed: PlacedProp, fixed_solids: Sequence[Solid]
+) -> Separation:
+    origin = moving.X_WP.translation()  # coordinates near it are accurate far from the origin of the world
+    differences = _Differences(
+        [_Core.of(moving, solid, origin) for solid in moving_solids],
+        [_Core.of(fixed, solid, origin) for solid in fixed_solids],
+    )
+    return Separation(np.zeros(3), 0.0) if differences.count == 0 else _search(differences)
 
 
 @dataclass(frozen=True)
@@ -93,7 +106,7 @@ class _Core:
             ends = middle + 0.5 * shape.length() * np.array([[-1.0], [1.0]]) * axis
             radius = shape.radius()
             return cls(ends, radius, axis, 0.0) if isinstance(shape, Capsule) else cls(ends, 0.0, axis, radius)
-        return cls(solid.corners @ placed.X_WP.rotation().matrix().T + placed.X_WP.translation() - origin, 0.0, axis, 0)
+        return cls(solid.corners_in(placed.X_WP) - origin, 0.0, axis, 0.0)
 
     def span(self) -> tuple[Array, Array]:
         """Return the smallest and the largest x, y, z [m]."""

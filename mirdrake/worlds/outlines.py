@@ -117,7 +117,7 @@ def _outlines(placed: "PlacedProp", low: float, high: float) -> Iterator[Outline
                 off = max(0.0, low - middle[2], middle[2] - high)  # of the widest circle from the sphere's middle
                 yield Outline(shapely.Point(middle[:2]), math.sqrt(r * r - off * off), bottom, top)
             continue
-        points = solid.corners @ R.T + p
+        points = solid.corners_in(placed.X_WP)
         bottom, top = float(points[:, 2].min()), float(points[:, 2].max())
         if isinstance(shape, Cylinder):
             upright = abs(float(R[2] @ solid.X_PS.rotation().matrix()[:, 2]))

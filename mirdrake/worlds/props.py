@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from pydantic import Field, create_model, model_validator
-from pydrake.geometry import Shape
+from pydrake.geometry import Shape, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.tree import SpatialInertia
 from shapely.geometry.base import BaseGeometry
@@ -55,9 +55,23 @@ class Solid:
 
     @cached_property
     def corners(self) -> Array:
-        """Points whose convex hull is the shape (n, 3), in P [m]; circles are polygons around them."""
-        corners = kind_of(self.shape).corners(self.shape)
-        return np.asarray((self.X_PS.rotation().matrix() @ corners.T).T + self.X_PS.translation())
+        """Points around the shape (n, 3), in P [m], see :meth:`corners_in`."""
+        return self.corners_in(RigidTransform())
+
+    def corners_in(self, X_FP: RigidTransform) -> Array:
+        """Return points around the shape (n, 3), in a frame F [m].
+
+        Their convex hull is the shape; a circle is a polygon around it. Those of a sphere are an equator and poles
+        along the axes of F, so that they bound it there.
+        """
+        X_FS = X_FP @ self.X_PS
+        if isinstance(self.shape, Sphere):
+            return self._own_corners + X_FS.translation()
+        return self._own_corners @ X_FS.rotation().matrix().T + X_FS.translation()
+
+    @cached_property
+    def _own_corners(self) -> Array:
+        return kind_of(self.shape).corners(self.shape)
 
     @property
     def volume(self) -> float:
@@ -157,8 +171,7 @@ class PlacedProp:
 
     @cached_property
     def _corners(self) -> list[Array]:
-        R, p = self.X_WP.rotation().matrix(), self.X_WP.translation()
-        return [solid.corners @ R.T + p for solid in self.prop.solids]
+        return [solid.corners_in(self.X_WP) for solid in self.prop.solids]
 
     def is_called(self, pattern: str) -> bool:
         """Return whether its name, with or without its index, matches a pattern with * and ?."""
