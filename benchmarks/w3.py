@@ -151,7 +151,8 @@ def _sensor(rows: int, columns: int, scans: int, *, moving: bool = False, noise:
     from pydrake.systems.framework import DiagramBuilder
 
     from mirdrake.sensors.ranging import LaserScanner, Lidar, RayWorld
-    from mirdrake.vehicles.mounts import LaserScannerMount, LidarMount
+    from mirdrake.sensors.ranging.laser_scanner import LaserScannerMount
+    from mirdrake.sensors.ranging.lidar import LidarMount
 
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.005), builder)

@@ -186,7 +186,7 @@ _SHORT: dict[str, Json] = {
 
 def _add_short_forms(schema: Json) -> None:
     """Add a text, number or boolean in place of a mapping, and units for numbers of noise."""
-    from mirdrake.vehicles.noise_spec import NoiseSpec
+    from mirdrake.sensors.noise_spec import NoiseSpec
 
     noises = {model.__name__ for model in NoiseSpec.__subclasses__()}
     definitions = schema.get("$defs", {})

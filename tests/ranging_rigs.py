@@ -13,9 +13,12 @@ from pydrake.multibody.tree import RigidBody, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from mirdrake.sensors.ranging.laser_scanner import LaserScannerMount
+from mirdrake.sensors.ranging.lidar import LidarMount
 from mirdrake.sensors.ranging.motion import BodyState
+from mirdrake.sensors.ranging.radar import RadarMount
+from mirdrake.sensors.ranging.sonar import SonarMount
 from mirdrake.sensors.ranging.world import Beams, Hits, RayWorld
-from mirdrake.vehicles.mounts import LaserScannerMount, LidarMount, RadarMount, SonarMount
 
 GREY = np.array([0.5, 0.5, 0.5, 1.0])
 ABOVE = RigidTransform([0.0, 0.0, 1.0])

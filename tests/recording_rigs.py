@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
 from mirdrake.sensors.sampling import SampledValue
+from mirdrake.vehicles.mounts import SENSOR_KINDS
 
 ROWS, COLUMNS, BEAMS = 4, 30, 180
 
@@ -109,7 +111,7 @@ class LateCamera(SampledValue):
 
 
 def stubs(*, several: bool = False) -> dict[str, Any]:
-    """Replacements in :data:`mirdrake.sensors.SENSORS`."""
+    """Functions that make a sensor in place of the method `make` of its mount, by kind."""
 
     def lidar(mount: Any, **_: Any) -> LeafSystem:
         return CountingLidar(mount.rate)
@@ -121,3 +123,9 @@ def stubs(*, several: bool = False) -> dict[str, Any]:
         return StillCamera(mount, several=several)
 
     return {"lidar": lidar, "laser_scanner": scanner, "camera": camera}
+
+
+def install_stubs(patch: pytest.MonkeyPatch, *, several: bool = False) -> None:
+    """Let mounts make stubs."""
+    for kind, make in stubs(several=several).items():
+        patch.setattr(SENSOR_KINDS[kind], "make", make)

@@ -24,11 +24,13 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.sensors.cameras import Camera, add_renderer, rendering
+from mirdrake.sensors.cameras.lens import LensSpec
+from mirdrake.sensors.cameras.mounts import DepthCameraMount
 from mirdrake.sensors.cameras.noise import color_noise, depth_noise
+from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.noise import noise_stream
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.lens import LensSpec
-from mirdrake.vehicles.mounts import DepthCameraMount, SensorMount, SensorsSpec
+from mirdrake.vehicles.mounts import SensorsSpec
 
 FAULT = rendering._egl_fault()
 needs_egl = pytest.mark.skipif(FAULT is not None, reason=f"cameras cannot be drawn here: {FAULT}")

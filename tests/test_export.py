@@ -17,13 +17,12 @@ import pytest
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from mirdrake import sensors
 from mirdrake.cli import main
 from mirdrake.export.frames import eyes_of
 from mirdrake.runs.logs import Run, load_run
 from mirdrake.runs.simulation import simulate
 from mirdrake.vehicles import load_vehicle
-from tests.recording_rigs import COLUMNS, ROWS, stubs
+from tests.recording_rigs import COLUMNS, ROWS, install_stubs
 from tests.test_recording import drive
 
 SEEN_LINKS = [f"{end}_{side}_wheel" for end in ("front", "rear") for side in ("left", "right")]
@@ -39,8 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     spec["sensors"] = {"ego": ["left_camera", "front_lidar", "roof_lidar", "gps", "imu"]}
     spec["control"] = {"ego": {"kind": "constant", "speed": 2.0, "steering": 0.2}}
     with pytest.MonkeyPatch.context() as patch:
-        for kind, make in stubs(several=True).items():
-            patch.setitem(sensors.SENSORS, kind, make)
+        install_stubs(patch, several=True)
         simulate(spec, folder=folder)
     (folder / "events.jsonl").write_text('{"time": 0.5, "kind": "road", "text": "ego: 3 of 4"}\n', encoding="utf-8")
     return folder

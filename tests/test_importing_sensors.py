@@ -11,7 +11,8 @@ from mirdrake.importing.vehicles.car import Car
 from mirdrake.importing.vehicles.read import read_source
 from mirdrake.importing.vehicles.recognise import recognise
 from mirdrake.importing.vehicles.repair import repair
-from mirdrake.vehicles.mounts import LaserScannerMount, SensorsSpec
+from mirdrake.sensors.ranging.laser_scanner import LaserScannerMount
+from mirdrake.vehicles.mounts import SensorsSpec
 from tests.test_importing import reports, write
 
 

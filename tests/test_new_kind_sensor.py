@@ -1,32 +1,19 @@
-"""A user adds a kind of sensor: a file with its mount, a file with its system, and a line that registers each."""
+"""A user adds a kind of sensor: a file with its system and its mount, and a line that registers it."""
 
 from tests.new_kind import run_in_copy
 
-MOUNT = '''\
-"""Mount of a tachograph."""
+TACHOGRAPH = '''\
+"""Tachograph: distance travelled in whole steps."""
 
 from typing import Literal
 
-from pydantic import Field
-
-from mirdrake.vehicles.mount import Mount
-
-
-class TachographMount(Mount):
-    """Distance travelled."""
-
-    kind: Literal["tachograph"]
-    step: float = Field(default=0.1, gt=0, description="[m] step of the reading")
-'''
-
-SYSTEM = '''\
-"""Tachograph: distance travelled in whole steps."""
-
 import numpy as np
+from pydantic import Field
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 
 from mirdrake.core.signals import signals
+from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.sampling import SampledSensor, mount_pose
 
 
@@ -42,8 +29,14 @@ class Tachograph(SampledSensor):
         return np.array([self.step * np.floor(np.hypot(x, y) / self.step)])
 
 
-def make_tachograph(mount, *, parts, part, stream):
-    return Tachograph(parts.plant.GetFrameByName(mount.frame, part.instance), mount, stream)
+class TachographMount(SensorMount):
+    """Distance travelled."""
+
+    kind: Literal["tachograph"]
+    step: float = Field(default=0.1, gt=0, description="[m] step of the reading")
+
+    def make(self, *, parts, part, stream):
+        return Tachograph(parts.plant.GetFrameByName(self.frame, part.instance), self, stream)
 '''
 
 CHECK = """\
@@ -70,18 +63,13 @@ assert set((values / 0.5).round(9) % 1.0) == {0.0}
 """
 
 
-def test_a_kind_of_sensor_is_a_mount_and_a_system_with_a_line_each(tmp_path):
-    mounts, sensors = "vehicles/mounts.py", "sensors/__init__.py"
+def test_a_kind_of_sensor_is_a_file_and_a_line(tmp_path):
+    line = '    "stereo_camera": "mirdrake'
     run_in_copy(
         tmp_path,
-        new={"vehicles/tachograph_mount.py": MOUNT, "sensors/tachograph.py": SYSTEM},
+        new={"sensors/tachograph.py": TACHOGRAPH},
         lines=[
-            (mounts, "    | SteeringAngleMount\n", "    | SteeringAngleMount\n    | TachographMount\n"),
-            (sensors, '    "stereo_camera": make', '    "tachograph": make_tachograph,\n    "stereo_camera": make'),
-        ],
-        imported=[
-            (mounts, "from mirdrake.vehicles.tachograph_mount import TachographMount"),
-            (sensors, "from mirdrake.sensors.tachograph import make_tachograph"),
+            ("vehicles/mounts.py", line, f'    "tachograph": "mirdrake.sensors.tachograph:TachographMount",\n{line}'),
         ],
         check=CHECK,
     )

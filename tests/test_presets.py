@@ -13,8 +13,14 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import Source, load_yaml, parse_tree, parse_yaml, validate
 from mirdrake.core.yaml_tree import lay_over
+from mirdrake.sensors.cameras.mounts import CameraMount
+from mirdrake.sensors.gps import GpsMount
+from mirdrake.sensors.ranging.laser_scanner import LaserScannerMount
+from mirdrake.sensors.ranging.lidar import LidarMount
+from mirdrake.sensors.ranging.sonar import SonarMount
+from mirdrake.sensors.wheel_encoder import WheelEncoderMount
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.mounts import CameraMount, SensorsSpec, change_mounts
+from mirdrake.vehicles.mounts import SensorsSpec, change_mounts
 from mirdrake.vehicles.presets import presets
 from tests.sensor_rigs import vehicle_with
 
@@ -61,38 +67,38 @@ def test_keys_of_the_mount_replace_those_of_the_preset() -> None:
         "  front: {preset: sick_lms291, frame: front, rate: 30}\n  gps: {preset: rtk_gps, frame: b, noise: 2}"
     )
     front, gps = spec.mounts["front"], spec.mounts["gps"]
-    assert front.kind == "laser_scanner"
+    assert isinstance(front, LaserScannerMount)
     assert (front.rate, front.far) == (30.0, 80.0)
-    assert gps.kind == "gps"
+    assert isinstance(gps, GpsMount)
     assert (gps.rate, gps.noise.white, gps.vertical_noise.white) == (20.0, 2.0, 0.015)
 
 
 def test_the_vehicles_have_the_sensors_of_their_originals() -> None:
     bolt, cat, mkz, unior = (load_vehicle(name).sensors.mounts for name in ("bolt", "catvehicle", "mkz", "unior"))
     camera = bolt["front_camera"]
-    assert camera.kind == "camera"
+    assert isinstance(camera, CameraMount)
     assert (camera.width, camera.height, camera.rate, camera.noise) == (800, 800, 30.0, 0.007)
     assert camera.horizontal_fov == pytest.approx(1.3962634, abs=1e-7)
     sick, velodyne, triclops = cat["front_lidar"], cat["roof_lidar"], cat["triclops"]
-    assert sick.kind == "laser_scanner"
+    assert isinstance(sick, LaserScannerMount)
     assert (sick.beams, sick.rate, sick.near, sick.far, sick.noise) == (180, 30.0, 1.5, 180.0, 0.02)
     assert (sick.start_angle, sick.end_angle) == (-1.57, 1.57)
-    assert velodyne.kind == "lidar"
+    assert isinstance(velodyne, LidarMount)
     assert (velodyne.columns, velodyne.rows, velodyne.rate, velodyne.near, velodyne.far) == (100, 20, 5.0, 1.0, 50.0)
     assert (velodyne.horizontal_start, velodyne.horizontal_end) == (-0.4, 0.4)
     assert (velodyne.vertical_start, velodyne.vertical_end) == (-0.0349, 0.326)
     assert (velodyne.resolution, velodyne.noise) == (0.02, 0.02)
-    assert triclops.kind == "camera"
+    assert isinstance(triclops, CameraMount)
     assert (triclops.width, triclops.height, triclops.rate) == (1280, 960, 16.0)
     vlp, gps, encoder = mkz["roof_lidar"], mkz["gps"], mkz["encoder_rear_left"]
-    assert vlp.kind == "lidar"
+    assert isinstance(vlp, LidarMount)
     assert (vlp.columns, vlp.rows, vlp.rate) == (440, 16, 10.0)
-    assert gps.kind == "gps"
+    assert isinstance(gps, GpsMount)
     assert (gps.rate, gps.datum.latitude, gps.datum.longitude) == (50.0, radians(45), radians(-81))
-    assert encoder.kind == "wheel_encoder"
+    assert isinstance(encoder, WheelEncoderMount)
     assert encoder.counts == 125.5
     sonar = unior["front_sonar"]
-    assert sonar.kind == "sonar"
+    assert isinstance(sonar, SonarMount)
     assert (sonar.far, sonar.cone, sonar.resolution) == (2.5, radians(10), 0.1)
 
 
@@ -248,7 +254,10 @@ def test_a_preset_in_a_diagram_replaces_all_of_a_mount_but_its_place(old: str | 
     bare = mounts(f"  gps: {{preset: {new}, frame: mast, latency: 0.3}}").mounts["gps"]
     assert product_of(changed) == product_of(bare)
     assert changed.frame == "mast"
-    assert changed.datum == below.mounts["gps"].datum  # type: ignore[union-attr]
+    before = below.mounts["gps"]
+    assert isinstance(changed, GpsMount)
+    assert isinstance(before, GpsMount)
+    assert changed.datum == before.datum
 
 
 def test_a_preset_in_a_variant_replaces_a_mount_likewise() -> None:

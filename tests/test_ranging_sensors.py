@@ -17,12 +17,13 @@ from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.runs.simulation import Simulation
-from mirdrake.sensors import SENSORS, LaserScanner, Lidar, LidarScan, Radar, Sonar
-from mirdrake.sensors.ranging import RayWorld, make_lidar
+from mirdrake.sensors import LaserScanner, Lidar, LidarScan, Radar, Sonar
+from mirdrake.sensors.ranging import RayWorld
 from mirdrake.sensors.ranging.faces import flat
+from mirdrake.sensors.ranging.lidar import LidarMount
 from mirdrake.sensors.ranging.scene import RayScene
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.mounts import LidarMount, SensorsSpec
+from mirdrake.vehicles.mounts import SENSORS, SensorsSpec
 from tests.ranging_rigs import ABOVE, Room, lidar, radar, scanner, sonar
 from tests.sensor_rigs import Carousel, held
 
@@ -305,8 +306,8 @@ def test_its_own_vehicle_can_be_seen() -> None:
     assert isinstance(mount, LidarMount)
     assembly = assemble(_drive(["roof_lidar"]))
     part = assembly.parts.vehicles["ego"]
-    own = make_lidar(mount.model_copy(update={"own_vehicle": True}), parts=assembly.parts, part=part, stream=1)
-    without = make_lidar(mount, parts=assembly.parts, part=part, stream=1)
+    own = mount.model_copy(update={"own_vehicle": True}).make(parts=assembly.parts, part=part, stream=1)
+    without = mount.make(parts=assembly.parts, part=part, stream=1)
     bodies = {int(index) for index in assembly.parts.plant.GetBodyIndices(part.instance)}
     assert bodies & set(own.caster._movers)
     assert not bodies & set(without.caster._movers)

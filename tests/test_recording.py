@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from mirdrake import sensors
 from mirdrake.assembly.diagram_spec import RecordSpec
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.recording.arrays import ArrayLog, RunArrays
@@ -25,8 +24,9 @@ from mirdrake.core.recording.pictures import PictureLog, encode, make_pool, pars
 from mirdrake.runs.logs import load_run
 from mirdrake.runs.simulation import simulate
 from mirdrake.sensors.cameras import rendering
+from mirdrake.sensors.cameras.mounts import CameraMount
 from mirdrake.sensors.noise import is_lost, noise_stream
-from tests.recording_rigs import BEAMS, COLUMNS, ROWS, LateCamera, make_scan, stubs
+from tests.recording_rigs import BEAMS, COLUMNS, ROWS, LateCamera, install_stubs, make_scan
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -46,8 +46,7 @@ def drive(**changes: Any) -> dict[str, Any]:
 
 @pytest.fixture
 def stubbed(monkeypatch: pytest.MonkeyPatch) -> None:
-    for kind, make in stubs().items():
-        monkeypatch.setitem(sensors.SENSORS, kind, make)
+    install_stubs(monkeypatch)
 
 
 # --- counts and times ------------------------------------------------------------------------------------------------
@@ -117,8 +116,7 @@ def test_the_driving_log_is_that_of_the_paper(tmp_path: Path) -> None:
 
 
 def test_depths_and_labels_are_pictures_of_16_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for kind, make in stubs(several=True).items():
-        monkeypatch.setitem(sensors.SENSORS, kind, make)
+    install_stubs(monkeypatch, several=True)
     simulate(drive(duration=0.1), folder=tmp_path / "run")
     pictures = load_run(tmp_path / "run").pictures
     assert {name: len(found) for name, found in pictures.items()} == {
@@ -148,7 +146,7 @@ def test_pictures_that_come_late_have_the_time_they_were_taken_and_lost_ones_are
     def camera(mount: Any, **_: Any) -> LateCamera:
         return LateCamera(mount, latency=latency, dropout=dropout)
 
-    monkeypatch.setitem(sensors.SENSORS, "camera", camera)
+    monkeypatch.setattr(CameraMount, "make", camera)
     spec = drive(sensors={"ego": ["left_camera"]}, duration=2.0)
     spec["record"] = spec["record"] | {"rate": 1000.0}
     run = simulate(spec, folder=tmp_path / "run")
@@ -170,7 +168,7 @@ def test_a_lost_picture_leaves_no_file_and_no_line(tmp_path: Path, monkeypatch: 
     def camera(mount: Any, **_: Any) -> LateCamera:
         return LateCamera(mount, latency=0.0, dropout=0.3)
 
-    monkeypatch.setitem(sensors.SENSORS, "camera", camera)
+    monkeypatch.setattr(CameraMount, "make", camera)
     simulate(drive(sensors={"ego": ["left_camera"]}), folder=tmp_path / "run")
     there = [number for number in range(31) if not is_lost(7, number, 0.3)]
     assert len(there) < 31
@@ -343,11 +341,12 @@ RUN = dedent(
     """\
     import sys
     sys.path.insert(0, {root!r})
-    from mirdrake import sensors
+    from mirdrake.vehicles.mounts import SENSOR_KINDS
     from mirdrake.runs.simulation import simulate
     from tests.recording_rigs import stubs
     from tests.test_recording import drive
-    sensors.SENSORS.update(stubs())
+    for kind, make in stubs().items():
+        SENSOR_KINDS[kind].make = make
     simulate(drive(duration=600.0), folder={folder!r}, realtime_rate=1.0)
     """
 )
@@ -382,8 +381,7 @@ def test_a_killed_run_opens_with_at_most_the_last_second_missing(tmp_path: Path)
 
 
 def test_a_run_that_fails_keeps_its_pictures_and_scans(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for kind, make in stubs().items():
-        monkeypatch.setitem(sensors.SENSORS, kind, make)
+    install_stubs(monkeypatch)
     (tmp_path / "failing.py").write_text(
         dedent(
             """\

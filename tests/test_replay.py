@@ -16,7 +16,6 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from mirdrake import sensors
 from mirdrake.cli import main
 from mirdrake.core.errors import RunError
 from mirdrake.runs.logs import Run, load_run
@@ -24,7 +23,7 @@ from mirdrake.runs.simulation import simulate
 from mirdrake.viewer import replay
 from mirdrake.viewer.replay import Replay, write_replay
 from tests.chromium import NEEDS_BROWSER, open_browser
-from tests.recording_rigs import stubs
+from tests.recording_rigs import install_stubs
 from tests.test_recording import drive
 
 
@@ -35,8 +34,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     spec = drive(duration=2.0)
     spec["sensors"] = {"ego": ["left_camera"]}
     with pytest.MonkeyPatch.context() as patch:
-        for kind, make in stubs(several=True).items():
-            patch.setitem(sensors.SENSORS, kind, make)
+        install_stubs(patch, several=True)
         simulate(spec, folder=folder)
     return load_run(folder)
 

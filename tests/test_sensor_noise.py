@@ -11,8 +11,8 @@ from pydrake.systems.framework import DiagramBuilder
 from mirdrake.assembly.diagram import assemble
 from mirdrake.runs.simulation import Simulation
 from mirdrake.sensors.noise import Noise, noise_stream
+from mirdrake.sensors.noise_spec import AccelerationNoise, LengthNoise, NoiseSpec, RateNoise
 from mirdrake.sensors.sampling import aligned_period
-from mirdrake.vehicles.noise_spec import AccelerationNoise, LengthNoise, NoiseSpec, RateNoise
 from tests.sensor_rigs import Clock, TextClock, held, shown
 
 RATE = 100.0

@@ -15,11 +15,10 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.core.signals import signals_of
 from mirdrake.runs.simulation import Simulation
 from mirdrake.sensors import Gps, Imu, SteeringAngle, TruthSensor, WheelEncoder
-from mirdrake.sensors.geodesy import from_geodetic, to_geodetic
+from mirdrake.sensors.geodesy import DatumSpec, from_geodetic, to_geodetic
 from mirdrake.sensors.nmea import Fix, checksum, gga, rmc
 from mirdrake.sensors.noise import Noise, noise_stream
-from mirdrake.vehicles.mounts import DatumSpec
-from mirdrake.vehicles.noise_spec import LengthNoise
+from mirdrake.sensors.noise_spec import LengthNoise
 from tests.sensor_rigs import GRAVITY, Carousel, held, vehicle_with
 
 

@@ -356,7 +356,8 @@ def depth_by_directions(shapes: Sequence[Shape], poses: Sequence[RigidTransform]
     """Return the smallest extent of the Minkowski difference over directions [m]; negative: a gap at least as wide."""
 
     def extent(directions: np.ndarray) -> np.ndarray:
-        return extent_along(shapes[0], poses[0], directions) + extent_along(shapes[1], poses[1], -directions)
+        first = extent_along(shapes[0], poses[0], directions)
+        return np.asarray(first + extent_along(shapes[1], poses[1], -directions))
 
     number = np.arange(4000) + 0.5  # a Fibonacci lattice, then random steps that become smaller from the best points
     up, azimuth = 1.0 - 2.0 * number / len(number), math.pi * (1.0 + math.sqrt(5.0)) * number

@@ -1,19 +1,20 @@
 """Sensors of a vehicle.
 
-A new kind is a module with a function ``make_...`` and a line in :data:`SENSORS`; its data are a Mount in
-:mod:`mirdrake.vehicles.mounts`. The system's inputs are named after what they need (:func:`sensor_feeds`); its output
-``sample`` is known as ``<vehicle>.<sensor>`` and recorded, others are ``<vehicle>.<sensor>.<port>``.
+A kind is a module with a system and its mount, a class derived from :class:`mirdrake.sensors.mount.SensorMount`, and a
+line in :data:`mirdrake.vehicles.mounts.SENSORS`. The inputs of the system are named after what they need
+(:func:`sensor_feeds`); its output ``sample`` is known as ``<vehicle>.<sensor>`` and recorded, others are
+``<vehicle>.<sensor>.<port>``.
 """
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import OutputPort, System
 
-from mirdrake.sensors.cameras import Camera, make_camera
-from mirdrake.sensors.gps import Gps, make_gps
-from mirdrake.sensors.ground_truth import GroundTruth, TruthSensor, make_ground_truth
-from mirdrake.sensors.imu import Imu, make_imu
+from mirdrake.sensors.cameras import Camera
+from mirdrake.sensors.gps import Gps
+from mirdrake.sensors.ground_truth import GroundTruth, TruthSensor
+from mirdrake.sensors.imu import Imu
+from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.noise import noise_stream
 from mirdrake.sensors.ranging import (
     LaserScanner,
@@ -21,19 +22,14 @@ from mirdrake.sensors.ranging import (
     LidarScan,
     Radar,
     Sonar,
-    make_laser_scanner,
-    make_lidar,
-    make_radar,
-    make_sonar,
 )
-from mirdrake.sensors.steering_angle import SteeringAngle, make_steering_angle
-from mirdrake.sensors.wheel_encoder import WheelEncoder, make_wheel_encoder
+from mirdrake.sensors.steering_angle import SteeringAngle
+from mirdrake.sensors.wheel_encoder import WheelEncoder
 
 if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 __all__ = [
-    "SENSORS",
     "Camera",
     "Gps",
     "GroundTruth",
@@ -50,22 +46,6 @@ __all__ = [
     "sensor_feeds",
 ]
 
-SENSORS: dict[str, Callable[..., System]] = {
-    "camera": make_camera,
-    "depth_camera": make_camera,
-    "gps": make_gps,
-    "ground_truth": make_ground_truth,
-    "imu": make_imu,
-    "laser_scanner": make_laser_scanner,
-    "lidar": make_lidar,
-    "radar": make_radar,
-    "sonar": make_sonar,
-    "steering_angle": make_steering_angle,
-    "stereo_camera": make_camera,
-    "wheel_encoder": make_wheel_encoder,
-}
-"""Function that makes the system of each kind in sensors.yaml."""
-
 
 def make_sensor(name: str, *, parts: "PlantParts", part: "VehicleInPlant", seed: int) -> System:
     """Return the system of a mounted sensor.
@@ -79,8 +59,9 @@ def make_sensor(name: str, *, parts: "PlantParts", part: "VehicleInPlant", seed:
     Raises:
         MissingDependencyError: a camera, and nothing to render with.
     """
-    mount: Any = part.vehicle.sensors.mounts[name]
-    return SENSORS[mount.kind](mount, parts=parts, part=part, stream=noise_stream(seed, f"{part.name}.{name}"))
+    mount = part.vehicle.sensors.mounts[name]
+    assert isinstance(mount, SensorMount)
+    return mount.make(parts=parts, part=part, stream=noise_stream(seed, f"{part.name}.{name}"))
 
 
 def sensor_feeds(parts: "PlantParts") -> dict[str, OutputPort]:

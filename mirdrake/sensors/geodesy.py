@@ -1,15 +1,32 @@
 """Conversion between the world and the WGS 84 ellipsoid, with pymap3d."""
 
 from collections.abc import Sequence
-from math import cos, degrees, sin
+from math import cos, degrees, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from pymap3d import enu2geodetic, geodetic2enu
 
-from mirdrake.vehicles.mounts import DatumSpec
+from mirdrake.core.yaml_io import Angle, Length, Schema
 
 Array = NDArray[np.float64]
+
+
+MAX_LATITUDE = 89.9 * pi / 180.0  # east and north are not defined at the poles
+
+
+class DatumSpec(Schema):
+    """Position of the world's origin on the WGS 84 ellipsoid."""
+
+    latitude: Angle = Field(
+        default=0.0, ge=-MAX_LATITUDE, le=MAX_LATITUDE, description="[rad] positive north, for example 45 deg"
+    )
+    longitude: Angle = Field(default=0.0, ge=-pi, le=pi, description="[rad] positive east, for example -81 deg")
+    altitude: Length = Field(default=0.0, ge=-1000, le=10_000, description="[m] above the ellipsoid")
+    heading: Angle = Field(
+        default=0.5 * pi, ge=-2 * pi, le=2 * pi, description="[rad] of the world's x axis, clockwise from north"
+    )
 
 
 def to_geodetic(point: Sequence[float] | Array, datum: DatumSpec) -> Array:

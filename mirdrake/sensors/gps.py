@@ -1,9 +1,10 @@
 """GPS receiver: position on the Earth and in the world, velocity, NMEA sentences."""
 
 from math import atan2, cos, hypot, inf, nan, pi, sin
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from pydantic import Field
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -11,12 +12,13 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
 from mirdrake.core.signals import signals
+from mirdrake.sensors.geodesy import DatumSpec, to_geodetic
 from mirdrake.sensors.geodesy import from_geodetic as from_geodetic  # with `as`: also public here
-from mirdrake.sensors.geodesy import to_geodetic
+from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.nmea import Fix, gga, rmc
 from mirdrake.sensors.noise import Noise
+from mirdrake.sensors.noise_spec import LengthNoise, SpeedNoise
 from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
-from mirdrake.vehicles.mounts import DatumSpec, GpsMount
 
 if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant
@@ -111,16 +113,26 @@ class Gps(SampledSensor):
         output.set_value(gga(fix) + rmc(fix))
 
 
-def make_gps(mount: GpsMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Gps:
-    """Return the GPS receiver of a mount."""
-    noise = [mount.noise, mount.noise, mount.vertical_noise, *[mount.velocity_noise] * 3]
-    return Gps(
-        parts.plant.GetFrameByName(mount.frame, part.instance),
-        rate=mount.rate,
-        noise=Noise.of(noise, mount.rate),
-        stream=stream,
-        datum=mount.datum,
-        fix=mount.fix,
-        latency=mount.latency,
-        dropout=mount.dropout,
-    )
+class GpsMount(SensorMount):
+    """Satellite navigation receiver (GNSS)."""
+
+    kind: Literal["gps"]
+    noise: LengthNoise = Field(default_factory=LengthNoise, description="[m] horizontal position error, each axis")
+    vertical_noise: LengthNoise = Field(default_factory=LengthNoise, description="[m] altitude error")
+    velocity_noise: SpeedNoise = Field(default_factory=SpeedNoise, description="[m/s] velocity error, each axis")
+    datum: DatumSpec = Field(default_factory=DatumSpec, description="geographic position of the world's origin")
+    fix: Literal["single", "differential", "rtk"] = Field(default="single", description="fix quality in NMEA sentences")
+
+    def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Gps:
+        """Return the GPS receiver."""
+        noise = [self.noise, self.noise, self.vertical_noise, *[self.velocity_noise] * 3]
+        return Gps(
+            parts.plant.GetFrameByName(self.frame, part.instance),
+            rate=self.rate,
+            noise=Noise.of(noise, self.rate),
+            stream=stream,
+            datum=self.datum,
+            fix=self.fix,
+            latency=self.latency,
+            dropout=self.dropout,
+        )

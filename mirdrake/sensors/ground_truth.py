@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from math import asin, atan2, pi, remainder, sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -15,8 +15,8 @@ from pydrake.systems.framework import BasicVector, Context
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import declare_vector_output
 from mirdrake.core.vectors import PATH_ERROR, STATE, STEERING_ANGLES, WHEEL_SPEEDS
+from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.sampling import Array, SampledSensor, mount_pose
-from mirdrake.vehicles.mounts import GroundTruthMount
 
 if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant
@@ -116,14 +116,6 @@ class TruthSensor(SampledSensor):
         return np.array(vehicle_state([float(value) for value in pose], [*turn.tolist(), *velocity.tolist()]))
 
 
-def make_ground_truth(
-    mount: GroundTruthMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
-) -> TruthSensor:
-    """Return the ground-truth sensor of a mount."""
-    frame = parts.plant.GetFrameByName(mount.frame, part.instance)
-    return TruthSensor(frame, rate=mount.rate, stream=stream, latency=mount.latency, dropout=mount.dropout)
-
-
 def vehicle_state(pose: Sequence[float], twist: Sequence[float]) -> list[float]:
     """Return the state vector of a floating body.
 
@@ -155,3 +147,14 @@ def vehicle_state(pose: Sequence[float], twist: Sequence[float]) -> list[float]:
         xy * ax + yy * ay + zy * az,
         xz * ax + yz * ay + zz * az,
     ]
+
+
+class GroundTruthMount(SensorMount):
+    """Exact pose and twist of a frame, without any error."""
+
+    kind: Literal["ground_truth"]
+
+    def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> TruthSensor:
+        """Return the ground-truth sensor."""
+        frame = parts.plant.GetFrameByName(self.frame, part.instance)
+        return TruthSensor(frame, rate=self.rate, stream=stream, latency=self.latency, dropout=self.dropout)

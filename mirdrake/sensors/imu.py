@@ -1,8 +1,9 @@
 """Inertial measurement unit: three accelerometers and three rate gyros."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from pydantic import Field
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
@@ -11,9 +12,10 @@ from pydrake.systems.sensors import Accelerometer, Gyroscope
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.leaf_system import FreeableType
 from mirdrake.core.signals import copy_signals, signals
+from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.noise import Noise
+from mirdrake.sensors.noise_spec import AccelerationNoise, RateNoise
 from mirdrake.sensors.sampling import Array, SampledSensor, aligned_period, mount_pose
-from mirdrake.vehicles.mounts import ImuMount
 
 if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant
@@ -131,14 +133,23 @@ class _Sampler(SampledSensor):
         return np.concatenate((self.force.Eval(context), self.rates.Eval(context)))
 
 
-def make_imu(mount: ImuMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Imu:
-    """Return the IMU of a mount."""
-    return Imu(
-        parts.plant,
-        parts.plant.GetFrameByName(mount.frame, part.instance),
-        rate=mount.rate,
-        noise=Noise.of([mount.acceleration_noise] * 3 + [mount.gyro_noise] * 3, mount.rate),
-        stream=stream,
-        latency=mount.latency,
-        dropout=mount.dropout,
+class ImuMount(SensorMount):
+    """Inertial measurement unit: rate gyros and accelerometers."""
+
+    kind: Literal["imu"]
+    gyro_noise: RateNoise = Field(default_factory=RateNoise, description="[rad/s] gyro error, each axis")
+    acceleration_noise: AccelerationNoise = Field(
+        default_factory=AccelerationNoise, description="[m/s²] accelerometer error, each axis"
     )
+
+    def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Imu:
+        """Return the IMU."""
+        return Imu(
+            parts.plant,
+            parts.plant.GetFrameByName(self.frame, part.instance),
+            rate=self.rate,
+            noise=Noise.of([self.acceleration_noise] * 3 + [self.gyro_noise] * 3, self.rate),
+            stream=stream,
+            latency=self.latency,
+            dropout=self.dropout,
+        )

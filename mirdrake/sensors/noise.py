@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.vehicles.noise_spec import NoiseSpec
+from mirdrake.sensors.noise_spec import NoiseSpec
 
 Array = NDArray[np.float64]
 

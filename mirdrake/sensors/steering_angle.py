@@ -1,17 +1,21 @@
 """Steering angle sensor."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from math import pi
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context
 
 from mirdrake.core.signals import signals
+from mirdrake.core.yaml_io import Angle
+from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.noise import Noise
+from mirdrake.sensors.noise_spec import AngleNoise
 from mirdrake.sensors.sampling import Array, SampledSensor
-from mirdrake.vehicles.mounts import SteeringAngleMount
 
 if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant
@@ -87,21 +91,42 @@ class SteeringAngle(SampledSensor):
         return np.array([steps * self._resolution, steps])
 
 
-def make_steering_angle(
-    mount: SteeringAngleMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
-) -> SteeringAngle:
-    """Return the steering angle sensor of a mount."""
-    left, right = part.steering
-    joints = {"left": [left], "right": [right]}.get(mount.of, [left, right])
-    return SteeringAngle(
-        parts.plant,
-        joints,
-        rate=mount.rate,
-        ratio=part.vehicle.spec.steering.ratio if mount.of == "hand_wheel" else 1.0,
-        resolution=mount.step(),
-        offset=mount.offset,
-        noise=Noise.of([mount.noise], mount.rate),
-        stream=stream,
-        latency=mount.latency,
-        dropout=mount.dropout,
+class SteeringAngleMount(SensorMount):
+    """Angle sensor of the steering."""
+
+    kind: Literal["steering_angle"]
+    of: Literal["road_wheels", "left", "right", "hand_wheel"] = Field(
+        default="road_wheels",
+        description="road_wheels: mean of both; left, right: one of them; hand_wheel: mean x steering ratio",
     )
+    counts: float | None = Field(default=None, gt=0, description="counts per revolution, instead of `resolution`")
+    resolution: Angle = Field(default=0.0, ge=0, description="[rad] resolution; 0: continuous")
+    offset: Angle = Field(default=0.0, description="[rad] reading with the wheels straight ahead")
+    noise: AngleNoise = Field(default_factory=AngleNoise, description="[rad]")
+
+    @model_validator(mode="after")
+    def _one_step(self) -> Self:
+        if self.counts is not None and self.resolution:
+            raise ValueError("counts and resolution are both given; give one of them")
+        return self
+
+    def step(self) -> float:
+        """Return the resolution [rad]; 0: continuous."""
+        return self.resolution if self.counts is None else 2.0 * pi / self.counts
+
+    def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> SteeringAngle:
+        """Return the steering angle sensor."""
+        left, right = part.steering
+        joints = {"left": [left], "right": [right]}.get(self.of, [left, right])
+        return SteeringAngle(
+            parts.plant,
+            joints,
+            rate=self.rate,
+            ratio=part.vehicle.spec.steering.ratio if self.of == "hand_wheel" else 1.0,
+            resolution=self.step(),
+            offset=self.offset,
+            noise=Noise.of([self.noise], self.rate),
+            stream=stream,
+            latency=self.latency,
+            dropout=self.dropout,
+        )

@@ -1,9 +1,10 @@
 """Wheel encoder: counts of a wheel's rotation."""
 
 from math import floor, pi
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from pydantic import Field
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint
 from pydrake.systems.framework import Context, DiscreteValues
@@ -11,8 +12,8 @@ from pydrake.systems.framework import Context, DiscreteValues
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import signals
 from mirdrake.core.yaml_io import where
+from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.sampling import Array, SampledSensor
-from mirdrake.vehicles.mounts import WheelEncoderMount
 
 if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant
@@ -83,28 +84,38 @@ class WheelEncoder(SampledSensor):
             state.get_mutable_vector(self._seen).SetFromVector([steps, total + abs(steps - before)])
 
 
-def make_wheel_encoder(
-    mount: WheelEncoderMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
-) -> WheelEncoder:
-    """Return the encoder of a mount.
+class WheelEncoderMount(SensorMount):
+    """Incremental encoder on a wheel."""
 
-    Raises:
-        ConfigError: it is mounted on what is no wheel.
-    """
-    plant = parts.plant
-    body = plant.GetFrameByName(mount.frame, part.instance).body()
-    joints = {joint.child_body().name(): joint for joint in part.wheels}
-    if body.name() not in joints:
-        place = where(mount, "frame")
-        raise ConfigError(f"{place}: '{mount.frame}' is on no wheel; {did_you_mean(mount.frame, joints)}")
-    return WheelEncoder(
-        plant,
-        joints[body.name()],
-        rate=mount.rate,
-        counts=mount.counts,
-        quadrature=mount.quadrature,
-        wrap=mount.wrap,
-        stream=stream,
-        latency=mount.latency,
-        dropout=mount.dropout,
+    kind: Literal["wheel_encoder"]
+    counts: float = Field(gt=0, description="counts per revolution: all counted edges")
+    quadrature: bool = Field(
+        default=True, description="true: counts down when rolling backwards; false: counts up both ways"
     )
+    wrap: int | None = Field(
+        default=None, ge=2, description="modulus of the counter, for example 65536; null: unlimited"
+    )
+
+    def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> WheelEncoder:
+        """Return the encoder.
+
+        Raises:
+            ConfigError: it is mounted on what is no wheel.
+        """
+        plant = parts.plant
+        body = plant.GetFrameByName(self.frame, part.instance).body()
+        joints = {joint.child_body().name(): joint for joint in part.wheels}
+        if body.name() not in joints:
+            place = where(self, "frame")
+            raise ConfigError(f"{place}: '{self.frame}' is on no wheel; {did_you_mean(self.frame, joints)}")
+        return WheelEncoder(
+            plant,
+            joints[body.name()],
+            rate=self.rate,
+            counts=self.counts,
+            quadrature=self.quadrature,
+            wrap=self.wrap,
+            stream=stream,
+            latency=self.latency,
+            dropout=self.dropout,
+        )

@@ -30,6 +30,7 @@ class Mount(Schema):
 
     takes_pictures: ClassVar[bool] = False
 
+    kind: str
     frame: str = Field(min_length=1, description="link of the URDF; x forward, y left, z up, also for cameras")
     rate: Frequency = Field(gt=0, le=10_000, description="[Hz]")
     latency: Duration = Field(default=0.0, ge=0, le=10, description="[s] from the sample to its output")

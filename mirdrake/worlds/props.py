@@ -65,9 +65,10 @@ class Solid:
         along the axes of F, so that they bound it there.
         """
         X_FS = X_FP @ self.X_PS
-        if isinstance(self.shape, Sphere):
-            return self._own_corners + X_FS.translation()
-        return self._own_corners @ X_FS.rotation().matrix().T + X_FS.translation()
+        corners = self._own_corners
+        if not isinstance(self.shape, Sphere):
+            corners = corners @ X_FS.rotation().matrix().T
+        return np.asarray(corners + X_FS.translation())
 
     @cached_property
     def _own_corners(self) -> Array:

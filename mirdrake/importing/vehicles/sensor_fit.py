@@ -4,12 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import copysign, inf, isfinite, pi, radians
 from types import MappingProxyType
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import ValidationError
 
+from mirdrake.sensors.ranging.mount import MAX_RAYS, ROUNDED_TURN
 from mirdrake.vehicles.mount import Mount
-from mirdrake.vehicles.mounts import MAX_RAYS, ROUNDED_TURN, SensorMount
+from mirdrake.vehicles.mounts import SENSOR_KINDS
 
 NEAREST, FARTHEST = 1e-3, 1e5
 """Distances [m] in place of zero or less, and of infinity or more."""
@@ -49,7 +50,7 @@ def fit_mount(
     Returns:
         the valid mount, its corrections and ""; or None, the corrections so far and the schema's reason.
     """
-    cls, mount = mount_classes()[mount["kind"]], dict(mount)
+    cls, mount = SENSOR_KINDS[mount["kind"]], dict(mount)
     corrections: list[Correction] = []
     _convert_degrees(cls, mount, corrections)
     _bound(cls, mount, defaults, corrections)
@@ -68,12 +69,6 @@ def fit_mount(
             break
         corrections.append(Correction(key, str(mount.pop(key))[:60], "left out", reason))
     return None, corrections, f"{key}: {reason}" if key else reason
-
-
-def mount_classes() -> dict[str, type[Mount]]:
-    """Return the schema of each kind of mount."""
-    classes = get_args(get_args(SensorMount)[0])
-    return {get_args(cls.model_fields["kind"].annotation)[0]: cls for cls in classes}
 
 
 def limits_of(cls: type[Mount], key: str) -> tuple[float, float, bool]:

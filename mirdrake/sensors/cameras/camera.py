@@ -25,13 +25,13 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.leaf_system import declare_cached_value
 from mirdrake.core.yaml_io import where
 from mirdrake.sensors.cameras.labels import SKY, label_names
+from mirdrake.sensors.cameras.lens import view_of
 from mirdrake.sensors.cameras.lens_map import LensMap
+from mirdrake.sensors.cameras.mounts import DepthCameraMount, PictureMount, StereoCameraMount
 from mirdrake.sensors.cameras.noise import color_noise, depth_noise
 from mirdrake.sensors.cameras.rendering import vehicle_renderer
 from mirdrake.sensors.noise import substream
 from mirdrake.sensors.sampling import SampledValue, mount_pose, slots
-from mirdrake.vehicles.lens import view_of
-from mirdrake.vehicles.mounts import DepthCameraMount, PictureMount, StereoCameraMount
 
 if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant

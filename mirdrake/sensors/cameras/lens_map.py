@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from mirdrake.vehicles.mounts import PictureMount
+from mirdrake.sensors.cameras.mounts import PictureMount
 
 
 class LensMap:

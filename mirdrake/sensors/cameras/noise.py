@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from mirdrake.vehicles.mounts import DepthCameraMount
+from mirdrake.sensors.cameras.mounts import DepthCameraMount
 
 Colors = NDArray[np.uint8]
 Depths = NDArray[np.float32]

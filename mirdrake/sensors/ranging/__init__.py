@@ -12,10 +12,10 @@
     laser_scanner, lidar, radar, sonar
 """
 
-from mirdrake.sensors.ranging.laser_scanner import LaserScanner, make_laser_scanner
-from mirdrake.sensors.ranging.lidar import Lidar, LidarScan, make_lidar
-from mirdrake.sensors.ranging.radar import Radar, make_radar
-from mirdrake.sensors.ranging.sonar import Sonar, make_sonar
+from mirdrake.sensors.ranging.laser_scanner import LaserScanner
+from mirdrake.sensors.ranging.lidar import Lidar, LidarScan
+from mirdrake.sensors.ranging.radar import Radar
+from mirdrake.sensors.ranging.sonar import Sonar
 from mirdrake.sensors.ranging.world import RayWorld, ray_world
 
 __all__ = [
@@ -25,9 +25,5 @@ __all__ = [
     "Radar",
     "RayWorld",
     "Sonar",
-    "make_laser_scanner",
-    "make_lidar",
-    "make_radar",
-    "make_sonar",
     "ray_world",
 ]

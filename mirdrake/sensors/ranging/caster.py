@@ -1,7 +1,5 @@
 """Base of laser, radar and sonar: rays cast from a moving frame, and the readings of their hits."""
 
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
@@ -13,12 +11,9 @@ from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.sensors.noise import sample_noise, substream
 from mirdrake.sensors.ranging.faces import Array
 from mirdrake.sensors.ranging.motion import NUMBERS, BodyState, body_state
-from mirdrake.sensors.ranging.world import Beams, Hits, RayWorld, instance_bodies, ray_world
+from mirdrake.sensors.ranging.mount import Ranging
+from mirdrake.sensors.ranging.world import Beams, Hits, RayWorld
 from mirdrake.sensors.sampling import mount_pose
-from mirdrake.vehicles.mounts import Ranging
-
-if TYPE_CHECKING:
-    from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
 
 class Caster:
@@ -123,17 +118,3 @@ class Caster:
         if mount.resolution:
             values = mount.resolution * np.rint(values / mount.resolution)
         return np.where(seen, np.clip(values, mount.near, mount.far), np.inf)
-
-
-def mounted(mount: Any, parts: "PlantParts", part: "VehicleInPlant") -> dict[str, Any]:
-    """Return world, frame and hidden bodies as arguments for a sensor of a vehicle.
-
-    The own vehicle is not seen, as the sensor would stand in its housing and look through its mounting; with
-    ``own_vehicle`` it is, but for the link that carries the sensor's frame (unless that is the vehicle's base).
-    """
-    frame = parts.plant.GetFrameByName(mount.frame, part.instance)
-    carrier = int(frame.body().index())
-    hidden: tuple[int, ...] = (carrier,) if carrier != int(part.base.index()) else ()
-    if not mount.own_vehicle:
-        hidden = tuple(instance_bodies(parts.plant, part.instance))
-    return {"world": ray_world(parts), "frame": frame, "hidden": hidden}

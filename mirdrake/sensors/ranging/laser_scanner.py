@@ -1,22 +1,22 @@
 """Laser scanners with one plane, such as those of SICK and Hokuyo."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.core.signals import Signal
+from mirdrake.core.yaml_io import Angle
 from mirdrake.sensors.ranging.beams import turning
-from mirdrake.sensors.ranging.caster import Caster, mounted
+from mirdrake.sensors.ranging.caster import Caster
 from mirdrake.sensors.ranging.faces import Array
+from mirdrake.sensors.ranging.mount import Turning, ascending, within_turn
 from mirdrake.sensors.ranging.world import RayWorld
 from mirdrake.sensors.sampling import SampledSensor
-from mirdrake.vehicles.mounts import LaserScannerMount
-
-if TYPE_CHECKING:
-    from mirdrake.plant.plant import PlantParts, VehicleInPlant
+from mirdrake.vehicles.mount import FieldOfView
 
 
 class LaserScanner(SampledSensor):
@@ -52,7 +52,7 @@ class LaserScanner(SampledSensor):
         self,
         world: RayWorld,
         frame: Frame,
-        mount: LaserScannerMount,
+        mount: "LaserScannerMount",
         *,
         stream: int = 0,
         without: tuple[int, ...] = (),
@@ -97,13 +97,20 @@ class LaserScanner(SampledSensor):
         self.caster.keep(context, state)
 
 
-def make_laser_scanner(
-    mount: LaserScannerMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int
-) -> LaserScanner:
-    """Return the laser scanner of a mount.
+class LaserScannerMount(Turning):
+    """Rotating laser scanner with one plane."""
 
-    Raises:
-        MissingDependencyError: embreex is not installed.
-    """
-    arguments: dict[str, Any] = mounted(mount, parts, part)
-    return LaserScanner(mount=mount, stream=stream, **arguments)
+    system: ClassVar[Any] = LaserScanner
+    kind: Literal["laser_scanner"]
+    beams: int = Field(gt=0, le=100_000, description="beams per scan")
+    start_angle: Angle = Field(ge=-6.3, le=6.3, description="[rad] azimuth of the first beam, positive to the left")
+    end_angle: Angle = Field(ge=-6.3, le=6.3, description="[rad] azimuth of the last beam")
+
+    @model_validator(mode="after")
+    def _one_turn(self) -> Self:
+        self.end_angle = within_turn(self.start_angle, self.end_angle)
+        return self
+
+    def field_of_view(self) -> FieldOfView:
+        """Return the fan of beams."""
+        return FieldOfView(ascending(self.start_angle, self.end_angle), (0.0, 0.0), (self.near, self.far))

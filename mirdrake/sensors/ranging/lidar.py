@@ -1,25 +1,25 @@
 """Lidars with several planes, such as those of Velodyne."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, State
 
+from mirdrake.core.yaml_io import Angle
 from mirdrake.sensors.ranging.beams import grid, turning
-from mirdrake.sensors.ranging.caster import Caster, mounted
+from mirdrake.sensors.ranging.caster import Caster
 from mirdrake.sensors.ranging.faces import Array
 from mirdrake.sensors.ranging.motion import rotations
+from mirdrake.sensors.ranging.mount import Turning, ascending, check_rays, within_turn
 from mirdrake.sensors.ranging.world import RayWorld
 from mirdrake.sensors.sampling import SampledValue
-from mirdrake.vehicles.mounts import LidarMount
-
-if TYPE_CHECKING:
-    from mirdrake.plant.plant import PlantParts, VehicleInPlant
+from mirdrake.vehicles.mount import FieldOfView
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class Lidar(SampledValue):
         self,
         world: RayWorld,
         frame: Frame,
-        mount: LidarMount,
+        mount: "LidarMount",
         *,
         stream: int = 0,
         without: tuple[int, ...] = (),
@@ -169,11 +169,27 @@ class Lidar(SampledValue):
         self.caster.keep(context, state.get_mutable_discrete_state())
 
 
-def make_lidar(mount: LidarMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Lidar:
-    """Return the lidar of a mount.
+class LidarMount(Turning):
+    """Rotating laser scanner with several planes."""
 
-    Raises:
-        MissingDependencyError: embreex is not installed.
-    """
-    arguments: dict[str, Any] = mounted(mount, parts, part)
-    return Lidar(mount=mount, stream=stream, **arguments)
+    system: ClassVar[Any] = Lidar
+    kind: Literal["lidar"]
+    columns: int = Field(gt=0, le=100_000, description="beams per plane and revolution")
+    rows: int = Field(gt=0, le=1024, description="number of planes")
+    horizontal_start: Angle = Field(
+        ge=-6.3, le=6.3, description="[rad] azimuth of the first column, positive to the left"
+    )
+    horizontal_end: Angle = Field(ge=-6.3, le=6.3, description="[rad] azimuth of the last column")
+    vertical_start: Angle = Field(ge=-1.6, le=1.6, description="[rad] elevation of the first plane, positive upwards")
+    vertical_end: Angle = Field(ge=-1.6, le=1.6, description="[rad] elevation of the last plane")
+
+    @model_validator(mode="after")
+    def _one_turn(self) -> Self:
+        self.horizontal_end = within_turn(self.horizontal_start, self.horizontal_end)
+        check_rays(self.columns, self.rows)
+        return self
+
+    def field_of_view(self) -> FieldOfView:
+        """Return the region between the outermost planes and columns."""
+        across = ascending(self.horizontal_start, self.horizontal_end)
+        return FieldOfView(across, ascending(self.vertical_start, self.vertical_end), (self.near, self.far))

@@ -1,23 +1,23 @@
 """Radar: range, azimuth and range rate of the nearest objects."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
 from mirdrake.core.signals import Signal, Signals
+from mirdrake.core.yaml_io import Angle, Length, Speed
 from mirdrake.sensors.noise import sample_noise, substream
 from mirdrake.sensors.ranging.beams import field
-from mirdrake.sensors.ranging.caster import Caster, mounted
+from mirdrake.sensors.ranging.caster import Caster
 from mirdrake.sensors.ranging.faces import Array, Ints
 from mirdrake.sensors.ranging.motion import BodyState
+from mirdrake.sensors.ranging.mount import Ranging, check_rays
 from mirdrake.sensors.ranging.world import GROUND, RayWorld
 from mirdrake.sensors.sampling import SampledSensor
-from mirdrake.vehicles.mounts import RadarMount
-
-if TYPE_CHECKING:
-    from mirdrake.plant.plant import PlantParts, VehicleInPlant
+from mirdrake.vehicles.mount import FieldOfView
 
 NOTHING = (np.inf, 0.0, 0.0)
 """Range, azimuth and range rate in place of a missing target."""
@@ -67,7 +67,7 @@ class Radar(SampledSensor):
         self,
         world: RayWorld,
         frame: Frame,
-        mount: RadarMount,
+        mount: "RadarMount",
         *,
         stream: int = 0,
         without: tuple[int, ...] = (),
@@ -140,11 +140,29 @@ class Radar(SampledSensor):
         return ordered
 
 
-def make_radar(mount: RadarMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Radar:
-    """Return the radar of a mount.
+class RadarMount(Ranging):
+    """Radar: range, azimuth and range rate of the nearest objects."""
 
-    Raises:
-        MissingDependencyError: embreex is not installed.
-    """
-    arguments: dict[str, Any] = mounted(mount, parts, part)
-    return Radar(mount=mount, stream=stream, **arguments)
+    system: ClassVar[Any] = Radar
+    kind: Literal["radar"]
+    horizontal_fov: Angle = Field(gt=0, lt=3.14, description="[rad] full angle")
+    vertical_fov: Angle = Field(gt=0, lt=3.14, description="[rad] full angle")
+    columns: int = Field(default=120, gt=0, le=100_000, description="rays across the field of view")
+    rows: int = Field(default=10, gt=0, le=1024, description="rays from the bottom to the top of the field of view")
+    targets: int = Field(default=16, gt=0, le=256, description="largest number of reported targets, the nearest first")
+    range_cell: Length = Field(
+        default=0.5, gt=0, description="[m] returns within this distance of the first one are one target"
+    )
+    azimuth_noise: Angle = Field(default=0.0, ge=0, description="[rad] standard deviation of the azimuth")
+    range_rate_noise: Speed = Field(default=0.0, ge=0, description="[m/s] standard deviation of the range rate")
+    ground: bool = Field(default=False, description="[-] whether the ground is a target")
+
+    @model_validator(mode="after")
+    def _few_rays(self) -> Self:
+        check_rays(self.columns, self.rows)
+        return self
+
+    def field_of_view(self) -> FieldOfView:
+        """Return the region between the outermost rays."""
+        side, up = 0.5 * self.horizontal_fov, 0.5 * self.vertical_fov
+        return FieldOfView((-side, side), (-up, up), (self.near, self.far))

@@ -1,21 +1,21 @@
 """Ultrasonic range finder: the nearest echo in a cone."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
 from mirdrake.core.signals import signals
+from mirdrake.core.yaml_io import Angle
 from mirdrake.sensors.ranging.beams import cone
-from mirdrake.sensors.ranging.caster import Caster, mounted
+from mirdrake.sensors.ranging.caster import Caster
 from mirdrake.sensors.ranging.faces import Array
+from mirdrake.sensors.ranging.mount import Ranging
 from mirdrake.sensors.ranging.world import RayWorld
 from mirdrake.sensors.sampling import SampledSensor
-from mirdrake.vehicles.mounts import SonarMount
-
-if TYPE_CHECKING:
-    from mirdrake.plant.plant import PlantParts, VehicleInPlant
+from mirdrake.vehicles.mount import FieldOfView
 
 SONAR = signals(("range", "m", "distance of the nearest echo, inf: none"))
 """Output of a sonar."""
@@ -50,7 +50,7 @@ class Sonar(SampledSensor):
         self,
         world: RayWorld,
         frame: Frame,
-        mount: SonarMount,
+        mount: "SonarMount",
         *,
         stream: int = 0,
         without: tuple[int, ...] = (),
@@ -85,11 +85,16 @@ class Sonar(SampledSensor):
         return self.caster.reading(np.array([nearest]), round(context.get_time() * self.rate))
 
 
-def make_sonar(mount: SonarMount, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Sonar:
-    """Return the sonar of a mount.
+class SonarMount(Ranging):
+    """Ultrasonic range finder."""
 
-    Raises:
-        MissingDependencyError: embreex is not installed.
-    """
-    arguments: dict[str, Any] = mounted(mount, parts, part)
-    return Sonar(mount=mount, stream=stream, **arguments)
+    system: ClassVar[Any] = Sonar
+    kind: Literal["sonar"]
+    cone: Angle = Field(gt=0, lt=3.14, description="[rad] full opening angle of the beam")
+    rays: int = Field(default=200, ge=1, le=100_000, description="rays that sample the cone")
+    ground: bool = Field(default=False, description="[-] whether the ground gives an echo")
+
+    def field_of_view(self) -> FieldOfView:
+        """Return the cone."""
+        half = 0.5 * self.cone
+        return FieldOfView((-half, half), (-half, half), (self.near, self.far))
