@@ -1,9 +1,11 @@
 """Imports go only upstream along the stages of the design; data folders are never packages."""
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from pkgutil import resolve_name
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "mirdrake"
@@ -75,6 +77,22 @@ def test_a_module_imports_only_from_its_own_or_earlier_stages() -> None:
             elif name == "mirdrake" and own != STAGES["cli"] and _imports_the_package_alone(file, line):
                 faults.append(f"{_shown(file)}:{line}: the public names are for users; import the module")
     assert faults == []
+
+
+def test_classes_of_later_stages_that_are_named_in_texts_implement_a_base_class_of_the_package() -> None:
+    # A registry may name a class of a later stage as "module:Class", which is imported when data ask for that kind. The
+    # package that holds the registry uses the class through its own base class only.
+    names = {
+        (_part(file), node.value)
+        for file in MODULES
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and re.fullmatch(r"mirdrake(\.\w+)+:\w+", str(node.value))
+    }
+    later = {(part, name) for part, name in names if STAGES[name.split(".")[1].split(":")[0]] > STAGES[part]}
+    assert {part for part, _ in later} == {"vehicles"}
+    for part, name in later:
+        bases = {base.__module__.split(".")[1] for base in resolve_name(name).__mro__ if "mirdrake." in base.__module__}
+        assert part in bases, f"{name} does not derive from a class of {part}"
 
 
 def test_the_modules_import_one_another_without_a_circle() -> None:

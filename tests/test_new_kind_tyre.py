@@ -18,7 +18,6 @@ from mirdrake.tyres import TYRES, SlipTyres, SteadyLaw, TyreAtLoad
 from mirdrake.tyres.base import FittedEntry
 from mirdrake.tyres.relaxation import Contact
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.spec import VehicleSpec
 
 # --- the new file ------------------------------------------------------------------------------------------------
 
@@ -63,9 +62,7 @@ class TanhTyres(SlipTyres):
 def registered(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setitem(TYRES, "tanh", TanhTyres)
-        VehicleSpec.model_rebuild(force=True)
         yield
-    VehicleSpec.model_rebuild(force=True)
 
 
 def bolt(folder: Path, tyres: str) -> str:
