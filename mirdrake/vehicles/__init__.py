@@ -3,7 +3,7 @@
 ::
 
     vehicle.yaml  control.yaml  variants/*.yaml       spec.py
-    sensors.yaml                                      mounts.py, noise_spec.py, presets.py
+    sensors.yaml                                      mounts.py, mount.py, presets.py
     main.urdf.xacro ── render_xacro ──► Urdf          xacro_render.py
     Urdf ── check_urdf, resolve_meshes ──► text       inspect_urdf.py, numbers_in_urdf.py
     text ── parse_urdf ──► throw-away plant           parse.py
