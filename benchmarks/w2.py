@@ -17,8 +17,10 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import load_diagram
 from mirdrake.plant.plant import add_world
 from mirdrake.runs.simulation import Simulation
-from mirdrake.sensors.cameras import Camera, add_renderer, camera_params, merge_still_things, use_plain_textures
+from mirdrake.sensors.cameras.camera import Camera
+from mirdrake.sensors.cameras.merging import merge_still_things
 from mirdrake.sensors.cameras.mounts import DepthCameraMount
+from mirdrake.sensors.cameras.rendering import add_renderer, camera_params, use_plain_textures
 from mirdrake.worlds import load_world
 
 WIDTH, HEIGHT, RATE, DURATION = 640, 480, 30.0, 4.0

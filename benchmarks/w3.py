@@ -150,9 +150,9 @@ def _sensor(rows: int, columns: int, scans: int, *, moving: bool = False, noise:
     from pydrake.multibody.tree import SpatialInertia
     from pydrake.systems.framework import DiagramBuilder
 
-    from mirdrake.sensors.ranging import LaserScanner, Lidar, RayWorld
-    from mirdrake.sensors.ranging.laser_scanner import LaserScannerMount
-    from mirdrake.sensors.ranging.lidar import LidarMount
+    from mirdrake.sensors.ranging.laser_scanner import LaserScanner, LaserScannerMount
+    from mirdrake.sensors.ranging.lidar import Lidar, LidarMount
+    from mirdrake.sensors.ranging.world import RayWorld
 
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.005), builder)

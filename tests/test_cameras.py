@@ -23,10 +23,12 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import parse_yaml
-from mirdrake.sensors.cameras import Camera, add_renderer, rendering
+from mirdrake.sensors.cameras import rendering
+from mirdrake.sensors.cameras.camera import Camera
 from mirdrake.sensors.cameras.lens import LensSpec
 from mirdrake.sensors.cameras.mounts import DepthCameraMount
 from mirdrake.sensors.cameras.noise import color_noise, depth_noise
+from mirdrake.sensors.cameras.rendering import add_renderer
 from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.noise import noise_stream
 from mirdrake.vehicles import load_vehicle

@@ -83,7 +83,7 @@ def test_classes_of_later_stages_that_are_named_in_texts_implement_a_base_class_
     # A registry may name a class of a later stage as "module:Class", which is imported when data ask for that kind. The
     # package that holds the registry uses the class through its own base class only. (`schemas` lists file formats.)
     names = {
-        (_part(file), node.value)
+        (_part(file), str(node.value))
         for file in MODULES
         if _part(file) != "schemas"
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))

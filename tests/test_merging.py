@@ -10,8 +10,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 
 from mirdrake.assembly.diagram import assemble
-from mirdrake.sensors.cameras import merge_still_things, merging, rendering
-from mirdrake.sensors.ranging import RayWorld
+from mirdrake.sensors.cameras import merging, rendering
+from mirdrake.sensors.cameras.merging import merge_still_things
+from mirdrake.sensors.ranging.world import RayWorld
 from tests import test_cameras
 from tests.test_cameras import Studio
 

@@ -10,8 +10,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.core.errors import ConfigError
-from mirdrake.sensors import LaserScanner, Lidar
 from mirdrake.sensors.perception import DistanceEstimator, add_cloud_overlays, nearest_return, show_points
+from mirdrake.sensors.ranging.laser_scanner import LaserScanner
+from mirdrake.sensors.ranging.lidar import Lidar
 from mirdrake.viewer.private_meshcat import make_private_meshcat
 from tests.ranging_rigs import ABOVE, Room, lidar, scanner
 from tests.sensor_rigs import held

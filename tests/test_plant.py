@@ -12,7 +12,7 @@ import mirdrake as mir
 from mirdrake.core.errors import ModelError
 from mirdrake.plant.plant import PlantSpec, make_plant, set_start
 from mirdrake.runs.telemetry import vehicle_states
-from mirdrake.sensors import GroundTruth
+from mirdrake.sensors.ground_truth import GroundTruth
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 

@@ -24,9 +24,10 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.assembly.diagram import assemble
-from mirdrake.sensors.ranging import beams, ray_world
+from mirdrake.sensors.ranging import beams
 from mirdrake.sensors.ranging.motion import BodyState, body_state, poses_at, rotation_vector, rotations
 from mirdrake.sensors.ranging.scene import RayScene
+from mirdrake.sensors.ranging.world import ray_world
 from tests.ranging_rigs import Room, cast
 
 MILLIMETRE = 1e-3

@@ -17,11 +17,13 @@ from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import parse_yaml
 from mirdrake.runs.simulation import Simulation
-from mirdrake.sensors import LaserScanner, Lidar, LidarScan, Radar, Sonar
-from mirdrake.sensors.ranging import RayWorld
 from mirdrake.sensors.ranging.faces import flat
-from mirdrake.sensors.ranging.lidar import LidarMount
+from mirdrake.sensors.ranging.laser_scanner import LaserScanner
+from mirdrake.sensors.ranging.lidar import Lidar, LidarMount, LidarScan
+from mirdrake.sensors.ranging.radar import Radar
 from mirdrake.sensors.ranging.scene import RayScene
+from mirdrake.sensors.ranging.sonar import Sonar
+from mirdrake.sensors.ranging.world import RayWorld
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.mounts import SENSORS, SensorsSpec
 from tests.ranging_rigs import ABOVE, Room, lidar, radar, scanner, sonar

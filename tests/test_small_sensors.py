@@ -14,11 +14,15 @@ from pydrake.systems.framework import DiagramBuilder
 from mirdrake.assembly.diagram import assemble
 from mirdrake.core.signals import signals_of
 from mirdrake.runs.simulation import Simulation
-from mirdrake.sensors import Gps, Imu, SteeringAngle, TruthSensor, WheelEncoder
 from mirdrake.sensors.geodesy import DatumSpec, from_geodetic, to_geodetic
+from mirdrake.sensors.gps import Gps
+from mirdrake.sensors.ground_truth import TruthSensor
+from mirdrake.sensors.imu import Imu
 from mirdrake.sensors.nmea import Fix, checksum, gga, rmc
 from mirdrake.sensors.noise import Noise, noise_stream
 from mirdrake.sensors.noise_spec import LengthNoise
+from mirdrake.sensors.steering_angle import SteeringAngle
+from mirdrake.sensors.wheel_encoder import WheelEncoder
 from tests.sensor_rigs import GRAVITY, Carousel, held, vehicle_with
 
 

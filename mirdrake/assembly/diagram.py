@@ -39,7 +39,7 @@ from mirdrake.core.signals import Signal
 from mirdrake.core.yaml_io import Source, where
 from mirdrake.plant.plant import PlantParts, make_plant, set_start
 from mirdrake.plant.wheels import GroundTyres, WheelTyres
-from mirdrake.sensors import Camera
+from mirdrake.sensors.cameras.camera import Camera
 from mirdrake.sensors.perception import add_cloud_overlays
 from mirdrake.worlds import Start
 

@@ -22,7 +22,7 @@ from mirdrake.core.signals import signals_of
 from mirdrake.core.vectors import STATE
 from mirdrake.runs.logs import Event, RunWriter
 from mirdrake.runs.telemetry import Array, Columns
-from mirdrake.sensors import GroundTruth
+from mirdrake.sensors.ground_truth import GroundTruth
 
 _VX = [signal.name for signal in STATE].index("vx")
 

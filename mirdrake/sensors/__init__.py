@@ -10,41 +10,13 @@ from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import OutputPort, System
 
-from mirdrake.sensors.cameras import Camera
-from mirdrake.sensors.gps import Gps
-from mirdrake.sensors.ground_truth import GroundTruth, TruthSensor
-from mirdrake.sensors.imu import Imu
 from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.noise import noise_stream
-from mirdrake.sensors.ranging import (
-    LaserScanner,
-    Lidar,
-    LidarScan,
-    Radar,
-    Sonar,
-)
-from mirdrake.sensors.steering_angle import SteeringAngle
-from mirdrake.sensors.wheel_encoder import WheelEncoder
 
 if TYPE_CHECKING:
     from mirdrake.plant.plant import PlantParts, VehicleInPlant
 
-__all__ = [
-    "Camera",
-    "Gps",
-    "GroundTruth",
-    "Imu",
-    "LaserScanner",
-    "Lidar",
-    "LidarScan",
-    "Radar",
-    "Sonar",
-    "SteeringAngle",
-    "TruthSensor",
-    "WheelEncoder",
-    "make_sensor",
-    "sensor_feeds",
-]
+__all__ = ["make_sensor", "sensor_feeds"]
 
 
 def make_sensor(name: str, *, parts: "PlantParts", part: "VehicleInPlant", seed: int) -> System:

@@ -14,7 +14,8 @@ from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, E
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import Signal, declare_state_output, declare_vector_input, signals
-from mirdrake.sensors import LaserScanner, Lidar, LidarScan
+from mirdrake.sensors.ranging.laser_scanner import LaserScanner
+from mirdrake.sensors.ranging.lidar import Lidar, LidarScan
 from mirdrake.sensors.sampling import STAMP
 
 Array = NDArray[np.float64]

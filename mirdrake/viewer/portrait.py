@@ -31,7 +31,7 @@ from pydrake.systems.sensors import CameraInfo
 
 from mirdrake.core.errors import MirdrakeError, MissingDependencyError
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
-from mirdrake.sensors.cameras import add_renderer, use_plain_textures
+from mirdrake.sensors.cameras.rendering import add_renderer, use_plain_textures
 from mirdrake.vehicles import Vehicle, load_vehicle
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import lights, sky_colors

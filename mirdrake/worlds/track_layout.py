@@ -11,7 +11,6 @@ import shapely
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import shown, where
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
-from mirdrake.worlds.csv_tracks import read_csv_track
 from mirdrake.worlds.opendrive import read_opendrive
 from mirdrake.worlds.pieces import Array, Piece, Placement
 from mirdrake.worlds.spec import CsvSpec, TrackSpec, XodrSpec
@@ -165,6 +164,8 @@ def _from_points(spec: TrackSpec) -> _CentreLine:
 
 
 def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
+    from mirdrake.worlds.csv_tracks import read_csv_track  # its pandas takes longer than all other worlds
+
     path, place = _find_file(csv, folder, "csv"), where(spec, "csv")
     if (csv.right is None) != (csv.left is None):
         raise ConfigError(f"{place}: right and left belong together; name both columns, or set both null")

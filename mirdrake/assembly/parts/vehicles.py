@@ -14,7 +14,7 @@ from mirdrake.core.vectors import COMMAND
 from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts, VehicleInPlant
 from mirdrake.plant.powertrain import PEDALS, Powertrain
-from mirdrake.sensors import GroundTruth
+from mirdrake.sensors.ground_truth import GroundTruth
 from mirdrake.sensors.range_scan import PropPoses, RangeScan
 from mirdrake.worlds import Start
 from mirdrake.worlds.tracks import Track

@@ -11,19 +11,3 @@
     caster     what the sensors have in common
     laser_scanner, lidar, radar, sonar
 """
-
-from mirdrake.sensors.ranging.laser_scanner import LaserScanner
-from mirdrake.sensors.ranging.lidar import Lidar, LidarScan
-from mirdrake.sensors.ranging.radar import Radar
-from mirdrake.sensors.ranging.sonar import Sonar
-from mirdrake.sensors.ranging.world import RayWorld, ray_world
-
-__all__ = [
-    "LaserScanner",
-    "Lidar",
-    "LidarScan",
-    "Radar",
-    "RayWorld",
-    "Sonar",
-    "ray_world",
-]
