@@ -101,10 +101,8 @@ class LateCamera(SampledValue):
     record = "pictures"
 
     def __init__(self, mount: Any, *, latency: float, dropout: float) -> None:
-        super().__init__(
-            "shot", AbstractValue.Make(Pictures(0)), rate=mount.rate, stream=7, latency=latency, dropout=dropout
-        )
-        self.rate = mount.rate
+        late = mount.model_copy(update={"latency": latency, "dropout": dropout})
+        super().__init__("shot", AbstractValue.Make(Pictures(0)), late, stream=7)
 
     def take(self, context: Context, index: int, sample: AbstractValue) -> None:
         sample.set_value(Pictures(20 + index))

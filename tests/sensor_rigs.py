@@ -16,6 +16,7 @@ from mirdrake.core.paths import data_root
 from mirdrake.core.signals import signals
 from mirdrake.sensors.noise import Noise
 from mirdrake.sensors.sampling import Array, SampledSensor, SampledValue
+from mirdrake.vehicles.mount import Mount
 
 GRAVITY = 9.80665
 
@@ -102,9 +103,10 @@ def held(sensor: Any, simulator: Simulator, port: str = "sample") -> Any:
 class Clock(SampledSensor):
     """Measures the time, with noise."""
 
-    def __init__(self, *, rate: float, noise: float | Noise = 0.0, stream: int = 1, **more: float) -> None:
+    def __init__(self, *, noise: float | Noise = 0.0, stream: int = 1, **keys: float) -> None:
         errors = noise if isinstance(noise, Noise) else [noise]
-        super().__init__(signals(("time", "s")), rate=rate, noise=errors, stream=stream, initial=[np.nan], **more)
+        mount = Mount(kind="clock", frame="any", **keys)
+        super().__init__(signals(("time", "s")), mount, noise=errors, stream=stream, initial=[np.nan])
 
     def measure(self, context: Context) -> Array:
         return np.array([context.get_time()])
@@ -113,8 +115,8 @@ class Clock(SampledSensor):
 class TextClock(SampledValue):
     """Writes the number of the sample."""
 
-    def __init__(self, *, rate: float, **more: Any) -> None:
-        super().__init__("text", AbstractValue.Make("nothing"), rate=rate, **more)
+    def __init__(self, **keys: Any) -> None:
+        super().__init__("text", AbstractValue.Make("nothing"), Mount(kind="clock", frame="any", **keys))
 
     def take(self, context: Context, index: int, sample: AbstractValue) -> None:
         sample.set_value(f"{index} at {context.get_time():.6f}")

@@ -19,7 +19,7 @@ from mirdrake.sensors.sampling import SampledSensor, mount_pose
 
 class Tachograph(SampledSensor):
     def __init__(self, frame, mount, stream):
-        super().__init__(signals(("distance", "m")), rate=mount.rate, noise=[0.0], stream=stream, initial=[0.0])
+        super().__init__(signals(("distance", "m")), mount, stream=stream, initial=[0.0])
         self.step, self.body = mount.step, int(mount_pose(frame)[0].index())
         self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self.declare_first_sample()

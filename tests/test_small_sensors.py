@@ -15,21 +15,39 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.core.signals import signals_of
 from mirdrake.runs.simulation import Simulation
 from mirdrake.sensors.geodesy import DatumSpec, from_geodetic, to_geodetic
-from mirdrake.sensors.gps import Gps
-from mirdrake.sensors.ground_truth import TruthSensor
-from mirdrake.sensors.imu import Imu
+from mirdrake.sensors.gps import Gps, GpsMount
+from mirdrake.sensors.ground_truth import GroundTruthMount, TruthSensor
+from mirdrake.sensors.imu import Imu, ImuMount
 from mirdrake.sensors.nmea import Fix, checksum, gga, rmc
-from mirdrake.sensors.noise import Noise, noise_stream
-from mirdrake.sensors.noise_spec import LengthNoise
-from mirdrake.sensors.steering_angle import SteeringAngle
-from mirdrake.sensors.wheel_encoder import WheelEncoder
+from mirdrake.sensors.noise import noise_stream
+from mirdrake.sensors.steering_angle import SteeringAngle, SteeringAngleMount
+from mirdrake.sensors.wheel_encoder import WheelEncoder, WheelEncoderMount
 from tests.sensor_rigs import GRAVITY, Carousel, held, vehicle_with
 
 
 def imu_reading(carousel: Carousel) -> np.ndarray:
     plant = carousel.finalize()
-    reading: np.ndarray = carousel.run(Imu(plant, carousel.mount, rate=100.0), 0.1, rate=100.0)[:, -1]
+    reading: np.ndarray = carousel.run(imu_on(plant, carousel.mount, rate=100.0), 0.1, rate=100.0)[:, -1]
     return reading
+
+
+# --- sensors from the keys of their mounts -----------------------------------------------------------------------
+
+
+def imu_on(plant: Any, frame: Any, *, stream: int = 0, **keys: Any) -> Imu:
+    return Imu(plant, frame, ImuMount(kind="imu", frame="mount", **keys), stream=stream)
+
+
+def gps_on(frame: Any, *, stream: int = 0, **keys: Any) -> Gps:
+    return Gps(frame, GpsMount(kind="gps", frame="mount", **keys), stream=stream)
+
+
+def encoder_of(plant: Any, joint: Any, **keys: Any) -> WheelEncoder:
+    return WheelEncoder(plant, joint, WheelEncoderMount(kind="wheel_encoder", frame="wheel", **keys))
+
+
+def steering_of(plant: Any, joint: Any, *, ratio: float = 1.0, **keys: Any) -> SteeringAngle:
+    return SteeringAngle(plant, [joint], SteeringAngleMount(kind="steering_angle", frame="b", **keys), ratio=ratio)
 
 
 # --- IMU ---------------------------------------------------------------------------------------------------------
@@ -60,7 +78,7 @@ def test_an_imu_on_a_banked_circle_reads_gravity_in_its_own_frame() -> None:
     for angle, expected in ((0.0, (-down - w * w * r, 0.0)), (pi / 2, (-w * w * r, down))):
         carousel = Carousel([r, 0.0, 0.0], slope=slope, rate=w, angle=angle)
         plant = carousel.finalize()
-        imu = Imu(plant, carousel.mount, rate=100.0)
+        imu = imu_on(plant, carousel.mount, rate=100.0)
         simulator = carousel.start(imu)
         simulator.AdvanceTo(0.001)  # the sample of t = 0
         assert held(imu, simulator) == pytest.approx([*expected, normal, 0.0, 0.0, w], abs=1e-9)
@@ -84,7 +102,7 @@ def test_an_imu_sees_the_plant_as_it_is_at_the_time_of_each_sample(rate: float) 
     # turning at 2 rad/s about its own y axis, pitch 2 t: f = g (-sin, 0, cos); the plant's steps are 5 ms
     carousel = Carousel(rate=2.0, axis=(0.0, 1.0, 0.0))
     plant = carousel.finalize()
-    samples = carousel.run(Imu(plant, carousel.mount, rate=rate), 2.0, rate=rate)
+    samples = carousel.run(imu_on(plant, carousel.mount, rate=rate), 2.0, rate=rate)
     time = (
         np.ceil(np.arange(samples.shape[1]) / rate / 0.005 - 1e-6) * 0.005
     )  # between steps it is where the next leads
@@ -98,7 +116,7 @@ def test_an_imu_in_free_fall_reads_no_force() -> None:
     plant, _ = AddMultibodyPlant(config, builder)
     body = plant.AddRigidBody("stone", SpatialInertia.SolidBoxWithMass(1.0, 1.0, 1.0, 1.0))
     plant.Finalize()
-    imu = builder.AddSystem(Imu(plant, body.body_frame(), rate=100.0))
+    imu = builder.AddSystem(imu_on(plant, body.body_frame(), rate=100.0))
     for name, port in (
         ("body_poses", plant.get_body_poses_output_port()),
         ("body_spatial_velocities", plant.get_body_spatial_velocities_output_port()),
@@ -113,7 +131,9 @@ def test_an_imu_in_free_fall_reads_no_force() -> None:
 def test_the_noise_of_an_imu_has_its_two_standard_deviations() -> None:
     carousel = Carousel([0.0, 0.0, 0.0])
     plant = carousel.finalize()
-    imu = Imu(plant, carousel.mount, rate=100.0, acceleration_noise=0.02, gyro_noise=0.002, stream=noise_stream(0, "a"))
+    imu = imu_on(
+        plant, carousel.mount, rate=100.0, acceleration_noise=0.02, gyro_noise=0.002, stream=noise_stream(0, "a")
+    )
     samples = carousel.run(imu, 20.0, rate=100.0)
     assert samples.shape == (6, 2000)
     assert samples.std(axis=1) == pytest.approx([0.02] * 3 + [0.002] * 3, rel=0.1)
@@ -123,7 +143,7 @@ def test_the_noise_of_an_imu_has_its_two_standard_deviations() -> None:
 
 def test_the_elements_of_an_imu_have_names_and_units() -> None:
     carousel = Carousel([0.0, 0.0, 0.0])
-    contents = signals_of(Imu(carousel.finalize(), carousel.mount, rate=100.0).sample)
+    contents = signals_of(imu_on(carousel.finalize(), carousel.mount, rate=100.0).sample)
     assert contents is not None
     assert [(signal.name, signal.unit) for signal in contents][2:4] == [("fz", "m/s²"), ("wx", "rad/s")]
 
@@ -135,7 +155,7 @@ def test_a_gps_without_noise_gives_the_place_of_its_antenna() -> None:
     # the arm points along the world's y axis: 3 m ahead and 1 m to the left are x = -1 m, y = 3 m
     carousel = Carousel([3.0, 1.0, 2.0], angle=pi / 2)
     carousel.finalize()
-    samples = carousel.run(Gps(carousel.mount, rate=10.0), 0.3, rate=10.0)
+    samples = carousel.run(gps_on(carousel.mount, rate=10.0), 0.3, rate=10.0)
     assert samples[:3] == pytest.approx(np.tile([[-1.0], [3.0], [2.0]], 3), abs=1e-12)
 
 
@@ -143,7 +163,7 @@ def test_a_gps_gives_the_velocity_of_its_antenna() -> None:
     # 0.5 rad/s at (4, 3): (-1.5, 2) m/s
     carousel = Carousel([4.0, 3.0, 2.0], rate=0.5)
     carousel.finalize()
-    gps = Gps(carousel.mount, rate=10.0)
+    gps = gps_on(carousel.mount, rate=10.0)
     simulator = carousel.start(gps)
     assert held(gps, simulator)[3:6] == pytest.approx([-1.5, 2.0, 0.0], abs=1e-12)
 
@@ -152,14 +172,14 @@ def test_a_gps_holds_the_place_of_its_last_sample() -> None:
     # 1 rad/s at 2 m: the sample at 0.1 s is shown at 0.15 s
     carousel = Carousel([2.0, 0.0, 0.0], rate=1.0)
     carousel.finalize()
-    samples = carousel.run(Gps(carousel.mount, rate=10.0), 0.2, rate=10.0)
+    samples = carousel.run(gps_on(carousel.mount, rate=10.0), 0.2, rate=10.0)
     assert samples[:3, 1] == pytest.approx([1.990008, 0.199667, 0.0], abs=1e-6)  # 2 cos 0.1, 2 sin 0.1
 
 
 def test_the_noise_of_a_gps_is_horizontal_and_has_its_standard_deviation() -> None:
     carousel = Carousel([0.0, 0.0, 2.0])
     carousel.finalize()
-    x, y, z = carousel.run(Gps(carousel.mount, rate=100.0, noise=1.5, stream=7), 20.0, rate=100.0)[:3]
+    x, y, z = carousel.run(gps_on(carousel.mount, rate=100.0, noise=1.5, stream=7), 20.0, rate=100.0)[:3]
     assert [x.std(), y.std()] == pytest.approx([1.5, 1.5], rel=0.1)
     assert [x.mean(), y.mean()] == pytest.approx([0.0, 0.0], abs=4 * 1.5 / 2000**0.5)
     assert abs(np.corrcoef(x[1:], x[:-1])[0, 1]) < 0.1  # white
@@ -217,8 +237,9 @@ def test_north_and_east_of_a_datum_are_where_its_heading_says() -> None:
 def test_a_gps_says_where_on_the_earth_it_is() -> None:
     carousel = Carousel([300.0, 100.0, 2.0], angle=0.3)
     carousel.finalize()
-    noise = Noise.of([LengthNoise(white=0.5)] * 3 + [LengthNoise()] * 3, 10.0)
-    samples = carousel.run(Gps(carousel.mount, rate=10.0, noise=noise, stream=3, datum=RICE), 0.3, rate=10.0)
+    samples = carousel.run(
+        gps_on(carousel.mount, rate=10.0, noise=0.5, vertical_noise=0.5, stream=3, datum=RICE), 0.3, rate=10.0
+    )
     for sample in samples.T:
         assert in_world(sample[6:], RICE) == pytest.approx(sample[:3], abs=1e-4)  # of what it says of itself, noise too
 
@@ -270,7 +291,7 @@ def test_a_gps_speaks_nmea() -> None:
     # to the left of x: course 30 - 90 = 300 degrees; 0.1 rad/s at 200 m: 20 m/s
     carousel = Carousel([200.0, 0.0, 1.0], rate=0.1)
     carousel.finalize()
-    gps = Gps(carousel.mount, rate=5.0, datum=RICE)
+    gps = gps_on(carousel.mount, rate=5.0, datum=RICE)
     simulator = carousel.start(gps)
     said = read_nmea(held(gps, simulator, "nmea"))
     place = said["GPGGA"]
@@ -285,7 +306,7 @@ def test_a_gps_speaks_nmea() -> None:
 def test_before_its_first_fix_a_gps_with_latency_says_nothing() -> None:
     carousel = Carousel([1.0, 2.0, 3.0])
     carousel.finalize()
-    gps = Gps(carousel.mount, rate=10.0, latency=0.25)
+    gps = gps_on(carousel.mount, rate=10.0, latency=0.25)
     simulator = carousel.start(gps)
     simulator.AdvanceTo(0.24)
     assert held(gps, simulator, "nmea") == ""
@@ -306,21 +327,21 @@ def turning(sensor_of: Any, *, rate: float, angle: float = 0.0, duration: float 
 
 def test_an_encoder_counts_whole_steps_of_the_angle() -> None:
     # 100 counts a turn at 3 rad/s: 0.3 rad from sample to sample are 4.7746 counts
-    counts = turning(lambda plant, joint: WheelEncoder(plant, joint, rate=10.0, counts=100.0), rate=3.0)[0]
+    counts = turning(lambda plant, joint: encoder_of(plant, joint, rate=10.0, counts=100.0), rate=3.0)[0]
     assert counts.tolist() == [0, 4, 9, 14, 19, 23, 28, 33, 38, 42]
 
 
 def test_an_encoder_counts_down_when_the_wheel_rolls_back_if_it_can_tell() -> None:
-    back = turning(lambda plant, joint: WheelEncoder(plant, joint, rate=10.0, counts=125.5), rate=-3.0)[0]
+    back = turning(lambda plant, joint: encoder_of(plant, joint, rate=10.0, counts=125.5), rate=-3.0)[0]
     assert back.tolist() == [np.floor(-0.3 * k * 125.5 / (2 * pi)) for k in range(10)]
-    one = turning(
-        lambda plant, joint: WheelEncoder(plant, joint, rate=10.0, counts=125.5, quadrature=False), rate=-3.0
-    )[0]
+    one = turning(lambda plant, joint: encoder_of(plant, joint, rate=10.0, counts=125.5, quadrature=False), rate=-3.0)[
+        0
+    ]
     assert one.tolist() == [-count for count in back]
 
 
 def test_an_encoder_wraps_around() -> None:
-    counts = turning(lambda plant, joint: WheelEncoder(plant, joint, rate=10.0, counts=100.0, wrap=16), rate=-3.0)[0]
+    counts = turning(lambda plant, joint: encoder_of(plant, joint, rate=10.0, counts=100.0, wrap=16), rate=-3.0)[0]
     assert counts.tolist() == [np.floor(-30.0 * k / (2 * pi)) % 16 for k in range(10)]
     assert max(counts) < 16
 
@@ -328,20 +349,20 @@ def test_an_encoder_wraps_around() -> None:
 def test_a_steering_angle_sensor_has_steps_an_offset_and_a_ratio() -> None:
     # 0.02 rad x 16 + 0.1 rad = 0.42 rad: 24.06 steps of 1 degree
     angle, steps = turning(
-        lambda plant, joint: SteeringAngle(plant, [joint], rate=10.0, ratio=16.0, resolution=radians(1), offset=0.1),
+        lambda plant, joint: steering_of(plant, joint, rate=10.0, ratio=16.0, resolution=radians(1), offset=0.1),
         rate=0.0,
         angle=0.02,
         duration=0.1,
     )[:, 0]
     assert steps == 24.0
     assert angle == pytest.approx(24.0 * pi / 180.0, abs=1e-12)
-    exact = turning(lambda plant, joint: SteeringAngle(plant, [joint], rate=10.0), rate=0.3)[0]
+    exact = turning(lambda plant, joint: steering_of(plant, joint, rate=10.0), rate=0.3)[0]
     assert exact == pytest.approx(0.03 * np.arange(10), abs=1e-9)
 
 
 def test_the_noise_of_a_steering_angle_has_its_standard_deviation() -> None:
     def make(plant: Any, joint: Any) -> SteeringAngle:
-        return SteeringAngle(plant, [joint], rate=10.0, noise=0.01)
+        return steering_of(plant, joint, rate=10.0, noise=0.01)
 
     angle = turning(make, rate=0.0, duration=60.0)[0]
     assert angle.std() == pytest.approx(0.01, rel=0.1)
@@ -352,7 +373,7 @@ def test_ground_truth_is_that_of_the_mounting_frame() -> None:
     # arm at 90 degrees, 0.5 rad/s; the mount 3 m ahead and turned by 30 degrees to the left
     carousel = Carousel([3.0, 0.0, 1.0], rpy=(0.0, 0.0, radians(30)), angle=pi / 2, rate=0.5)
     carousel.finalize()
-    truth = TruthSensor(carousel.mount, rate=10.0)
+    truth = TruthSensor(carousel.mount, GroundTruthMount(kind="ground_truth", frame="mount", rate=10.0))
     simulator = carousel.start(truth)
     # its speed of 1.5 m/s is along y of the arm, 60 degrees to the left of the mount's x axis
     speed = [1.5 * cos(radians(60)), 1.5 * sin(radians(60)), 0.0]

@@ -52,35 +52,16 @@ class Gps(SampledSensor):
             clock starts at 1970-01-01 00:00:00 UTC, as the names of pictures do.
 
     Args:
-        frame: where the antenna is mounted; fixed to a body.
-        rate: samples per second [Hz].
-        noise: standard deviation of a sample's white noise, each horizontal axis [m]; or the noise of all six: x, y,
-            z [m] and vx, vy, vz [m/s].
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        datum: where on the Earth the world's origin is; default: 0° N 0° E, x to the east.
-        fix: kind of the fix, said in the sentences: single, differential or rtk.
-        latency: from the time of a sample until it is shown [s].
-        dropout: probability that a sample is lost.
+        frame: mounting frame of the antenna; fixed to a body.
+        mount: rate, noise, latency, dropout, datum and kind of fix.
+        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
     """
 
-    def __init__(
-        self,
-        frame: Frame,
-        *,
-        rate: float,
-        noise: float | Noise = 0.0,
-        stream: int = 0,
-        datum: DatumSpec | None = None,
-        fix: str = "single",
-        latency: float = 0.0,
-        dropout: float = 0.0,
-    ) -> None:
-        errors = noise if isinstance(noise, Noise) else Noise.plain([noise, noise, 0.0, 0.0, 0.0, 0.0])
-        super().__init__(
-            GPS, rate=rate, noise=errors, stream=stream, initial=[nan] * 9, latency=latency, dropout=dropout
-        )
+    def __init__(self, frame: Frame, mount: "GpsMount", *, stream: int = 0) -> None:
+        noise = [mount.noise, mount.noise, mount.vertical_noise, *[mount.velocity_noise] * 3]
+        super().__init__(GPS, mount, stream=stream, initial=[nan] * 9, noise=Noise.of(noise, mount.rate))
         body, X_BS = mount_pose(frame)
-        self._datum, self._quality = datum or DatumSpec(), QUALITY[fix]
+        self._datum, self._quality = mount.datum, QUALITY[mount.fix]
         self._body, self._place = int(body.index()), X_BS.translation()
         self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         velocities = AbstractValue.Make([SpatialVelocity()])
@@ -125,14 +106,4 @@ class GpsMount(SensorMount):
 
     def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Gps:
         """Return the GPS receiver."""
-        noise = [self.noise, self.noise, self.vertical_noise, *[self.velocity_noise] * 3]
-        return Gps(
-            parts.plant.GetFrameByName(self.frame, part.instance),
-            rate=self.rate,
-            noise=Noise.of(noise, self.rate),
-            stream=stream,
-            datum=self.datum,
-            fix=self.fix,
-            latency=self.latency,
-            dropout=self.dropout,
-        )
+        return Gps(parts.plant.GetFrameByName(self.frame, part.instance), self, stream=stream)

@@ -89,17 +89,12 @@ class TruthSensor(SampledSensor):
 
     Args:
         frame: fixed to a body.
-        rate: samples per second [Hz].
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`; only a dropout needs it.
-        latency: from the time of a sample until it is shown [s].
-        dropout: probability that a sample is lost.
+        mount: rate, latency and dropout.
+        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
     """
 
-    def __init__(
-        self, frame: Frame, *, rate: float, stream: int = 0, latency: float = 0.0, dropout: float = 0.0
-    ) -> None:
-        zero = [0.0] * len(STATE)
-        super().__init__(STATE, rate=rate, noise=zero, stream=stream, initial=zero, latency=latency, dropout=dropout)
+    def __init__(self, frame: Frame, mount: "GroundTruthMount", *, stream: int = 0) -> None:
+        super().__init__(STATE, mount, stream=stream, initial=[0.0] * len(STATE))
         body, self._X_BS = mount_pose(frame)
         self._body = int(body.index())
         self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
@@ -157,4 +152,4 @@ class GroundTruthMount(SensorMount):
     def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> TruthSensor:
         """Return the ground-truth sensor."""
         frame = parts.plant.GetFrameByName(self.frame, part.instance)
-        return TruthSensor(frame, rate=self.rate, stream=stream, latency=self.latency, dropout=self.dropout)
+        return TruthSensor(frame, self, stream=stream)

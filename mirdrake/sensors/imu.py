@@ -46,44 +46,25 @@ class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
 
     Args:
         plant: the finalised plant.
-        frame: where the IMU is mounted; fixed to a body.
-        rate: samples per second [Hz].
-        acceleration_noise: standard deviation of a sample's white noise, each axis [m/s²].
-        gyro_noise: the same of the angular velocity [rad/s].
-        noise: of the six elements, in place of these two.
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        latency: from the time of a sample until it is shown [s].
-        dropout: probability that a sample is lost.
+        frame: mounting frame; fixed to a body.
+        mount: rate, noise, latency and dropout.
+        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
 
     Attributes:
         rate: samples per second [Hz].
         latency: from the time of a sample until it is shown [s].
     """
 
-    def __init__(
-        self,
-        plant: MultibodyPlant,
-        frame: Frame,
-        *,
-        rate: float,
-        acceleration_noise: float = 0.0,
-        gyro_noise: float = 0.0,
-        noise: Noise | None = None,
-        stream: int = 0,
-        latency: float = 0.0,
-        dropout: float = 0.0,
-    ) -> None:
+    def __init__(self, plant: MultibodyPlant, frame: Frame, mount: "ImuMount", *, stream: int = 0) -> None:
         super().__init__()
         builder = DiagramBuilder()
         body, X_BS = mount_pose(frame)
         gravity = plant.gravity_field().gravity_vector()
         force = builder.AddNamedSystem("accelerometer", Accelerometer(body, X_BS, gravity))
         rates = builder.AddNamedSystem("gyroscope", Gyroscope(body, X_BS))
-        noise = noise or Noise.plain([acceleration_noise] * 3 + [gyro_noise] * 3)
-        period = aligned_period(rate, plant.time_step())
-        sampler = _Sampler(rate=rate, noise=noise, stream=stream, latency=latency, dropout=dropout, period=period)
+        sampler = _Sampler(mount, stream, plant.time_step())
         builder.AddNamedSystem("sampler", sampler)
-        self.rate, self.latency, self._sampler = rate, latency, sampler
+        self.rate, self.latency, self._sampler = mount.rate, mount.latency, sampler
         builder.Connect(force.get_measurement_output_port(), sampler.force)
         builder.Connect(rates.get_measurement_output_port(), sampler.rates)
         for name, of_force, of_rates in (
@@ -101,7 +82,7 @@ class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
         copy_signals(sampler.stamp, self.stamp)
 
     def under_way(self, context: Context) -> list[tuple[float, Array]]:
-        """Samples that were taken and are not shown yet: when [s] and what (6), in the order of time.
+        """Return the samples that are not output yet: time [s] and value (6), in the order of time.
 
         Args:
             context: Context of this diagram.
@@ -110,21 +91,16 @@ class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
 
 
 class _Sampler(SampledSensor):
-    """Return specific force and angular velocity of the present time."""
+    """Sampled specific force and angular velocity of the present time."""
 
-    def __init__(
-        self, *, rate: float, noise: Noise, stream: int, latency: float, dropout: float, period: float
-    ) -> None:
-        at_rest = [0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0]
+    def __init__(self, mount: "ImuMount", stream: int, step: float) -> None:
         super().__init__(
             IMU,
-            rate=rate,
-            noise=noise,
+            mount,
             stream=stream,
-            initial=at_rest,
-            latency=latency,
-            dropout=dropout,
-            period=period,
+            initial=[0.0, 0.0, GRAVITY, 0.0, 0.0, 0.0],
+            noise=Noise.of([mount.acceleration_noise] * 3 + [mount.gyro_noise] * 3, mount.rate),
+            period=aligned_period(mount.rate, step),
         )
         self.force = self.DeclareVectorInputPort("specific_force", 3)
         self.rates = self.DeclareVectorInputPort("angular_velocity", 3)
@@ -144,12 +120,4 @@ class ImuMount(SensorMount):
 
     def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Imu:
         """Return the IMU."""
-        return Imu(
-            parts.plant,
-            parts.plant.GetFrameByName(self.frame, part.instance),
-            rate=self.rate,
-            noise=Noise.of([self.acceleration_noise] * 3 + [self.gyro_noise] * 3, self.rate),
-            stream=stream,
-            latency=self.latency,
-            dropout=self.dropout,
-        )
+        return Imu(parts.plant, parts.plant.GetFrameByName(self.frame, part.instance), self, stream=stream)

@@ -1,11 +1,11 @@
 """Base of all sensors: rate, noise, latency and dropout.
 
-A sample taken at time t is shown from t + latency on, exactly, and held until the next one is. However long the
-latency, every sample is shown: those on their way wait in a queue. Samples, queue and what wanders in the noise are
-states in the Context; a sensor itself remembers nothing.
+A sample that is taken at time t is output from t + latency until the next one is. Samples on their way wait in a queue,
+so that each is output however long the latency is. Samples, queue and slowly varying errors are states in the Context;
+the system of a sensor has no state of its own.
 
-Sensors act a hair's breadth (1e-15 of the time) before what else happens at that time. In floating point 3 x 0.1 s
-comes after 60 x 0.005 s, and a sample would now and then see the plant one step later than it should.
+Sensors update 1e-15 of the time before other systems. In floating point 3 x 0.1 s is later than 60 x 0.005 s, so that a
+sample would sometimes see the plant one step too late.
 """
 
 from abc import abstractmethod
@@ -22,6 +22,7 @@ from pydrake.systems.framework import Context, DiscreteValues, State
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import Signals, declare_state_output, signals
 from mirdrake.sensors.noise import Noise, is_lost
+from mirdrake.vehicles.mount import Mount
 
 Array = NDArray[np.float64]
 
@@ -32,9 +33,9 @@ STAMP = signals(("stamp", "s", "time at which the sample was taken; -inf: there 
 class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
     """A sensor that measures a vector at a rate and holds the sample until the next.
 
-    A sample taken at time t is at the output at t + latency; without latency, that of t = 0 comes right after 0. The
-    output depends on no input directly and closes no algebraic loop. Of a lost sample nothing is seen: the one before
-    it stays.
+    A sample that is taken at time t is at the output at t + latency; without latency, that of t = 0 comes right after
+    0. The output does not depend directly on an input, so that it closes no algebraic loop. In place of a lost sample
+    the one before it stays.
 
     Output ports:
         sample (n): the last sample.
@@ -42,35 +43,32 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     Args:
         contents: names and units of the elements.
-        rate: samples per second [Hz].
-        noise: of what is measured (m); plain numbers are standard deviations of white noise.
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        initial: shown before the first sample (n).
-        latency: from the time of a sample until it is shown [s].
-        dropout: probability that a sample is lost.
+        mount: its rate, latency and dropout.
+        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        initial: output before the first sample (n).
+        noise: of what is measured (m); plain numbers are standard deviations of white noise; default: none.
         period: from sample to sample [s]; default: :func:`sample_period`.
 
     Attributes:
         rate: samples per second [Hz].
-        latency: from the time of a sample until it is shown [s].
+        latency: from the time of a sample until it is output [s].
     """
 
     def __init__(
         self,
         contents: Signals,
+        mount: Mount,
         *,
-        rate: float,
-        noise: Sequence[float] | Noise,
         stream: int,
         initial: Sequence[float],
-        latency: float = 0.0,
-        dropout: float = 0.0,
+        noise: Sequence[float] | Noise | None = None,
         period: float | None = None,
     ) -> None:
         super().__init__()
-        self.rate, self.latency = rate, latency
-        self._rate, self._stream, self._latency, self._dropout = rate, stream, latency, dropout
-        period = sample_period(rate) if period is None else period
+        self.rate, self.latency = mount.rate, mount.latency
+        self._stream, self._dropout = stream, mount.dropout
+        period = sample_period(mount.rate) if period is None else period
+        noise = [0.0] * len(contents) if noise is None else noise
         self._noise = noise if isinstance(noise, Noise) else Noise.plain(noise)
         self._bias, start = self._noise.constant(stream), self._noise.start(stream)
         self._held = self.DeclareDiscreteState(list(initial))
@@ -79,10 +77,10 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.sample = declare_state_output(self, "sample", contents, self._held)
         self.stamp = declare_state_output(self, "stamp", STAMP, self._held_stamp)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
-        if latency > 0.0:
-            self._row, self._slots = 1 + len(initial), slots(latency, rate)
+        if self.latency > 0.0:
+            self._row, self._slots = 1 + len(initial), slots(self.latency, self.rate)
             self._queue = self.DeclareDiscreteState(np.full(self._row * self._slots, -inf))
-            self.DeclarePeriodicDiscreteUpdateEvent(period, latency, self._show)
+            self.DeclarePeriodicDiscreteUpdateEvent(period, self.latency, self._show)
 
     @abstractmethod
     def measure(self, context: Context) -> Array:
@@ -101,7 +99,7 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         Args:
             context: Context of this system.
         """
-        if not self._latency:
+        if not self.latency:
             return []
         shown = float(context.get_discrete_state(self._held_stamp).get_value()[0])
         rows = context.get_discrete_state(self._queue).get_value().reshape(self._slots, self._row)
@@ -109,12 +107,12 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def declare_first_sample(self) -> None:
         """Take a sample at initialisation, for sensors whose inputs are known then; not with a latency."""
-        if not self._latency:
+        if not self.latency:
             self.DeclareInitializationDiscreteUpdateEvent(self._begin)
 
     def _begin(self, context: Context, state: DiscreteValues) -> None:
         time = context.get_time()
-        if not is_lost(self._stream, round(time * self._rate), self._dropout):
+        if not is_lost(self._stream, round(time * self.rate), self._dropout):
             self._put(state, time, self._read(context)[0])
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
@@ -122,10 +120,10 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         if self._wandering is not None:
             state.get_mutable_vector(self._wandering).SetFromVector(wandering)
         self.keep(context, state)
-        index = round(context.get_time() * self._rate)
-        time = index / self._rate
+        index = round(context.get_time() * self.rate)
+        time = index / self.rate
         lost = is_lost(self._stream, index, self._dropout)
-        if self._latency:
+        if self.latency:
             row = state.get_mutable_vector(self._queue).get_mutable_value()[self._slot(index)]
             row[0], row[1:] = -inf if lost else time, values
         elif not lost:
@@ -136,7 +134,7 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         wandering = np.zeros(0)
         if self._wandering is not None:
             wandering = context.get_discrete_state(self._wandering).get_value()
-        error, wandering = self._noise.step(self._stream, round(context.get_time() * self._rate), wandering)
+        error, wandering = self._noise.step(self._stream, round(context.get_time() * self.rate), wandering)
         return self.report(self.measure(context) + error + self._bias), wandering
 
     def _put(self, state: DiscreteValues, time: float, values: Array) -> None:
@@ -149,7 +147,7 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def _show(self, context: Context, state: DiscreteValues) -> None:
         """Output the sample whose latency has passed."""
-        index = round((context.get_time() - self._latency) * self._rate)
+        index = round((context.get_time() - self.latency) * self.rate)
         row = context.get_discrete_state(self._queue).get_value()[self._slot(index)]
         if row[0] > -inf:
             self._put(state, row[0], row[1:])
@@ -164,39 +162,29 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     Args:
         port: name of the output.
-        empty: shown before the first sample; all samples are of its type.
-        rate: samples per second [Hz].
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        latency: from the time of a sample until it is shown [s].
-        dropout: probability that a sample is lost.
+        empty: output before the first sample; all samples are of its type.
+        mount: its rate, latency and dropout.
+        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
 
     Attributes:
         rate: samples per second [Hz].
-        latency: from the time of a sample until it is shown [s].
+        latency: from the time of a sample until it is output [s].
     """
 
-    def __init__(
-        self,
-        port: str,
-        empty: AbstractValue,
-        *,
-        rate: float,
-        stream: int = 0,
-        latency: float = 0.0,
-        dropout: float = 0.0,
-    ) -> None:
+    def __init__(self, port: str, empty: AbstractValue, mount: Mount, *, stream: int = 0) -> None:
         super().__init__()
-        self.rate, self.latency = rate, latency
-        self._rate, self._stream, self._latency, self._dropout = rate, stream, latency, dropout
+        self.rate, self.latency = mount.rate, mount.latency
+        self._stream, self._dropout = stream, mount.dropout
         self._held = self.DeclareAbstractState(empty)
         self._held_stamp = self.DeclareDiscreteState([-inf])
         self.value = self.DeclareStateOutputPort(port, self._held)
         self.stamp = declare_state_output(self, "stamp", STAMP, self._held_stamp)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(sample_period(rate), 0.0, self._update)
-        if latency > 0.0:
-            self._queue = [self.DeclareAbstractState(empty) for _ in range(slots(latency, rate))]
+        period = sample_period(self.rate)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+        if self.latency > 0.0:
+            self._queue = [self.DeclareAbstractState(empty) for _ in range(slots(self.latency, self.rate))]
             self._stamps = self.DeclareDiscreteState(np.full(len(self._queue), -inf))
-            self.DeclarePeriodicUnrestrictedUpdateEvent(sample_period(rate), latency, self._show)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(period, self.latency, self._show)
 
     @abstractmethod
     def take(self, context: Context, index: int, sample: AbstractValue) -> None:
@@ -208,7 +196,7 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
         Args:
             context: Context of this system.
         """
-        if not self._latency:
+        if not self.latency:
             return []
         shown = float(context.get_discrete_state(self._held_stamp).get_value()[0])
         stamps = context.get_discrete_state(self._stamps).get_value()
@@ -216,10 +204,10 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
         return [(time, context.get_abstract_state(int(place)).get_value()) for time, place in waiting]
 
     def _update(self, context: Context, state: State) -> None:
-        index = round(context.get_time() * self._rate)
-        time = index / self._rate
+        index = round(context.get_time() * self.rate)
+        time = index / self.rate
         lost = is_lost(self._stream, index, self._dropout)
-        if self._latency:
+        if self.latency:
             slot = index % len(self._queue)
             state.get_mutable_discrete_state(self._stamps).get_mutable_value()[slot] = -inf if lost else time
             place = self._queue[slot]
@@ -231,7 +219,7 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
             self.take(context, index, state.get_mutable_abstract_state(int(place)))
 
     def _show(self, context: Context, state: State) -> None:
-        slot = round((context.get_time() - self._latency) * self._rate) % len(self._queue)
+        slot = round((context.get_time() - self.latency) * self.rate) % len(self._queue)
         stamp = context.get_discrete_state(self._stamps).get_value()[slot]
         if stamp > -inf:
             state.get_mutable_discrete_state(self._held_stamp).SetFromVector([stamp])
@@ -253,10 +241,10 @@ def sample_period(rate: float) -> float:
 
 @lru_cache(maxsize=64)
 def aligned_period(rate: float, step: float) -> float:
-    """The same for a sensor whose input is costly and is needed by the plant's step too, as accelerations are.
+    """Return the time between two samples of a sensor whose input is also computed in the plant's step: accelerations.
 
-    If the samples fall on steps of the plant in floating point too, it is exactly 1 / rate: what is computed for the
-    sample serves for the step, and the sample is seen right after its time only.
+    If the samples coincide with steps of the plant in floating point, it is exactly 1 / rate. What is computed for the
+    sample then serves for the step, and the sample is output right after its time.
 
     Args:
         rate: [Hz].

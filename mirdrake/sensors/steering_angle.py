@@ -39,42 +39,24 @@ class SteeringAngle(SampledSensor):
     Args:
         plant: the finalised plant.
         joints: one steering joint, or both.
-        rate: samples per second [Hz].
+        mount: rate, resolution, offset, noise, latency and dropout.
         ratio: of the angle that it measures over that of the joints [-].
-        resolution: step of the reading [rad]; 0: none.
-        offset: reading with the wheels straight ahead [rad].
-        noise: of the angle; a plain number is the standard deviation of white noise [rad].
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        latency: from the time of a sample until it is shown [s].
-        dropout: probability that a sample is lost.
+        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
     """
 
     def __init__(
         self,
         plant: MultibodyPlant,
         joints: Sequence[Joint],
+        mount: "SteeringAngleMount",
         *,
-        rate: float,
         ratio: float = 1.0,
-        resolution: float = 0.0,
-        offset: float = 0.0,
-        noise: float | Noise = 0.0,
         stream: int = 0,
-        latency: float = 0.0,
-        dropout: float = 0.0,
     ) -> None:
-        errors = noise if isinstance(noise, Noise) else Noise.plain([noise])
-        super().__init__(
-            STEERING_ANGLE,
-            rate=rate,
-            noise=errors,
-            stream=stream,
-            initial=[0.0, 0.0],
-            latency=latency,
-            dropout=dropout,
-        )
+        noise = Noise.of([mount.noise], mount.rate)
+        super().__init__(STEERING_ANGLE, mount, stream=stream, initial=[0.0, 0.0], noise=noise)
         self._angles = [joint.position_start() for joint in joints]
-        self._ratio, self._resolution, self._offset = ratio, resolution, offset
+        self._ratio, self._resolution, self._offset = ratio, mount.step(), mount.offset
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self.declare_first_sample()
 
@@ -118,15 +100,5 @@ class SteeringAngleMount(SensorMount):
         """Return the steering angle sensor."""
         left, right = part.steering
         joints = {"left": [left], "right": [right]}.get(self.of, [left, right])
-        return SteeringAngle(
-            parts.plant,
-            joints,
-            rate=self.rate,
-            ratio=part.vehicle.spec.steering.ratio if self.of == "hand_wheel" else 1.0,
-            resolution=self.step(),
-            offset=self.offset,
-            noise=Noise.of([self.noise], self.rate),
-            stream=stream,
-            latency=self.latency,
-            dropout=self.dropout,
-        )
+        ratio = part.vehicle.spec.steering.ratio if self.of == "hand_wheel" else 1.0
+        return SteeringAngle(parts.plant, joints, self, ratio=ratio, stream=stream)

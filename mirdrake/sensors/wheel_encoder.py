@@ -37,31 +37,14 @@ class WheelEncoder(SampledSensor):
     Args:
         plant: the finalised plant.
         joint: of the wheel.
-        rate: samples per second [Hz].
-        counts: per revolution.
-        quadrature: whether it counts down when the wheel rolls back.
-        wrap: the counter shows the count modulo this; None: the whole count.
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        latency: from the time of a sample until it is shown [s].
-        dropout: probability that a sample is lost; the count goes on.
+        mount: rate, counts per revolution, quadrature, modulus, latency and dropout; a lost sample loses no counts.
+        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
     """
 
-    def __init__(
-        self,
-        plant: MultibodyPlant,
-        joint: Joint,
-        *,
-        rate: float,
-        counts: float,
-        quadrature: bool = True,
-        wrap: int | None = None,
-        stream: int = 0,
-        latency: float = 0.0,
-        dropout: float = 0.0,
-    ) -> None:
-        super().__init__(COUNTS, rate=rate, noise=[0.0], stream=stream, initial=[0.0], latency=latency, dropout=dropout)
-        self._angle, self._per_radian, self._wrap = joint.position_start(), counts / (2.0 * pi), wrap
-        self._seen = None if quadrature else self.DeclareDiscreteState([0.0, 0.0])  # position and total, in steps
+    def __init__(self, plant: MultibodyPlant, joint: Joint, mount: "WheelEncoderMount", *, stream: int = 0) -> None:
+        super().__init__(COUNTS, mount, stream=stream, initial=[0.0])
+        self._angle, self._per_radian, self._wrap = joint.position_start(), mount.counts / (2.0 * pi), mount.wrap
+        self._seen = None if mount.quadrature else self.DeclareDiscreteState([0.0, 0.0])  # position and total, in steps
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self.declare_first_sample()
 
@@ -100,22 +83,12 @@ class WheelEncoderMount(SensorMount):
         """Return the encoder.
 
         Raises:
-            ConfigError: it is mounted on what is no wheel.
+            ConfigError: it is not mounted on a wheel.
         """
         plant = parts.plant
         body = plant.GetFrameByName(self.frame, part.instance).body()
         joints = {joint.child_body().name(): joint for joint in part.wheels}
         if body.name() not in joints:
             place = where(self, "frame")
-            raise ConfigError(f"{place}: '{self.frame}' is on no wheel; {did_you_mean(self.frame, joints)}")
-        return WheelEncoder(
-            plant,
-            joints[body.name()],
-            rate=self.rate,
-            counts=self.counts,
-            quadrature=self.quadrature,
-            wrap=self.wrap,
-            stream=stream,
-            latency=self.latency,
-            dropout=self.dropout,
-        )
+            raise ConfigError(f"{place}: '{self.frame}' is not on a wheel; {did_you_mean(self.frame, joints)}")
+        return WheelEncoder(plant, joints[body.name()], self, stream=stream)

@@ -107,17 +107,10 @@ class Camera(SampledValue):
         stream: int = 0,
         labels: dict[int, str] | None = None,
     ) -> None:
-        self.rate, self.labels, self._mount = mount.rate, labels or {}, mount
+        self.labels, self._mount = labels or {}, mount
         self._lens = LensMap(mount) if mount.distortion is not None else None
         empty = Shot(_black(mount))
-        super().__init__(
-            "shot",
-            AbstractValue.Make(empty),
-            rate=mount.rate,
-            stream=stream,
-            latency=mount.latency,
-            dropout=mount.dropout,
-        )
+        super().__init__("shot", AbstractValue.Make(empty), mount, stream=stream)
         self._streams = {name: stream if name == "color" else substream(stream, name) for name in empty.pictures}
         self.query_object = self.DeclareAbstractInputPort("query_object", AbstractValue.Make(QueryObject()))
         body, X_BS = mount_pose(frame)

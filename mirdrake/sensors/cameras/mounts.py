@@ -86,10 +86,7 @@ class DepthNoiseSpec(Schema):
     start: Length = Field(default=0.0, ge=0, description="[m] depth at which the quadratic term begins")
 
 
-DEPTH_NOISES = {
-    "khoshelham": {"growth": 1.425e-3},
-    "nguyen": {"base": 1.2e-3, "growth": 1.9e-3, "start": 0.4},
-}
+DEPTH_NOISES = {"khoshelham": {"growth": 1.425e-3}, "nguyen": {"base": 1.2e-3, "growth": 1.9e-3, "start": 0.4}}
 """Published noise models of the Kinect v1.
 
 Khoshelham and Elberink, "Accuracy and resolution of Kinect depth data", Sensors 12 (2012) 1437-1454: 1.425e-5 z² in cm.

@@ -18,13 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common import MemoryFile
-from pydrake.geometry import (
-    InMemoryMesh,
-    MakeRenderEngineVtk,
-    Mesh,
-    RenderEngineVtkParams,
-    SceneGraph,
-)
+from pydrake.geometry import InMemoryMesh, MakeRenderEngineVtk, Mesh, RenderEngineVtkParams, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 

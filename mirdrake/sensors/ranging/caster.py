@@ -29,7 +29,6 @@ class Caster:
         mount: rate, limits and noise.
         beams: in that frame.
         stream: of random numbers.
-        without: model instances that are not seen.
         hidden: bodies that are not seen.
         ground: whether the ground is seen.
     """
@@ -43,7 +42,6 @@ class Caster:
         beams: Beams,
         *,
         stream: int = 0,
-        without: tuple[int, ...] = (),
         hidden: tuple[int, ...] = (),
         ground: bool = True,
     ) -> None:
@@ -51,7 +49,7 @@ class Caster:
         self._mount, self._ground, self._stream = mount, ground, stream
         body, self.X_BS = mount_pose(frame)
         self.carrier = int(body.index())
-        self._movers = world.movers(without=without, hidden=hidden)
+        self._movers = world.movers(hidden)
         self._bodies = [self.carrier, *self._movers]
         self._rolling = bool(beams.times.any())
         self._poses = system.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))

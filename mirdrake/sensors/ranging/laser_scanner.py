@@ -37,7 +37,6 @@ class LaserScanner(SampledSensor):
         frame: where the scanner is mounted; fixed to a body.
         mount: beams, limits, rate and noise.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        without: model instances that are not seen.
         hidden: bodies that are not seen.
 
     Attributes:
@@ -55,23 +54,19 @@ class LaserScanner(SampledSensor):
         mount: "LaserScannerMount",
         *,
         stream: int = 0,
-        without: tuple[int, ...] = (),
         hidden: tuple[int, ...] = (),
     ) -> None:
         super().__init__(
             tuple(Signal(f"beam{index}", "m") for index in range(mount.beams)),
-            rate=mount.rate,
-            noise=np.zeros(mount.beams).tolist(),
+            mount,
             stream=stream,
             initial=np.full(mount.beams, np.inf).tolist(),
-            latency=mount.latency,
-            dropout=mount.dropout,
         )
-        self.mount, self.rate, self._frame = mount, mount.rate, frame.index()
+        self.mount, self._frame = mount, frame.index()
         self.angles = np.linspace(mount.start_angle, mount.end_angle, mount.beams)
         beams = turning(self.angles, [0.0], rate=mount.rate, rolling=mount.rolling)
         self.times = beams.times
-        self.caster = Caster(self, world, frame, mount, beams, stream=stream, without=without, hidden=hidden)
+        self.caster = Caster(self, world, frame, mount, beams, stream=stream, hidden=hidden)
 
     def measure(self, context: Context) -> Array:
         """Return the scan that is complete now [m] (beams), with noise."""

@@ -91,7 +91,6 @@ class Lidar(SampledValue):
         frame: where the lidar is mounted; fixed to a body.
         mount: planes, columns, limits, rate and noise.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        without: model instances that are not seen.
         hidden: bodies that are not seen.
 
     Attributes:
@@ -106,32 +105,18 @@ class Lidar(SampledValue):
     has_cloud_overlay = True
 
     def __init__(
-        self,
-        world: RayWorld,
-        frame: Frame,
-        mount: "LidarMount",
-        *,
-        stream: int = 0,
-        without: tuple[int, ...] = (),
-        hidden: tuple[int, ...] = (),
+        self, world: RayWorld, frame: Frame, mount: "LidarMount", *, stream: int = 0, hidden: tuple[int, ...] = ()
     ) -> None:
-        self.mount, self.rate = mount, mount.rate
+        self.mount = mount
         self.azimuths = np.linspace(mount.horizontal_start, mount.horizontal_end, mount.columns)
         self.elevations = np.linspace(mount.vertical_start, mount.vertical_end, mount.rows)
         beams = turning(self.azimuths, self.elevations, rate=mount.rate, rolling=mount.rolling)
         nothing = np.full((mount.rows, mount.columns), np.inf, dtype=np.float32)
         never, nowhere = np.full(mount.columns, -np.inf), np.eye(3, 4)
         self.empty = LidarScan(-np.inf, nothing, never, self.azimuths, self.elevations, nowhere, np.zeros(6))
-        super().__init__(
-            "cloud",
-            AbstractValue.Make(self.empty),
-            rate=mount.rate,
-            stream=stream,
-            latency=mount.latency,
-            dropout=mount.dropout,
-        )
+        super().__init__("cloud", AbstractValue.Make(self.empty), mount, stream=stream)
         self.cloud = self.value
-        self.caster = Caster(self, world, frame, mount, beams, stream=stream, without=without, hidden=hidden)
+        self.caster = Caster(self, world, frame, mount, beams, stream=stream, hidden=hidden)
 
     def look(self, context: Context) -> LidarScan:
         """Return the revolution that is complete now, with noise.

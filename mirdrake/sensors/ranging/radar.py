@@ -57,44 +57,18 @@ class Radar(SampledSensor):
         frame: where the radar is mounted; fixed to a body.
         mount: field of view, limits, rate and noise.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        without: model instances that are not seen.
         hidden: bodies that are not seen.
     """
 
     record = None
 
     def __init__(
-        self,
-        world: RayWorld,
-        frame: Frame,
-        mount: "RadarMount",
-        *,
-        stream: int = 0,
-        without: tuple[int, ...] = (),
-        hidden: tuple[int, ...] = (),
+        self, world: RayWorld, frame: Frame, mount: "RadarMount", *, stream: int = 0, hidden: tuple[int, ...] = ()
     ) -> None:
-        super().__init__(
-            radar_signals(mount.targets),
-            rate=mount.rate,
-            noise=[0.0] * (3 * mount.targets),
-            stream=stream,
-            initial=NOTHING * mount.targets,
-            latency=mount.latency,
-            dropout=mount.dropout,
-        )
-        self.mount, self.rate = mount, mount.rate
+        super().__init__(radar_signals(mount.targets), mount, stream=stream, initial=NOTHING * mount.targets)
+        self.mount = mount
         beams = field(mount.horizontal_fov, mount.vertical_fov, mount.columns, mount.rows)
-        self.caster = Caster(
-            self,
-            world,
-            frame,
-            mount,
-            beams,
-            stream=stream,
-            without=without,
-            hidden=hidden,
-            ground=mount.ground,
-        )
+        self.caster = Caster(self, world, frame, mount, beams, stream=stream, hidden=hidden, ground=mount.ground)
 
     def measure(self, context: Context) -> Array:
         """Return the present targets with noise (3 targets)."""

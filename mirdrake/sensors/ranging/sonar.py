@@ -40,42 +40,18 @@ class Sonar(SampledSensor):
         frame: where the sonar is mounted; fixed to a body.
         mount: cone, limits, rate and noise.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        without: model instances that are not seen.
         hidden: bodies that are not seen.
     """
 
     record = None
 
     def __init__(
-        self,
-        world: RayWorld,
-        frame: Frame,
-        mount: "SonarMount",
-        *,
-        stream: int = 0,
-        without: tuple[int, ...] = (),
-        hidden: tuple[int, ...] = (),
+        self, world: RayWorld, frame: Frame, mount: "SonarMount", *, stream: int = 0, hidden: tuple[int, ...] = ()
     ) -> None:
-        super().__init__(
-            SONAR,
-            rate=mount.rate,
-            noise=[0.0],
-            stream=stream,
-            initial=[np.inf],
-            latency=mount.latency,
-            dropout=mount.dropout,
-        )
-        self.mount, self.rate = mount, mount.rate
+        super().__init__(SONAR, mount, stream=stream, initial=[np.inf])
+        self.mount = mount
         self.caster = Caster(
-            self,
-            world,
-            frame,
-            mount,
-            cone(mount.cone, mount.rays),
-            stream=stream,
-            without=without,
-            hidden=hidden,
-            ground=mount.ground,
+            self, world, frame, mount, cone(mount.cone, mount.rays), stream=stream, hidden=hidden, ground=mount.ground
         )
 
     def measure(self, context: Context) -> Array:

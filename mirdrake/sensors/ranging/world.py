@@ -74,7 +74,6 @@ class _Mover:
     """A body that can move, with its own scene."""
 
     body: int
-    instance: int
     thing: int
     scene: RayScene
 
@@ -120,21 +119,16 @@ class RayWorld:
             looks = [faces for _, faces in _looks(plant, inspector, body)]
             if looks:
                 thing = self._number(plant.GetModelInstanceName(body.model_instance()))
-                self._movers.append(_Mover(index, int(body.model_instance()), thing, ray_scene(joined(looks))))
+                self._movers.append(_Mover(index, thing, ray_scene(joined(looks))))
 
     def _number(self, name: str) -> int:
         if name not in self.things:
             self.things.append(name)
         return self.things.index(name)
 
-    def movers(self, *, without: Container[int] = (), hidden: Container[int] = ()) -> list[int]:
-        """Return the indices of the bodies that can move and be seen.
-
-        Args:
-            without: model instances that are left out.
-            hidden: bodies that are left out.
-        """
-        return [mover.body for mover in self._movers if mover.instance not in without and mover.body not in hidden]
+    def movers(self, hidden: Container[int] = ()) -> list[int]:
+        """Return the indices of the bodies that can move and be seen, without the hidden ones."""
+        return [mover.body for mover in self._movers if mover.body not in hidden]
 
     def cast(
         self,
