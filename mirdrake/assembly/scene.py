@@ -212,7 +212,7 @@ def _read(data: Mapping[str, Any], place: Path) -> Scene:
             changes.append(f"{shown(mesh)}: is missing; the run is shown without it")
         elif now != recorded:
             changes.append(f"{shown(mesh)}: has changed since the run; it is shown as it is now")
-    world = read_world(data["world"], _find, place=shown(place / FILE))
+    world = read_world(data["world"], _find, location=shown(place / FILE))
     world.spec.scenery[:] = [mesh for mesh in world.spec.scenery if scenery_file(world, mesh).is_file()]
     vehicles = {}
     for name, entry in data["vehicles"].items():

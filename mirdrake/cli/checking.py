@@ -85,28 +85,28 @@ def check_vehicle(name: str) -> Findings:
     """
     path = Path(name).parent if Path(name).name in FILES else Path(name)
     folder, only = (resolved(path), None) if any(map(Path.is_file, map(path.joinpath, FILES))) else find_vehicle(name)
-    found = Findings()
-    found.note([*_layout(folder), *_not_xml(folder)])
+    faults = Findings()
+    faults.note([*_layout(folder), *_not_xml(folder)])
     for variant in [only] if only is not None else [None, *variants(folder)]:
         own = Findings()
         with own.caught():
             _check_files(folder, variant, own)
-        found.note(own.faults)
+        faults.note(own.faults)
         # Where the vehicle itself does not stand, its variants would only say so in other words.
-        if not own.faults and not found.failures and next(_not_xml(folder), None) is None:
-            with found.caught():
+        if not own.faults and not faults.failures and next(_not_xml(folder), None) is None:
+            with faults.caught():
                 vehicle = load_vehicle(str(folder) if variant is None else f"{folder}{VARIANT_MARK}{variant}")
-                found.remarks += [line for line in vehicle.warnings if line not in found.remarks]
-                found.failures += [f"{vehicle.name}: {line}" for line in _restless(vehicle)]
-    return found
+                faults.remarks += [line for line in vehicle.warnings if line not in faults.remarks]
+                faults.failures += [f"{vehicle.name}: {line}" for line in _restless(vehicle)]
+    return faults
 
 
 def _layout(folder: Path) -> Iterator[str]:
     """Files that are missing, each with the name that may be meant."""
-    there = sorted(path.name for path in folder.iterdir() if path.name not in FILES)
+    entries = sorted(path.name for path in folder.iterdir() if path.name not in FILES)
     for name in FILES:
         if not (folder / name).exists():
-            near = get_close_matches(name, there, n=1)
+            near = get_close_matches(name, entries, n=1)
             hint = f"; is it '{near[0]}'?" if near else ""
             yield f"{shown(folder / name)}: no such file{hint}"
 
@@ -121,30 +121,30 @@ def _not_xml(folder: Path) -> Iterator[str]:
                 yield str(error)
 
 
-def _check_files(folder: Path, variant: str | None, found: Findings) -> None:
+def _check_files(folder: Path, variant: str | None, missing: Findings) -> None:
     """Take down the faults of the YAML files, of the xacro files, and of the URDF against what the former say."""
     change = load_variant(folder, variant)
     spec = sensors = urdf = None
-    with found.caught():
+    with missing.caught():
         spec = load_part(folder, "vehicle", VehicleSpec, change)
-    with found.caught():
+    with missing.caught():
         load_part(folder, "control", ControlSpec, change)
-    with found.caught():
+    with missing.caught():
         sensors = load_part(folder, "sensors", SensorsSpec, change)
     at = where(change, "arguments") if variant is not None else ""
     if spec is not None and "drive" in change.arguments:
-        with found.caught():
+        with missing.caught():
             spec = with_drive(spec, change.arguments["drive"], at)
     if next(_not_xml(folder), None) is not None:
         return
-    with found.caught():
+    with missing.caught():
         defaults = {"drive": spec.drive} if spec is not None else {}
         urdf = render_xacro(folder / MAIN_FILE, arguments=change.arguments, defaults=defaults, where=at)
     if urdf is not None:
-        found.note(
+        missing.note(
             [line for fault in find_faults(urdf, spec=spec, sensors=sensors) for line in str(fault).splitlines()]
         )
-        with found.caught():
+        with missing.caught():
             resolve_meshes(urdf, folder)
 
 

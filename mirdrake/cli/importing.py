@@ -82,8 +82,8 @@ def run(options: argparse.Namespace) -> int:
         except MissingArgumentsError as error:
             if not sys.stdin.isatty():
                 raise
-            for name, place in error.arguments.items():
-                arguments[name] = input(f"{place}: value of the xacro argument {name}: ")
+            for name, location in error.arguments.items():
+                arguments[name] = input(f"{location}: value of the xacro argument {name}: ")
         else:
             return 0
 
@@ -127,5 +127,5 @@ def _print_plan(plan: "ImportPlan") -> None:
     )
     print(f"  {count_changes(plan.changes)}; meshes are only converted and checked by the import itself")
     for change in plan.changes:
-        place = f"{change.place}: " if change.place else ""
-        print(f"  {place}{change.sentence}")
+        location = f"{change.place}: " if change.place else ""
+        print(f"  {location}{change.sentence}")

@@ -116,9 +116,9 @@ def run(options: argparse.Namespace) -> int:
         _print_summary(finished)
     if not finished.diverged:
         return 0
-    place = f"{shown(finished.folder)}: " if finished.folder else ""
+    location = f"{shown(finished.folder)}: " if finished.folder else ""
     print(
-        f"error: {place}the run {finished.stop}; fix the block that computes it, or try a smaller plant.time_step",
+        f"error: {location}the run {finished.stop}; fix the block that computes it, or try a smaller plant.time_step",
         file=sys.stderr,
     )
     return 1

@@ -152,9 +152,9 @@ def _format_requirement(result: "Result") -> str:
     worst = result.worst
     if worst is None or result.verdict in {"error", "invalid"}:
         return result.reason
-    place = f" (at {worst.worst_time:.2f} s)" if worst.margin is not None else ""
+    when = f" (at {worst.worst_time:.2f} s)" if worst.margin is not None else ""
     more = sum(not finding.passed for finding in result.findings) - 1
-    return f"{worst.text}{place}" + (f", and {more} more failed" if more > 0 else "")
+    return f"{worst.text}{when}" + (f", and {more} more failed" if more > 0 else "")
 
 
 def _write_run_reports(suite: "Suite") -> None:
@@ -163,9 +163,9 @@ def _write_run_reports(suite: "Suite") -> None:
     from mirdrake.runs.logs import SUMMARY, load_run, reads_run
 
     for result in suite.results:
-        place = suite.folder / result.folder if suite.folder is not None and result.folder is not None else None
-        if place is not None and (place / SUMMARY).is_file():
-            reads_run(write_report)(load_run(place))
+        location = suite.folder / result.folder if suite.folder is not None and result.folder is not None else None
+        if location is not None and (location / SUMMARY).is_file():
+            reads_run(write_report)(load_run(location))
 
 
 def _result_lines(suite: "Suite", wall: float) -> Iterator[str]:

@@ -109,15 +109,15 @@ class Staging:
         """
         paths = [path for path in self.path.rglob("*") if not path.is_dir()] if merge else list(self.path.iterdir())
         made = [path.relative_to(self.path) for path in sorted(paths, key=lambda path: (path.suffix == ".yaml", path))]
-        gone = dict.fromkeys([*(Path(path.name) for path in replaced), *made])
+        removed = dict.fromkeys([*(Path(path.name) for path in replaced), *made])
 
         # The two lists are what a later process needs to undo a publication that was killed.
         old, made_folders = self._hidden / "old", list[Path]()
         (self._hidden / "names").write_text("\n".join(map(str, made)), encoding="utf-8")
-        (self._hidden / "replaced").write_text("\n".join(map(str, gone)), encoding="utf-8")
+        (self._hidden / "replaced").write_text("\n".join(map(str, removed)), encoding="utf-8")
         old.mkdir()
         try:
-            for name in gone:
+            for name in removed:
                 target = self.folder / name
                 if target.is_symlink() or target.exists():
                     (old / name).parent.mkdir(parents=True, exist_ok=True)

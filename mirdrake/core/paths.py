@@ -53,7 +53,7 @@ def names(kind: str) -> dict[str, Path]:
     Args:
         kind: "models", "worlds", "diagrams" or "studies".
     """
-    found: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for folder in search_folders(kind):
         if kind == "models":
             entries = {path.parent.name: path.parent for path in folder.glob("*/vehicle.yaml")}
@@ -61,8 +61,8 @@ def names(kind: str) -> dict[str, Path]:
             entries = {path.stem: path for path in folder.glob("*.yaml")}
         for name, path in entries.items():
             if not is_hidden(name):
-                found.setdefault(name, path)
-    return dict(sorted(found.items()))
+                paths.setdefault(name, path)
+    return dict(sorted(paths.items()))
 
 
 def is_hidden(name: str) -> bool:
@@ -81,7 +81,7 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
     Raises:
         ConfigError: the name is unknown.
     """
-    one = {"models": "vehicle", "worlds": "world", "diagrams": "diagram", "studies": "study"}[kind]
+    noun = {"models": "vehicle", "worlds": "world", "diagrams": "diagram", "studies": "study"}[kind]
     prefix = f"{where}: " if where else ""
     as_path = Path(os.path.expanduser(name))  # keeps "~nobody", for which Path.expanduser raises an error
     is_yaml = as_path.suffix in {".yaml", ".yml"}
@@ -92,8 +92,8 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
         return known[name]
     if os.sep in name or is_yaml:
         wanted = "a folder with a vehicle.yaml" if kind == "models" else "a .yaml file"
-        raise ConfigError(f"{prefix}no {one} at '{name}': {wanted} is expected there")
-    raise ConfigError(f"{prefix}unknown {one} '{name}'; {did_you_mean(name, known)}")
+        raise ConfigError(f"{prefix}no {noun} at '{name}': {wanted} is expected there")
+    raise ConfigError(f"{prefix}unknown {noun} '{name}'; {did_you_mean(name, known)}")
 
 
 def _is_file(path: Path) -> bool:

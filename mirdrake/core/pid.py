@@ -200,17 +200,17 @@ def pid_step(
     return PidState(control, integral, filtered, kp, kd, tf, b, c, 1.0), control
 
 
-def read_pid(memory: Sequence[float], at: int) -> PidState:
+def read_pid(memory: Sequence[float], begin: int) -> PidState:
     """Return the state of a controller that begins at an index of a longer memory."""
     return PidState(
-        memory[at], memory[at + 1], memory[at + 2], memory[at + 3], memory[at + 4], memory[at + 5], memory[at + 6],
-        memory[at + 7], memory[at + 8],
+        memory[begin], memory[begin + 1], memory[begin + 2], memory[begin + 3], memory[begin + 4],
+        memory[begin + 5], memory[begin + 6], memory[begin + 7], memory[begin + 8],
     )  # fmt: skip
 
 
-def write_pid(memory: MutableSequence[float], at: int, state: PidState) -> None:
+def write_pid(memory: MutableSequence[float], begin: int, state: PidState) -> None:
     """Write the state of a controller into a longer memory; the inverse of :func:`read_pid`."""
-    memory[at], memory[at + 1], memory[at + 2] = state.control, state.integral, state.filtered
-    memory[at + 3], memory[at + 4], memory[at + 5] = state.kp, state.kd, state.filter_time
-    memory[at + 6], memory[at + 7] = state.proportional_weight, state.derivative_weight
-    memory[at + 8] = state.started
+    memory[begin], memory[begin + 1], memory[begin + 2] = state.control, state.integral, state.filtered
+    memory[begin + 3], memory[begin + 4], memory[begin + 5] = state.kp, state.kd, state.filter_time
+    memory[begin + 6], memory[begin + 7] = state.proportional_weight, state.derivative_weight
+    memory[begin + 8] = state.started

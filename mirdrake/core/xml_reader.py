@@ -91,8 +91,8 @@ def parse_xml(
 
     def reject_entity(entity: str, *_: Any) -> NoReturn:
         shown_entity = "".join(letter if letter.isprintable() else "?" for letter in str(entity))[:60]
-        place = f"{name}:{parser.CurrentLineNumber}"
-        raise error(f"{place}: declares the XML entity '{shown_entity}'; write out what it stands for")
+        location = f"{name}:{parser.CurrentLineNumber}"
+        raise error(f"{location}: declares the XML entity '{shown_entity}'; write out what it stands for")
 
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
     parser.EntityDeclHandler = parser.ExternalEntityRefHandler = parser.SkippedEntityHandler = reject_entity

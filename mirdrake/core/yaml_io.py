@@ -389,9 +389,9 @@ def _apply_override(data: dict[str, Any], override: str, source: Source) -> tupl
             replaced = min(replaced, depth)
         node[step] = list(child) if isinstance(child, list) else dict(child) if isinstance(child, dict) else {}
         node = node[step]
-    gone = full[:replaced]
-    lines = {key: line for key, line in source.lines.items() if key[:replaced] != gone}
-    overrides = {key: text for key, text in source.overrides.items() if key[:replaced] != gone}
+    replaced_path = full[:replaced]
+    lines = {key: line for key, line in source.lines.items() if key[:replaced] != replaced_path}
+    overrides = {key: text for key, text in source.overrides.items() if key[:replaced] != replaced_path}
     overrides |= {full[:length]: given_as for length in range(replaced, len(full))}
     overrides |= {(*full, *key): given_as for key in ((), *inner.lines)}
     return result, source._replace(lines=lines, overrides=overrides)

@@ -26,8 +26,8 @@ class Source(NamedTuple):
     def where(self, *path: Hashable) -> str:
         """Return ``file:line: dotted.path`` of a key below the prefix; or with the line of its parent."""
         full = (*self.prefix, *path)
-        place = self.place(*path)
-        return f"{place}: {dotted(full)}" if full else place
+        location = self.place(*path)
+        return f"{location}: {dotted(full)}" if full else location
 
     def place(self, *path: Hashable) -> str:
         """Return ``file:line`` of a key below the prefix, or of its nearest parent in the file."""

@@ -45,14 +45,14 @@ def to_geodetic(point: Sequence[float] | Array, datum: DatumSpec) -> Array:
     return np.array(enu2geodetic(x * s - y * c, x * c + y * s, z, *origin), dtype=float)
 
 
-def from_geodetic(place: Sequence[float] | Array, datum: DatumSpec) -> Array:
+def from_geodetic(position: Sequence[float] | Array, datum: DatumSpec) -> Array:
     """Return the point of the world, x, y, z [m] (3), of a position on the Earth; the inverse of :func:`to_geodetic`.
 
     Args:
-        place: latitude [deg], longitude [deg], altitude above the ellipsoid [m] (3).
+        position: latitude [deg], longitude [deg], altitude above the ellipsoid [m] (3).
         datum: where the world's origin is.
     """
-    latitude, longitude, altitude = (float(value) for value in place)
+    latitude, longitude, altitude = (float(value) for value in position)
     origin = (degrees(datum.latitude), degrees(datum.longitude), datum.altitude)
     east, north, up = geodetic2enu(latitude, longitude, altitude, *origin)
     c, s = cos(datum.heading), sin(datum.heading)

@@ -34,17 +34,17 @@ class Fix(NamedTuple):
 def gga(fix: Fix) -> str:
     """Return the sentence GGA with its end of line: time, position and quality of a fix."""
     clock, _ = _clock(fix.time)
-    place = f"{_angle(fix.latitude, 'NS', 2)},{_angle(fix.longitude, 'EW', 3)}"
-    return _sentence(f"GPGGA,{clock},{place},{fix.quality},{_SATELLITES},{_HDOP},{fix.altitude:.3f},M,0.0,M,,")
+    position = f"{_angle(fix.latitude, 'NS', 2)},{_angle(fix.longitude, 'EW', 3)}"
+    return _sentence(f"GPGGA,{clock},{position},{fix.quality},{_SATELLITES},{_HDOP},{fix.altitude:.3f},M,0.0,M,,")
 
 
 def rmc(fix: Fix) -> str:
     """Return the sentence RMC with its end of line: time, date, position, speed [knots] and course of a fix."""
     clock, date = _clock(fix.time)
-    place = f"{_angle(fix.latitude, 'NS', 2)},{_angle(fix.longitude, 'EW', 3)}"
+    position = f"{_angle(fix.latitude, 'NS', 2)},{_angle(fix.longitude, 'EW', 3)}"
     course = round(fix.course, 2) % 360.0
     mode = {2: "D", 4: "R"}.get(fix.quality, "A")
-    return _sentence(f"GPRMC,{clock},A,{place},{fix.speed / KNOT:.3f},{course:.2f},{date},,,{mode}")
+    return _sentence(f"GPRMC,{clock},A,{position},{fix.speed / KNOT:.3f},{course:.2f},{date},,,{mode}")
 
 
 def checksum(body: str) -> str:

@@ -142,8 +142,8 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         state.get_mutable_vector(self._held_stamp).SetFromVector([time])
 
     def _slot(self, index: int) -> slice:
-        place = index % self._slots * self._row
-        return slice(place, place + self._row)
+        begin = index % self._slots * self._row
+        return slice(begin, begin + self._row)
 
     def _show(self, context: Context, state: DiscreteValues) -> None:
         """Output the sample whose latency has passed."""
@@ -201,7 +201,7 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
         shown = float(context.get_discrete_state(self._held_stamp).get_value()[0])
         stamps = context.get_discrete_state(self._stamps).get_value()
         waiting = [(float(stamps[i]), self._queue[i]) for i in np.argsort(stamps) if stamps[i] > shown]
-        return [(time, context.get_abstract_state(int(place)).get_value()) for time, place in waiting]
+        return [(time, context.get_abstract_state(int(state)).get_value()) for time, state in waiting]
 
     def _update(self, context: Context, state: State) -> None:
         index = round(context.get_time() * self.rate)
@@ -210,13 +210,13 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
         if self.latency:
             slot = index % len(self._queue)
             state.get_mutable_discrete_state(self._stamps).get_mutable_value()[slot] = -inf if lost else time
-            place = self._queue[slot]
+            target = self._queue[slot]
         else:
             if not lost:
                 state.get_mutable_discrete_state(self._held_stamp).SetFromVector([time])
-            place = self._held
+            target = self._held
         if not lost:
-            self.take(context, index, state.get_mutable_abstract_state(int(place)))
+            self.take(context, index, state.get_mutable_abstract_state(int(target)))
 
     def _show(self, context: Context, state: State) -> None:
         slot = round((context.get_time() - self.latency) * self.rate) % len(self._queue)

@@ -89,6 +89,6 @@ class WheelEncoderMount(SensorMount):
         body = plant.GetFrameByName(self.frame, part.instance).body()
         joints = {joint.child_body().name(): joint for joint in part.wheels}
         if body.name() not in joints:
-            place = where(self, "frame")
-            raise ConfigError(f"{place}: '{self.frame}' is not on a wheel; {did_you_mean(self.frame, joints)}")
+            location = where(self, "frame")
+            raise ConfigError(f"{location}: '{self.frame}' is not on a wheel; {did_you_mean(self.frame, joints)}")
         return WheelEncoder(plant, joints[body.name()], self, stream=stream)

@@ -169,8 +169,8 @@ class _Trips:
         for test in world.spec.tests:
             start = test.start if test.start is not None else next(iter(world.starts))
             if start in world.starts and (test.goal is None or test.goal in world.goals):
-                place = where(test, "goal" if test.goal is not None else "start")
-                yield _Trip(test.vehicle, where(test, "vehicle"), start, test.goal, 0.0, place)
+                location = where(test, "goal" if test.goal is not None else "start")
+                yield _Trip(test.vehicle, where(test, "vehicle"), start, test.goal, 0.0, location)
         if vehicle is not None:
             for start in world.starts:
                 yield _Trip(vehicle, "--vehicle", start, None, 0.0, where(world.spec, "start", start))

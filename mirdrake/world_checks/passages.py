@@ -57,11 +57,11 @@ class Passage:
         for _ in range(_STEPS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.is_open(middle) else (low, middle)
-        here, there, _ = self._ends(high)
-        if here is None or there is None:  # it does not fit at one of the ends
+        here, to_goal, _ = self._ends(high)
+        if here is None or to_goal is None:  # it does not fit at one of the ends
             end = self._start if here is None else self._goal.centroid
             return self._at(end.x, end.y, low)
-        a, b = nearest_points(here, there)
+        a, b = nearest_points(here, to_goal)
         return self._at(0.5 * (a.x + b.x), 0.5 * (a.y + b.y), low)
 
     def _at(self, x: float, y: float, radius: float) -> Bottleneck:
@@ -76,9 +76,9 @@ class Passage:
         free = shapely.difference(self._domain.buffer(-radius), grown)
         parts = shapely.get_parts(free)
         here = [part for part in parts if part.intersects(self._start)]
-        there = [part for part in parts if part.intersects(self._goal)]
+        at_goal = [part for part in parts if part.intersects(self._goal)]
         if not here:
-            return None, max(there, key=lambda part: part.area, default=None), False
-        if here[0] in there:
+            return None, max(at_goal, key=lambda part: part.area, default=None), False
+        if here[0] in at_goal:
             return here[0], here[0], True
-        return here[0], min(there, key=here[0].distance, default=None), False
+        return here[0], min(at_goal, key=here[0].distance, default=None), False

@@ -23,12 +23,12 @@ def format_length(length: float) -> str:
 # --- props --------------------------------------------------------------------------------------------------------
 
 
-def overlap(one: PlacedProp, other: PlacedProp, depth: tuple[float, float], position: Sequence[float]) -> str:
+def overlap(first: PlacedProp, second: PlacedProp, depth: tuple[float, float], position: Sequence[float]) -> str:
     """Return the sentence for two props that overlap; `depth` is a range [m], equal ends are one depth."""
     least, most = (format_length(bound) for bound in depth)
     text = most if depth[0] == depth[1] else f"{least} to {most}"
     return (
-        f"'{one.name}' overlaps '{other.name}' ({other.file_line}) by {text} at {format_position(*position)}; "
+        f"'{first.name}' overlaps '{second.name}' ({second.file_line}) by {text} at {format_position(*position)}; "
         "move one of them, or allow the overlap by a rule allow_overlap"
     )
 
@@ -41,11 +41,11 @@ def too_many_pairs(overlaps: int, neighbours: int) -> str:
     )
 
 
-def gap(one: PlacedProp, other: PlacedProp, distance: float, least: float, rule: str) -> str:
+def gap(first: PlacedProp, second: PlacedProp, distance: float, least: float, rule: str) -> str:
     """Return the sentence for two props that are closer than a rule allows [m]."""
     return (
-        f"'{one.name}' is {format_length(distance)} from '{other.name}' ({other.file_line}); the rule min_gap ({rule}) "
-        f"requires {format_length(least)}"
+        f"'{first.name}' is {format_length(distance)} from '{second.name}' ({second.file_line}); the rule min_gap "
+        f"({rule}) requires {format_length(least)}"
     )
 
 

@@ -267,25 +267,25 @@ def _cast_ray(
     What is not sure is a lower bound.
     """
     simplex = np.empty((4, 3))
-    used, at = 0, 0.0
-    normal, place = (-ray[0], -ray[1], -ray[2]), start
-    off = _minus(place, _support(normal, a, b, points, begin, roundings))
+    used, distance = 0, 0.0
+    normal, point = (-ray[0], -ray[1], -ray[2]), start
+    off = _minus(point, _support(normal, a, b, points, begin, roundings))
     for _ in range(100):
         length = math.sqrt(_dot(off, off))
         if length <= gap or used == 4:
-            return at, True, normal
+            return distance, True, normal
         support = _support(off, a, b, points, begin, roundings)
-        ahead = _dot(off, _minus(place, support))
+        ahead = _dot(off, _minus(point, support))
         if ahead > 0.0:  # the plane through this point is between the place and the difference
             speed = _dot(off, ray)
             if speed >= 0.0:
                 return np.inf, True, normal
             step = -ahead / speed
             if step > 1e-12:
-                at += step
-                if at > far:
+                distance += step
+                if distance > far:
                     return np.inf, True, normal
-                place = (start[0] + at * ray[0], start[1] + at * ray[1], start[2] + at * ray[2])
+                point = (start[0] + distance * ray[0], start[1] + distance * ray[1], start[2] + distance * ray[2])
                 normal = (off[0] / length, off[1] / length, off[2] / length)
         repeated = False
         for i in range(used):
@@ -294,8 +294,8 @@ def _cast_ray(
         if not repeated:
             simplex[used, 0], simplex[used, 1], simplex[used, 2] = support
             used += 1
-        off, used = _reduce(simplex, used, place)
-    return at, False, normal
+        off, used = _reduce(simplex, used, point)
+    return distance, False, normal
 
 
 def _support(direction: Vector, a: int, b: int, points: Array, begin: Indices, roundings: Array) -> Vector:
@@ -326,31 +326,31 @@ def _support(direction: Vector, a: int, b: int, points: Array, begin: Indices, r
     return x, y, z
 
 
-def _reduce(simplex: Array, used: int, place: Vector) -> tuple[Vector, int]:
+def _reduce(simplex: Array, used: int, point: Vector) -> tuple[Vector, int]:
     """Keep of up to four points those whose hull holds its nearest point to a place.
 
     Returns:
         the vector from that point to the place; how many points are kept: four if the place is inside.
     """
-    off, kept = _minus(place, _row(simplex, 0)), (0, 0, 0, 1)
+    off, kept = _minus(point, _row(simplex, 0)), (0, 0, 0, 1)
     if used == 4:
         best, inside = np.inf, True
         for skip in range(4):
             i, j, k = (skip + 1) % 4, (skip + 2) % 4, (skip + 3) % 4
             corner = _row(simplex, i)
             normal = _cross(_minus(_row(simplex, j), corner), _minus(_row(simplex, k), corner))
-            if _dot(normal, _minus(_row(simplex, skip), corner)) * _dot(normal, _minus(place, corner)) > 0.0:
+            if _dot(normal, _minus(_row(simplex, skip), corner)) * _dot(normal, _minus(point, corner)) > 0.0:
                 continue
             inside = False
-            trial, row = _from_triangle(simplex, i, j, k, place)
+            trial, row = _from_triangle(simplex, i, j, k, point)
             if _dot(trial, trial) < best:
                 best, off, kept = _dot(trial, trial), trial, row
         if inside:
             return (0.0, 0.0, 0.0), 4
     elif used == 3:
-        off, kept = _from_triangle(simplex, 0, 1, 2, place)
+        off, kept = _from_triangle(simplex, 0, 1, 2, point)
     elif used == 2:
-        off, kept = _from_segment(simplex, 0, 1, place)
+        off, kept = _from_segment(simplex, 0, 1, point)
     p, q, r = _row(simplex, kept[0]), _row(simplex, kept[1]), _row(simplex, kept[2])
     simplex[0, 0], simplex[0, 1], simplex[0, 2] = p
     simplex[1, 0], simplex[1, 1], simplex[1, 2] = q
@@ -358,35 +358,35 @@ def _reduce(simplex: Array, used: int, place: Vector) -> tuple[Vector, int]:
     return off, kept[3]
 
 
-def _from_segment(simplex: Array, i: int, j: int, place: Vector) -> tuple[Vector, tuple[int, int, int, int]]:
+def _from_segment(simplex: Array, i: int, j: int, point: Vector) -> tuple[Vector, tuple[int, int, int, int]]:
     """Return the vector from the nearest point between two points; the points that span it, and their number."""
     a, b = _row(simplex, i), _row(simplex, j)
-    along, off = _minus(b, a), _minus(place, a)
+    along, off = _minus(b, a), _minus(point, a)
     square, share = _dot(along, along), _dot(along, off)
     if share <= 0.0:
         return off, (i, i, i, 1)
     if share >= square:
-        return _minus(place, b), (j, j, j, 1)
+        return _minus(point, b), (j, j, j, 1)
     share /= square
     return (off[0] - share * along[0], off[1] - share * along[1], off[2] - share * along[2]), (i, j, j, 2)
 
 
-def _from_triangle(simplex: Array, i: int, j: int, k: int, place: Vector) -> tuple[Vector, tuple[int, int, int, int]]:
+def _from_triangle(simplex: Array, i: int, j: int, k: int, point: Vector) -> tuple[Vector, tuple[int, int, int, int]]:
     """Like :func:`_from_segment` for three points."""
     a, b, c = _row(simplex, i), _row(simplex, j), _row(simplex, k)
     normal = _cross(_minus(b, a), _minus(c, a))
     square = _dot(normal, normal)
     if (
         square > 0.0
-        and _dot(_cross(_minus(b, a), _minus(place, a)), normal) >= 0.0
-        and _dot(_cross(_minus(c, b), _minus(place, b)), normal) >= 0.0
-        and _dot(_cross(_minus(a, c), _minus(place, c)), normal) >= 0.0
+        and _dot(_cross(_minus(b, a), _minus(point, a)), normal) >= 0.0
+        and _dot(_cross(_minus(c, b), _minus(point, b)), normal) >= 0.0
+        and _dot(_cross(_minus(a, c), _minus(point, c)), normal) >= 0.0
     ):
-        share = _dot(_minus(place, a), normal) / square
+        share = _dot(_minus(point, a), normal) / square
         return (share * normal[0], share * normal[1], share * normal[2]), (i, j, k, 3)
-    off, kept = _from_segment(simplex, i, j, place)
+    off, kept = _from_segment(simplex, i, j, point)
     for p, q in ((j, k), (k, i)):
-        trial, row = _from_segment(simplex, p, q, place)
+        trial, row = _from_segment(simplex, p, q, point)
         if _dot(trial, trial) < _dot(off, off):
             off, kept = trial, row
     return off, kept

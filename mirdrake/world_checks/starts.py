@@ -20,7 +20,7 @@ _HEIGHTS = 0.1, 1.0  # [m] heights between which a prop is an obstacle for an un
 
 def find_bad_start(world: World, near: Neighbours, name: str, body: Body, volume: Volume) -> list[Fault]:
     """Return the faults of a start for a vehicle: outside the ground, or overlapping props."""
-    start, place = world.starts[name], where(world.spec, "start", name)
+    start, location = world.starts[name], where(world.spec, "start", name)
     pose = (np.array([start.x]), np.array([start.y]), np.array([start.yaw]))
     corners = body.corners(*pose)[0]
     faults = []
@@ -30,7 +30,7 @@ def find_bad_start(world: World, near: Neighbours, name: str, body: Body, volume
     )
     if over > 0.0:
         message = sentences.start_off_ground(body.name, name, float(over), world.ground.extent)
-        faults.append(Fault("start", message, place, (), float(over), (start.x, start.y, 0.0)))
+        faults.append(Fault("start", message, location, (), float(over), (start.x, start.y, 0.0)))
     poses = np.column_stack(pose)
     covered = shapely.union_all([shapely.Polygon(place_outline(slab.outline, poses)[0]) for slab in volume.slabs])
     for number in near.touching(covered):
@@ -47,7 +47,7 @@ def find_bad_start(world: World, near: Neighbours, name: str, body: Body, volume
         message = sentences.start_in_prop(body.name, name, prop, depth, middle.x, middle.y)
         polygon = tuple((float(x), float(y)) for x, y in shapely.get_coordinates(shared.convex_hull)[:-1])
         height = 0.5 * (max(outline.bottom, 0.0) + min(outline.top, body.height))
-        faults.append(Fault("start", message, place, (prop.name,), depth, (middle.x, middle.y, height), polygon))
+        faults.append(Fault("start", message, location, (prop.name,), depth, (middle.x, middle.y, height), polygon))
     return faults
 
 
@@ -70,8 +70,8 @@ def find_inside_props(world: World, near: Neighbours, *, starts: Iterable[str], 
         if point is not None and prop is not None:
             what: Kind = "start" if key == "start" else "goal"
             message = sentences.inside_prop(what, name, prop, point.x, point.y)
-            place = where(world.spec, key, name)
-            faults.append(Fault(what, message, place, (prop.name,), None, (point.x, point.y, 0.0)))
+            location = where(world.spec, key, name)
+            faults.append(Fault(what, message, location, (prop.name,), None, (point.x, point.y, 0.0)))
     return faults
 
 

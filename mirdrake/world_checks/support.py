@@ -72,16 +72,16 @@ def find_gaps(near: Neighbours, rules: Rules | None, skip: set[tuple[str, ...]])
         return []
     props, faults = near.props, []
     for a, b in near.pairs(rules.min_gap):
-        one, other = props[a], props[b]
-        side_by_side = min(one.top, other.top) - max(one.bottom, other.bottom) > LEAST_DEPTH
-        if not side_by_side or (one.name, other.name) in skip or rules.may_overlap(one, other):
+        first, second = props[a], props[b]
+        side_by_side = min(first.top, second.top) - max(first.bottom, second.bottom) > LEAST_DEPTH
+        if not side_by_side or (first.name, second.name) in skip or rules.may_overlap(first, second):
             continue
         gap = max(0.0, near.gap(a, b))
         if gap < rules.min_gap - LEAST_DEPTH:
             rule = rules.gap_where.rpartition(": ")[0] or "rules"
-            message = sentences.gap(one, other, gap, rules.min_gap, rule)
-            names = (one.name, other.name)
-            faults.append(Fault("gap", message, one.where, names, gap, _centre(one, one.bottom)))
+            message = sentences.gap(first, second, gap, rules.min_gap, rule)
+            names = (first.name, second.name)
+            faults.append(Fault("gap", message, first.where, names, gap, _centre(first, first.bottom)))
             if len(faults) == MOST_OVERLAPS:
                 break
     return faults

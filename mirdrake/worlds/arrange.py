@@ -104,7 +104,7 @@ class _Item:
     def pose(self) -> tuple[float, float, float, float]:
         """Return x, y, z [m] and yaw [rad] in W, with jitter."""
         entry, slot, draw = self.entry, self.slot, self.draw
-        x, y = (slot.x, slot.y) if slot.area is None else draw_in(slot.area, draw, place=where(entry, "scatter"))
+        x, y = (slot.x, slot.y) if slot.area is None else draw_in(slot.area, draw, location=where(entry, "scatter"))
         if slot.area is None and entry.at is not None and draw.attempt:
             x, y = entry.at.position(entry, draw)
         heading = slot.heading
@@ -188,9 +188,10 @@ class Arranger:
             raise ConfigError("\n".join(dict.fromkeys(faults)))
         tries = f"in {TRIES} tries" if self._draws_left > 0 else f"within {MOST_DRAWS} tries for the whole world"
         return sorted(placed_props.props, key=lambda prop: prop.order), [
-            f"{place}: no free position for '{names[0]}'{f' and {len(names) - 1} more' if names[1:] else ''} {tries}; "
+            f"{location}: no free position for '{names[0]}'"
+            f"{f' and {len(names) - 1} more' if names[1:] else ''} {tries}; "
             "enlarge the region, or reduce the count or the gaps"
-            for place, names in unplaced.items()
+            for location, names in unplaced.items()
         ]
 
     def _find_position(self, draft: _Draft, placed_props: "_PlacedProps") -> list[PlacedProp] | None:
@@ -256,11 +257,11 @@ class Arranger:
                 )
         inner = GroupPose(*item.pose())
         parameters = {
-            key: draw.parameter(value, f"params.{key}", place=where(group, "params", key))
+            key: draw.parameter(value, f"params.{key}", location=where(group, "params", key))
             for key, value in group.params.items()
         }
         parameters |= {
-            key: draw.parameter(value, f"with.{key}", place=where(entry, "with", key))
+            key: draw.parameter(value, f"with.{key}", location=where(entry, "with", key))
             for key, value in entry.with_.items()
         }
         below = Draw(draw.seed, draw.path, parameters, draw.attempt)

@@ -65,8 +65,8 @@ def pieces_through(
     if smooth:
         places = _smooth(places, closed, smooth)
 
-    ring, found = _curve(places, closed, tolerance)
-    yaw, k, length = found
+    ring, result = _curve(places, closed, tolerance)
+    yaw, k, length = result
     following = np.append(k[1:], k[0]) if closed else k[1:]
     pieces = [Piece(*row) for row in np.column_stack((length, k[: len(length)], following)).tolist()]
     start = (float(ring[0, 0] + middle[0]), float(ring[0, 1] + middle[1]), math.remainder(float(yaw[0]), 2.0 * math.pi))
@@ -146,8 +146,10 @@ def _check_points(points: ArrayLike, closed: bool) -> Array:
         raise WorldError(f"{len(places)} points; a curve needs at least 4")
     chords = _chords(places, closed)
     if chords.min() < 1e-6:
-        at = int(np.argmin(chords))
-        raise WorldError(f"point {at + 1} at ({places[at, 0]:g}, {places[at, 1]:g}) m is repeated; remove one of them")
+        index = int(np.argmin(chords))
+        raise WorldError(
+            f"point {index + 1} at ({places[index, 0]:g}, {places[index, 1]:g}) m is repeated; remove one of them"
+        )
     return places
 
 
@@ -168,18 +170,18 @@ def _curve(places: Array, closed: bool, tolerance: float) -> tuple[Array, tuple[
     parts = np.ones(len(chords), dtype=int)
     for _ in range(_SPLITS + 1):
         ring = _between(places, closed, parts)
-        found = _fit(ring, closed, tolerance)
-        if found is None:
+        result = _fit(ring, closed, tolerance)
+        if result is None:
             parts = 2 * parts
             continue
-        bulge = _bulges(places, closed, ring, found)
+        bulge = _bulges(places, closed, ring, result)
         if best is None or bulge.max() < best[0]:
-            best = float(bulge.max()), ring, found
+            best = float(bulge.max()), ring, result
         wide = bulge > _BULGE
         if wide.any():
             wide &= bulge > _WIDER * _usual_bulges(places, closed)
         if not wide.any():
-            return ring, found
+            return ring, result
         around = wide | (np.roll(wide, 1) if closed else np.append(False, wide[:-1]))
         around |= np.roll(wide, -1) if closed else np.append(wide[1:], False)
         parts = np.where(around, 2 * parts, parts)
@@ -253,12 +255,12 @@ def _smooth(places: Array, closed: bool, rms: float) -> Array:
         ),
         shape=(count, len(node)),
     ).tocsc()
-    here, there = (row, (row + 1) % len(row)) if closed else (row[:-1], row[1:])
+    here, following = (row, (row + 1) % len(row)) if closed else (row[:-1], row[1:])
     side = after[here] / 6.0
     r = scipy.sparse.coo_array(
         (
             np.concatenate(((before + after) / 3.0, side, side)),
-            (np.concatenate((row, here, there)), np.concatenate((row, there, here))),
+            (np.concatenate((row, here, following)), np.concatenate((row, following, here))),
         )
     ).tocsc()
     squared, target = scipy.sparse.csc_array(q.T @ q), q.T @ places
@@ -291,22 +293,22 @@ def _fit(places: Array, closed: bool, tolerance: float) -> tuple[Array, Array, A
     t = np.concatenate(([0.0], np.cumsum(_chords(places, closed))))
     joints = _first_joints(places, t, closed)
     while True:
-        found = solve(places[joints], t[np.append(joints, count)] if closed else t[joints], closed)
-        if found is None:
+        result = solve(places[joints], t[np.append(joints, count)] if closed else t[joints], closed)
+        if result is None:
             if len(joints) == count:
                 return None
             joints = np.arange(count)
             continue
-        off = distances(places, t, joints, found)
+        off = distances(places, t, joints, result)
         ends = np.append(joints, count) if closed else joints
         owner = np.searchsorted(joints, np.arange(count), side="right") - 1
         worst = np.zeros(len(joints))
         np.maximum.at(worst, owner, off)
         split = np.flatnonzero(worst > tolerance)
         if not split.size:
-            return found
+            return result
         joints = np.union1d(joints, (ends[split] + ends[split + 1]) // 2)
-        if split.size > 0.5 * len(found[2]) and len(joints) > 0.25 * count:  # all points become joints
+        if split.size > 0.5 * len(result[2]) and len(joints) > 0.25 * count:  # all points become joints
             joints = np.arange(count)
 
 
@@ -314,9 +316,9 @@ def _first_joints(places: Array, t: Array, closed: bool) -> NDArray[np.intp]:
     """Return indices of points between which the chords turn by at most 0.35 rad and that are at most 40 m apart."""
     ahead = np.roll(places, -1, axis=0)[: len(t) - 1] - places[: len(t) - 1]
     heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])).tolist()
-    at, joints, base = t.tolist(), [0], heading[0]
+    distances, joints, base = t.tolist(), [0], heading[0]
     for i in range(1, len(heading)):
-        if abs(heading[i] - base) > _TURN or at[i + 1] - at[joints[-1]] > _FAR:
+        if abs(heading[i] - base) > _TURN or distances[i + 1] - distances[joints[-1]] > _FAR:
             joints.append(i)
             base = heading[i]
     if not closed:

@@ -195,17 +195,20 @@ def clearance_between(
                 second = shapely.polygons(place_outline(b.outline, other_poses[index]))
                 result[index] = np.minimum(result[index], shapely.distance(first, second))
     known: dict[tuple[int, ...], float] = {}
-    for at in np.flatnonzero(result <= 0.0).tolist():
-        both = np.concatenate((poses[at], other_poses[at]))
+    for row in np.flatnonzero(result <= 0.0).tolist():
+        both = np.concatenate((poses[row], other_poses[row]))
         key = tuple(np.round(both / _ALIKE).astype(np.int64).tolist())
         if key not in known:
             known[key] = depth(
-                (place_outline(a.outline, poses[at : at + 1])[0], place_outline(b.outline, other_poses[at : at + 1])[0])
+                (
+                    place_outline(a.outline, poses[row : row + 1])[0],
+                    place_outline(b.outline, other_poses[row : row + 1])[0],
+                )
                 for a in one.slabs
                 for b in other.slabs
                 if min(a.high, b.high) - max(a.low, b.low) > _REACH
             )
-        result[at] = -known[key]
+        result[row] = -known[key]
     return result
 
 

@@ -131,13 +131,13 @@ def _jacobian(k: Array, length: Array, arcs: _Arcs, size: float, closed: bool) -
     put(row, nodes + ahead, -length / 2.0 / size)
     put(row, 2 * nodes + i, -(k[:parts] + k[ahead]) / 2.0 * size)
     if not closed:
-        for at, (a, b, c, one, two) in enumerate(_ends(nodes), start=3 * parts):
+        for at, (a, b, c, first, second) in enumerate(_ends(nodes), start=3 * parts):
             put(
                 [at] * 3,
                 [nodes + a, nodes + b, nodes + c],
-                np.array([-length[two], length[one] + length[two], -length[one]]) / size,
+                np.array([-length[second], length[first] + length[second], -length[first]]) / size,
             )
-            put([at] * 2, [2 * nodes + two, 2 * nodes + one], np.array([k[b] - k[a], k[b] - k[c]]) * size)
+            put([at] * 2, [2 * nodes + second, 2 * nodes + first], np.array([k[b] - k[a], k[b] - k[c]]) * size)
     shape = (2 * nodes + parts,) * 2
     return scipy.sparse.coo_array(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape

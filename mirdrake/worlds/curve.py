@@ -170,14 +170,14 @@ class Curve:
         """
         if isinstance(x, float | int) and isinstance(y, float | int):
             if near is not None:
-                found = self._descend(x, y, float(near))  # type: ignore[arg-type]
-                if found is not None and abs(found[1]) < _FAR:
-                    return found
+                result = self._descend(x, y, float(near))  # type: ignore[arg-type]
+                if result is not None and abs(result[1]) < _FAR:
+                    return result
             nearest = int(np.argmin((self._x - x) ** 2 + (self._y - y) ** 2))
-            found = self._descend(x, y, self._starts[nearest])
-            if found is None:
+            result = self._descend(x, y, self._starts[nearest])
+            if result is None:
                 raise ValueError(f"cannot project the point ({x}, {y}) on track '{self.name}'")
-            return found
+            return result
         return self._project_many(np.asarray(x, dtype=float), np.asarray(y, dtype=float), near)
 
     # --- the inner parts ------------------------------------------------------------------------------------------

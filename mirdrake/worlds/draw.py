@@ -48,9 +48,9 @@ class Draw:
         """
         if isinstance(value, int | float):
             return float(value)
-        place = where(spec, *name.partition("[")[0].split(".")) if spec is not None else name
+        location = where(spec, *name.partition("[")[0].split(".")) if spec is not None else name
         stream = self.stream(name) if is_random(value) else _NO_STREAM
-        return draw_number(value, unit=unit, parameters=self.parameters, stream=stream, where=place)
+        return draw_number(value, unit=unit, parameters=self.parameters, stream=stream, where=location)
 
     def numbers(self, values: Sequence[Number | str], unit: str, name: str, spec: Schema | None = None) -> list[float]:
         """Return several numbers; see :meth:`number`."""
@@ -63,14 +63,14 @@ class Draw:
             ConfigError: it is negative, too large, or not a whole number.
         """
         number = self.number(value, "", name, spec)
-        place = where(spec, *name.partition("[")[0].split("."))
+        location = where(spec, *name.partition("[")[0].split("."))
         if not is_random(value) and number != int(number):
-            raise ConfigError(f"{place}: {number:g} is not a whole number")
+            raise ConfigError(f"{location}: {number:g} is not a whole number")
         if not 0 <= number <= largest:
-            raise ConfigError(f"{place}: {number:g} props; allowed are 0 to {largest}")
+            raise ConfigError(f"{location}: {number:g} props; allowed are 0 to {largest}")
         return int(number)
 
-    def parameter(self, value: Number | str, name: str, *, place: str) -> Number | str:
+    def parameter(self, value: Number | str, name: str, *, location: str) -> Number | str:
         """Return a number in SI units, or a word; `place` is ``file:line: path``.
 
         Raises:
@@ -78,7 +78,7 @@ class Draw:
         """
         if not isinstance(value, str):
             return value
-        result = evaluate(value, parameters=self.parameters, stream=self.stream(name), where=place)
+        result = evaluate(value, parameters=self.parameters, stream=self.stream(name), where=location)
         return any_to_si(result) if isinstance(result, str) else result
 
     def word(self, value: Number | str, name: str, spec: Schema) -> str:

@@ -199,7 +199,7 @@ class ScatterLayout(Schema, Layout):
 
     def slots(self, entry: Schema, areas: NamedAreas, draw: Draw) -> Iterator[Slot]:
         """Yield the region once for each prop."""
-        area = make_region(self.region, areas, draw, place=where(self, "region"))
+        area = make_region(self.region, areas, draw, location=where(self, "region"))
         for index in range(draw.count(self.count, "count", self, largest=LARGEST_COUNT)):
             yield Slot(0.0, 0.0, 0.0, index, area)
 
@@ -209,7 +209,7 @@ class ScatterLayout(Schema, Layout):
         return True
 
 
-def draw_in(area: BaseGeometry, draw: Draw, *, place: str) -> tuple[float, float]:
+def draw_in(area: BaseGeometry, draw: Draw, *, location: str) -> tuple[float, float]:
     """Return a point [m] of an area, all equally likely.
 
     Raises:
@@ -224,7 +224,7 @@ def draw_in(area: BaseGeometry, draw: Draw, *, place: str) -> tuple[float, float
         if hits.size:
             x, y = points[hits[0]]
             return float(x), float(y)
-    raise ConfigError(f"{place}: the region is too thin to draw points in it; make it wider")
+    raise ConfigError(f"{location}: the region is too thin to draw points in it; make it wider")
 
 
 def _shares(

@@ -108,7 +108,7 @@ def _evaluated(data: dict[str, Any], source: Source) -> dict[str, Any]:
         for key, value in given.items():
             if isinstance(value, str):
                 earlier = Draw(draw.seed, "", parameters)
-                parameters[key] = earlier.parameter(value, f"params.{key}", place=source.where("params", key))
+                parameters[key] = earlier.parameter(value, f"params.{key}", location=source.where("params", key))
             elif isinstance(value, int | float) and not isinstance(value, bool):
                 parameters[key] = value
     data["params"] = parameters if isinstance(given, dict) and len(parameters) == len(given) else given or {}
@@ -235,10 +235,10 @@ def _make_goal(name: str, spec: GoalSpec, tracks: Mapping[str, Track]) -> Goal:
     return Goal(name, area=shapely.Point(spec.at).buffer(spec.radius or 1.0))
 
 
-def _check_track(name: str, tracks: Mapping[str, Track], place: str) -> None:
+def _check_track(name: str, tracks: Mapping[str, Track], location: str) -> None:
     if name not in tracks:
         hint = did_you_mean(name, tracks) if tracks else "the world has no tracks"
-        raise WorldError(f"{place}: unknown track '{name}'; {hint}")
+        raise WorldError(f"{location}: unknown track '{name}'; {hint}")
 
 
 def _make_ground(spec: GroundSpec, tracks: dict[str, Track], folder: Path) -> Ground:

@@ -136,19 +136,19 @@ def lock_content(world: World) -> Content:
 
 def mesh_files(path: Path) -> list[Path]:
     """Return a mesh and the files that it names: buffers and pictures of a glTF, materials and pictures of an OBJ."""
-    found, pictures = [path], []
+    files, pictures = [path], []
     kind = path.suffix.lower()
     if kind == ".gltf":
         data = json.loads(read_bytes(path))
         uris = [item.get("uri", "data:") for key in ("buffers", "images") for item in data.get(key, ())]
-        found += [path.parent / uri for uri in uris if not uri.startswith("data:")]
+        files += [path.parent / uri for uri in uris if not uri.startswith("data:")]
     elif kind == ".obj":
         materials = re.findall(rb"(?m)^\s*mtllib[ \t]+(.+?)[ \t]*\r?$", read_bytes(path))
-        found += [path.parent / name.decode(errors="replace") for name in materials]
-        for material in found[1:]:
+        files += [path.parent / name.decode(errors="replace") for name in materials]
+        for material in files[1:]:
             names = re.findall(rb"(?m)^\s*map_\w+[ \t]+(?:.*[ \t])?(\S+)[ \t]*\r?$", read_bytes(material))
             pictures += [material.parent / name.decode(errors="replace") for name in names]
-    return list(dict.fromkeys(found + pictures))
+    return list(dict.fromkeys(files + pictures))
 
 
 def read_bytes(path: Path) -> bytes:
@@ -238,12 +238,12 @@ def _files(world: World) -> dict[str, str]:
     for prop in dict.fromkeys(placed.prop for placed in world.props):
         meshes = [solid.mesh for solid in prop.solids if solid.mesh is not None]
         meshes += [prop.visual] if prop.visual is not None else []
-        home = library.get(prop.name)
-        if home is not None and all(resolved(mesh).is_relative_to(resolved(home)) for mesh in meshes):
-            for path in sorted(home.rglob("*")):
-                inner = path.relative_to(home)
+        library_path = library.get(prop.name)
+        if library_path is not None and all(resolved(mesh).is_relative_to(resolved(library_path)) for mesh in meshes):
+            for path in sorted(library_path.rglob("*")):
+                inner = path.relative_to(library_path)
                 if path.is_file() and not any(part.startswith((".", "__")) for part in inner.parts):
-                    found[str(PurePosixPath("props", home.name, inner))] = path
+                    found[str(PurePosixPath("props", library_path.name, inner))] = path
             continue
         paths = [path for mesh in meshes for path in mesh_files(mesh)]
         paths += {mesh.parent / "prop.yaml" for mesh in meshes if (mesh.parent / "prop.yaml").is_file()}

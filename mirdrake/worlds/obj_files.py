@@ -71,16 +71,16 @@ class ObjFiles:
         if path.suffix.lower() == ".obj":
             for file in mesh_files(path):
                 self.files[f"{folder}/{file.name}"] = read_bytes(file)
-            found: list[tuple[str, Color | None]] = [(f"{folder}/{path.name}", None)]
+            paths: list[tuple[str, Color | None]] = [(f"{folder}/{path.name}", None)]
         else:
             parts = _load(path)
-            found = self._write(f"{folder}/{path.stem}", [part for part in parts if part.material != paint])
+            paths = self._write(f"{folder}/{path.stem}", [part for part in parts if part.material != paint])
             painted = [part for part in parts if part.material == paint]
             if painted:
                 self._write(f"{folder}/{path.stem}_paint", painted, colored=False)
-                found.append((f"{folder}/{path.stem}_paint.obj", painted[0].color))
-        self._known[path, paint] = found
-        return found
+                paths.append((f"{folder}/{path.stem}_paint.obj", painted[0].color))
+        self._known[path, paint] = paths
+        return paths
 
     def add_gltf(self, name: str, data: Mapping[str, Any]) -> list[tuple[str, Color | None]]:
         """Add a self-contained glTF document; returns as :meth:`add_mesh`."""
@@ -119,8 +119,8 @@ class ObjFiles:
         lines, materials = ([f"mtllib {name}.mtl"] if colored else []), []
         base = np.ones(3, dtype=np.int64)
         for number, part in enumerate(parts):
-            points, at = np.unique(np.round(part.points, 5) + 0.0, axis=0, return_inverse=True)
-            normals, facing = np.unique(np.round(part.normals, 3) + 0.0, axis=0, return_inverse=True)
+            points, point_index = np.unique(np.round(part.points, 5) + 0.0, axis=0, return_inverse=True)
+            normals, normal_index = np.unique(np.round(part.normals, 3) + 0.0, axis=0, return_inverse=True)
             lines += ["v " + " ".join(f"{x:.9g}" for x in point) for point in points.tolist()]
             lines += ["vn " + " ".join(f"{x:.9g}" for x in normal) for normal in normals.tolist()]
             textured = colored and part.picture is not None and part.uv is not None
@@ -136,7 +136,7 @@ class ObjFiles:
                 materials.append(f"map_Kd {name}_{number}.png")
                 self.files[f"{stem}_{number}.png"] = part.picture
             corner = part.faces.ravel()
-            vertex, normal = at.ravel()[corner] + base[0], facing.ravel()[corner] + base[1]
+            vertex, normal = point_index.ravel()[corner] + base[0], normal_index.ravel()[corner] + base[1]
             middle = [str(i) for i in (corner + base[2])] if textured else [""] * len(corner)
             texts = [f"{v}/{t}/{n}" for v, t, n in zip(vertex.tolist(), middle, normal.tolist(), strict=True)]
             lines += [f"f {texts[i]} {texts[i + 1]} {texts[i + 2]}" for i in range(0, len(texts), 3)]
@@ -190,7 +190,7 @@ def _parts(source: Path | io.BytesIO, name: str) -> list[_Part]:
     except Exception as error:  # readers of mesh files raise many types
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         raise WorldError(f"{name}: is not a mesh that can be read: {reason}") from None
-    found = []
+    parts = []
     for mesh in meshes:
         material, uv, picture = getattr(mesh.visual, "material", None), getattr(mesh.visual, "uv", None), None
         image = getattr(material, "baseColorTexture", None)
@@ -201,13 +201,13 @@ def _parts(source: Path | io.BytesIO, name: str) -> list[_Part]:
         factor = getattr(material, "baseColorFactor", None)
         linear = np.array([0.5, 0.5, 0.5]) if factor is None else _linear(factor)
         red, green, blue = (float(c) for c in np.clip(linear, 0.0, 1.0) ** (1.0 / 2.2))
-        found.append(
+        parts.append(
             _Part(
                 str(getattr(material, "name", "")), (red, green, blue), np.asarray(mesh.vertices) @ _UPRIGHT.T,
                 np.asarray(mesh.vertex_normals) @ _UPRIGHT.T, np.asarray(mesh.faces, dtype=np.int64), uv, picture,
             )
         )  # fmt: skip
-    return found
+    return parts
 
 
 def _linear(factor: Any) -> Array:

@@ -120,11 +120,11 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
         s = np.interp(s, ends, np.cumsum([0.0] + [piece.length for piece in pieces]))
         return OpenDriveRoad(name, pieces, start, closed, s, left, right, left_out)
     left_out.append(f"reference line: fitted within {1e3 * _TOLERANCE:g} mm ({_why(legs, closed)})")
-    points, at = _sample(legs, closed, s, middle)
+    points, stations = _sample(legs, closed, s, middle)
     try:
         pieces, start = pieces_through(points, closed=closed, tolerance=_TOLERANCE)
         track = Track(pieces, start=start, closed=closed)
-        edges = edges_from_widths(track, points, np.interp(at, s, left), np.interp(at, s, right))
+        edges = edges_from_widths(track, points, np.interp(stations, s, left), np.interp(stations, s, right))
     except WorldError as error:
         raise ConfigError(f"{where}: road '{name}': {error}") from None
     return OpenDriveRoad(name, pieces, start, closed, *edges, left_out)
@@ -197,7 +197,7 @@ def _join(parts: Sequence[RoadPart]) -> tuple[list[Leg], tuple[Array, Array, Arr
         # The first road ends at an end of the second; every other begins where the one before ends.
         follow = [parts[1].legs[0].begin, parts[1].legs[-1].end] if len(parts) > 1 else [part.legs[-1].end]
         misses = [
-            _miss(legs[-1].end, run[0].begin)[0] if legs else min(_miss(run[-1].end, at)[0] for at in follow)
+            _miss(legs[-1].end, run[0].begin)[0] if legs else min(_miss(run[-1].end, end)[0] for end in follow)
             for run in (part.legs, turned)
         ]
         back = misses[0] > _APART[0] and misses[1] < misses[0]
@@ -305,10 +305,10 @@ def _left_out(root: Element, roads: Mapping[str, Element], ids: Sequence[str], l
     if len(ids) < len(roads):
         notes.append(f"other roads: {len(roads) - len(set(ids))}")
     for what, path in (("signals", "signals/signal"), ("objects", "objects/object"), ("road marks", ".//roadMark")):
-        if found := sum(1 for road in chosen for _ in road.iterfind(path)):
-            notes.append(f"{what}: {found}")
-    if found := sum(1 for _ in root.iterfind("junction")):
-        notes.append(f"junctions: {found}")
+        if lines := sum(1 for road in chosen for _ in road.iterfind(path)):
+            notes.append(f"{what}: {lines}")
+    if lines := sum(1 for _ in root.iterfind("junction")):
+        notes.append(f"junctions: {lines}")
     lanes = {e.get("type", "") for road in chosen for e in road.iter("lane") if e.get("id") != "0"}
     if others := sorted(kind for kind in lanes if kind != lane):
         notes.append(f"lanes other than '{lane}', unless they are between: {', '.join(others)}")

@@ -161,8 +161,8 @@ def _read_polynomial(
     x0, y0, yaw0 = start
     c, s = math.cos(yaw0), math.sin(yaw0)
 
-    def pose(at: Array) -> tuple[Array, Array, Array]:
-        q = np.interp(at * (travelled[-1] / length), travelled, p)
+    def pose(station: Array) -> tuple[Array, Array, Array]:
+        q = np.interp(station * (travelled[-1] / length), travelled, p)
         a, b = along(q), across(q)
         yaw = yaw0 + np.arctan2(across.deriv()(q), along.deriv()(q))
         return x0 + c * a - s * b, y0 + s * a + c * b, yaw

@@ -135,18 +135,18 @@ def _outlines(placed: "PlacedProp", low: float, high: float) -> Iterator[Outline
         yield Outline(shapely.MultiPoint(flat).convex_hull, 0.0, max(low, bottom), min(high, top))
 
 
-def gap_between(one: Outline, other: Outline) -> float:
+def gap_between(first: Outline, second: Outline) -> float:
     """Return the distance of two outlines seen from above [m], negative for the depth of an overlap.
 
     The depth is the length of the shortest translation that separates them: exact for polygons, and for a disc whose
     centre is outside the other core; otherwise an upper bound.
     """
-    apart = float(one.core.distance(other.core))
+    apart = float(first.core.distance(second.core))
     if apart > 0.0:
-        return apart - one.radius - other.radius
-    a, b, normals = one.corners, other.corners, np.concatenate((one.normals, other.normals))
+        return apart - first.radius - second.radius
+    a, b, normals = first.corners, second.corners, np.concatenate((first.normals, second.normals))
     if not len(normals):  # two discs about the same point
-        return -one.radius - other.radius
+        return -first.radius - second.radius
     spans_a, spans_b = a @ normals.T, b @ normals.T
     overlap = np.minimum(spans_a.max(axis=0) - spans_b.min(axis=0), spans_b.max(axis=0) - spans_a.min(axis=0))
-    return -float(overlap.min()) - one.radius - other.radius
+    return -float(overlap.min()) - first.radius - second.radius

@@ -235,12 +235,12 @@ class PropFile(Schema):
 
 def prop_names() -> dict[str, Path]:
     """Return the folders of all props by name."""
-    found: dict[str, Path] = {}
+    folders: dict[str, Path] = {}
     for folder in search_folders("models"):
         for path in sorted(folder.glob("props/*/prop.yaml")):
             if not is_hidden(path.parent.name):
-                found.setdefault(path.parent.name, path.parent)
-    return dict(sorted(found.items()))
+                folders.setdefault(path.parent.name, path.parent)
+    return dict(sorted(folders.items()))
 
 
 def _find_prop(name: str) -> Path | None:
@@ -330,7 +330,7 @@ def _load_file(path: Path) -> PropFile:
 
 
 @lru_cache(maxsize=4096)
-def _make_prop(folder: Path, name: str, factors: Size, place: str, stamps: tuple[float, ...]) -> Prop:  # noqa: ARG001
+def _make_prop(folder: Path, name: str, factors: Size, location: str, stamps: tuple[float, ...]) -> Prop:  # noqa: ARG001
     """Return a prop, made once for all entries of a line; `stamps` renew it when its files have changed."""
     spec = _load_file(folder / "prop.yaml")
     solids = tuple(_solid(solid, folder, factors, where(solid)) for solid in spec.solids)
@@ -340,27 +340,27 @@ def _make_prop(folder: Path, name: str, factors: Size, place: str, stamps: tuple
         visual = folder / spec.visual
         if not visual.is_file():
             raise ConfigError(f"{where(spec, 'visual')}: no such file: {spec.visual}")
-    _check_sides((x, y, z), f"'{name}'", place)
+    _check_sides((x, y, z), f"'{name}'", location)
     mass = spec.mass * math.prod(factors)
     return Prop(name, solids, (x, y, z), mass, spec.mu, visual, factors, spec.paint, spec.driven_over)
 
 
-def _solid(spec: Any, folder: Path, factors: Size, place: str) -> Solid:
+def _solid(spec: Any, folder: Path, factors: Size, location: str) -> Solid:
     """Return a solid, stretched by factors along the axes of P."""
     X_PS = RigidTransform(RollPitchYaw(spec.roll, spec.pitch, spec.yaw), np.multiply(spec.at, factors))
     uniform = math.isclose(factors[0], factors[1]) and math.isclose(factors[0], factors[2])
     if not uniform and (spec.roll or spec.pitch or spec.yaw):
         raise ConfigError(
-            f"{_prefix(place)}a turned solid cannot be stretched; give the prop a scale, or leave it upright"
+            f"{_prefix(location)}a turned solid cannot be stretched; give the prop a scale, or leave it upright"
         )
     kind = next(kind for kind in SOLID_KINDS if getattr(spec, kind.key) is not None)
-    return Solid(kind.read(getattr(spec, kind.key), folder, factors, _prefix(place)), X_PS)
+    return Solid(kind.read(getattr(spec, kind.key), folder, factors, _prefix(location)), X_PS)
 
 
-def _check_sides(sides: tuple[float, ...], what: str, place: str) -> None:
+def _check_sides(sides: tuple[float, ...], what: str, location: str) -> None:
     for side in sides:
         if not SMALLEST <= side <= LARGEST:
-            raise ConfigError(f"{_prefix(place)}{what} with a side of {side:g} m; allowed are 1 mm to 10 km")
+            raise ConfigError(f"{_prefix(location)}{what} with a side of {side:g} m; allowed are 1 mm to 10 km")
 
 
 def _prefix(where: str) -> str:

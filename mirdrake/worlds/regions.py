@@ -46,7 +46,7 @@ class NamedAreas:
     tracks: Mapping[str, Track]
     patches: Mapping[str, Patch]
 
-    def track(self, name: str, place: str) -> Track:
+    def track(self, name: str, location: str) -> Track:
         """Return the track of a name; `place` is ``file:line: path`` for messages.
 
         Raises:
@@ -54,7 +54,7 @@ class NamedAreas:
         """
         if name not in self.tracks:
             hint = did_you_mean(name, self.tracks) if self.tracks else "the world has no tracks"
-            raise ConfigError(f"{place}: unknown track '{name}'; {hint}")
+            raise ConfigError(f"{location}: unknown track '{name}'; {hint}")
         return self.tracks[name]
 
 
@@ -167,14 +167,14 @@ class PatchSpec(RegionSpec):
         return self
 
 
-def make_region(spec: RegionSpec | str, areas: NamedAreas, draw: Draw, *, place: str = "") -> BaseGeometry:
+def make_region(spec: RegionSpec | str, areas: NamedAreas, draw: Draw, *, location: str = "") -> BaseGeometry:
     """Return a region as a polygon in W [m].
 
     Args:
         spec: the region, or the name of a patch or a track.
         areas: patches and tracks.
         draw: evaluates values.
-        place: ``file:line: path`` of a name.
+        location: ``file:line: path`` of a name.
 
     Raises:
         ConfigError: the name is unknown, or the region is empty.
@@ -186,7 +186,7 @@ def make_region(spec: RegionSpec | str, areas: NamedAreas, draw: Draw, *, place:
             return areas.tracks[spec].area
         known = [*areas.patches, *areas.tracks]
         hint = did_you_mean(spec, known) if known else "the world has no patches or tracks; give rect, disc or polygon"
-        raise ConfigError(f"{place}: unknown region '{spec}'; {hint}")
+        raise ConfigError(f"{location}: unknown region '{spec}'; {hint}")
     kind: Region = given_one(spec, kinds_of(RegionSpec, Region))
     polygon = kind.polygon(spec, areas, draw)
     if polygon is None or polygon.is_empty or polygon.area < 1e-9:

@@ -135,8 +135,8 @@ class Rules:
         patterns += [(rule.props, rule.where) for rule in self.on_ground]
         names = sorted({prop.name.partition("[")[0] for prop in props})
         faults += [
-            f"{place}: no prop is called '{pattern}'; {did_you_mean(pattern, names)}"
-            for pattern, place in patterns
+            f"{location}: no prop is called '{pattern}'; {did_you_mean(pattern, names)}"
+            for pattern, location in patterns
             if props and not any(prop.is_called(pattern) for prop in props)
         ]
         return faults
@@ -152,7 +152,7 @@ def _check_drivable(spec: DrivableSpec, starts: Mapping[str, Start], goals: Mapp
     _point(spec.to, starts, goals, where(spec, "to"))
 
 
-def _point(name: str, starts: Mapping[str, Start], goals: Mapping[str, Goal], place: str) -> tuple[float, float]:
+def _point(name: str, starts: Mapping[str, Start], goals: Mapping[str, Goal], location: str) -> tuple[float, float]:
     """Return the centre of a start or goal [m]."""
     if name in starts:
         return starts[name].x, starts[name].y
@@ -161,7 +161,7 @@ def _point(name: str, starts: Mapping[str, Start], goals: Mapping[str, Goal], pl
         centre = goal.area.centroid
         return centre.x, centre.y
     known = [*starts, *(name for name, goal in goals.items() if goal.area is not None)]
-    raise ConfigError(f"{place}: no start or goal with an area is called '{name}'; {did_you_mean(name, known)}")
+    raise ConfigError(f"{location}: no start or goal with an area is called '{name}'; {did_you_mean(name, known)}")
 
 
 def _keep_clear(
@@ -189,6 +189,6 @@ def _keep_clear(
 
 
 def _placement_rule(spec: PlacementRuleSpec, areas: NamedAreas, draw: Draw, *, inside: bool) -> _AreaRule:
-    area = make_region(spec.region, areas, draw, place=where(spec, "region"))
+    area = make_region(spec.region, areas, draw, location=where(spec, "region"))
     fault = "is not inside its region" if inside else "is not outside its region"
     return _AreaRule(area, spec.props, inside=inside, where=where(spec), fault=fault)

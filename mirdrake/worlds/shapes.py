@@ -132,15 +132,15 @@ class FileShape(RootModel[str], PropShape):
 
     def make(self, entry: Schema, draw: Draw, folder: Path, size: Size | None, scale: float) -> Prop:
         """Return the prop."""
-        path, place = folder / self.root, where(entry, "file")
+        path, location = folder / self.root, where(entry, "file")
         if (path / "prop.yaml").is_file():
-            return load_prop(f"{resolved(path)}/", scale=scale, where=place)
+            return load_prop(f"{resolved(path)}/", scale=scale, where=location)
         if path.suffix.lower() not in MESH_SUFFIXES or not path.is_file():
             raise ConfigError(
-                f"{place}: no prop at '{self.root}'; give a folder with a prop.yaml, or a .gltf, .glb or .obj file, "
+                f"{location}: no prop at '{self.root}'; give a folder with a prop.yaml, or a .gltf, .glb or .obj file, "
                 "relative to the world file"
             )
-        return make_mesh_prop(resolved(path), scale=scale, where=place)
+        return make_mesh_prop(resolved(path), scale=scale, where=location)
 
     @property
     def label(self) -> str:

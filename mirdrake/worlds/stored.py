@@ -57,21 +57,21 @@ def world_data(world: World, refer: Callable[[Path], str]) -> Data:
     }
 
 
-def read_world(data: Mapping[str, Any], find: FindFile, *, place: str = "world") -> World:
+def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "world") -> World:
     """Return the world of the data of :func:`world_data`.
 
     Args:
         data: of the world.
         find: returns the file of a reference. A prop whose mesh is missing is rendered by its solids; solids whose
             meshes are missing are left out, or replaced by the bounding box of the prop if none is left.
-        place: file of the data, for messages.
+        location: file of the data, for messages.
 
     Raises:
         ConfigError: the specification has faults.
         KeyError, TypeError, ValueError: the data are not those of a world.
     """
     kinds = [_read_prop(kind, find) for kind in data["kinds"]]
-    spec = validate(data["spec"], WorldSpec, Source(place, {}))
+    spec = validate(data["spec"], WorldSpec, Source(location, {}))
     path = None if data["path"] is None else Path(data["path"])
     tracks = {name: _read_track(name, track) for name, track in data["tracks"].items()}
     terrain = make_relief(spec.ground.relief, tracks, path.parent if path is not None else Path.cwd())

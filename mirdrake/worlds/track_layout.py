@@ -166,9 +166,9 @@ def _from_points(spec: TrackSpec) -> _CentreLine:
 def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
     from mirdrake.worlds.csv_tracks import read_csv_track  # its pandas takes longer than all other worlds
 
-    path, place = _find_file(csv, folder, "csv"), where(spec, "csv")
+    path, location = _find_file(csv, folder, "csv"), where(spec, "csv")
     if (csv.right is None) != (csv.left is None):
-        raise ConfigError(f"{place}: right and left belong together; name both columns, or set both null")
+        raise ConfigError(f"{location}: right and left belong together; name both columns, or set both null")
     columns = {"x": csv.x, "y": csv.y, "right": csv.right, "left": csv.left}
     try:
         table = read_csv_track(path, **columns, scale=csv.scale)  # type: ignore[arg-type]
@@ -195,9 +195,9 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
 
         return replace(lay(0.0, math.inf), smoothed=lay)
     except ConfigError as error:
-        raise ConfigError(f"{place}: {error}") from None
+        raise ConfigError(f"{location}: {error}") from None
     except WorldError as error:
-        raise WorldError(f"{place}: {shown(path)}: {error}") from None
+        raise WorldError(f"{location}: {shown(path)}: {error}") from None
 
 
 def _from_xodr(spec: TrackSpec, xodr: XodrSpec, folder: Path) -> _CentreLine:
@@ -352,16 +352,16 @@ def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
     auto_lines = [i for i, piece in enumerate(pieces) if piece.length == 0.0]
     if not auto_lines:
         return pieces
-    place = where(spec, "segments")
+    location = where(spec, "segments")
     needed = 2 if spec.length is None else 3
     if not spec.closed or len(auto_lines) not in (2, needed):
         raise WorldError(
-            f"{place}: {len(auto_lines)} auto lines; a closed track needs two, or three if `length` is given; "
+            f"{location}: {len(auto_lines)} auto lines; a closed track needs two, or three if `length` is given; "
             "an open one cannot have any"
         )
     rest = [piece for piece in pieces if piece.length > 0.0]
     if not rest or math.fsum(piece.length for piece in rest) > _LONGEST:
-        raise WorldError(f"{place}: give other segments beside the auto lines, of 100 km at most")
+        raise WorldError(f"{location}: give other segments beside the auto lines, of 100 km at most")
     track = Track(rest)
     yaws = np.cumsum([0.0] + [piece.turn for piece in pieces])[auto_lines]
     gap_x, gap_y, _ = track.end
@@ -370,12 +370,14 @@ def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
         assert spec.length is not None
         matrix, target = np.vstack((matrix, np.ones(3))), np.append(target, spec.length - track.length)
     if np.linalg.cond(matrix) > 1e6:
-        raise WorldError(f"{place}: the auto lines cannot close the track because they are parallel; choose other ones")
+        raise WorldError(
+            f"{location}: the auto lines cannot close the track because they are parallel; choose other ones"
+        )
     lengths = np.linalg.solve(matrix, target)
     if (lengths <= 0.0).any():
         text = ", ".join(f"{length:.3f}" for length in lengths)
         raise WorldError(
-            f"{place}: auto lines would need lengths of {text} m; change the other segments so that all are positive"
+            f"{location}: auto lines would need lengths of {text} m; change the other segments so that all are positive"
         )
     result = list(pieces)
     for index, length in zip(auto_lines, lengths.tolist(), strict=True):

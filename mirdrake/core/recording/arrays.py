@@ -45,11 +45,11 @@ class ArrayLog:
         self._schema: pa.Schema | None = None
         self.count = 0
 
-    def write(self, at: float, sample: Any) -> None:
+    def write(self, time: float, sample: Any) -> None:
         """Add a sample.
 
         Args:
-            at: when it was taken [s].
+            time: when it was taken [s].
             sample: an array, or a dataclass with arrays and numbers.
 
         Raises:
@@ -61,7 +61,7 @@ class ArrayLog:
             size = 8 + sum(values.nbytes for values in columns.values())
             rows = max(1, _GROUP // size)
             self._table = PartedTable(self._path, rows=rows, compression="zstd", use_dictionary=False)
-        flat = [pa.array([at], pa.float64())]
+        flat = [pa.array([time], pa.float64())]
         for name, values in columns.items():
             kind = self._schema.field(name).type
             if pa.types.is_list(kind):
@@ -157,8 +157,8 @@ class Samples(Mapping[str, Any]):
             with read_errors(self.path):
                 values = {name: self._values(table, name) for name in self}
                 times = table["time"].to_pylist()
-            for row, at in enumerate(times):
-                yield at, {name: column[row] for name, column in values.items()}
+            for row, time in enumerate(times):
+                yield time, {name: column[row] for name, column in values.items()}
 
     def _values(self, table: pa.Table, name: str) -> Any:
         column = table[name].combine_chunks()
@@ -187,9 +187,9 @@ class RunArrays(Mapping[str, Samples]):
         if folder is not None:
             names = {path.name.removeprefix(".").removesuffix(".parts") for path in folder.glob("*.parquet*")}
             names |= {path.name[1:].removesuffix(".parts") for path in folder.glob(".*.parquet.parts")}
-            found = {name.removesuffix(SUFFIX): folder / name for name in names if name.endswith(SUFFIX)}
-            found.pop(signals.removesuffix(SUFFIX), None)
-            self._paths = {name: found[name] for name in sorted(found) if stored(found[name])}
+            paths = {name.removesuffix(SUFFIX): folder / name for name in names if name.endswith(SUFFIX)}
+            paths.pop(signals.removesuffix(SUFFIX), None)
+            self._paths = {name: paths[name] for name in sorted(paths) if stored(paths[name])}
 
     def __getitem__(self, name: str) -> Samples:
         if name not in self._paths:

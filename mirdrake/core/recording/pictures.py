@@ -53,9 +53,9 @@ def parse_start(text: str | None) -> datetime:
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
 
 
-def picture_name(at: float, start: datetime = EPOCH) -> str:
+def picture_name(time: float, start: datetime = EPOCH) -> str:
     """Return a simulated time [s] as date and time after a start, to the microsecond."""
-    return (start + timedelta(microseconds=round(1e6 * at))).strftime(_NAME)
+    return (start + timedelta(microseconds=round(1e6 * time))).strftime(_NAME)
 
 
 def picture_time(name: str, start: datetime = EPOCH) -> float:
@@ -96,16 +96,16 @@ class PictureLog:
             self._log = (folder / DRIVING_LOG).open("ab", buffering=0)
         self.count = 0
 
-    def write(self, at: float, pixels: NDArray[Any], *, steering: float, speed: float) -> None:
+    def write(self, time: float, pixels: NDArray[Any], *, steering: float, speed: float) -> None:
         """Add a picture.
 
         Args:
-            at: simulated time [s].
+            time: simulated time [s].
             pixels: colours uint8 (height, width, 3), depths float32 [m], or numbers of 16 bits (height, width).
             steering: measured bicycle steering angle, positive to the left [rad].
             speed: measured speed of the vehicle frame's origin, forward [m/s].
         """
-        name = picture_name(at, self._start) + (".jpg" if pixels.dtype == np.uint8 else ".png")
+        name = picture_name(time, self._start) + (".jpg" if pixels.dtype == np.uint8 else ".png")
         line = f"{name}\t{float(steering)!r}\t{float(speed)!r}\r\n"
         if pixels.flags.writeable:
             pixels = pixels.copy()  # the next one may be drawn into it meanwhile

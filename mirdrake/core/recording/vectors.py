@@ -38,17 +38,17 @@ class VectorLog:
         self._flushed = time.monotonic()
         self.count = 0
 
-    def write(self, at: float, sample: NDArray[np.float64]) -> None:
+    def write(self, time: float, sample: NDArray[np.float64]) -> None:
         """Add a sample; it is on disk within a quarter of a second.
 
         Args:
-            at: when it was taken [s].
+            time: when it was taken [s].
             sample: its elements (n).
 
         Raises:
             RunError: the folder cannot be written.
         """
-        self._rows.append(np.concatenate(([at], sample)))
+        self._rows.append(np.concatenate(([time], sample)))
         self.count += 1
 
     def flush_if_due(self) -> None:

@@ -53,5 +53,5 @@ class LensMap:
 
     def nearest(self, drawn: NDArray[Any]) -> NDArray[Any]:
         """Return depths or labels of the distorted picture from those rendered (self.height, self.width)."""
-        found: NDArray[Any] = drawn.reshape(-1)[self._nearest].reshape(self.shape)
-        return found
+        picture: NDArray[Any] = drawn.reshape(-1)[self._nearest].reshape(self.shape)
+        return picture

@@ -61,8 +61,8 @@ def depth_noise(seen: Depths, mount: DepthCameraMount, *, stream: int, index: in
     spec, step, inverse = mount.depth_noise, mount.depth_resolution, mount.inverse_depth_resolution
     if not (spec.base or spec.growth or step or inverse):
         return seen.copy()
-    there = np.isfinite(seen) & (seen > 0.0)
-    z = np.where(there, seen, np.float32(mount.depth_near))
+    valid = np.isfinite(seen) & (seen > 0.0)
+    z = np.where(valid, seen, np.float32(mount.depth_near))
     if spec.base or spec.growth:
         deviation = np.float32(spec.base) + np.float32(spec.growth) * np.square(z - np.float32(spec.start))
         z += deviation * np.take(_quantiles(), _bits(stream, index, z.size)).reshape(z.shape)
@@ -71,7 +71,7 @@ def depth_noise(seen: Depths, mount: DepthCameraMount, *, stream: int, index: in
         z = 1.0 / (np.float32(inverse) * np.maximum(np.rint(1.0 / (z * np.float32(inverse))), np.float32(1.0)))
     if step:
         z = np.float32(step) * np.rint(z / np.float32(step))
-    return np.where(there, z, seen)
+    return np.where(valid, z, seen)
 
 
 def _levels(noise: float, stream: int, index: int, count: int) -> NDArray[np.int16]:
@@ -102,6 +102,6 @@ def _bits(stream: int, index: int, count: int) -> NDArray[np.uint16]:
 def _quantiles() -> Depths:
     """Return equally likely quantiles of the standard normal distribution."""
     values = scipy.special.ndtri((np.arange(_LEVELS) + 0.5) / _LEVELS)
-    found: Depths = (values / values.std()).astype(np.float32)
-    found.setflags(write=False)
-    return found
+    quantiles: Depths = (values / values.std()).astype(np.float32)
+    quantiles.setflags(write=False)
+    return quantiles

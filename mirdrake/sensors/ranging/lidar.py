@@ -52,8 +52,8 @@ class LidarScan:
         are left out.
         """
         places = grid(self.azimuths, self.elevations).transpose(1, 0, 2) * self.ranges[:, :, None]
-        found: Array = places[np.isfinite(self.ranges)]
-        return found
+        hits: Array = places[np.isfinite(self.ranges)]
+        return hits
 
     def points_in_world(self) -> Array:
         """Return the hits of the beams in the world (n, 3) [m], each column from the pose of the sensor at its time.
@@ -69,8 +69,8 @@ class LidarScan:
             places = np.einsum("cij,crj->cri", R, places)
         chord = rotations(0.5 * ago[:, None] * self.twist[:3]) @ self.twist[3:]
         places += (self.pose[:, 3] + ago[:, None] * chord)[:, None]
-        found: Array = places.transpose(1, 0, 2)[np.isfinite(self.ranges)]
-        return found
+        hits: Array = places.transpose(1, 0, 2)[np.isfinite(self.ranges)]
+        return hits
 
 
 class Lidar(SampledValue):

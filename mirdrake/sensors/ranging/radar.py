@@ -75,7 +75,7 @@ class Radar(SampledSensor):
         states = self.caster.states(context)
         hits = self.caster.look(context, states)
         distance, thing, body = (values.ravel() for values in (hits.distance, hits.thing, hits.body))
-        found: list[Array] = []
+        targets: list[Array] = []
         for number in np.unique(thing[thing >= GROUND]).tolist():
             rays = np.flatnonzero(thing == number)
             nearest = distance[rays].min()
@@ -84,31 +84,31 @@ class Radar(SampledSensor):
                 directions = self.caster.beams.directions[0, rays]
                 azimuth = np.arctan2(directions[:, 1], directions[:, 0]).mean()
                 rate = self._range_rates(states, directions, distance[rays], body[rays]).mean()
-                found.append(np.array([nearest, azimuth, rate]))
-        found = sorted(found, key=lambda target: float(target[0]))[: self.mount.targets]
-        sample = np.array([*found, *([NOTHING] * (self.mount.targets - len(found)))], dtype=float)
+                targets.append(np.array([nearest, azimuth, rate]))
+        targets = sorted(targets, key=lambda target: float(target[0]))[: self.mount.targets]
+        sample = np.array([*targets, *([NOTHING] * (self.mount.targets - len(targets)))], dtype=float)
         return self._reading(sample, round(context.get_time() * self.rate)).ravel()
 
     def _range_rates(self, states: dict[int, BodyState], directions: Array, distance: Array, body: Ints) -> Array:
         """Return the range rates of the hits of rays (n) [m/s]."""
         own, X_BS = states[self.caster.carrier], self.caster.X_BS
         arm = own.R @ X_BS.translation()
-        start, ways = own.p + arm, directions @ (own.R @ X_BS.rotation().matrix()).T
-        ends = start + distance[:, None] * ways
+        start, directions_W = own.p + arm, directions @ (own.R @ X_BS.rotation().matrix()).T
+        ends = start + distance[:, None] * directions_W
         velocity = np.zeros_like(ends)
         for index in np.unique(body[body > 0]).tolist():
             state, rays = states[index], body == index
             velocity[rays] = state.v + np.cross(state.w, ends[rays] - state.p)
-        rates: Array = np.einsum("ij,ij->i", velocity - own.v - np.cross(own.w, arm), ways)
+        rates: Array = np.einsum("ij,ij->i", velocity - own.v - np.cross(own.w, arm), directions_W)
         return rates
 
     def _reading(self, targets: Array, index: int) -> Array:
         """Return targets with noise (n, 3); lost ones are moved to the end."""
-        mount, there = self.mount, np.isfinite(targets[:, 0])
+        mount, valid = self.mount, np.isfinite(targets[:, 0])
         targets[:, 0] = self.caster.reading(targets[:, 0], index)
         generator = sample_noise(substream(self._stream, "targets"), index)
         deviations = np.array([mount.azimuth_noise, mount.range_rate_noise])
-        targets[there, 1:] += (deviations * generator.standard_normal((len(targets), 2)))[there]
+        targets[valid, 1:] += (deviations * generator.standard_normal((len(targets), 2)))[valid]
         targets[~np.isfinite(targets[:, 0])] = NOTHING
         ordered: Array = targets[np.argsort(targets[:, 0], kind="stable")]
         return ordered

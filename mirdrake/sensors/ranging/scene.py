@@ -100,8 +100,8 @@ class RayScene:
         start[:] = origins
         limit = np.full(len(directions), far, dtype=np.float32)
         assert self._embree is not None
-        found: Ints = self._embree.run(start, directions.astype(np.float32), dists=limit, query="INTERSECT")
-        return found
+        result: Ints = self._embree.run(start, directions.astype(np.float32), dists=limit, query="INTERSECT")
+        return result
 
     def _exact(self, origins: Array, directions: Array, faces: Ints) -> tuple[Array, Bools | None]:
         """Return the distances (n) [m] to the exact surfaces of faces, and which rays only graze it (n); None: none."""

@@ -234,19 +234,19 @@ def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) 
         return
     column = rays.column(seen)
     if _rests(*states, rays.period, mover.size):
-        ways, starts = rays.directions[seen] @ now.R, (rays.origins - now.p) @ now.R
+        directions, starts = rays.directions[seen] @ now.R, (rays.origins - now.p) @ now.R
         starts = starts if len(starts) == 1 else starts[column]
     else:
         first = int(column.min())
         times, column = rays.times[first : int(column.max()) + 1], column - first
         R_WM, p_WM = poses_at(times, *states, rays.period)
         origins = rays.origins if len(rays.origins) == 1 else rays.origins[first : first + len(times)]
-        ways = np.einsum("nij,ni->nj", R_WM[column], rays.directions[seen])
+        directions = np.einsum("nij,ni->nj", R_WM[column], rays.directions[seen])
         starts = np.einsum("nij,ni->nj", R_WM, np.broadcast_to(origins - p_WM, p_WM.shape))[column]
-    found, _ = mover.scene.cast(starts, ways, rays.far)
-    nearer = found < hits.distance[seen]
+    distance, _ = mover.scene.cast(starts, directions, rays.far)
+    nearer = distance < hits.distance[seen]
     seen = seen[nearer]
-    hits.distance[seen], hits.thing[seen], hits.body[seen] = found[nearer], mover.thing, mover.body
+    hits.distance[seen], hits.thing[seen], hits.body[seen] = distance[nearer], mover.thing, mover.body
 
 
 def _meet_ground(rays: _Rays, hits: Hits) -> None:
@@ -281,7 +281,7 @@ def _looks(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBod
     """Yield the object of each visible geometry of a body, and its faces in the body's frame."""
     from mirdrake.sensors.ranging.shapes import faces_of
 
-    found = []
+    looks = []
     frame = plant.GetBodyFrameIdOrThrow(body.index())
     for geometry in inspector.GetGeometries(frame, Role.kPerception):
         name = inspector.GetName(geometry).rpartition("::")[2]
@@ -290,8 +290,8 @@ def _looks(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBod
         faces = faces_of(inspector, geometry)
         if faces is not None:
             thing = "/".join(name.split("/")[:2])  # prop/<name> of its parts
-            found.append((thing, faces.moved(inspector.GetPoseInFrame(geometry))))
-    return found
+            looks.append((thing, faces.moved(inspector.GetPoseInFrame(geometry))))
+    return looks
 
 
 _worlds: "WeakKeyDictionary[MultibodyPlant, RayWorld]" = WeakKeyDictionary()
