@@ -18,7 +18,7 @@ class Build:
 
     Attributes:
         folder: of the files.
-        lock: the lock file; `sdf` and `plan` likewise.
+        lock: path of the lock file; `sdf` and `plan` likewise.
         meshes: number of files of meshes.
         hash: digest of the lock file.
         left_out: features that SDF cannot represent, one line each.

@@ -499,7 +499,7 @@ def test_files_that_are_not_opendrive_are_reported_in_one_line(tmp_path: Path, m
     with pytest.raises(ConfigError, match=r"^none\.xodr: No such file or directory$"):
         read_opendrive("none.xodr")
     for text, says in (
-        ("<sdf/>", r"a\.xodr:1: <sdf> is no OpenDRIVE; its root is <OpenDRIVE>"),
+        ("<sdf/>", r"a\.xodr:1: <sdf> is not OpenDRIVE, whose root is <OpenDRIVE>"),
         ("", r"a\.xodr:1: not valid XML: no element found"),
         ('<?xml version="1.0" encoding="nobody-knows"?><OpenDRIVE/>', r"a\.xodr(:1)?: not valid XML: unknown encoding"),
     ):

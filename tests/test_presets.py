@@ -172,7 +172,9 @@ def test_an_unknown_frame_is_refused_with_file_and_line(tmp_path: Path) -> None:
 def test_an_encoder_that_is_on_no_wheel_is_refused_with_file_and_line(tmp_path: Path) -> None:
     folder = vehicle_with(tmp_path / "car", "mounts:\n  odo:\n    preset: mkz_wheel_encoder\n    frame: gps\n")
     spec = {"world": "empty", "vehicles": {"ego": {"model": str(folder)}}, "sensors": {"ego": ["odo"]}}
-    with pytest.raises(ConfigError, match=r"sensors.yaml:4: mounts.odo.frame: 'gps' is on no wheel; .*rear_left_wheel"):
+    with pytest.raises(
+        ConfigError, match=r"sensors.yaml:4: mounts.odo.frame: 'gps' is not on a wheel; .*rear_left_wheel"
+    ):
         assemble(spec)
 
 

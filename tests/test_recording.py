@@ -326,7 +326,7 @@ def test_depths_beyond_16_bits_are_cut() -> None:
 
 @pytest.mark.parametrize("text", ["yesterday", "2026-13-01", ""])
 def test_a_start_time_that_is_not_a_date_is_rejected(text: str) -> None:
-    with pytest.raises(ValueError, match="is no date and time; write it as 2026-05-31 12:00"):
+    with pytest.raises(ValueError, match="is not a date and time; write it as 2026-05-31 12:00"):
         RecordSpec(start_time=text)
 
 

@@ -112,12 +112,12 @@ def test_odd_layouts(before: str, edit: Edit, after: str) -> None:
         ("x: 0\na: 5", Edit("a.b", 1), "control.yaml:2: a: is a single value; a mapping (key: value) is expected"),
         ("a: [1]", Edit("a.3", 1), "control.yaml:1: a: is a list of 1; '3' is not an index of it"),
         ("a: [1]", Edit("a", 1), "control.yaml:1: a: is a list; a single value is expected"),
-        ("a:\n- 1\n", Edit("a", (1, 2)), "control.yaml:1: a: is a list in lines; write it in brackets, or take it out"),
+        ("a:\n- 1\n", Edit("a", (1, 2)), "control.yaml:1: a: is a list in lines; write it in brackets, or remove it"),
         ("a: |\n  x\n", Edit("a", 1), "control.yaml:1: a: is a text of several lines; edit it by hand"),
         (
             "a: &x {b: 1}\nc: *x",
             Edit("c.b", 2),
-            "control.yaml:2: c: is an alias of what stands elsewhere; write it out",
+            "control.yaml:2: c: is an alias; write out its value",
         ),
         (
             "a: &x {b: 1}\nc: *x",

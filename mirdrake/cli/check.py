@@ -12,10 +12,9 @@ from mirdrake.core.paths import find
 
 MORE = """\
 Every fault is one line with file and line number. All files of a vehicle are checked: YAML, xacro, URDF, meshes and
-variants; if they are sound, the check simulates whether the vehicle stands still for a second. bolt@published checks
-only that variant. User modules (kind: "module:Class") are executed only with --trust; without it they are left out
-with their connections.
-Exit codes: 0 sound, 1 the files are sound but a vehicle does not stand still, 2 a file has a fault.
+variants; if they have no faults, the check simulates whether the vehicle stays at rest for a second. bolt@published
+checks only that variant. User modules (kind: "module:Class") are executed only with --trust; without it they are left
+out with their connections.
 
 examples:
   mirdrake check bolt test_track my_diagram.yaml

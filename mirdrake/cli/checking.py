@@ -1,4 +1,4 @@
-"""All faults of a vehicle folder at once, and whether the vehicle stands still."""
+"""Check of a vehicle folder: all its faults, and whether the vehicle stays at rest."""
 
 import contextlib
 import math
@@ -61,7 +61,7 @@ class Findings:
 
     @contextlib.contextmanager
     def caught(self) -> Iterator[None]:
-        """Take down the faults that the block raises, and go on behind it."""
+        """Collect the faults that the block raises, and continue after it."""
         try:
             yield
         except MirdrakeError as error:
@@ -78,7 +78,7 @@ class Findings:
 
 
 def check_vehicle(name: str) -> Findings:
-    """Check the files of a vehicle, and that it stands still; without ``@<variant>`` all of its variants as well.
+    """Check the files of a vehicle, and that it stays at rest; without ``@<variant>`` all of its variants as well.
 
     Raises:
         ConfigError: no such vehicle.
@@ -102,7 +102,7 @@ def check_vehicle(name: str) -> Findings:
 
 
 def _layout(folder: Path) -> Iterator[str]:
-    """Files that are missing, each with the name that may be meant."""
+    """Return the faults of missing files, each with the most similar name that exists."""
     entries = sorted(path.name for path in folder.iterdir() if path.name not in FILES)
     for name in FILES:
         if not (folder / name).exists():
@@ -112,7 +112,7 @@ def _layout(folder: Path) -> Iterator[str]:
 
 
 def _not_xml(folder: Path) -> Iterator[str]:
-    """Files that are no XML, so that xacro would stop at the first of them."""
+    """Return the faults of files that are not XML; xacro would stop at the first of them."""
     for path in sorted(folder.glob("*.xacro")):
         if path.is_file():
             try:
@@ -149,7 +149,7 @@ def _check_files(folder: Path, variant: str | None, missing: Findings) -> None:
 
 
 def _restless(vehicle: Vehicle) -> Iterator[str]:
-    """What a vehicle does that nobody drives, on the flat and with its wheels free, if it does anything."""
+    """Return how a vehicle without input moves on level ground with its wheels free; None if it stays at rest."""
     builder = DiagramBuilder()
     parts = make_plant(builder, load_world("empty"), {"ego": vehicle})
     plant, part = parts.plant, parts.vehicles["ego"]

@@ -114,7 +114,7 @@ def core_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-# --- what is meant, and where results go -----------------------------------------------------------------------------
+# --- kinds of names, folders of results ------------------------------------------------------------------------------
 
 
 def kind_of(name: str) -> str:
@@ -188,7 +188,7 @@ def open_dask(address: str | None) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def terminated_like_interrupted() -> Iterator[None]:
-    """While inside, SIGTERM ends the work as Ctrl-C does: what is done is kept."""
+    """Handle SIGTERM as Ctrl-C within the block, so that finished work is kept."""
 
     def interrupt(number: int, frame: Any) -> None:
         handler = signal.getsignal(signal.SIGINT)  # a running simulation has its own, which waits for the end of a step

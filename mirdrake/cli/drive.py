@@ -75,8 +75,8 @@ def _spec(options: argparse.Namespace) -> Any:
 
     for kind, name in (("models", options.vehicle), ("worlds", options.world)):
         if kind_of(name) != kind:
-            wanted = {"models": "a vehicle", "worlds": "a world"}[kind]
-            raise ConfigError(f"'{name}' is not {wanted}; usage: mirdrake drive VEHICLE [WORLD]")
+            expected = {"models": "a vehicle", "worlds": "a world"}[kind]
+            raise ConfigError(f"'{name}' is not {expected}; usage: mirdrake drive VEHICLE [WORLD]")
     mounts = load_vehicle(options.vehicle).sensors.mounts
     if options.sensors is None:
         sensors = [name for name, mount in mounts.items() if mount.kind in {"lidar", "laser_scanner"}]

@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     estimated = plan.estimated()
     _say(_listed("given", [key for key in plan.listed() if key not in estimated]))
     _say(_listed("estimated", [key for key in plan.listed() if key in estimated]))
-    _say("  README.md gives the sources; replace estimates that you know better")
+    _say("  README.md lists the sources; replace estimates by better data")
     if diagram is not None:
         _say(f"{shown(diagram)}{'' if written else '  (exists already, unchanged)'}")
     _say("next:")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 MORE = """\
 The folder holds spec.yaml, signals.parquet, events.jsonl, summary.json, recording.html, report.html.
-Ctrl-C stops early and keeps what is done. In a terminal a Meshcat page shows the run live.
+Ctrl-C stops early and keeps the results so far. In a terminal a Meshcat page shows the run live.
 
 examples:
   mirdrake run bolt_test_track --set control.ego.speed=8 --set duration=60 --out runs/faster
@@ -158,7 +158,7 @@ def _use_recorded_commands(spec: "DiagramSpec", texts: Sequence[str]) -> float:
     for text in texts:
         vehicle, mark, file = text.partition("=")
         if not mark or vehicle not in spec.vehicles:
-            # A path may hold an equals sign; what stands before it is a vehicle only if it cannot be a path.
+            # A path may contain an equals sign; the text before it is a vehicle only if it cannot be a path.
             if mark and "/" not in vehicle and not Path(text).exists():
                 raise ConfigError(f"--commands {text}: no vehicle '{vehicle}'; {did_you_mean(vehicle, spec.vehicles)}")
             vehicle, file = next(iter(spec.vehicles)), text

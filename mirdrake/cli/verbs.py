@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Verb:
-    """A verb, with a module or with verbs of its own.
+    """A verb, with a module or with verbs below it.
 
     The module has ``MORE`` (text below the help line, with examples), ``add_arguments(parser)`` and ``run(options)``,
     which returns the exit code.

@@ -12,7 +12,7 @@ from mirdrake.core.yaml_io import shown
 
 MORE = """\
 The page of a vehicle has a slider for every joint, and buttons that show and hide frames (key F), collision shapes (C)
-and meshes (M); the options below set what is shown at first. Escape in the page or Ctrl-C here ends it.
+and meshes (M); the options below set the initial view. Escape in the page or Ctrl-C in the terminal ends it.
 The pages of a diagram and a run have the views follow, cockpit and map (keys 1, 2, 3).
 
 examples:

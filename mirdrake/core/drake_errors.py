@@ -1,4 +1,4 @@
-"""What error texts of Drake mean. Drake raises RuntimeError for everything, so that only the text tells errors apart.
+"""Meaning of error texts of Drake, which raises RuntimeError for all errors, so that only their texts differ.
 
 This is the only module that reads such texts; its test holds them as Drake 1.51 and 1.58 write them.
 """

@@ -87,7 +87,7 @@ class DiagramError(MirdrakeError):
 
 
 class RunError(MirdrakeError):
-    """A run cannot start, go on or be written."""
+    """A run cannot start, continue or be written."""
 
 
 class DivergedError(RunError):

@@ -204,7 +204,7 @@ def _remove_abandoned(hidden: Path) -> None:
             _undo(hidden)
             shutil.rmtree(hidden, ignore_errors=True)
     except OSError:
-        pass  # the folder is hidden and does no harm
+        pass  # a hidden folder that remains has no effect
     finally:
         if lock >= 0:
             os.close(lock)

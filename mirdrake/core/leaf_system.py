@@ -35,7 +35,7 @@ else:
         """Metaclass of systems that have the instance dictionary of pydrake's class only."""
 
         def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **options: Any) -> Any:
-            """Make a class without a dictionary of its own; attributes go to that of pydrake's class."""
+            """Make a class without its own dictionary; attributes are stored in that of pydrake's class."""
             namespace.setdefault("__slots__", ())
             return super().__new__(mcs, name, bases, namespace, **options)
 

@@ -92,7 +92,7 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
         return known[name]
     if os.sep in name or is_yaml:
         wanted = "a folder with a vehicle.yaml" if kind == "models" else "a .yaml file"
-        raise ConfigError(f"{prefix}no {noun} at '{name}': {wanted} is expected there")
+        raise ConfigError(f"{prefix}no {noun} at '{name}'; expected: {wanted}")
     raise ConfigError(f"{prefix}unknown {noun} '{name}'; {did_you_mean(name, known)}")
 
 

@@ -11,7 +11,7 @@ feed-forward f::
     I <- I + ki h (r - y) + min(1, h / Tt) (u - v)                                  forward difference, back-calculation
 
 The integral part I is stored in units of the control, so a new ki acts on future errors only. When kp, b, kd, c or Tf
-change, I takes up the difference that this makes to P + D at that instant: the control goes on from the value it would
+change, I takes up the change of P + D at that instant: the control continues from the value it would
 have had with the old gains (bumpless). Without integral action (ki = 0) such a shift would remain, so there it
 is not made, and I stays as it is, as a constant bias.
 """

@@ -12,17 +12,17 @@ WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 """Names of the wheels, in the order of every vector of four."""
 
 COMMAND = signals(
-    ("speed", "m/s", "wanted speed of the rear axle centre, forward"),
-    ("steering", "rad", "wanted bicycle steering angle, positive to the left"),
-    ("stamp", "s", "time at which the message was made; -inf: there was none yet"),
+    ("speed", "m/s", "desired speed of the rear axle centre, forward"),
+    ("steering", "rad", "desired bicycle steering angle, positive to the left"),
+    ("stamp", "s", "time of the message; -inf: none yet"),
 )
-"""A message of a driver, human or not."""
+"""A message of a driver or of manual input."""
 
 SETPOINT = signals(
-    ("speed", "m/s", "speed that the vehicle shall have, forward"),
-    ("steering", "rad", "bicycle steering angle that the vehicle shall have, positive to the left"),
+    ("speed", "m/s", "desired speed, forward"),
+    ("steering", "rad", "desired bicycle steering angle, positive to the left"),
 )
-"""A command that has passed the dead-man and the limits."""
+"""A command after the dead-man switch and the limits."""
 
 STATE = signals(
     ("x", "m"),
@@ -52,7 +52,7 @@ PATH_ERROR = signals(
     ("progress", "m", "arc length of the nearest point of the centre line, in [0, length)"),
     ("laps", "", "distance covered along the centre line since the start, over its length"),
 )
-"""Where a vehicle is on its track."""
+"""Position of a vehicle on its track."""
 
 
 class Command(NamedTuple):

@@ -1,4 +1,4 @@
-"""XML files as trees whose elements know their line: bounded in size, without entities, nothing else is opened."""
+"""Reader of XML files to trees with the line of each element; files are bounded in size and have no entities."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -92,7 +92,7 @@ def parse_xml(
     def reject_entity(entity: str, *_: Any) -> NoReturn:
         shown_entity = "".join(letter if letter.isprintable() else "?" for letter in str(entity))[:60]
         location = f"{name}:{parser.CurrentLineNumber}"
-        raise error(f"{location}: declares the XML entity '{shown_entity}'; write out what it stands for")
+        raise error(f"{location}: declares the XML entity '{shown_entity}'; write out its value")
 
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
     parser.EntityDeclHandler = parser.ExternalEntityRefHandler = parser.SkippedEntityHandler = reject_entity

@@ -1,8 +1,8 @@
 """Editor of single values in a YAML text that keeps every other byte: comments, order, layout, line ends.
 
-:func:`edit_yaml` finds the places by the marks of PyYAML's events and cuts there; the text is never written anew. What
-comes out is read again and compared with what was wanted, so an edit either changes the wanted values alone or is
-refused with ``file:line``.
+:func:`edit_yaml` finds the positions by the marks of PyYAML's events and replaces the text between them; the file is
+not written from its data. The result is parsed and compared with the expected data, so that an edit either changes only
+its values or is rejected with ``file:line``.
 """
 
 import json
@@ -26,7 +26,7 @@ class _Removed:
 
 
 REMOVED: Final = _Removed()
-"""As the value of an :class:`Edit`: the key is taken out."""
+"""Value of an :class:`Edit` that removes the key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,8 @@ class Edit:
     Attributes:
         path: dotted path, or the keys one by one where a key has a dot in it; a number is the index of a list item.
         value: text, number, true, false or None; a tuple of these, written as a list in brackets; or :data:`REMOVED`.
-        comment: a line to stand above the key, without ``#``.
-        replaces: a comment line directly above that begins so is replaced by the new one.
+        comment: a line above the key, without ``#``.
+        replaces: beginning of a comment line directly above that the new one replaces.
     """
 
     path: str | tuple[str, ...]
@@ -54,17 +54,17 @@ class Edit:
 def edit_yaml(text: str, edits: Iterable[Edit], *, name: str = "<text>") -> str:
     """Return a YAML text with some values changed.
 
-    A key that is missing is added at the end of its mapping, and so is a mapping that is missing. A value that is
-    already there, or a key to remove that is not, leaves the text as it is, but for the comment.
+    A missing key or mapping is added at the end of the mapping above. If the key has the value already, or a key to
+    remove does not exist, only the comment is changed.
 
     Args:
         text: the text, line ends as they are in the file.
         edits: applied in their order.
-        name: what error messages call the text, normally the file name.
+        name: of the text in error messages, normally the file name.
 
     Raises:
-        ConfigError: the text is not YAML, a path leads through something that is no mapping, a list or mapping stands
-            where the value should go, an alias or anchor stands there, or the value cannot be written.
+        ConfigError: the text is not YAML, a part of the path is not a mapping, the present value is a list, a mapping
+            or an alias, or the new value cannot be written.
     """
     for edit in edits:
         text = _Editor(text, edit, name).edited()
@@ -172,7 +172,7 @@ class _Editor:
                 return self._put(node, f"{inner}{written}{'}' * (len(keys) - depth - 1)}")
         if isinstance(value, tuple) and node.kind == "list":
             if not node.flow:
-                self._refuse(keys, "is a list in lines; write it in brackets, or take it out")
+                self._refuse(keys, "is a list in lines; write it in brackets, or remove it")
             return self._put(node, written)
         if node.kind not in {"scalar", "alias"}:
             self._refuse(keys, f"is a {node.kind}; a single value is expected")
@@ -229,7 +229,7 @@ class _Editor:
 
     def _check_container(self, node: Node, keys: Sequence[str]) -> None:
         if node.kind == "alias":
-            self._refuse(keys, "is an alias of what stands elsewhere; write it out")
+            self._refuse(keys, "is an alias; write out its value")
         if node.kind == "scalar":
             self._refuse(keys, "is a single value; a mapping (key: value) is expected")
 
@@ -284,7 +284,7 @@ def _appended(text: str, lines: str, newline: str) -> str:
 
 
 def _commented(text: str, edit: Edit) -> str:
-    """Set the comment above the line of a key; of a key in braces above the line where its entry begins."""
+    """Set the comment above the line of a key; for a key in braces, above the line where its entry begins."""
     if not edit.comment.isprintable():
         raise ConfigError(f"{dotted(edit.keys)}: a comment is one line of printable text, not {edit.comment[:60]!r}")
     root = read_nodes(text)

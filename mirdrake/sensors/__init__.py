@@ -26,10 +26,10 @@ def make_sensor(name: str, *, parts: "PlantParts", part: "VehicleInPlant", seed:
         name: of the mount in the vehicle's sensors.yaml.
         parts: plant, scene graph and world.
         part: the vehicle.
-        seed: of the whole diagram; each sensor has a stream of its own.
+        seed: of the whole diagram; each sensor has its own random stream.
 
     Raises:
-        MissingDependencyError: a camera, and nothing to render with.
+        MissingDependencyError: a package or driver that the sensor needs is not installed.
     """
     mount = part.vehicle.sensors.mounts[name]
     assert isinstance(mount, SensorMount)
@@ -37,7 +37,7 @@ def make_sensor(name: str, *, parts: "PlantParts", part: "VehicleInPlant", seed:
 
 
 def sensor_feeds(parts: "PlantParts") -> dict[str, OutputPort]:
-    """Return the output ports to which inputs of sensors are connected, by the names of the inputs."""
+    """Return the output ports that inputs of sensors are connected to, by the names of the inputs."""
     plant, scene_graph = parts.plant, parts.scene_graph
     return {
         "plant_state": plant.get_state_output_port(),

@@ -46,10 +46,10 @@ class Gps(SampledSensor):
     Input ports:
         body_poses, body_spatial_velocities: the plant's outputs of all bodies.
     Output ports:
-        sample (9) [m, m/s, deg]: :data:`GPS`. The first sample is there from the start; with a latency, NaN before it.
-        stamp (1) [s]: when it was taken; -inf before the first.
+        sample (9) [m, m/s, deg]: :data:`GPS`. The first sample is output from the start; with a latency, NaN before it.
+        stamp (1) [s]: time of the sample; -inf before the first.
         nmea: text, the sentences GGA and RMC of the sample, each with its end of line; empty before the first. Their
-            clock starts at 1970-01-01 00:00:00 UTC, as the names of pictures do.
+            clock starts at 1970-01-01 00:00:00 UTC, as that of picture names.
 
     Args:
         frame: mounting frame of the antenna; fixed to a body.

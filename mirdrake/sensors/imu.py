@@ -34,9 +34,9 @@ IMU = signals(
 class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
     """Specific force and angular velocity of a frame, in that frame; lever arm and rotation follow from the motion.
 
-    Drake's Accelerometer and Gyroscope measure, without noise; samples are taken at a rate, with noise. The
-    acceleration is that of the plant, for a discrete plant the mean over its step that begins with the sample. A sample
-    that falls on a step of the plant is seen right after its time, by others than those that act at that time.
+    Drake's Accelerometer and Gyroscope measure without noise; samples are taken at a rate, with noise. The acceleration
+    is that of the plant; for a discrete plant it is the mean over the step that begins with the sample. A sample that
+    coincides with a step of the plant is output right after that time, not to systems that update at that time.
 
     Input ports:
         body_poses, body_spatial_velocities, body_spatial_accelerations: the plant's outputs of all bodies.

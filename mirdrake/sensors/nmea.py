@@ -6,7 +6,7 @@ from typing import NamedTuple
 KNOT = 1852.0 / 3600.0
 """[m/s]"""
 
-_SATELLITES, _HDOP = 12, 0.8  # of an open sky; nothing simulates them
+_SATELLITES, _HDOP = 12, 0.8  # typical of an open sky; satellites are not simulated
 
 
 class Fix(NamedTuple):
@@ -16,7 +16,7 @@ class Fix(NamedTuple):
         time: since 1970-01-01 00:00:00 UTC [s].
         latitude: [deg] north.
         longitude: [deg] east.
-        altitude: [m] above the ellipsoid, which is taken for the sea level: the geoid's separation is 0.
+        altitude: [m] above the ellipsoid, which is assumed to be the sea level: the separation of the geoid is 0.
         speed: over ground [m/s].
         course: of the velocity [deg], clockwise from true north.
         quality: 1 a single fix, 2 differential, 4 RTK.

@@ -1,9 +1,9 @@
 """Noise that depends only on the seed, the sensor's name and the number of the sample.
 
 A counter-based generator (Philox 4x64, Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3") gives the
-numbers of sample k directly. So no sensor keeps a generator: a Context holds all there is to repeat a run, a sample
-drawn twice is the same, and one more sensor changes nothing about the others. What wanders (random walk, bias
-instability) is a sum over samples, and that sum is a state of the sensor, in the Context too.
+numbers of sample k directly. A sensor therefore keeps no generator: a Context is enough to repeat a run, a sample that
+is drawn twice is the same, and another sensor does not change the noise of the others. Slowly varying errors (random
+walk, bias instability) are sums over samples; they are states of the sensor in the Context.
 """
 
 import hashlib
@@ -60,8 +60,8 @@ class Noise:
     Attributes:
         white: standard deviation of each sample (n).
         bias: standard deviation of the constant (n).
-        drift: standard deviation of the wandering bias, a first-order Gauss-Markov process (n).
-        memory: what is left of that from one sample to the next (n) [-].
+        drift: standard deviation of the bias instability, a first-order Gauss-Markov process (n).
+        memory: correlation of that process from one sample to the next (n) [-].
         walk: standard deviation of one step of the random walk (n).
     """
 
@@ -100,12 +100,12 @@ class Noise:
         return np.concatenate((np.zeros(self.walk.size), self.drift * first))
 
     def step(self, stream: int, index: int, state: Array) -> tuple[Array, Array]:
-        """The error of one sample without its constant part (n), and what wanders, at the next sample.
+        """Return the error of one sample without its constant part (n), and the slowly varying errors of the next one.
 
         Args:
             stream: from :func:`noise_stream`.
             index: number of the sample.
-            state: what wanders, at this sample.
+            state: slowly varying errors of this sample.
         """
         n = self.white.size
         if not (state.size or self.white.any()):

@@ -26,7 +26,7 @@ Units = Mapping[str, float]
 
 
 def _to_si(value: Any, units: Units) -> Any:
-    """Return a number or a text such as ``"8 deg/h"`` in the SI unit of a table, and anything else unchanged."""
+    """Return a number or a text such as ``"8 deg/h"`` in the SI unit of a table, other values unchanged."""
     if isinstance(value, bool):
         raise ValueError(f"a number in {next(iter(units))} is expected, not {str(value).lower()}")
     match = _NUMBER.fullmatch(value) if isinstance(value, str) else None

@@ -53,9 +53,9 @@ def nearest_return(
 class DistanceEstimator(LeafSystem):
     """Nearest return of a laser scanner in a sector, and its rate of change.
 
-    It looks at its inputs at a rate and takes each scan once, when its stamp changes. The relative speed is the change
-    of distance from one scan to the next over the time between them, and passes a first-order filter if asked. A change
-    that would take more than `max_speed` is another thing that came into view: the speed starts again from 0.
+    It reads its inputs at a rate and evaluates each scan once, when its stamp changes. The relative speed is the change
+    of distance from one scan to the next over the time between them, optionally with a first-order filter. A change
+    that needs more than `max_speed` means that another object came into view: the speed starts from 0 again.
 
     Input ports:
         ranges (beams) [m]: the ``sample`` of a :class:`mirdrake.sensors.LaserScanner`.
@@ -69,9 +69,9 @@ class DistanceEstimator(LeafSystem):
         end_angle: of the last beam [rad].
         low: where the sector begins [rad], positive to the left.
         high: where it ends [rad].
-        rate: looks per second [Hz].
+        rate: updates per second [Hz].
         filter_time: time constant of the speed's filter [s]; 0: none.
-        max_speed: fastest change of distance that is believed [m/s].
+        max_speed: largest plausible change of distance [m/s].
 
     Raises:
         ConfigError: a number out of range, or a sector without beams.
@@ -114,7 +114,7 @@ class DistanceEstimator(LeafSystem):
 
     @classmethod
     def of(cls, scanner: LaserScanner, *, low: float = -SECTOR, high: float = SECTOR) -> "DistanceEstimator":
-        """Return an estimator for a scanner, whose two ports are still to be connected."""
+        """Return an estimator for a scanner; its two input ports are not connected."""
         mount = scanner.mount
         return cls(beams=mount.beams, start_angle=mount.start_angle, end_angle=mount.end_angle, low=low, high=high)
 
@@ -147,7 +147,7 @@ class CloudOverlay(LeafSystem):
         scan: a scan of the lidar, for the type of the port.
         rate: drawings per second [Hz].
         point_size: of a point [m].
-        height: points so high above the ground are drawn in the last colour of the scale [m].
+        height: height above the ground of the last colour of the scale [m].
     """
 
     def __init__(
@@ -172,7 +172,7 @@ class CloudOverlay(LeafSystem):
         points = self.cloud.Eval(context).points_in_world()
         try:
             show_points(self._meshcat, self._path, points, point_size=self._size, height=self._height)
-        except RuntimeError:  # Meshcat has ended; the simulation goes on
+        except RuntimeError:  # Meshcat has ended; the simulation continues
             self._meshcat = None
         return EventStatus.Succeeded()
 

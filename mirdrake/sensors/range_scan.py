@@ -1,10 +1,10 @@
 """Ideal range scan: exact distances to the props of a world and to other vehicles.
 
-The origin is the middle of the front bumper; the beams lie in the ground plane and see, from above, what the vehicle
-can touch: of props and of other vehicles the parts between `height` and the roof of the vehicle.
+The origin is the middle of the front bumper. The beams are in the ground plane; they meet the outlines, seen from
+above, of the parts of props and other vehicles that the vehicle can touch: between `height` and its roof.
 
-:func:`scan` is exact. A segment is seen under the angle between its ends, so only the beams within that angle are cut
-with it; in a crowd of props that is a few thousand cuts instead of some hundred thousand.
+:func:`scan` is exact. Each segment is intersected only with the beams between its ends, which are a few thousand
+intersections instead of some hundred thousand where there are many props.
 """
 
 import math
@@ -74,7 +74,7 @@ def scan(segments: ArrayLike, x: float, y: float, yaw: float, angles: ArrayLike,
         y: origin [m].
         yaw: direction of the beam of angle 0 [rad].
         angles: of the beams, positive to the left (n) [rad].
-        reach: nothing farther away is seen [m].
+        reach: largest distance [m].
 
     Returns:
         Distances (n) [m], inf beyond `reach`. A segment seen end-on is hit at its nearer end.
@@ -99,7 +99,7 @@ def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: 
         y: corners (m) [m].
         edge: whether there is a segment from each corner to the next (m - 1).
         angles: of the beams, rising, within -pi to pi (n) [rad].
-        reach: nothing farther away is seen [m].
+        reach: largest distance [m].
         step: between the angles, if it is always the same [rad]; it saves the search for the beams.
     """
     bearing = np.arctan2(y, x)
@@ -144,10 +144,7 @@ def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: 
 
 
 class _Shapes:
-    """Return the rings of many polygons as chains of corners, with the circles around the polygons.
-
-    The polygons stand in the world, or each in a frame of its own.
-    """
+    """Rings of many polygons as chains of corners, with the circles around the polygons."""
 
     def __init__(self, polygons: Sequence[Any]):
         self.polygons = np.array(polygons, dtype=object)
@@ -186,10 +183,10 @@ class RangeScan(LeafSystem):
 
     Output ports:
         ranges (n) [m]: distance along each beam to the nearest outline, inf beyond the reach; all 0 when the origin
-            lies within an outline. Computed when it is read and never else: a driver reads it once an update.
+            is within an outline. It is computed only when it is read: a driver reads it once per update.
 
-    A movable prop counts with the outline and the height it was placed with, turned by its yaw: one that lies on its
-    side is seen as if it stood. Props that are made to be driven over are not seen.
+    A movable prop has the outline and the height with which it was placed, turned by its yaw, also after it was knocked
+    over. Props that vehicles drive over are not seen.
 
     Args:
         world: where the props are.
@@ -197,8 +194,8 @@ class RangeScan(LeafSystem):
         beams: number of beams.
         start_angle: angle of the first [rad].
         end_angle: angle of the last [rad].
-        reach: nothing farther away is seen [m].
-        height: what is not higher is not seen [m]; default: what the vehicle rolls over, see
+        reach: largest distance [m].
+        height: height above which objects are seen [m]; default: the height that the vehicle rolls over, see
             :class:`mirdrake.worlds.clearance.Volume`.
         front: how far the origin is ahead of the vehicle frame B [m]; default: the front of its collision shapes.
         vehicles: other vehicles by name.
@@ -288,11 +285,11 @@ class RangeScan(LeafSystem):
             px, py, edge = (np.concatenate(both) for both in zip((px, py, edge), more, strict=True))
         if inside:
             return np.zeros(self.angles.size)
-        edge = edge[:-1] & (px[:-1] * py[1:] < py[:-1] * px[1:])  # the others are far sides
+        edge = edge[:-1] & (px[:-1] * py[1:] < py[:-1] * px[1:])  # the others are on the far sides of their polygons
         return _cut(px, py, edge, self.angles, self.reach, step=self._step)
 
     def _in_view(self, x: Array, y: Array, radius: Array) -> tuple[Any, Any]:
-        """Which circles, in the frame of the scan, it may see, and which hold its origin (m), both bool."""
+        """Return which circles in the frame of the scan may be seen, and which contain its origin (m)."""
         square = x * x + y * y
         seen = square <= (self.reach + radius) ** 2
         if self._ahead_only:
@@ -300,7 +297,7 @@ class RangeScan(LeafSystem):
         return seen, square <= radius * radius
 
     def _near_fixed(self, x: float, y: float, yaw: float) -> tuple[Chains, bool]:
-        """Static footprints in the frame of the scan, and whether one holds its origin."""
+        """Return the static footprints in the frame of the scan, and whether one contains its origin."""
         shapes, cos, sin = self._fixed, math.cos(yaw), math.sin(yaw)
         dx, dy = shapes.centre[:, 0] - x, shapes.centre[:, 1] - y
         seen, around = self._in_view(cos * dx + sin * dy, cos * dy - sin * dx, shapes.radius)
@@ -310,7 +307,7 @@ class RangeScan(LeafSystem):
         return (cos * dx + sin * dy, cos * dy - sin * dx, shapes.edge[which]), inside
 
     def _near_moving(self, x: float, y: float, yaw: float, poses: Array) -> tuple[Chains, bool]:
-        """The same of movable footprints, whose corners are kept in the frames of their props."""
+        """Return the movable footprints, likewise; their corners are stored in the frames of their props."""
         shapes = self._moving
         dx, dy = poses[:, 0] - x, poses[:, 1] - y
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -331,7 +328,7 @@ class RangeScan(LeafSystem):
 
 
 _PLANAR = (("x", "m"), ("y", "m"), ("yaw", "rad"))
-_NOWHERE = (1e9, 1e9, 0.0)  # [m], [rad] a pose that is out of sight
+_NOWHERE = (1e9, 1e9, 0.0)  # [m], [rad] a pose that is out of reach
 
 
 def _planar_pose(X_WP: RigidTransform) -> tuple[float, float, float]:

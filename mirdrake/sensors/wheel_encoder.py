@@ -25,8 +25,8 @@ COUNTS = signals(("counts", "", "of the counter, 0 where the wheel's angle is 0"
 class WheelEncoder(SampledSensor):
     """Counter of the edges of a wheel encoder; rolling forward counts up.
 
-    The count is the whole number of steps in the wheel's angle. Without quadrature, an encoder cannot tell the
-    direction: what the wheel has turned from sample to sample is added, either way.
+    The count is the whole number of steps in the wheel's angle. Without quadrature, an encoder cannot detect the
+    direction: the absolute rotation from sample to sample is added.
 
     Input ports:
         plant_state: the plant's state, positions and velocities.

@@ -74,7 +74,7 @@ def examine(
     time_limit: float = SEARCH_TIME,
     first_steps: bool = False,
 ) -> Examination:
-    """Return a world, its faults, and the paths of vehicles; see :func:`check_world`."""
+    """Return a world, its faults, and the paths of vehicles; for the arguments see :func:`check_world`."""
     overrides = tuple(overrides)
     if isinstance(name_or_world, World):
         world = name_or_world

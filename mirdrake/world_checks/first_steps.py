@@ -24,7 +24,7 @@ TIME_LIMIT = 120.0
 COMMAND: tuple[str, ...] = (sys.executable, "-m", "mirdrake.world_checks.first_steps")
 """Command of the process."""
 
-_FASTEST = 30.0  # [m/s] of a body that stands or falls for a tenth of a second
+_FASTEST = 30.0  # [m/s] of a body at rest, or in free fall for a tenth of a second
 _ROOT = str(Path(__file__).resolve().parents[2])
 _LIGHT, _HEAVY, _SMALL, _LARGE = 1e-3, 1e5, 5e-3, 200.0  # [kg], [m] usual masses and sizes of bodies for Drake's solver
 

@@ -372,7 +372,7 @@ def _from_segment(simplex: Array, i: int, j: int, point: Vector) -> tuple[Vector
 
 
 def _from_triangle(simplex: Array, i: int, j: int, k: int, point: Vector) -> tuple[Vector, tuple[int, int, int, int]]:
-    """Like :func:`_from_segment` for three points."""
+    """Return the vector from the nearest point of a triangle, likewise."""
     a, b, c = _row(simplex, i), _row(simplex, j), _row(simplex, k)
     normal = _cross(_minus(b, a), _minus(c, a))
     square = _dot(normal, normal)

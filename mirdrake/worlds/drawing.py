@@ -69,7 +69,7 @@ class DrawnStart:
 
 @dataclass(frozen=True)
 class WorldDrawing:
-    """A world seen from above; areas and lines that come later lie on top.
+    """A world seen from above; later areas and lines are on top.
 
     Attributes:
         name: name of the world.

@@ -171,7 +171,7 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
 
 
 def _collect(specs: Mapping[str, Any], make: Callable[[str, Any], _Made], faults: list[str]) -> dict[str, _Made]:
-    """Return what is made of all specifications by name; append the faults of those that are invalid."""
+    """Return the objects made of all specifications by name; append the faults of those that are invalid."""
     made: dict[str, _Made] = {}
     for name, spec in specs.items():
         try:

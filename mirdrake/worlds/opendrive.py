@@ -2,7 +2,7 @@
 
 After ASAM OpenDRIVE, chapters "Geometry" and "Lanes": the reference line of a road is a row of geometries, each with
 its own pose and length. Lines, arcs and spirals become pieces of linear curvature; `poly3` and `paramPoly3` are
-sampled and fitted, and so is a reference line whose geometries do not meet. Lanes lie side by side
+sampled and fitted, and so is a reference line whose geometries do not meet. Lanes are side by side
 from the reference line, shifted by `laneOffset`, with widths or borders that are cubic in s. Heights, junctions,
 signals and objects are left out, and listed.
 
@@ -98,7 +98,7 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
     if max(np.abs(top).max(), np.abs(bottom).max()) > _WIDEST:
         raise ConfigError(f"{where}: lanes reach {_WIDEST:g} m beside the reference line; correct their widths")
 
-    # The centre line lies between the edges: on the reference line, or moved by a steady offset, or in their middle.
+    # The centre line is between the edges: on the reference line, or moved by a steady offset, or in their middle.
     left_out = _left_out(root, roads, ids, lane)
     middle = np.zeros_like(s)
     if top.min() < _RAMP or bottom.max() > -_RAMP:

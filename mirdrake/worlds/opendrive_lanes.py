@@ -1,6 +1,6 @@
 """One road of an OpenDRIVE file: its geometries end to end, and the edges of its lanes beside them.
 
-After ASAM OpenDRIVE, chapter "Lanes": lanes lie side by side from the reference line, shifted by `laneOffset`, with
+After ASAM OpenDRIVE, chapter "Lanes": lanes are side by side from the reference line, shifted by `laneOffset`, with
 widths or borders that are cubic in s.
 """
 

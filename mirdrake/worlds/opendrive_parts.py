@@ -29,16 +29,16 @@ Places = Mapping[Element, str]
 
 
 def parse_opendrive(path: Path) -> tuple[Element, Places]:
-    """A file as a tree without name spaces, and ``file:line`` of every element.
+    """Return a file as a tree without name spaces, with ``file:line`` of every element.
 
     Raises:
-        ConfigError: it cannot be read, is no XML or no OpenDRIVE, or declares entities.
+        ConfigError: it cannot be read, is not XML or not OpenDRIVE, or declares entities.
     """
     data = read_xml_bytes(path, largest=_LARGEST, error=ConfigError, advice="cut out the roads that are needed")
     document = parse_xml(data, shown(path), error=ConfigError, prefixes=False)
     root = document.root
     if root.tag != "OpenDRIVE":
-        raise ConfigError(f"{document.where(root)}: <{root.tag}> is no OpenDRIVE; its root is <OpenDRIVE>")
+        raise ConfigError(f"{document.where(root)}: <{root.tag}> is not OpenDRIVE, whose root is <OpenDRIVE>")
     return root, {element: document.where(element) for element in document.lines}
 
 

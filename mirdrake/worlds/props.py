@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 Color = tuple[float, float, float]
 
 DEFAULT_MU = 0.6
-"""Friction coefficient of a prop's sides [-]; rubber and steel on dry concrete or painted steel lie around it."""
+"""Friction coefficient of a prop's sides [-]; typical of rubber and steel on dry concrete or painted steel."""
 
 DENSITY = 500.0
 """Density [kg/m³] of a primitive that can be knocked over and has no mass given; that of light wood."""

@@ -154,7 +154,7 @@ class RegionSpec(Schema):
 
 
 class PatchSpec(RegionSpec):
-    """A part of the ground with its own friction; it lies on ground, roads and earlier patches."""
+    """A part of the ground with its own friction; it is above ground, roads and earlier patches."""
 
     name: Label | None = Field(default=None, description="its name, by which rules and regions refer to it [-]")
     surface: SurfaceName | None = Field(default=None, description="appearance; default: that of what is below [-]")

@@ -2,7 +2,7 @@
 
 Road, paint and ground are cut out of each other, so that no two surfaces are close above each other, which would cause
 z-fighting. The road's top is at z = 0, where the physical plane is; the ground beside
-it lies lower by the road's thickness. A friction patch is cut out likewise; one without its own surface
+it is lower by the thickness of the road. A friction patch is cut out likewise; one without its own surface
 shows the surface below, darker and glossier, as if it were wet.
 """
 

@@ -79,7 +79,7 @@ class LibraryShape(RootModel[Value], PropShape):
 
 
 class _Primitive(PropShape):
-    """A primitive that stands on the ground."""
+    """A primitive on the ground."""
 
     kind: ClassVar[str]
 

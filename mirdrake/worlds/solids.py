@@ -194,7 +194,7 @@ class ConvexKind(SolidKind):
     sdf_keys = ("uri", "scale")
 
     def make(self, sizes: Sequence[float], factors: Size = (1.0, 1.0, 1.0)) -> Shape:
-        """Meshes are read from files, see :meth:`read`."""
+        """Raise an error, as meshes are read from files, see :meth:`read`."""
         raise NotImplementedError
 
     def read(self, value: Any, folder: Path, factors: Size, prefix: str) -> Shape:

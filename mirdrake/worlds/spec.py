@@ -319,7 +319,7 @@ class WorldSpec(Schema):
     params: dict[Label, Value] = Field(default_factory=dict, description="numbers and words for $name [-]")
     include: list[str] = Field(default_factory=list, description="files with groups, relative to this one [-]")
     ground: GroundSpec = Field(default_factory=GroundSpec, description="the base plane [-]")
-    tracks: dict[str, TrackSpec] = Field(default_factory=dict, description="roads by name; later ones lie on top [-]")
+    tracks: dict[str, TrackSpec] = Field(default_factory=dict, description="roads by name; later ones are on top [-]")
     lights: LightsSpec = Field(default_factory=LightsSpec, description="sun and ambient light [-]")
     sky: Literal["clear", "overcast"] = Field(default="clear", description="appearance of the sky [-]")
     start: dict[str, StartSpec] = Field(

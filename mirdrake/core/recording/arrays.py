@@ -31,7 +31,7 @@ _GROUP = 8 * 2**20  # bytes of a row group, about
 
 
 class ArrayLog:
-    """Writes the samples of one sensor while the run goes on.
+    """Writer of the samples of one sensor during a run.
 
     Args:
         path: of the table, with the suffix .parquet; until the end of the run a folder.
@@ -73,12 +73,12 @@ class ArrayLog:
         self.count += 1
 
     def flush_if_due(self) -> None:
-        """Write what has been in memory for long."""
+        """Write the samples that have been in memory for long."""
         if self._table is not None:
             self._table.flush_if_due()
 
     def close(self) -> None:
-        """Make it one file."""
+        """Merge the parts into one file."""
         if self._table is not None:
             self._table.finish()
 
@@ -101,7 +101,7 @@ def _schema(columns: Mapping[str, Array], units: Mapping[str, str]) -> pa.Schema
 
 
 class Samples(Mapping[str, Any]):
-    """The samples of one sensor: ``samples.times`` [s] (n), ``samples["ranges"]`` (n, ...); read when asked for.
+    """The samples of one sensor: ``samples.times`` [s] (n), ``samples["ranges"]`` (n, ...); read on access.
 
     Args:
         path: of the table.
@@ -152,7 +152,7 @@ class Samples(Mapping[str, Any]):
         return len(self._schema.names) - 1
 
     def each(self) -> Iterator[tuple[float, dict[str, Array]]]:
-        """Sample by sample, few at a time in memory: time [s] and the arrays by name."""
+        """Yield time [s] and arrays by name of each sample, with few samples in memory at a time."""
         for table in read_groups(self.path):
             with read_errors(self.path):
                 values = {name: self._values(table, name) for name in self}

@@ -1,6 +1,6 @@
 """A Parquet table that grows on disk: a folder of finished parts, and in the end one file.
 
-pandas and pyarrow read both alike. Whatever kills the process, all parts written so far can be read.
+pandas and pyarrow read both in the same way. If the process is killed, all parts written so far can be read.
 """
 
 import shutil
@@ -20,9 +20,9 @@ FLUSH_AFTER = 0.25
 
 
 class PartedTable:
-    """Writes a table part by part.
+    """Writer of a table in parts.
 
-    How the parts were cut does not show in the file that they become: equal rows give equal bytes.
+    The final file does not depend on the parts: equal rows give equal bytes.
 
     Args:
         path: of the table; a folder at first.
@@ -48,7 +48,7 @@ class PartedTable:
             self.flush()
 
     def flush(self) -> None:
-        """Write the rows that are still in memory, as a part of their own."""
+        """Write the rows that are still in memory as a new part."""
         self._flushed = time.monotonic()
         if not self._pending:
             return

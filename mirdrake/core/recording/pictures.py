@@ -1,9 +1,9 @@
 """Pictures of cameras, in files named by time, and their driving log.
 
-A picture is called ``YYYY-mm-dd-HH-MM-SS-ffffff`` after the simulated time, counted from a start time: 1970-01-01 if
-nothing else is said, so that equal runs give equal files. ``driving_log.txt`` is that of the paper (vehicles.md 3.4): a
-line for each picture, its name, the steering angle [rad] and the speed [m/s] in full precision, between tabs, ended by
-carriage return and line feed. The numbers are measurements, not commands as in the original.
+A picture is named ``YYYY-mm-dd-HH-MM-SS-ffffff`` after the simulated time from a start time; the default is 1970-01-01,
+so that equal runs give equal files. ``driving_log.txt`` has a line for each picture: its name, the steering angle [rad]
+and the speed [m/s] in full precision, separated by tabs, ended by carriage return and line feed. The numbers are
+measurements, not commands.
 
 Colours are JPEG. Depths are PNG of 16 bits in millimetres, 0 where there is none; labels are PNG of 16 bits.
 """
@@ -41,15 +41,15 @@ def parse_start(text: str | None) -> datetime:
     """Return the date and time of the start of a run; UTC if it has no time zone.
 
     Args:
-        text: as ``2026-05-31 12:00``; None stands for 1970-01-01.
+        text: for example ``2026-05-31 12:00``; None: 1970-01-01.
 
     Raises:
-        ValueError: it is no date and time.
+        ValueError: it is not a date and time.
     """
     try:
         moment = EPOCH if text is None else datetime.fromisoformat(text)
     except ValueError:
-        raise ValueError(f"'{text}' is no date and time; write it as 2026-05-31 12:00") from None
+        raise ValueError(f"'{text}' is not a date and time; write it as 2026-05-31 12:00") from None
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
 
 
@@ -62,7 +62,7 @@ def picture_time(name: str, start: datetime = EPOCH) -> float:
     """Return the simulated time [s] of a picture's name, with or without a suffix.
 
     Raises:
-        ValueError: it is no such name.
+        ValueError: it is not such a name.
     """
     moment = datetime.strptime(name.partition(".")[0], _NAME).replace(tzinfo=UTC)
     return (moment - start) / timedelta(microseconds=1) * 1e-6
@@ -74,7 +74,7 @@ def make_pool() -> ThreadPoolExecutor:
 
 
 class PictureLog:
-    """Writes the pictures of one camera, and what the vehicle did at each, while the run goes on.
+    """Writer of the pictures of one camera during a run, with steering angle and speed of the vehicle at each.
 
     Pictures are encoded and written by a pool of threads; a line of the driving log is written when its picture is on
     disk, in order. Without a pool all is done at once.

@@ -23,7 +23,7 @@ ROWS = 5_000
 
 
 class VectorLog:
-    """Writes the samples of one sensor while the run goes on.
+    """Writer of the samples of one sensor during a run.
 
     Args:
         path: of the table, with the suffix .parquet; until the end of the run a folder.

@@ -46,7 +46,7 @@ class LensSpec(Schema):
         """Return the directions [-] of picture coordinates x', y' [-], by Newton's method.
 
         Raises:
-            ValueError: no direction maps there, or the distortion folds over before it.
+            ValueError: a coordinate has no direction, or the distortion is not monotonic up to it.
         """
         u, v = np.array(x, dtype=float), np.array(y, dtype=float)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

@@ -13,8 +13,9 @@ from mirdrake.sensors.cameras.mounts import PictureMount
 class LensMap:
     """Position of each pixel of a distorted picture in the rendered picture.
 
-    Both have the same focal length. The drawn one reaches a pixel beyond what the lens sees, so that no pixel of the
-    distorted one is empty. Colours are mixed of the four pixels around, depths and labels are those of the nearest.
+    Both have the same focal length. The rendered picture extends one pixel beyond the view of the lens, so that no
+    pixel of the distorted one is empty. Colours are interpolated between four pixels; depths and labels are of the
+    nearest one.
 
     Args:
         mount: size, field of view and distortion.

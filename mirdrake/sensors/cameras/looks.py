@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 def add_to_look(
     plant: MultibodyPlant, scene_graph: SceneGraph, geometry: GeometryId, base: PerceptionProperties
 ) -> None:
-    """Give a geometry perception properties beside those it has, if it has any; Drake replaces no such role."""
+    """Add perception properties to those of a geometry, if it has any; Drake cannot replace this role."""
     old = scene_graph.model_inspector().GetPerceptionProperties(geometry)
     if old is None:
         return
@@ -24,9 +24,9 @@ def add_to_look(
 
 
 def seen_by(renderers: Iterable[str]) -> PerceptionProperties:
-    """Properties with the names of the renderers that show a geometry.
+    """Return properties with the names of the renderers that show a geometry.
 
-    Drake wants a C++ set, for which Python has no word; but a parsed file has one.
+    Drake expects a C++ set, which cannot be made in Python; it is taken from a parsed URDF.
     """
     tags = "".join(f'<drake:accepting_renderer name="{name}"/>' for name in (*renderers, "none"))
     visual = f'<visual><geometry><box size="1 1 1"/></geometry>{tags}</visual>'

@@ -33,7 +33,7 @@ Faces = tuple[Array, Array, NDArray[np.int64]]
 """Points (n, 3) [m], normals (n, 3), triangles (m, 3)."""
 
 NAME = "scenery/merged"
-"""Of the mesh; rays and labels know what it is made of, and leave it out."""
+"""Name of the merged mesh; rays and labels use the geometries that it is made of."""
 
 SIDES = 64
 """Of a cylinder; Drake's own has 50."""
@@ -81,7 +81,7 @@ def merge_still_things(
 
 
 def _plain_color(look: PerceptionProperties | None) -> Color | None:
-    """The colour of a thing that has nothing else: no texture, nothing to look through, no renderer of its own."""
+    """Return the colour of an opaque geometry without texture and without a specific renderer; else None."""
     if look is None or look.HasGroup("renderer") or not look.HasProperty("phong", "diffuse"):
         return None
     rgba = look.GetProperty("phong", "diffuse")

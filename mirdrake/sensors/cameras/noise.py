@@ -1,9 +1,9 @@
 """Fast noise of image sensors: random bits select equally likely quantiles of the normal distribution.
 
-Like all noise it is a function of the stream and the number of the sample alone. The bits are SFC64's, seeded with
-both, which are made in a third of the time of Philox's. A colour picture takes a million numbers; they are cut out of
-a store of four million of the camera's own, each time at another place, as making them took longer than the simulation
-between two pictures.
+The noise depends only on the stream and the number of the sample. The bits are those of SFC64, seeded with both, which
+takes a third of the time of Philox. A colour picture needs a million numbers. They are taken from a store of four
+million numbers of the camera, from another position for each picture: to compute them would take longer than the
+simulation between two pictures.
 """
 
 from functools import cache, lru_cache
@@ -18,7 +18,7 @@ Colors = NDArray[np.uint8]
 Depths = NDArray[np.float32]
 
 STORE = 2**22
-"""Numbers that the noise of a camera's colours is cut out of; larger pictures are given numbers of their own."""
+"""Size of the store of random numbers of a camera; the noise of larger pictures is computed for each picture."""
 
 _LEVELS = 2**16  # of the uniform random numbers that noise is made of
 
@@ -27,17 +27,17 @@ def color_noise(seen: Colors, noise: float, *, stream: int, index: int) -> Color
     """Return colours with white noise.
 
     Args:
-        seen: as drawn (height, width, 4), of which alpha is left out.
+        seen: rendered colours (height, width, 4); alpha is ignored.
         noise: standard deviation [of full scale].
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
         index: number of the sample.
 
     Returns:
-        red, green, blue (height, width, 3), in memory of its own.
+        red, green, blue (height, width, 3), a copy.
     """
     out = np.empty((*seen.shape[:2], 3), dtype=np.uint8)
     if not noise:
-        for channel in range(3):  # much quicker than all three at once: numpy's innermost loop is a long one
+        for channel in range(3):  # faster than all three at once, as the innermost loop of NumPy is then a long one
             out[:, :, channel] = seen[:, :, channel]
         return out
     levels = _levels(noise, stream, index, out.size).reshape(3, *seen.shape[:2])
@@ -53,7 +53,7 @@ def depth_noise(seen: Depths, mount: DepthCameraMount, *, stream: int, index: in
     """Return the output of a depth sensor [m]: noise, limits and resolution applied.
 
     Args:
-        seen: as drawn: 0 nearer than the limits and infinite beyond them (height, width).
+        seen: rendered depths: 0 nearer than the limits and infinite beyond them (height, width).
         mount: noise, limits and steps.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
         index: number of the sample.

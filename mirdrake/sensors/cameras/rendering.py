@@ -181,7 +181,7 @@ def _egl_fault() -> str | None:
 def hide_model(
     plant: MultibodyPlant, scene_graph: SceneGraph, instance: ModelInstanceIndex, *, accepting: Iterable[str]
 ) -> None:
-    """Show a model in some renderers only, since a camera behind the windscreen shall not see its own vehicle.
+    """Show a model in some renderers only, so that a camera behind the windscreen does not see its vehicle.
 
     Args:
         plant: the finalised plant.

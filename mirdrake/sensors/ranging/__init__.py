@@ -2,12 +2,13 @@
 
 ::
 
-    faces      triangles that know the exact surface they stand for
+    faces      triangles that refer to the exact surface they approximate
     shapes     Drake's shapes and meshes as faces
-    scene      rays against things that do not move against one another (Embree, then formulas)
+    scene      rays against a rigid scene (Embree, then formulas)
     world      the fixed scene, the moving bodies, the ground
-    motion     where bodies were between two samples
-    beams      where rays point, and when they leave
-    caster     what the sensors have in common
-    laser_scanner, lidar, radar, sonar
+    motion     poses of bodies between two samples
+    beams      directions and times of rays
+    caster     readings of hits: limits, noise, resolution
+    mount      keys that all of them have
+    laser_scanner, lidar, radar, sonar: the kinds
 """

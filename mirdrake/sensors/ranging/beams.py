@@ -37,7 +37,7 @@ def turning(azimuths: ArrayLike, elevations: ArrayLike, *, rate: float, rolling:
 def cone(angle: float, rays: int) -> Beams:
     """Return simultaneous rays, evenly spread over a cone about x of a full angle [rad], including axis and rim.
 
-    They lie on a spiral that turns by the golden angle from one ray to the next.
+    They are on a spiral that turns by the golden angle from one ray to the next.
     """
     share = np.arange(rays) / max(rays - 1, 1)
     along = 1.0 - (1.0 - cos(0.5 * angle)) * share

@@ -19,18 +19,18 @@ from mirdrake.sensors.sampling import mount_pose
 class Caster:
     """Rays of a sensor into the world; declares the inputs and states that they need on the sensor's system.
 
-    Where bodies were at the sample before is a discrete state of the system, so that beams of a turning sensor can be
-    cast from where it was when they left.
+    The poses of bodies at the sample before are a discrete state of the system, so that beams of a rotating sensor are
+    cast from the pose that it had when they left.
 
     Args:
         system: of the sensor; receives the inputs ``body_poses`` and ``body_spatial_velocities`` and a state.
-        world: what can be seen.
+        world: surfaces that give returns.
         frame: where the sensor is mounted, x ahead, z up; fixed to a body.
         mount: rate, limits and noise.
         beams: in that frame.
         stream: of random numbers.
-        hidden: bodies that are not seen.
-        ground: whether the ground is seen.
+        hidden: bodies that give no returns.
+        ground: whether the ground gives returns.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """Triangles with references to the exact surfaces that they approximate.
 
-A flat face is exact as it is. Round things are wrapped in triangles from outside, and each such triangle names the
-:class:`Quadric` that it wraps; a ray that hits the wrapping is then cut with the quadric itself. What stands out of a
-round thing by less than its wrapping, a thousandth of its radius, may be missed there.
+A flat face is exact. A round surface is enclosed in triangles, and each such triangle refers to the :class:`Quadric`
+inside; a ray that hits the triangle is then intersected with the quadric. An object that protrudes from a round surface
+by less than the enclosing triangles, a thousandth of the radius, may be missed.
 """
 
 from collections.abc import Sequence
@@ -36,14 +36,14 @@ class Quadric:
 
 @dataclass(frozen=True)
 class Faces:
-    """Triangles with the surfaces that they stand for."""
+    """Triangles with the surfaces that they approximate."""
 
     corners: Array
     """(m, 3, 3) [m], counter-clockwise seen from outside"""
     curve: Ints
-    """(m) index of the quadric that a triangle wraps, -1 for a flat face that is exact"""
+    """(m) index of the quadric that a triangle encloses, -1 for a flat face that is exact"""
     cap: Bools
-    """(m) whether it lies in an end of its quadric; the corners then reach beyond the edge of the end"""
+    """(m) whether it is in an end of its quadric; its corners are then beyond the edge of the end"""
     quadrics: tuple[Quadric, ...] = ()
 
     def moved(self, X: RigidTransform) -> "Faces":

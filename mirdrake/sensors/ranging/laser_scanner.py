@@ -22,8 +22,8 @@ from mirdrake.vehicles.mount import FieldOfView
 class LaserScanner(SampledSensor):
     """Laser scanner: distances along beams in the plane z = 0 of its frame.
 
-    A scan is complete at the time of the sample, when the last beam leaves. The mirror makes one turn in a period, so
-    that the beams before it left earlier and are cast from where the sensor was then; see :attr:`times`.
+    A scan is complete at the time of the sample, when the last beam leaves. The mirror makes one turn in a period; the
+    beams before the last one are cast from the pose that the sensor had when they left, see :attr:`times`.
 
     Input ports:
         body_poses: the plant's output.
@@ -33,11 +33,11 @@ class LaserScanner(SampledSensor):
         stamp (1) [s]: when the sample was taken.
 
     Args:
-        world: what can be seen.
+        world: surfaces that give returns.
         frame: where the scanner is mounted; fixed to a body.
         mount: beams, limits, rate and noise.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        hidden: bodies that are not seen.
+        hidden: bodies that give no returns.
 
     Attributes:
         angles: of the beams, positive to the left (beams) [rad].

@@ -29,11 +29,11 @@ class LidarScan:
     Attributes:
         time: when it was complete [s]; -inf before the first one.
         ranges: distance along each beam (rows, columns) [m], inf: no return. Rows from the lowest to the highest as
-            the mount names them, columns in the order in which they leave.
+            of the mount, columns in the order in which they leave.
         beam_times: when the columns left (columns) [s].
         azimuths: of the columns, positive to the left (columns) [rad].
         elevations: of the rows, positive upwards (rows) [rad].
-        pose: true pose X_WS of the sensor at `time` as a matrix (3, 4), which no lidar knows.
+        pose: true pose X_WS of the sensor at `time` as a matrix (3, 4), which a real lidar does not measure.
         twist: its true angular velocity [rad/s] and velocity [m/s] at `time`, in the world (6).
     """
 
@@ -48,8 +48,8 @@ class LidarScan:
     def points(self) -> Array:
         """Return the hits of the beams, each in the frame of the sensor at the time of the beam (n, 3) [m].
 
-        They are not corrected for the motion of the vehicle, as those of the real sensor are not. Beams without return
-        are left out.
+        As those of a real sensor, they are not corrected for the motion of the vehicle. Beams without return are left
+        out.
         """
         places = grid(self.azimuths, self.elevations).transpose(1, 0, 2) * self.ranges[:, :, None]
         hits: Array = places[np.isfinite(self.ranges)]
@@ -58,7 +58,7 @@ class LidarScan:
     def points_in_world(self) -> Array:
         """Return the hits of the beams in the world (n, 3) [m], each column from the pose of the sensor at its time.
 
-        The true pose and twist are used, and the twist is taken for constant over the turn, as on a circle.
+        The true pose and twist are used; the twist is assumed to be constant over the turn, as on a circle.
         """
         if not np.isfinite(self.time):
             return np.empty((0, 3))
@@ -76,8 +76,8 @@ class LidarScan:
 class Lidar(SampledValue):
     """Lidar: a cloud of distances, by planes and columns.
 
-    A turn is complete at the time of the sample, when the last column leaves; columns before it left earlier and are
-    cast from where the sensor was then. Other bodies are where they were then, too.
+    A turn is complete at the time of the sample, when the last column leaves. The columns before it are cast from the
+    pose that the sensor had when they left, to the poses that other bodies had at that time.
 
     Input ports:
         body_poses: the plant's output.
@@ -87,16 +87,16 @@ class Lidar(SampledValue):
         stamp (1) [s]: when it was complete.
 
     Args:
-        world: what can be seen.
+        world: surfaces that give returns.
         frame: where the lidar is mounted; fixed to a body.
         mount: planes, columns, limits, rate and noise.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        hidden: bodies that are not seen.
+        hidden: bodies that give no returns.
 
     Attributes:
         azimuths: of the columns, positive to the left (columns) [rad].
         elevations: of the rows, positive upwards (rows) [rad].
-        empty: what is shown before the first turn is complete.
+        empty: output before the first turn is complete.
         record: how samples are recorded.
         has_cloud_overlay: whether a live view draws the output ``cloud``.
     """

@@ -39,11 +39,11 @@ def radar_signals(targets: int) -> Signals:
 class Radar(SampledSensor):
     """Targets within a field of view, the nearest first.
 
-    Each object that rays meet is one target: a vehicle with all its parts, a prop, a geometry that is neither. Its
-    returns are those in the range cell of its nearest one. Range is that of the nearest; azimuth and range rate are the
-    means over the cell. Objects are separated by their identity, not by their distance, and none is hidden by the
-    clutter of the ground, which gives no return unless the mount says so; strength of returns, ambiguity of range and
-    range rate, and paths over several surfaces are not modelled.
+    Each object that rays meet is one target: a vehicle with all its parts, a prop, or another geometry. Its returns are
+    those in the range cell of the nearest one. The range is that of the nearest return; azimuth and range rate are
+    means over the cell. Objects are separated by their identity, not by their distance. The ground gives no returns
+    unless the mount has `ground: true`, and its clutter hides no object. Strength of returns, ambiguity of range and
+    range rate, and multipath are not modelled.
 
     Input ports:
         body_poses: the plant's output.
@@ -53,11 +53,11 @@ class Radar(SampledSensor):
         stamp (1) [s]: when the sample was taken.
 
     Args:
-        world: what can be seen.
+        world: surfaces that give returns.
         frame: where the radar is mounted; fixed to a body.
         mount: field of view, limits, rate and noise.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        hidden: bodies that are not seen.
+        hidden: bodies that give no returns.
     """
 
     record = None

@@ -1,8 +1,8 @@
 """Ray casting in a rigid scene: Embree finds the face, formulas give the exact distance.
 
 Embree (Wald et al. 2014, "Embree: a kernel framework for efficient CPU ray tracing"; Apache 2.0; Python binding
-embreex) works in single precision. So it only tells which face a ray hits first; the distance comes from the plane or
-the quadric of that face in double precision.
+embreex) works in single precision. It is only used to find the first face that a ray hits; the distance is computed
+from the plane or the quadric of that face in double precision.
 """
 
 from hashlib import blake2b
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from mirdrake.core.errors import MissingDependencyError
 from mirdrake.sensors.ranging.faces import Array, Bools, Faces, Ints
 
-_ROUNDS = 64  # wrappings that one ray may graze, at most
-_STEP = 1e-4  # [m] beyond a wrapping that was grazed
+_ROUNDS = 64  # largest number of enclosing triangles that a ray may graze
+_STEP = 1e-4  # [m] beyond an enclosing triangle that was grazed
 _EDGE_ON = 1e-9  # sine of the angle between a ray and a face
 
 
@@ -28,7 +28,7 @@ class RayScene:
 
     Attributes:
         centre: middle of the box around all faces (3) [m].
-        radius: of the sphere about it that holds them [m]; 0 without faces.
+        radius: of the sphere about it that contains all faces [m]; 0 without faces.
 
     Raises:
         MissingDependencyError: embreex is not installed.
@@ -62,11 +62,11 @@ class RayScene:
         Args:
             origins: in the frame of the scene (n, 3) or (1, 3) [m].
             directions: unit vectors (n, 3).
-            far: how far to look [m].
+            far: largest distance [m].
 
         Returns:
             distances (n) [m], inf where nothing is hit, and the faces that are hit (n), -1 for none. A ray that starts
-            in a round thing does not see it from within.
+            inside a round surface does not hit it.
         """
         count = len(directions)
         distance = np.full(count, np.inf)
@@ -84,7 +84,7 @@ class RayScene:
             distance[rays] = along
             if missed is None:
                 break
-            # Rays between a wrapping and the round thing in it go on behind that face.
+            # Rays that pass between the enclosing triangle and the round surface continue behind that face.
             rays, passed = rays[missed], along[missed] + _STEP
             distance[rays], face[rays] = np.inf, -1
             o = origins if len(origins) == 1 else origins[rays]
@@ -173,7 +173,7 @@ _scenes: "WeakValueDictionary[bytes, RayScene]" = WeakValueDictionary()
 def ray_scene(faces: Faces) -> RayScene:
     """Return the scene of faces; equal faces share one scene while it is in use.
 
-    So a world or a vehicle that is built again is not prepared again, and takes no more memory.
+    A world or a vehicle that is built again is not prepared again, and takes no more memory.
     """
     digest = blake2b(faces.corners.tobytes())
     digest.update(faces.curve.tobytes() + faces.cap.tobytes())

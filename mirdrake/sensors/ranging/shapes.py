@@ -1,7 +1,7 @@
 """Drake's shapes as faces for ray casting.
 
-Box, cylinder, capsule, sphere and ellipsoid are exact; a cone is faceted, and lies within 0.5 mm of the true one.
-Imported when the first ray world is made, as what reads meshes takes a while to load.
+Box, cylinder, capsule, sphere and ellipsoid are exact; a cone is faceted, within 0.5 mm of the exact surface.
+It is imported when the first ray world is made, as trimesh takes long to import.
 """
 
 import io
@@ -166,7 +166,7 @@ def _read(file: Any, extension: str, resolver: Any) -> Array | None:
         options: dict[str, Any] = {"skip_materials": True} if extension in {".obj", ".gltf", ".glb"} else {}
         scene = trimesh.load_scene(file, file_type=extension[1:], resolver=resolver, **options)
         parts = [part.triangles for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    except Exception:  # whatever a reader of foreign files raises; then the hull is taken
+    except Exception:  # readers of mesh files raise many types; the convex hull is used then
         return None
     if not parts:
         return None

@@ -24,9 +24,9 @@ SONAR = signals(("range", "m", "distance of the nearest echo, inf: none"))
 class Sonar(SampledSensor):
     """Sonar: distance of the nearest surface in a cone about the x axis of its frame.
 
-    The cone is a bundle of rays that leave at once; something smaller than the gaps between them may be missed. What is
-    nearer than the near limit hides the rest along its rays. The echo does not depend on how a surface is turned. The
-    ground, which throws sound forward, gives no echo unless the mount says so.
+    The cone is a bundle of rays that leave at the same time; an object smaller than the gaps between them may be
+    missed. A surface nearer than the near limit hides the surfaces behind it. The echo does not depend on the direction
+    of a surface. The ground, which reflects sound forward, gives no echo unless the mount has `ground: true`.
 
     Input ports:
         body_poses: the plant's output.
@@ -36,11 +36,11 @@ class Sonar(SampledSensor):
         stamp (1) [s]: when the sample was taken.
 
     Args:
-        world: what can be seen.
+        world: surfaces that give returns.
         frame: where the sonar is mounted; fixed to a body.
         mount: cone, limits, rate and noise.
         stream: from :func:`mirdrake.sensors.noise.noise_stream`.
-        hidden: bodies that are not seen.
+        hidden: bodies that give no returns.
     """
 
     record = None

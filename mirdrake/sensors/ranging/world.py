@@ -1,10 +1,10 @@
 """Scene for range sensors: the visible surfaces of a plant, and the ground.
 
-Rays see what a camera sees: geometry with the perception role, meshes triangle by triangle. What is fixed in the world
-is one scene that is built once and shared by all sensors; every body that can move has a small scene of its own, and
-rays are taken into its frame. The ground is the plane z = 0 on which the wheels stand, without end; what is painted on
-it and the few millimetres by which it lies lower beside a road are not seen. A slope tilts gravity and not the frame,
-so there it is z = 0 as well; ramps are props.
+Rays meet the geometry with the perception role, meshes triangle by triangle. The geometry fixed in the world is one
+scene, which is built once and shared by all sensors. Every body that can move has a small scene, and rays are
+transformed into its frame. The ground is the infinite plane z = 0 below the wheels; paint, and the few millimetres by
+which the ground beside a road is lower, give no returns. On a slope gravity is tilted and the ground is z = 0 as well;
+ramps are props.
 """
 
 from collections.abc import Container
@@ -147,10 +147,10 @@ class RayWorld:
             beams: in the frame S of the sensor.
             X_BS: pose of S in the body B that carries it.
             carrier: state of B one period ago, if known, and now.
-            movers: the same of the bodies that may be seen, by their indices.
+            movers: states of the visible bodies, by their indices.
             period: between the two states [s].
-            far: how far to look [m].
-            ground: whether the ground is seen.
+            far: largest distance [m].
+            ground: whether the ground gives returns.
         """
         columns, rows = beams.directions.shape[:2]
         local, times = beams.directions, beams.times
@@ -187,8 +187,8 @@ class _Rays:
         origins: of the columns (c, 3) [m].
         directions: column by column (n, 3).
         times: of the columns (c) [s].
-        period: back to the other state of all bodies [s].
-        far: how far to look [m].
+        period: between the two states of all bodies [s].
+        far: largest distance [m].
     """
 
     origins: Array
@@ -214,11 +214,11 @@ def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) 
     Args:
         mover: the body.
         states: of the body.
-        reach: speed of the rays' origin, at most [m/s].
-        rays: what is cast.
-        hits: (n) each, changed.
+        reach: largest speed of the origin of the rays [m/s].
+        rays: the rays.
+        hits: of the rays (n); updated.
     """
-    # Which rays can meet the sphere around the body, wherever both were during the turn.
+    # Only rays that can meet the sphere around the body, anywhere on the paths of both during the turn, are cast.
     now, centre = states[1], mover.scene.centre
     middle = now.p + now.R @ centre - rays.origins[-1]
     speed = _travel(*states) + _spin(*states) * hypot(*centre.tolist())
