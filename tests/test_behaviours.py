@@ -109,7 +109,7 @@ class Drive:
 
 def drive(behaviour, props=(), *, duration, tracks=None, **car):
     """A kinematic car driven by a behaviour until the time is over or it touches a prop."""
-    world = WorldStandIn(list(props), tracks or {})
+    world: Any = WorldStandIn(list(props), tracks or {})
     driver = behaviour if isinstance(behaviour, LeafSystem) else make_driver(behaviour, CAR, world)
     builder = DiagramBuilder()
     plant, sensor = builder.AddSystem(KinematicCar(**car)), builder.AddSystem(RangeScan(world, CAR))

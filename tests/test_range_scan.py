@@ -56,7 +56,8 @@ def put(shape, x, y, yaw=0.0, *, name="prop", static=True, **heights):
 
 
 def make_scan(*props, **options):
-    return RangeScan(WorldStandIn(list(props)), CarStandIn(), **options)
+    world: Any = WorldStandIn(list(props))
+    return RangeScan(world, CarStandIn(), **options)
 
 
 def edges_of(shape):

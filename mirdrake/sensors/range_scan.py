@@ -9,7 +9,7 @@ intersections instead of some hundred thousand where there are many props.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import shapely
@@ -26,43 +26,13 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import Signal, declare_vector_input, declare_vector_output
 from mirdrake.core.vectors import STATE
+from mirdrake.worlds import PlacedProp, World
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Chains = tuple[Array, Array, Bools]
 
 _GRAZING = 1e-12  # beams this close to the end of a segment hit it [rad]
-
-
-class SeenProp(Protocol):
-    """The properties of a placed prop that the scan uses."""
-
-    @property
-    def name(self) -> str:
-        """Name, unique in the world."""
-
-    def between(self, low: float, high: float) -> Sequence[Any]:
-        """Return the area covered between two heights [m], seen from above: shapely polygons in the world [m]."""
-
-    @property
-    def prop(self) -> Any:
-        """Kind of the prop; its `driven_over` is true if vehicles may drive over it."""
-
-    @property
-    def static(self) -> bool:
-        """Whether it cannot be moved."""
-
-    @property
-    def X_WP(self) -> RigidTransform:  # noqa: N802
-        """Its pose when placed."""
-
-
-class SeenWorld(Protocol):
-    """The properties of a world that the scan uses."""
-
-    @property
-    def props(self) -> Sequence[Any]:
-        """Props, each a :class:`SeenProp`."""
 
 
 def scan(segments: ArrayLike, x: float, y: float, yaw: float, angles: ArrayLike, reach: float = REACH) -> Array:
@@ -210,7 +180,7 @@ class RangeScan(LeafSystem):
 
     def __init__(
         self,
-        world: SeenWorld,
+        world: World,
         vehicle: ShapedVehicle,
         *,
         beams: int = BEAMS,
@@ -337,7 +307,7 @@ def _planar_pose(X_WP: RigidTransform) -> tuple[float, float, float]:
     return x, y, float(RollPitchYaw(X_WP.rotation()).yaw_angle())
 
 
-def _at_origin(prop: SeenProp, areas: Sequence[Any]) -> Any:
+def _at_origin(prop: PlacedProp, areas: Sequence[Any]) -> Any:
     """Return the union of the areas that a prop covers, in its frame P."""
     x, y, yaw = _planar_pose(prop.X_WP)
     cos, sin = math.cos(yaw), math.sin(yaw)
