@@ -1,7 +1,10 @@
-"""Reader of JSON files that a user may have edited."""
+"""JSON objects, and a reader of JSON files that a user may have edited."""
 
 import json
 from typing import Any
+
+Json = dict[str, Any]
+"""A JSON object, or a mapping of a YAML file before it is validated."""
 
 _MOST_DIGITS = 300
 """Digits of an integer; a longer one is read as a float, which may be infinite."""

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mirdrake.core.json_io import Json
+
 Array = NDArray[np.float64]
 
 _FLOAT, _SHORT, _INT = 5126, 5123, 5125  # component types of glTF
@@ -51,7 +53,7 @@ def srgb_to_linear(srgb: Array) -> Array:
 
 def pbr_material(
     color: Sequence[float], *, roughness: float, metallic: float = 0.0, texture: int | None = None
-) -> dict[str, Any]:
+) -> Json:
     """Return a material of glTF's metallic-roughness model.
 
     Args:
@@ -60,7 +62,7 @@ def pbr_material(
         metallic: 0 is a dielectric, 1 is a metal.
         texture: index of the image.
     """
-    pbr: dict[str, Any] = {"baseColorFactor": list(color), "metallicFactor": metallic, "roughnessFactor": roughness}
+    pbr: Json = {"baseColorFactor": list(color), "metallicFactor": metallic, "roughnessFactor": roughness}
     if texture is not None:
         pbr["baseColorTexture"] = {"index": texture}
     return {"pbrMetallicRoughness": pbr}
@@ -88,17 +90,17 @@ def gltf_text(primitives: Sequence[Primitive], *, images: Sequence[str] = ()) ->
 
 def _build(
     primitives: Sequence[Primitive], images: Sequence[str], generator: str, *, mipmaps: bool
-) -> tuple[dict[str, Any], bytes]:
+) -> tuple[Json, bytes]:
     """Return the glTF document, without the address of its buffer, and the buffer."""
     blob = bytearray()
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
+    views: list[Json] = []
+    accessors: list[Json] = []
 
     def store(array: NDArray[Any], kind: str, component: int, target: int, *, bounds: bool = False) -> int:
         blob.extend(bytes(-len(blob) % 4))  # glTF aligns floats to four bytes
         raw = array.tobytes()
         views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": len(raw), "target": target})
-        entry: dict[str, Any] = {"bufferView": len(views) - 1, "componentType": component, "count": len(array)}
+        entry: Json = {"bufferView": len(views) - 1, "componentType": component, "count": len(array)}
         entry["type"] = kind
         if bounds:
             entry["min"], entry["max"] = array.min(axis=0).tolist(), array.max(axis=0).tolist()
@@ -120,7 +122,7 @@ def _build(
         index = store(part.triangles.ravel().astype("<u2" if short else "<u4"), "SCALAR", _SHORT if short else _INT,
                       _INDICES)  # fmt: skip
         entries.append({"attributes": attributes, "indices": index, "material": number})
-    document: dict[str, Any] = {
+    document: Json = {
         "asset": {"version": "2.0", "generator": generator},
         "scene": 0,
         "scenes": [{"nodes": [0]}],

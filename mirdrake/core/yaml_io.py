@@ -18,6 +18,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Pri
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, FaultCode, did_you_mean, dotted
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_tree import Key as Key  # with `as`: also public here
 from mirdrake.core.yaml_tree import Source as Source
 from mirdrake.core.yaml_tree import in_file, lay_over
@@ -312,7 +313,7 @@ def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
     root = schema.model_json_schema()
     nodes = [root]
 
-    def resolve(node: dict[str, Any]) -> list[dict[str, Any]]:
+    def resolve(node: Json) -> list[Json]:
         if "$ref" in node:
             return resolve(root["$defs"][node["$ref"].rsplit("/", 1)[1]])
         for word in ("anyOf", "oneOf", "allOf"):
@@ -321,7 +322,7 @@ def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
         return [node]
 
     for step in location:
-        following: list[dict[str, Any]] = []
+        following: list[Json] = []
         for node in (leaf for candidate in nodes for leaf in resolve(candidate)):
             if isinstance(step, int) and "items" in node:
                 following.append(node["items"])
@@ -354,7 +355,7 @@ def _overridden(text: str, name: str, overrides: Iterable[str]) -> tuple[Any, So
     return data, source
 
 
-def _apply_override(data: dict[str, Any], override: str, source: Source) -> tuple[dict[str, Any], Source]:
+def _apply_override(data: Json, override: str, source: Source) -> tuple[Json, Source]:
     """Return data and source with one ``dotted.path=value`` set; containers on the path are copied.
 
     Raises:

@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 
 from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import data_root, find
 from mirdrake.core.yaml_io import Source, load_yaml, parse_tree, read_tree, shown, validate, where
 from mirdrake.worlds.arrange import Arranger
@@ -97,7 +98,7 @@ def _make(data: Any, source: Source, *, path: Path | None) -> World:
     return _lay_out(validate(data, WorldSpec, source), path=path)
 
 
-def _evaluated(data: dict[str, Any], source: Source) -> dict[str, Any]:
+def _evaluated(data: Json, source: Source) -> Json:
     """Return a world file with its parameters and the values outside of props evaluated."""
     seed = data.get("seed", 0)
     draw = Draw(seed if isinstance(seed, int) else 0, "", {})

@@ -23,6 +23,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.digest import digest
 from mirdrake.core.errors import WorldError
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import resolved
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
 from mirdrake.worlds.relief import relief_content
@@ -39,8 +40,6 @@ _HEX = re.compile(r"[0-9a-f]{16,}")
 _WORDS = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
 _LINES = ("patches", "props")  # lists with a line for each item
 _BLOCKS = ("tracks", "starts", "goals", "files")  # mappings with a line for each item
-
-Content = dict[str, Any]
 
 
 def lock_text(world: World) -> str:
@@ -90,14 +89,14 @@ def content_hash(content: Mapping[str, Any]) -> str:
     return digest(_canonical(rest))
 
 
-def lock_content(world: World) -> Content:
+def lock_content(world: World) -> Json:
     """Return the content of a world as plain data; lengths in m, angles in rad.
 
     Raises:
         WorldError: a file of a prop cannot be read.
     """
     spec, ground = world.spec, world.ground
-    goals: Content = {}
+    goals: Json = {}
     for name, goal in spec.goals.items():
         if goal.at is not None:
             goals[name] = {"at": _rounded(goal.at), "radius": _rounded(goal.radius or 1.0)}
@@ -166,10 +165,10 @@ def read_bytes(path: Path) -> bytes:
 # --- the inner parts ---------------------------------------------------------------------------------------------
 
 
-def _prop(placed: PlacedProp) -> Content:
+def _prop(placed: PlacedProp) -> Json:
     """Return the entry of one prop."""
     prop = placed.prop
-    entry: Content = {
+    entry: Json = {
         "name": placed.name, "kind": prop.name, "size": _rounded(prop.size), "solids": _solids_hash(prop),
         "pose": _pose(placed.X_WP), "static": placed.static, "color": _rounded(placed.color), "mu": prop.mu,
     }  # fmt: skip
@@ -181,7 +180,7 @@ def _prop(placed: PlacedProp) -> Content:
 @lru_cache(maxsize=4096)
 def _solids_hash(prop: Prop) -> str:
     """Return the first 16 digits of the SHA-256 of the collision shapes of a prop."""
-    parts: list[Content] = []
+    parts: list[Json] = []
     for solid in prop.solids:
         sides: list[float | str] = [*kind_of(solid.shape).sizes(solid.shape)]
         if solid.mesh is not None:
@@ -198,9 +197,9 @@ def _pose(X: RigidTransform) -> list[float]:
     return [half_turn if index in (3, 5) and value == -half_turn else value for index, value in enumerate(values)]
 
 
-def _track(world: World, name: str, track: Track) -> Content:
+def _track(world: World, name: str, track: Track) -> Json:
     spec = world.spec.tracks[name]
-    entry: Content = {
+    entry: Json = {
         "start": _rounded(track.pose_at(0.0)), "length": _rounded(track.length), "width": _rounded(track.width),
         "closed": track.closed, "road": spec.road, "thickness": spec.thickness, "surface": spec.surface,
         "mu": track_mu(spec), "edges": spec.verge,

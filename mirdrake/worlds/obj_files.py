@@ -18,6 +18,7 @@ from PIL import Image
 from pydrake.geometry import Convex
 
 from mirdrake.core.errors import WorldError
+from mirdrake.core.json_io import Json
 from mirdrake.worlds.lock import mesh_files, read_bytes
 from mirdrake.worlds.scenery import texture_path
 
@@ -147,12 +148,12 @@ class ObjFiles:
         return [(f"{stem}.obj", None)]
 
 
-def plain_color(data: Mapping[str, Any]) -> dict[str, Any]:
+def plain_color(data: Mapping[str, Any]) -> Json:
     """Return a glTF document of :mod:`mirdrake.worlds.scenery` with mean colours instead of textures.
 
     Textures of OBJ files are not repeated in Drake, so that tiled ones would be stretched.
     """
-    document: dict[str, Any] = json.loads(json.dumps(data))
+    document: Json = json.loads(json.dumps(data))
     images = [Path(image["uri"]).stem for image in document.pop("images", ())]
     for key in ("textures", "samplers"):
         document.pop(key, None)

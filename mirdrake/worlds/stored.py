@@ -14,6 +14,7 @@ import shapely
 from pydrake.geometry import Box, Convex, Shape
 from pydrake.math import RigidTransform
 
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Source, validate
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
@@ -24,15 +25,13 @@ from mirdrake.worlds.spec import WorldSpec
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import Goal, Ground, Start, World
 
-Data = dict[str, Any]
-
 FindFile = Callable[[str], Path | None]
 """Returns the file of a reference, or None if it no longer exists."""
 
 _LEFT_OUT: Any = {"include": True, "props": True, "groups": True, "rules": True, "tests": True, "ground": {"patches"}}
 
 
-def world_data(world: World, refer: Callable[[Path], str]) -> Data:
+def world_data(world: World, refer: Callable[[Path], str]) -> Json:
     """Return a world as data for JSON.
 
     Args:
@@ -91,7 +90,7 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "worl
 # --- tracks and goals --------------------------------------------------------------------------------------------
 
 
-def _track_data(track: Track) -> Data:
+def _track_data(track: Track) -> Json:
     return {
         "pieces": [list(piece) for piece in track.pieces],
         "start": [float(value) for value in track.start],
@@ -133,7 +132,7 @@ def _read_pose(rows: Any) -> RigidTransform:
     return RigidTransform(matrix)
 
 
-def _shape_data(shape: Shape, refer: Callable[[Path], str]) -> Data:
+def _shape_data(shape: Shape, refer: Callable[[Path], str]) -> Json:
     kind, mesh = kind_of(shape), mesh_of(shape)
     return {kind.key: kind.sizes(shape)} if mesh is None else {"mesh": refer(mesh), "scale": kind.sizes(shape)}
 
@@ -146,7 +145,7 @@ def _read_shape(data: Mapping[str, Any], find: FindFile) -> Shape | None:
     return kind.make(data[kind.key])
 
 
-def _prop_data(prop: Prop, refer: Callable[[Path], str]) -> Data:
+def _prop_data(prop: Prop, refer: Callable[[Path], str]) -> Json:
     return vars(prop) | {
         "solids": [{"pose": _pose_data(solid.X_PS), **_shape_data(solid.shape, refer)} for solid in prop.solids],
         "visual": None if prop.visual is None else refer(prop.visual),
@@ -171,7 +170,7 @@ def _read_prop(data: Mapping[str, Any], find: FindFile) -> Prop:
     return Prop(**{**data, **changed})
 
 
-def _placed_data(placed: PlacedProp, kind: int) -> Data:
+def _placed_data(placed: PlacedProp, kind: int) -> Json:
     kept = {field.name: getattr(placed, field.name) for field in fields(placed)}
     return kept | {"prop": kind, "X_WP": _pose_data(placed.X_WP)}
 
