@@ -70,6 +70,7 @@ def run(options: argparse.Namespace) -> int:
         vehicle = load_vehicle(options.vehicle)
         if not options.quiet:
             print(f"driving {vehicle.name}, which has tyre slip; --as-is drives the vehicle with contact friction")
+
     facts = find_facts(vehicle)
     folder = new_folder(options.out, f"{vehicle.name.replace('@', '-')}-handling")
     outcomes = []
@@ -97,6 +98,8 @@ def run(options: argparse.Namespace) -> int:
             outcomes.append(outcome)
             if not options.quiet:
                 progress.write_out("\n".join(describe(outcome)))
+
+    # The report is written also after an interruption, so that finished manoeuvres are not lost.
     if outcomes:
         plant = {**settings.plant.model_dump(), "contact": rig.contact}
         results = HandlingResults(facts, options.model, plant, rig.friction, outcomes, folder)

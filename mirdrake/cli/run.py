@@ -79,6 +79,7 @@ def run(options: argparse.Namespace) -> int:
         end_of_commands = _use_recorded_commands(spec, options.commands)
         duration = duration or end_of_commands
 
+    # The scene is laid out once, for the live view and for the run.
     scene, meshcat = make_scene(spec), None
     _warn_of_changed_files(spec, scene, options.diagram, overrides)
     if options.view or (options.view is None and sys.stdout.isatty() and not options.quiet):
@@ -114,6 +115,8 @@ def run(options: argparse.Namespace) -> int:
         )
     if not options.quiet:
         _print_summary(finished)
+
+    # A run that diverged has written its folder, but its exit code is 1.
     if not finished.diverged:
         return 0
     location = f"{shown(finished.folder)}: " if finished.folder else ""

@@ -44,6 +44,8 @@ def run(options: argparse.Namespace) -> int:
     settings = parse_yaml("", ValidationSettings, name="validate", overrides=options.set)
     vehicle = load_vehicle(options.vehicle)
     published = load_published(vehicle)
+
+    # The list needs no plant, so that it is printed before the modules of the manoeuvres are imported.
     only = _quantities(options.only, [figure.quantity for figure in published.figures])
     if options.list:
         for figure in published.figures:

@@ -44,12 +44,15 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.viewer.views import ViewButtons, make_views
     from mirdrake.worlds import load_world
 
+    # Options that have no effect on this kind are rejected before anything is loaded.
     kind = kind_of(options.name)
     if kind in {"studies", "files"}:
         raise ConfigError(f"'{options.name}' is a study or a data file and cannot be shown")
     layers = [f"--{name.replace('_', '-')}" for name in ("frames", "collision", "no_meshes") if getattr(options, name)]
     if layers and kind != "models":
         raise ConfigError(f"{', '.join(layers)}: only for a vehicle; '{options.name}' is not a vehicle")
+
+    # A file is drawn by a Meshcat that serves no page.
     make = make_meshcat if options.out is None else make_offline_meshcat
     sliders: Any = None
     diagram: Any = None
@@ -79,6 +82,8 @@ def run(options: argparse.Namespace) -> int:
             collision=options.collision,
             meshes=not options.no_meshes,
         )
+
+    # An interactive view runs until Escape or Ctrl-C; each kind has its own loop, as only vehicles have sliders.
     if options.out is not None:
         write_page(meshcat, options.out, views=views)
         print(shown(options.out))

@@ -74,6 +74,8 @@ def run(options: argparse.Namespace) -> int:
 
     if options.resume and options.out is None:
         raise ConfigError("--resume: give the folder to continue with --out")
+
+    # Worlds with faults are reported before any case runs, as each of their cases would fail for the same reason.
     cases = collect_cases(options.files, only=options.case, values=dict(options.param))
     if not print_world_faults(cases):
         return 2
@@ -97,6 +99,8 @@ def run(options: argparse.Namespace) -> int:
                 resume=options.resume,
                 keep_all=bool(options.case),
             )
+
+        # An interrupted suite is to be continued, so that its recordings are not made yet.
         faults: list[tuple[str, str]] = []
         if suite.complete:
             with suppress(KeyboardInterrupt):  # the verdicts are valid without the recordings

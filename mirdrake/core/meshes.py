@@ -108,6 +108,7 @@ def _build(
         blob.extend(raw)
         return len(accessors) - 1
 
+    # Each primitive has its own material, all in one mesh.
     entries = []
     for number, part in enumerate(primitives):
         attributes = {

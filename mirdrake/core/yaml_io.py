@@ -264,6 +264,8 @@ def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
     """Return an error of pydantic in the words of this module, with its location."""
     location = tuple(entry["loc"])
     path = in_file(location, source)
+
+    # Messages of pydantic are replaced where they do not state what was given and what is allowed.
     kind, given, context = entry["type"], entry["input"], entry.get("ctx", {})
     message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.removeprefix("Input should be ")

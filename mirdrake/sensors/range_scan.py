@@ -207,6 +207,7 @@ class RangeScan(LeafSystem):
         self._step = float(self.angles[1] - self.angles[0]) if beams > 1 else 0.0
         self._ahead_only = start_angle >= -0.5 * math.pi and end_angle <= 0.5 * math.pi
 
+        # Fixed outlines are merged in the world; movable ones are stored in the frames of their bodies.
         seen = [(prop, prop.between(low, volume.high)) for prop in world.props if not prop.prop.driven_over]
         fixed = [polygon for prop, areas in seen if prop.static for area in areas for polygon in _polygons(area)]
         self._fixed = _Shapes(_polygons(shapely.union_all(fixed)) if fixed else [])
@@ -220,6 +221,7 @@ class RangeScan(LeafSystem):
         self._moving, self._owner = _Shapes([part for _, part in parts]), np.array([index for index, _ in parts], int)
         self._placed = np.array([pose for _, pose, _ in moving]).reshape(-1, 3)
 
+        # The port of poses exists only if something can move; other worlds need no connection to it.
         self.state = declare_vector_input(self, "state", STATE)
         needs = [self.state.ticket()]
         self.prop_poses = None

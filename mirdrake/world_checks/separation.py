@@ -153,6 +153,7 @@ class _Differences:
 
 def _search(differences: _Differences) -> Separation:
     """Split cones until the bounds agree."""
+    # The first cones are the octants; their rays are the axes.
     signs = np.array([1.0, -1.0])
     rays = np.vstack([sign * np.eye(3) for sign in signs])
     cones = np.array([(i, j, k) for i in (0, 3) for j in (1, 4) for k in (2, 5)])
@@ -171,6 +172,7 @@ def _search(differences: _Differences) -> Separation:
                 best = candidates[np.argmin(radii)] * radii.min()
         bound = float(np.linalg.norm(best))
 
+        # A cone that is covered up to the upper bound contains no shorter translation.
         near = compiled(_cover, parts=_PARTS)(cones, near, rays, enters, leaves)
         left = near < bound - TOLERANCE
         cones, near = cones[left], near[left]

@@ -160,6 +160,7 @@ class Arranger:
         Raises:
             ConfigError: an entry is invalid; all faults, one per line.
         """
+        # All faults of the entries are collected, so that they are reported at once.
         faults: list[str] = []
         drafts: list[_Draft] = []
         for index, (name, key, entry) in enumerate(_named(entries)):
@@ -169,6 +170,8 @@ class Arranger:
                 faults.append(str(error))
             if len(drafts) > LARGEST_COUNT:
                 raise ConfigError(f"{where(entry)}: more than {LARGEST_COUNT} props; reduce a count")
+
+        # Fixed props are placed first, as random ones avoid them.
         placed_props = _PlacedProps(self._gap, self._may_overlap)
         unplaced: dict[str, list[str]] = {}
         for draft in sorted(drafts, key=lambda draft: draft.random):  # stable: fixed ones first

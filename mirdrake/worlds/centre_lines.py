@@ -245,6 +245,8 @@ def _smooth(places: Array, closed: bool, rms: float) -> Array:
     extent = math.sqrt(float((places**2).sum(axis=1).mean()))
     if rms > 0.1 * extent:
         raise WorldError(f"smooth {rms:g} m is too much for points within {extent:.3g} m; make it less than a tenth")
+
+    # Q and R are banded; in a closed spline the bands continue around the end.
     h = _chords(places, closed)
     node = np.arange(count) if closed else np.arange(1, count - 1)
     before, after, row = h[node - 1], h[node], np.arange(len(node))
@@ -268,6 +270,7 @@ def _smooth(places: Array, closed: bool, rms: float) -> Array:
     def moved(a: float) -> Array:
         return np.asarray(a * (q @ scipy.sparse.linalg.splu(scipy.sparse.csc_array(r + a * squared)).solve(target)))
 
+    # The exponent of a is bisected, because a varies over twenty decades with the spacing and the deviation.
     low, high, best = -6.0, 15.0, np.zeros_like(places)
     scale = float(np.median(h)) ** 3
     for _ in range(40):

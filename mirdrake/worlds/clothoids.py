@@ -118,18 +118,23 @@ def _jacobian(k: Array, length: Array, arcs: _Arcs, size: float, closed: bool) -
         for store, part in ((rows, row), (columns, column), (values, value)):
             store.append(np.atleast_1d(np.asarray(part)))
 
+    # Rows of x and y: the end of each arc is the next node.
     for axis in (0, 1):
         row = axis * parts + i
         put(row, i, arcs.by_yaw[:, axis] / size)
         put(row, nodes + i, arcs.by_first[:, axis] / size**2)
         put(row, nodes + ahead, arcs.by_last[:, axis] / size**2)
         put(row, 2 * nodes + i, arcs.by_length[:, axis])
+
+    # Rows of the heading: that of the next node follows from curvature and length.
     row = 2 * parts + i
     put(row, i, -np.ones(parts))
     put(row, ahead, np.ones(parts))
     put(row, nodes + i, -length / 2.0 / size)
     put(row, nodes + ahead, -length / 2.0 / size)
     put(row, 2 * nodes + i, -(k[:parts] + k[ahead]) / 2.0 * size)
+
+    # The ends of an open curve have equal changes of curvature in their first two and last two pieces.
     if not closed:
         for at, (a, b, c, first, second) in enumerate(_ends(nodes), start=3 * parts):
             put(

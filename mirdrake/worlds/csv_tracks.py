@@ -68,6 +68,8 @@ def read_csv_track(
     if not 0.0 < scale < math.inf:
         raise ConfigError(f"{name}: scale {scale:g} is not allowed; give the metres per unit of the file, above 0")
     columns: dict[str, str | int | None] = {"x": x, "y": y, "right": right, "left": left}
+
+    # A file without header and with two columns has no widths.
     table, has_header = _read_table(path, name, [str(column) for column in columns.values() if column is not None])
     lines = [] if table.lines is None else table.lines.tolist()
     if (

@@ -53,6 +53,7 @@ class Curve:
         sharpest = max(max(abs(piece.start_curvature), abs(piece.end_curvature)) for piece in self.pieces)
         self.min_radius = 1.0 / sharpest if sharpest else math.inf
 
+        # Each piece is divided into cells, so that positions along the curve are found by interpolation in one of them.
         columns: list[list[Array]] = [[], [], [], [], [], []]
         pose, travelled, ends = start, 0.0, [0.0]
         for piece in self.pieces:
@@ -72,11 +73,14 @@ class Curve:
         self.length = travelled
         self.knots = np.array(ends)
         self._s, self._x, self._y, self._yaw, self._k, self._c = (np.concatenate(column) for column in columns)
+
+        # Lists of floats are several times as fast as arrays for single points, which drivers project in every step.
         self._cells = list(
             zip(*(a.tolist() for a in (self._s, self._x, self._y, self._yaw, self._k, self._c)), strict=True)
         )
         self._starts = self._s.tolist()
         self.end = pose
+
         turn = pose[2] - start[2]
         self.gap = (math.hypot(pose[0] - start[0], pose[1] - start[1]), math.remainder(turn, 2.0 * math.pi))
         self._tree: Any = None

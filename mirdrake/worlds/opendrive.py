@@ -85,6 +85,8 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
         ConfigError: the file or the road is invalid, or there is no such road.
     """
     path = Path(path)
+
+    # Roads are joined in the order in which they connect; widths are sampled along all of them.
     root, places = parse_opendrive(path)
     roads = {element.get("id", ""): element for element in root.iterfind("road")}
     if not roads:
@@ -111,6 +113,7 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
         left_out.append(f"widths below {_THINNEST:g} m to one side: made {_THINNEST:g} m")
         left, right = np.maximum(left, _THINNEST), np.maximum(right, _THINNEST)
 
+    # Lines, arcs and spirals become pieces exactly if the centre line is parallel to them; other geometries are fitted.
     name = " .. ".join(dict.fromkeys((parts[0].name, parts[-1].name)))
     pieces = _exact(legs, closed, middle)
     if pieces is not None:

@@ -359,6 +359,8 @@ def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
             f"{location}: {len(auto_lines)} auto lines; a closed track needs two, or three if `length` is given; "
             "an open one cannot have any"
         )
+
+    # The other pieces determine the gap and the headings of the auto lines, which do not depend on their lengths.
     rest = [piece for piece in pieces if piece.length > 0.0]
     if not rest or math.fsum(piece.length for piece in rest) > _LONGEST:
         raise WorldError(f"{location}: give other segments beside the auto lines, of 100 km at most")
