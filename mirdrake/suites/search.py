@@ -11,9 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # it imports its parts when they are first used
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.stats import qmc
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.suites.cases import Case, Result, Values, vary
@@ -129,7 +128,9 @@ def search(
             for corner in sorted(points, key=seeker.objective):
                 edges = [corner + SIMPLEX * _inward(corner, axis) for axis in range(len(over))]
                 options = {"initial_simplex": [corner, *edges], "maxfev": 50 * budget, "xatol": 1e-3, "fatol": 1e-6}
-                minimize(margin, corner, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(over), options=options)
+                scipy.optimize.minimize(
+                    margin, corner, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(over), options=options
+                )
         except _Spent:
             pass
         except KeyboardInterrupt:  # the finished trials are kept
@@ -139,7 +140,7 @@ def search(
 
 def _halton(dimensions: int, count: int, seed: int) -> Array:
     """Return points in the unit cube (count, dimensions): a Halton sequence with a random shift."""
-    points = qmc.Halton(dimensions, scramble=False).random(count)
+    points = scipy.stats.qmc.Halton(dimensions, scramble=False).random(count)
     return np.asarray((points + np.random.default_rng(seed).random(dimensions)) % 1.0)
 
 
