@@ -63,6 +63,6 @@ def change_mounts(sensors: SensorsSpec, changes: Mapping[str, Mapping[str, Any]]
         except ValueError as error:
             raise ConfigError(f"{place.where('preset')}: {error}") from None
         # A preset may be of another kind than the sensor that it replaces.
-        kind = data.get("kind")
+        kind = str(data.get("kind"))
         mounts[name] = validate(data, SENSOR_KINDS[kind] if kind in SENSORS else type(mounts[name]), place)
     return SensorsSpec(mounts=mounts)
