@@ -5,7 +5,7 @@
     bounding boxes seen from above ──► outlines and heights ──► shortest translation that separates the shapes
 
 The first two steps exclude pairs that cannot overlap. The last one is in separation.py; Drake's penetration queries are
-not used, because some of them end the process, miss an overlap, or return more than the smallest depth.
+not used, because some of them end the process or return more than the smallest depth.
 """
 
 from collections.abc import Callable, Iterator, Sequence
