@@ -115,8 +115,9 @@ class Clock(SampledSensor):
 class TextClock(SampledValue):
     """Writes the number of the sample."""
 
-    def __init__(self, **keys: Any) -> None:
-        super().__init__("text", AbstractValue.Make("nothing"), Mount(kind="clock", frame="any", **keys))
+    def __init__(self, *, stream: int = 0, **keys: Any) -> None:
+        mount = Mount(kind="clock", frame="any", **keys)
+        super().__init__("text", AbstractValue.Make("nothing"), mount, stream=stream)
 
     def take(self, context: Context, index: int, sample: AbstractValue) -> None:
         sample.set_value(f"{index} at {context.get_time():.6f}")
