@@ -182,7 +182,7 @@ def test_a_stamp_is_the_time_of_the_sample_that_is_shown() -> None:
 
 
 def test_what_is_no_vector_takes_the_same_way() -> None:
-    def texts(times: list[float], **more: float) -> list[Any]:
+    def texts(times: list[float], **more: Any) -> list[Any]:
         return shown(TextClock(rate=10.0, **more), times, "text")
 
     times = [0.24, 0.26, 0.34, 0.36, 1.16]
