@@ -490,7 +490,7 @@ def test_faults_are_reported_in_one_line(
 )
 def test_entities_are_rejected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, head: str):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ConfigError, match=r"^road\.xodr:3: declares the XML entity '.*'; write out what"):
+    with pytest.raises(ConfigError, match=r"^road\.xodr:3: declares the XML entity '.*'; write out its value"):
         read(tmp_path, road(STRAIGHT), head=head)
 
 
