@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from pydantic import TypeAdapter
 from pydrake.geometry import Box, QueryObject, RenderEngineVtkParams
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
@@ -29,10 +28,9 @@ from mirdrake.sensors.cameras.lens import LensSpec
 from mirdrake.sensors.cameras.mounts import DepthCameraMount
 from mirdrake.sensors.cameras.noise import color_noise, depth_noise
 from mirdrake.sensors.cameras.rendering import add_renderer
-from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.noise import noise_stream
 from mirdrake.vehicles import load_vehicle
-from mirdrake.vehicles.mounts import SensorsSpec
+from mirdrake.vehicles.mounts import SENSOR_KINDS, SensorsSpec
 
 FAULT = rendering._egl_fault()
 needs_egl = pytest.mark.skipif(FAULT is not None, reason=f"cameras cannot be drawn here: {FAULT}")
@@ -49,7 +47,7 @@ Furnish = Callable[[MultibodyPlant], None]
 def make_mount(kind: str = "camera", **numbers: Any) -> Any:
     data = {"kind": kind, "frame": "mount", "rate": 10.0, "width": WIDTH, "height": HEIGHT, "horizontal_fov": pi / 2}
     more = {"depth_near": 0.5, "depth_far": 40.0} if kind == "depth_camera" else {}
-    return TypeAdapter(SensorMount).validate_python(data | more | numbers)
+    return SENSOR_KINDS[kind].model_validate(data | more | numbers)
 
 
 class Studio:

@@ -154,7 +154,7 @@ def test_a_broken_picture_is_told_before_anything_crashes_on_it(here: Call) -> N
 
 def test_the_help_names_the_exit_codes(here: Call) -> None:
     _, out, _ = here("check", "--help")
-    assert "0 sound, 1 the files are sound but a vehicle does not stand still, 2 a file has a fault" in out
+    assert "0 sound, 1 the files are sound but a vehicle does not stay at rest, 2 a file has a fault" in out
 
 
 # --- view ------------------------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ Every fault is one line with file and line number. All files of a vehicle are ch
 variants; if they have no faults, the check simulates whether the vehicle stays at rest for a second. bolt@published
 checks only that variant. User modules (kind: "module:Class") are executed only with --trust; without it they are left
 out with their connections.
+Exit codes: 0 sound, 1 the files are sound but a vehicle does not stay at rest, 2 a file has a fault.
 
 examples:
   mirdrake check bolt test_track my_diagram.yaml
