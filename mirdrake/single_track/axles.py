@@ -119,13 +119,13 @@ def find_axles(
     for _ in range(4):
         turning = sum(moments) / length
         for i, (law, extra) in enumerate(zip(laws, (-turning, turning), strict=True)):
-            wanted = forces[i] + extra
+            force = forces[i] + extra
             cambered, upright_wheels = (
                 [_wheel(law, loads[i] + sign * transfers[i], lean, ground) for sign in (1.0, -1.0)]
                 for lean in (angle, 0.0)
             )
-            slips[i], upright[i] = _slip(cambered, wanted), _slip(upright_wheels, wanted)
-            moments[i] = sum(one(slips[i])[1] for one in cambered)
+            slips[i], upright[i] = _slip(cambered, force), _slip(upright_wheels, force)
+            moments[i] = sum(wheel(slips[i])[1] for wheel in cambered)
     servo = vehicle.control.steering
     compliance_angle = moments[0] / (2.0 * servo.stiffness) if servo.kind == "servo" and servo.stiffness > 0.0 else 0.0
     axles = []
@@ -146,9 +146,9 @@ def find_axles(
     return axles[0], axles[1]
 
 
-def _slip(wheels: Sequence[Callable[[float], tuple[float, float]]], wanted: float) -> float:
+def _slip(wheels: Sequence[Callable[[float], tuple[float, float]]], force: float) -> float:
     """Return the slip angle [rad] at which wheels together have a lateral force [N]."""
-    return float(brentq(lambda slip: sum(one(slip)[0] for one in wheels) - wanted, -_MAX_SLIP, _MAX_SLIP))
+    return float(brentq(lambda slip: sum(wheel(slip)[0] for wheel in wheels) - force, -_MAX_SLIP, _MAX_SLIP))
 
 
 def _wheel(law: TyreLaw, load: float, inclination: float, ground: float) -> Callable[[float], tuple[float, float]]:
@@ -174,7 +174,7 @@ def _roll(
         return 0.0, (front, rear)
     stiffness = find_roll_stiffness(vehicle, body).stiffness
     roll = moment / (sum(stiffness) - body.mass * GRAVITY * body.height)
-    front, rear = (one * roll / track for one, track in zip(stiffness, tracks, strict=True))
+    front, rear = (axle * roll / track for axle, track in zip(stiffness, tracks, strict=True))
     return roll, (front, rear)
 
 

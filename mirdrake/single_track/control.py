@@ -75,7 +75,7 @@ class SingleTrackControl(ControlUnit):
             vehicle,
             mass=mass,
             radii=(believed,) * 4,
-            driven=(True, False, False, False),  # one stands for all: they turn with the car
+            driven=(True, False, False, False),  # the first wheel represents all: they roll at the same speed
             places=_PLACES,
             actuators=6,
             powertrain=make_single_track_law(vehicle, mass=mass, rotating=rotating) if uses_pedals else None,

@@ -146,11 +146,11 @@ def find_steady_state(
         for shrink in 0.5 ** np.arange(12.0):
             z = np.r_[x, u]
             z[free] += shrink * step
-            tried = _differentiate(variant, level, z[:count], z[count:])
-            if np.abs(tried[0][rows]).max() < size:
+            trial = _differentiate(variant, level, z[:count], z[count:])
+            if np.abs(trial[0][rows]).max() < size:
                 break
         x, u = z[:count], z[count:]
-        residual, jacobian, motion = tried
+        residual, jacobian, motion = trial
     if np.abs(residual[rows]).max() > 1e3 * _TOLERANCE:
         raise ConfigError(
             f"find_steady_state: the vehicle cannot hold {speed:g} m/s at {steering:g} rad; reduce speed or steering"
@@ -229,8 +229,8 @@ def _differentiate(
     """Return the rates of the state (or the motion), their derivatives by (x, u), and the motion."""
     z = InitializeAutoDiff(np.r_[x, u]).ravel()
     result = evaluate(variant, parameters, z[: len(x)], z[len(x) :])
-    nothing = 0.0 * z[0]  # converts floats to AutoDiffXd
-    chosen = [nothing + value for value in (result.motion if motion else result.state)]
-    gradient = np.array([value.derivatives() for value in chosen])
-    seen = np.array([(nothing + value).value() for value in result.motion])
-    return np.array([value.value() for value in chosen]), gradient, seen
+    zero = 0.0 * z[0]  # converts floats to AutoDiffXd
+    outputs = [zero + value for value in (result.motion if motion else result.state)]
+    gradient = np.array([value.derivatives() for value in outputs])
+    motions = np.array([(zero + value).value() for value in result.motion])
+    return np.array([value.value() for value in outputs]), gradient, motions

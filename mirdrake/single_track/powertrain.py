@@ -1,4 +1,4 @@
-"""Powertrain and brakes in front of the single-track model: the same laws, on wheels that turn with the car."""
+"""Powertrain and brakes of the single-track model: the laws of the full vehicle, on wheels that roll without slip."""
 
 from pydrake.systems.framework import Context, DiscreteValues
 
@@ -14,7 +14,7 @@ _VX = [signal.name for signal in STATE].index("vx")
 
 
 def make_single_track_law(vehicle: Vehicle, *, mass: float, rotating: float) -> PowertrainLaw:
-    """The law of a vehicle without slip of its wheels.
+    """Return the powertrain law of a vehicle whose wheels roll without slip.
 
     Args:
         vehicle: a loaded vehicle.
@@ -45,7 +45,7 @@ class SingleTrackPowertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
     The outputs are discrete states, updated at the rate of the full vehicle's powertrain.
 
     Args:
-        law: of the vehicle, from :func:`make_single_track_law`.
+        law: powertrain law, from :func:`make_single_track_law`.
     """
 
     def __init__(self, law: PowertrainLaw) -> None:

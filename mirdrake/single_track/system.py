@@ -41,7 +41,10 @@ MOTION = signals(
 
 @TemplateSystem.define("SingleTrack_")  # type: ignore[untyped-decorator, unused-ignore]
 def SingleTrack_(T: type) -> Any:  # noqa: N802
-    """Return the class of single-track models for a scalar type; ``SingleTrack`` is that for floats."""
+    """Return the class of single-track models for a scalar type; ``SingleTrack`` is that for floats.
+
+    The class is defined in this function because Drake's scalar conversion makes one class per type.
+    """
     plain = T is float
 
     class Impl(freeable(LeafSystem_[T])):  # type: ignore[misc, unused-ignore]

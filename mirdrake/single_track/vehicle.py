@@ -1,4 +1,4 @@
-"""The single-track model of a vehicle together with its control unit and powertrain, as one diagram."""
+"""Diagram of a vehicle's single-track model, control unit and powertrain."""
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -21,22 +21,22 @@ def make_single_track_vehicle(
     parameters: SingleTrackParameters | None = None,
     delay: float = 0.0,
 ) -> Diagram:
-    """The single-track model of a vehicle behind its control unit, driven like the full vehicle.
+    """Return the diagram of a vehicle's single-track model and control unit, driven like the full vehicle.
 
     Input ports of the diagram: command (3). Output ports: state (12), motion (7), status (3), with pedals also
     powertrain_status (9). Its systems are called "single_track" and "control", with pedals also "powertrain". The
-    control unit is for floats only; for derivatives take the model alone.
+    control unit is for floats only; use the model alone for derivatives.
 
     Args:
         vehicle: a loaded vehicle.
-        tyres: "kinematic", "linear" or "brush".
+        tyres: "kinematic", "linear", or a kind of tyres, as "brush" or "magic_formula".
         relaxation: whether slip builds up over the relaxation length.
         roll: whether the body rolls.
-        parameters: in place of those of :func:`estimate_parameters`.
+        parameters: by default from :func:`estimate_parameters`.
         delay: of the actuators [s], a multiple of the period of control.yaml.
 
     Raises:
-        ConfigError: an argument makes no sense.
+        ConfigError: an argument is not allowed.
     """
     parameters = parameters or estimate_parameters(vehicle, roll=roll)
     builder = DiagramBuilder()
