@@ -1,5 +1,7 @@
 """Batches of cars: the bits of the single model, closed forms, dead cars, threads, errors, the speed."""
 
+import subprocess
+import sys
 import time
 from dataclasses import replace
 
@@ -182,6 +184,14 @@ def test_a_vehicle_gives_its_parameters():
     cars = mir.batch("bolt", count=2)
     assert isinstance(cars, Batch)
     assert cars.parameters["mass"].tolist() == [estimate_parameters(load_vehicle("bolt")).mass] * 2
+
+
+def test_a_batch_starts_without_the_plant_and_pandas():
+    """The start from cached machine code takes less than a second only without these imports."""
+    code = "import sys, mirdrake.batched; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    heavy = {"pandas", "scipy", "shapely", "pydrake.multibody", "mirdrake.vehicles", "mirdrake.controllers"}
+    assert heavy & set(done.stdout.split()) == set()
 
 
 @pytest.mark.slow

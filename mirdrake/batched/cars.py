@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,10 +20,11 @@ from mirdrake.core.compiled import Records, compiled, records
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import Signals, signals
 from mirdrake.single_track.dynamics import Flags, Inputs, State, Variant, flags_of, lateral_force_of, record_of
-from mirdrake.single_track.from_vehicle import estimate_parameters
 from mirdrake.single_track.parameters import SingleTrackParameters
-from mirdrake.single_track.system import MOTION
-from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.single_track.signals import MOTION
+
+if TYPE_CHECKING:
+    from mirdrake.vehicles import Vehicle
 
 STEP = 0.005
 """Default step of the integration [s]; the fastest pole of a car is near 100 1/s."""
@@ -239,7 +240,7 @@ class Batch:
 
 
 def batch(
-    car: Vehicle | SingleTrackParameters | str,
+    car: "Vehicle | SingleTrackParameters | str",
     variant: Variant | None = None,
     *,
     parameters: Mapping[str, ArrayLike] | None = None,
@@ -264,10 +265,11 @@ def batch(
         ModelError: the vehicle cannot be loaded.
     """
     variant = variant or Variant()
-    if isinstance(car, str):
-        car = load_vehicle(car)
-    if isinstance(car, Vehicle):
-        car = estimate_parameters(car, roll=variant.roll)
+    if not isinstance(car, SingleTrackParameters):
+        from mirdrake.single_track.from_vehicle import estimate_parameters
+        from mirdrake.vehicles import load_vehicle
+
+        car = estimate_parameters(load_vehicle(car) if isinstance(car, str) else car, roll=variant.roll)
     return Batch(car, variant, columns=parameters, count=count, step=step, threads=threads, ground=ground)
 
 

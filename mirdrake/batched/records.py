@@ -1,13 +1,16 @@
 """Results of a batch: labelled arrays over cars and time."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from mirdrake.batched.arrays import Floats, Integers
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import Signals
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -46,12 +49,14 @@ class BatchRun:
             raise ConfigError(f"batch: no signal '{name}'; {did_you_mean(name, self.names)}")
         return self.values[:, :, self.names.index(name)]
 
-    def table(self, car: int) -> pd.DataFrame:
+    def table(self, car: int) -> "pd.DataFrame":
         """Return the signals of a car, index ``time``; units in ``attrs["units"]``.
 
         Raises:
             ConfigError: there is no such car.
         """
+        import pandas as pd
+
         if not 0 <= car < len(self.values):
             raise ConfigError(f"batch: no car {car}; they are numbered from 0 to {len(self.values) - 1}")
         table = pd.DataFrame(np.array(self.values[car]), columns=self.names, index=pd.Index(self.time, name="time"))

@@ -23,7 +23,7 @@ from mirdrake.core.signals import declare_state_output, declare_vector_input
 from mirdrake.core.vectors import COMMAND, STATE
 from mirdrake.plant.powertrain import PEDALS
 from mirdrake.single_track.powertrain import make_single_track_law
-from mirdrake.single_track.system import FORCES, STEERING
+from mirdrake.single_track.signals import FORCES, STEERING
 from mirdrake.vehicles import Vehicle
 
 _VX = [signal.name for signal in STATE].index("vx")

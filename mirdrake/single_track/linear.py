@@ -12,7 +12,7 @@ from pydrake.systems.primitives import LinearSystem
 from mirdrake.core.errors import ConfigError
 from mirdrake.single_track.dynamics import Variant, evaluate
 from mirdrake.single_track.parameters import SingleTrackParameters
-from mirdrake.single_track.system import MOTION
+from mirdrake.single_track.signals import MOTION
 
 Matrix = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class SteadyState:
         variant: equations of the model.
         state: continuous state at x = y = yaw = 0; names from :attr:`Variant.state_names`.
         inputs: inputs in the order of :attr:`input_names`.
-        motion: see :data:`mirdrake.single_track.system.MOTION`.
+        motion: see :data:`mirdrake.single_track.signals.MOTION`.
     """
 
     variant: Variant

@@ -7,7 +7,7 @@ from mirdrake.core.signals import declare_state_output, declare_vector_input
 from mirdrake.core.vectors import STATE
 from mirdrake.plant.powertrain import PEDALS, STATUS, Measured, PowertrainLaw
 from mirdrake.plant.powertrain.system import RATE
-from mirdrake.single_track.system import FORCES
+from mirdrake.single_track.signals import FORCES
 from mirdrake.vehicles import Vehicle
 
 _VX = [signal.name for signal in STATE].index("vx")

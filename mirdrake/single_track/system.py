@@ -13,30 +13,11 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.leaf_system import declare_cached_value, freeable
 from mirdrake.core.maths import tan
-from mirdrake.core.signals import Signals, declare_vector_input, declare_vector_output, signals
+from mirdrake.core.signals import Signals, declare_vector_input, declare_vector_output
 from mirdrake.core.vectors import STATE
 from mirdrake.single_track.dynamics import CompiledEquations, Variant, evaluate
 from mirdrake.single_track.parameters import PARAMETERS, SingleTrackParameters
-
-STEERING = signals(
-    ("steering", "rad", "bicycle steering angle, positive to the left"),
-    ("steering_rate", "rad/s", "rate of its set-point"),
-)
-FORCES = signals(
-    ("drive", "N", "drive force at the road, negative for engine braking"),
-    ("brake", "N", "brake force at the road, positive"),
-    ("speed", "m/s", "set-point of the wheel servos"),
-)
-MOTION = signals(
-    ("sideslip", "rad", "sideslip angle of the centre of mass"),
-    ("longitudinal_acceleration", "m/s²", "of the centre of mass"),
-    ("lateral_acceleration", "m/s²", "of the centre of mass"),
-    ("front_slip_angle", "rad", "positive when the axle moves to its left"),
-    ("rear_slip_angle", "rad", "positive when the axle moves to its left"),
-    ("front_lateral_force", "N", "on the front axle, across its wheels"),
-    ("rear_lateral_force", "N", "on the rear axle"),
-)
-"""Handling quantities; slips and forces are zero in the kinematic model."""
+from mirdrake.single_track.signals import FORCES, MOTION, STEERING
 
 
 @TemplateSystem.define("SingleTrack_")  # type: ignore[untyped-decorator, unused-ignore]
