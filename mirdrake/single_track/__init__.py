@@ -39,7 +39,22 @@ _MODULES = {
     "understeer_gradient": "linear",
 }
 
-__all__ = sorted(_MODULES)
+__all__ = [
+    "LinearSingleTrack",
+    "SingleTrack",
+    "SingleTrackControl",
+    "SingleTrackParameters",
+    "SingleTrack_",
+    "SteadyState",
+    "characteristic_speed",
+    "estimate_parameters",
+    "find_steady_state",
+    "linearize_single_track",
+    "make_single_track",
+    "make_single_track_vehicle",
+    "steady_gain",
+    "understeer_gradient",
+]
 
 
 def __getattr__(name: str) -> Any:
