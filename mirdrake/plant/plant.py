@@ -536,7 +536,7 @@ def _lowest_point(world: World) -> float:
     if terrain.flat:
         return 0.0
     xmin, ymin, xmax, ymax = world.ground.extent
-    x, y = np.meshgrid(np.linspace(xmin, xmax, 201), np.linspace(ymin, ymax, 201))
+    x, y = np.meshgrid(np.linspace(xmin, xmax, 101), np.linspace(ymin, ymax, 101))
     lowest = float(terrain.height(x, y).min())
     return lowest - _CLEARANCE if lowest < -_SLIGHT else 0.0
 

@@ -1,8 +1,8 @@
 """Visual meshes that follow uneven ground: triangles are divided and moved to the height of the terrain.
 
-A triangle is divided into four where the terrain differs by more than a tolerance from the plane through its corners.
-The tolerance is small near the roads and grows with the distance from them, so that a large world stays small. Corners
-of neighbours may differ by the tolerance.
+An edge is halved where the terrain along it differs by more than a tolerance from the line between its ends. This
+depends on the edge alone, so that neighbours fit without cracks. The tolerance is small near the roads and grows with
+the distance from them, so that a large world stays small.
 """
 
 from dataclasses import replace
@@ -17,16 +17,13 @@ from mirdrake.ground import Terrain
 from mirdrake.worlds.meshes import Surface
 from mirdrake.worlds.pieces import Array
 
-TOLERANCE = 3e-3
+TOLERANCE = 4e-3
 """Largest distance of a mesh from the terrain on and near the roads [m]."""
 
-_GROWTH = 0.01  # growth of the tolerance with the distance from the roads [1]
-_LONGEST, _SHORTEST = 2.0, 0.03  # edges of triangles that are always, and never, divided on the roads [m]
-_MOST = 400_000  # triangles of a surface; then the coarsest ones stay as they are
-_PROBES = np.array(
-    [[1, 1, 0], [0, 1, 1], [1, 0, 1], [1, 1, 1], [3, 1, 1], [1, 3, 1], [1, 1, 3]], dtype=float
-)  # barycentric coordinates of the points at which a triangle is compared with the terrain, not normalised
-_PROBES /= _PROBES.sum(axis=1)[:, None]
+_GROWTH = 0.03  # growth of the tolerance with the distance from the roads [1]
+_LONGEST, _SHORTEST = 4.0, 0.06  # edges of triangles that are always, and never, divided on the roads [m]
+_MOST = 150_000  # triangles of a surface; then the coarsest ones stay as they are
+_PROBES = np.array([0.25, 0.5, 0.75])  # points of an edge at which it is compared with the terrain
 
 
 def drape(surface: Surface, terrain: Terrain, roads: BaseGeometry) -> Surface:
@@ -39,21 +36,24 @@ def drape(surface: Surface, terrain: Terrain, roads: BaseGeometry) -> Surface:
     """
     if terrain.flat or not len(surface.triangles):
         return surface
-    corners = surface.vertices[surface.triangles]
-    uvs = surface.uv[surface.triangles]
-    normals = surface.normal[surface.triangles]
-    done: list[tuple[Array, Array, Array]] = []
-    total = len(corners)
-    while len(corners):
-        coarse = _coarse(corners, terrain, roads)
-        if total + 3 * int(coarse.sum()) > _MOST:
-            coarse[:] = False
-        done.append((corners[~coarse], uvs[~coarse], normals[~coarse]))
-        corners, uvs, normals = (_quarters(values[coarse]) for values in (corners, uvs, normals))
-        total += len(corners) * 3 // 4
-    points, uv, normal = (
-        np.concatenate([part[i] for part in done]).reshape(-1, done[0][i].shape[-1]) for i in range(3)
-    )
+    # Corners as rows: x, y, z, u, v and the normal.
+    values = np.concatenate([surface.vertices, surface.uv, surface.normal], axis=1)[surface.triangles]
+    done: list[Array] = []
+    total = len(values)
+    while len(values):
+        long = _long_edges(values[:, :, :2], terrain, roads)
+        if total + 3 * int(long.any(axis=1).sum()) > _MOST:
+            long[:] = False
+        done.append(values[~long.any(axis=1)])
+        values = _divided(values, long)
+        total = sum(map(len, done)) + len(values)
+    rows = np.concatenate(done).reshape(-1, 8)
+    points, uv, normal = rows[:, :3], rows[:, 3:5], rows[:, 5:]
+    index = np.arange(len(points))
+    if (normal[:, 2] > sqrt(0.5)).all():  # horizontal: neighbours share corners
+        places = np.round(points[:, 0], 6) + 1j * np.round(points[:, 1], 6)
+        _, first, index = np.unique(places, return_index=True, return_inverse=True)
+        points, uv, normal = points[first], uv[first], normal[first]
     slopes = terrain.slopes(points[:, 0], points[:, 1])
     upright = np.abs(normal[:, 2]) > sqrt(0.5)
     tilted = np.column_stack([-slopes[:, 1], -slopes[:, 2], np.ones(len(points))])
@@ -61,31 +61,47 @@ def drape(surface: Surface, terrain: Terrain, roads: BaseGeometry) -> Surface:
     return replace(
         surface,
         vertices=np.column_stack([points[:, :2], points[:, 2] + slopes[:, 0]]),
-        triangles=np.arange(len(points), dtype=np.int64).reshape(-1, 3),
+        triangles=index.reshape(-1, 3).astype(np.int64),
         normal=np.where(upright[:, None], tilted, normal),
         uv=uv,
     )
 
 
-def _coarse(corners: Array, terrain: Terrain, roads: BaseGeometry) -> NDArray[np.bool_]:
-    """Return which triangles (N, 3, 3) must be divided."""
-    middle = corners[:, :, :2].mean(axis=1)
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    away = np.zeros(len(corners))
-    if not roads.is_empty:
-        radius = longest  # a large triangle may reach the road
-        away = np.maximum(shapely.distance(roads, shapely.points(middle)) - radius, 0.0)
-    heights = terrain.height(corners[:, :, 0], corners[:, :, 1])
-    points = np.einsum("pc,ncd->npd", _PROBES, corners[:, :, :2])
-    error = np.abs(terrain.height(points[..., 0], points[..., 1]) - heights @ _PROBES.T).max(axis=1)
-    limit = TOLERANCE + _GROWTH * away
-    coarse: NDArray[np.bool_] = (error > limit) & (longest > _SHORTEST + _GROWTH * away)
-    return np.asarray(coarse | (longest > _LONGEST + 0.5 * away), dtype=bool)
+def _long_edges(corners: Array, terrain: Terrain, roads: BaseGeometry) -> NDArray[np.bool_]:
+    """Return which edges (N, 3) of triangles (N, 3, 2) must be halved; edge i is from corner i to the next one."""
+    begin, end = corners, np.roll(corners, -1, axis=1)
+    length = np.linalg.norm(end - begin, axis=2)
+    middle = 0.5 * (begin + end)
+    away = np.zeros_like(length)
+    if not roads.is_empty:  # a long edge may come nearer to the road than its middle
+        away = np.maximum(shapely.distance(roads, shapely.points(middle)) - length, 0.0)
+    heights = [terrain.height(place[..., 0], place[..., 1]) for place in (begin, end)]
+    error = np.zeros_like(length)
+    for t in _PROBES:
+        place = begin + t * (end - begin)
+        line = heights[0] + t * (heights[1] - heights[0])
+        error = np.maximum(error, np.abs(terrain.height(place[..., 0], place[..., 1]) - line))
+    rough = (error > TOLERANCE + _GROWTH * away) & (length > _SHORTEST + _GROWTH * away)
+    return np.asarray(rough | (length > _LONGEST + 0.5 * away), dtype=bool)
 
 
-def _quarters(values: Array) -> Array:
-    """Return four triangles (4 N, 3, k) for each one (N, 3, k), divided at the middles of its edges."""
-    a, b, c = values[:, 0], values[:, 1], values[:, 2]
-    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.concatenate([np.stack(part, axis=1) for part in parts])
+def _divided(values: Array, long: NDArray[np.bool_]) -> Array:
+    """Return the parts of the triangles (N, 3, k) that have edges to halve."""
+    parts: list[Array] = [np.empty((0, 3, values.shape[2]))]
+    count = long.sum(axis=1)
+    for number in (1, 2, 3):
+        # Turn the triangles so that their first edges are the ones to halve.
+        chosen, flags = values[count == number], long[count == number]
+        if not len(chosen):
+            continue
+        first = np.argmax(flags & ~np.roll(flags, 1, axis=1), axis=1) if number < 3 else np.zeros(len(chosen), int)
+        order = (first[:, None] + np.arange(3)) % 3
+        a, b, c = (chosen[np.arange(len(chosen)), order[:, i]] for i in range(3))
+        ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+        pieces = {
+            1: [(a, ab, c), (ab, b, c)],
+            2: [(ab, b, bc), (a, ab, bc), (a, bc, c)],
+            3: [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)],
+        }[number]
+        parts += [np.stack(piece, axis=1) for piece in pieces]
+    return np.concatenate(parts)

@@ -1,0 +1,99 @@
+"""Relief of worlds: keys, messages, shipped worlds, meshes on the terrain."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from mirdrake.core.errors import ConfigError, WorldError
+from mirdrake.ground import Terrain
+from mirdrake.ground.terrain import Block, Wave
+from mirdrake.worlds import World, load_world, make_world
+from mirdrake.worlds.draping import TOLERANCE, drape
+from mirdrake.worlds.lock import lock_hash
+from mirdrake.worlds.meshes import fill
+
+STRAIGHT = {"segments": [{"line": 100}], "width": 6}
+
+
+def world_with(*relief: dict[str, Any], **tracks: Any) -> World:
+    return make_world({"mirdrake": "world/1", "tracks": tracks, "ground": {"relief": list(relief)}})
+
+
+def test_elevation_grade_and_banking_of_a_road() -> None:
+    ground = world_with({"road": {"along": "main", "elevation": [[0, 0], [50, 5], [100, 5]]}}, main=STRAIGHT).ground
+    assert ground.terrain.height([0.0, 50.0, 80.0], 0.0) == pytest.approx([0.0, 5.0, 5.0], abs=1e-6)
+    ground = world_with({"road": {"along": "main", "grade": [[0, 0.0], [100, 0.1]]}}, main=STRAIGHT).ground
+    assert ground.terrain.height(60.0, 0.0) == pytest.approx(0.0005 * 60.0**2, abs=1e-6)  # a parabola
+    ground = world_with({"road": {"along": "main", "banking": [[0, "-10 deg"]]}}, main=STRAIGHT).ground
+    assert ground.terrain.height(50.0, -2.0) == pytest.approx(2.0 * math.tan(math.radians(10.0)))
+
+
+def test_obstacles_on_a_track() -> None:
+    terrain = world_with(
+        {"kerb": {"along": "main", "side": "right", "height": "10 cm"}},
+        {"pothole": {"on_track": {"track": "main", "s": 20, "offset": -1}, "length": 1.0, "depth": 0.05}},
+        {"ramp": {"at": [40, 0], "length": 4, "height": 0.4}},
+        main=STRAIGHT,
+    ).ground.terrain
+    assert terrain.height([10.0, 20.5, 42.0], [-3.2, -1.0, 0.0]) == pytest.approx([0.1, -0.05, 0.2], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ({"road": {"along": "mian"}}, "unknown track 'mian'"),
+        ({"grid": {"file": "none.npy"}}, "no such file"),
+        ({"bump": {"at": [0, 0], "length": 0.1, "height": 0.5, "shape": "trapezoid"}}, "make slope steeper"),
+        ({"bump": {"length": 0.6, "height": 0.1}}, "exactly one of at and on_track"),
+        ({"kerb": {"along": "main", "side": "left", "slope": "90 deg"}}, "less than or equal"),
+        ({"roughness": {}}, "exactly one of"),
+    ],
+)
+def test_messages(entry: dict[str, Any], message: str) -> None:
+    with pytest.raises((ConfigError, WorldError)) as error:
+        world_with(entry, main=STRAIGHT)
+    assert message in str(error.value)
+
+
+def test_an_embankment_that_reaches_another_part_of_the_road() -> None:
+    """Two straights 20 m apart, one of them 5 m higher: an embankment of 30 m does not fit between them."""
+    bend = {"arc": {"radius": 10, "angle": "180 deg"}}
+    track = {"segments": [{"line": 100}, bend, {"line": 100}], "width": 4}
+    entry = {"along": "main", "elevation": [[0, 0], [100, 0], [150, 5]], "embankment": 30}
+    with pytest.raises(WorldError, match="make the embankment shorter"):
+        world_with({"road": entry}, main=track)
+
+
+@pytest.mark.parametrize("name", ["hill_road", "rough_road", "kerb_and_bumps"])
+def test_shipped_worlds_have_a_relief(name: str) -> None:
+    world = load_world(name)
+    track = world.tracks["main"]
+    s = np.linspace(0.0, track.length - 1.0, 400)
+    z = world.ground.terrain.height(*track.point(s, -2.0))
+    assert 0.02 < z.max() - z.min() < 20.0
+    if name == "hill_road":
+        grade = np.gradient(world.ground.terrain.height(*track.point(s, 0.0)), s)
+        assert 0.05 < np.abs(grade).max() < 0.12
+    assert lock_hash(world) == lock_hash(load_world(name))
+
+
+def test_a_draped_mesh_is_within_the_tolerance_and_has_no_cracks() -> None:
+    """At 1000 random points near the road; edges of neighbours are the same."""
+    terrain = Terrain([Wave(0.5, 12.0, 30.0, 3.0, x=2.0), Block(0.3, 3.0, 2.0, 3.0, 4.0, 2.0, x=5.0, y=4.0, yaw=1.0)])
+    area = shapely.box(0.0, -10.0, 20.0, 10.0)
+    surface = drape(fill(area, z=0.0, tile=1.0, color=(1.0, 1.0, 1.0), texture=None), terrain, shapely.Polygon())
+    corners = surface.vertices[surface.triangles]
+    random = np.random.default_rng(5)
+    weights = random.dirichlet([1.0, 1.0, 1.0], 1000)
+    points = np.einsum("nc,ncd->nd", weights, corners[random.integers(len(corners), size=1000)])
+    errors = np.abs(points[:, 2] - terrain.height(points[:, 0], points[:, 1]))
+    assert np.quantile(errors, 0.99) < 1.25 * TOLERANCE
+    # Every inner edge belongs to two triangles.
+    edges = np.sort(np.concatenate([surface.triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
+    unique, count = np.unique(edges, axis=0, return_counts=True)
+    lonely = surface.vertices[unique[count == 1]].mean(axis=1)
+    border = np.minimum.reduce([lonely[:, 0], 20.0 - lonely[:, 0], lonely[:, 1] + 10.0, 10.0 - lonely[:, 1]])
+    assert np.abs(border).max() < 1e-9
