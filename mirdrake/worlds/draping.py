@@ -22,7 +22,7 @@ TOLERANCE = 4e-3
 
 _GROWTH = 0.03  # growth of the tolerance with the distance from the roads [1]
 _LONGEST, _SHORTEST = 4.0, 0.06  # edges of triangles that are always, and never, divided on the roads [m]
-_MOST = 150_000  # triangles of a surface; then the coarsest ones stay as they are
+_MOST = 60_000  # triangles of a surface; then the coarsest ones stay as they are
 _PROBES = np.array([0.25, 0.5, 0.75])  # points of an edge at which it is compared with the terrain
 
 
