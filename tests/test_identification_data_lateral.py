@@ -45,7 +45,7 @@ def drive(seed, *, late=None, ahead=0.0, noise=1.0):
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("ahead", [0.0, -1.9, 1.4])
 def test_what_is_not_late_is_left_alone_wherever_the_accelerometer_sits(seed, ahead):
-    found = estimate_lateral_delays([make_grid(drive(seed, ahead=ahead))], 0.5 * STEP)
+    found = estimate_lateral_delays([make_grid(drive(seed, ahead=ahead))])
     assert found is not None
     assert (found.acceleration, found.velocity) == (0.0, 0.0)
     assert found.arm == pytest.approx(ahead, abs=0.1)
@@ -83,7 +83,7 @@ def test_velocities_of_one_source_are_late_together(ahead):
 
 @pytest.mark.parametrize("name", ["vy", "lateral_acceleration"])
 def test_a_late_channel_is_found_beside_an_accelerometer_in_another_place(name):
-    found = estimate_lateral_delays([make_grid(drive(3, late={name: 0.06}, ahead=1.0))], 0.5 * STEP)
+    found = estimate_lateral_delays([make_grid(drive(3, late={name: 0.06}, ahead=1.0))])
     assert found is not None
     assert found.velocity == pytest.approx(0.06 if name == "vy" else 0.0, abs=0.01)
     assert found.acceleration == pytest.approx(0.0 if name == "vy" else 0.06, abs=0.015)
@@ -93,7 +93,7 @@ def test_a_late_channel_is_found_beside_an_accelerometer_in_another_place(name):
 def test_too_short_a_drive_says_nothing():
     log = drive(4)
     short = replace(log, time=log.time[:300], channels={name: values[:300] for name, values in log.channels.items()})
-    assert estimate_lateral_delays([make_grid(short)], 0.5 * STEP) is None
+    assert estimate_lateral_delays([make_grid(short)]) is None
 
 
 def test_a_clock_that_goes_slower_is_stretched_to_that_of_the_steering():

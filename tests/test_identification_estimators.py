@@ -1,4 +1,4 @@
-"""Estimators: known truth from short noisy drives, honest intervals, regressions, the online filter, clear refusals."""
+"""Estimators: known truth from short noisy drives, honest intervals, regressions, clear refusals."""
 
 from dataclasses import replace
 from typing import Any
@@ -19,11 +19,9 @@ from mirdrake.identification.judgement import Direction
 from mirdrake.identification.messages import direction
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.filters import backlash, first_order, second_order
-from mirdrake.identification.online import OnlineSettings, filter_log
 from mirdrake.identification.parameters import FitParameter, Parameter, Setting, resolve_parameters
 from mirdrake.identification.validation import input_correlation, noise_limit_nrmse, nrmse, whiteness
-from mirdrake.single_track import SingleTrackParameters
-from tests.identification_rigs import COAST, FRONT, MASS, REAR, TRUTH, coast_data, exact, lateral_data, lateral_log
+from tests.identification_rigs import COAST, FRONT, MASS, REAR, TRUTH, coast_data, lateral_data, lateral_log
 
 
 def fitted(*arguments: Any, **options: Any) -> Any:
@@ -333,32 +331,6 @@ def test_a_kinematic_car_is_found_again():
     found = fitted(data, ModelSpec("kinematic"), parameters={"steering_lag": Setting(free=True)})
     for name, value in (("steering_ratio", 12.0), ("steering_delay", 0.05), ("steering_lag", 0.1)):
         assert found[name].value == pytest.approx(value, rel=0.02), name
-
-
-def test_the_online_filter_finds_stiffness_ratio_and_offset():
-    time, clean = exact()
-    car = SingleTrackParameters(
-        mass=MASS,
-        yaw_inertia=TRUTH["yaw_inertia"],
-        front_length=FRONT,
-        rear_length=REAR,
-        front_stiffness=72e3,
-        rear_stiffness=88e3,
-    )
-    random = np.random.default_rng(0)
-    channels = {"vx": clean["vx"], "yaw_rate": clean["yaw_rate"] + random.normal(0.0, 0.003, len(time))}
-    channels["lateral_acceleration"] = clean["lateral_acceleration"] + random.normal(0.0, 0.1, len(time))
-    # The filter has no lag of the steering: it gets the angle behind it.
-    late = np.interp(time - TRUTH["steering_delay"], time, clean["road_wheel_angle"])
-    channels["steering_wheel_angle"] = 15.0 * first_order(late, 0.01, TRUTH["steering_lag"])
-    found = filter_log(
-        Log("a", "train", time, channels), car, ratio=17.0, settings=OnlineSettings(0.003, 0.1, 0.02, 0.005)
-    )
-    factor, ratio, offset = found.mean[-1, 2:]
-    assert factor == pytest.approx(90.0 / 72.0, rel=0.05)
-    assert ratio == pytest.approx(15.0, rel=0.03)
-    assert offset == pytest.approx(TRUTH["steering_offset"], abs=1e-3)
-    assert np.all(np.isfinite(found.sigma))
 
 
 def test_experiment_design_prefers_two_speeds_and_a_coast_down():

@@ -14,9 +14,7 @@ from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.vehicle_values import single_track_values
-from mirdrake.identification.online import filter_log
 from mirdrake.identification.parameters import Setting, resolve_parameters
-from mirdrake.single_track import SingleTrackParameters
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.parse import parse_urdf
 from tests.bolt_drives import DELAY, LAG, RATE, ROLLING, SUNK, Bolt, noisy, truth
@@ -127,16 +125,12 @@ def test_intervals_of_a_coast_down_hold_the_truth_in_90_to_99_of_100_seeds():
 
 
 @pytest.mark.slow
-def test_a_log_of_90_s_at_200_hz_takes_less_than_20_s_and_the_filter_runs_50_times_faster_than_time():
+def test_a_log_of_90_s_at_200_hz_takes_less_than_20_s():
     log = lateral_log(duration=90.0)
     times = np.arange(log.time[0], log.time[-1], 0.005)
     channels = {name: np.interp(times, log.time, values) for name, values in log.channels.items()}
     data = DataSet((Log("long", "train", times, channels),), wheelbase=FRONT + REAR)
     assert reference_seconds(lambda: fit(data, ModelSpec("single_track"), parameters=LATERAL), times=1) < 20.0
-    known = SingleTrackParameters(
-        mass=MASS, yaw_inertia=2400.0, front_length=FRONT, rear_length=REAR, front_stiffness=9e4, rear_stiffness=1.1e5
-    )
-    assert reference_seconds(lambda: filter_log(data.logs[0], known)) < 90.0 / 50.0
 
 
 # --- the full plant ---------------------------------------------------------------------------------------------

@@ -7,7 +7,6 @@
 
 :mod:`~mirdrake.identification.models` contains the equations of the vehicles, and
 :mod:`~mirdrake.identification.estimators` fits them: a :class:`Fit` has parameters with intervals and verdicts, and the
-fits of validation logs. :mod:`~mirdrake.identification.online` tracks a few parameters while driving.
 """
 
 from mirdrake.identification.check import check_data

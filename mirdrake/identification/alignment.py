@@ -6,7 +6,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.findings import Finding, statement
+from mirdrake.identification.evidence import likelihood_gain, required_gain
+from mirdrake.identification.findings import Finding, Severity, statement
 from mirdrake.identification.relations import Grid, Relation, kinematic_relations, make_grid
 from mirdrake.identification.splines import Spline
 
@@ -21,6 +22,9 @@ LEVELS = 4
 
 STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
 
+DELAY_ODDS = 100.0
+"""Prior odds against a delay of a channel [1]."""
+
 BLOCKS = 10
 """Parts of a log whose separate delays give uncertainty and drift."""
 
@@ -34,6 +38,8 @@ class Delay(NamedTuple):
         drift: change of the delay with time [s/s].
         drift_sigma: its standard deviation [s/s].
         correlation: correlation of both after alignment.
+        gain: twice the logarithm of the likelihood ratio of this delay to none.
+        effective: number of independent samples.
     """
 
     value: float
@@ -41,6 +47,13 @@ class Delay(NamedTuple):
     drift: float
     drift_sigma: float
     correlation: float
+    gain: float = 0.0
+    effective: float = 1.0
+
+    @property
+    def is_likely(self) -> bool:
+        """Whether the fast part of the signals shows the delay, by the Bayesian information criterion."""
+        return self.gain > required_gain(self.effective, DELAY_ODDS)
 
 
 def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
@@ -104,6 +117,8 @@ def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
             break
     rest, slope, shifted = _compared(a[inner], curve, inner, -delay)
     correlation = float(np.corrcoef(a[inner], shifted)[0, 1])
+    plain = _compared(a[inner], curve, inner, 0.0)[0]
+    gain = likelihood_gain(plain, rest)
     # One more step in each part by itself, with an offset of its own, as offsets wander (grade, mounting).
     parts = np.array_split(np.arange(len(shifted)), BLOCKS)
     values, weights, times, sign = [], [], [], np.sign(own @ slope)
@@ -125,7 +140,7 @@ def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
     across = float(np.sum(share * (time - mean) ** 2))
     drift = float(np.sum(share * (time - mean) * value)) / across
     left_over = float(np.sum(share * (value - drift * (time - mean)) ** 2)) / max(enough - 2.0, 0.5)
-    return Delay(delay * step, float(np.sqrt(spread)), drift, float(np.sqrt(left_over / across)), correlation)
+    return Delay(delay * step, float(np.sqrt(spread)), drift, float(np.sqrt(left_over / across)), correlation, *gain)
 
 
 def _compared(left: Array, curve: Spline, rows: slice, moved: float) -> tuple[Array, Array, Array]:
@@ -153,8 +168,10 @@ def check_response(log: Log) -> list[Finding]:
         if name in grid.channels and "yaw_rate" in grid.channels:
             delay = estimate_delay(grid.channels["yaw_rate"], grid.channels[name], grid.step)
             if delay is not None and abs(delay.correlation) > 0.7:
-                text = statement("response", channel=name, delay=delay.value)
-                found.append(Finding(log.name, "response", f"yaw_rate, {name}", "info", delay.value, "s", text))
+                early = delay.is_likely and delay.value < -max(grid.step, 4.0 * delay.sigma)
+                text = statement("response", channel=name, delay=delay.value, early=early)
+                severity: Severity = "warning" if early else "info"
+                found.append(Finding(log.name, "response", f"yaw_rate, {name}", severity, delay.value, "s", text))
     return found
 
 

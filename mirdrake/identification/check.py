@@ -57,8 +57,10 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
             findings += found
             sources += [source for source in own if source not in sources]
             logs.append(repaired)
-    logs, found = check_delays(logs, sources, wheelbase=data.wheelbase, repair="delays" in allowed)
-    findings += found
+    # With a wrong sign or unit the relations between the channels do not hold, and delays have no meaning.
+    if not any(one.check == "units" for log in logs for one in check_relations(log)):
+        logs, found = check_delays(logs, sources, repair="delays" in allowed)
+        findings += found
     for log in logs:
         findings += (
             check_relations(log)

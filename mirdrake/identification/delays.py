@@ -7,16 +7,18 @@ import numpy as np
 
 from mirdrake.identification.alignment import STEERING, Delay, estimate_delay, pair_delays
 from mirdrake.identification.data import Array, Log
-from mirdrake.identification.findings import Check, Finding, Severity, Statement, statement
-from mirdrake.identification.lateral_delays import CONTRADICTS, LateralDelays, estimate_lateral_delays, logs_contradict
+from mirdrake.identification.findings import Finding, Severity, Statement, statement
+from mirdrake.identification.lateral_delays import LateralDelays, estimate_lateral_delays
 from mirdrake.identification.relations import Grid, Relation, make_grid
-from mirdrake.identification.slip_delay import SlipDelay, slip_delay
 
 MAX_DISTANCE = 3.0
 """Largest distance of an accelerometer from the point whose velocity is logged [m]."""
 
 SIGNIFICANT = 5.0
-"""Standard deviations above which a delay is significant."""
+"""Standard deviations above which the delays of two logs differ."""
+
+CONTRADICTS = 0.04
+"""Least difference between the delays of a single log and of all logs that counts as a contradiction [s]."""
 
 Pairs = list[tuple[Relation, Delay]]
 Tie = tuple[str, str, float, float]
@@ -31,14 +33,12 @@ class _Evidence:
         grids: the logs.
         pairs: relations and their delays.
         lateral: delays of the lateral channels, if they are measured.
-        by_tyres: delay of vy by the slip of the rear tyres, without a lateral acceleration.
         sources: channels that come from one source.
     """
 
     grids: Sequence[Grid]
     pairs: Pairs
     lateral: LateralDelays | None
-    by_tyres: SlipDelay | None
     sources: Sequence[Collection[str]]
 
     @property
@@ -53,7 +53,7 @@ class _Evidence:
 
 
 def check_delays(
-    logs: Sequence[Log], sources: Sequence[Collection[str]] = (), *, wheelbase: float | None = None, repair: bool
+    logs: Sequence[Log], sources: Sequence[Collection[str]] = (), *, repair: bool
 ) -> tuple[list[Log], list[Finding]]:
     """Find channels with a delay; the repair shifts as few as possible.
 
@@ -63,7 +63,6 @@ def check_delays(
     Args:
         logs: logs of one vehicle.
         sources: channels that come from one source: if some have a delay, those whose delay is unknown have it, too.
-        wheelbase: with it, vy is compared with the tyres where no lateral acceleration is logged [m].
         repair: whether to shift them.
     """
     # Drifting clocks first: a delay that changes has no value.
@@ -83,16 +82,12 @@ def check_delays(
 
     # One recorder for all logs, unless a log contradicts the others.
     together = _lateral_delays(grids, sources)
-    coarsest = max(grid.step for grid in grids)
-    one_recorder = _agree(pairs, 0.5 * coarsest, together) and not logs_contradict(grids, together)
+    singles = [together] if len(grids) == 1 else [_lateral_delays([grid], sources) for grid in grids]
+    one_recorder = _agree(pairs) and not any(_contradicts(one, together) for one in singles)
     groups = [range(len(logs))] if one_recorder else [range(at, at + 1) for at in range(len(logs))]
     for group in groups:
-        members = [grids[at] for at in group]
-        lateral = together if len(group) == len(logs) else _lateral_delays(members, sources)
-        by_tyres = None
-        if wheelbase and not any("lateral_acceleration" in grid.channels for grid in members):
-            by_tyres = slip_delay(members, wheelbase)
-        evidence = _Evidence(members, _pooled([pairs[at] for at in group]), lateral, by_tyres, sources)
+        lateral = together if len(group) == len(logs) else singles[group[0]]
+        evidence = _Evidence([grids[at] for at in group], _pooled([pairs[at] for at in group]), lateral, sources)
         shifts, findings = _delays(evidence, repair=repair, together=len(group) > 1)
         for at in group:
             log = shifted_logs[at]
@@ -105,21 +100,28 @@ def check_delays(
 def _lateral_delays(grids: Sequence[Grid], sources: Sequence[Collection[str]]) -> LateralDelays | None:
     forward = "vx" if all("vx" in grid.channels for grid in grids) else "speed"
     one_source = True if any({"vy", forward} <= set(source) for source in sources) else None
-    return estimate_lateral_delays(grids, 0.5 * max(grid.step for grid in grids), together=one_source)
+    return estimate_lateral_delays(grids, together=one_source)
 
 
-def _agree(pairs: Sequence[Pairs], least: float, lateral: LateralDelays | None) -> bool:
-    """Whether no log contradicts the pooled delay of a pair.
+def _contradicts(own: LateralDelays | None, common: LateralDelays | None) -> bool:
+    """Whether a log has another delay of vy or of the lateral acceleration than all logs together.
 
-    An accelerometer in another position looks late or early, by its distance over the speed; where vy is measured, the
-    lateral delays decide instead.
+    The accelerometer is in one position: a log that has a delay only with another position does not count.
     """
+    if own is None or common is None or abs(own.arm - common.arm) > 2.0 * np.hypot(own.arm_sigma, common.arm_sigma):
+        return False
+    pairs = zip((own.acceleration, own.velocity), (common.acceleration, common.velocity), own.sigmas, strict=True)
+    return any(abs(one - other) > max(CONTRADICTS, SIGNIFICANT * sigma) for one, other, sigma in pairs if one)
+
+
+def _agree(pairs: Sequence[Pairs]) -> bool:
+    """Whether no log contradicts the pooled delay of a pair."""
     pooled = {str(relation): delay.value for relation, delay in _pooled(pairs)}
     return all(
-        abs(delay.value - pooled[str(relation)]) < max(least, CONTRADICTS, SIGNIFICANT * delay.sigma)
+        abs(delay.value - pooled[str(relation)]) < max(CONTRADICTS, SIGNIFICANT * delay.sigma)
         for own in pairs
         for relation, delay in own
-        if relation.timed and (lateral is None or relation.measured != "lateral_acceleration")
+        if relation.timed and relation.measured != "lateral_acceleration" and delay.is_likely
     )
 
 
@@ -133,22 +135,27 @@ def _pooled(pairs: Sequence[Pairs]) -> Pairs:
     for seen in by_name.values():
         relation, first = seen[0]
         if len(seen) > 1:
-            share = np.array([max(delay.sigma, 1e-6) ** -2 for _, delay in seen])
+            precision = np.array([max(delay.sigma, 1e-6) ** -2 for _, delay in seen])
             values = np.array([delay.value for _, delay in seen])
-            share = share / share.sum()
+            share = precision / precision.sum()
             mean = float(share @ values)
-            within = float(np.sqrt(1.0 / np.sum([max(delay.sigma, 1e-6) ** -2 for _, delay in seen])))
             between = float(np.sqrt(share @ (values - mean) ** 2 / (len(seen) - 1)))
-            correlation = float(share @ np.array([delay.correlation for _, delay in seen]))
-            first = Delay(mean, max(within, between), 0.0, 0.0, correlation)
+            # Delays that differ from log to log gain less together than each by itself.
+            common = mean**2 / max(float(share @ values**2), 1e-300)
+            first = Delay(
+                mean, max(float(precision.sum() ** -0.5), between), 0.0, 0.0,
+                float(share @ np.array([delay.correlation for _, delay in seen])),
+                common * sum(delay.gain for _, delay in seen), sum(delay.effective for _, delay in seen),
+            )  # fmt: skip
         found.append((relation, first))
     return found
 
 
 def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[str, float], list[Finding]]:
     """Return the delays of the channels to shift [s], and the findings, not yet assigned to a log."""
-    pairs, found = _usable_pairs(evidence)
     threshold = 0.25 * evidence.step
+    timed = [(relation, delay) for relation, delay in evidence.pairs if relation.timed]
+    pairs = [one for one in timed if one[0].measured != "lateral_acceleration"]
 
     # Each channel's delay against most of the others, then that of channels from the same source.
     delays = _balance(_pair_ties(pairs) + _lateral_ties(evidence), threshold, evidence.sources)
@@ -165,60 +172,54 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
         own = {name: shifts[name] for name in names if name in shifts}
         return statement("shifted", shifts=", ".join(texts), together=words, **own) if repair and texts else None
 
-    for relation, delay in pairs:
-        found.append(_pair_finding(relation, delay, evidence.step, shifts, shifted))
+    found = [_ambiguous_finding(relation, delay) for relation, delay in evidence.pairs if not relation.timed]
+    found += [_pair_finding(relation, delay, evidence.step, shifts, shifted) for relation, delay in pairs]
     for name, value in of_source.items():
         text = statement("common_source", channel=name, delay=value)
         found.append(Finding("", "delay", name, "warning", value, "s", text, shifted([name])))
+    return shifts, found + _lateral_findings(evidence, of_source, shifts, shifted)
+
+
+def _ambiguous_finding(relation: Relation, delay: Delay) -> Finding:
+    other = _timing_channel(relation)
+    text = statement(
+        "ambiguous_delay", channel=relation.measured, other=", ".join(relation.others), delay=delay.value,
+        sigma=delay.sigma,
+    )  # fmt: skip
+    return Finding("", "delay", f"{relation.measured}, {other}", "info", delay.value, "s", text)
+
+
+def _lateral_findings(
+    evidence: _Evidence,
+    of_source: Collection[str],
+    shifts: Mapping[str, float],
+    shifted: Callable[[Collection[str]], Statement | None],
+) -> list[Finding]:
+    """Return the findings about delays of vy and the lateral acceleration, and the position of the accelerometer."""
     lateral = evidence.lateral
-    if lateral is not None and lateral.velocity and "vy" not in of_source:
-        speed = evidence.forward if lateral.together else ""
-        text = statement(
-            "relative_delay", channel="vy", other="lateral_acceleration and yaw_rate", delay=lateral.velocity,
-            sigma=lateral.sigmas[1], step=evidence.step, correlation=lateral.correlation, speed=speed,
-        )  # fmt: skip
-        names = ("vy", evidence.forward, "yaw_rate", "lateral_acceleration") if {"vy", "yaw_rate"} & set(shifts) else ()
-        channel = "vy, lateral_acceleration"
-        found.append(Finding("", "delay", channel, "warning", lateral.velocity, "s", text, shifted(names)))
-    if evidence.by_tyres is not None and abs(evidence.by_tyres.value) >= 0.5 * evidence.by_tyres.threshold:
-        value, limit = evidence.by_tyres
-        undecided = abs(value) <= limit
-        text = statement("tyre_delay", delay=value, threshold=limit, undecided=undecided)
-        done = None if undecided else shifted(("vy", "yaw_rate"))
-        found.append(Finding("", "delay", "vy, yaw_rate", "info" if undecided else "warning", value, "s", text, done))
-    return shifts, found
-
-
-def _usable_pairs(evidence: _Evidence) -> tuple[Pairs, list[Finding]]:
-    """Return the pairs that determine a delay, and findings about the others."""
-    found: list[Finding] = []
-    pairs: Pairs = []
-    lateral, step = evidence.lateral, evidence.step
-    for relation, delay in evidence.pairs:
-        if not relation.timed:
-            text = statement(
-                "ambiguous_delay", channel=relation.measured, other=", ".join(relation.others), delay=delay.value,
-                sigma=delay.sigma,
-            )  # fmt: skip
-            name = f"{relation.measured}, {_timing_channel(relation)}"
-            found.append(Finding("", "delay", name, "info", delay.value, "s", text))
+    if lateral is None:
+        return []
+    found = []
+    if abs(lateral.arm) > 4.0 * lateral.arm_sigma and not lateral.acceleration:
+        text = statement("accelerometer_position", distance=lateral.arm, sigma=lateral.arm_sigma)
+        name = "lateral_acceleration"
+        found.append(Finding("", "sensor_position", name, "warning", lateral.arm, "m", text))
+    delays = (
+        ("lateral_acceleration", lateral.acceleration, "yaw_rate"),
+        ("vy", lateral.velocity, "lateral_acceleration"),
+    )
+    for index, (channel, delay, other) in enumerate(delays):
+        if not delay or channel in of_source:
             continue
-        if relation.measured == "lateral_acceleration" and lateral is not None:
-            has_arm = abs(lateral.arm) > 4.0 * lateral.arm_sigma
-            if has_arm and not lateral.acceleration:
-                if abs(delay.value) > max(0.25 * step, SIGNIFICANT * delay.sigma):
-                    text = statement(
-                        "accelerometer_position", distance=lateral.arm, sigma=lateral.arm_sigma, delay=delay.value
-                    )
-                    check: Check = "sensor_position"
-                    found.append(Finding("", check, relation.measured, "warning", lateral.arm, "m", text))
-                continue
-            if lateral.velocity and not lateral.acceleration:
-                continue
-            if has_arm or lateral.velocity:  # otherwise the pair alone is more exact
-                delay = delay._replace(value=lateral.acceleration, sigma=max(lateral.sigmas[0], 1e-4), drift=0.0)
-        pairs.append((relation, delay))
-    return pairs, found
+        speed = evidence.forward if channel == "vy" and lateral.together else ""
+        text = statement(
+            "relative_delay", channel=channel, other="lateral_acceleration and yaw_rate" if channel == "vy" else other,
+            delay=delay, sigma=lateral.sigmas[index], step=evidence.step, correlation=lateral.correlation, speed=speed,
+        )  # fmt: skip
+        names = {"vy": ("vy", evidence.forward, "yaw_rate", "lateral_acceleration")}.get(channel, (channel, "yaw_rate"))
+        done = shifted(names) if {channel, "yaw_rate"} & set(shifts) else None
+        found.append(Finding("", "delay", f"{channel}, {other}", "warning", delay, "s", text, done))
+    return found
 
 
 def _pair_finding(
@@ -230,7 +231,7 @@ def _pair_finding(
 ) -> Finding:
     """Return the finding about one pair of channels."""
     other = _timing_channel(relation)
-    is_significant = abs(delay.value) > max(0.25 * step, SIGNIFICANT * delay.sigma)
+    is_significant = delay.is_likely and abs(delay.value) > 0.25 * step
     text = statement(
         "relative_delay", channel=relation.measured, other=other, delay=delay.value, sigma=delay.sigma, step=step,
         correlation=delay.correlation,
@@ -305,7 +306,7 @@ def _pair_ties(pairs: Pairs) -> list[Tie]:
         (
             relation.measured,
             _timing_channel(relation),
-            delay.value if abs(delay.value) > SIGNIFICANT * delay.sigma else 0.0,
+            delay.value if delay.is_likely else 0.0,
             delay.sigma,
         )
         for relation, delay in pairs
@@ -314,16 +315,15 @@ def _pair_ties(pairs: Pairs) -> list[Tie]:
 
 def _lateral_ties(evidence: _Evidence) -> list[Tie]:
     """Return the ties of vy to the yaw rate, and of the speed to vy where both have one clock."""
-    ties: list[Tie] = []
-    lateral, by_tyres = evidence.lateral, evidence.by_tyres
-    if lateral is not None:
-        ties.append(("vy", "yaw_rate", lateral.velocity, max(lateral.sigmas[1], 1e-4)))
-        if lateral.velocity and not lateral.acceleration:
-            ties.append(("lateral_acceleration", "yaw_rate", 0.0, 1e-4))
-        if lateral.together and lateral.velocity:
-            ties.append((evidence.forward, "vy", 0.0, 1e-4))
-    if by_tyres is not None and abs(by_tyres.value) > by_tyres.threshold:
-        ties.append(("vy", "yaw_rate", by_tyres.value, 0.25 * by_tyres.threshold))
+    lateral = evidence.lateral
+    if lateral is None:
+        return []
+    ties: list[Tie] = [
+        ("vy", "yaw_rate", lateral.velocity, max(lateral.sigmas[1], 1e-4)),
+        ("lateral_acceleration", "yaw_rate", lateral.acceleration, max(lateral.sigmas[0], 1e-4)),
+    ]
+    if lateral.together and lateral.velocity:
+        ties.append((evidence.forward, "vy", 0.0, 1e-4))
     return ties
 
 
@@ -335,7 +335,7 @@ def _delays_of_sources(
     for relation, delay in pairs:
         ends = {relation.measured, _timing_channel(relation)}
         for group in sources:
-            if not ends <= set(group) and SIGNIFICANT * delay.sigma < max(abs(delay.value), least):
+            if not ends <= set(group) and (delay.is_likely or SIGNIFICANT * delay.sigma < least):
                 decided |= ends
     found: dict[str, float] = {}
     for group in sources:

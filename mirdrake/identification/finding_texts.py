@@ -117,19 +117,7 @@ def _ambiguous_delay(f: Figures) -> str:
 
 
 def _accelerometer_position(f: Figures) -> str:
-    return (
-        f"the accelerometer is {_position(f)} the point whose velocity is logged: this fits better than a delay of "
-        f"{1e3 * float(f['delay']):.3g} ms"
-    )
-
-
-def _tyre_delay(f: Figures) -> str:
-    text = (
-        f"vy is about {1e3 * abs(float(f['delay'])):.2g} ms {_sense(f['delay'])} against yaw_rate, if the rear tyres "
-        f"slip as those of a single track; up to {1e3 * float(f['threshold']):.2g} ms, wheelbase over speed, may be "
-        "the vehicle itself"
-    )
-    return text + (": not shifted; lateral_acceleration would decide it" if f["undecided"] else "")
+    return f"the accelerometer is {_position(f)} the point whose velocity is logged"
 
 
 FINDINGS: dict[str, Text] = {
@@ -170,6 +158,7 @@ FINDINGS: dict[str, Text] = {
     "velocity_position": lambda f: f"vy is measured {_position(f)} the rear axle, if tyres slip linearly",
     "lateral_velocity": "lateral_acceleration and yaw_rate give {gain:.2g} times the change of vy: vy is too small by "
     "that factor, or the true step is {true_step:.3g} s instead of {step:.3g} s; write 'time: {{step: …}}', or a scale",
+    "velocity_sign": "vy changes against lateral_acceleration and yaw_rate (correlation {correlation:.2f}): wrong sign",
     "path_direction": "the path turns right where the yaw rate is to the left (correlation {correlation:.2f}): wrong "
     "sign of x or of y",
     "gravity_at_rest": "reads {value:.3g} m/s^2 at standstill, as gravity does at a tilt of {tilt:.2g} deg",
@@ -177,6 +166,7 @@ FINDINGS: dict[str, Text] = {
     "response": lambda f: (
         f"the yaw rate follows {f['channel']} by {1e3 * float(f['delay']):.3g} ms, including the "
         "response of the vehicle"
+        + ("; a response cannot precede its cause: the clocks of both channels differ" if f["early"] else "")
     ),
     "relative_delay": _relative_delay,
     "ambiguous_delay": _ambiguous_delay,
@@ -185,7 +175,6 @@ FINDINGS: dict[str, Text] = {
         f"{f['channel']} changes on the same rows as channels that are "
         f"{1e3 * float(f['delay']):.3g} ms late: it comes from the same source"
     ),
-    "tyre_delay": _tyre_delay,
     "clock_drift": lambda f: (
         f"the delay of {f['channel']} against {f['other']} changes by "
         f"{1e6 * float(f['drift']):.3g} µs per second: two clocks"

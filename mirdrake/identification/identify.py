@@ -265,7 +265,7 @@ def _check_moves(data: DataSet, model: Model) -> None:
             continue
         if name in {"vx", "speed"} and np.max(np.abs(values)) < STANDSTILL:
             lines.append(f"{name}: the vehicle is at rest in all training logs; there is nothing to identify")
-        if name in STEERING and np.ptp(values) == 0.0:
+        if name in STEERING and not np.any(values):
             lines.append(f"{name}: does not move in any training log; map the column that does, or drive turns")
     if lines:
         raise ConfigError("\n".join(lines))

@@ -5,12 +5,11 @@ lateral acceleration::
 
     ay = vx r + dvy/dt + d dr/dt + h k d²ay/dt²
 
-The accelerometer also rolls with the body, which makes its signal larger and delays it, as roll lags.
-
 A delay of vy, a delay of ay and another position of a sensor look alike: at one speed v, a distance d is a delay d / v.
-So all are estimated together, at the speeds of the log, and a delay is reported only if it remains when the others are
-free. Noise of the slopes would make delays look small and certain; instrumental variables avoid it. Logs of one
-recorder are used together, as each may determine what another does not.
+So position, scales and roll are free in every hypothesis, and a delay is one only if the logs distinguish it from them:
+of the hypotheses (no delay, ay, vy, yaw rate) that of the least Bayesian information criterion counts
+(G. Schwarz, Annals of Statistics 6, 1978), with prior odds against each delay. Noise of the slopes would make delays
+look small and certain; instrumental variables avoid it (L. Ljung, System Identification, 1999, section 7.6).
 """
 
 from collections.abc import Sequence
@@ -19,7 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from mirdrake.identification.alignment import DELAY_ODDS
 from mirdrake.identification.data import Array
+from mirdrake.identification.evidence import effective_samples, required_gain
 from mirdrake.identification.relations import Grid
 from mirdrake.identification.splines import Spline
 
@@ -44,17 +45,8 @@ ROLL_HEIGHT = 0.004
 for smaller vehicles it scales with the square of POSITION_TIME. The roll acceleration is in their difference."""
 
 POSITION_TIME, MAX_POSITION = 0.05, 1.0
-"""Standard deviation of a sensor's position: seconds of driving at the usual speed [s], limited to a distance [m]."""
-
-SIGNIFICANT = 6.0
-"""Standard deviations above which an estimate is significant."""
-
-LIKELY, RESIDUAL_FACTOR, NEGLIGIBLE = 4.0, 1.5, 0.001
-"""A delay is accepted if it exceeds LIKELY standard deviations and if removing it multiplies the residual of dvy/dt by
-at least RESIDUAL_FACTOR; residuals below NEGLIGIBLE of dvy/dt are negligible."""
-
-CONTRADICTS = 0.04
-"""Least difference between the delays of a single log and of all logs that counts as a contradiction [s]."""
+"""Size of a vehicle in seconds of driving at its usual speed [s], and that of a car, which is also the standard
+deviation of a sensor's position [m]."""
 
 BLOCKS, MIN_ROWS = 20, 150
 """Parts of the logs whose scatter gives the uncertainty; and the least number of smoothed rows."""
@@ -63,12 +55,27 @@ MAX_ROWS = 50_000
 """Largest number of rows of a long log that are used."""
 
 
-class FreeUnknowns(NamedTuple):
-    """Which unknowns are estimated; the others are 0."""
+class Hypothesis(NamedTuple):
+    """Which channels have a delay; that of the yaw rate is one of both others, with the other sign."""
 
-    acceleration: bool
-    velocity: bool
-    arm: bool
+    acceleration: bool = False
+    velocity: bool = False
+    speed: bool = False
+    apart: bool = False
+    arm: bool = True
+
+    @property
+    def of_yaw_rate(self) -> bool:
+        """Whether the yaw rate alone has a delay."""
+        return self.acceleration and self.velocity and not self.apart
+
+
+NO_DELAY, WITH_SPEED = Hypothesis(), Hypothesis(velocity=True, speed=True)
+LATE = (Hypothesis(acceleration=True), Hypothesis(velocity=True), Hypothesis(acceleration=True, velocity=True))
+"""One clock that differs from the others."""
+
+APART = Hypothesis(acceleration=True, velocity=True, apart=True)
+"""Both with a delay of their own: the estimates that the others restrict."""
 
 
 class LateralDelays(NamedTuple):
@@ -83,9 +90,9 @@ class LateralDelays(NamedTuple):
         correlation: correlation of dvy/dt with what the others give.
         together: whether vx has the same delay as vy.
         width: smoothing with the most certain result [s].
-        rest: mean square of the residual of dvy/dt, without its noise [m²/s⁴].
-        size: mean square of dvy/dt [m²/s⁴].
-        free: which unknowns were estimated.
+        residual: root mean square of the residual of dvy/dt [m/s²].
+        evidence: twice the logarithm of the odds for the delay; 0 without one.
+        against: Wald's statistic against each of LATE, if both delays are free.
     """
 
     acceleration: float
@@ -96,97 +103,38 @@ class LateralDelays(NamedTuple):
     correlation: float
     together: bool
     width: float
-    rest: float
-    size: float
-    free: FreeUnknowns
+    residual: float
+    evidence: float
+    against: tuple[float, ...] = ()
 
 
-def estimate_lateral_delays(
-    grids: Sequence[Grid], least: float, *, together: bool | None = None
-) -> LateralDelays | None:
+def estimate_lateral_delays(grids: Sequence[Grid], *, together: bool | None = None) -> LateralDelays | None:
     """Return the delays of the lateral acceleration and of vy; None if channels or information are missing.
 
     Args:
         grids: logs of one recorder; those without the channels do not count.
-        least: shorter delays count as none [s].
         together: whether vx and vy have one clock, as from one source; None for what fits better.
     """
     forward = "vx" if all("vx" in grid.channels for grid in grids) else "speed"
     needed = {"vy", "yaw_rate", "lateral_acceleration", forward}
-    drives = _LogSet([grid for grid in grids if needed <= set(grid.channels)], forward)
-    if together is not None:
-        return _select_delays(drives, least, together)
-    alone, both = (_select_delays(drives, least, one) for one in (False, True))
-    if alone is None or both is None or not both.velocity:
-        return alone
-    # A delay of the speed must reduce the residual, at the same smoothing.
-    # Residuals are comparable only at the same smoothing.
-    width = max(alone.width, both.width)
-    rests = [
-        np.inf if (found := drives.estimate(width, one.free, one.together)) is None else found.rest
-        for one in (alone, both)
-    ]
-    return both if rests[1] < rests[0] else alone
-
-
-def logs_contradict(grids: Sequence[Grid], found: LateralDelays | None) -> bool:
-    """Whether single logs have a significantly different delay of vy than all logs together.
-
-    Args:
-        grids: logs that were used together.
-        found: their common result.
-    """
-    if found is None:
-        return False
-    forward = "vx" if all("vx" in grid.channels for grid in grids) else "speed"
-    needed = {"vy", "yaw_rate", "lateral_acceleration", forward}
-    free = found.free._replace(velocity=True, arm=True)
-    for grid in grids:
-        if needed <= set(grid.channels):
-            own = _LogSet([grid], forward).estimate(found.width, free, found.together)
-            apart = 0.0 if own is None else abs(own.velocity - found.velocity)
-            if own is not None and apart > max(CONTRADICTS, SIGNIFICANT * own.sigmas[1]):
-                return True
-    return False
-
-
-def _select_delays(drives: "_LogSet", least: float, together: bool) -> LateralDelays | None:
-    """Estimate all unknowns first, then remove delays that are not significant."""
-    free, found = FreeUnknowns(True, True, True), None
-    for _ in range(3):
-        found = drives.estimate_best(free, together)
-        if found is None:
-            return None
-        sure = {
-            name: abs(value) / max(sigma, 1e-12) if abs(value) > least else 0.0
-            for name, value, sigma in zip(
-                FreeUnknowns._fields, (found.acceleration, found.velocity), found.sigmas, strict=False
-            )
-            if getattr(free, name)
-        }
-        doubtful = [name for name, size in sure.items() if size < LIKELY or not drives.is_needed(name, found)]
-        if not doubtful:
-            break
-        # Remove the least certain delay, or the one without which the other one is positive, and estimate again.
-        least_sure = min(doubtful, key=lambda name: sure[name])
-        makes_late = [name for name in doubtful if _leaves_positive_delay(drives, found, name)] if len(sure) > 1 else []
-        free = free._replace(**{makes_late[0] if len(makes_late) == 1 else least_sure: False})
-    if found is not None and not free.acceleration and abs(found.arm) > 2.0 * found.arm_sigma:
-        # At one speed a delayed acceleration and another position of the sensor are not separable: the smaller residual
-        # decides; it must be much smaller if vy has a delay, as a separate instrument is in another position.
-        other = drives.estimate(found.width, free._replace(acceleration=True, arm=False), together)
-        sharp = other is not None and abs(other.acceleration) > max(least, SIGNIFICANT * other.sigmas[0])
-        if other is not None and sharp:
-            limit = RESIDUAL_FACTOR * max(other.rest, NEGLIGIBLE * other.size) if found.velocity else other.rest
-            if found.rest > limit:
-                return other
-    return found
-
-
-def _leaves_positive_delay(drives: "_LogSet", found: LateralDelays, name: str) -> bool:
-    """Whether without this delay the other one is positive: behind a gyroscope no channel is early."""
-    without = drives.estimate(found.width, found.free._replace(**{name: False}), found.together)
-    return without is not None and max(without.acceleration, without.velocity) > 0.0
+    logs = _LogSet([grid for grid in grids if needed <= set(grid.channels)], forward)
+    plain, joint = logs.estimate_best(NO_DELAY), logs.estimate_best(APART)
+    if plain is None:
+        return None
+    # Of one clock that differs, the one whose restriction contradicts the joint estimates least (Wald's test).
+    order = range(len(LATE)) if joint is None else np.argsort(joint.against)
+    found = [one for at in order if (one := logs.estimate_best(LATE[at])) is not None]
+    best = max(found, key=lambda one: one.evidence) if found and joint is None else next(iter(found), plain)
+    if best.evidence <= 0.0:
+        return plain
+    if abs(best.arm) < 2.0 * best.arm_sigma:  # beside each other the delay is more certain
+        hypothesis = Hypothesis(bool(best.acceleration), bool(best.velocity), arm=False)
+        best = logs.estimate_best(hypothesis) or best
+    if not best.velocity or best.acceleration or together is False:
+        return best
+    # Whether the speed has the delay of vy shows in the residuals, at the same smoothing.
+    both = logs.estimate(best.width, WITH_SPEED)
+    return both if both is not None and (together or both.residual < best.residual) else best
 
 
 class _LogSet:
@@ -197,19 +145,14 @@ class _LogSet:
         self._smoothed: dict[float, list[_SmoothedLog]] = {}
         self._coarsest = max((grid.step for grid in grids), default=0.0)
 
-    def estimate_best(self, free: FreeUnknowns, together: bool) -> LateralDelays | None:
-        """Estimate with the smoothing that gives the most certain delays and arm."""
-        found = [self.estimate(max(width, 2.0 * self._coarsest), free, together) for width in WIDTHS]
-        tried = [one for one in found if one is not None]
-        return min(tried, key=lambda one: (max(one.sigmas), one.arm_sigma)) if tried else None
+    def estimate_best(self, hypothesis: Hypothesis) -> LateralDelays | None:
+        """Estimate with the smoothing that gives the most certain delay, or position if there is none."""
+        widths = sorted({max(width, 2.0 * self._coarsest) for width in WIDTHS})
+        tried = [one for width in widths if (one := self.estimate(width, hypothesis)) is not None]
+        return min(tried, key=lambda one: (max(one.sigmas), one.arm_sigma), default=None)
 
-    def is_needed(self, name: str, found: LateralDelays) -> bool:
-        """Whether the residual of dvy/dt is much larger without a delay."""
-        without = self.estimate(found.width, found.free._replace(**{name: False}), found.together)
-        return without is not None and without.rest > RESIDUAL_FACTOR * max(found.rest, NEGLIGIBLE * found.size)
-
-    def estimate(self, width: float, free: FreeUnknowns, together: bool) -> LateralDelays | None:
-        """Estimate with a smoothing over a width [s]; delays that are not free are 0.
+    def estimate(self, width: float, free: Hypothesis) -> LateralDelays | None:
+        """Estimate with a smoothing over a width [s]; delays outside of the hypothesis are 0.
 
         Rows with even numbers give the residuals, those with odd numbers the instrumental variables: their noise is
         independent, so it neither causes a delay nor makes one look certain.
@@ -225,12 +168,13 @@ class _LogSet:
         # Unknowns: both delays, arm, two scales, an offset, height; each with a normal prior, infinite for the offset.
         usual = np.sqrt(np.mean(np.concatenate([grid.channels[self._forward] for grid in self._grids]) ** 2))
         reach = min(POSITION_TIME * float(usual), MAX_POSITION)
-        wide = (MAX_DELAY, MAX_DELAY, reach, SCALES, SCALES, np.inf, ROLL_HEIGHT * reach**2)
-        widths = np.where([*free, True, True, True, True], wide, 1e-9)
+        wide = (MAX_DELAY, MAX_DELAY, MAX_POSITION, SCALES, SCALES, np.inf, ROLL_HEIGHT * reach**2)
+        delayed = (free.acceleration, free.velocity and not free.of_yaw_rate)
+        widths = np.where([*delayed, free.arm, True, True, True, True], wide, 1e-9)
         unknown, lag = np.zeros(len(wide)), ROLL_LAG * reach
 
         def compared(half: int) -> list[Array]:
-            parts = [drive.compared(half, unknown, lag, together) for drive in drives]
+            parts = [drive.compared(half, unknown, lag, free) for drive in drives]
             return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
 
         for _ in range(30):
@@ -253,25 +197,32 @@ class _LogSet:
         correlation = float(np.corrcoef(up, up - rest)[0, 1])
         if correlation < 0.7:
             return None
-        left, _, rise = compared(1)
         # Uncertainty by the scatter of the parts of the logs, as residuals contain errors of road and model, too.
         scores = np.array([other[part].T @ rest[part] for part in np.array_split(np.arange(count), BLOCKS)])
         inverse = np.linalg.inv(normal)
         spread = inverse @ (scores.T @ scores) @ inverse * BLOCKS / (BLOCKS - len(unknown))
         sigma = np.sqrt(np.diag(spread))
+        # Wald's statistic takes the place of the likelihood ratio, which instrumental variables do not maximise. An
+        # accelerometer that measures a tenth more by roll lags by a tenth of the roll.
+        late = [0, 0 if free.of_yaw_rate else 1]
+        delays = [float(unknown[i]) if one else 0.0 for i, one in zip(late, free[:2], strict=True)]
+        sigmas = [float(sigma[i]) if one else 0.0 for i, one in zip(late, free[:2], strict=True)]
+        evidence = 0.0
+        against: tuple[float, ...] = ()
+        if free.apart:
+            apart = spread[0, 0] + spread[1, 1] - 2.0 * spread[0, 1]
+            left = ((delays[1], sigmas[1]), (delays[0], sigmas[0]), (delays[0] - delays[1], float(np.sqrt(apart))))
+            against = tuple((value / size) ** 2 for value, size in left)
+        elif free != NO_DELAY:
+            delay, own = (delays[0], sigmas[0]) if free.acceleration else (delays[1], sigmas[1])
+            variance = own**2 + (2.0 * SCALES * lag if free.acceleration else 0.0) ** 2
+            # Behind a gyroscope no channel is early, and the gyroscope is seldom earlier than both others.
+            odds = DELAY_ODDS ** (2.0 if free.of_yaw_rate and delay > 0.0 else 1.0)
+            evidence = delay**2 / variance - required_gain(effective_samples(rest), odds)
         return LateralDelays(
-            float(unknown[0]) if free.acceleration else 0.0,
-            float(unknown[1]) if free.velocity else 0.0,
-            (float(sigma[0]) if free.acceleration else 0.0, float(sigma[1]) if free.velocity else 0.0),
-            float(unknown[2]),
-            float(sigma[2]),
-            correlation,
-            together,
-            width,
-            float(np.mean(rest * left)),
-            float(np.mean(up * rise)),
-            free,
-        )
+            delays[0], delays[1], (sigmas[0], sigmas[1]), float(unknown[2]), float(sigma[2]), correlation, free.speed,
+            width, float(np.std(rest)), evidence, against,
+        )  # fmt: skip
 
 
 def _most_active(grid: Grid) -> Grid:
@@ -302,9 +253,9 @@ class _SmoothedLog:
             self._inner = slice(margin, margin + self.count)
             self._halves = [_Half(grid, forward, rows, thin, part) for part in range(2)]
 
-    def compared(self, half: int, unknown: Array, lag: float, together: bool) -> tuple[Array, Array, Array]:
+    def compared(self, half: int, unknown: Array, lag: float, late: Hypothesis) -> tuple[Array, Array, Array]:
         """Return residuals, slopes and dvy/dt of a half, with a lag of roll [s]."""
-        return self._halves[half].compared(unknown, self._inner, lag, together)
+        return self._halves[half].compared(unknown, self._inner, lag, late)
 
 
 class _Half:
@@ -328,20 +279,28 @@ class _Half:
         sides = (soft(grid.channels["lateral_acceleration"]), np.gradient(soft(grid.channels["vy"]), step))
         self.curves = [Spline(values) for values in sides]
 
-    def compared(self, unknown: Array, inner: slice, lag: float, together: bool) -> tuple[Array, Array, Array]:
+    def compared(self, unknown: Array, inner: slice, lag: float, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
         """Return residuals (n) of ``dvy/dt - ay + vx r + …``, their negative slopes (n, 7), and dvy/dt."""
-        moved = unknown[:2] / self.step
+        moved = unknown[[0, 0] if hypothesis.of_yaw_rate else [0, 1]] / self.step
         push, rise = (curve.at(inner, late) for curve, late in zip(self.curves, moved, strict=True))
         slopes = [curve.at(inner, late, 1) / self.step for curve, late in zip(self.curves, moved, strict=True)]
-        late = moved[1] if together else 0.0
+        late = moved[1] if hypothesis.speed else 0.0
         turn, spin = self.turn[inner], self.spin[inner]
         whirl = self.rest[inner] + turn * self.speed.at(inner, late)
-        if together:
+        if hypothesis.speed:
             slopes[1] = slopes[1] + turn * self.speed.at(inner, late, 1) / self.step
         curvature = self.curves[0].at(inner, moved[0], 2) / self.step**2
         roll_lag = lag * slopes[0]  # a larger measured acceleration comes with more roll, and its lag
         base = np.column_stack(
-            (slopes[0], -slopes[1], -spin, push - roll_lag, roll_lag - whirl, np.ones(len(push)), curvature)
+            (
+                slopes[0] - slopes[1] if hypothesis.of_yaw_rate else slopes[0],
+                -slopes[1],
+                -spin,
+                push - roll_lag,
+                roll_lag - whirl,
+                np.ones(len(push)),
+                curvature,
+            )
         )
         rest = rise - push + whirl + spin * unknown[2] - base[:, 3:] @ unknown[3:]
         # Slow changes are the bank of the road and the bias of sensors.

@@ -8,6 +8,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.alignment import estimate_delay, smooth
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import Log
+from mirdrake.identification.evidence import likelihood_gain, required_gain
 from mirdrake.identification.findings import Finding, Severity, statement
 from mirdrake.identification.relations import (
     Gain,
@@ -28,6 +29,12 @@ STANDSTILL = 0.05
 
 MIN_CORRELATION, SCALE_RANGE = 0.85, (0.6, 1.6)
 """Correlation above which the change of vy is known, and the range of its scale that is accepted."""
+
+SIGN_ODDS = 1e3
+"""Prior odds against a wrong sign [1]."""
+
+MIN_OPPOSITE = 0.5
+"""Least correlation of a wrong sign: that of a late response to fast steering may be negative, too."""
 
 _CLOCKS = {"in ms": 1e-3, "in µs": 1e-6, "in ns": 1e-9}
 
@@ -119,10 +126,10 @@ def _check_steering_channel(
     angle = whole[rows]
     if len(angle) < 50 or np.std(angle) == 0.0 or np.std(rate) == 0.0:
         return found
-    correlation = float(np.corrcoef(angle, rate / speed)[0, 1])
-    if abs(correlation) < 0.5:
+    correlation = _steering_correlation(speed, angle, rate)
+    if correlation is None:
         return found
-    if correlation < 0.0:
+    if correlation < -MIN_OPPOSITE:
         text = statement("steering_sign", channel=name, correlation=correlation)
         found.append(Finding(log.name, "units", name, "fault", correlation, "1", text))
     unit = channel(name).unit
@@ -145,6 +152,20 @@ def _check_steering_channel(
     severity: Severity = "warning" if is_odd else "info"
     found.append(Finding(log.name, "kinematics", f"yaw_rate, {name}", severity, scale, unit, text))
     return found
+
+
+def _steering_correlation(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> float | None:
+    """Return the partial correlation of yaw rate and steering beside ``v`` and ``v³``, which a constant steering gives.
+
+    A constant steering says nothing about its sign or scale, nor does its noise: None without evidence for an effect.
+    """
+    beside = np.column_stack((speed, speed**3))
+    pair = np.column_stack((rate, speed * (angle - angle.mean())))
+    left, right = (pair - beside @ np.linalg.lstsq(beside, pair, rcond=None)[0]).T
+    if np.std(left) == 0.0 or np.std(right) == 0.0:
+        return None
+    gain, effective = likelihood_gain(left, left - (left @ right) / (right @ right) * right)
+    return float(np.corrcoef(left, right)[0, 1]) if gain > required_gain(effective, SIGN_ODDS) else None
 
 
 def _is_odd(name: str, scale: float, is_slow: bool) -> bool:
@@ -267,6 +288,9 @@ def check_lateral_velocity(log: Log) -> list[Finding]:
     if np.any(np.std(rest, axis=0) == 0.0):
         return []
     correlation = float(np.corrcoef(rest.T)[0, 1])
+    if correlation < -MIN_CORRELATION and abs(known[1, 0]) < 0.5:  # otherwise the lateral acceleration is wrong
+        text = statement("velocity_sign", correlation=correlation)
+        return [Finding(log.name, "units", "vy", "fault", correlation, "1", text)]
     if correlation < MIN_CORRELATION:
         return []
     gain = float(rest[:, 0].var() / (rest[:, 0] @ rest[:, 1] / count))  # the noise is in the derivative

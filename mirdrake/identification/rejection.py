@@ -48,6 +48,6 @@ def _correction(found: Finding) -> str:
     if found.check == "sample_time":
         return "give 'unit' or 'step' under 'time' of the data file, or allow the repair 'sample_time'"
     names = " or ".join(found.channels)
-    if found.what.code in {"steering_sign", "path_direction"} or found.what.figures.get("signs_only"):
+    if found.what.code in {"steering_sign", "velocity_sign", "path_direction"} or found.what.figures.get("signs_only"):
         return f"write 'sign: -1' at {names} in 'channels' of the data file"
     return f"correct 'unit' or 'sign' of {names} in 'channels' of the data file"

@@ -1,0 +1,44 @@
+"""Evidence for one model against a plainer one: the Bayesian information criterion with autocorrelated residuals.
+
+Twice the logarithm of the Bayes factor is about ``n ln(RSS₀ / RSS₁) - k ln n`` for k further parameters (G. Schwarz,
+Annals of Statistics 6, 1978; R. E. Kass and A. E. Raftery, Journal of the American Statistical Association 90, 1995).
+Residuals with a memory count for n effective samples (M. S. Bartlett, Journal of the Royal Statistical Society B 8,
+1946): the error of a model is no evidence, however many samples contain it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def effective_samples(residuals: Array) -> float:
+    """Return the number of independent samples that residuals with a memory count for."""
+    size, left = len(residuals), residuals - residuals.mean()
+    memory = np.fft.irfft(np.abs(np.fft.rfft(left, 2 * size)) ** 2)[:size]
+    memory = memory / max(memory[0], 1e-300)
+    end = int(np.argmax(memory <= 0.0)) or size  # the memory ends where it first vanishes
+    return size / (1.0 + 2.0 * float(np.sum(memory[1:end] ** 2)))
+
+
+def likelihood_gain(without: Array, residuals: Array) -> tuple[float, float]:
+    """Return twice the logarithm of the likelihood ratio of an effect, and the number of independent samples.
+
+    Args:
+        without: residuals without the effect (n).
+        residuals: residuals with it (n).
+    """
+    effective = effective_samples(residuals)
+    ratio = float(without @ without) / max(float(residuals @ residuals), 1e-300)
+    return effective * float(np.log(max(ratio, 1e-300))), effective
+
+
+def required_gain(effective: float, odds: float, count: int = 1) -> float:
+    """Return what an effect must gain.
+
+    Args:
+        effective: number of independent samples.
+        odds: prior odds against the effect [1].
+        count: number of its parameters.
+    """
+    return count * float(np.log(max(effective, 1.0))) + 2.0 * float(np.log(odds))
