@@ -63,7 +63,7 @@ def spec(machine_code, **control):
     }
 
 # It steers: the yaw rate is about v tan(delta) / L; without slip of the tyres it would be 0.193 rad/s.
-assert set(JOINT_CONTROLS["steering"]) == {"servo", "pid", "sliding"}
+assert set(JOINT_CONTROLS["steering"]) == {"servo", "pid", "external", "sliding"}
 run = Simulation(assemble(spec(False))).run(duration=1.5).signals
 assert 0.17 < run["ego.wz"].iloc[-1] < 0.23, run["ego.wz"].iloc[-1]
 

@@ -116,7 +116,7 @@ def make_diagram(spec: DiagramSpec | Mapping[str, Any] | str, *, meshcat: Meshca
     Raises:
         ConfigError, ModelError, WorldError, DiagramError: what is wrong, on one line each.
     """
-    return assemble(spec, meshcat=meshcat, drawing_period=DRAWING_PERIOD).diagram
+    return assemble(spec, meshcat=meshcat, drawing_period=DRAWING_PERIOD, expand=True).diagram
 
 
 def assemble(
@@ -125,6 +125,8 @@ def assemble(
     meshcat: Meshcat | None = None,
     scene: Scene | None = None,
     drawing_period: float | None = None,
+    expand: bool = False,
+    instances: Mapping[str, System] | None = None,
 ) -> Assembly:
     """Return the diagram of :func:`make_diagram` with the handles that a run needs.
 
@@ -134,6 +136,9 @@ def assemble(
         scene: of this spec, if it is made already; see :func:`mirdrake.assembly.scene.make_scene`.
         drawing_period: simulated time between the drawings of a MeshcatVisualizer in the diagram [s]. None adds no
             MeshcatVisualizer: an exception of Meshcat within a step, or at the start, would end the simulation.
+        expand: whether the control units are Diagrams of blocks. Otherwise a unit is one fused system with the same
+            bits, which is faster, unless the spec replaces, connects or records one of its blocks.
+        instances: systems that were made in Python, by their names under ``systems``.
     """
     if isinstance(spec, str):
         spec = load_diagram(spec)
@@ -155,11 +160,11 @@ def assemble(
     builder = DiagramBuilder()
     parked = {name for name, entry in spec.vehicles.items() if entry.parked}
     parts = make_plant(builder, world, vehicles, spec=spec.plant, parked=parked)
-    wiring = Wiring(builder, spec)
+    wiring = Wiring(builder, spec, instances=instances or {})
     rolling = add_rolling_resistance(wiring, parts, spec)
     tracks = {}
     for part in parts.vehicles.values():
-        tracks[part.name] = add_vehicle_systems(wiring, parts, part, spec, starts[part.name])
+        tracks[part.name] = add_vehicle_systems(wiring, parts, part, spec, starts[part.name], expand=expand)
         add_sensors(wiring, parts, part, spec)
     tyres = add_tyres(wiring, parts, rolling)
     add_outer_forces(wiring, parts, rolling, spec)
@@ -167,8 +172,11 @@ def assemble(
     # The user's own blocks, then all connections.
     folder = Path(spec.folder) if spec.folder is not None else None
     for name, entry in spec.systems.items():
+        if "." in name:  # in place of a block of a control unit
+            continue
         source = entry._source or Source("diagram", {}, ("systems", name))
-        wiring.add(name, make_block(entry.kind, entry.parameters(), source=source, folder=folder))
+        own = wiring.instances.get(name)
+        wiring.add(name, own or make_block(entry.kind, entry.parameters(), source=source, folder=folder))
     wiring.connect()
 
     if meshcat is not None and drawing_period is not None:

@@ -22,6 +22,10 @@ from mirdrake.worlds import World, load_world
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="letters, digits and _ [-]")]
 
+BlockName = Annotated[
+    str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*(\.control\.[a-z_]+)?$", description="letters, digits and _ [-]")
+]
+
 
 class Place(Schema):
     """A pose on the ground of the world."""
@@ -65,7 +69,9 @@ class SystemEntry(Schema):
 class RecordSpec(Schema):
     """What a run records."""
 
-    signals: bool = Field(True, description="signals.parquet [-]")
+    signals: bool | list[str] = Field(
+        True, description="signals.parquet; a list adds inner signals, as [ego.control.**] [-]"
+    )
     rate: Frequency = Field(50.0, gt=0.0, le=2000.0, description="samples of the signals per second [Hz]")
     cameras: bool = Field(False, description="pictures of the cameras in use, with a driving log [-]")
     arrays: bool = Field(True, description="scans of the laser scanners and lidars in use [-]")
@@ -83,6 +89,11 @@ class RecordSpec(Schema):
         if isinstance(text, str):
             parse_start(text)
         return text
+
+    @property
+    def inner_signals(self) -> list[str]:
+        """Patterns of the inner signals to record."""
+        return self.signals if isinstance(self.signals, list) else []
 
     @property
     def start(self) -> datetime:
@@ -125,7 +136,10 @@ class DiagramSpec(Schema):
     vehicles: dict[Name, VehicleEntry] = Field(min_length=1, description="vehicles by name [-]")
     control: dict[Name, DriverSpec] = Field(default_factory=dict, description="who drives which vehicle [-]")
     sensors: dict[Name, list[str]] = Field(default_factory=dict, description="sensors in use, per vehicle [-]")
-    systems: dict[Name, SystemEntry] = Field(default_factory=dict, description="the user's own blocks [-]")
+    systems: dict[BlockName, SystemEntry] = Field(
+        default_factory=dict,
+        description="your own blocks; <vehicle>.control.<block> replaces a block of its control [-]",
+    )
     connect: list[tuple[str, str]] = Field(default_factory=list, description="[output port, input port] pairs [-]")
     plant: PlantSpec = Field(default_factory=PlantSpec, description="step and contact [-]")
     record: RecordSpec = Field(default_factory=RecordSpec, description="what is written down [-]")

@@ -9,6 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, Por
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.controllers.control_diagram import ControlDiagram
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import Signal, signals_of
 from mirdrake.core.yaml_io import where
@@ -26,7 +27,22 @@ _Sink = tuple[InputPort, tuple[Signal, ...] | None]
 
 @dataclass
 class Wiring:
-    """The ports of a diagram under construction by name, and their connections."""
+    """The ports of a diagram under construction by name, and their connections.
+
+    Attributes:
+        builder: of the diagram.
+        spec: of the diagram.
+        sources: outputs by name, with names and units of their elements.
+        sinks: the same of the inputs.
+        defaults: connections that are made if the user makes no other to the input.
+        systems: systems by name.
+        instances: user systems that were made in Python, by name.
+        blocks: control units that were added as blocks, by name.
+        aliases: short names of elements, as ``ego.vx`` for ``ego.state.vx``.
+        inner: inputs that are connected within a subsystem.
+        open: inputs that become inputs of the diagram if nothing is connected to them.
+        read: outputs that are connected.
+    """
 
     builder: DiagramBuilder
     spec: DiagramSpec
@@ -34,6 +50,11 @@ class Wiring:
     sinks: dict[str, _Sink] = field(default_factory=dict)
     defaults: list[tuple[str, str]] = field(default_factory=list)
     systems: dict[str, System] = field(default_factory=dict)
+    instances: Mapping[str, System] = field(default_factory=dict)
+    blocks: dict[str, ControlDiagram] = field(default_factory=dict)
+    aliases: dict[str, str] = field(default_factory=dict)
+    inner: set[str] = field(default_factory=set)
+    open: set[str] = field(default_factory=set)
     read: set[str] = field(default_factory=set)
 
     def add(self, name: str, system: System) -> None:
@@ -57,7 +78,8 @@ class Wiring:
     def connect(self) -> None:
         """Make the user's connections, then the default ones whose input is still open."""
         taken: dict[str, str] = {}
-        for index, (source, sink) in enumerate(self.spec.connect):
+        for index, (given_source, sink) in enumerate(self.spec.connect):
+            source = self._full_name(given_source)
             place = where(self.spec, "connect", index)
             output, given = self._find(source, self.sources, self.sinks, place, "output", "write it second")
             port, wanted = self._find(sink, self.sinks, self.sources, place, "input", "write it first")
@@ -82,6 +104,15 @@ class Wiring:
         for port, given_elements in elements.items():
             self._join(port, given_elements)
 
+    def _full_name(self, name: str) -> str:
+        """Return the name of an output, or of an element of one, for a name that may be short."""
+        return name if _port_of(name, self.sources) else self.aliases.get(name, name)
+
+    def name_elements(self, port: str, owner: str) -> None:
+        """Let the elements of an output have the short name ``owner.element``, where nothing else has it."""
+        for signal in self.sources[port][1] or ():
+            self.aliases.setdefault(f"{owner}.{signal.name}", f"{port}.{signal.name}")
+
     def _find(
         self, name: str, ports: Mapping[str, Any], others: Mapping[str, Any], place: str, kind: str, advice: str
     ) -> tuple[str, str | None]:
@@ -101,12 +132,22 @@ class Wiring:
         if _port_of(name, others):
             other = {"output": "an input", "input": "an output"}[kind]
             raise ConfigError(f"{place}: '{name}' is {other}; {advice}")
-        owner = name.split(".", maxsplit=1)[0]
-        own = [one for one in ports if one.startswith(f"{owner}.")]
+        owner, own = self._nearest_owner(name, ports)
         listed = f"; {kind}s of '{owner}': {', '.join(sorted(own))}" if own else ""
         near = get_close_matches(name, ports, n=1) if own else []
         hint = f"; did you mean '{near[0]}'?" if near else f"; {did_you_mean(name, ports)}" if not own else ""
         raise ConfigError(f"{place}: unknown {kind} '{name}'{hint}{listed}")
+
+    def _nearest_owner(self, name: str, ports: Mapping[str, Any]) -> tuple[str, list[str]]:
+        """Return the longest beginning of a name that has ports, and these without those of inner blocks."""
+        parts = name.split(".")
+        for count in range(len(parts) - 1, 0, -1):
+            owner = ".".join(parts[:count])
+            own = [port for port in ports if port.startswith(f"{owner}.")]
+            if own:
+                inside = ".control." in f"{owner}."
+                return owner, [port for port in own if inside or ".control." not in port]
+        return parts[0], []
 
     def _output(self, source: str) -> OutputPort:
         """Return the port of a source; that of an element is from a demultiplexer, one for each port."""
@@ -181,7 +222,12 @@ class Wiring:
                 sink = self.sinks[f"{name}.{port}"][0]
                 if not self.builder.IsConnectedOrExported(sink):
                     self.builder.ExportInput(sink, f"{name}.{port}")
+        for sink in sorted(self.open):
+            if not self.builder.IsConnectedOrExported(self.sinks[sink][0]):
+                self.builder.ExportInput(self.sinks[sink][0], sink)
         for sink, (port, _) in self.sinks.items():
+            if sink in self.inner:
+                continue
             system = sink.split(".", maxsplit=1)[0]
             optional = getattr(self.systems.get(system, port.get_system()), "optional_inputs", ())
             if not self.builder.IsConnectedOrExported(port) and port.get_name() not in optional:

@@ -6,9 +6,20 @@ system is a LeafSystem around one law, usable alone in any Drake diagram. All st
 
 from mirdrake.controllers.ackermann import Ackermann, AckermannSteering, AxleGeometry, SteeringGeometry
 from mirdrake.controllers.command import CommandLimits, CommandState, VelocityCommand, command_step
+from mirdrake.controllers.control_blocks import (
+    AccelerationLimit,
+    DeadMan,
+    Measurements,
+    SpeedPid,
+    SteeringActuator,
+    SteeringRateLimit,
+    WheelSpeeds,
+)
+from mirdrake.controllers.control_diagram import ControlDiagram, expand_control
 from mirdrake.controllers.cruise import SpeedControl, cruise_step, wheel_speed_setpoints
 from mirdrake.controllers.drivable_line import DrivingLimits, make_centre_line, make_drivable_line, make_speed_profile
 from mirdrake.controllers.drivers import DriverSpec
+from mirdrake.controllers.joint_blocks import ActuatorHold, PedalLoop, SteeringLoops, WheelLoops
 from mirdrake.controllers.path_tracking import PathGains, PathTracker, PathTrackingSpec
 from mirdrake.controllers.pid import DiscretePid
 from mirdrake.controllers.schedule import CommandSchedule, ConstantCommand, ConstantSpec, Schedule, ScheduleSpec
@@ -16,31 +27,44 @@ from mirdrake.controllers.vehicle_control import VehicleControl
 from mirdrake.core.pid import PidGains, PidLimits, PidState, pid_step
 
 __all__ = [
+    "AccelerationLimit",
     "Ackermann",
     "AckermannSteering",
+    "ActuatorHold",
     "AxleGeometry",
     "CommandLimits",
     "CommandSchedule",
     "CommandState",
     "ConstantCommand",
     "ConstantSpec",
+    "ControlDiagram",
+    "DeadMan",
     "DiscretePid",
     "DriverSpec",
     "DrivingLimits",
+    "Measurements",
     "PathGains",
     "PathTracker",
     "PathTrackingSpec",
+    "PedalLoop",
     "PidGains",
     "PidLimits",
     "PidState",
     "Schedule",
     "ScheduleSpec",
     "SpeedControl",
+    "SpeedPid",
+    "SteeringActuator",
     "SteeringGeometry",
+    "SteeringLoops",
+    "SteeringRateLimit",
     "VehicleControl",
     "VelocityCommand",
+    "WheelLoops",
+    "WheelSpeeds",
     "command_step",
     "cruise_step",
+    "expand_control",
     "make_centre_line",
     "make_drivable_line",
     "make_speed_profile",

@@ -28,7 +28,7 @@ from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import declare_state_output, declare_vector_input, declare_vector_output, signals
-from mirdrake.core.vectors import STEERING_ANGLES
+from mirdrake.core.vectors import SPEED_RATIOS, STEERING_ANGLES
 
 Linkage = Literal["ackermann", "unior", "unior_printed"]
 LINKAGES = ("ackermann", "unior", "unior_printed")
@@ -355,14 +355,15 @@ class AckermannSteering(LeafSystem):
 
     Output ports:
         wheel_angles (2) [rad]: left, right.
+        speed_ratios (4) [1]: speeds of the wheel centres over that of the rear axle's centre.
         steering_angle (1) [rad]: the bicycle angle (or input) after the limits; only with a `period`.
 
     Without `period` the system has no state: the angle is limited, not its rate, and the output is computed whenever
     it is asked for. With `period` the angle is also limited in rate, starting from the angle in the Context (0), and
-    both outputs are states, held between the updates.
+    angles are states, held between the updates.
 
     Args:
-        geometry: lengths and limits of the vehicle.
+        geometry: lengths and limits of the vehicle, or its steering law.
         period: time between updates [s], or None.
         linkage: "ackermann", or one of the readings of :meth:`Ackermann.unior_wheel_angles`: "unior" (outer wheel
             direct), "unior_printed".
@@ -374,18 +375,25 @@ class AckermannSteering(LeafSystem):
 
     def __init__(
         self,
-        geometry: SteeringGeometry,
+        geometry: SteeringGeometry | Ackermann,
         *,
         period: float | None = None,
         linkage: Linkage = "ackermann",
         factor: float = 0.5,
     ):
         super().__init__()
-        self.law = make_steering_law(geometry, linkage, factor=factor)
+        given = geometry if isinstance(geometry, Ackermann) else None
+        self.law = given or make_steering_law(geometry, linkage, factor=factor)  # type: ignore[arg-type]
         self.period = period
         self.steering = declare_vector_input(self, "steering", signals(("steering", "rad")))
         if period is None:
-            self.wheel_angles = declare_vector_output(self, "wheel_angles", STEERING_ANGLES, self._calc)
+            needs = {self.steering.ticket()}
+            self.wheel_angles = declare_vector_output(
+                self, "wheel_angles", STEERING_ANGLES, self._calc, prerequisites=needs
+            )
+            self.speed_ratios = declare_vector_output(
+                self, "speed_ratios", SPEED_RATIOS, self._calc_ratios, prerequisites=needs
+            )
             return
         check_number("AckermannSteering", "period", period, unit="s", above=0.0)
         self._angle = self.DeclareDiscreteState(1)
@@ -393,6 +401,9 @@ class AckermannSteering(LeafSystem):
         self.wheel_angles = declare_state_output(self, "wheel_angles", STEERING_ANGLES, self._wheels)
         self.steering_angle = declare_state_output(
             self, "steering_angle", signals(("steering_angle", "rad")), self._angle
+        )
+        self.speed_ratios = declare_vector_output(
+            self, "speed_ratios", SPEED_RATIOS, self._calc_ratios, prerequisites={self.xd_ticket()}
         )
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
@@ -404,6 +415,13 @@ class AckermannSteering(LeafSystem):
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self.law.wheel_angles(self.law.clip(self.steering.Eval(context).item())))
+
+    def _calc_ratios(self, context: Context, output: BasicVector) -> None:
+        if self.period is None:
+            angle = self.law.clip(self.steering.Eval(context).item())
+        else:
+            angle = context.get_discrete_state(self._angle).value().item()
+        output.SetFromVector(self.law.wheel_speed_ratios(angle))
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
         angle = context.get_discrete_state(self._angle).value().item()

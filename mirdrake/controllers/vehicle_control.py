@@ -26,10 +26,11 @@ from mirdrake.controllers.control_step import (
     control_step,
     forward_speed,
 )
+from mirdrake.controllers.joint_blocks import STATUS
 from mirdrake.core.compiled import compiled, records
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.pid import PidGains, PidLimits, PidNumbers, PidState
-from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
+from mirdrake.core.signals import declare_state_output, declare_vector_input
 from mirdrake.core.vectors import COMMAND, WHEELS
 from mirdrake.plant.powertrain import PEDALS, ActuatorLaw, PowertrainLaw
 from mirdrake.plant.powertrain.system import make_law
@@ -41,11 +42,6 @@ if TYPE_CHECKING:
     from mirdrake.plant.plant import VehicleInPlant
 
 Vector = npt.NDArray[np.float64]
-STATUS = signals(
-    ("speed_setpoint", "m/s", "set-point of the speed, before the trim"),
-    ("steering_setpoint", "rad", "bicycle steering angle after limit and rate"),
-    ("speed_trim", "m/s", "correction by the speed loop"),
-)
 
 
 class StepResult(NamedTuple):
@@ -77,6 +73,14 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     The steering actuator of vehicle.yaml (delay, lag, rate) is between the steering set-point and the joints.
 
+    Attributes:
+        vehicle: the vehicle.
+        setup: constants of the step.
+        steering_law: steering law of the believed geometry.
+        actuator: law of the steering actuator.
+        pedal_law: controller of the pedals; None: pedals do not drive.
+        actuators: number of actuators.
+
     Args:
         vehicle: a loaded vehicle.
         mass: its mass [kg].
@@ -104,39 +108,39 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
     ) -> None:
         super().__init__()
         control, spec = vehicle.control, vehicle.spec
-        self._period, self._count = 1.0 / control.rate, actuators
+        self.vehicle, self._period, self.actuators = vehicle, 1.0 / control.rate, actuators
         believed = believed_geometry(vehicle.geometry, control.believes)
-        self._steering_law = make_steering_law(believed, spec.steering.law, factor=spec.steering.factor)
-        self._actuator = ActuatorLaw(spec.actuators.steering, period=self._period)
+        self.steering_law = make_steering_law(believed, spec.steering.law, factor=spec.steering.factor)
+        self.actuator = ActuatorLaw(spec.actuators.steering, period=self._period)
         wheel, steering = control.wheel_speed, control.steering
-        self._pedal_law: PedalController | None = None
+        self.pedal_law: PedalController | None = None
         if powertrain is not None:
-            self._pedal_law = wheel.make_pedal_controller(powertrain, spec, self._period)
+            self.pedal_law = wheel.make_pedal_controller(powertrain, spec, self._period)
 
         # The memory is one vector: message, last set-points, steering actuator, then the state of every loop.
-        memory = [*CommandState(), 0.0, 0.0, *self._actuator.rest(0.0)]
+        memory = [*CommandState(), 0.0, 0.0, *self.actuator.rest(0.0)]
         speed_loop = _append(memory, PidState()).start
         wheel_loops = [_append(memory, wheel.memory).start if drives else -1 for drives in driven]
         steering_loops = [_append(memory, steering.memory).start for _ in range(2)]
-        if self._pedal_law is not None:
-            self._pedal_memory = _append(memory, self._pedal_law.rest())
+        if self.pedal_law is not None:
+            self._pedal_memory = _append(memory, self.pedal_law.rest())
 
         share = sum(name in spec.driven_wheels() for name in WHEELS)
         correction = control.speed.max_correction
-        self._setup = ControlSetup(
+        self.setup = ControlSetup(
             period=self._period,
             acceleration=control.speed.max_acceleration,
             deceleration=control.speed.max_deceleration,
             command=CommandLimits(timeout=control.dead_man),
-            steering=self._steering_law.numbers,
-            actuator=self._actuator.numbers,
-            actuator_size=self._actuator.size,
+            steering=self.steering_law.numbers,
+            actuator=self.actuator.numbers,
+            actuator_size=self.actuator.size,
             speed_limits=PidLimits(-correction, correction),
             wheel_limits=wheel.torque_limits(spec.powertrain.max_torque / share),
             steering_limits=steering.torque_limits(np.inf),
             radii=radii,
             torque_per_acceleration=tuple(mass * radius / share for radius in radii),  # type: ignore[arg-type]
-            pedals=self._pedal_law is not None,
+            pedals=self.pedal_law is not None,
             wheel_servo=wheel.servo_gains() is not None,
             steering_servo=steering.servo_gains() is not None,
             open_differential=wheel.has_open_differential(),
@@ -157,29 +161,29 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._gain_names = (("kp", "ki"), *(tuple(loop.gains) for loop in loops))
         self._make_numbers: list[Callable[[Sequence[float]], Any]] = [
             lambda gains: PidGains(*gains).numbers(),
-            wheel.numbers if self._pedal_law is None else self._pedal_law.numbers,
+            wheel.numbers if self.pedal_law is None else self.pedal_law.numbers,
             steering.numbers,
         ]
         self._known_gains: dict[int, tuple[list[float], Any]] = {}
 
         # The step takes the laws of the kinds; a law without gains keeps its numbers.
         laws = (
-            feedforward_only if self._pedal_law is not None else wheel.torque_law(),
+            feedforward_only if self.pedal_law is not None else wheel.torque_law(),
             feedforward_only if single_track else steering.torque_law(),
         )
         numbers = [PidNumbers()] + [
             NoNumbers() if law is feedforward_only else loop.numbers(loop.gain_values())
             for law, loop in zip(laws, loops, strict=True)
         ]
-        used = (self._pedal_law is None, *(law is not feedforward_only for law in laws))
+        used = (self.pedal_law is None, *(law is not feedforward_only for law in laws))
         self._groups_in_use = [group for group in range(3) if used[group]]
-        self._setups: Any = (self._setup,)
+        self._setups: Any = (self.setup,)
         self._gain_numbers: list[Any] = [[number] for number in numbers]
-        wheels = _with_equal_speeds(self._steering_law.wheels) if single_track else self._steering_law.wheels
+        wheels = _with_equal_speeds(self.steering_law.wheels) if single_track else self.steering_law.wheels
         self._run: Callable[..., tuple[float, float]] = partial(control_step, wheels, *laws)
         self._machine_code = machine_code
         if machine_code:
-            self._setups = records(ControlSetup, [self._setup])
+            self._setups = records(ControlSetup, [self.setup])
             self._gain_numbers = [records(type(number), [number]) for number in numbers]
             parts: list[Callable[..., Any]] = [*CONTROL_PARTS, *wheel.law_parts, *steering.law_parts]
             self._run = compiled(control_step, (wheels, *laws), parts=parts)
@@ -192,12 +196,12 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         """Return the memory of a unit whose last set-points are the present speed and steering angle."""
         memory: Vector = context.get_discrete_state(self._memory).value().copy()
         memory[LAST : LAST + 2] = speed, steering
-        memory[STEERING_ACTUATOR : STEERING_ACTUATOR + self._setup.actuator_size] = steering
+        memory[STEERING_ACTUATOR : STEERING_ACTUATOR + self.setup.actuator_size] = steering
         return memory
 
     def _step(self, context: Context, x: Vector, memory: Vector) -> StepResult:
         """Return the outputs of one step; the memory is not changed."""
-        count = self._count
+        count = self.actuators
         given: tuple[Any, ...] = (x, self.command.Eval(context))
         changed: tuple[Any, ...] = (memory.copy(), np.zeros(2 * count), np.zeros(count), np.zeros(3))
         if not self._machine_code:  # lists are faster in Python
@@ -208,8 +212,8 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         slope, trimmed = self._run(*given, context.get_time(), self._setups, *self._gain_numbers, *changed)
         after, desired, actuation, status = changed
         pedals = None
-        if self._pedal_law is not None:
-            after[self._pedal_memory], pedals = self._pedal_law.step(
+        if self.pedal_law is not None:
+            after[self._pedal_memory], pedals = self.pedal_law.step(
                 after[self._pedal_memory],
                 float(status[0]),
                 slope,
@@ -219,7 +223,7 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         return StepResult(after, desired, actuation, status, trimmed, pedals)
 
     def _forward_speed(self, x: Sequence[float] | Vector) -> float:
-        return float(forward_speed(x, self._setup.quaternion, self._setup.velocity))  # type: ignore[arg-type]
+        return float(forward_speed(x, self.setup.quaternion, self.setup.velocity))  # type: ignore[arg-type]
 
     def _read_gains(self, context: Context, group: int, x: Vector) -> Any:
         """Return the gains of a loop from the Context, and from its schedule at the present speed."""
@@ -283,8 +287,8 @@ class VehicleControl(ControlUnit):
         )
         self.command = declare_vector_input(self, "command", COMMAND)
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-        self._desired = self.DeclareDiscreteState(2 * self._count)
-        self._actuation = self.DeclareDiscreteState(self._count)
+        self._desired = self.DeclareDiscreteState(2 * self.actuators)
+        self._actuation = self.DeclareDiscreteState(self.actuators)
         self._status = self.DeclareDiscreteState(len(STATUS))
         self._memory = self.DeclareDiscreteState(self._start_memory)
         self.desired_state = self.DeclareStateOutputPort("desired_state", self._desired)
@@ -306,8 +310,8 @@ class VehicleControl(ControlUnit):
         The outputs show the result of a first step; the update at the same time is the first one that counts.
         """
         x = self._read_state(context)
-        left, right = (float(x[index]) for index in self._setup.steering_positions)
-        speed, steering = self._forward_speed(x), self._steering_law.bicycle_angle(left, right)
+        left, right = (float(x[index]) for index in self.setup.steering_positions)
+        speed, steering = self._forward_speed(x), self.steering_law.bicycle_angle(left, right)
         memory = self._start(context, speed, steering)
         self._write(state, self._step(context, x, memory))
         state.set_value(self._status, [speed, steering, 0.0])

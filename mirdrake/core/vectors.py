@@ -43,6 +43,9 @@ STATE = signals(
 WHEEL_SPEEDS = signals(*((name, "rad/s") for name in WHEELS))
 """Spin rates of the wheels, positive when rolling forward."""
 
+SPEED_RATIOS = signals(*((name, "") for name in WHEELS))
+"""Speeds of the wheel centres along their wheels over that of the rear axle's centre."""
+
 STEERING_ANGLES = signals(("left", "rad"), ("right", "rad"))
 """Angles of the two front wheels about their kingpins, positive to the left."""
 

@@ -23,6 +23,7 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.framework import Context
 
 from mirdrake.assembly.diagram import Assembly
+from mirdrake.controllers.runtime_gains import set_gain
 from mirdrake.core.errors import ConfigError
 from mirdrake.plant.plant import matched_friction
 from mirdrake.vehicles import WHEELS, Vehicle
@@ -68,7 +69,7 @@ def find_context_parameters(vehicles: Mapping[str, Vehicle], world: World) -> di
 
 def _set_gain(vehicle: str, gain: RuntimeGain, assembly: Assembly, context: Context, value: float) -> None:
     control = assembly.diagram.GetSubsystemByName(f"{vehicle}.control")
-    control.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(gain.group).SetAtIndex(gain.index, value)
+    set_gain(control, context, gain, value)
 
 
 def _scale_mass(vehicle: str, assembly: Assembly, context: Context, value: float) -> None:

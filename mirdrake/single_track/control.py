@@ -16,7 +16,8 @@ from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.controllers.control_step import LAST, STEERING_ACTUATOR, ControlSetup
-from mirdrake.controllers.vehicle_control import STATUS, ControlUnit, StepResult
+from mirdrake.controllers.joint_blocks import STATUS
+from mirdrake.controllers.vehicle_control import ControlUnit, StepResult
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import declare_state_output, declare_vector_input
@@ -110,7 +111,7 @@ class SingleTrackControl(ControlUnit):
     @property
     def constants(self) -> ControlSetup:
         """Constants of the step."""
-        return self._setup
+        return self.setup
 
     @property
     def radius(self) -> float:
@@ -135,22 +136,22 @@ class SingleTrackControl(ControlUnit):
     def starting_memory(self, speed: float, angle: float) -> npt.NDArray[np.float64]:
         """Return the memory of a unit whose set-points are a speed [m/s] and a true bicycle angle [rad]."""
         memory = np.array(self._start_memory)
-        steering = self._steering_law.bicycle_angle(*self._true.wheel_angles(angle))
+        steering = self.steering_law.bicycle_angle(*self._true.wheel_angles(angle))
         memory[LAST : LAST + 2] = speed, steering
-        memory[STEERING_ACTUATOR : STEERING_ACTUATOR + self._setup.actuator_size] = steering
+        memory[STEERING_ACTUATOR : STEERING_ACTUATOR + self.setup.actuator_size] = steering
         return memory
 
     def _read_state(self, context: Context) -> npt.NDArray[np.float64]:
         speed = self.state.Eval(context)[_VX].item()
-        rate = speed / (self._setup.radii[0] * self._true_over_believed)
+        rate = speed / (self.setup.radii[0] * self._true_over_believed)
         return np.array([1.0, 0.0, 0.0, 0.0, speed, 0.0, 0.0, rate, rate, rate, rate, 0.0, 0.0])
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
         """Start from the present speed and steering angle, so that the set-points do not jump."""
         speed = self.state.Eval(context)[_VX].item()
         angle = self.steering_angle.Eval(context).item()
-        steering = self._steering_law.bicycle_angle(*self._true.wheel_angles(angle))
-        pedals_or_forces = [0.0, 0.0, speed * self._true_over_believed if self._pedal_law is None else 1.0]
+        steering = self.steering_law.bicycle_angle(*self._true.wheel_angles(angle))
+        pedals_or_forces = [0.0, 0.0, speed * self._true_over_believed if self.pedal_law is None else 1.0]
         now = [angle, 0.0, *pedals_or_forces]
         values.set_value(self._delayed, now * self._delay_steps)
         values.set_value(self._steering, now[:2])
@@ -180,5 +181,5 @@ class SingleTrackControl(ControlUnit):
 
     def _actual_angle(self, memory: Sequence[float]) -> float:
         """Return the bicycle angle of the wheels [rad] for the output of the steering actuator."""
-        steering = float(memory[STEERING_ACTUATOR + self._setup.actuator_size - 1])
-        return self._true.bicycle_angle(*self._steering_law.wheels(self._steering_law.numbers, steering)[0])
+        steering = float(memory[STEERING_ACTUATOR + self.setup.actuator_size - 1])
+        return self._true.bicycle_angle(*self.steering_law.wheels(self.steering_law.numbers, steering)[0])

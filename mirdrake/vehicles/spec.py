@@ -158,6 +158,12 @@ class RuntimeGain:
     index: int
 
 
+ControlBlockName = Literal[
+    "dead_man", "acceleration_limit", "steering_rate_limit", "steering_actuator", "ackermann", "speed_pid"
+]
+"""Blocks of the control unit that `disable` may name; the loops of the joints have kind external instead."""
+
+
 class ControlSpec(Schema):
     """control.yaml."""
 
@@ -169,6 +175,14 @@ class ControlSpec(Schema):
     speed: SpeedControl = Field(default_factory=SpeedControl)
     wheel_speed: Annotated[WheelSpeedControl, Field(discriminator="kind")]
     steering: Annotated[SteeringControl, Field(discriminator="kind")]
+    disable: list[ControlBlockName] = Field(
+        default_factory=list, description="blocks that are left out; a diagram connects what they gave [-]"
+    )
+
+    def disabled_blocks(self) -> list[str]:
+        """Return the blocks of the control unit that are left out: `disable`, and joint loops of kind external."""
+        joints = {"wheel_loops": self.wheel_speed, "steering_loops": self.steering}
+        return [*self.disable, *(name for name, loop in joints.items() if loop.is_external)]
 
     def gains(self) -> list["RuntimeGain"]:
         """Return the gains that may change while a simulation runs, in the order of the control unit's parameters.

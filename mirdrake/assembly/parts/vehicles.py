@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from pydrake.systems.framework import System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.parts.control import add_control
 from mirdrake.assembly.wiring import JOIN, SPLIT, Wiring
-from mirdrake.controllers import VehicleControl
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals_of
 from mirdrake.core.vectors import COMMAND
@@ -28,31 +29,38 @@ def _track_at(start: Start, tracks: Mapping[str, Track]) -> str | None:
 
 
 def add_vehicle_systems(
-    wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec, start: Start
+    wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec, start: Start, *, expand: bool = False
 ) -> str | None:
     """Add control unit, ground truth and driver of one vehicle, and return its reference track."""
     plant, name, tracks = parts.plant, part.name, parts.world.tracks
     driver_spec = spec.control.get(name)
     track = getattr(driver_spec, "track", None) or _track_at(start, tracks)
-    control = VehicleControl(plant, part, machine_code=spec.plant.machine_code)
+    control = add_control(wiring, parts, part, spec, expand=expand)
     truth = GroundTruth(plant, part, track=tracks.get(track or ""))
     split, join = Demultiplexer(len(COMMAND), 1), Multiplexer(len(COMMAND))
-    wiring.add(f"{name}.control", control)
     wiring.add(f"{name}.truth", truth)
     wiring.add(f"{name}.join", join)
     wiring.link(plant.get_state_output_port(), truth.plant_state)
-    wiring.link(control.desired_state, plant.get_desired_state_input_port(part.instance))
-    wiring.link(join.get_output_port(), control.command)
+    wiring.link(control.GetOutputPort("desired_state"), plant.get_desired_state_input_port(part.instance))
+    wiring.link(join.get_output_port(), control.GetInputPort("command"))
     between = (  # where blocks of the user's may stand: noise of the sensors, delay of the actuators
-        ("plant_state", plant.get_state_output_port(), "measured_state", control.plant_state),
-        ("torque_command", control.actuation, "torque_reference", plant.get_actuation_input_port(part.instance)),
+        ("plant_state", plant.get_state_output_port(), "measured_state", control.GetInputPort("plant_state")),
+        (
+            "torque_command",
+            control.GetOutputPort("actuation"),
+            "torque_reference",
+            plant.get_actuation_input_port(part.instance),
+        ),
     )
     for source, output, sink, port in between:
         wiring.sources[f"{name}.{source}"], wiring.sinks[f"{name}.{sink}"] = (output, None), (port, None)
         wiring.defaults.append((f"{name}.{source}", f"{name}.{sink}"))
     for index, (port, signal) in enumerate(zip(JOIN, COMMAND, strict=True)):
         wiring.sinks[f"{name}.{port}"] = (join.get_input_port(index), (signal,))
-    for port in (*(truth.get_output_port(index) for index in range(truth.num_output_ports())), control.status):
+    for port in (
+        *(truth.get_output_port(index) for index in range(truth.num_output_ports())),
+        control.GetOutputPort("status"),
+    ):
         wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
     torques = plant.get_net_actuation_output_port(part.instance)
     wiring.sources[f"{name}.joint_torques"] = (torques, None)
@@ -91,9 +99,7 @@ def add_vehicle_systems(
     return track
 
 
-def _add_powertrain(
-    wiring: Wiring, parts: PlantParts, part: VehicleInPlant, control: VehicleControl
-) -> Powertrain | None:
+def _add_powertrain(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, control: System) -> Powertrain | None:
     """Add powertrain and brakes of a vehicle that is driven by pedals; the tyres take its torques."""
     name = part.name
     if not control.HasOutputPort("pedals"):
@@ -101,7 +107,7 @@ def _add_powertrain(
     powertrain = Powertrain(parts.plant, part)
     wiring.add(f"{name}.powertrain", powertrain)
     wiring.link(parts.plant.get_state_output_port(), powertrain.plant_state)
-    wiring.sources[f"{name}.pedals"] = (control.pedals, PEDALS)
+    wiring.sources[f"{name}.pedals"] = (control.GetOutputPort("pedals"), PEDALS)
     wiring.sinks[f"{name}.pedals_reference"] = (powertrain.pedals, PEDALS)
     wiring.defaults.append((f"{name}.pedals", f"{name}.pedals_reference"))
     for port in (powertrain.wheel_torque, powertrain.powertrain_status):

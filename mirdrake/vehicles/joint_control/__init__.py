@@ -7,6 +7,7 @@ its name in :data:`WheelSpeedControl` or :data:`SteeringControl`. These two unio
 from typing import get_args
 
 from mirdrake.vehicles.joint_control.base import JointControl, PedalController, PedalPositions, ServoGains
+from mirdrake.vehicles.joint_control.external import External
 from mirdrake.vehicles.joint_control.gain_schedule import GainSchedule, GainTable
 from mirdrake.vehicles.joint_control.pedals import PedalControl
 from mirdrake.vehicles.joint_control.pid import SteeringPid, WheelPid
@@ -14,6 +15,7 @@ from mirdrake.vehicles.joint_control.servo import PositionServo, VelocityServo
 
 __all__ = [
     "JOINT_CONTROLS",
+    "External",
     "GainSchedule",
     "GainTable",
     "JointControl",
@@ -33,12 +35,14 @@ WheelSpeedControl = (
     VelocityServo
     | WheelPid
     | PedalControl
+    | External
 )  # fmt: skip
 """Kinds of ``wheel_speed`` in control.yaml."""
 
 SteeringControl = (
     PositionServo
     | SteeringPid
+    | External
 )  # fmt: skip
 """Kinds of ``steering`` in control.yaml."""
 

@@ -134,6 +134,7 @@ class JointControl(Schema):
     Attributes:
         gains: name and unit of each gain that may change while a simulation runs; each is a field of the schema.
         uses_pedals: whether throttle and brake drive the vehicle in place of the wheels' actuators.
+        is_external: whether the torques come from a diagram instead of a law.
         law_parts: functions that the law calls, and those that they call.
         memory: initial memory of the law for one joint.
         number_type: class of the numbers that the law takes: a named tuple of floats.
@@ -141,6 +142,7 @@ class JointControl(Schema):
 
     gains: ClassVar[dict[str, str]] = {}
     uses_pedals: ClassVar[bool] = False
+    is_external: ClassVar[bool] = False
     law_parts: ClassVar[tuple[Callable[..., Any], ...]] = ()
     memory: ClassVar[tuple[float, ...]] = ()
     number_type: ClassVar[type[Any]] = NoNumbers

@@ -1,0 +1,67 @@
+"""The control unit of one vehicle in a diagram: one fused system, or a Diagram of its blocks."""
+
+from pathlib import Path
+
+from pydrake.systems.framework import System
+
+from mirdrake.assembly.blocks import make_block
+from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.wiring import Wiring
+from mirdrake.controllers.control_diagram import expand_control
+from mirdrake.controllers.vehicle_control import VehicleControl
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import Source, where
+from mirdrake.plant.plant import PlantParts, VehicleInPlant
+from mirdrake.vehicles import Vehicle
+
+
+def is_expanded(spec: DiagramSpec, name: str, vehicle: Vehicle) -> bool:
+    """Return whether a diagram needs the blocks of a vehicle's control unit: to replace, connect or record one."""
+    prefix = f"{name}.control."
+    named = [*spec.systems, *(end for pair in spec.connect for end in pair)]
+    return (
+        any(text.startswith(prefix) for text in named)
+        or bool(vehicle.control.disabled_blocks())
+        or any(pattern.startswith(prefix) for pattern in spec.record.inner_signals)
+    )
+
+
+def add_control(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec, *, expand: bool) -> System:
+    """Add the control unit of a vehicle: one fused system, or its blocks if the diagram needs them.
+
+    Args:
+        wiring: the diagram under construction.
+        parts: plant and vehicles.
+        part: the vehicle.
+        spec: the diagram.
+        expand: whether to add the blocks even if nothing refers to them.
+    """
+    unit = VehicleControl(parts.plant, part, machine_code=spec.plant.machine_code)
+    if not expand and not is_expanded(spec, part.name, part.vehicle):
+        wiring.add(f"{part.name}.control", unit)
+        return unit
+    prefix = f"{part.name}.control."
+    replaced, folder = {}, Path(spec.folder) if spec.folder is not None else None
+    for name, entry in spec.systems.items():
+        if name.startswith(prefix):
+            source = entry._source or Source("diagram", {}, ("systems", name))
+            block = wiring.instances.get(name) or make_block(
+                entry.kind, entry.parameters(), source=source, folder=folder
+            )
+            replaced[name.removeprefix(prefix)] = block
+    opened = {".".join(sink.split(".")[2:4]) for _, sink in spec.connect if sink.startswith(prefix)}
+    try:
+        control = expand_control(unit, replaced=replaced, opened=opened)
+    except ConfigError as error:
+        raise ConfigError(f"{where(spec, 'systems')}: {error}") from None
+    wiring.add(f"{part.name}.control", control.diagram)
+    wiring.blocks[f"{part.name}.control"] = control
+    for name, port in control.outputs.items():
+        wiring.sources[prefix + name] = port
+        if len(port[1] or ()) > 1:
+            wiring.name_elements(prefix + name, prefix + name.split(".")[0])
+    wiring.sinks |= {prefix + name: port for name, port in control.inputs.items()}
+    wiring.inner |= {prefix + name for name in control.inputs if name not in opened and name not in control.open}
+    wiring.open |= {prefix + name for name in control.open}
+    wiring.defaults += [(prefix + source, prefix + sink) for source, sink in control.defaults]
+    return control.diagram
