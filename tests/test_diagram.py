@@ -386,7 +386,7 @@ def test_a_port_and_an_element_of_it_are_not_both_fed() -> None:
 
 
 def test_draw_lists_all_ports_with_their_elements(capsys: pytest.CaptureFixture[str]) -> None:
-    assert mir_main(["draw", "bolt_test_track", "--ports"]) == 0
+    assert mir_main(["ports", "bolt_test_track"]) == 0
     lines = capsys.readouterr().out.splitlines()
     known = assemble("bolt_test_track")
     for ports in (known.outputs, known.inputs):

@@ -10,10 +10,14 @@ import re
 import shutil
 import subprocess
 from collections import defaultdict
+from collections.abc import Collection, Mapping
+
+from pydrake.systems.framework import Diagram, System
 
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.assembly.wiring import JOIN, SPLIT
-from mirdrake.core.errors import MissingDependencyError
+from mirdrake.controllers.control_diagram import HOLD
+from mirdrake.core.errors import ConfigError, MissingDependencyError
 
 _COLOURS = {"plant": "#dbe7f3", "other": "#eceff1", "user": "#fdebd0", "vehicle": "#e3f1e4"}
 _SERVANTS = {"scene_graph", "rolling_resistance", "meshcat_visualizer"}  # drawn to the right of the plant
@@ -29,20 +33,32 @@ digraph {
 """
 
 
-def write_dot(assembly: Assembly) -> str:
+def write_dot(assembly: Assembly, *, expand: Collection[str] = ()) -> str:
     """Return the blocks of a diagram in the DOT language of Graphviz, without log sinks.
 
     Arrows are labelled with the output's name, and with the input's where that says more. The bars that split a command
     and join it again are drawn as bars.
+
+    Args:
+        assembly: the diagram.
+        expand: names of the systems whose blocks are drawn, such as ``ego.control``.
+
+    Raises:
+        ConfigError: a system to expand does not exist or has no blocks.
     """
     diagram = assembly.diagram
     systems = {system.get_name(): system for system in diagram.GetSystems()}
     shown = {name: system for name, system in systems.items() if not name.startswith("log/")}
+    inner = {name: _blocks_of(name, shown) for name in expand}
     lines = [_HEAD]
     for vehicle in assembly.parts.vehicles:
         lines.append(f'  subgraph "cluster_{vehicle}" {{')
         lines.append(f'    label=<<b>{vehicle}</b>>; labeljust=l; style="rounded,dashed"; color="#90a4ae";')
-        lines += [f"  {_node(name, shown[name], assembly)}" for name in shown if _vehicle_of(name, assembly) == vehicle]
+        own = [name for name in shown if _vehicle_of(name, assembly) == vehicle]
+        for name in own:
+            lines += (
+                _cluster(name, inner[name], assembly) if name in inner else [f"  {_node(name, shown[name], assembly)}"]
+            )
         lines.append("  }")
     lines += [_node(name, shown[name], assembly) for name in shown if _vehicle_of(name, assembly) is None]
 
@@ -51,24 +67,59 @@ def write_dot(assembly: Assembly) -> str:
         tail, head = source.get_name(), sink.get_name()
         if tail in shown and head in shown:
             output, given = source.get_output_port(source_index).get_name(), sink.get_input_port(sink_index).get_name()
+            tail, output = _end(tail, output, inner)
+            head, given = _end(head, given, inner)
             edges[tail, head].append(_edge_label(_bar_port(tail, output), _bar_port(head, given)))
+    for name in inner:
+        for (sink, sink_index), (source, source_index) in shown[name].connection_map().items():
+            output, given = source.get_output_port(source_index).get_name(), sink.get_input_port(sink_index).get_name()
+            edges[f"{name}.{source.get_name()}", f"{name}.{sink.get_name()}"].append(_edge_label(output, given))
     lines += [_edge(tail, head, labels) for (tail, head), labels in edges.items()]
     for index in range(diagram.num_input_ports()):
         port = diagram.get_input_port(index)
-        (system, _), *_ = diagram.GetInputPortLocators(port.get_index())
+        (system, system_port), *_ = diagram.GetInputPortLocators(port.get_index())
+        head, _ = _end(system.get_name(), system.get_input_port(system_port).get_name(), inner)
         lines.append(f'  "in/{port.get_name()}" [label="{port.get_name()}", shape=plaintext, style=""];')
-        lines.append(f'  "in/{port.get_name()}" -> "{system.get_name()}" [style=dashed];')
+        lines.append(f'  "in/{port.get_name()}" -> "{head}" [style=dashed];')
     lines.append("}")
     return "\n".join(lines) + "\n"
 
 
-def draw_svg(assembly: Assembly) -> str:
-    """Return the block diagram as an SVG picture.
+def _blocks_of(name: str, shown: Mapping[str, System]) -> dict[str, System]:
+    """Return the systems within a system, by name."""
+    system = shown.get(name)
+    if not isinstance(system, Diagram):
+        able = [own for own, other in shown.items() if isinstance(other, Diagram)]
+        raise ConfigError(f"'{name}' has no blocks to draw; these have: {', '.join(able) or 'none'}")
+    return {block.get_name(): block for block in system.GetSystems()}
+
+
+def _cluster(name: str, blocks: Mapping[str, System], assembly: Assembly) -> list[str]:
+    """Return the blocks within a system, in a frame."""
+    lines = [f'    subgraph "cluster_{name}" {{', f'    label="{name}"; labeljust=l; style=rounded; color="#81a784";']
+    lines += [f"    {_node(f'{name}.{block}', system, assembly)}" for block, system in blocks.items()]
+    return [*lines, "    }"]
+
+
+def _end(system: str, port: str, inner: Mapping[str, Mapping[str, System]]) -> tuple[str, str]:
+    """Return the block and the port at an end of a connection: those within an expanded system."""
+    if system not in inner:
+        return system, port
+    block, dot, own = port.partition(".")
+    if not dot:
+        block, own = {"command": "dead_man", "plant_state": "measurements"}.get(port, HOLD), port
+    if block not in inner[system]:  # an input that stands for a block which is left out
+        block = HOLD
+    return f"{system}.{block}", own
+
+
+def draw_svg(assembly: Assembly, *, expand: Collection[str] = ()) -> str:
+    """Return the block diagram as an SVG picture; see :func:`write_dot`.
 
     Raises:
         MissingDependencyError: Graphviz is not installed.
     """
-    return run_dot(write_dot(assembly), purpose="drawing a diagram")
+    return run_dot(write_dot(assembly, expand=expand), purpose="drawing a diagram")
 
 
 def run_dot(text: str, *, purpose: str) -> str:
@@ -99,7 +150,7 @@ def _node(name: str, system: object, assembly: Assembly) -> str:
     vehicle = _vehicle_of(name, assembly)
     if vehicle and name.endswith((".split", ".join")):
         return f'  "{name}" [label="", style=filled, fillcolor="#455a64", width=0.07, height=0.8, tooltip="{name}"];'
-    title = name.removeprefix(f"{vehicle}.") if vehicle else name
+    title = name.removeprefix(f"{vehicle}.").removeprefix("control.") if vehicle else name
     kind = html.escape(type(system).__name__.split("_")[0])
     group = (
         "user" if name in assembly.spec.systems else "vehicle" if vehicle else "plant" if name == "plant" else "other"

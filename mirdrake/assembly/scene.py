@@ -36,6 +36,7 @@ from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import Source, shown, validate, where
 from mirdrake.core.yaml_tree import lay_over
 from mirdrake.vehicles import Vehicle, load_vehicle
+from mirdrake.vehicles.joint_control import External
 from mirdrake.vehicles.mounts import change_mounts
 from mirdrake.vehicles.spec import ControlSpec
 from mirdrake.vehicles.stored import read_vehicle, vehicle_data
@@ -121,10 +122,21 @@ def _load_by_name(spec: DiagramSpec, name: str) -> Vehicle:
         control = change_control(vehicle.control, entry.control, source=place)
         check_pedals(vehicle.spec, control)
         vehicle = replace(vehicle, control=control)
+    vehicle = _without_replaced_loops(vehicle, spec, name)
     if not entry.mounts:
         return vehicle
     source = source._replace(prefix=(*source.prefix, "mounts"))
     return replace(vehicle, sensors=change_mounts(vehicle.sensors, entry.mounts, source=source))
+
+
+def _without_replaced_loops(vehicle: Vehicle, spec: DiagramSpec, name: str) -> Vehicle:
+    """Return the vehicle without the joint loops that a system of the diagram replaces: Drake's servos are left out."""
+    loops = {"wheel_loops": "wheel_speed", "steering_loops": "steering"}
+    replaced = [key for block, key in loops.items() if f"{name}.control.{block}" in spec.systems]
+    if not replaced or vehicle.control.wheel_speed.uses_pedals:
+        return vehicle
+    external = {key: External(kind="external") for key in replaced}
+    return replace(vehicle, control=vehicle.control.model_copy(update=external))
 
 
 def change_control(control: ControlSpec, changes: Mapping[str, Any], *, source: Source) -> ControlSpec:

@@ -43,6 +43,7 @@ VERBS = {
     "view": Verb("show a vehicle, a world, a diagram or a run in Meshcat", "view"),
     "check": Verb("check files of mirdrake without running them: every fault with file and line", "check"),
     "draw": Verb("draw a diagram's blocks and connections as SVG (needs Graphviz)", "draw"),
+    "ports": Verb("list the ports of a diagram with their elements and units", "ports"),
     "replay": Verb("replay a run in Meshcat with the pictures of its cameras", "replay"),
     "export": Verb("write a run as MCAP (Foxglove), CSV or video", "export"),
     "identify": Verb(
@@ -96,6 +97,7 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake inspect bolt                 its mass, axle loads, turning circle, inertia, joints, and suspicious values
   mirdrake check my_diagram.yaml        every fault with file and line, without running
   mirdrake draw bolt_test_track         the block diagram as SVG
+  mirdrake ports bolt_test_track        its ports with their units
   mirdrake replay runs/drive            a run again, with the pictures of its cameras
   mirdrake export runs/drive --to mcap  for Foxglove; csv and video as well
   mirdrake manoeuvre braking bolt       standard manoeuvres, and a handling report; --list shows them

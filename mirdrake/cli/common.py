@@ -16,6 +16,7 @@ from mirdrake.core.paths import names
 from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
+    from mirdrake.assembly.diagram import Assembly
     from mirdrake.assembly.scene import Scene
 
 # --- options ---------------------------------------------------------------------------------------------------------
@@ -48,6 +49,25 @@ def add_param(parser: argparse.ArgumentParser, **kwargs: Any) -> None:
 def add_trust(parser: argparse.ArgumentParser) -> None:
     """Add the option ``--trust``."""
     parser.add_argument("--trust", action="store_true", help="execute user modules that the file names")
+
+
+def assemble_for_display(name: str, overrides: Sequence[str], *, trust: bool) -> "tuple[Assembly, list[str]]":
+    """Return a diagram with the blocks of its control units, and what was left out of it, one line each.
+
+    Args:
+        name: name or path of a diagram file.
+        overrides: of the option ``--set``.
+        trust: whether user modules are executed; otherwise what they define is left out.
+    """
+    from mirdrake.assembly.diagram import assemble, load_diagram
+    from mirdrake.assembly.diagram_spec import without_user_systems
+    from mirdrake.core.user_modules import without_user_code
+
+    spec, skipped = load_diagram(name, overrides=overrides), []
+    if not trust:
+        spec, skipped = without_user_systems(spec)
+    with contextlib.nullcontext() if trust else without_user_code():
+        return assemble(spec, expand=True), skipped
 
 
 def add_quiet(parser: argparse.ArgumentParser) -> None:

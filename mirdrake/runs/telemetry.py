@@ -80,6 +80,9 @@ class Telemetry:
             for name, tap in assembly.taps.items():
                 if name.startswith(f"{system}."):
                     self._add_named(columns, tap, raw[name], prefix=name)
+        for name, tap in assembly.taps.items():
+            if tap.is_chosen:
+                self._add_named(columns, tap, raw[name], prefix="")
         return times, columns
 
     def _put(self, columns: Columns, name: str, values: Array, unit: str) -> None:

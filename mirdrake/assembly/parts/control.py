@@ -1,5 +1,6 @@
 """The control unit of one vehicle in a diagram: one fused system, or a Diagram of its blocks."""
 
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from pydrake.systems.framework import System
@@ -22,8 +23,16 @@ def is_expanded(spec: DiagramSpec, name: str, vehicle: Vehicle) -> bool:
     return (
         any(text.startswith(prefix) for text in named)
         or bool(vehicle.control.disabled_blocks())
-        or any(pattern.startswith(prefix) for pattern in spec.record.inner_signals)
+        or any(_may_match(pattern, name) for pattern in spec.record.inner_signals)
     )
+
+
+def _may_match(pattern: str, vehicle: str) -> bool:
+    """Return whether a pattern of record.signals can match a port of a vehicle's control unit."""
+    parts = pattern.split(".")
+    if not fnmatchcase(vehicle, parts[0]):
+        return False
+    return parts[0] in {"*", "**"} if len(parts) == 1 else fnmatchcase("control", parts[1]) and len(parts) > 1
 
 
 def add_control(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec, *, expand: bool) -> System:

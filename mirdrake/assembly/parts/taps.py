@@ -1,16 +1,23 @@
 """Logs of the vectors of a diagram that a run records."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
-from pydrake.systems.framework import OutputPort, PortDataType
+import numpy as np
+from pydrake.systems.framework import Context, DiscreteValues, OutputPort, PortDataType
 from pydrake.systems.primitives import VectorLogSink
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.parts.sensors import how_recorded, sensors_of
 from mirdrake.assembly.wiring import Wiring
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import Signal, signals_of
+from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts
 from mirdrake.plant.wheels import GroundReadings, RollingResistance
+from mirdrake.vehicles import Vehicle
 
 
 @dataclass(frozen=True)
@@ -21,11 +28,39 @@ class Tap:
         name: what it is, for example "ego.status".
         sink: the log in the diagram.
         contents: names and units of its elements, or None where the system did not say.
+        is_chosen: whether a pattern of record.signals chose it; its contents have full names.
     """
 
     name: str
     sink: VectorLogSink
     contents: tuple[Signal, ...] | None
+    is_chosen: bool = False
+
+
+class HeldSignals(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Samples vectors every period and holds them, as the actuators of a control unit do.
+
+    Input ports:
+        u0, u1, ...: vectors.
+
+    Output ports:
+        y: all their elements.
+
+    Args:
+        sizes: lengths of the vectors.
+        period: time between samples [s].
+    """
+
+    def __init__(self, sizes: Sequence[int], *, period: float) -> None:
+        super().__init__()
+        self.inputs = [self.DeclareVectorInputPort(f"u{index}", size) for index, size in enumerate(sizes)]
+        state = self.DeclareDiscreteState(sum(sizes))
+        self.DeclareStateOutputPort("y", state)
+        self.DeclareInitializationDiscreteUpdateEvent(self._sample)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
+
+    def _sample(self, context: Context, state: DiscreteValues) -> None:
+        state.set_value(0, np.concatenate([port.Eval(context) for port in self.inputs]))
 
 
 def add_taps(
@@ -56,4 +91,64 @@ def add_taps(
         sink.set_name(f"log/{name}")
         wiring.link(port, sink.get_input_port())
         taps[name] = Tap(name, sink, contents)
+    taps |= _add_chosen_taps(wiring, spec, set(wanted), {name: part.vehicle for name, part in parts.vehicles.items()})
     return taps
+
+
+def _add_chosen_taps(
+    wiring: Wiring, spec: DiagramSpec, known: set[str], vehicles: Mapping[str, Vehicle]
+) -> dict[str, Tap]:
+    """Add log sinks for the signals that the patterns of record.signals choose.
+
+    The outputs of the blocks of a control unit are functions of the present inputs. They are recorded as its actuators
+    sample them: held for a period.
+
+    Raises:
+        ConfigError: a pattern chooses nothing.
+    """
+    columns = {
+        name: _columns(name, port, contents)
+        for name, (port, contents) in wiring.sources.items()
+        if port.get_data_type() == PortDataType.kVectorValued
+    }
+    chosen: dict[str, None] = {}
+    for index, pattern in enumerate(spec.record.inner_signals):
+        names = [
+            name
+            for name, elements in columns.items()
+            if any(fnmatchcase(text, pattern) for text in (name, *(signal.name for signal in elements)))
+        ]
+        if not names:
+            place, near = where(spec, "record", "signals", index), did_you_mean(pattern, columns)
+            raise ConfigError(f"{place}: no signal matches '{pattern}'; {near}. `mirdrake ports` lists all")
+        chosen |= dict.fromkeys(name for name in names if name not in known)
+    groups: dict[str, list[str]] = {}
+    for name in chosen:
+        vehicle, _, rest = name.partition(".")
+        groups.setdefault(f"{vehicle}.control" if rest.startswith("control.") else name, []).append(name)
+    taps = {}
+    for group, names in groups.items():
+        port = wiring.sources[names[0]][0]
+        contents = tuple(signal for name in names for signal in columns[name])
+        if group.endswith(".control") and group not in wiring.sources:
+            period = 1.0 / vehicles[group.partition(".")[0]].control.rate
+            held = HeldSignals([wiring.sources[name][0].size() for name in names], period=period)
+            held.set_name(f"log/held/{group}")
+            wiring.builder.AddSystem(held)
+            for name, sink_port in zip(names, held.inputs, strict=True):
+                wiring.link(wiring.sources[name][0], sink_port)
+            port = held.get_output_port()
+        sink = wiring.builder.AddSystem(VectorLogSink(port.size(), publish_period=1.0 / spec.record.rate))
+        sink.set_name(f"log/{group}")
+        wiring.link(port, sink.get_input_port())
+        taps[group] = Tap(group, sink, contents, is_chosen=True)
+    return taps
+
+
+def _columns(name: str, port: OutputPort, contents: tuple[Signal, ...] | None) -> tuple[Signal, ...]:
+    """Return full names and units of the elements of an output."""
+    if contents is None:
+        contents = tuple(Signal(str(index), "") for index in range(port.size()))
+    if len(contents) == 1:
+        return (Signal(name, contents[0].unit),)
+    return tuple(Signal(f"{name}.{signal.name}", signal.unit) for signal in contents)

@@ -62,6 +62,8 @@ def add_vehicle_systems(
         control.GetOutputPort("status"),
     ):
         wiring.sources[f"{name}.{port.get_name()}"] = (port, signals_of(port))
+    for own in ("state", "status"):
+        wiring.name_elements(f"{name}.{own}", name)
     torques = plant.get_net_actuation_output_port(part.instance)
     wiring.sources[f"{name}.joint_torques"] = (torques, None)
     powertrain = _add_powertrain(wiring, parts, part, control)

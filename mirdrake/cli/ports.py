@@ -1,0 +1,43 @@
+"""``mirdrake ports``: the ports of a diagram with their elements and units."""
+
+import argparse
+from fnmatch import fnmatchcase
+
+from mirdrake.cli.common import add_set, add_trust, assemble_for_display, skipped_lines
+from mirdrake.core.errors import ConfigError
+
+MORE = """\
+Outputs may be named first in `connect`, inputs second; an element is named behind a dot: [ego.state.vx, notch.u].
+Patterns of record.signals choose among the outputs. User modules are executed only with --trust.
+
+examples:
+  mirdrake ports bolt_test_track
+  mirdrake ports bolt_test_track 'ego.control.*'"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the verb."""
+    parser.add_argument("diagram", help="name or path of a diagram file")
+    parser.add_argument("pattern", nargs="?", default="*", help="only ports of these names, as 'ego.control.*'")
+    add_set(parser)
+    add_trust(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """List the ports."""
+    assembly, skipped = assemble_for_display(options.diagram, options.set, trust=options.trust)
+    chosen = {
+        title: {name: contents for name, contents in sorted(ports.items()) if fnmatchcase(name, options.pattern)}
+        for title, ports in (("outputs", assembly.outputs), ("inputs", assembly.inputs))
+    }
+    if not any(chosen.values()):
+        raise ConfigError(f"no port matches '{options.pattern}'; leave it out to list all")
+    for title, ports in chosen.items():
+        print(f"{title}:")
+        width = max(map(len, ports), default=0)
+        for name, contents in ports.items():
+            elements = ", ".join(f"{signal.name} [{signal.unit or '-'}]" for signal in contents or ())
+            print(f"  {name:{width}}  {elements}".rstrip())
+    for line in skipped_lines(skipped, "listed"):
+        print(f"  {line}")
+    return 0
