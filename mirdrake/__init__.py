@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from mirdrake.assembly.diagram import load_diagram as load_diagram
     from mirdrake.assembly.diagram import make_diagram as make_diagram
     from mirdrake.batched import batch as batch
+    from mirdrake.builder import Diagram as Diagram
+    from mirdrake.builder import PathTracking as PathTracking
     from mirdrake.controllers import AckermannSteering as AckermannSteering
     from mirdrake.controllers import DiscretePid as DiscretePid
     from mirdrake.controllers import PathTracker as PathTracker

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from mirdrake.assembly.diagram import assemble, make_diagram, make_spec
+from mirdrake.assembly.drawing import write_dot
+from mirdrake.core.errors import ConfigError, DiagramError
 from mirdrake.runs.simulation import Simulation
 
 DRIVES = {
@@ -33,7 +35,9 @@ def spec_of(vehicle, *, contact="point", drive="path", **more):
 def assert_same_bits(spec, duration):
     fused, expanded = (Simulation(assemble(spec, expand=expand)).run(duration=duration) for expand in (False, True))
     assert list(fused.signals) == list(expanded.signals)
-    different = [name for name in fused.signals if not np.array_equal(fused[name], expanded[name], equal_nan=True)]
+    different = [
+        name for name in map(str, fused.signals) if not np.array_equal(fused[name], expanded[name], equal_nan=True)
+    ]
     assert different == []
     assert np.ptp(fused["ego.speed_setpoint"]) > 0.5
 
@@ -59,3 +63,233 @@ def test_a_diagram_for_python_has_the_blocks_and_their_ports():
     assert {"dead_man", "acceleration_limit", "speed_pid", "ackermann", "wheel_loops", "steering_loops"} <= set(names)
     assert control.HasOutputPort("speed_pid.error")
     assert control.HasOutputPort("ackermann.wheel_angles")
+
+
+# --- replaced blocks ---------------------------------------------------------------------------------------------
+
+OWN_BLOCKS = """\
+from math import tan
+
+from pydrake.systems.framework import LeafSystem
+
+
+class Own(LeafSystem):
+    INPUTS, OUTPUTS = {}, {}
+
+    def __init__(self):
+        super().__init__()
+        self.ports = {name: self.DeclareVectorInputPort(name, size) for name, size in self.INPUTS.items()}
+        for name, size in self.OUTPUTS.items():
+            self.DeclareVectorOutputPort(name, size, lambda c, o, name=name: o.SetFromVector(getattr(self, name)(c)))
+
+    def read(self, context, name):
+        return self.ports[name].Eval(context).tolist()
+
+
+class DeadMan(Own):
+    INPUTS, OUTPUTS = {"command": 3}, {"speed": 1, "steering": 1}
+    speed = lambda self, c: self.read(c, "command")[:1]
+    steering = lambda self, c: self.read(c, "command")[1:2]
+
+
+class Slope(Own):
+    INPUTS, OUTPUTS = {"reference": 1}, {"speed": 1}
+    speed = lambda self, c: [0.5 * self.read(c, "reference")[0]]
+
+
+class Through(Own):
+    INPUTS, OUTPUTS = {"reference": 1}, {"steering": 1}
+    steering = lambda self, c: self.read(c, "reference")
+
+
+class Parallel(Own):
+    INPUTS, OUTPUTS = {"steering": 1}, {"wheel_angles": 2}
+    wheel_angles = lambda self, c: 2 * self.read(c, "steering")
+
+
+class Proportional(Own):
+    INPUTS, OUTPUTS = {"reference": 1, "measurement": 1}, {"u": 1}
+    u = lambda self, c: [0.7 * (self.read(c, "reference")[0] - self.read(c, "measurement")[0])]
+
+
+class Spin(Own):
+    INPUTS, OUTPUTS = {"speed": 1, "correction": 1}, {"wheel_speeds": 4}
+    wheel_speeds = lambda self, c: 4 * [(self.read(c, "speed")[0] + self.read(c, "correction")[0]) / 0.3]
+
+
+class Wheels(Own):
+    INPUTS, OUTPUTS = {"setpoint": 4, "measurement": 4}, {"torque": 4}
+    torque = lambda self, c: [2.0 * (a - b) for a, b in zip(self.read(c, "setpoint"), self.read(c, "measurement"))]
+
+
+class Joints(Own):
+    INPUTS, OUTPUTS = {"setpoint": 2, "measurement": 2}, {"torque": 2}
+    torque = lambda self, c: [3.0 * (a - b) for a, b in zip(self.read(c, "setpoint"), self.read(c, "measurement"))]
+"""
+
+REPLACED = {
+    "dead_man": "DeadMan",
+    "acceleration_limit": "Slope",
+    "speed_pid": "Proportional",
+    "wheel_speeds": "Spin",
+    "wheel_loops": "Wheels",
+    "steering_rate_limit": "Through",
+    "steering_actuator": "Through",
+    "ackermann": "Parallel",
+    "steering_loops": "Joints",
+}
+
+
+def own_blocks(folder, names):
+    (folder / "own_control_blocks.py").write_text(OWN_BLOCKS, encoding="utf-8")
+    return {f"ego.control.{name}": {"kind": f"own_control_blocks:{REPLACED[name]}"} for name in names}
+
+
+@pytest.mark.parametrize("vehicle", ["bolt", "mkz", "catvehicle", "unior"])
+def test_every_block_can_be_replaced_in_a_diagram_file(vehicle, tmp_path):
+    spec = spec_of(
+        vehicle,
+        control={"ego": {"kind": "constant", "speed": 2.0, "steering": 0.1}},
+        systems=own_blocks(tmp_path, REPLACED),
+        folder=str(tmp_path),
+        record={"signals": ["ego.control.**"], "meshcat": False, "report": False},
+    )
+    s = {name: values.to_numpy() for name, values in Simulation(assemble(spec)).run(duration=0.1).signals.items()}
+    block = "ego.control"
+    assert s["ego.speed_setpoint"][1:] == pytest.approx(1.0)  # half of the command at once
+    error = 1.0 - s[f"{block}.measurements.speed"]
+    assert s[f"{block}.speed_pid.output"] == pytest.approx(0.7 * error)
+    spin = (1.0 + 0.7 * error) / 0.3
+    measured = s[f"{block}.measurements.wheel_speeds.front_left"]
+    assert s[f"{block}.wheel_loops.torque.front_left"] == pytest.approx(2.0 * (spin - measured))
+    assert s["ego.wheel_torque.front_left"][1:] == pytest.approx(s[f"{block}.wheel_loops.torque.front_left"][1:])
+    assert s[f"{block}.ackermann.wheel_angles.left"] == pytest.approx(0.1)  # no limit of the rate any more
+    joint = s[f"{block}.measurements.steering_angles.left"]
+    assert s[f"{block}.steering_loops.torque.left"] == pytest.approx(3.0 * (0.1 - joint))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", REPLACED)
+@pytest.mark.parametrize("vehicle", ["bolt", "mkz", "catvehicle", "unior"])
+def test_each_block_can_be_replaced_alone(vehicle, block, tmp_path):
+    spec = spec_of(vehicle, systems=own_blocks(tmp_path, [block]), folder=str(tmp_path))
+    standard = Simulation(assemble(spec_of(vehicle))).run(duration=0.3).signals
+    run = Simulation(assemble(spec)).run(duration=0.3)
+    assert run.summary["stop_reason"] == "duration"
+    if block not in {"dead_man", "steering_rate_limit", "steering_actuator", "ackermann"}:  # the same on a straight
+        assert not np.array_equal(standard["ego.vx"], run.signals["ego.vx"])
+
+
+def test_a_block_of_drake_replaces_one_with_a_single_input_and_output():
+    kind = {"kind": "pydrake.systems.primitives:FirstOrderLowPassFilter", "time_constant": 0.1, "size": 1}
+    spec = spec_of("bolt", systems={"ego.control.steering_actuator": kind})
+    diagram = assemble(spec).diagram
+    assert diagram.GetSubsystemByName("ego.control").HasSubsystemNamed("steering_actuator")
+
+
+@pytest.mark.parametrize(
+    ("systems", "message"),
+    [
+        ({"ego.control.speed_pd": {"kind": "gain", "gain": 1.0}}, "has no block 'speed_pd' to replace; it has measure"),
+        ({"ego.control.speed_pid": {"kind": "sine", "frequency": 1.0}}, "in place of speed_pid has no output 'output'"),
+        (
+            {"ego.control.ackermann": {"kind": "gain", "gain": 1.0, "size": 2}},
+            "input 'steering' of Gain has 2 elements",
+        ),
+        ({"ego.control.dead_man": {"kind": "adder"}}, "in place of dead_man has an unknown input 'u0'"),
+    ],
+)
+def test_what_does_not_fit_in_place_of_a_block_is_one_line(systems, message):
+    with pytest.raises(ConfigError) as caught:
+        assemble(spec_of("bolt", systems=systems))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_disabled_block_leaves_an_input_for_what_it_gave():
+    vehicles = {"ego": {"model": "bolt", "start": "line", "control": {"disable": ["speed_pid"]}}}
+    names = [port for port in assemble(spec_of("bolt", vehicles=vehicles)).inputs if "speed_pid" in port]
+    assert names == ["ego.control.speed_pid.output"]
+    own = {"systems": {"trim": {"kind": "constant", "value": [0.25]}}}
+    connect = {"connect": [["trim.y", "ego.control.speed_pid.output"]]}
+    run = Simulation(assemble(spec_of("bolt", vehicles=vehicles, **own, **connect))).run(duration=0.1)
+    assert run["ego.speed_trim"].iloc[-1] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("vehicle", ["bolt", "unior"])
+def test_external_loops_take_torques_from_the_diagram(vehicle):
+    control = {"wheel_speed": {"kind": "external"}, "steering": {"kind": "external"}}
+    spec = spec_of(
+        vehicle,
+        vehicles={"ego": {"model": vehicle, "start": "line", "control": control}},
+        systems={
+            "drive": {"kind": "constant", "value": [0.0, 0.0, 0.5, 0.25]},
+            "steer": {"kind": "constant", "value": [0.1, 0.2]},
+        },
+        connect=[
+            ["drive.y", "ego.control.wheel_loops.torque"],
+            ["steer.y", "ego.control.steering_loops.torque"],
+        ],
+    )
+    run = Simulation(assemble(spec)).run(duration=0.1)
+    assert run["ego.wheel_torque.rear_left"].iloc[-1] == pytest.approx(0.5)
+    assert run["ego.wheel_torque.rear_right"].iloc[-1] == pytest.approx(0.25)
+
+
+# --- ports and signals -------------------------------------------------------------------------------------------
+
+
+def test_inner_signals_are_recorded_as_the_actuators_sample_them():
+    record = {"signals": ["ego.control.acceleration_limit.*", "ego.control.*_pid.*"], "meshcat": False, "report": False}
+    run = Simulation(assemble(spec_of("unior", record=record))).run(duration=0.3)
+    assert np.array_equal(run["ego.control.acceleration_limit.speed"], run["ego.speed_setpoint"])
+    assert run.units["ego.control.acceleration_limit.slope"] == "m/s²"
+    assert "ego.control.speed_pid.integral" in run.signals
+
+
+def test_a_pattern_without_a_signal_is_reported_with_the_nearest():
+    record = {"signals": ["ego.control.speedpid.error"]}
+    with pytest.raises(
+        ConfigError, match="no signal matches 'ego.control.speedpid.error'; did you mean 'ego.control.sp"
+    ):
+        assemble(spec_of("bolt", record=record))
+
+
+def test_a_connection_to_an_inner_input_replaces_the_built_in_one():
+    spec = spec_of(
+        "bolt",
+        systems={"gain": {"kind": "gain", "gain": 0.0}},
+        connect=[["ego.control.speed_pid.output", "gain.u"], ["gain.y", "ego.control.wheel_speeds.correction"]],
+        record={"signals": ["ego.control.wheel_speeds.**", "ego.control.speed_pid.output"]},
+    )
+    run = Simulation(assemble(spec)).run(duration=0.2)
+    # free rolling at the set-point: the trim does not reach the wheels
+    spin = run["ego.control.wheel_speeds.wheel_speeds.rear_left"] / run["ego.speed_setpoint"]
+    assert np.ptp(spin.to_numpy()[3:]) == pytest.approx(0.0, abs=1e-9)
+    assert run["ego.control.speed_pid.output"].abs().max() > 0.0
+
+
+def test_an_algebraic_loop_through_the_blocks_is_one_line():
+    spec = spec_of(
+        "bolt",
+        systems={"gain": {"kind": "gain", "gain": 1.0}},
+        connect=[["ego.control.speed_pid.output", "gain.u"], ["gain.y", "ego.control.speed_pid.measurement"]],
+    )
+    with pytest.raises(DiagramError, match="algebraic loop") as caught:
+        assemble(spec)
+    assert "\n" not in str(caught.value)
+
+
+def test_short_names_are_ports():
+    spec = spec_of("bolt", systems={"twice": {"kind": "gain", "gain": 2.0}}, connect=[["ego.vx", "twice.u"]])
+    run = Simulation(assemble(spec)).run(duration=0.1)
+    assert run["twice.y"].to_numpy() == pytest.approx(2.0 * run["ego.vx"].to_numpy())
+
+
+def test_the_drawing_shows_the_blocks_of_a_control_unit():
+    text = write_dot(assemble("bolt_test_track", expand=True), expand=["ego.control"])
+    assert '"ego.join" -> "ego.control.dead_man"' in text
+    assert '"ego.control.speed_pid" -> "ego.control.wheel_speeds"' in text
+    assert '"ego.control.actuators" -> "plant"' in text
+    with pytest.raises(ConfigError, match="'ego.truth' has no blocks to draw; these have: ego.control"):
+        write_dot(assemble("bolt_test_track", expand=True), expand=["ego.truth"])

@@ -21,7 +21,7 @@ STAGES = {
     "execution": 7, "gym": 7, "manoeuvres": 7, "requirements": 7,
     "identification": 8, "studies": 8, "suites": 8,
     "tuning": 9, "world_checks": 9,
-    "export": 10, "importing": 10, "viewer": 10,
+    "builder": 10, "export": 10, "importing": 10, "viewer": 10,
     "editor": 11, "report": 11,
     "__init__": 12, "__main__": 12, "cli": 12, "workflow": 12, "world_files": 12,
 }  # fmt: skip

@@ -3,7 +3,7 @@
 A new block of ours is one schema with a ``make`` method here and one entry in :data:`BLOCKS`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from pydrake.systems.primitives import (
 
 from mirdrake.controllers import DiscretePid, PidGains, PidLimits
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.core.user_systems import make_user_system
+from mirdrake.core.user_systems import construct, make_user_system
 from mirdrake.core.yaml_io import Duration, Period, Schema, Source, validate
 
 
@@ -157,7 +157,14 @@ BLOCKS: dict[str, type[Schema]] = {
 }
 
 
-def make_block(kind: str, parameters: Mapping[str, Any], *, source: Source, folder: Path | None = None) -> System:
+def make_block(
+    kind: str,
+    parameters: Mapping[str, Any],
+    *,
+    source: Source,
+    folder: Path | None = None,
+    factory: Callable[[], System] | None = None,
+) -> System:
     """Return the system of a kind.
 
     Args:
@@ -165,11 +172,14 @@ def make_block(kind: str, parameters: Mapping[str, Any], *, source: Source, fold
         parameters: its parameters.
         source: where they were written, for error messages.
         folder: where a user's module may lie, besides the import path and the working directory.
+        factory: makes the system of a class or object in Python; the kind is only its name.
 
     Raises:
         ConfigError: unknown kind, module, class or parameter, or the class rejects its parameters.
     """
     where = source.where("kind")
+    if factory is not None:
+        return construct(factory, kind, where=where)
     if ":" in kind:
         return make_user_system(kind, parameters, where=where, folder=folder)
     if kind not in BLOCKS:

@@ -15,7 +15,7 @@ and a connection of the user's to an input replaces the one drawn here. A vehicl
 ``<vehicle>.<sensor>.color_image``. The parts are added by the modules of :mod:`mirdrake.assembly.parts`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -67,6 +67,7 @@ class Assembly:
         tyres: tyre models of the vehicles that have one, by name of the vehicle.
         outputs: names and units of the elements of all ports that `connect` may name first; None: they have no names.
         inputs: the same of those that it may name second.
+        aliases: other names of ports and elements, as ``ego.vx`` for ``ego.state.vx``.
     """
 
     spec: DiagramSpec
@@ -82,6 +83,7 @@ class Assembly:
     tyres: dict[str, WheelTyres | GroundTyres] = field(default_factory=dict)
     outputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
     inputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
+    aliases: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def scene(self) -> Scene:
@@ -126,7 +128,7 @@ def assemble(
     scene: Scene | None = None,
     drawing_period: float | None = None,
     expand: bool = False,
-    instances: Mapping[str, System] | None = None,
+    factories: Mapping[str, Callable[[], System]] | None = None,
 ) -> Assembly:
     """Return the diagram of :func:`make_diagram` with the handles that a run needs.
 
@@ -138,7 +140,7 @@ def assemble(
             MeshcatVisualizer: an exception of Meshcat within a step, or at the start, would end the simulation.
         expand: whether the control units are Diagrams of blocks. Otherwise a unit is one fused system with the same
             bits, which is faster, unless the spec replaces, connects or records one of its blocks.
-        instances: systems that were made in Python, by their names under ``systems``.
+        factories: functions that make the systems of classes and objects in Python, by their names under ``systems``.
     """
     if isinstance(spec, str):
         spec = load_diagram(spec)
@@ -160,7 +162,7 @@ def assemble(
     builder = DiagramBuilder()
     parked = {name for name, entry in spec.vehicles.items() if entry.parked}
     parts = make_plant(builder, world, vehicles, spec=spec.plant, parked=parked)
-    wiring = Wiring(builder, spec, instances=instances or {})
+    wiring = Wiring(builder, spec, factories=factories or {})
     rolling = add_rolling_resistance(wiring, parts, spec)
     tracks = {}
     for part in parts.vehicles.values():
@@ -175,8 +177,8 @@ def assemble(
         if "." in name:  # in place of a block of a control unit
             continue
         source = entry._source or Source("diagram", {}, ("systems", name))
-        own = wiring.instances.get(name)
-        wiring.add(name, own or make_block(entry.kind, entry.parameters(), source=source, folder=folder))
+        factory = wiring.factories.get(name)
+        wiring.add(name, make_block(entry.kind, entry.parameters(), source=source, folder=folder, factory=factory))
     wiring.connect()
 
     if meshcat is not None and drawing_period is not None:
@@ -206,7 +208,20 @@ def assemble(
     }
     outputs, inputs = ({name: entry[1] for name, entry in ports.items()} for ports in (wiring.sources, wiring.sinks))
     return Assembly(
-        spec, diagram, parts, starts, taps, tracks, unread, meshcat, cameras, arrays, tyres, outputs, inputs
+        spec,
+        diagram,
+        parts,
+        starts,
+        taps,
+        tracks,
+        unread,
+        meshcat,
+        cameras,
+        arrays,
+        tyres,
+        outputs,
+        inputs,
+        wiring.aliases,
     )
 
 

@@ -1,6 +1,6 @@
 """The ports of a diagram under construction by name, and their connections."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any
@@ -36,9 +36,9 @@ class Wiring:
         sinks: the same of the inputs.
         defaults: connections that are made if the user makes no other to the input.
         systems: systems by name.
-        instances: user systems that were made in Python, by name.
+        factories: functions that make systems of a class or object in Python, by name.
         blocks: control units that were added as blocks, by name.
-        aliases: short names of elements, as ``ego.vx`` for ``ego.state.vx``.
+        aliases: other names of ports and elements, as ``ego.vx`` for ``ego.state.vx``.
         inner: inputs that are connected within a subsystem.
         open: inputs that become inputs of the diagram if nothing is connected to them.
         read: outputs that are connected.
@@ -50,7 +50,7 @@ class Wiring:
     sinks: dict[str, _Sink] = field(default_factory=dict)
     defaults: list[tuple[str, str]] = field(default_factory=list)
     systems: dict[str, System] = field(default_factory=dict)
-    instances: Mapping[str, System] = field(default_factory=dict)
+    factories: Mapping[str, Callable[[], System]] = field(default_factory=dict)
     blocks: dict[str, ControlDiagram] = field(default_factory=dict)
     aliases: dict[str, str] = field(default_factory=dict)
     inner: set[str] = field(default_factory=set)
@@ -78,8 +78,8 @@ class Wiring:
     def connect(self) -> None:
         """Make the user's connections, then the default ones whose input is still open."""
         taken: dict[str, str] = {}
-        for index, (given_source, sink) in enumerate(self.spec.connect):
-            source = self._full_name(given_source)
+        for index, (given_source, given_sink) in enumerate(self.spec.connect):
+            source, sink = self._full_name(given_source, self.sources), self._full_name(given_sink, self.sinks)
             place = where(self.spec, "connect", index)
             output, given = self._find(source, self.sources, self.sinks, place, "output", "write it second")
             port, wanted = self._find(sink, self.sinks, self.sources, place, "input", "write it first")
@@ -104,9 +104,9 @@ class Wiring:
         for port, given_elements in elements.items():
             self._join(port, given_elements)
 
-    def _full_name(self, name: str) -> str:
-        """Return the name of an output, or of an element of one, for a name that may be short."""
-        return name if _port_of(name, self.sources) else self.aliases.get(name, name)
+    def _full_name(self, name: str, ports: Mapping[str, Any]) -> str:
+        """Return the name of a port, or of an element of one, for a name that may be another name of it."""
+        return name if _port_of(name, ports) else self.aliases.get(name, name)
 
     def name_elements(self, port: str, owner: str) -> None:
         """Let the elements of an output have the short name ``owner.element``, where nothing else has it."""

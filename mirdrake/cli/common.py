@@ -63,7 +63,8 @@ def assemble_for_display(name: str, overrides: Sequence[str], *, trust: bool) ->
     from mirdrake.assembly.diagram_spec import without_user_systems
     from mirdrake.core.user_modules import without_user_code
 
-    spec, skipped = load_diagram(name, overrides=overrides), []
+    spec = load_diagram(name, overrides=overrides)
+    skipped: list[str] = []
     if not trust:
         spec, skipped = without_user_systems(spec)
     with contextlib.nullcontext() if trust else without_user_code():

@@ -1,7 +1,7 @@
 """User systems: classes in user modules, named ``module:Class``."""
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,12 +44,29 @@ def make_user_system(
                 known = [own for own in allowed if own not in offered]
                 raise ConfigError(f"{where}: {kind} has no parameter '{name}'; {did_you_mean(name, known)}")
     arguments = {name: value for name, value in offered.items() if name in allowed} | arguments
+    return construct(lambda: maker(**arguments), kind, where=where)
+
+
+def construct(factory: Callable[[], System], kind: str, *, where: str) -> System:
+    """Return the system that a factory makes.
+
+    Args:
+        factory: makes the system.
+        kind: name of its class, for errors.
+        where: ``file:line: path`` of the entry, for errors.
+
+    Raises:
+        ConfigError: the constructor rejects its arguments.
+    """
     try:
-        return maker(**arguments)
+        return factory()
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
     except (Exception, SystemExit) as error:
-        text = str(error).splitlines()[0] if str(error) else ""
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        text = lines[0] if lines else ""
+        if len(lines) > 1 and "incompatible constructor arguments" in text:  # of pydrake: the first signature
+            text = f"its arguments do not fit {lines[1].removeprefix('1. ').split('.')[-1]}"
         raise ConfigError(f"{where}: {kind} cannot be made: {type(error).__name__}: {text}") from None
 
 

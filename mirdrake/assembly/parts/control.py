@@ -7,7 +7,7 @@ from pydrake.systems.framework import System
 
 from mirdrake.assembly.blocks import make_block
 from mirdrake.assembly.diagram_spec import DiagramSpec
-from mirdrake.assembly.wiring import Wiring
+from mirdrake.assembly.wiring import JOIN, Wiring
 from mirdrake.controllers.control_diagram import expand_control
 from mirdrake.controllers.vehicle_control import VehicleControl
 from mirdrake.core.errors import ConfigError
@@ -21,7 +21,7 @@ def is_expanded(spec: DiagramSpec, name: str, vehicle: Vehicle) -> bool:
     prefix = f"{name}.control."
     named = [*spec.systems, *(end for pair in spec.connect for end in pair)]
     return (
-        any(text.startswith(prefix) for text in named)
+        any(text.startswith(prefix) and text.removeprefix(prefix) not in JOIN for text in named)
         or bool(vehicle.control.disabled_blocks())
         or any(_may_match(pattern, name) for pattern in spec.record.inner_signals)
     )
@@ -54,10 +54,9 @@ def add_control(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
     for name, entry in spec.systems.items():
         if name.startswith(prefix):
             source = entry._source or Source("diagram", {}, ("systems", name))
-            block = wiring.instances.get(name) or make_block(
-                entry.kind, entry.parameters(), source=source, folder=folder
+            replaced[name.removeprefix(prefix)] = make_block(
+                entry.kind, entry.parameters(), source=source, folder=folder, factory=wiring.factories.get(name)
             )
-            replaced[name.removeprefix(prefix)] = block
     opened = {".".join(sink.split(".")[2:4]) for _, sink in spec.connect if sink.startswith(prefix)}
     try:
         control = expand_control(unit, replaced=replaced, opened=opened)

@@ -57,6 +57,7 @@ def add_vehicle_systems(
         wiring.defaults.append((f"{name}.{source}", f"{name}.{sink}"))
     for index, (port, signal) in enumerate(zip(JOIN, COMMAND, strict=True)):
         wiring.sinks[f"{name}.{port}"] = (join.get_input_port(index), (signal,))
+        wiring.aliases[f"{name}.control.{port}"] = f"{name}.{port}"
     for port in (
         *(truth.get_output_port(index) for index in range(truth.num_output_ports())),
         control.GetOutputPort("status"),
@@ -82,6 +83,7 @@ def add_vehicle_systems(
     for index, (port, signal) in enumerate(zip(SPLIT, COMMAND, strict=True)):
         wiring.sources[f"{name}.{port}"] = (split.get_output_port(index), (signal,))
         wiring.defaults.append((f"{name}.{port}", f"{name}.{JOIN[index]}"))
+        wiring.aliases[f"{name}.driver.{port}"] = f"{name}.{port}"
     if driver.HasOutputPort("pedals"):  # a foot of its own
         if powertrain is None:
             raise ConfigError(
@@ -93,6 +95,7 @@ def add_vehicle_systems(
     for index in range(driver.num_output_ports()):
         port = driver.get_output_port(index)
         wiring.sources.setdefault(f"{name}.{port.get_name()}", (port, signals_of(port)))
+        wiring.aliases[f"{name}.driver.{port.get_name()}"] = f"{name}.{port.get_name()}"
     for index in range(driver.num_input_ports()):
         port = driver.get_input_port(index)
         wiring.sinks[f"{name}.driver_{port.get_name()}"] = (port, signals_of(port))

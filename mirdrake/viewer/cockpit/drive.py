@@ -23,12 +23,12 @@ from pydrake.systems.framework import Context, EventStatus
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.scene import Scene
+from mirdrake.controllers.runtime_gains import get_gain, set_gain
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import default_folder
 from mirdrake.viewer.cockpit.driver import HumanDriver
-from mirdrake.viewer.cockpit.gains import get_gain, set_gain
 from mirdrake.viewer.cockpit.log import DriveLog
 from mirdrake.viewer.cockpit.manual import STANDING, ManualCommand, command_step, stop_step
 from mirdrake.viewer.cockpit.overlays import Overlays

@@ -1,0 +1,169 @@
+"""Diagrams built in Python: the same data, bits and errors as a diagram file."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.primitives import Gain
+
+import mirdrake as mir
+from mirdrake.assembly.diagram import assemble
+from mirdrake.runs.simulation import Simulation
+
+
+class Through(LeafSystem):
+    """y = gain · u."""
+
+    def __init__(self, gain=1.0):
+        super().__init__()
+        self.gain, self.u = gain, self.DeclareVectorInputPort("u", 1)
+        self.DeclareVectorOutputPort("y", 1, self._calc)
+
+    def _calc(self, context, output):
+        output[0] = self.gain * self.u.Eval(context)[0]
+
+
+def small(vehicle="bolt", **options):
+    d = mir.Diagram("test_track", contact="point", **options)
+    ego = d.add_vehicle(vehicle, start="line")
+    d.drive(ego, mir.PathTracking(track="main", speed=3.0))
+    d.record(meshcat=False, report=False)
+    return d, ego
+
+
+def bolt_test_track():
+    d = mir.Diagram("test_track", duration=260, name="bolt_test_track")
+    ego = d.add_vehicle("bolt", start="line")
+    d.drive(ego, mir.PathTracking(track="main", speed="5 m/s"))
+    d.stop_after(laps=1)
+    return d
+
+
+def bolt_skidpad():
+    d = mir.Diagram("skidpad", duration=60, name="bolt_skidpad")
+    ego = d.add_vehicle("bolt", start="left")
+    d.drive(ego, mir.PathTracking(track="left", speed=6.0))
+    d.sensors(ego, "imu", "gps")
+    d.stop_after(laps=4)
+    return d
+
+
+def collect_driving_data():
+    d = mir.Diagram("test_track", contact="point", duration=3600, name="collect_driving_data")
+    camera = {"width": 640, "height": 480, "rate": 25}
+    ego = d.add_vehicle("bolt", start="line", mounts={"front_camera": camera})
+    d.drive(ego, mir.PathTracking(track="main", speed=5.0))
+    d.sensors(ego, "front_camera")
+    d.record(cameras=True, meshcat=False)
+    return d
+
+
+def two_cars():
+    d = mir.Diagram("skidpad", duration=30, name="two_cars")
+    left = d.add_vehicle("bolt", "left", start={"x": 9.125, "y": 9.125, "yaw": "90 deg"})
+    right = d.add_vehicle(
+        "bolt", "right", arguments={"drive": "rear"}, start={"x": -9.125, "y": -9.125, "yaw": "-90 deg"}
+    )
+    d.drive(left, mir.PathTracking(track="left", speed=5.0))
+    d.drive(right, mir.PathTracking(track="right", speed=5.0))
+    return d
+
+
+SHIPPED = [bolt_test_track, bolt_skidpad, collect_driving_data, two_cars]
+
+
+@pytest.mark.parametrize("make", SHIPPED)
+def test_a_shipped_diagram_built_in_python_and_written_is_the_same_spec(make, tmp_path):
+    make().to_yaml(tmp_path / f"{make.__name__}.yaml")
+    written, shipped = (mir.load_diagram(name) for name in (str(tmp_path / f"{make.__name__}.yaml"), make.__name__))
+    leave = {"folder"}
+    assert written.model_dump(exclude=leave) == shipped.model_dump(exclude=leave)
+    assert mir.Diagram.load(make.__name__).spec().model_dump(exclude=leave) == shipped.model_dump(exclude=leave)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", SHIPPED)
+def test_it_gives_the_same_bits(make, tmp_path):
+    make().to_yaml(tmp_path / "drive.yaml")
+    runs = [Simulation(assemble(str(name))).run(duration=3.0) for name in (tmp_path / "drive.yaml", make.__name__)]
+    runs.append(make().simulate(3.0, inner=False))
+    for run in runs[1:]:
+        for name in map(str, runs[0].signals):
+            assert np.array_equal(runs[0][name], run[name], equal_nan=True), name
+
+
+def test_inner_signals_are_recorded_and_change_no_bit():
+    d, _ = small()
+    plain, inner = d.simulate(0.3, inner=False), d.simulate(0.3)
+    assert "ego.control.speed_pid.output" in inner.signals
+    assert all(np.array_equal(plain[name], inner[name], equal_nan=True) for name in map(str, plain.signals))
+
+
+@pytest.mark.parametrize("vehicle", ["bolt", "mkz", "catvehicle", "unior"])
+def test_blocks_are_added_and_replaced(vehicle):
+    d, ego = small(vehicle)
+    half = d.add("half", Gain, k=0.5, size=1)
+    d.connect(ego.driver.speed_command, half.u)
+    d.connect(half.y, ego.control.speed_reference)
+    d.replace(ego.control.steering_actuator, Through(gain=2.0))  # an object
+    run = d.simulate(0.2)
+    actuator, reference = run["ego.control.steering_actuator.steering"], run["ego.steering_setpoint"]
+    assert actuator.to_numpy() == pytest.approx(2.0 * reference.to_numpy())
+    assert "half: pydrake.systems.primitives:Gain" in repr(d)
+
+
+def test_names_complete_and_print():
+    d, ego = small()
+    assert {"error", "output", "reference"} <= set(dir(ego.control.speed_pid))
+    assert {"left", "right"} <= set(dir(ego.control.ackermann))
+    assert "ego.control.speed_pid: " in repr(ego.control.speed_pid)
+    table = d.ports("ego.control.speed_pid.*")
+    assert table.loc["ego.control.speed_pid.error", "elements"] == "error [m/s]"
+
+
+def messages():
+    d, ego = small()
+    yield "no vehicle 'eg'; did you mean 'ego'", lambda: d.drive("eg", "constant")
+    yield "unknown kind 'constnt'; did you mean 'constant'", lambda: d.drive(ego, "constnt")
+    yield "trak: unknown field; did you mean 'track'", lambda: mir.PathTracking(trak="main")
+    yield "the name 'ego' is taken", lambda: d.add_vehicle("bolt")
+    yield "start_at: unknown", lambda: d.add_vehicle("bolt", "b", start_at="line")
+    yield "is int, which is not a Drake system", lambda: d.add("x", int)
+
+    def connected(source, sink):
+        other, car = small()
+        other.add("half", Gain, k=[0.5, 0.5])
+        other.connect(source, sink)
+        return other.assemble
+
+    yield "unknown output 'ego.driver.sped_command'", connected("ego.driver.sped_command", "half.u")
+    yield "'ego.vx' has 1 elements, 'half.u' takes 2", connected("ego.vx", "half.u")
+    yield (
+        "in m/s, 'ego.steering_reference' takes steering in rad",
+        connected("ego.vx", "ego.control.steering_reference"),
+    )
+    e = small()[0]
+    e.add("x", Gain, gain=3)
+    yield "Gain cannot be made: TypeError: its arguments do not fit", e.assemble
+    f = small()[0]
+    f.add("x", Through())
+    yield "block 'x' cannot be written: it is an object; write add('x', Through, <arguments>)", f.to_yaml
+
+
+def test_faults_are_one_line():
+    for message, call in messages():
+        with pytest.raises(mir.MirdrakeError) as caught:
+            call()
+        assert message in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_an_object_is_built_into_one_diagram_only():
+    d, ego = small()
+    d.add("x", Through(2.0))
+    d.connect(ego.vx, "x.u")
+    assert d._repr_svg_()  # drawing does not use it
+    first, second = d.simulate(0.1), d.simulate(0.1)  # the same built diagram runs again
+    assert np.array_equal(first["x.y"], second["x.y"])
+    d.sensors(ego, "imu")
+    with pytest.raises(mir.MirdrakeError, match="'x' is an object and already part of a built diagram; give the class"):
+        d.simulate(0.1)
