@@ -61,7 +61,7 @@ def two_cars():
     d = mir.Diagram("skidpad", duration=30, name="two_cars")
     left = d.add_vehicle("bolt", "left", start={"x": 9.125, "y": 9.125, "yaw": "90 deg"})
     right = d.add_vehicle(
-        "bolt", "right", arguments={"drive": "rear"}, start={"x": -9.125, "y": -9.125, "yaw": "-90 deg"}
+        "bolt", "right", arguments={"drive": "rear"}, start={"x": -9.125, "y": -9.125, "yaw": "90 deg"}
     )
     d.drive(left, mir.PathTracking(track="left", speed=5.0))
     d.drive(right, mir.PathTracking(track="right", speed=5.0))
@@ -130,13 +130,13 @@ def messages():
     yield "is int, which is not a Drake system", lambda: d.add("x", int)
 
     def connected(source, sink):
-        other, car = small()
+        other, _ = small()
         other.add("half", Gain, k=[0.5, 0.5])
         other.connect(source, sink)
         return other.assemble
 
     yield "unknown output 'ego.driver.sped_command'", connected("ego.driver.sped_command", "half.u")
-    yield "'ego.vx' has 1 elements, 'half.u' takes 2", connected("ego.vx", "half.u")
+    yield "'ego.state.vx' has 1 elements, 'half.u' takes 2", connected("ego.vx", "half.u")
     yield (
         "in m/s, 'ego.steering_reference' takes steering in rad",
         connected("ego.vx", "ego.control.steering_reference"),

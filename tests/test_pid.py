@@ -14,6 +14,7 @@ from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals, signals_of
 from mirdrake.gym.testing import assert_follows, drive
+from mirdrake.vehicles.joint_control import WheelPid
 
 H = 0.01
 
@@ -316,3 +317,18 @@ def test_speed_control_system_gives_ackermann_wheel_speeds():
     radius = 2.6 / math.tan(0.2)
     assert wheels[2] == pytest.approx(10.0 * (radius - 0.75) / radius, rel=1e-12)
     assert wheels[1] == pytest.approx(10.0 * math.hypot(radius + 0.75, 2.6) / radius, rel=1e-12)
+
+
+def test_the_integral_part_is_limited_to_max_integral():
+    # ki h e = 2 · 0.1 · 1 = 0.2 per step: 0.2, 0.4, then 0.5 at its limit; it leaves the limit with the next error
+    gains, state, integrals = PidGains(kp=1.0, ki=2.0, max_integral=0.5), PidState(), []
+    for error in (1.0, 1.0, 1.0, 1.0, -1.0):
+        state, _ = pid_step(state, error, 0.0, gains, 0.1)
+        integrals.append(state.integral)
+    assert integrals == pytest.approx([0.2, 0.4, 0.5, 0.5, 0.3])
+
+
+def test_max_integral_of_control_yaml_reaches_the_law():
+    control = WheelPid(kind="pid", kp=1.0, ki=2.0, max_integral=0.5)
+    assert control.numbers([1.0, 2.0, 0.0]).max_integral == 0.5
+    assert WheelPid(kind="pid", kp=1.0).numbers([1.0, 2.0, 0.0]).max_integral == math.inf

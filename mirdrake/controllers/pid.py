@@ -75,8 +75,8 @@ class DiscretePid(LeafSystem):
 
     def get_gains(self, context: Context) -> PidGains:
         """Return the gains of a Context of this system."""
-        kp, ki, kd, filter_time, b, c, tracking_time = context.get_numeric_parameter(self._gains).value().tolist()
-        return PidGains(kp, ki, kd, filter_time, b, c, None if tracking_time < 0.0 else tracking_time)
+        kp, ki, kd, filter_time, b, c, tracking, clamp = context.get_numeric_parameter(self._gains).value().tolist()
+        return PidGains(kp, ki, kd, filter_time, b, c, None if tracking < 0.0 else tracking, clamp)
 
     def set_integral(self, context: Context, integral: float) -> None:
         """Write the integral part [control_unit] into a Context of this system, for a warm start."""
@@ -124,4 +124,5 @@ def _to_vector(gains: PidGains) -> list[float]:
         gains.proportional_weight,
         gains.derivative_weight,
         tracking_time,
+        gains.max_integral,
     ]

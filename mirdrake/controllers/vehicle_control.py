@@ -202,25 +202,44 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _step(self, context: Context, x: Vector, memory: Vector) -> StepResult:
         """Return the outputs of one step; the memory is not changed."""
         count = self.actuators
-        given: tuple[Any, ...] = (x, self.command.Eval(context))
-        changed: tuple[Any, ...] = (memory.copy(), np.zeros(2 * count), np.zeros(count), np.zeros(3))
-        if not self._machine_code:  # lists are faster in Python
-            given = tuple(array.tolist() for array in given)
-            changed = tuple(array.tolist() for array in changed)
+        after, desired, actuation, status = memory.tolist(), [0.0] * (2 * count), [0.0] * count, [0.0] * 3
+        if self._machine_code:
+            changed = [np.array(values) for values in (after, desired, actuation, status)]
+            trimmed, pedals = self._advance(context, x, *changed)
+            return StepResult(*changed, trimmed, pedals)
+        trimmed, pedals = self._advance(context, x, after, desired, actuation, status)
+        return StepResult(after, desired, actuation, status, trimmed, pedals)
+
+    def _advance(
+        self, context: Context, x: Vector, memory: Any, desired: Any, actuation: Any, status: Any
+    ) -> tuple[float, PedalPositions | None]:
+        """Advance by one step, and return the trimmed speed [m/s] and the pedals.
+
+        Args:
+            context: for command, time and gains.
+            x: state of the plant.
+            memory: changed in place, as are the next three; lists, or arrays for machine code.
+            desired: zeros.
+            actuation: zeros.
+            status: any numbers.
+        """
+        command = self.command.Eval(context)
         for group in self._groups_in_use:
             self._gain_numbers[group][0] = self._read_gains(context, group, x)
-        slope, trimmed = self._run(*given, context.get_time(), self._setups, *self._gain_numbers, *changed)
-        after, desired, actuation, status = changed
-        pedals = None
-        if self.pedal_law is not None:
-            after[self._pedal_memory], pedals = self.pedal_law.step(
-                after[self._pedal_memory],
-                float(status[0]),
-                slope,
-                self._forward_speed(x),
-                gains=self._read_gains(context, 1, x),
-            )
-        return StepResult(after, desired, actuation, status, trimmed, pedals)
+        given = (x, command) if self._machine_code else (x.tolist(), command.tolist())  # lists are faster in Python
+        slope, trimmed = self._run(
+            *given, context.get_time(), self._setups, *self._gain_numbers, memory, desired, actuation, status
+        )
+        if self.pedal_law is None:
+            return trimmed, None
+        memory[self._pedal_memory], pedals = self.pedal_law.step(
+            memory[self._pedal_memory],
+            float(status[0]),
+            slope,
+            self._forward_speed(x),
+            gains=self._read_gains(context, 1, x),
+        )
+        return trimmed, pedals
 
     def _forward_speed(self, x: Sequence[float] | Vector) -> float:
         return float(forward_speed(x, self.setup.quaternion, self.setup.velocity))  # type: ignore[arg-type]
@@ -318,8 +337,18 @@ class VehicleControl(ControlUnit):
         state.set_value(self._memory, memory)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
-        memory = context.get_discrete_state(self._memory).value()
-        self._write(state, self._step(context, self._read_state(context), memory))
+        x = self.plant_state.Eval(context)
+        if not self._machine_code:
+            self._write(state, self._step(context, x, context.get_discrete_state(self._memory).value()))
+            return
+        # Machine code writes into the new state, which begins as a copy of the present one.
+        desired, actuation = state.get_mutable_value(self._desired), state.get_mutable_value(self._actuation)
+        desired.fill(0.0)
+        actuation.fill(0.0)
+        memory, status = state.get_mutable_value(self._memory), state.get_mutable_value(self._status)
+        _, pedals = self._advance(context, x, memory, desired, actuation, status)
+        if pedals is not None:
+            state.get_mutable_value(self._pedals)[:] = pedals
 
     def _write(self, state: DiscreteValues, result: StepResult) -> None:
         if result.pedals is not None:

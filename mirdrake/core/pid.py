@@ -9,6 +9,7 @@ feed-forward f::
     v = P + I + D + f
     u = v, limited in value and in rate
     I <- I + ki h (r - y) + min(1, h / Tt) (u - v)                                  forward difference, back-calculation
+    I <- I limited to ± max_integral
 
 The integral part I is stored in units of the control, so a new ki acts on future errors only. When kp, b, kd, c or Tf
 change, I takes up the change of P + D at that instant: the control continues from the value it would
@@ -34,6 +35,7 @@ class PidNumbers(NamedTuple):
     proportional_weight: float = 1.0
     derivative_weight: float = 0.0
     anti_windup_time: float = 0.0
+    max_integral: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,7 @@ class PidGains:
         derivative_weight: set-point weight c of the derivative part [1]; 0: no derivative kick.
         tracking_time: time constant Tt of the anti-windup [s]; 0: the integral follows at once, inf: no anti-windup,
             None: sqrt(kd/ki) with derivative part, kp/ki without (Åström and Murray 11.4), and 0 for a pure integrator.
+        max_integral: limit of the magnitude of the integral part [u]; inf: none.
         anti_windup_time: the value in use [s], computed.
 
     Raises:
@@ -62,6 +65,7 @@ class PidGains:
     proportional_weight: float = 1.0
     derivative_weight: float = 0.0
     tracking_time: float | None = None
+    max_integral: float = math.inf
     anti_windup_time: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -75,6 +79,8 @@ class PidGains:
             tracking = 0.0 if ki == 0.0 else math.sqrt(abs(kd / ki)) if kd != 0.0 else abs(kp / ki)
         elif not tracking >= 0.0:
             check_number("PidGains", "tracking_time", tracking, unit="s", at_least=0.0, infinite=True)
+        if not self.max_integral >= 0.0:
+            check_number("PidGains", "max_integral", self.max_integral, at_least=0.0, infinite=True)
         object.__setattr__(self, "anti_windup_time", tracking)
 
     def numbers(self) -> PidNumbers:
@@ -196,6 +202,10 @@ def pid_step(
         if control != unlimited:
             time = gains.anti_windup_time
             integral += (control - unlimited) * (period / time if time > period else 1.0)
+        if integral > gains.max_integral:
+            integral = gains.max_integral
+        elif integral < -gains.max_integral:
+            integral = -gains.max_integral
     filtered += gap * period / (tf + period)
     return PidState(control, integral, filtered, kp, kd, tf, b, c, 1.0), control
 

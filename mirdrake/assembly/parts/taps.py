@@ -79,7 +79,7 @@ def add_taps(
             if f"{name}.{port}" in wiring.sources:
                 wanted[f"{name}.{port}"] = wiring.sources[f"{name}.{port}"]
     inner = [f"{full}." for full in wiring.systems if full in sensors_of(spec) and how_recorded(wiring, full) is None]
-    inner += [f"{name}." for name in spec.systems]
+    inner += [f"{name}." for name in spec.systems if "." not in name]
     for full, (port, contents) in wiring.sources.items():
         stamp = port.get_name() == "stamp"  # -inf before the first sample
         vector = port.get_data_type() == PortDataType.kVectorValued
@@ -111,7 +111,8 @@ def _add_chosen_taps(
         for name, (port, contents) in wiring.sources.items()
         if port.get_data_type() == PortDataType.kVectorValued
     }
-    chosen: dict[str, None] = {}
+    own_blocks = tuple(f"{name}." for name in spec.systems if "." in name)
+    chosen = dict.fromkeys(name for name in columns if own_blocks and name.startswith(own_blocks))
     for index, pattern in enumerate(spec.record.inner_signals):
         names = [
             name

@@ -1,6 +1,7 @@
 """PID controllers of the joints, one per joint, which run at the rate of the control unit."""
 
 from collections.abc import Callable, MutableSequence, Sequence
+from math import inf
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
@@ -40,7 +41,7 @@ class Pid(JointControl):
     kd: float = Field(default=0.0, ge=0, description="[N m s per unit]")
     filter: Duration = Field(default=0.0, ge=0, description="[s] time constant of the derivative's low-pass")
     max_torque: Torque | None = Field(default=None, gt=0, description="[N m] limit; empty: the joint's own limit")
-    max_integral: Torque | None = Field(default=None, ge=0, description="[N m] limit of the integral part alone")
+    max_integral: Torque | None = Field(default=None, ge=0, description="[N m] limit of the integral part; empty: none")
     schedule: GainSchedule | None = Field(default=None, description="gains over speed, in place of those above")
 
     def torque_law(self) -> JointLaw:
@@ -54,7 +55,8 @@ class Pid(JointControl):
     def numbers(self, gains: Sequence[float]) -> PidNumbers:
         """Return the numbers of the law for kp, ki and kd."""
         kp, ki, kd = gains
-        return PidGains(kp, ki, kd, filter_time=self.filter).numbers()
+        limit = inf if self.max_integral is None else self.max_integral
+        return PidGains(kp, ki, kd, filter_time=self.filter, max_integral=limit).numbers()
 
     def torque_limits(self, joint_limit: float) -> PidLimits:
         """Return the limits of the torque [N m]."""
