@@ -202,11 +202,12 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _step(self, context: Context, x: Vector, memory: Vector) -> StepResult:
         """Return the outputs of one step; the memory is not changed."""
         count = self.actuators
-        after, desired, actuation, status = memory.tolist(), [0.0] * (2 * count), [0.0] * count, [0.0] * 3
+        after: Any = memory.tolist()
+        desired: Any = [0.0] * (2 * count)
+        actuation: Any = [0.0] * count
+        status: Any = [0.0] * len(STATUS)
         if self._machine_code:
-            changed = [np.array(values) for values in (after, desired, actuation, status)]
-            trimmed, pedals = self._advance(context, x, *changed)
-            return StepResult(*changed, trimmed, pedals)
+            after, desired, actuation, status = map(np.array, (after, desired, actuation, status))
         trimmed, pedals = self._advance(context, x, after, desired, actuation, status)
         return StepResult(after, desired, actuation, status, trimmed, pedals)
 
