@@ -167,3 +167,19 @@ def test_an_object_is_built_into_one_diagram_only():
     d.sensors(ego, "imu")
     with pytest.raises(mir.MirdrakeError, match="'x' is an object and already part of a built diagram; give the class"):
         d.simulate(0.1)
+
+
+# --- runs --------------------------------------------------------------------------------------------------------
+
+
+def test_a_run_is_plotted_compared_and_described():
+    d, _ = small()
+    run = d.simulate(0.2)
+    figure = run.plot("ego.vx", "ego.control.*_pid.output", "ego.wz")
+    assert [axes.get_ylabel() for axes in figure.axes] == ["[m/s]", "[rad/s]"]
+    assert [line.get_label() for line in figure.axes[0].lines] == ["ego.vx", "ego.control.speed_pid.output"]
+    both = run.compare(run, "ego.vx", labels=("first", "second"))
+    assert [line.get_label() for line in both.axes[0].lines] == ["ego.vx, first", "ego.vx, second"]
+    assert "stopped by duration after 0.20 s" in repr(run)
+    with pytest.raises(mir.MirdrakeError, match="no signal matches 'ego.vxx'; did you mean 'ego.vx'"):
+        run.plot("ego.vxx")

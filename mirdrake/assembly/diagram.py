@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 
 from mirdrake.assembly.blocks import make_block
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
@@ -68,6 +68,8 @@ class Assembly:
         outputs: names and units of the elements of all ports that `connect` may name first; None: they have no names.
         inputs: the same of those that it may name second.
         aliases: other names of ports and elements, as ``ego.vx`` for ``ego.state.vx``.
+        defaults: source of each input that is connected if the user makes no other connection.
+        ports: output ports by name.
     """
 
     spec: DiagramSpec
@@ -84,11 +86,44 @@ class Assembly:
     outputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
     inputs: dict[str, tuple[Signal, ...] | None] = field(default_factory=dict)
     aliases: dict[str, str] = field(default_factory=dict)
+    defaults: dict[str, str] = field(default_factory=dict)
+    ports: dict[str, OutputPort] = field(default_factory=dict)
 
     @cached_property
     def scene(self) -> Scene:
         """The world and the vehicles."""
         return Scene(self.parts.world, {name: part.vehicle for name, part in self.parts.vehicles.items()})
+
+    def default_source(self, sink: str) -> str | None:
+        """Return the source of an input, or of an element of it, if the user makes no other connection."""
+        sink = sink if sink in self.inputs else self.aliases.get(sink, sink)
+        if sink in self.defaults:
+            return self.defaults[sink]
+        port, _, element = sink.rpartition(".")
+        source, contents = self.defaults.get(port), self.inputs.get(port)
+        if source is None or contents is None:
+            return None
+        index = [signal.name for signal in contents].index(element)
+        return f"{source}.{(self.outputs[source] or contents)[index].name}"
+
+    def output_port(self, name: str) -> tuple[OutputPort, int]:
+        """Return the port and the index of an element of an output.
+
+        Raises:
+            ConfigError: there is no such output, or it has several elements and none is named.
+        """
+        full = name if name in self.outputs else self.aliases.get(name, name)
+        if full in self.ports and self.ports[full].size() == 1:
+            return self.ports[full], 0
+        port, _, element = full.rpartition(".")
+        names = [signal.name for signal in self.outputs.get(port) or ()]
+        if element in names:
+            return self.ports[port], names.index(element)
+        if full in self.ports:
+            raise ConfigError(
+                f"output '{name}' has {self.ports[full].size()} elements; name one of them: {name}.<element>"
+            )
+        raise ConfigError(f"unknown output '{name}'; {did_you_mean(name, self.outputs)}")
 
     def user_systems(self) -> dict[str, System]:
         """The user's own systems, those written as ``module:Class``, by name."""
@@ -222,6 +257,8 @@ def assemble(
         outputs,
         inputs,
         wiring.aliases,
+        {sink: source for source, sink in reversed(wiring.defaults)},
+        {name: port for name, (port, _) in wiring.sources.items()},
     )
 
 

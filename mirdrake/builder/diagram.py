@@ -17,7 +17,7 @@ Every call writes into the data of a diagram file, which the same code checks, a
 import copy
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 from pydrake.geometry import Meshcat
@@ -35,6 +35,9 @@ from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import signals_of
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Simulation
+
+if TYPE_CHECKING:
+    from mirdrake.builder.linearise import LinearModel
 
 INNER = ".control.**"
 """Pattern behind a vehicle's name for the signals of the blocks of its control unit."""
@@ -339,6 +342,38 @@ class Diagram:
             assembly = self._assemble(spec, meshcat=meshcat, expand=False)
             self._built = {key: assembly}
         return Simulation(assembly).run(duration=duration, folder=folder, **options)
+
+    def linearize(
+        self,
+        input: Name | str,  # noqa: A002
+        output: Name | str | None = None,
+        *,
+        time: float = 5.0,
+        cut: bool = True,
+    ) -> "LinearModel":
+        """Return a linear model between an input and an output around an operating point, for python-control.
+
+        Without an output it is that of the whole loop through the input: ``d.linearize(ego.control.wheel_speeds
+        .correction).margins()`` are the margins of the speed loop.
+
+        Args:
+            input: an input with one element, or an element of one.
+            output: an output or an element of one; the source of the input if left out.
+            time: time at which the operating point is read [s]; the vehicle should be in a steady state then.
+            cut: whether the connection to the input is cut (open loop). False: a disturbance at the input, with all
+                loops closed.
+
+        Raises:
+            ConfigError: no such port, or the input has no source.
+            MissingDependencyError: python-control is not installed.
+        """
+        from mirdrake.builder.linearise import linearise
+
+        def build(spec: DiagramSpec, factories: Mapping[str, Any], *, expand: bool = True) -> Assembly:
+            return assemble(spec, expand=expand, factories=factories)
+
+        name = None if output is None else str(output)
+        return linearise(self._data, self._factories, build, str(input), name, time=time, cut=cut)
 
     def to_yaml(self, path: Path | str | None = None) -> str:
         """Return the diagram as the text of a diagram file, and write it if a path is given.

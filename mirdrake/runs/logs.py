@@ -43,6 +43,7 @@ from mirdrake.core.recording.pictures import Picture, parse_start, picture_folde
 from mirdrake.core.recording.pictures import picture_name as picture_name
 from mirdrake.core.recording.vectors import ROWS, make_table
 from mirdrake.runs.stop import Stop, StopReason
+from mirdrake.runs.plots import describe, plot_runs
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -137,6 +138,31 @@ class Run:
         if name not in self.signals:
             raise ConfigError(f"run: no signal '{name}'; {did_you_mean(name, map(str, self.signals.columns))}")
         return self.signals[name]
+
+    def __repr__(self) -> str:
+        """Return what ran, how it ended, and main figures, in about ten lines."""
+        return describe(self)
+
+    def plot(self, *patterns: str) -> Any:
+        """Return a figure of signals over time, a panel for each unit: ``run.plot("ego.vx", "ego.control.*_pid.*")``.
+
+        Raises:
+            ConfigError: a pattern chooses nothing.
+        """
+        return plot_runs({"": self}, patterns)
+
+    def compare(self, other: "Run", *patterns: str, labels: tuple[str, str] = ("this", "other")) -> Any:
+        """Return a figure of the same signals of two runs.
+
+        Args:
+            other: the other run.
+            patterns: names of signals, with wildcards.
+            labels: names of the two runs in the legend.
+
+        Raises:
+            ConfigError: a pattern chooses nothing in one of the runs.
+        """
+        return plot_runs(dict(zip(labels, (self, other), strict=True)), patterns)
 
 
 def load_run(folder: Path | str) -> Run:
