@@ -181,5 +181,5 @@ def test_a_run_is_plotted_compared_and_described():
     both = run.compare(run, "ego.vx", labels=("first", "second"))
     assert [line.get_label() for line in both.axes[0].lines] == ["ego.vx, first", "ego.vx, second"]
     assert "stopped by duration after 0.20 s" in repr(run)
-    with pytest.raises(mir.MirdrakeError, match="no signal matches 'ego.vxx'; did you mean 'ego.vx'"):
+    with pytest.raises(mir.MirdrakeError, match=r"no signal matches 'ego.vxx'; did you mean 'ego.vx'"):
         run.plot("ego.vxx")

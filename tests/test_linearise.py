@@ -66,7 +66,7 @@ def test_the_margins_of_the_speed_loop(driven):
 
 
 def test_faults_are_one_line(driven):
-    d, ego, lag = driven
+    d, _, lag = driven
     for call, message in (
         (lambda: d.linearize("ego.contrl.x"), "unknown"),
         (lambda: d.linearize(lag.u, "ego.vz2", time=0.1), "unknown output 'ego.vz2'"),
