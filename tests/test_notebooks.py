@@ -20,6 +20,8 @@ SLOW = {
     "05_sensors_and_recording",
     "07_tuning",
     "08_identification",
+    "10_pid_and_ackermann",
+    "11_build_a_diagram_in_python",
 }
 """Names that take long and whose commands other fast tests run."""
 

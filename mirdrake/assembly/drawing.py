@@ -145,7 +145,7 @@ def _vehicle_of(name: str, assembly: Assembly) -> str | None:
     return vehicle if dot and vehicle in assembly.parts.vehicles else None
 
 
-def _node(name: str, system: object, assembly: Assembly) -> str:
+def _node(name: str, system: System, assembly: Assembly) -> str:
     """Return a block; a bar for a multiplexer or demultiplexer of a command."""
     vehicle = _vehicle_of(name, assembly)
     if vehicle and name.endswith((".split", ".join")):
@@ -156,7 +156,14 @@ def _node(name: str, system: object, assembly: Assembly) -> str:
         "user" if name in assembly.spec.systems else "vehicle" if vehicle else "plant" if name == "plant" else "other"
     )
     label = f'<<b>{html.escape(title)}</b><br/><font point-size="9">{kind}</font>>'
-    return f'  "{name}" [label={label}, fillcolor="{_COLOURS[group]}"];'
+    return f'  "{name}" [label={label}, fillcolor="{_COLOURS[group]}", tooltip="{_port_list(system)}"];'
+
+
+def _port_list(system: System) -> str:
+    """Return the names of the ports of a system, as the text that a pointer shows."""
+    inputs = [system.get_input_port(index).get_name() for index in range(system.num_input_ports())]
+    outputs = [system.get_output_port(index).get_name() for index in range(system.num_output_ports())]
+    return html.escape(f"inputs: {', '.join(inputs) or 'none'}; outputs: {', '.join(outputs) or 'none'}")
 
 
 def _edge(tail: str, head: str, labels: list[str]) -> str:

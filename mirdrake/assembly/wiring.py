@@ -21,6 +21,9 @@ JOIN = ("speed_reference", "steering_reference", "reference_stamp")
 
 _RESERVED = {"plant", "scene_graph", "meshcat_visualizer"}  # Drake gives its own systems these names
 
+MOST_PORTS = 25
+"""Largest number of ports that an error lists."""
+
 _Source = tuple[OutputPort, tuple[Signal, ...] | None]
 _Sink = tuple[InputPort, tuple[Signal, ...] | None]
 
@@ -133,8 +136,10 @@ class Wiring:
             other = {"output": "an input", "input": "an output"}[kind]
             raise ConfigError(f"{place}: '{name}' is {other}; {advice}")
         owner, own = self._nearest_owner(name, ports)
-        listed = f"; {kind}s of '{owner}': {', '.join(sorted(own))}" if own else ""
-        near = get_close_matches(name, ports, n=1) if own else []
+        shown = sorted(own)[:MOST_PORTS] + (["…"] if len(own) > MOST_PORTS else [])
+        listed = f"; {kind}s of '{owner}': {', '.join(shown)}" if own else ""
+        others_of_ports = [alias for alias, full in self.aliases.items() if _port_of(full, ports)]
+        near = get_close_matches(name, [*ports, *others_of_ports], n=1) if own else []
         hint = f"; did you mean '{near[0]}'?" if near else f"; {did_you_mean(name, ports)}" if not own else ""
         raise ConfigError(f"{place}: unknown {kind} '{name}'{hint}{listed}")
 
