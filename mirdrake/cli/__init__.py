@@ -56,6 +56,7 @@ VERBS = {
             "apply": Verb("write the parameters of a fit into vehicle.yaml", "identify_apply"),
         },
     ),
+    "completion": Verb("print a script that completes verbs, names and ports in the shell", "completion"),
     "import": Verb("make a vehicle folder from the URDF, xacro or SDF of a ROS or Gazebo package", "importing"),
     "inspect": Verb("print mass, axle loads, dimensions, inertia, joints and sensors of a vehicle", "inspect"),
     "new": Verb("write a new vehicle folder from a few dimensions", "new"),

@@ -1,0 +1,114 @@
+"""``mirdrake completion``: completion of verbs, options, names and ports in the shell."""
+
+import argparse
+import contextlib
+import io
+from collections.abc import Iterable, Sequence
+
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.paths import names
+
+MORE = """\
+Add the line to ~/.bashrc or ~/.zshrc. The Tab key then completes verbs, options, names of vehicles, worlds, diagrams and
+studies, and the ports of a diagram.
+
+examples:
+  eval "$(mirdrake completion bash)"
+  eval "$(mirdrake completion zsh)\""""
+
+_BASH = """\
+_mirdrake() {
+  COMPREPLY=($(compgen -W "$(mirdrake completion bash --words "${COMP_WORDS[@]:1:COMP_CWORD}" 2>/dev/null)" \\
+    -- "${COMP_WORDS[COMP_CWORD]}"))
+}
+complete -o default -F _mirdrake mirdrake
+"""
+
+_SCRIPTS = {"bash": _BASH, "zsh": f"autoload -U +X bashcompinit && bashcompinit\n{_BASH}"}
+
+_FOLDERS = {
+    "run": ("diagrams",),
+    "draw": ("diagrams",),
+    "ports": ("diagrams",),
+    "drive": ("models",),
+    "inspect": ("models",),
+    "manoeuvre": ("models",),
+    "validate": ("models",),
+    "view": ("models", "worlds", "diagrams"),
+    "study": ("studies",),
+    "tune": ("studies",),
+    "world": ("worlds",),
+}
+"""Kinds of names that a verb takes."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the verb."""
+    parser.add_argument("shell", choices=list(_SCRIPTS), help="the shell")
+    parser.add_argument(
+        "--words", nargs=argparse.REMAINDER, help="print the completions of these words, for the script"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the script, or the completions."""
+    if options.words is None:
+        print(_SCRIPTS[options.shell], end="")
+    else:
+        print("\n".join(completions(options.words)))
+    return 0
+
+
+def completions(words: Sequence[str]) -> list[str]:
+    """Return what the last word may become.
+
+    Args:
+        words: words of the command line after ``mirdrake``; the last one is not complete and may be empty.
+    """
+    from mirdrake.cli import VERBS
+
+    *before, last = words or [""]
+    if not before:
+        return _beginning(VERBS, last)
+    verb = VERBS.get(before[0])
+    if verb is None:
+        return []
+    choices: list[str] = [] if len(before) > 1 else list(verb.verbs)
+    if last.startswith("-"):
+        return _beginning(_options(before), last)
+    if before[0] == "ports" and len(before) == 2:
+        return _beginning(_ports(before[1]), last)
+    choices += [name for kind in _FOLDERS.get(before[0], ()) for name in names(kind)]
+    return _beginning(choices, last)
+
+
+def _beginning(choices: Iterable[str], text: str) -> list[str]:
+    return sorted({choice for choice in choices if choice.startswith(text)})
+
+
+def _options(words: Sequence[str]) -> list[str]:
+    """Return the options of a verb, read from its help."""
+    from mirdrake.cli import VERBS
+    from mirdrake.cli.verbs import VerbParser, add_verbs
+
+    path = [words[0]]
+    verb = VERBS[words[0]]
+    if verb.verbs:
+        path.append(words[1] if len(words) > 1 and words[1] in verb.verbs else verb.default)
+    parser, text = VerbParser("mirdrake"), io.StringIO()
+    add_verbs(parser, VERBS)
+    with contextlib.suppress(SystemExit), contextlib.redirect_stdout(text):
+        parser.parse_args([*filter(None, path), "--help"])
+    found = (word.strip("[],") for word in text.getvalue().split())
+    return [word for word in found if word.startswith("--") and len(word) > 2]
+
+
+def _ports(diagram: str) -> list[str]:
+    """Return the names of the ports of a diagram; none if it cannot be built."""
+    from mirdrake.cli.common import assemble_for_display
+
+    try:
+        assembly, _ = assemble_for_display(diagram, [], trust=False)
+    except MirdrakeError:
+        return []
+    return [*assembly.outputs, *assembly.inputs]

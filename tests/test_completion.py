@@ -1,0 +1,35 @@
+"""Completion of the command line in the shell."""
+
+import shutil
+import subprocess
+
+import pytest
+
+from mirdrake.cli import main
+from mirdrake.cli.completion import completions
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["dr"], {"drive", "draw"}),
+        (["world", "sh"], {"show"}),
+        (["run", "bolt_t"], {"bolt_test_track"}),
+        (["drive", "bo"], {"bolt"}),
+        (["draw", "bolt_test_track", "--ex"], {"--expand"}),
+        (["world", "test", "--wor"], {"--workers"}),
+        (["ports", "bolt_test_track", "ego.control.speed_pid.o"], {"ego.control.speed_pid.output"}),
+        (["nothing", "x"], set()),
+    ],
+)
+def test_words_are_completed(words, expected):
+    assert expected <= set(completions(words))
+    assert all(word.startswith(words[-1]) for word in completions(words))
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_the_script_is_valid(capsys):
+    assert main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0
+    assert "complete -o default -F _mirdrake mirdrake" in script
