@@ -17,7 +17,7 @@ from mirdrake.cli.completion import completions
         (["run", "bolt_t"], {"bolt_test_track"}),
         (["drive", "bo"], {"bolt"}),
         (["draw", "bolt_test_track", "--ex"], {"--expand"}),
-        (["world", "test", "--wor"], {"--workers"}),
+        (["world", "test", "--jo"], {"--jobs"}),
         (["ports", "bolt_test_track", "ego.control.speed_pid.o"], {"ego.control.speed_pid.output"}),
         (["nothing", "x"], set()),
     ],

@@ -9,8 +9,8 @@ from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.paths import names
 
 MORE = """\
-Add the line to ~/.bashrc or ~/.zshrc. The Tab key then completes verbs, options, names of vehicles, worlds, diagrams and
-studies, and the ports of a diagram.
+Add the line to ~/.bashrc or ~/.zshrc. The Tab key then completes verbs, options, names of vehicles, worlds, diagrams
+and studies, and the ports of a diagram.
 
 examples:
   eval "$(mirdrake completion bash)"
