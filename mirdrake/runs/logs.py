@@ -42,8 +42,8 @@ from mirdrake.core.recording.parts import PartedTable, read_part, stored
 from mirdrake.core.recording.pictures import Picture, parse_start, picture_folders, read_pictures
 from mirdrake.core.recording.pictures import picture_name as picture_name
 from mirdrake.core.recording.vectors import ROWS, make_table
-from mirdrake.runs.stop import Stop, StopReason
 from mirdrake.runs.plots import describe, plot_runs
+from mirdrake.runs.stop import Stop, StopReason
 
 P = ParamSpec("P")
 T = TypeVar("T")
