@@ -164,7 +164,8 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
             wheel.numbers if self.pedal_law is None else self.pedal_law.numbers,
             steering.numbers,
         ]
-        self._known_gains: dict[int, tuple[list[float], Any]] = {}
+        self._known_gains: list[tuple[list[float], Any] | None] = [None] * len(self._gains)
+        self._written: list[Any] = [None] * len(self._gains)
 
         # The step takes the laws of the kinds; a law without gains keeps its numbers.
         laws = (
@@ -226,7 +227,9 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         """
         command = self.command.Eval(context)
         for group in self._groups_in_use:
-            self._gain_numbers[group][0] = self._read_gains(context, group, x)
+            numbers = self._read_gains(context, group, x)
+            if numbers is not self._written[group]:  # writing a record takes a microsecond
+                self._written[group] = self._gain_numbers[group][0] = numbers
         given = (x, command) if self._machine_code else (x.tolist(), command.tolist())  # lists are faster in Python
         slope, trimmed = self._run(
             *given, context.get_time(), self._setups, *self._gain_numbers, memory, desired, actuation, status
@@ -252,7 +255,7 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         if table is not None:
             for name, value in table.at(abs(self._forward_speed(x))).items():
                 values[self._gain_names[group].index(name)] = value
-        known = self._known_gains.get(group)
+        known = self._known_gains[group]
         if known is None or known[0] != values:
             known = self._known_gains[group] = values, self._make_numbers[group](values)
         return known[1]
