@@ -38,6 +38,9 @@ PROBE = "linear_input"
 STEP = 1e-6
 """Change of a value by which differences are taken, relative to its size or one."""
 
+BEFORE = 1e-9
+"""Share of a period by which a state is read before the updates at the end of the period."""
+
 NEGLIGIBLE = 1e-12
 """Entries of A, B and C below this share of the largest one do not connect states."""
 
@@ -217,7 +220,7 @@ class _Stepper:
         context = self._assembly.make_context()
         simulator = Simulator(self._diagram, context)
         simulator.Initialize()
-        simulator.AdvanceTo(time)
+        simulator.AdvanceTo(time - BEFORE * self._period)
         own = self._probe.GetMyMutableContextFromRoot(context)
         self._gain, self.offset = 1.0, 0.0
         value = float(self._probe.y.Eval(own)[0])
