@@ -38,13 +38,13 @@ def run_diagram(
         meshcat: shows the run while it goes on.
         realtime_rate: 1 for real time, 0 for as fast as it goes.
         progress: see :func:`mirdrake.runs.simulation.simulate`.
-        say: told what is being done.
+        say: prints a progress message of one line.
         report: see :meth:`mirdrake.runs.simulation.Simulation.run`.
 
     Raises:
-        MirdrakeError: what is wrong, on one line.
+        MirdrakeError: the diagram is invalid or the run failed; the message has one line.
     """
-    tell = say or (lambda _: None)
+    print_message = say or (lambda _: None)
     assembly = assemble(spec, meshcat=meshcat, scene=scene)
     folder = folder or default_folder(assembly.spec.name)
     monitor = FollowCamera(meshcat, assembly) if meshcat is not None else None
@@ -63,12 +63,12 @@ def run_diagram(
         svg = draw_svg(assembly)
         write_file(folder / "diagram.svg", svg)
     except MissingDependencyError as error:
-        tell(str(error))
+        print_message(str(error))
     if record.meshcat and not run.signals.empty:
-        tell("writing the recording")
+        print_message("writing the recording")
         write_recording(run, frames_per_second=record.frames)
     if record.report:
-        tell("writing the report")
+        print_message("writing the report")
         from mirdrake.report import write_report  # Matplotlib takes half a second: not before the first step
 
         write_report(run, diagram_svg=svg)

@@ -401,7 +401,7 @@ HEAD = "# x_m,y_m,w_tr_right_m,w_tr_left_m\n"
         (HEAD + rows(), {"left": "wide"}, "give the column of left, or set left: null if there is none"),
         (HEAD + rows(), {"x": 5}, "track.csv:2: x is column 5 of 4; columns are counted from 1"),
         (HEAD + rows(), {"x": 0}, "x is column 0 of 4; columns are counted from 1"),
-        (rows(), {"x": "px"}, "track.csv:1: no column 'px', because there is no header; give x a number from 1"),
+        (rows(), {"x": "px"}, "track.csv:1: no column 'px', because the file has no header; give x a number from 1"),
         ("0,0,1\n1,0,1\n", {}, "track.csv:1: 3 columns without header; x, y, right and left are expected, or set left"),
         (
             HEAD + rows() + "40,6,1,1\n50,9,1,1\n",

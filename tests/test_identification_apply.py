@@ -150,5 +150,5 @@ def test_without_a_fit_or_a_vehicle_it_says_what_is_missing(tmp_path: Path) -> N
     folder = _fit(DRAG).save(tmp_path / "fit")
     parser = argparse.ArgumentParser()
     identify_apply.add_arguments(parser)
-    with pytest.raises(ConfigError, match=r"say which vehicle: mirdrake identify apply .* --vehicle bolt"):
+    with pytest.raises(ConfigError, match=r"the vehicle is missing: mirdrake identify apply .* --vehicle bolt"):
         identify_apply.run(parser.parse_args([str(folder)]))

@@ -609,10 +609,10 @@ BAD_LOGS = [
     ),
     (table(rows=90, row=lambda i: f"{0.1 * i},{i}{',1' if i == 70 else ''}"), "a.csv:72: does not have the 2 cells"),
     (table(row=lambda i: f"{0.1 * (i % 15)},{i}"), "a.csv:17: time goes back from 1.4 s to 0 s, and 14 of 30 rows"),
-    (table(row=lambda i: f"1.5,{i}"), "time stands still at 1.5 s$"),
+    (table(row=lambda i: f"1.5,{i}"), "time is constant at 1.5 s$"),
     (
         table(row=lambda i: f"0.01,{i}"),
-        "stands still at 0.01 s; if that is the step of its rows, write time: {step: 0.01",
+        "time is constant at 0.01 s; if that is the step of its rows, write time: {step: 0.01",
     ),
     (table(row=lambda i: f"{0.1 * i},nan"), "2: channels.vx: column 'v' of .* has no numbers"),
     (table("time,v [km/h]"), "unit 'm/s', but .* has 'km/h'"),

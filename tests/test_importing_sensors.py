@@ -81,7 +81,7 @@ def test_a_full_turn_rounded_to_any_number_of_digits_is_a_full_turn(digits):
         (laser(samples="0"), "number of beams, angles or range are missing"),
         (laser(first="-1e9"), "start_angle: Input should be greater than or equal to -6.3"),
         (laser(kind="contact"), "mirdrake has no such sensor"),
-        (laser().replace("chassis", "nowhere"), "there is no link 'nowhere'"),
+        (laser().replace("chassis", "nowhere"), "the link 'nowhere' does not exist"),
     ],
 )
 def test_a_sensor_without_a_correction_is_left_out_with_the_reason(tmp_path, extra, reason):
@@ -242,7 +242,7 @@ def test_a_sensor_plugin_without_a_link_is_at_the_root_and_one_with_an_unknown_l
         assert [frame.parent for frame in car.mount_frames] == [car.base]
     car = car_with(tmp_path, plugin("libhector_gazebo_ros_imu.so", "<bodyName>gone</bodyName>"))
     assert not car.mounts
-    assert reports(car, "sensor 'unit'", "left out", "there is no link 'gone'")
+    assert reports(car, "sensor 'unit'", "left out", "the link 'gone' does not exist")
 
 
 @pytest.mark.parametrize(

@@ -226,7 +226,7 @@ def test_one_case_is_replayed_with_other_values_and_a_recording_even_if_it_passe
 @pytest.mark.parametrize(
     ("arguments", "tells"),
     [
-        (["--case", "cruse"], "there is no case 'cruse'; did you mean 'cruise'"),
+        (["--case", "cruse"], "unknown case 'cruse'; did you mean 'cruise'"),
         (["--resume"], "--resume: give the folder to continue with --out"),
         (["-p", "sped=3"], "unknown parameter 'sped'"),
         (["-p", "blocks=many"], "lot.yaml:8: props.0.scatter.count: 'many' is not a number"),

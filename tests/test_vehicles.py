@@ -295,7 +295,7 @@ def test_a_macro_with_an_unknown_parameter_is_reported_with_its_line(copy: Path)
 def test_a_ros_package_that_only_ros_finds_is_refused_with_its_line(copy: Path) -> None:
     line = replace(copy / "main.urdf.xacro", 'filename="sensors.xacro"', 'filename="$(find bolt)/sensors.xacro"')
     message = message_of(ModelError)
-    tail = "$(find bolt): there are no ROS packages here; give a path relative to this file"
+    tail = "$(find bolt): ROS packages are not available; give a path relative to this file"
     assert message == f"bolt/main.urdf.xacro:{line}: {tail}"
 
 

@@ -105,8 +105,8 @@ class BatchControl:
         """Drive all cars under commands, one row per control period.
 
         Args:
-            commands: speed [m/s] and steering [rad] (periods, 2) for all cars, or (n, periods, 2). A row that is not a
-                number is no message: the watchdog stops the car after its timeout.
+            commands: speed [m/s] and steering [rad] (periods, 2) for all cars, or (n, periods, 2). A row with NaN
+                counts as no message: the watchdog stops the car after its timeout.
             outputs: names of the signals that are returned; by default all of :meth:`signals`.
             every: control periods between two rows of the result.
 

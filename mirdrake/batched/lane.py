@@ -38,8 +38,8 @@ class LaneNumbers(NamedTuple):
     """Numbers of the control unit and the track.
 
     Attributes:
-        acceleration: largest slope of the speed set-point while it rises [m/s²].
-        deceleration: the same while it falls [m/s²].
+        acceleration: largest rate of increase of the speed set-point [m/s²].
+        deceleration: largest rate of decrease of the speed set-point [m/s²].
         steering: numbers of the steering law.
         actuator: numbers of the steering actuator.
         actuator_size: length of its memory.

@@ -43,7 +43,7 @@ class BatchRun:
         """Return a signal of all cars (n, t).
 
         Raises:
-            ConfigError: there is no such signal.
+            ConfigError: the signal is unknown.
         """
         if name not in self.names:
             raise ConfigError(f"batch: no signal '{name}'; {did_you_mean(name, self.names)}")
@@ -53,7 +53,7 @@ class BatchRun:
         """Return the signals of a car, index ``time``; units in ``attrs["units"]``.
 
         Raises:
-            ConfigError: there is no such car.
+            ConfigError: the index of the car is out of range.
         """
         import pandas as pd
 

@@ -68,9 +68,9 @@ class Findings:
             self.note(str(error).splitlines())
 
     def note(self, lines: Iterable[str]) -> None:
-        """Take down faults, each once: of those at one place that differ by a name or by what is allowed, the first.
+        """Store faults without duplicates.
 
-        Macros and variants tell the same fault in such words.
+        Macros and variants repeat a fault with another name or another list of allowed values; the first is kept.
         """
         for line in lines:
             if _NAMES.sub("", line) not in map(partial(_NAMES.sub, ""), self.faults):
@@ -92,7 +92,7 @@ def check_vehicle(name: str) -> Findings:
         with own.caught():
             _check_files(folder, variant, own)
         faults.note(own.faults)
-        # Where the vehicle itself does not stand, its variants would only say so in other words.
+        # The faults of the vehicle itself would be repeated by each of its variants.
         if not own.faults and not faults.failures and next(_not_xml(folder), None) is None:
             with faults.caught():
                 vehicle = load_vehicle(str(folder) if variant is None else f"{folder}{VARIANT_MARK}{variant}")
@@ -122,7 +122,7 @@ def _not_xml(folder: Path) -> Iterator[str]:
 
 
 def _check_files(folder: Path, variant: str | None, missing: Findings) -> None:
-    """Take down the faults of the YAML files, of the xacro files, and of the URDF against what the former say."""
+    """Store the faults of the YAML files, of the xacro files, and of the URDF compared with the YAML files."""
     change = load_variant(folder, variant)
     spec = sensors = urdf = None
     with missing.caught():

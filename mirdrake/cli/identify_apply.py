@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
     fit = read_fit(options.fit)
     vehicle = options.vehicle or options.name
     if vehicle is None:
-        raise ConfigError(f"say which vehicle: mirdrake identify apply {shown(options.fit)} --vehicle bolt")
+        raise ConfigError(f"the vehicle is missing: mirdrake identify apply {shown(options.fit)} --vehicle bolt")
     change = plan_apply(fit, vehicle)
     for line in describe(change):
         print(line)

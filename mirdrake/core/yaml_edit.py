@@ -304,9 +304,9 @@ def _commented(text: str, edit: Edit) -> str:
     newline = breaks[-1].group() if breaks else (match.group() if (match := LINE_BREAK.search(text)) else "\n")
     if breaks:
         above = breaks[-2].end() if len(breaks) > 1 else 0
-        stands = text[above : breaks[-1].start()].strip(" ")
-        if stands == f"# {edit.comment}":
+        present = text[above : breaks[-1].start()].strip(" ")
+        if present == f"# {edit.comment}":
             return text
-        if edit.replaces and stands.startswith(f"# {edit.replaces}"):
+        if edit.replaces and present.startswith(f"# {edit.replaces}"):
             return f"{text[:above]}{indent}# {edit.comment}{text[breaks[-1].start() :]}"
     return f"{text[:begin]}{indent}# {edit.comment}{newline}{text[begin:]}"

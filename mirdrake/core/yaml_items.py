@@ -42,7 +42,7 @@ def find_span(text: str, path: Path) -> Span | None:
 
 
 def source_of(text: str, path: Path) -> str | None:
-    """Return the text of a scalar as it is in the file; None if there is no scalar of its own."""
+    """Return the text of a scalar as it is in the file; None if it is not a scalar."""
     node = _find(text, path)
     return text[node.start : node.end] if node is not None and node.kind == "scalar" else None
 
@@ -57,7 +57,7 @@ def set_scalar(text: str, path: Path, written: str, *, name: str = "<text>") -> 
         name: name of the text in errors, normally the file name.
 
     Raises:
-        ConfigError: there is no such place, an alias is there, or the value is not YAML.
+        ConfigError: the path does not exist or leads to an alias, or the value is not YAML.
     """
     return set_scalars(text, [(path, written)], name=name)
 
@@ -147,7 +147,7 @@ def remove_item(text: str, path: Path, *, name: str = "<text>") -> str:
     The key of a list that would be empty goes with its last item.
 
     Raises:
-        ConfigError: there is no such item, or other parts of the text depend on it.
+        ConfigError: the item does not exist, or other parts of the text depend on it.
     """
     data, _ = parse_tree(text, name)
     parent, index, node = _find_in_parent(text, path)

@@ -276,12 +276,12 @@ def world_path(name: str) -> Path:
     """Return the path of a world file, new or existing, of a path or name.
 
     Raises:
-        ConfigError: a bundled world would be changed, or there is no such world.
+        ConfigError: the world is a bundled one, which cannot be changed, or does not exist.
     """
     path = Path(name)
     is_path = path.suffix in {".yaml", ".yml"}
     if is_path and not path.exists():
         if not path.parent.is_dir():
-            raise ConfigError(f"{name}: there is no folder '{path.parent}'; make it first")
+            raise ConfigError(f"{name}: the folder '{path.parent}' does not exist; create it first")
         return path.resolve()
     return path.resolve() if is_path else find("worlds", name)

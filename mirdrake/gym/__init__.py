@@ -10,7 +10,7 @@
     observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
 :class:`~mirdrake.gym.env.DriveEnv` documents observations and actions, :mod:`mirdrake.gym.judging` the built-in
-rewards, termination conditions and starts, and the arguments of functions of your own.
+rewards, termination conditions and starts, and the arguments of user functions.
 """
 
 from importlib.util import find_spec

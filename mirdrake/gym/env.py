@@ -52,7 +52,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         act: inputs of the diagram: ``ego.speed_reference``, ``ego.steering_reference``,
             ``ego.pedals_reference.throttle``, inputs of your blocks, …; by default speed and steering of the vehicle.
             They replace the connections of the file to these inputs.
-        bounds: other ranges by name, (low, high); required for inputs of your own blocks.
+        bounds: other ranges by name, (low, high); required for inputs of user systems.
         rate: steps per second [Hz].
         reward: ``progress``, ``centred_progress``, ``module:name``, or a function of a :class:`Moment`.
         ends: termination conditions: ``off_road``, ``collision``, ``rollover``, ``module:name`` or functions.
@@ -289,7 +289,7 @@ def _ports_of(spec: DiagramSpec, names: Sequence[str]) -> dict[str, list[str]]:
     """Return the names of inputs by their ports.
 
     Raises:
-        ConfigError: there are no names, a name is repeated, or it is not below a system or vehicle.
+        ConfigError: the list of names is empty, a name is repeated, or it is not below a system or vehicle.
     """
     if not names:
         raise ConfigError("act: is empty; name at least one input")

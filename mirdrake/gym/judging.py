@@ -126,7 +126,7 @@ def find_function(
         folder: folder in which the module is searched, besides the import path and the working directory.
 
     Raises:
-        ConfigError: there is no such function.
+        ConfigError: the function is unknown.
     """
     if not isinstance(given, str):
         if not callable(given):

@@ -79,7 +79,7 @@ class Readings:
             bounds: other ranges, by name.
 
         Raises:
-            ConfigError: there is no such signal, or a range is empty.
+            ConfigError: the signal is unknown, or a range is empty.
         """
         vehicle, _, rest = name.partition(".")
         if rest.startswith(f"{AHEAD}.") and self._assembly.tracks.get(vehicle):

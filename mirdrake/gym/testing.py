@@ -146,7 +146,7 @@ def assert_follows(
 
     Raises:
         AssertionError: samples differ; the message has the largest difference, its time, and the number of samples.
-        ConfigError: a tolerance is not finite, there are no samples, or the numbers of samples differ.
+        ConfigError: a tolerance is not finite, a run has no samples, or the numbers of samples differ.
     """
     if not (isfinite(atol) and atol >= 0.0 and isfinite(rtol) and rtol >= 0.0):
         raise ConfigError(f"atol {atol}, rtol {rtol}: tolerances must be finite and not negative")

@@ -60,8 +60,8 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         rate: steps per second [Hz].
         reward: ``progress`` or ``centred_progress``.
         ends: what ends an episode: ``off_road``.
-        start: ``anywhere_on_track``; as the file says if left out.
-        duration: time after which an episode is truncated [s]; the file's if left out.
+        start: ``anywhere_on_track``; the start of the file if left out.
+        duration: time after which an episode is truncated [s]; that of the file if left out.
         control_period: period of the control unit and step of the integration [s]; that of control.yaml if left out.
         parameters: values (num_envs) of parameters of the single-track model that differ between the cars.
         relaxation: whether slip builds up over the relaxation length.

@@ -70,7 +70,7 @@ def channel(name: str) -> Channel:
     """Return the definition of a channel.
 
     Raises:
-        ValueError: there is no such channel.
+        ValueError: the channel is unknown.
     """
     known = CHANNELS.get(quantity(name))
     if known is None:

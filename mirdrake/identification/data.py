@@ -223,14 +223,14 @@ def _time(table: Table, clock: TimeColumn, clock_place: str, rows: int) -> Array
 
 
 def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
-    """Reject a clock that stands still or often goes back."""
+    """Reject a time column that is constant or often decreases."""
     rows = np.flatnonzero(keep)
     used = time[rows]
     latest = np.maximum.accumulate(used)
     back = used < latest
     if used.max() == used.min():
         hint = f"; if that is the step of its rows, write time: {{step: {used[0]:g} s}}" if 0 < used[0] < 1 else ""
-        raise ConfigError(f"{shown(Path(table.name))}: time stands still at {used[0]:g} s{hint}")
+        raise ConfigError(f"{shown(Path(table.name))}: time is constant at {used[0]:g} s{hint}")
     if back.mean() > MAX_BACKWARD_SHARE:
         at = int(np.argmax(back))
         raise ConfigError(

@@ -27,7 +27,7 @@ Tie = tuple[str, str, float, float]
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Everything that logs with one recorder say about delays.
+    """Evidence about delays from all logs of one recorder.
 
     Attributes:
         grids: the logs.

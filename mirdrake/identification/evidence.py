@@ -3,7 +3,7 @@
 Twice the logarithm of the Bayes factor is about ``n ln(RSS₀ / RSS₁) - k ln n`` for k further parameters (G. Schwarz,
 Annals of Statistics 6, 1978; R. E. Kass and A. E. Raftery, Journal of the American Statistical Association 90, 1995).
 Residuals with a memory count for n effective samples (M. S. Bartlett, Journal of the Royal Statistical Society B 8,
-1946): the error of a model is no evidence, however many samples contain it.
+1946): a systematic error of the model is not evidence, however many samples contain it.
 """
 
 import numpy as np

@@ -29,7 +29,7 @@ from mirdrake.vehicles import load_vehicle
 Progress = Callable[[str], None]
 
 MIN_FIT = 25.0
-"""Fit of the best training channel below which the estimates say nothing about the vehicle [%]."""
+"""Fit of the best training channel below which the estimates are not valid for the vehicle [%]."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def identify(spec: StudySpec, folder: Path, *, progress: Progress | None = None)
     except ConfigError as error:
         raise locate_in_study(spec, error) from None
 
-    # Data, and what the vehicle says about it.
+    # Data, and the known values of the vehicle.
     progress("reading")
     data = make_data(embedded_data(spec), folder) if isinstance(spec.data, dict) else _load(spec, folder, spec.data)
     vehicle, given = ("", {}) if vehicle_name is None else _given(spec, model_spec, vehicle_name, data)
@@ -277,7 +277,7 @@ def reject_poor_fit(found: Fit) -> Fit:
     best = max((one.nrmse_percent for one in found.channels if one.part == "train"), default=100.0)
     if best >= MIN_FIT:
         return found
-    text = f"the model fits no channel by more than {max(best, 0.0):.0f} %: its values say nothing about the vehicle"
+    text = f"the model fits no channel by more than {max(best, 0.0):.0f} %: its values are not valid for the vehicle"
     parameters = tuple(
         one if one.kind == "fixed" else replace(one, verdict="not identifiable", explanation=text)
         for one in found.parameters

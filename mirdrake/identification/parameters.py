@@ -24,7 +24,7 @@ class Parameter:
         guess: initial value of a fit, or the value if the parameter is not free.
         low: lower bound of an estimate.
         high: upper bound of an estimate.
-        free: whether it is estimated if the study says nothing.
+        free: whether it is estimated by default; the study may override this.
         scale: size of a large change; 0 for a positive parameter, whose logarithm is estimated.
         source: source of the guess, if it is more than a guess.
         usual: usual distance from the guess, as standard deviation of the logarithm or of value over scale: a weak

@@ -157,7 +157,7 @@ def _check_steering_channel(
 def _steering_correlation(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> float | None:
     """Return the partial correlation of yaw rate and steering beside ``v`` and ``v³``, which a constant steering gives.
 
-    A constant steering says nothing about its sign or scale, nor does its noise: None without evidence for an effect.
+    None without evidence for an effect: sign and scale of a constant or merely noisy steering are not identifiable.
     """
     beside = np.column_stack((speed, speed**3))
     pair = np.column_stack((rate, speed * (angle - angle.mean())))

@@ -76,7 +76,7 @@ class Packages:
             folder: from which relative paths count.
 
         Returns:
-            the file or None, and "" or what there is to say about it.
+            the file or None, and a remark on it or "".
         """
         text = unquote(address.strip())
         # Addresses of packages and models are relative to their folder, all others to that of the file.

@@ -18,9 +18,9 @@ class Shape:
         kind: box, cylinder (axis z), sphere, capsule (axis z), ellipsoid, plane or mesh.
         size: box: three edges; cylinder and capsule: radius, length; sphere: radius; ellipsoid: three half axes [m].
         X_LG: pose in its link.
-        mesh: resolved file of a mesh; None if there is no such file.
-        address: of the mesh, as written.
-        scale: of the mesh, three factors.
+        mesh: resolved file of a mesh; None if the file does not exist.
+        address: address of the mesh, as written.
+        scale: three scale factors of the mesh.
         submesh: name of the part of the mesh; "" for all.
         center: whether the part is moved so that the centre of its bounding box is the origin.
         rgba: colour; None if the source has none.

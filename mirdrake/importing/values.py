@@ -13,7 +13,7 @@ from mirdrake.importing.shape import Vector
 
 
 def read_numbers(text: str | None, *, count: int, default: Sequence[float], where: str, what: str) -> Vector:
-    """Return numbers from a text; `default` if there is no text.
+    """Return numbers from a text; `default` if the text is missing.
 
     Raises:
         ModelError: not so many finite numbers.
@@ -31,7 +31,7 @@ def read_numbers(text: str | None, *, count: int, default: Sequence[float], wher
 
 
 def read_number(text: str | None, *, where: str, what: str) -> float | None:
-    """Return a number, which may be infinite; None if there is no text.
+    """Return a number, which may be infinite; None if the text is missing.
 
     Raises:
         ModelError: it is not a number.

@@ -165,7 +165,7 @@ class Outcome:
     def add(
         self, key: str, text: str, value: float | None, unit: str, note: str = "", *, scale: float | None = None
     ) -> None:
-        """Add a figure, see :class:`Metric`; NaN means that there is no value."""
+        """Add a figure, see :class:`Metric`; NaN means that the value is undefined."""
         number = None if value is None or not np.isfinite(value) else float(value)
         self.metrics.append(Metric(key, text, number, unit, note, scale))
 
@@ -173,7 +173,7 @@ class Outcome:
         """Return the value of a figure.
 
         Raises:
-            ConfigError: there is no figure of that key.
+            ConfigError: the key is unknown.
         """
         for metric in self.metrics:
             if metric.key == key:

@@ -167,7 +167,7 @@ def within(
         smoothness: length over which the curvature may reach its largest value [m].
 
     Raises:
-        ConfigError: there is no such path.
+        ConfigError: no path meets the bounds.
     """
     step = max((end - start) / 400.0, min(0.5, front / 10.0))
     x = np.arange(start, end + step, step)

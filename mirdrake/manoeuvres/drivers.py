@@ -73,7 +73,7 @@ def make_rows(rows: Sequence[Sequence[float]], count: int, owner: str) -> Rows:
     """Return rows that each have a time and `count` numbers.
 
     Raises:
-        ConfigError: there are no rows, a row has another length, or a time decreases.
+        ConfigError: the rows are empty, a row has another length, or a time decreases.
     """
     checked = [tuple(float(value) for value in row) for row in rows]
     if not checked or any(len(row) != count + 1 for row in checked):

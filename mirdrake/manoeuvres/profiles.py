@@ -12,7 +12,7 @@ from mirdrake.manoeuvres.by_kind import make_by_kind
 Profile = Callable[[float], float]
 
 EASE = 0.5
-"""Time in which the amplitude of random steering rises at the start and falls at the end [s]."""
+"""Time of the fade-in and fade-out of the amplitude of random steering [s]."""
 
 
 def step(*, amplitude: float, start: float = 0.0, rise: float = 0.0) -> Profile:

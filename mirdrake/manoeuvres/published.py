@@ -270,7 +270,7 @@ class PublishedFigures(Schema):
     variant: str = Field(default="", description="variant that is driven when the vehicle is named without one [-]")
     payload: Mass = Field(default=0.0, ge=0.0, description="driver and equipment in the tests [kg]")
     payload_source: str = Field(default="", description="source of the payload [-]")
-    none_because: str = Field(default="", description="reason why there are no figures [-]")
+    none_because: str = Field(default="", description="reason why the file has no figures [-]")
     notes: list[str] = Field(default_factory=list, description="remarks on all figures [-]")
     figures: list[Annotated[Figure, Field(discriminator="quantity")]] = Field(
         default_factory=list, description="published figures [-]"
@@ -281,7 +281,7 @@ def load_published(vehicle: Vehicle) -> PublishedFigures:
     """Return the published figures of a loaded vehicle.
 
     Raises:
-        ConfigError: there is no such file, it is damaged, or it has neither figures nor a reason for that.
+        ConfigError: the file does not exist, it is invalid, or it has neither figures nor a reason for that.
     """
     path = vehicle.folder / FILE
     if not path.is_file():

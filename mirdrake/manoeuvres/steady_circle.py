@@ -168,7 +168,7 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
         )
 
 
-_SIGNS = {"roll": "positive: the body leans out of the turn", "beta": "negative: the nose points into the turn"}
+_SIGNS = {"roll": "positive: the body rolls out of the turn", "beta": "negative: the nose points into the turn"}
 
 
 def spun_or_steady(speed: float, settle: float, limit: float = math.inf) -> Stop:

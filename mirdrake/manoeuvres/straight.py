@@ -297,7 +297,7 @@ def brake_run(
 
     Args:
         rig: vehicle and conditions.
-        outcome: gets a note if there are no pedals.
+        outcome: gets a note if the vehicle has no pedals.
         label: name of the run.
         speed: speed when the brake is pressed [m/s].
         brake: position of the pedal [1].

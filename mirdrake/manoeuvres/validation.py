@@ -42,7 +42,7 @@ class Comparison:
     Attributes:
         figure: the published figure.
         simulated: simulated value in the unit of the figure; None if there is none.
-        note: remark on the simulation, or the reason why there is no value.
+        note: remark on the simulation, or the reason for the missing value.
         payload: payload of the simulation [kg].
         tolerance: largest error that passes [1].
     """

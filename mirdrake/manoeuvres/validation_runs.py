@@ -40,7 +40,7 @@ _MARGIN = 3.0 * KMH
 
 @dataclass(frozen=True)
 class Reading:
-    """Simulated value of a figure [SI], or None; and a remark, or the reason why there is no value."""
+    """Simulated value of a figure [SI] and a remark; or None and the reason for the missing value."""
 
     value: float | None
     note: str = ""

@@ -62,7 +62,7 @@ class RestPose(NamedTuple):
 def check_balance(
     plant: MultibodyPlant, context: Context, vehicle: Vehicle, instance: ModelInstanceIndex, *, above: bool = False
 ) -> None:
-    """Check that a vehicle stands on both axles.
+    """Check that the centre of mass of a vehicle is between the axles, so that it does not tip over.
 
     Args:
         plant: holds the vehicle, finalised.

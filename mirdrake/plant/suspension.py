@@ -6,8 +6,8 @@ which Drake has no force element. Its forces are therefore applied externally: w
     F_left = -k (z_left - z_right) = -F_right.
 
 A roll angle φ of the body makes z_left - z_right = T φ over the track T, so a bar adds k T² to the axle's roll
-stiffness; the two springs c contribute c T² / 2. There are no suspension arms, so there is no anti-dive, and the roll
-axis is on the road.
+stiffness; the two springs c contribute c T² / 2. The model has no suspension arms, hence no anti-dive, and the
+roll axis is on the road.
 """
 
 import numpy as np

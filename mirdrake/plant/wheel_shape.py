@@ -9,9 +9,9 @@ Vehicle files have a cylinder. In a simulation it has two faults, both measured:
   times smoother with as many contact polygons.
 
 The tread is flat, with two rows of triangles. A wheel with inclination γ is compressed more on the side to which its
-top leans. In a discrete step, with one pressure per triangle, the load moves to that side by w² γ / (24 d), with the
-width w and the depth d: this is the overturning moment of a patch, for a car about that of a load below the wheel's
-centre. On the ellipsoid the contact point moves by (w/2)² γ / R.
+top is inclined. In a discrete step, with one pressure per triangle, the load moves to that side by w² γ / (24 d), with
+the width w and the depth d: this is the overturning moment of a patch, for a car about that of a load below the
+wheel's centre. On the ellipsoid the contact point moves by (w/2)² γ / R.
 """
 
 from itertools import pairwise

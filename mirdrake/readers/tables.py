@@ -71,7 +71,7 @@ class Table:
             place: where it is requested, ``file:line: path``, for messages.
 
         Raises:
-            ConfigError: there is no such column, or a cell is not a number.
+            ConfigError: the column does not exist, or a cell is not a number.
         """
         if column not in self.columns and self.lines is not None and all(_is_number(name) for name in self.names):
             raise ConfigError(f"{place}: {self.name} has no header; name its columns under 'csv: {{columns: […]}}'")

@@ -194,7 +194,7 @@ def shape_tag(
     """Return an area as an SVG element.
 
     Args:
-        data: of the path; without any, there is no element.
+        data: data of the path; without data, the result is empty.
         fill: colour of the area.
         stroke: colour of its edge.
         title: tooltip.
@@ -211,7 +211,7 @@ def shape_tag(
 
 
 def line_tag(data: str, color: str, width: float, *, more: str = "") -> str:
-    """Return a line as an SVG element; without data of a path, there is no element."""
+    """Return a line as an SVG element; an empty text without data of a path."""
     extra = f" {more}" if more else ""
     return f'<path d="{data}" fill="none" stroke="{color}" stroke-width="{width:g}"{extra}/>' if data else ""
 

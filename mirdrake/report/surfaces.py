@@ -37,7 +37,9 @@ Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
 GREY: Colour = (0.62, 0.66, 0.70)
-_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # glTF has y up, as its specification says
+_UPRIGHT = np.array(
+    [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
+)  # glTF has y up (glTF 2.0 specification, section 3.4)
 _LIGHT = np.array([0.35, -0.30, 0.89])  # towards the sun
 _MOST = 400_000  # triangles that are drawn; of more, every second or third
 _AT_ONCE = 1_500_000  # pixels that are looked at together

@@ -377,5 +377,5 @@ def unmet_notes(result: TuningResult) -> list[str]:
 
 
 def _exact(value: float | None) -> str:
-    """Return a number with enough digits to tell it from its limit."""
+    """Return a number with enough digits to distinguish it from its limit."""
     return "undefined" if value is None else f"{value:.6g}"

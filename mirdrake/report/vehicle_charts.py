@@ -231,7 +231,7 @@ def _plan_wheels(
     signals: VehicleSignals, stem: str, title: str, what: str, unit: str, plural: str, factor: float
 ) -> Plan | None:
     panels: list[Panel] = []
-    constant: list[Panel] = []  # in the caption only, unless there are no others
+    constant: list[Panel] = []  # the first is drawn if all are constant; else the caption suffices
     ranges: list[str] = []
     for axle in _AXLES:
         curves = [

@@ -265,7 +265,7 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 
 def _points(surfaces: Sequence[Surface]) -> np.ndarray:
-    """Return all corners (n, 3) [m]; those of a small box if there are no shapes."""
+    """Return all corners (n, 3) [m]; those of a small box without shapes."""
     if not surfaces:
         return np.array([[-0.1, -0.1, 0.0], [0.1, 0.1, 0.1]])
     points: np.ndarray = np.concatenate([surface.triangles.reshape(-1, 3) for surface in surfaces])

@@ -16,7 +16,7 @@ Kind = Literal["always", "never", "eventually", "until", "at end"]
 
 
 class Finding(NamedTuple):
-    """What a requirement has to say of a run."""
+    """Result of a requirement for one run."""
 
     text: str
     """the requirement"""

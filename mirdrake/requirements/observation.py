@@ -35,9 +35,9 @@ TIPPED = math.radians(45.0)
 """Tilt of the vehicle against the road from which it counts as rolled over [rad]."""
 
 TOUCH = 1e-3
-"""Least penetration that a contact counts for [m]: what touches has no clearance, whatever the outline says."""
+"""Least penetration of a contact [m]. The clearance of bodies in contact is zero, even if their outlines are apart."""
 
-_SLOWEST = 1.0  # [m/s] speed below which slip is taken relative to this one, as 0/0 says nothing
+_SLOWEST = 1.0  # [m/s] smallest denominator of the slip, which is undefined (0/0) at standstill
 
 DERIVED = {
     "speed": ("m/s", "of the rear axle's centre over the ground"),

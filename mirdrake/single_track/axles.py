@@ -121,8 +121,8 @@ def find_axles(
         for i, (law, extra) in enumerate(zip(laws, (-turning, turning), strict=True)):
             force = forces[i] + extra
             cambered, upright_wheels = (
-                [_wheel(law, loads[i] + sign * transfers[i], lean, ground) for sign in (1.0, -1.0)]
-                for lean in (angle, 0.0)
+                [_wheel(law, loads[i] + sign * transfers[i], inclination, ground) for sign in (1.0, -1.0)]
+                for inclination in (angle, 0.0)
             )
             slips[i], upright[i] = _slip(cambered, force), _slip(upright_wheels, force)
             moments[i] = sum(wheel(slips[i])[1] for wheel in cambered)

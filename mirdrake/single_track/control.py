@@ -53,7 +53,7 @@ class SingleTrackControl(ControlUnit):
         status (3) [m/s, rad, m/s]: speed_setpoint, steering_setpoint, speed_trim.
         pedals (3) [1]: throttle, brake, gear; in place of the forces if pedals drive the vehicle.
 
-    The outputs are discrete states, updated as often as control.yaml says. Parameters: see :class:`ControlUnit`. With
+    The outputs are discrete states, updated at the rate of control.yaml. Parameters: see :class:`ControlUnit`. With
     the unior linkages, ``steering`` of the command and of the status is the input of that robot, as in the full
     vehicle.
 

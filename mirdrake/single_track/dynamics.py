@@ -130,8 +130,8 @@ class Flags(NamedTuple):
     """Variant as flags, for compiled functions.
 
     Attributes:
-        kinematic: whether there is no slip.
-        saturates: whether forces are limited by friction.
+        kinematic: whether the wheels roll without slip.
+        saturates: whether friction limits the tyre forces.
         relaxation: as in :class:`Variant`, like the next two.
         actuators: see there.
         roll: see there.

@@ -2,7 +2,7 @@
 
 A vehicle folder has mass, inertia and lengths, the limits of the motor, rolling resistance, drag, friction and the
 gains of its servos. Its tyre law, if it has one, yields cornering stiffness, friction and relaxation lengths of the
-axles, see :mod:`mirdrake.single_track.axles`; with Coulomb friction alone there is no cornering stiffness, and a
+axles, see :mod:`mirdrake.single_track.axles`; Coulomb friction alone has no cornering stiffness, and a
 default is assumed.
 """
 
@@ -219,7 +219,7 @@ def _roll_parameters(
     """Return the roll parameters: the whole vehicle rolls about a line on the road, as wheels move along z only.
 
     Raises:
-        ConfigError: there is no suspension.
+        ConfigError: the vehicle has no suspension.
     """
     names = vehicle.spec.joints.suspension
     if names is None:

@@ -123,7 +123,7 @@ def find_steady_state(
         steering: bicycle angle [rad].
 
     Raises:
-        ConfigError: there is no steady state: the tyres slide or the motor is too weak.
+        ConfigError: no steady state exists: the tyres slide or the motor is too weak.
     """
     level = _level(parameters)
     count, inputs = len(variant.state_names), len(variant.input_names)
@@ -172,7 +172,7 @@ def linearize_single_track(
         steering: bicycle angle [rad].
 
     Raises:
-        ConfigError: there is no such steady state.
+        ConfigError: the steady state does not exist.
     """
     steady = find_steady_state(parameters, variant, speed=speed, steering=steering)
     x, u = np.array(steady.state), np.array(steady.inputs)

@@ -39,7 +39,7 @@ class SingleTrackPowertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         pedals (3): throttle, brake, gear.
         state (12): of the vehicle.
     Output ports:
-        forces (3) [N, N, m/s]: drive force, brake force, and the speed, as there are no wheel servos.
+        forces (3) [N, N, m/s]: drive force, brake force, and the speed (without wheel servos).
         powertrain_status (9): as of the full vehicle.
 
     The outputs are discrete states, updated at the rate of the full vehicle's powertrain.

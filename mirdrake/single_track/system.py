@@ -60,7 +60,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             variant.check()
             self.parameters, self.variant = parameters, variant
             self.state_names = variant.state_names
-            self._lean = self.state_names.index("roll") if variant.roll else 0
+            self._roll_index = self.state_names.index("roll") if variant.roll else 0
             self.set_name("single_track")
             servo = int(variant.actuators)
             self.steering = declare_vector_input(self, "steering", STEERING[: 1 + servo])
@@ -128,8 +128,8 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             else:
                 vy, spin = x[4] - p[3] * x[5], x[5]
             yaw = remainder(x[2], 2.0 * pi) if plain else x[2]  # in [-pi, pi], as the full vehicle's
-            lean, leaning = (x[self._lean], x[self._lean + 1]) if self.variant.roll else (zero, zero)
-            output.SetFromVector([x[0], x[1], zero, lean, zero, yaw, x[3], vy, zero, leaning, zero, spin])
+            roll, roll_rate = (x[self._roll_index], x[self._roll_index + 1]) if self.variant.roll else (zero, zero)
+            output.SetFromVector([x[0], x[1], zero, roll, zero, yaw, x[3], vy, zero, roll_rate, zero, spin])
 
         def _calc_steering(self, context: Context, output: Any) -> None:
             output.SetFromVector([context.get_continuous_state_vector().CopyToVector()[-1]])

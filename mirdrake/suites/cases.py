@@ -200,7 +200,7 @@ def collect_cases(
     known = {name for case in cases for name in (case.name, case.name.split("#")[0])}
     for name in only:
         if name not in known:
-            raise ConfigError(f"there is no case '{name}'; {did_you_mean(name, known)}")
+            raise ConfigError(f"unknown case '{name}'; {did_you_mean(name, known)}")
     return [case for case in cases if not only or {case.name, case.name.split("#")[0]} & set(only)]
 
 

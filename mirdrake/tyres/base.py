@@ -89,7 +89,7 @@ class Tyres(Schema):
             where: returns the place of a key in vehicle.yaml, for error messages.
 
         Raises:
-            ConfigError: there is no such file.
+            ConfigError: the file does not exist.
         """
         _ = folder, where
         return ()

@@ -6,7 +6,7 @@ of a file are used unchanged. The book's main text has y to the right and z down
 kappa, Fx and Mx are the same, Fy, My and Mz have the other sign, and PKY1 and PDY1 are positive.
 
 Inputs: kappa = -Vsx / |Vx| (positive when driving, -1 when locked), tan alpha = Vy / |Vx| (positive when the wheel
-moves to its left, so Fy is negative), load, inclination gamma about x (positive when the top leans to the right),
+moves to its left, so Fy is negative), load, inclination gamma about x (positive when the top is to the right),
 speed, pressure and friction of the road relative to that of the tyre's data (λμ in both directions).
 
 Source: H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., section 4.3.2, equations (4.E1) to (4.E78), numbered below;

@@ -112,7 +112,7 @@ class MagicFormulaTyres(SlipTyres):
             where: returns the place of a key in vehicle.yaml, for error messages.
 
         Raises:
-            ConfigError: there is no such file.
+            ConfigError: the file does not exist.
         """
         folders = [folder, *(models / "tyres" for models in search_folders("models"))]
         rear = ("rear_file", self.rear_file) if self.rear_file else ("file", self.file)

@@ -14,7 +14,7 @@ g = C / (C + d |Vx|)::
     v' = g (Vy - |Vx| v / σy)      tan alpha' = g (v / σy + (d / C) Vy)
 
 In steady rolling this is exactly kappa = -Vsx / |Vx| and tan alpha = Vy / |Vx|. At standstill u and v are deflections
-of springs of stiffness C / σ, so that a vehicle stands on a slope without creeping; k is their damper, which fades
+of springs of stiffness C / σ, so that a vehicle at rest on a slope does not creep; k is their damper, which fades
 between standstill and the speed `low`: k = k0 (1 + cos(π Vx / low)) / 2.
 
 A wheel that spins or slides at standstill must not increase the deflection without limit, nor may the deflection of a

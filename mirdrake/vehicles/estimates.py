@@ -73,7 +73,7 @@ def _quantity(label: str, unit: str, how: str) -> Any:
 class Estimates:
     """Estimated parameters of a vehicle, and the given ones. SI units, vehicle frame of :mod:`mirdrake.vehicles`.
 
-    The label of each field says what it is; quantities of an axle are those of one wheel, spring, damper or tyre.
+    The label of a field is its meaning. Values of an axle are those of one wheel, spring, damper or tyre.
     """
 
     length: float = _quantity(

@@ -145,17 +145,17 @@ class Inspection:
         wheel_radii: front and rear, unloaded.
         wheel_widths: front and rear.
         size: length, width, height over the road of all collision shapes.
-        visual_size: the same of all that is seen; None if there is nothing to see.
-        ground_clearance: lowest point of what is no wheel.
+        visual_size: length, width, height of all visual shapes; None without visual shapes.
+        ground_clearance: lowest point of all bodies but the wheels.
         steering_limits: of inner and outer wheel at full lock.
         turning_radius: of the rear axle's centre at full lock.
         turning_circle: diameter of the circle of the outer front wheel's middle, kerb to kerb.
         wall_circle: diameter of the circle of the outermost corner of all collision shapes, wall to wall.
         inertia: roll, pitch, yaw about the centre of mass.
-        gyration: radii of gyration that belong to them.
-        dynamic_index: k² / (a b) of the yaw inertia; 1: an axle does not feel what hits the other one.
+        gyration: radii of gyration about the same axes.
+        dynamic_index: k² / (a b) of the yaw inertia; at 1, an impact at one axle does not accelerate the other one.
         static_stability: track over twice the height of the centre of mass; lateral g at which it tips.
-        overlaps: wheels that stick in other links, straight ahead or at full lock.
+        overlaps: wheels that penetrate other links, straight ahead or at full lock.
         links: all links.
         joints: all joints.
         actuators: all actuators.

@@ -95,7 +95,7 @@ def measure_geometry(
                 f"{where(joint.name())}: steering joint '{joint.name()}' turns about {_shown(axis)} of "
                 f"'{spec.base_link}'; it must be 0 0 1, so that a positive angle turns left"
             )
-    # One number stands for both sides of an axle, so the sides must be mirror images.
+    # One number describes both sides of an axle, so the sides must be mirror images.
     p_BW = np.array([axis_and_centre(joint)[1] for joint in wheels])
     p_BK = np.array([axis_and_centre(joint)[1] for joint in kingpins])
     for pair, points in ((wheels[:2], p_BW[:2]), (wheels[2:], p_BW[2:]), (kingpins, p_BK)):

@@ -62,7 +62,7 @@ def _entry(content: Mapping[str, Any], kind: str, number: Any) -> Any:
     """Return an entry of one of the lists of a glTF file, by number."""
     entries = content.get(kind, [])
     if type(number) is not int or not 0 <= number < len(entries):
-        raise ValueError(f"there is no {kind}[{str(number)[:40]}]")
+        raise ValueError(f"{kind}[{str(number)[:40]}] does not exist")
     return entries[number]
 
 
@@ -73,7 +73,7 @@ def _check_links(content: Mapping[str, Any]) -> None:
         ValueError, KeyError, TypeError or AttributeError: a reference is wrong.
     """
     if not isinstance(content["asset"]["version"], str):
-        raise ValueError("the version is no text")
+        raise ValueError("asset.version is not a string")
     for texture in content.get("textures", []):
         for key, kind in (("source", "images"), ("sampler", "samplers")):
             if key in texture:

@@ -20,10 +20,10 @@ def find_overlaps(
     Links between body and wheels, the knuckles, are left out: they reach into their wheels.
 
     Args:
-        plant: holds the vehicle alone, finalised.
-        scene_graph: where its shapes are registered.
-        vehicle: says which joints are wheels and steering.
-        angles: of the inner and the outer wheel at full lock [rad].
+        plant: finalised plant with this vehicle only.
+        scene_graph: SceneGraph of the plant.
+        vehicle: provides the roles of the joints (wheels, steering).
+        angles: steering angles of the inner and the outer wheel at full lock [rad].
     """
     wheels = [plant.GetJointByName(name) for name in vehicle.spec.joints.wheels.names()]
     steering = [plant.GetJointByName(name) for name in vehicle.spec.joints.steering.names()]

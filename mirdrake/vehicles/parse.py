@@ -40,7 +40,7 @@ def parse_urdf(
         plant, scene graph (keep both alive), warnings.
 
     Raises:
-        ModelError: Drake refuses the text.
+        ModelError: Drake cannot parse the text.
     """
     scene_graph = SceneGraph()
     plant = MultibodyPlant(time_step=0.001)

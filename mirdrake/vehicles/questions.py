@@ -201,7 +201,7 @@ def ask(
     Args:
         answers: known arguments of :func:`mirdrake.vehicles.scaffold.new_vehicle`; None counts as missing.
         input: prints a question and returns the answer.
-        say: receives the message on an invalid answer.
+        say: prints the message about an invalid answer.
 
     Returns:
         All answers in SI units, without the quantities to be estimated.

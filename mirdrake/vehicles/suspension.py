@@ -81,7 +81,7 @@ def measure_spring_loads(
 
     It is the wheel load less the unsprung weight below the joint, in the order of WHEELS. The loads of axles and
     sides follow from moment balances, so that a vehicle with a lateral offset of its centre of mass
-    stands level.
+    is level at rest.
 
     Args:
         plant: holds the vehicle and nothing else, finalised.

@@ -39,8 +39,8 @@ class Vehicle:
         urdf: URDF text, meshes as ``package://`` addresses.
         geometry: measured on the kinematics.
         packages: package name -> folder, for Drake's PackageMap.
-        warnings: what xacro and Drake's parser had to say, each with file and line.
-        spring_loads: what each spring of the suspension carries at rest [N] (4); empty without one.
+        warnings: warnings of xacro and of Drake's parser, each with file and line.
+        spring_loads: load of each spring of the suspension at rest [N] (4); empty without springs.
         link_places: name of a link -> ``file:line`` in its source.
     """
 
@@ -115,7 +115,7 @@ def load_variant(folder: Path, variant: str | None, *, where: str = "") -> Varia
         ConfigError: the folder has no such variant, or its file is wrong.
     """
     if variant is None:
-        return VariantSpec(description="as it stands")
+        return VariantSpec(description="without a variant")
     known = variants(folder)
     if variant not in known:
         prefix = f"{where}: " if where else ""

@@ -2,9 +2,9 @@
 
 The syntax tree of an expression is walked and computed here, so that a file can do what is listed below and nothing
 else: numbers, text, lists, dictionaries, arithmetic, comparisons, conditions, comprehensions, formatted text, indexing,
-and calls of the functions that xacro documents (``math.*``, ``python.*``, ``xacro.*``). There is no ``lambda``, no
-attribute of Python objects, and no method but those in :data:`METHODS`. Every value has a bounded size, and every
-expression a bounded number of steps.
+and calls of the functions that xacro documents (``math.*``, ``python.*``, ``xacro.*``). ``lambda``,
+attributes of Python objects, and methods other than those in :data:`METHODS` are rejected. Every value has a bounded
+size, and every expression a bounded number of steps.
 """
 
 import ast
@@ -70,7 +70,7 @@ class Evaluator:
         warn: Callable[[str], None],
         tick: Callable[[], None] = lambda: None,
     ) -> None:
-        def tell(*texts: Any) -> str:
+        def forward(*texts: Any) -> str:
             warn(" ".join(map(text_of, texts)))
             return ""
 
@@ -91,7 +91,7 @@ class Evaluator:
             "dotify": lambda value: YamlDictWrapper(dict(value)),
             "tokenize": tokenize_text,
             "fatal": fatal,
-        } | dict.fromkeys(("message", "warning", "error", "print_location"), tell)
+        } | dict.fromkeys(("message", "warning", "error", "print_location"), forward)
         # xacro allows its functions below a name, and with a warning also directly.
         spaces = {"math": Functions(MATH), "python": Functions(PYTHON), "xacro": Functions(xacro_functions)}
         direct = {

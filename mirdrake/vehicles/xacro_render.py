@@ -232,7 +232,7 @@ class _Expansion:
             hint = f"give its folder with --package {package}=DIR"
             raise ModelError(f"{self.where()}: package '{package}' is not here; {hint}")
         if folder is None:
-            text = f"$(find {package}): there are no ROS packages here; give a path relative to this file"
+            text = f"$(find {package}): ROS packages are not available; give a path relative to this file"
             raise xacro.XacroException(text)
         self.packages.append(folder.resolve())
         return str(folder)
@@ -241,7 +241,7 @@ class _Expansion:
         """Return an environment variable, for ``$(env)`` and ``$(optenv)``.
 
         Raises:
-            XacroException: it is not set or may not be read, and there is no default.
+            XacroException: the variable is not set or may not be read, and has no default.
         """
         allowed = VARIABLES | {name_of.strip() for name_of in os.environ.get(MORE_VARIABLES, "").split(",")}
         if name in allowed and name in os.environ:

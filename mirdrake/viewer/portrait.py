@@ -63,7 +63,7 @@ def draw_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> I
         height: of the picture [pixel].
 
     Raises:
-        MissingDependencyError: there is no renderer.
+        MissingDependencyError: no renderer is available.
     """
     builder = DiagramBuilder()
     world = load_world("empty")

@@ -151,7 +151,7 @@ class WorldView:
             self._meshcat.SetObject(shaft, Cylinder(0.07, 1.6), _GREEN)
             self._meshcat.SetTransform(shaft, X_WB @ RigidTransform(along, [0.8, 0.0, 0.0]))
             self._meshcat.SetObject(head, MeshcatCone(0.8, 0.3, 0.3), _GREEN)
-            tip = RollPitchYaw(0.0, -0.5 * math.pi, 0.0)  # Meshcat's cone stands on its tip, which is its origin
+            tip = RollPitchYaw(0.0, -0.5 * math.pi, 0.0)  # the origin of Meshcat's cone is its tip
             self._meshcat.SetTransform(head, X_WB @ RigidTransform(tip, [2.4, 0.0, 0.0]))
 
     def _draw_goals(self) -> None:

@@ -20,8 +20,8 @@ class Bottleneck:
     """The narrowest position on the widest path.
 
     Attributes:
-        width: [m]; 0 if there is no path at all.
-        position: x, y in W [m], None if there is no path at all.
+        width: width [m]; 0 if no path exists.
+        position: x, y in W [m]; None if no path exists.
         between: indices of the areas on both sides; the edge of the ground has none.
     """
 

@@ -5,7 +5,7 @@ Semi-structured Environments", 2010): states (x, y, yaw) are continuous, so that
 only the first state in each cell of a lattice is kept. Batches of states of nearly equal cost are expanded at once.
 
 A path can be driven in both directions. If the search from the start becomes large, a search from all poses in the goal
-is tried: if that one ends early, there is no path.
+is tried: if that one ends early, no path exists.
 """
 
 import math

@@ -286,7 +286,7 @@ class Arranger:
         group = self._groups(entry.group)
         if group is None:
             names = self._group_names()
-            hint = did_you_mean(entry.group, names) if names else "there are no groups; add it under groups"
+            hint = did_you_mean(entry.group, names) if names else "the world has no groups; add it under groups"
             raise ConfigError(f"{where(entry, 'group')}: unknown group '{entry.group}'; {hint}")
         return group
 

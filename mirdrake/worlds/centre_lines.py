@@ -163,7 +163,7 @@ def _curve(places: Array, closed: bool, tolerance: float) -> tuple[Array, tuple[
     """Return points, and headings, curvatures and lengths of clothoids through them with small bulges.
 
     Raises:
-        WorldError: there is no solution.
+        WorldError: no solution exists.
     """
     best: tuple[float, Array, tuple[Array, Array, Array]] | None = None
     chords = _chords(places, closed)

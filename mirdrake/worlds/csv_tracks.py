@@ -149,7 +149,7 @@ def _find_column(key: str, column: str | int, table: Table, *, has_header: bool)
     """Return the title of a column by its name or its number from 1; without a header by its usual position.
 
     Raises:
-        ConfigError: there is no such column.
+        ConfigError: the column does not exist.
     """
     where, count = table.row(0), len(table.names)
     if has_header and column in table.names:
@@ -163,7 +163,7 @@ def _find_column(key: str, column: str | int, table: Table, *, has_header: bool)
         hint = did_you_mean(column, table.names)
         raise ConfigError(f"{where}: no column '{column}'; {hint}; give the column of {key}{without}")
     if column != DEFAULT_COLUMNS[key]:
-        raise ConfigError(f"{where}: no column '{column}', because there is no header; give {key} a number from 1")
+        raise ConfigError(f"{where}: no column '{column}', because the file has no header; give {key} a number from 1")
     position = list(DEFAULT_COLUMNS).index(key)
     if position >= count:
         raise ConfigError(f"{where}: {count} columns without header; x, y, right and left are expected{without}")

@@ -44,12 +44,12 @@ def load_world(name: str, *, where: str = "", overrides: Iterable[str] = ()) -> 
 
     Args:
         name: a name below worlds/ or the path of a YAML file.
-        where: prefix of the message if there is no such world, for example ``"drive.yaml:3: world"``.
+        where: prefix of the message if the world does not exist, for example ``"drive.yaml:3: world"``.
         overrides: ``"dotted.path=value"`` texts, see :func:`mirdrake.core.yaml_io.parse_yaml`; for example
             ``"params.cars=20"`` or ``"seed=3"``.
 
     Raises:
-        ConfigError: there is no such world, or the file has faults.
+        ConfigError: the world does not exist, or the file has faults.
         WorldError: the world cannot be laid out.
     """
     path = find("worlds", name, where=where)

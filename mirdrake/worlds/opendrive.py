@@ -82,7 +82,7 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
             If the reference line is not within them, the centre line is moved there.
 
     Raises:
-        ConfigError: the file or the road is invalid, or there is no such road.
+        ConfigError: the file or the road is invalid, or the road does not exist.
     """
     path = Path(path)
 

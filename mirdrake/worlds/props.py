@@ -259,7 +259,7 @@ def load_prop(name: str, *, size: Size | None = None, scale: float = 1.0, where:
         where: prefix of messages.
 
     Raises:
-        ConfigError: there is no such prop, its file has faults, or it cannot have that size.
+        ConfigError: the prop does not exist, its file has faults, or it cannot have that size.
     """
     folder = Path(name) if "/" in name else _find_prop(name)
     if folder is None:
@@ -292,10 +292,10 @@ def make_primitive(kind: str, sides: tuple[float, ...], *, scale: float = 1.0, w
 
 
 def make_mesh_prop(path: Path, *, scale: float = 1.0, where: str = "") -> Prop:
-    """Return a mesh (glTF or OBJ) that stands on the ground and collides as its convex hull.
+    """Return a prop of a mesh (glTF or OBJ) with its base on the ground; its collision shape is the convex hull.
 
     Raises:
-        ConfigError: there is no such file, or it is not a mesh.
+        ConfigError: the file does not exist, or is not a mesh.
     """
     solid = _solid(SolidSpec(convex=path.name), path.parent, (scale,) * 3, where)  # type: ignore[call-arg]
     x, y, z = (float(side) for side in np.ptp(solid.corners, axis=0))
@@ -306,7 +306,7 @@ def make_mesh_prop(path: Path, *, scale: float = 1.0, where: str = "") -> Prop:
 
 
 def _stamp(path: Path) -> float:
-    """Return the time of the last change of a file, 0 if there is no such file."""
+    """Return the time of the last change of a file; 0 if it does not exist."""
     try:
         return path.stat().st_mtime
     except OSError:

@@ -50,7 +50,7 @@ class NamedAreas:
         """Return the track of a name; `place` is ``file:line: path`` for messages.
 
         Raises:
-            ConfigError: there is no such track.
+            ConfigError: the track does not exist.
         """
         if name not in self.tracks:
             hint = did_you_mean(name, self.tracks) if self.tracks else "the world has no tracks"

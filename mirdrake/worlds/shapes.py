@@ -42,7 +42,7 @@ class PropShape:
             scale: factor of all lengths.
 
         Raises:
-            ConfigError: there is no such prop, or a value is invalid.
+            ConfigError: the prop does not exist, or a value is invalid.
         """
 
     @property

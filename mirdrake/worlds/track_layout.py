@@ -107,7 +107,7 @@ def _unfold(spec: TrackSpec, line: _CentreLine, track: Track, fold: float) -> tu
     spacing = max(track.width / 8.0, track.length / _MOST_POINTS)
     amount, low, high = track.width / 512.0, 0.0, math.inf
     best = line, track
-    # Doubled until there is no fold, then bisected.
+    # The amount is doubled until the track does not fold, then bisected.
     while amount <= track.width / 2.0 and (math.isinf(high) or high > 1.05 * low):
         try:
             smoothed = line.smoothed(amount, spacing)
@@ -215,7 +215,7 @@ def _find_file(spec: CsvSpec | XodrSpec, folder: Path, suffix: str) -> Path:
     """Return the file of a track.
 
     Raises:
-        ConfigError: there is no such file.
+        ConfigError: the file does not exist.
     """
     path = folder / spec.file
     try:

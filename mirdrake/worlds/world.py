@@ -170,7 +170,7 @@ class World:
         """Return the start of a name.
 
         Raises:
-            ConfigError: there is no such start; `where` is the prefix of the message.
+            ConfigError: the start does not exist; `where` is the prefix of the message.
         """
         if name not in self.starts:
             prefix = f"{where}: " if where else ""
@@ -181,7 +181,7 @@ class World:
         """Return the track of a name.
 
         Raises:
-            ConfigError: there is no such track; `where` is the prefix of the message.
+            ConfigError: the track does not exist; `where` is the prefix of the message.
         """
         if name not in self.tracks:
             prefix = f"{where}: " if where else ""

@@ -81,7 +81,7 @@ def _aside(path: Path) -> Path:
 
 
 def stored(path: Path) -> list[Path]:
-    """Return the Parquet files of a table: one, or the parts of a run that did not end; none if there is no table."""
+    """Return the Parquet files of a table: one, or the parts of a run that did not end; empty without a table."""
     if path.is_file():
         return [path]
     return sorted((path if path.is_dir() else _aside(path)).glob("part-*.parquet"))  # or killed between two renames

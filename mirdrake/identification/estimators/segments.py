@@ -81,7 +81,7 @@ def _log_segments(model: Model, log: Log, total: int) -> tuple[list[Segment], li
     if len(even) > 20 * len(time):
         raise ConfigError(f"log {log.name}: its gaps are longer than the recorded stretches; cut it up")
 
-    # Inputs are interpolated over short gaps; outputs stay missing where there is no value.
+    # Inputs are interpolated over short gaps; outputs without a value stay missing.
     inputs: dict[str, Array] = {}
     whole: NDArray[np.bool_] = np.ones(len(even), dtype=bool)
     for name in model.inputs:

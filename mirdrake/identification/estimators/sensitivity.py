@@ -4,9 +4,9 @@ A fit with z at the minimum of |r(z, q)|² holds q at zero: the error of an assu
 omits. If q were one standard deviation, the residuals would change by Δ and the estimates by S = -A⁻¹ Jᵀ Δ, with the
 information matrix A = Jᵀ J. The covariance of the estimates grows by S Sᵀ E[q²].
 
-An assumed value is off by its standard deviation, E[q²] = 1, whatever the log says, as errors of the model would bias
-an estimate of q, too. This is the consider covariance of orbit determination (B. D. Tapley, B. E. Schutz, G. H. Born,
-Statistical Orbit Determination, 2004, section 6.2).
+An assumed value is off by its standard deviation, E[q²] = 1. The log is not used to estimate q, because errors of the
+model would bias that estimate, too. This is the consider covariance of orbit determination (B. D. Tapley,
+B. E. Schutz, G. H. Born, Statistical Orbit Determination, 2004, section 6.2).
 
 An omitted effect may be absent, or q of a standard normal distribution; both are equally likely a priori. The log gives
 the estimate q̂ = -Δ'ᵀ r / Δ'ᵀ Δ, where Δ' = Δ + J S is the part that no other unknown compensates, with the variance v

@@ -30,7 +30,7 @@ def model_class(kind: str) -> type[Model]:
     """Return the class of a kind.
 
     Raises:
-        ConfigError: there is no such kind.
+        ConfigError: the kind is unknown.
     """
     entry = MODELS.get(kind)
     if entry is None:

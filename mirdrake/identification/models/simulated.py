@@ -32,7 +32,7 @@ class SimulatedModel(Model):
         raise NotImplementedError
 
     def rates(self, x: Array, u: Array, p: Values) -> Array:
-        """Not used: there are no equations."""
+        """Not used: the model is simulated and has no equations."""
         raise NotImplementedError
 
     def observe(self, x: Array, u: Array, p: Values) -> Array:

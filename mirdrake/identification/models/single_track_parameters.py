@@ -193,7 +193,7 @@ def _compliance_parameters(size: _Size, *, roll: bool) -> list[Parameter]:
 
 
 def _roll_parameters(known: Mapping[str, float], outputs: Collection[str], size: _Size) -> tuple[Parameter, ...]:
-    # Without a roll sensor, the values of the vehicle's files are more certain than what a log says.
+    # Without a roll sensor, the values of the vehicle's files are more certain than estimates from a log.
     measured = bool({"roll", "roll_rate"} & set(outputs))
     free = {name: measured or name not in known for name in ("roll_gain", "roll_frequency", "roll_damping")}
     m, length = size.mass, size.length

@@ -145,7 +145,7 @@ def read_shape(element: Element, files: XmlFiles, packages: Packages, folder: Pa
             raise ModelError(f"{where}: {tag} with a side of {worst:g} m; allowed are 1 mm to 10 km")
         return tuple(values)
 
-    # A cone stands on its base in SDF; Drake has no cone with that frame.
+    # The frame of a cone is at its base in SDF; Drake has no cone with that frame.
     remark = ""
     if tag == "box":
         shape = Shape("box", size("size", 3))

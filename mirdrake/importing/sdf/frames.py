@@ -72,7 +72,7 @@ class Frames:
         return name == WORLD or name in self._frames
 
     def base(self, name: str) -> str | None:
-        """Return the full name of the frame that a frame is relative to; None if there is no such frame."""
+        """Return the full name of the frame that a frame is relative to; None if it does not exist."""
         frame = self._frames.get(name)
         return None if frame is None else frame.base
 
@@ -97,7 +97,7 @@ class Frames:
 
         Args:
             name: full name.
-            where: ``file:line`` for the message if there is no such frame.
+            where: ``file:line`` for the message if the frame does not exist.
 
         Raises:
             ModelError: it does not exist, or is relative to itself.

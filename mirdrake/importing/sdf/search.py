@@ -114,13 +114,13 @@ class Models(Packages):
             if top is None or not target.exists():
                 joined = self.below(rest)
                 if joined is None and top is None:
-                    return None, f"there is no such model; {searched()}; give its folder with --package {name}=DIR"
+                    return None, f"the model does not exist; {searched()}; give its folder with --package {name}=DIR"
                 target = joined or target
         elif not target.exists():
             target = self.below(rest if mark else address) or target
         if target.is_dir():
             path = model_file(target)
-            return path, "" if path else "there is no model.sdf in it"
+            return path, "" if path else "it does not contain model.sdf"
         if not target.is_file():
             return None, "no such file"
         return (target, "") if target.suffix not in {".urdf", ".xacro"} else (None, "it is not an SDF file")

@@ -58,7 +58,7 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
         elif tag not in _WITHOUT_EFFECT or (name and link is None and joint is None):
             about = f"<gazebo{f' reference={name!r}' if name else ''}>: <{tag}>"
             why = "it has no counterpart in mirdrake" if not name or link is not None or joint is not None else (
-                f"there is no link or joint '{name}'"
+                f"the link or joint '{name}' does not exist"
             )  # fmt: skip
             model.changes.add(Code.ELEMENT, where(child), about, text[:80] or "…", None, why)
 

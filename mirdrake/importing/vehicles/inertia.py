@@ -59,9 +59,9 @@ def gather(
 
     Args:
         tree: of the model.
-        links: that move together.
-        X_MP: the part's frame.
-        size: [m] half the diagonal of a link whose shapes say nothing.
+        links: links that move together.
+        X_MP: frame of the part.
+        size: half the diagonal of a link without shapes [m].
         changes: receives the repairs.
         wheel: radius and width [m] if the part is a wheel.
     """

@@ -81,7 +81,7 @@ def make_tree(model: SourceModel) -> tuple[Tree, Changes]:
                 changes.add(Code.JOINT, joint.where, what, was, None, "a vehicle is not fixed to the world")
         elif joint.parent not in model.links or joint.child not in model.links:
             lost = joint.parent if joint.parent not in model.links else joint.child
-            changes.add(Code.JOINT, joint.where, what, was, None, f"there is no link '{lost}'")
+            changes.add(Code.JOINT, joint.where, what, was, None, f"the link '{lost}' does not exist")
         elif joint.child in above or joint.kind == "gearbox":
             why = "it closes a kinematic loop; a vehicle is a tree of links"
             changes.add(Code.JOINT, joint.where, what, was, None, why)

@@ -30,7 +30,7 @@ def read_source(
 
     Raises:
         MissingArgumentsError: xacro arguments need values.
-        ModelError: there is no such file, or no valid description of a vehicle.
+        ModelError: the file does not exist, or is not a valid description of a vehicle.
     """
     # Relative paths in arguments are those of the user, not of the file.
     path = _main_file(Path(path))

@@ -26,7 +26,7 @@ LEVEL = 0.35
 """Largest sine of a wheel axis over the horizontal: camber, and swing arms that are not at their rest position."""
 
 UPRIGHT = 0.8
-"""Smallest cosine between a steering axis and the vertical: kingpins lean by up to 15 degrees, forks of models more."""
+"""Smallest cosine between a steering axis and the vertical: kingpins are inclined by up to 15 degrees, some by more."""
 
 LOW = 0.3
 """Height difference of wheels on one road over the radius."""

@@ -58,7 +58,7 @@ def make_mounts(
         what, was = f"sensor '{sensor.name}'", f"type {sensor.kind}"
         kind = _kind_of(sensor)
         if kind is None or sensor.link not in places:
-            why = "mirdrake has no such sensor" if kind is None else f"there is no link '{sensor.link}'"
+            why = "mirdrake has no such sensor" if kind is None else f"the link '{sensor.link}' does not exist"
             changes.add(Code.SENSOR, sensor.where, what, was, None, why)
             continue
         parent, X_PL = places[sensor.link]

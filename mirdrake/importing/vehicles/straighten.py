@@ -213,9 +213,9 @@ def _kingpin(tree: Tree, joint: Joint, X_BM: RigidTransform, changes: Changes) -
         why = "positive steering angle turns left"
         changes.add(Code.GEOMETRY, joint.where, f"joint '{joint.name}': sense of the axis", "downwards", "upwards", why)
     # The steering axis is made vertical where it meets the road, which keeps the scrub radius.
-    lean = acos(min(1.0, float(up[2])))
-    if lean > WORTH_SAYING:
-        was = f"{degrees(lean):.3g} degrees off the vertical"
+    inclination = acos(min(1.0, float(up[2])))
+    if inclination > WORTH_SAYING:
+        was = f"{degrees(inclination):.3g} degrees off the vertical"
         why = "steering axes are vertical in mirdrake; their position on the road is kept"
         changes.add(Code.GEOMETRY, joint.where, f"joint '{joint.name}': axis", was, "vertical", why)
     point = X_BM.multiply(tree.pose(joint).translation())

@@ -74,8 +74,8 @@ def _steering_fault(tree: Tree, joint: Joint, carrying: set[str], upright: float
     if axis is None:
         return "has an axis of length zero"
     if abs(axis[2]) < upright:
-        lean, most = degrees(acos(min(1.0, abs(float(axis[2]))))), degrees(acos(upright))
-        return f"has an axis {lean:.0f} degrees off the vertical (at most {most:.0f})"
+        inclination, largest = degrees(acos(min(1.0, abs(float(axis[2]))))), degrees(acos(upright))
+        return f"has an axis {inclination:.0f} degrees off the vertical (at most {largest:.0f})"
     if joint.name not in carrying:
         return "carries no wheel"
     if joint.limits.lower == joint.limits.upper and joint.limits.lower is not None:

@@ -201,8 +201,8 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
     """Return a start with room for a car, and what is wrong with the first start of the source.
 
     It is on the track with the most room ahead along its line (the longest of several), else where the first start is,
-    or as near to it as there is room. Nothing if the first start of the source has room, if a world without starts has
-    room ahead of its origin, or if there is no room at all.
+    or as near to it as there is room. Nothing is returned if the first start of the source has room,
+    if a world without starts has room ahead of its origin, or if no place has room.
     """
     free = FreePlaces(world)
     name, start = next(iter(world.starts.items()))

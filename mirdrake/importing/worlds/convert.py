@@ -20,7 +20,7 @@ from mirdrake.importing.worlds.prop_folder import EmptyPropError, convex_outline
 from mirdrake.importing.worlds.surfaces import corners_of, cut_walls, kind_of
 
 _WHEELS = 3  # turning joints that make a vehicle
-_SUNK = 2e-3  # [m] and [rad] that Gazebo's soft contacts let a loose object sink and lean
+_SUNK = 2e-3  # [m] and [rad]: penetration and tilt of a loose object due to Gazebo's soft contacts
 _LOOSE_MASS = 1.0  # [kg] of a loose object without mass, as in Gazebo
 
 

@@ -18,7 +18,7 @@ HIGHEST = 0.45
 """Height above the ground up to which a wide level face is a road and not the top of an obstacle [m]."""
 
 _LEVEL = math.cos(math.radians(2.0))  # z of the normal of a level face
-_GENTLE = math.cos(math.radians(10.0))  # of a road that rises and falls
+_GENTLE = math.cos(math.radians(10.0))  # of a road with slopes
 _RISE = 0.15  # [m] within a sheet on the ground
 _SMALLEST = 1.0  # [m²] of surfaces on the ground
 _SMALLEST_RAISED, _NARROWEST_RAISED = 12.0, 1.5  # [m²], [m] of surfaces above it
@@ -211,13 +211,13 @@ def _upper_faces(corners: Array, shape: Shape) -> tuple[Array, bool]:
     flat_rise = (slope > _GENTLE) & (area > 0.0)
     if (slope * area)[top].sum() >= 0.35 * (slope * area).sum():
         return corners[top], True
-    # A sheet that rises and falls a little, without anything upright.
+    # A sheet with gentle slopes and without upright faces.
     if high - low <= _RISE and (slope * area)[flat_rise].sum() > 0.9 * area.sum():
         return corners[flat_rise], True
     if shape.kind != "mesh":
         return none, False
 
-    # Walls around a floor; a wide sheet that rises and falls gently.
+    # Walls around a floor; a wide sheet with gentle slopes.
     kind = kind_of(corners)
     if kind == "walls":
         order = np.argsort(corners.mean(axis=1)[:, 2][level])

@@ -209,8 +209,7 @@ def _medial_line(area: shapely.Polygon, width: float) -> tuple[Array, Array]:
     """Return the longest line along the middle of an area, and its distance from the boundary at each point.
 
     Returns:
-        points (n, 2) [m], of which the last is the first if the line is closed, and distances (n) [m]; empty if there
-        is no line.
+        points (n, 2) [m] and distances (n) [m]; the last point of a closed line is the first. Empty without a line.
     """
     none = np.zeros((0, 2)), np.zeros(0)
     # Points on the boundary at a quarter of the width give a medial axis without gaps.

@@ -52,7 +52,7 @@ class FreePlaces:
         return self.is_free(start.x, start.y, start.yaw)
 
     def find_on_tracks(self) -> tuple[str, float] | None:
-        """Return the track and station s [m] with the most room ahead; None if there is no room."""
+        """Return the track and station s [m] with the most room ahead; None without room."""
         for ahead in _AHEAD:
             for name in self._world.tracks:
                 s = self._find_on_track(name, ahead)

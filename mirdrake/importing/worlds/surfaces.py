@@ -79,7 +79,7 @@ def _is_level(corners: Array, area: Array) -> bool:
 def _gaps(corners: Array) -> Array:
     """Return the depth below the convex hull over its height, in the plan view.
 
-    At up to 900 places of a grid within the hull seen from above; 1 where there is no triangle.
+    It is sampled at up to 900 points of a grid within the hull in the plan view; 1 at points without a triangle.
     """
     hull = make_hull(corners.reshape(-1, 3))
     low, high = hull.points.min(axis=0), hull.points.max(axis=0)

@@ -11,8 +11,8 @@ closed the engine drags, or creeps while it idles. The inertia J of the engine r
 m r² / (m r² + J i²), which neglects slip of the tyres; as an inertia of the wheels it would change with every gear.
 (T. Gillespie, Fundamentals of Vehicle Dynamics, chapter 2, for the quasi-static converter and the mass factor.)
 
-The gearbox shifts up and down by the speed behind the converter. Both limits rise linearly with the throttle. During a
-shift there is no torque.
+The gearbox shifts up and down by the speed behind the converter. Both limits rise linearly with the throttle. The
+torque is zero during a shift.
 """
 
 from dataclasses import dataclass

@@ -71,8 +71,8 @@ class PowertrainLaw:
         radii: rolling radii of the wheels [m].
         mass: mass of the vehicle [kg].
         wheelbase: [m]
-        inertias: inertias of the wheels about their axles, with rotors [kg m²]; without them there is no antilock,
-            stability and traction control.
+        inertias: inertias of the wheels about their axles, with rotors [kg m²]; without them, antilock, stability and
+            traction control are off.
         rotating: mass equivalent of the rotating parts [kg]; by default from the inertias.
         period: time between steps [s].
 

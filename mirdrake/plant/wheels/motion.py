@@ -93,9 +93,9 @@ class WheelMotion(NamedTuple):
         arm_pivot: contact centre from the steering axis (3) [m].
         ahead: direction of the tyre's x axis on the road (2).
         radius: distance of the wheel centre from the contact centre [m].
-        inclination: of the wheel plane, positive when its top leans to the right [rad].
+        inclination: inclination of the wheel plane, positive when its top is inclined to the right [rad].
         vx: longitudinal speed of the contact centre, as a point of the wheel carrier [m/s].
-        vy: the same to the left [m/s].
+        vy: lateral speed of that point, positive to the left [m/s].
         slip_x: Vsx = vx - ω Re [m/s], negative when driving.
         rolling: Re, effective rolling radius [m].
         spin: ω about the axle, relative to the wheel carrier [rad/s].

@@ -66,7 +66,7 @@ class RollingWheel(NamedTuple):
         geometry: its collision geometry.
         place: position on its vehicle and in the plant's state.
         coefficient: rolling-resistance coefficient Crr of the tyre.
-        turning: whether its geometry turns with it; if not, there is no numerical moment to cancel.
+        turning: whether its geometry turns with it; if not, no numerical moment has to be cancelled.
     """
 
     vehicle: str

@@ -1,7 +1,7 @@
 """Tyre forces in the plant: the wheels of a vehicle on tyres with a tyre law, with drive and brake torques.
 
 The contact computes the normal load, without friction. This system adds all other forces as generalised forces, from
-the present state of the plant: there is no delay between motion and force.
+the present state of the plant, so forces follow the motion without delay.
 
 The equations of a step are in :mod:`mirdrake.plant.wheels.step`.
 """

@@ -1,8 +1,8 @@
 """Fixed objects merged for rendering: boxes and cylinders of one colour become one mesh.
 
 VTK spends time on each thing that it draws, however small, while all processors but one wait: without a graphics card
-some 0.1 ms in colour and depth, a fifth of a picture of 36 obstacles. Labels tell things apart, so that a renderer
-which draws labels keeps them apart.
+some 0.1 ms in colour and depth, a fifth of a picture of 36 obstacles. Labels distinguish objects, so a
+renderer that draws labels does not merge them.
 """
 
 from collections.abc import Iterable

@@ -134,8 +134,8 @@ class Mesh:
         Args:
             path: the .gltf file.
             materials: the material of every name used.
-            generator: what glTF's ``asset.generator`` says.
-            grid: corners of like normal nearer than this are one [m].
+            generator: text of glTF's ``asset.generator``.
+            grid: distance below which corners with like normals are merged [m].
 
         Returns:
             The number of triangles.

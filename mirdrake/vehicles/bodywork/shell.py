@@ -36,11 +36,11 @@ class Curves:
 
     Attributes:
         deck: height of the bonnet, the belt line below the side windows, and the boot.
-        roof: height of windscreen, roof and rear window; where it is lower than the deck there is no cabin.
+        roof: height of windscreen, roof and rear window; the cabin ends where the roof is lower than the deck.
         plan: width of the body.
-        lean: inclination of the side windows, sideways over up.
-        shoulder: how far the side windows are inside the flank.
-        sweep: how far front and rear corners lie behind the ends, in half widths.
+        lean: inclination of the side windows (tumblehome), lateral over vertical.
+        shoulder: lateral distance of the side windows from the flank.
+        sweep: longitudinal distance of the front and rear corners from the ends, in half widths.
         bulge: how far the upper and lower edge of an end lie behind its middle, in half widths.
         edge: radius of the edges around front and rear end, in half widths.
     """

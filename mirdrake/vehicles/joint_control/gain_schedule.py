@@ -24,7 +24,7 @@ class GainTable:
         gains: values of each gain, one per speed, by name.
 
     Raises:
-        ConfigError: there is no speed, the speeds do not increase, or a gain has another number of values.
+        ConfigError: the speeds are missing or do not increase, or a gain has another number of values.
     """
 
     speeds: tuple[float, ...]

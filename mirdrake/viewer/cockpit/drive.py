@@ -52,7 +52,7 @@ class Cockpit:
         spec: of :func:`drive_spec`.
         scene: of the spec, if it is made already.
         meshcat: where to draw, made in the thread that drives; None draws nothing.
-        say: called with messages of one line.
+        say: prints a message of one line.
         folder: returns the folder of a recording.
         timeout: see :class:`~mirdrake.viewer.cockpit.watchdog.InputWatchdog`.
 
@@ -374,7 +374,7 @@ class Cockpit:
         """Return the value of a gain in the Context.
 
         Raises:
-            ConfigError: there is no such gain.
+            ConfigError: the gain is unknown.
         """
         for gain in self.gains:
             if gain.path == name:

@@ -26,7 +26,7 @@ class OpenCockpit:
     Args:
         spec: of :func:`mirdrake.viewer.cockpit.drive_spec`.
         port: of localhost; None takes the first free one from 8765 on, 0 any free one.
-        say: called with messages of one line.
+        say: prints a message of one line.
         folder: returns the folder of a recording.
         timeout: watchdog timeout without input, after which the vehicle brakes [s].
         remind: time without a page after which the address is repeated [s].
