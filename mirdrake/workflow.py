@@ -32,7 +32,7 @@ def run_diagram(
 
     Args:
         spec: a diagram spec, its data or its name.
-        scene: of the spec, if it is made already.
+        scene: scene of the spec, if it is made already.
         folder: run folder; ``runs/<name>-<UTC time>`` if left out.
         duration: simulated time [s]; the spec's if left out.
         meshcat: shows the run while it goes on.

@@ -17,7 +17,7 @@ class Build:
     """The files of a built world.
 
     Attributes:
-        folder: of the files.
+        folder: folder of the files.
         lock: path of the lock file; `sdf` and `plan` likewise.
         meshes: number of files of meshes.
         hash: digest of the lock file.

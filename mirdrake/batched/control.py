@@ -46,7 +46,7 @@ class BatchControl:
         gains: values (n) of gains that differ between the cars: ``speed.kp``, ``speed.ki``, ``wheel_speed.kp``, ….
         delay: delay of the actuators [s], one for all or one per car; multiples of the control period.
         noise: standard deviation of the measured speed [m/s], one for all or one per car.
-        seed: of the noise.
+        seed: seed of the noise.
 
     Raises:
         ConfigError: the variant has no actuators, the vehicle is driven by pedals or has scheduled gains, an unknown

@@ -101,7 +101,7 @@ def drive(
         joint_gains: one record of the steering joints' numbers, which are not used.
         commands: speed [m/s], steering [rad] and stamp [s] (1 or n, periods, 3).
         noise: standard deviation of the measured speed (n) [m/s].
-        seed: of the noise.
+        seed: seed of the noise.
         begin: number of control periods since the start.
         every: control periods between two rows of the outputs.
         step: step of the integration [s].

@@ -47,9 +47,9 @@ class LaneNumbers(NamedTuple):
         true_over_believed: true over believed radius of the wheels [1].
         force_per_acceleration: feed-forward of the drive force over the slope of the speed set-point [kg].
         period: control period [s].
-        length: of the track [m].
+        length: length of the track [m].
         closed: whether the track is closed.
-        spacing: of the tables [m].
+        spacing: spacing of the tables [m].
         wheelbase: [m].
         front: half of the front track [m].
         rear: half of the rear track [m].

@@ -56,7 +56,7 @@ def assemble_for_display(name: str, overrides: Sequence[str], *, trust: bool) ->
 
     Args:
         name: name or path of a diagram file.
-        overrides: of the option ``--set``.
+        overrides: overrides of the option ``--set``.
         trust: whether user modules are executed; otherwise what they define is left out.
     """
     from mirdrake.assembly.diagram import assemble, load_diagram

@@ -21,7 +21,7 @@ def check_number(
     Args:
         owner: the object that has the setting, for the message.
         name: name of the setting.
-        value: of the setting.
+        value: value of the setting.
         unit: unit of the setting, for the message.
         at_least: smallest allowed value.
         above: the value must be larger than this.

@@ -28,7 +28,7 @@ class Primitive:
     """Indexed triangles of one material.
 
     Attributes:
-        positions: of the vertices (n, 3), z up [m].
+        positions: positions of the vertices (n, 3), z up [m].
         normals: unit normals of the vertices (n, 3).
         triangles: indices of vertices (m, 3), counter-clockwise seen from outside; stored as 16 bit if they are uint16.
         material: a material of glTF, see :func:`pbr_material`.

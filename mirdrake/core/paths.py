@@ -108,7 +108,7 @@ def cache_folder(kind: str) -> Path:
     """Return the cache folder ``mirdrake/<kind>`` of the user (XDG_CACHE_HOME); it may not exist.
 
     Args:
-        kind: of the content, for example "convex".
+        kind: kind of the content, for example "convex".
     """
     given = os.environ.get("XDG_CACHE_HOME", "")
     if os.path.isabs(given):  # the XDG specification ignores relative paths

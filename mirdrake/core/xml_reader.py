@@ -22,7 +22,7 @@ class XmlDocument:
     Attributes:
         root: element; tags keep their prefix and attributes their order.
         lines: line of the start tag of each element, in the order of the document.
-        name: of the file, for messages.
+        name: name of the file, for messages.
     """
 
     root: Element
@@ -63,7 +63,7 @@ def parse_xml(
 
     Args:
         data: content of the file.
-        name: of the file, for messages.
+        name: name of the file, for messages.
         error: class of the errors.
         prefixes: keep the name space prefix of tags.
         text_after_root: ignore what follows the root element instead of rejecting it.

@@ -60,7 +60,7 @@ def edit_yaml(text: str, edits: Iterable[Edit], *, name: str = "<text>") -> str:
     Args:
         text: the text, line ends as they are in the file.
         edits: applied in their order.
-        name: of the text in error messages, normally the file name.
+        name: name of the text in error messages, normally the file name.
 
     Raises:
         ConfigError: the text is not YAML, a part of the path is not a mapping, the present value is a list, a mapping

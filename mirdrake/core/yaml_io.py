@@ -145,7 +145,7 @@ def parse_yaml(text: str, schema: type[SchemaT], *, name: str = "<text>", overri
     Args:
         text: the YAML text; empty for all defaults.
         schema: the pydantic model of the format.
-        name: of the text in error messages, normally the file name.
+        name: name of the text in error messages, normally the file name.
         overrides: ``"dotted.path=value"`` texts, applied over the file in their order; the value is YAML, a number in
             the path is the index of a list item, as in ``connect.0=[a.y, b.u]``.
 

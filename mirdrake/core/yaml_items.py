@@ -52,7 +52,7 @@ def set_scalar(text: str, path: Path, written: str, *, name: str = "<text>") -> 
 
     Args:
         text: the text.
-        path: of the value; the last key is added to its mapping if it is missing.
+        path: path of the value; the last key is added to its mapping if it is missing.
         written: the new value as YAML, for example ``95 deg`` or ``[2, 3]``.
         name: name of the text in errors, normally the file name.
 
@@ -102,7 +102,7 @@ def insert_item(text: str, path: Path, item: str, *, name: str = "<text>") -> st
 
     Args:
         text: the text.
-        path: of the list.
+        path: path of the list.
         item: the item as YAML, in one line or as lines of a block whose first line begins at the item's text.
         name: name of the text in errors.
 

@@ -17,7 +17,7 @@ class Node:
 
     Attributes:
         kind: scalar, alias, mapping or list.
-        column: of the first character.
+        column: column of the first character.
         flow: written in braces or brackets.
         keys, values: of a mapping; of a list only values.
     """

@@ -38,12 +38,12 @@ class Editor:
 
     Args:
         path: the world file; it is made by the first save if there is none.
-        port: of localhost; None takes the first free one from :data:`PORT` on.
+        port: port of localhost; None takes the first free one from :data:`PORT` on.
 
     Attributes:
         document: the text.
-        server: of the page.
-        scene: of the last text without faults.
+        server: server of the page.
+        scene: scene of the last text without faults.
 
     Raises:
         ConfigError: the file has faults.
@@ -260,7 +260,7 @@ def edit_world(name: str, *, port: int | None = None) -> Editor:
 
     Args:
         name: path of a world file, which need not exist yet, or name of a world below worlds/.
-        port: of localhost; None takes a free one.
+        port: port of localhost; None takes a free one.
 
     Raises:
         ConfigError: the file has faults.

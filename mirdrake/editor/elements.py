@@ -53,7 +53,7 @@ class Element:
     """A part of the file that is shown on the map.
 
     Attributes:
-        path: of the part.
+        path: path of the part.
         kind: prop, start, goal or patch.
         label: name in the panel.
         layout: key of its layout.
@@ -87,9 +87,9 @@ class Shape:
     """What a layout or region means under the mouse.
 
     Args:
-        path: of the value of the layout's key.
+        path: path of the value of the layout's key.
         raw: the value as it is in the file.
-        tracks: of the world.
+        tracks: tracks of the world.
     """
 
     key: ClassVar[str]
@@ -336,10 +336,10 @@ def make_element(
     """Return the element of a part of the file.
 
     Args:
-        path: of the part.
+        path: path of the part.
         kind: prop, start, goal or patch.
         raw: the part as it is in the file.
-        tracks: of the world.
+        tracks: tracks of the world.
         reach: distance of the handle that turns it [m].
     """
     layout = next((key for key in _LAYOUTS[kind] if key in raw), "")

@@ -15,7 +15,7 @@ def palette(folder: Path) -> list[dict[str, Any]]:
     """Return props and groups with their outlines; those that cannot be placed alone are left out.
 
     Args:
-        folder: of the world file.
+        folder: folder of the world file.
     """
     props = sorted(path.parent.name for path in (data_root() / "models" / "props").glob("*/prop.yaml"))
     groups = sorted(path.stem for path in (data_root() / "worlds" / "groups").glob("*.yaml"))

@@ -159,8 +159,8 @@ def _measure(name: str, summary: Mapping[str, Any], results: Mapping[str, Any]) 
     """Return the value of a metric; NaN if the run does not have it.
 
     Args:
-        name: of the metric.
-        summary: of the run.
+        name: name of the metric.
+        summary: summary of the run.
         results: return values of the user's functions, by their names.
     """
     function, key = function_of(name)

@@ -37,7 +37,7 @@ class ContextParameter:
 
     Attributes:
         name: as in the table above.
-        unit: of its value.
+        unit: unit of its value.
         apply: sets the value in a new Context of the assembly's diagram.
         positive: whether its value must be above zero.
     """
@@ -52,8 +52,8 @@ def find_context_parameters(vehicles: Mapping[str, Vehicle], world: World) -> di
     """Return the context parameters of a diagram by name.
 
     Args:
-        vehicles: of the diagram, by name.
-        world: of the diagram.
+        vehicles: vehicles of the diagram, by name.
+        world: world of the diagram.
     """
     parameters: list[ContextParameter] = []
     for name, vehicle in vehicles.items():

@@ -45,7 +45,7 @@ class Roughness:
 
     Attributes:
         density: Gd(n0) [m³], for example of :data:`ROUGHNESS`.
-        seed: of the random phases.
+        seed: seed of the random phases.
     """
 
     density: float

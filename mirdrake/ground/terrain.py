@@ -134,7 +134,7 @@ class Block:
     """Straight obstacle or hollow: a rise, a flat top and a fall, along its own x axis.
 
     Attributes:
-        height: of the top [m]; negative: a hollow.
+        height: height of the top [m]; negative: a hollow.
         rise: length of the rise [m].
         top: length of the top [m].
         fall: length of the fall [m].
@@ -232,7 +232,7 @@ class Road:
 
     Attributes:
         s: stations along the centre line [m] (N), rising.
-        x: of the centre line [m] (N).
+        x: x of the centre line [m] (N).
         y: the same (N).
         yaw: heading of the centre line [rad] (N).
         z: height of the centre line [m] (N).

@@ -69,8 +69,8 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         render_mode: None.
 
     Attributes:
-        observation_names: of the elements of an observation.
-        action_names: of the elements of an action.
+        observation_names: names of the elements of an observation.
+        action_names: names of the elements of an action.
         action_bounds: their ranges, (2, 2).
         cars: the batch.
 
@@ -163,7 +163,7 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         """Start new episodes of all cars.
 
         Args:
-            seed: of random starts.
+            seed: seed of random starts.
             options: not used.
         """
         del options

@@ -95,7 +95,8 @@ class Fit:
         estimator: description of the estimator.
         parameters: all parameters of the model, including fixed ones.
         correlation: correlations of the free parameters, in their order (free x free) [1].
-        condition_number: of the scaled Fisher information; if large, some combination is not identified.
+        condition_number: condition number of the scaled Fisher information; if large, some combination is not
+            identified.
         channels: fits by log and channel.
         traces: by log: t [s], each channel, and the model's with "_model" in its name.
         profiles: by parameter: value, cost (rise of -2 ln likelihood above its minimum, allowing for autocorrelated

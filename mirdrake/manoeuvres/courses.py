@@ -157,7 +157,7 @@ def within(
     follow, and its sum a small one, so that the path is straight where no bend is needed.
 
     Args:
-        sections: of the course, see :class:`Section`; None for an open side.
+        sections: sections of the course, see :class:`Section`; None for an open side.
         rear: rear end of the body, see :class:`Body` [m].
         front: front end of the body [m].
         half_width: half of the width of the body [m].

@@ -148,7 +148,7 @@ class OpenLoopDriver(_Driver):
     """Driver that steers by a profile over time.
 
     Args:
-        profile: of the steering, see :mod:`mirdrake.manoeuvres.profiles`.
+        profile: profile of the steering, see :mod:`mirdrake.manoeuvres.profiles`.
         speeds: rows of time [s] and speed command [m/s]; by default the present speed.
         pedals: rows of time [s], throttle, brake and gear.
         period: time between updates [s].

@@ -39,7 +39,7 @@ class AirForces(LeafSystem):
     Args:
         plant: finalised plant.
         part: the vehicle.
-        density: of the air [kg/m³].
+        density: density of the air [kg/m³].
         wind: velocity of the air in the world, x and y [m/s].
 
     Raises:

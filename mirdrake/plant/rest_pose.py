@@ -66,7 +66,7 @@ def check_balance(
 
     Args:
         plant: holds the vehicle, finalised.
-        context: of the plant, with the vehicle frame at the origin of the world.
+        context: context of the plant, with the vehicle frame at the origin of the world.
         vehicle: the vehicle.
         instance: its model instance.
         above: also reject a centre of mass below the road, where load transfer has the wrong sign.

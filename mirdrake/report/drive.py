@@ -41,7 +41,7 @@ class DriveMap:
 
     Attributes:
         picture: the map, in a wide and a narrow version.
-        scale: of the colours of the line; None if it has one colour.
+        scale: scale of the colours of the line; None if it has one colour.
         places: close views with their captions.
         roads: whether there are tracks on it; `props` and `lines` likewise.
     """
@@ -58,9 +58,9 @@ def draw_drive(names: Sequence[str], signals: pandas.DataFrame, world: World | N
     """Return the map of a drive; None if there is nothing to draw.
 
     Args:
-        names: of the vehicles.
-        signals: of all of them.
-        world: of the run; None if it is not known.
+        names: names of the vehicles.
+        signals: signals of all vehicles.
+        world: world of the run; None if it is not known.
     """
     world = world if world is not None else make_world({"mirdrake": "world/1"})
     tracks = list(world.tracks.values())

@@ -89,7 +89,7 @@ def driven_lines(lines: Sequence[DrivenLine], *, width: float, arrows: bool = Fa
 
     Args:
         lines: one per vehicle.
-        width: of the last line [px]; those below it are wider, so that lines that coincide are all visible.
+        width: width of the last line [px]; those below it are wider, so that lines that coincide are all visible.
         arrows: whether arrow heads show the direction.
     """
 

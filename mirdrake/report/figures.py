@@ -41,7 +41,7 @@ class Curve:
         values: N numbers in the unit of the panel; NaN where there is none.
         colour: a key of :data:`mirdrake.report.svg.THEME`.
         dashed: for set-points.
-        width: of the line [px]; of two lines that may coincide, the lower one is wider.
+        width: width of the line [px]; of two lines that may coincide, the lower one is wider.
     """
 
     name: str
@@ -56,10 +56,10 @@ class Panel:
     """One pair of axes.
 
     Attributes:
-        label: of the vertical axis, without the unit.
-        unit: of the vertical axis.
+        label: label of the vertical axis, without the unit.
+        unit: unit of the vertical axis.
         curves: drawn in this order, the last one on top.
-        limits: of the vertical axis; by default those of the curves.
+        limits: limits of the vertical axis; by default those of the curves.
         bands: (low, high, colour): shaded ranges of the vertical axis.
         zero: keep zero in view.
         trim: cut off spikes of fewer samples than this share [%], with a note.
@@ -155,7 +155,7 @@ def draw_chart(
     Args:
         time: N stamps [s], increasing.
         panels: from top to bottom.
-        prefix: of ids, unique in the page.
+        prefix: prefix of ids, unique in the page.
         description: text for readers who cannot see the picture.
         marks: times [s] of events, drawn as vertical lines.
 

@@ -190,11 +190,11 @@ class Section:
     """A manoeuvre on the page.
 
     Attributes:
-        outcome: of the manoeuvre.
+        outcome: outcome of the manoeuvre.
         word: its verdict in words.
         tone: class of the verdict.
         recalled: names of settings whose values are not verified.
-        charts: of its figures.
+        charts: charts of its figures.
         key: headline figures, or the reason why there are none.
     """
 

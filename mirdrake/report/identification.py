@@ -47,7 +47,7 @@ def write_data_check(file: Path, name: str, data: DataSet, report: DataReport) -
 
     Args:
         file: to write.
-        name: of the checked logs.
+        name: name of the checked logs.
         data: as recorded.
         report: findings, and the repaired data.
 
@@ -154,7 +154,7 @@ class DataSection:
     """A log on the page.
 
     Attributes:
-        name: of the log.
+        name: name of the log.
         use: whether it is fitted or held out.
         size: samples and length.
         findings: warnings and faults.

@@ -32,8 +32,8 @@ def write_inspection(figures: Inspection, path: Path, *, vehicle: Vehicle, portr
     """Write the report as one HTML page.
 
     Args:
-        figures: of the vehicle.
-        path: of the page.
+        figures: figures of the vehicle.
+        path: path of the page.
         vehicle: for its shapes.
         portrait: begin with a rendered picture, if there is a renderer.
 

@@ -28,7 +28,7 @@ def draw_key(world: World, overlaps: Sequence[Overlap], x: float, y: float, widt
 
     Args:
         world: the world.
-        overlaps: of its props.
+        overlaps: overlaps of its props.
         x: left edge [px].
         y: upper edge [px].
         width: [px]; longer texts are cut.

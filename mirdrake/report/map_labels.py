@@ -26,7 +26,7 @@ class Labels:
     """Labels that do not overlap.
 
     Attributes:
-        elements: of SVG.
+        elements: SVG elements.
     """
 
     def __init__(self, sheet: Sheet) -> None:
@@ -48,7 +48,7 @@ class Labels:
 
         Args:
             area: in W.
-            text: of the label.
+            text: text of the label.
             fill: colour of the area.
             only_try: write nothing.
         """

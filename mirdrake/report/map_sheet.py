@@ -49,7 +49,7 @@ class Sheet:
 
         Args:
             bounds: smallest x and y, largest x and y of the region [m].
-            width: of the picture [px].
+            width: width of the picture [px].
             heights: least and largest height of the picture [px].
             margin: around the region [px].
             foot: kept free below the region, for the scale bar [px].

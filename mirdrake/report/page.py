@@ -40,7 +40,7 @@ def render_page(
 
     Args:
         template: file name of a template in this folder, or the path of one elsewhere.
-        title: of the browser's tab.
+        title: title of the browser's tab.
         headline: the result in one line.
         over: small text above the headline.
         tiles: figures below the headline.

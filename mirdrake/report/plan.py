@@ -65,8 +65,8 @@ def draw_plan(world: World, *, overlaps: Sequence[Overlap] = (), width: float = 
 
     Args:
         world: the world.
-        overlaps: of its props; drawn in red.
-        width: of the picture [px]; a narrow world makes it narrower.
+        overlaps: overlaps of its props; drawn in red.
+        width: width of the picture [px]; a narrow world makes it narrower.
     """
     sheet = _make_sheet(world, max(width, _LEFT + _LEAST + _SIDE))
     layers = [surfaces, _grid, props, overlap_areas(overlaps), starts]

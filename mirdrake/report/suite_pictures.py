@@ -24,8 +24,8 @@ def draw_case(world: World, trace: Trace | None, worst: int | None, *, failed: b
     """Return the map of a case: the world, the driven line, the vehicle at its worst moment.
 
     Args:
-        world: of the case.
-        trace: of its drive; None if it was not driven.
+        world: world of the case.
+        trace: trace of its drive; None if it was not driven.
         worst: index of the curve whose worst moment is shown.
         failed: whether its requirement failed.
     """
@@ -67,8 +67,8 @@ def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: b
 
     Args:
         curve: margin over time.
-        unit: of the margin.
-        margin: of the requirement; None if it is not finite.
+        unit: unit of the margin.
+        margin: margin of the requirement; None if it is not finite.
         passed: whether the requirement holds.
     """
     width, height = _CURVE

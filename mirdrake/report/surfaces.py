@@ -58,7 +58,7 @@ class Surface:
     Attributes:
         link: it belongs to.
         triangles: corners in base_link (n, 3, 3) [m].
-        colours: of the triangles (n, 3), 0 .. 1.
+        colours: colours of the triangles (n, 3), 0 .. 1.
     """
 
     link: str
@@ -227,7 +227,7 @@ def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: 
         x: corners (n, 3), across [pixel].
         y: the same, downwards [pixel].
         depth: the same, towards the viewer.
-        colours: of the triangles (n, 3).
+        colours: colours of the triangles (n, 3).
     """
     rows, columns, _ = pixels.shape
     picture, nearest = pixels.reshape(-1, 4), np.full(rows * columns, -np.inf)

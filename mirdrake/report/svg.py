@@ -67,7 +67,7 @@ def embed_svg(
         prefix: put before every id that is kept; unique in the page.
         attributes: set on the root in place of its width and height.
         data: further attributes by the id of an element, for example ``{"curve": {"data-name": "speed"}}``.
-        decimals: of coordinates that are kept.
+        decimals: decimals of coordinates that are kept.
         scope: CSS selector to which style sheets of the document are limited; without it they are dropped.
 
     Raises:

@@ -27,7 +27,7 @@ class Shown:
     """A candidate in the charts.
 
     Attributes:
-        name: of the candidate.
+        name: name of the candidate.
         role: baseline, best rule, best or nearest.
         colour: a key of THEME.
         dashed: whether its line is dashed.

@@ -42,7 +42,7 @@ def draw_responses(
     Args:
         table: candidate, t [s], reference, output, effort.
         shown: candidates; the last one is drawn on top.
-        units: of output and effort.
+        units: units of output and effort.
         limits: names of the candidates that set the vertical range.
     """
     figure = new_figure(WIDE, 520.0)
@@ -179,7 +179,7 @@ def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, mar
         table: candidate, omega, re, im.
         shown: candidates.
         max_ms: Ms of the circle.
-        margins: of the last one of `shown`: gain_margin [1], phase_margin_deg [°].
+        margins: margins of the last one of `shown`: gain_margin [1], phase_margin_deg [°].
     """
     figure = new_figure(HALF, 460.0)
     axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))

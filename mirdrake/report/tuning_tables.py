@@ -17,13 +17,13 @@ class CandidateRow:
     """Row of the table of candidates.
 
     Attributes:
-        name: of the candidate.
-        kind: of the candidate.
+        name: name of the candidate.
+        kind: kind of the candidate.
         role: in the charts; empty if it is not shown there.
         verdict: feasible, breaks a limit, unstable or failed.
         tone: good, plain or bad.
         numbers: text and sorting key of each column.
-        reason: of a rejection.
+        reason: reason of a rejection.
     """
 
     name: str
@@ -53,9 +53,9 @@ class RobustnessTable:
 
     Attributes:
         runs: number of runs.
-        ranges: of the conditions.
+        ranges: ranges of the conditions.
         figures: label and unit of each.
-        rows: of the candidates.
+        rows: rows of the candidates.
         grip: sentence on the grip that the runs require; empty if it is not known.
     """
 
@@ -75,8 +75,8 @@ class Tables:
     """Tables of one result.
 
     Args:
-        texts: of the result.
-        roles: of the candidates in the charts, by name.
+        texts: texts of the result.
+        roles: roles of the candidates in the charts, by name.
     """
 
     def __init__(self, texts: Texts, roles: dict[str, str]) -> None:

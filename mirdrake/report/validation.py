@@ -86,7 +86,8 @@ class Bars:
     """The chart of errors as bars about zero [px].
 
     Attributes:
-        width: of the chart; `height`, `top` (of the first bar), `row` (height of one), `left` (end of names) likewise.
+        width: width of the chart; `height`, `top` (of the first bar), `row` (height of one), `left` (end of names)
+            likewise.
         band: left edge and width of the tolerance.
         ticks: position and text.
         bars: one per comparison.

@@ -35,7 +35,7 @@ class VehicleSignals:
 
     Args:
         frame: all signals, one row per stamp.
-        name: of the vehicle, the first part of its column names.
+        name: name of the vehicle, the first part of its column names.
     """
 
     def __init__(self, frame: pandas.DataFrame, name: str) -> None:
@@ -73,9 +73,9 @@ def make_charts(
     """Return the charts for which there are signals, in reading order.
 
     Args:
-        signals: of the vehicle.
-        prefix: of ids, unique in the page.
-        road_width: of the track [m], if there is one.
+        signals: signals of the vehicle.
+        prefix: prefix of ids, unique in the page.
+        road_width: width of the track [m], if there is one.
         road_edges: lateral places [m] of its left and its right edge at every stamp, if its width varies.
         geometry: "wheelbase" [m] and "body_width" [m] over the wheels, as far as they are known.
         marks: times of events [s].

@@ -25,7 +25,7 @@ class Drawing:
         left: x at the left edge of the drawing [m].
         top: height at its top edge [m].
         scale: units per metre.
-        height: of the drawing, in units.
+        height: height of the drawing, in units.
     """
 
     def __init__(self, *, left: float, top: float, scale: float, height: float) -> None:
@@ -214,7 +214,7 @@ def draw_lock(figures: Inspection, seen: Sequence[Surface], wheels: Sequence[Sur
     """Return a vehicle at full lock to the left, with its turning circles.
 
     Args:
-        figures: of the vehicle.
+        figures: figures of the vehicle.
         seen: its surfaces, wheels steered.
         wheels: collision shapes of the wheels, steered.
     """

@@ -96,10 +96,10 @@ class Observation:
     Attributes:
         times: since the start of the run [s] (n), rising.
         signals: by name (n each).
-        units: of the signals.
+        units: units of the signals.
         events: by name; ``at NAME`` for goals.
         goal: name of the goal that ``at goal`` means.
-        corners: of the vehicle's outline in W [m] (n, 4, 2), front left first, to the left.
+        corners: corners of the vehicle's outline in W [m] (n, 4, 2), front left first, to the left.
     """
 
     times: Array

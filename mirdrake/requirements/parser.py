@@ -32,7 +32,7 @@ def parse_requirement(text: str, *, where: str = "") -> Requirement:
     """Parse a requirement.
 
     Args:
-        text: of the requirement.
+        text: text of the requirement.
         where: ``file:line: path`` for messages.
 
     Raises:

@@ -74,7 +74,7 @@ def changed_since(scene: Scene, provenance: Mapping[str, Any] | None) -> list[st
 
     Args:
         scene: as it is now.
-        provenance: of the spec.yaml of that run; None if the spec is not of a run.
+        provenance: provenance of the spec.yaml of that run; None if the spec is not of a run.
     """
     before = (provenance or {}).get("content_sha256") or {}
     now = scene_hashes(scene)

@@ -23,10 +23,10 @@ def make_sensor(name: str, *, parts: "PlantParts", part: "VehicleInPlant", seed:
     """Return the system of a mounted sensor.
 
     Args:
-        name: of the mount in the vehicle's sensors.yaml.
+        name: name of the mount in the vehicle's sensors.yaml.
         parts: plant, scene graph and world.
         part: the vehicle.
-        seed: of the whole diagram; each sensor has its own random stream.
+        seed: seed of the whole diagram; each sensor has its own random stream.
 
     Raises:
         MissingDependencyError: a package or driver that the sensor needs is not installed.

@@ -54,7 +54,7 @@ class Gps(SampledSensor):
     Args:
         frame: mounting frame of the antenna; fixed to a body.
         mount: rate, noise, latency, dropout, datum and kind of fix.
-        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
     """
 
     def __init__(self, frame: Frame, mount: "GpsMount", *, stream: int = 0) -> None:

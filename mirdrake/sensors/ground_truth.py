@@ -90,7 +90,7 @@ class TruthSensor(SampledSensor):
     Args:
         frame: fixed to a body.
         mount: rate, latency and dropout.
-        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
     """
 
     def __init__(self, frame: Frame, mount: "GroundTruthMount", *, stream: int = 0) -> None:

@@ -48,7 +48,7 @@ class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
         plant: the finalised plant.
         frame: mounting frame; fixed to a body.
         mount: rate, noise, latency and dropout.
-        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
 
     Attributes:
         rate: samples per second [Hz].

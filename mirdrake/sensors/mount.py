@@ -21,7 +21,7 @@ class SensorMount(Mount, ABC):
         Args:
             parts: plant, scene graph and world.
             part: the vehicle.
-            stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+            stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
 
         Raises:
             MissingDependencyError: a package that this kind needs is not installed.

@@ -18,7 +18,7 @@ class Fix(NamedTuple):
         longitude: [deg] east.
         altitude: [m] above the ellipsoid, which is assumed to be the sea level: the separation of the geoid is 0.
         speed: over ground [m/s].
-        course: of the velocity [deg], clockwise from true north.
+        course: course of the velocity [deg], clockwise from true north.
         quality: 1 a single fix, 2 differential, 4 RTK.
     """
 

@@ -27,8 +27,8 @@ def noise_stream(seed: int, name: str) -> int:
     """Return the random stream of a sensor: the first 128 bits of SHA-256 of ``seed/name``.
 
     Args:
-        seed: of the whole diagram.
-        name: of the sensor, for example ``ego.imu``.
+        seed: seed of the whole diagram.
+        name: name of the sensor, for example ``ego.imu``.
     """
     return int.from_bytes(hashlib.sha256(f"{seed}/{name}".encode()).digest()[:16], "little")
 

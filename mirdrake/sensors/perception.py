@@ -38,7 +38,7 @@ def nearest_return(
 
     Args:
         ranges: along the beams, inf: no return (n) [m].
-        angles: of the beams, positive to the left (n) [rad].
+        angles: angles of the beams, positive to the left (n) [rad].
         low: where the sector begins [rad]; its ends belong to it.
         high: where it ends [rad].
     """
@@ -64,9 +64,9 @@ class DistanceEstimator(LeafSystem):
         nearest (3) [m, rad, m/s]: :data:`NEAREST`.
 
     Args:
-        beams: of the scanner.
-        start_angle: of the first beam [rad].
-        end_angle: of the last beam [rad].
+        beams: beams of the scanner.
+        start_angle: angle of the first beam [rad].
+        end_angle: angle of the last beam [rad].
         low: where the sector begins [rad], positive to the left.
         high: where it ends [rad].
         rate: updates per second [Hz].
@@ -146,7 +146,7 @@ class CloudOverlay(LeafSystem):
         path: in Meshcat.
         scan: a scan of the lidar, for the type of the port.
         rate: drawings per second [Hz].
-        point_size: of a point [m].
+        point_size: size of a point [m].
         height: height above the ground of the last colour of the scale [m].
     """
 
@@ -186,8 +186,8 @@ def show_points(
         meshcat: where to draw.
         path: in Meshcat; what was there is replaced.
         points: in the world (n, 3) [m].
-        point_size: of a point [m].
-        height: of the last colour [m].
+        point_size: size of a point [m].
+        height: height of the last colour [m].
     """
     places = np.asarray(points, dtype=float).reshape(-1, 3)
     cloud = PointCloud(len(places), Fields(BaseField.kXYZs | BaseField.kRGBs))
@@ -204,7 +204,7 @@ def add_cloud_overlays(builder: DiagramBuilder, meshcat: Meshcat, lidars: Mappin
     """Draw the clouds of lidars in Meshcat, under ``clouds/<name>``.
 
     Args:
-        builder: of the diagram that the lidars are in.
+        builder: builder of the diagram that the lidars are in.
         meshcat: where to draw.
         lidars: by name, for example ``ego.roof_lidar``.
     """

@@ -43,7 +43,7 @@ def scan(segments: ArrayLike, x: float, y: float, yaw: float, angles: ArrayLike,
         x: origin [m].
         y: origin [m].
         yaw: direction of the beam of angle 0 [rad].
-        angles: of the beams, positive to the left (n) [rad].
+        angles: angles of the beams, positive to the left (n) [rad].
         reach: largest distance [m].
 
     Returns:
@@ -68,7 +68,7 @@ def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: 
         x: corners in the frame of the scan (m) [m].
         y: corners (m) [m].
         edge: whether there is a segment from each corner to the next (m - 1).
-        angles: of the beams, rising, within -pi to pi (n) [rad].
+        angles: angles of the beams, rising, within -pi to pi (n) [rad].
         reach: largest distance [m].
         step: between the angles, if it is always the same [rad]; it saves the search for the beams.
     """
@@ -172,7 +172,7 @@ class RangeScan(LeafSystem):
 
     Attributes:
         movable: names of the movable props that are seen, then of the vehicles.
-        angles: of the beams (n) [rad].
+        angles: angles of the beams (n) [rad].
 
     Raises:
         ConfigError: a number out of range.
@@ -338,7 +338,7 @@ class PropPoses(LeafSystem):
     Args:
         bodies: index of each one's body, in the order of :attr:`RangeScan.movable`; its frame is P of the prop, or B of
             the vehicle.
-        names: of the props and vehicles.
+        names: names of the props and vehicles.
     """
 
     def __init__(self, bodies: Sequence[Any], names: Sequence[str]):

@@ -44,9 +44,9 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
     Args:
         contents: names and units of the elements.
         mount: its rate, latency and dropout.
-        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
         initial: output before the first sample (n).
-        noise: of what is measured (m); plain numbers are standard deviations of white noise; default: none.
+        noise: measurement noise (m); plain numbers are standard deviations of white noise; default: none.
         period: from sample to sample [s]; default: :func:`sample_period`.
 
     Attributes:
@@ -164,7 +164,7 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
         port: name of the output.
         empty: output before the first sample; all samples are of its type.
         mount: its rate, latency and dropout.
-        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
 
     Attributes:
         rate: samples per second [Hz].
@@ -248,7 +248,7 @@ def aligned_period(rate: float, step: float) -> float:
 
     Args:
         rate: [Hz].
-        step: of the discrete plant [s]; 0: continuous.
+        step: step of the discrete plant [s]; 0: continuous.
     """
     number = np.arange(1.0, 1e6)
     steps = round(1.0 / (rate * step)) if step > 0.0 else 0

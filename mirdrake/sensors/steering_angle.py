@@ -40,8 +40,8 @@ class SteeringAngle(SampledSensor):
         plant: the finalised plant.
         joints: one steering joint, or both.
         mount: rate, resolution, offset, noise, latency and dropout.
-        ratio: of the angle that it measures over that of the joints [-].
-        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        ratio: ratio of the angle that it measures over that of the joints [-].
+        stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
     """
 
     def __init__(

@@ -36,9 +36,9 @@ class WheelEncoder(SampledSensor):
 
     Args:
         plant: the finalised plant.
-        joint: of the wheel.
+        joint: joint of the wheel.
         mount: rate, counts per revolution, quadrature, modulus, latency and dropout; a lost sample loses no counts.
-        stream: of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
     """
 
     def __init__(self, plant: MultibodyPlant, joint: Joint, mount: "WheelEncoderMount", *, stream: int = 0) -> None:

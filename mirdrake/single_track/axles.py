@@ -61,8 +61,8 @@ class RollStiffness(NamedTuple):
     """Roll stiffness and damping of springs, bars, dampers and tyres.
 
     Attributes:
-        stiffness: of each axle [N m/rad].
-        damping: of both together [N m s/rad].
+        stiffness: stiffness of each axle [N m/rad].
+        damping: damping of both together [N m s/rad].
     """
 
     stiffness: tuple[float, float]
@@ -76,8 +76,8 @@ class Body(NamedTuple):
         mass: mass of the vehicle [kg].
         front: distance of the centre of mass from the front axle [m].
         rear: from the rear axle [m].
-        height: of the centre of mass [m].
-        tyre_stiffness: of a tyre of each axle, vertical [N/m].
+        height: height of the centre of mass [m].
+        tyre_stiffness: vertical stiffness of a tyre of each axle [N/m].
         unsprung: unsprung mass per wheel of each axle [kg].
     """
 

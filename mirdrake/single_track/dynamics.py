@@ -197,8 +197,8 @@ class Motion(NamedTuple):
 
     Attributes:
         sideslip: sideslip angle of the centre of mass [rad].
-        longitudinal_acceleration: of the centre of mass [m/s²].
-        lateral_acceleration: of the centre of mass [m/s²].
+        longitudinal_acceleration: longitudinal acceleration of the centre of mass [m/s²].
+        lateral_acceleration: lateral acceleration of the centre of mass [m/s²].
         front_slip_angle: [rad].
         rear_slip_angle: [rad].
         front_lateral_force: across the front wheels [N].

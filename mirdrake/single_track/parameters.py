@@ -19,11 +19,11 @@ class SingleTrackParameters:
         yaw_inertia: about the vertical through the centre of mass [kg m²].
         front_length: from the centre of mass to the front axle, a [m].
         rear_length: to the rear axle, b [m].
-        com_height: of the centre of mass over the road [m].
+        com_height: height of the centre of mass over the road [m].
         rotating_mass: mass equivalent of the inertia of wheels and rotors [kg].
         front_stiffness: cornering stiffness of the front axle, both tyres [N/rad].
         rear_stiffness: the same at the rear [N/rad].
-        front_friction: of the front tyres on the road [1]; like the next one not for linear tyres.
+        front_friction: friction of the front tyres on the road [1]; like the next one not for linear tyres.
         rear_friction: the same at the rear [1].
         front_relaxation: relaxation length of the front tyres [m].
         rear_relaxation: the same at the rear [m].
@@ -40,10 +40,10 @@ class SingleTrackParameters:
         blend_start: speed v1 up to which the model is kinematic [m/s].
         blend_end: speed v2 from which on it is fully dynamic [m/s].
         roll_mass: rolling mass [kg]; this and the following only with roll.
-        roll_height: of its centre over the roll axis [m].
+        roll_height: height of its centre over the roll axis [m].
         roll_inertia: about a longitudinal axis through that centre [kg m²].
-        roll_stiffness: of springs, bars and tyres together [N m/rad]; more than roll_mass g roll_height.
-        roll_damping: of the dampers [N m s/rad].
+        roll_stiffness: roll stiffness of springs, bars and tyres together [N m/rad]; more than roll_mass g roll_height.
+        roll_damping: roll damping of the dampers [N m s/rad].
         front_roll_slip: equivalent slip of the front axle over the roll angle [1]: camber, roll steer.
         rear_roll_slip: the same at the rear [1].
         front_shape: shape factor C of the Magic Formula of the front tyres [1]; only with magic_formula tyres, like the

@@ -33,7 +33,7 @@ def make_single_track_vehicle(
         relaxation: whether slip builds up over the relaxation length.
         roll: whether the body rolls.
         parameters: by default from :func:`estimate_parameters`.
-        delay: of the actuators [s], a multiple of the period of control.yaml.
+        delay: delay of the actuators [s], a multiple of the period of control.yaml.
 
     Raises:
         ConfigError: an argument is not allowed.

@@ -61,7 +61,7 @@ def make_proposer(
         space: range of each coordinate; a grid uses its count or values, otherwise `trials` are divided evenly.
         trials: number of points including those of `start`; a grid must not have more.
         objectives: number of objectives; more than one for nsga2 only.
-        seed: of all random numbers.
+        seed: seed of all random numbers.
         batch: number of points that a sampler proposes before it needs a result.
         start: points to begin with.
 

@@ -30,7 +30,7 @@ class Plan:
     """A checked study.
 
     Attributes:
-        spec: of the study.
+        spec: spec of the study.
         diagram: data of the diagram, with the values of all runs.
         parameters: context parameters that vary, by name.
         rows: values of each run, in the order of the parameters.

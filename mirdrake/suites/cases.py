@@ -40,7 +40,7 @@ class Case:
         name: ``test#number``, unique in a suite.
         test: name of the test.
         world: path of the world file.
-        values: of the seed and the parameters that vary.
+        values: values of the seed and the parameters that vary.
         diagram: data of the diagram to simulate.
         expect: requirements, each with its place in the file.
         goal: what ``at goal`` means.
@@ -90,10 +90,10 @@ class Judgement:
     """Judgement of a requirement, as it is written.
 
     Attributes:
-        text: of the requirement.
+        text: text of the requirement.
         passed: whether it holds.
         margin: distance from the limit [unit]; None if it is infinite.
-        unit: of the margin.
+        unit: unit of the margin.
         share: the margin over a usual size, so that margins of all units can be compared [1]; None if it is infinite.
         worst_time: time of the smallest margin [s].
         decided_by: signal that decides.
@@ -118,14 +118,14 @@ class Result:
     """The result of a case.
 
     Attributes:
-        name: of the case.
+        name: name of the case.
         verdict: pass, fail, error or invalid.
         reason: one line; empty for a pass.
         findings: judgement of each requirement; none if the case could not be judged.
         simulated: simulated time [s].
         wall: computing time [s].
         folder: run folder of a case that did not pass, below that of the suite.
-        digest: of the case.
+        digest: digest of the case.
     """
 
     name: str
@@ -172,7 +172,7 @@ def collect_cases(
     Args:
         files: names or paths of world files.
         only: names of cases (``test#2``) or of tests; all of them if empty.
-        values: of parameters or of the seed, in place of their variations.
+        values: values of parameters or of the seed, in place of their variations.
 
     Raises:
         ConfigError: a file, a test or a requirement has faults, one per line; or a name of `only` is unknown.
@@ -212,7 +212,7 @@ def collect_searches(
     Args:
         file: name or path of a world file.
         only: names of tests or cases; all tests with `search` if empty.
-        values: of parameters or of the seed, in place of their variations.
+        values: values of parameters or of the seed, in place of their variations.
 
     Raises:
         ConfigError: see :func:`collect_cases`; or no test has a search.

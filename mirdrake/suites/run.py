@@ -26,8 +26,8 @@ class Suite:
 
     Attributes:
         cases: in the order of the world files.
-        results: of the finished cases, in the same order, whatever the number of workers.
-        folder: of the suite; None if nothing was written.
+        results: results of the finished cases, in the same order, whatever the number of workers.
+        folder: folder of the suite; None if nothing was written.
     """
 
     cases: tuple[Case, ...]
@@ -76,7 +76,7 @@ def run_suite(
     Args:
         cases: from :func:`mirdrake.suites.collect_cases`.
         workers: number of processes.
-        folder: of the suite; it is created, and must be empty unless `resume`. None writes nothing.
+        folder: folder of the suite; it is created, and must be empty unless `resume`. None writes nothing.
         timeout: wall time that a case may take [s]; 60 s and ten times its simulated time if omitted.
         progress: see :data:`SuiteProgress`.
         resume: continue with the results that `folder` has of these cases.

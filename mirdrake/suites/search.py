@@ -101,7 +101,7 @@ def search(
         case: the case to vary; its other values are kept.
         over: range of each parameter; `seed` may be one of them, its values are integers.
         budget: number of runs.
-        seed: of the points tried.
+        seed: seed of the points tried.
         workers: number of processes for the first half; the simplex search uses one.
         timeout: wall time that a run may take [s]; see :func:`mirdrake.suites.worker.time_limit`.
         progress: called with the number of finished runs, the budget and the latest trial.

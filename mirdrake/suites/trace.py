@@ -61,7 +61,7 @@ def make_trace(seen: Observation, findings: Sequence[Finding] = ()) -> Trace:
 
     Args:
         seen: the run.
-        findings: of its requirements.
+        findings: findings of its requirements.
     """
     x, y = seen.signals["x"], seen.signals["y"]
     finite = np.isfinite(x) & np.isfinite(y)

@@ -48,7 +48,7 @@ def open_case_workers(
     Args:
         workers: number of processes.
         cases: number of cases that will be run; no more processes than that are started.
-        folder: of a suite, for the run folders of cases that did not pass; None writes nothing.
+        folder: folder of a suite, for the run folders of cases that did not pass; None writes nothing.
         timeout: wall time that a case may take [s]; :func:`time_limit` if omitted.
         keep_all: also keep the run folders of cases that passed.
     """
@@ -96,7 +96,7 @@ def run_case(case: Case, *, folder: Path | None = None, keep_all: bool = False) 
 
     Args:
         case: the case.
-        folder: of the suite; the run folder below it is kept unless the case passed. None writes nothing.
+        folder: folder of the suite; the run folder below it is kept unless the case passed. None writes nothing.
         keep_all: also keep the run folder of a case that passed.
     """
     began = time.perf_counter()

@@ -46,8 +46,8 @@ def vertical_force(tyre: Any, deflection: float, rate: float, spin: float) -> fl
     Args:
         tyre: :class:`VerticalTyre`.
         deflection: [m]; not positive: no contact.
-        rate: of the deflection [m/s].
-        spin: of the wheel [rad/s].
+        rate: rate of the deflection [m/s].
+        spin: spin of the wheel [rad/s].
     """
     if deflection <= 0.0:
         return 0.0

@@ -303,21 +303,21 @@ def estimate(
     """Estimate all parameters of a vehicle folder from a few given ones; see :data:`HOW`.
 
     Args:
-        mass: of the whole vehicle [kg].
+        mass: mass of the whole vehicle [kg].
         wheelbase: [m].
         track: between the contact centres of the wheels of an axle; the mean if the axles differ [m].
         wheel_radius: [m].
-        wheel_width: of the tread [m].
+        wheel_width: width of the tread [m].
         height: above the road [m]; this and the next two are estimated if None.
         length: over all [m].
         width: without mirrors [m].
         driven_wheels: 2 or 4.
-        steering_limit: of the inner wheel [rad].
+        steering_limit: steering limit of the inner wheel [rad].
         front_axle_share: share of the weight on the front axle [-]; 0.5 if None.
         com_height: centre of mass of the whole vehicle above the road [m]; this and the next ones are estimated if
             None.
-        yaw_inertia: of the whole vehicle [kg m²].
-        power: of the powertrain [W].
+        yaw_inertia: yaw inertia of the whole vehicle [kg m²].
+        power: power of the powertrain [W].
         top_speed: [m/s].
 
     Raises:
@@ -514,9 +514,9 @@ def _reach(radius: float, side: float, limit: float) -> float:
     """Return how far a wheel reaches ahead of its steering axis [m] at any angle up to the limit.
 
     Args:
-        radius: of the wheel [m].
+        radius: radius of the wheel [m].
         side: from the steering axis to the wheel's outer face [m].
-        limit: of the angle [rad].
+        limit: limit of the angle [rad].
     """
     worst = atan2(side, radius)
     return hypot(radius, side) if worst < limit else radius * cos(limit) + side * sin(limit)
@@ -547,11 +547,11 @@ def _inertia(
     Args:
         yaw: wanted yaw inertia of the whole vehicle [kg m²].
         given: whether it was given, and must be met.
-        mass: of the whole vehicle [kg].
+        mass: mass of the whole vehicle [kg].
         wheelbase: [m].
         track: [m].
-        radius: of the wheels [m].
-        wheel_width: of their tread [m].
+        radius: radius of the wheels [m].
+        wheel_width: width of their tread [m].
         size: length, width, height [m].
         com: centre of mass of the whole vehicle, ahead of the rear axle and above the road [m].
         parts: mass of a wheel and of a knuckle [kg].

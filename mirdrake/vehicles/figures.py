@@ -10,15 +10,15 @@ class LinkFigures:
     """One link.
 
     Attributes:
-        name: of the link.
+        name: name of the link.
         mass: [kg].
         com: centre of mass in the link's frame [m].
         moments: principal moments of inertia about the centre of mass, rising [kg m²].
-        edges: of the homogeneous box with these moments, longest first [m]; zeros for a frame without mass.
+        edges: edges of the homogeneous box with these moments, longest first [m]; zeros for a frame without mass.
         extent: edges of the box around its shapes [m], longest first; zeros without shapes.
         size_ratio: longest of the edges over the longest of the extent; None without mass or shapes.
         triangle: sum of the two smaller moments over the largest: 1 a flat plate, below it no body; None without mass.
-        spin: of a wheel, inertia about its joint's axis over m R²; None for other links.
+        spin: inertia of a wheel about its joint's axis over m R²; None for other links.
         spin_is_smaller: whether a wheel's inertia about that axis is not its largest.
         friction: largest friction coefficient of its shapes [-]; None without shapes.
     """
@@ -41,17 +41,17 @@ class JointFigures:
     """One joint.
 
     Attributes:
-        name: of the joint.
+        name: name of the joint.
         kind: its type in the URDF.
         parent: link.
         child: link.
         role: what vehicle.yaml makes of it, "" for none.
-        place: of its child's frame in base_link [m].
+        place: place of its child's frame in base_link [m].
         axis: in base_link; empty for fixed joints.
         lower: limit [rad], of a prismatic joint [m]; -inf without one.
         upper: limit, likewise; inf without one.
         velocity: limit [rad/s] or [m/s].
-        effort: of its actuator [N m]; 0 without one.
+        effort: effort of its actuator [N m]; 0 without one.
         damping: [N m s/rad] or [N s/m].
     """
 
@@ -84,13 +84,13 @@ class SensorFigures:
     """One mounted sensor.
 
     Attributes:
-        name: of the mount.
-        kind: of the sensor.
+        name: name of the mount.
+        kind: kind of the sensor.
         frame: link it is mounted in.
-        place: of the frame in base_link [m].
+        place: place of the frame in base_link [m].
         rate: samples per second [Hz].
         yaw: heading of the frame's x axis in base_link, positive to the left [rad].
-        pitch: of the same axis, positive upwards [rad].
+        pitch: pitch of the same axis, positive upwards [rad].
         across: what it sees from right to left, about its x axis [rad]; empty for what does not look anywhere.
         upward: the same from below to above [rad].
         reach: nearest and farthest distance [m]; empty for what does not look anywhere.
@@ -132,11 +132,11 @@ class Inspection:
     Attributes:
         vehicle: its name.
         title: make and model.
-        grade: of its data.
+        grade: grade of its data.
         drive: driven axle.
         mass: all of it.
         com: centre of mass.
-        loads: of front and rear axle at rest [N].
+        loads: loads of front and rear axle at rest [N].
         front_share: part of the load on the front axle.
         side_share: part of the load on the left wheels.
         wheelbase: between the axles.
@@ -147,8 +147,8 @@ class Inspection:
         size: length, width, height over the road of all collision shapes.
         visual_size: length, width, height of all visual shapes; None without visual shapes.
         ground_clearance: lowest point of all bodies but the wheels.
-        steering_limits: of inner and outer wheel at full lock.
-        turning_radius: of the rear axle's centre at full lock.
+        steering_limits: steering limits of inner and outer wheel at full lock.
+        turning_radius: turning radius of the rear axle's centre at full lock.
         turning_circle: diameter of the circle of the outer front wheel's middle, kerb to kerb.
         wall_circle: diameter of the circle of the outermost corner of all collision shapes, wall to wall.
         inertia: roll, pitch, yaw about the centre of mass.

@@ -29,8 +29,8 @@ class VehicleGeometry:
         kingpin_track: between the steering axes, on the road.
         front_wheel_radius: unloaded radius of the front wheels.
         rear_wheel_radius: unloaded radius of the rear wheels.
-        front_wheel_width: of the collision shape of a front wheel.
-        rear_wheel_width: of the collision shape of a rear wheel.
+        front_wheel_width: width of the collision shape of a front wheel.
+        rear_wheel_width: width of the collision shape of a rear wheel.
         steering_limit: [rad] of the inner wheel.
         steering_rate: [rad/s] at the road wheel; inf without a limit.
     """

@@ -45,7 +45,7 @@ def change_mounts(sensors: SensorsSpec, changes: Mapping[str, Mapping[str, Any]]
     """Return mounted sensors with some keys changed; a preset replaces all keys except frame and datum.
 
     Args:
-        sensors: of a vehicle.
+        sensors: sensors of a vehicle.
         changes: changed keys by the name of the mount.
         source: file of the changes, for messages.
 

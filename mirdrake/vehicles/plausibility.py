@@ -19,7 +19,7 @@ def find_oddities(figures: Inspection, vehicle: Vehicle) -> list[str]:
     """Return a message for each implausible figure.
 
     Args:
-        figures: of the vehicle.
+        figures: figures of the vehicle.
         vehicle: the vehicle, for its limits and the sources of its numbers.
     """
     return [

@@ -74,7 +74,7 @@ def new_vehicle(
     Args:
         name: name of folder and model: letters, digits, underscores.
         wheelbase: distance of the axles [m].
-        mass: of the vehicle, ready to drive [kg].
+        mass: mass of the vehicle, ready to drive [kg].
         track: between the middle planes of the wheels of an axle [m].
         track_front: track of the front axle [m], instead of `track`.
         track_rear: track of the rear axle [m], if it differs.
@@ -84,7 +84,7 @@ def new_vehicle(
         tyre_front: tyre size of the front axle.
         tyre_rear: tyre size of the rear axle.
         drive: driven axle: front, rear or all.
-        steering_limit: of the inner wheel [rad].
+        steering_limit: steering limit of the inner wheel [rad].
         turning_circle: diameter between kerbs, at the middle plane of the outer front wheel [m], instead of
             `steering_limit`.
         length: overall length [m].
@@ -92,11 +92,11 @@ def new_vehicle(
         height: overall height [m].
         front_axle_share: share of the weight on the front axle [-].
         com_height: height of the centre of mass [m].
-        yaw_inertia: of the whole vehicle [kg m²].
+        yaw_inertia: yaw inertia of the whole vehicle [kg m²].
         power: at the wheels [W].
         top_speed: [m/s].
         body: hatchback, sedan, suv, van, truck or robot; by mass if None.
-        sensors: of camera, depth_camera, lidar, gps, imu and sonar, separated by commas.
+        sensors: any of camera, depth_camera, lidar, gps, imu and sonar, separated by commas.
         title: make and model for titles; derived from the name if None.
         folder: parent folder of the vehicle folder; ``models`` in the working directory if None.
         force: replace an existing vehicle of that name.
@@ -295,8 +295,8 @@ class PlacedSensor:
 
     Attributes:
         sensor: word for it, of :data:`mirdrake.vehicles.questions.SENSORS`.
-        name: of the mount.
-        preset: of the mount.
+        name: name of the mount.
+        preset: preset of the mount.
         x: position in base_link [m].
         z: the same.
         mast: heights of its lower and upper end [m]; None without a mast.

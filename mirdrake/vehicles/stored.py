@@ -34,7 +34,7 @@ def read_vehicle(data: Mapping[str, Any], *, urdf: str, packages: Mapping[str, s
     """Return the vehicle that :func:`vehicle_data` was given.
 
     Args:
-        data: of the vehicle.
+        data: data of the vehicle.
         urdf: its URDF text.
         packages: package name -> folder.
         place: the file it was read from, for errors.

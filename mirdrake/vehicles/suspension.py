@@ -31,7 +31,7 @@ def find_suspension_faults(
     Args:
         urdf: the expanded model.
         spec: joint roles and springs.
-        joints: of the model, by name.
+        joints: joints of the model, by name.
     """
     names = spec.joints.suspension
     if names is not None and spec.suspension is None:
@@ -86,7 +86,7 @@ def measure_spring_loads(
     Args:
         plant: holds the vehicle and nothing else, finalised.
         spec: joint roles.
-        geometry: of the vehicle.
+        geometry: geometry of the vehicle.
         where: ``file:line`` of a joint in its source.
 
     Raises:

@@ -31,7 +31,7 @@ class Vehicle:
     """A vehicle that is known to load and to have four wheels, two of them steered.
 
     Attributes:
-        name: of the folder, and of the variant if there is one.
+        name: name of the folder, and of the variant if there is one.
         folder: absolute path.
         spec: vehicle.yaml.
         control: control.yaml.
@@ -61,7 +61,7 @@ def load_vehicle(name: str, *, arguments: Mapping[str, str] | None = None, where
     """Load and check a vehicle.
 
     Args:
-        name: of a folder in a ``models`` folder, or a path; with ``@<variant>`` behind it one of its variants.
+        name: name of a folder in a ``models`` folder, or a path; with ``@<variant>`` behind it one of its variants.
         arguments: values of the ``<xacro:arg>`` of its main file, over those of the variant. ``drive`` also replaces
             the one of vehicle.yaml.
         where: prefix of errors about `name` and `arguments`, for example ``"drive.yaml:4: vehicles.ego"``.
@@ -91,7 +91,7 @@ def find_vehicle(name: str, *, where: str = "") -> tuple[Path, str | None]:
     """Folder of a vehicle, and the variant that the name asks for.
 
     Args:
-        name: of a folder in a ``models`` folder, or a path, with or without ``@<variant>``.
+        name: name of a folder in a ``models`` folder, or a path, with or without ``@<variant>``.
         where: prefix of the error message.
 
     Raises:
@@ -127,7 +127,7 @@ def load_part(folder: Path, key: str, schema: type[SchemaT], change: VariantSpec
     """Return one of the YAML files of a vehicle folder, merged with a variant.
 
     Args:
-        folder: of the vehicle.
+        folder: folder of the vehicle.
         key: name of the file and of the part of the variant: vehicle, control or sensors.
         schema: format of the file.
         change: the variant.

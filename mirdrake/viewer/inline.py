@@ -33,7 +33,7 @@ class InlineView:
 
     Args:
         page: the HTML page.
-        height: of the view [px].
+        height: height of the view [px].
     """
 
     def __init__(self, page: str, *, height: int = 420) -> None:
@@ -65,7 +65,7 @@ def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 
 
     Args:
         thing: a vehicle, a world, a diagram spec, a run, or a Meshcat with what you drew.
-        height: of the view [px].
+        height: height of the view [px].
         **options: of a vehicle ``frames``, ``collision``, ``meshes``; of a run ``frames_per_second``.
 
     Raises:

@@ -59,8 +59,8 @@ def draw_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> I
 
     Args:
         vehicle: to draw.
-        width: of the picture [pixel].
-        height: of the picture [pixel].
+        width: width of the picture [pixel].
+        height: height of the picture [pixel].
 
     Raises:
         MissingDependencyError: no renderer is available.

@@ -51,8 +51,8 @@ class Upstream:
     """Connections from this process to its Meshcat.
 
     Args:
-        descriptor: of the Unix socket's inode; None if `port` is used.
-        port: of 127.0.0.1 where Meshcat listens; None if `descriptor` is used.
+        descriptor: inode of the Unix socket; None if `port` is used.
+        port: port of 127.0.0.1 where Meshcat listens; None if `descriptor` is used.
     """
 
     def __init__(self, *, descriptor: int | None = None, port: int | None = None) -> None:

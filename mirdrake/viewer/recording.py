@@ -36,7 +36,7 @@ def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
 
     Args:
         run: a run with a folder and with pose and joint signals.
-        frames_per_second: of simulated time [Hz].
+        frames_per_second: frames per second of simulated time [Hz].
 
     Raises:
         RunError: the run has no folder, no samples or no scene.
@@ -62,7 +62,7 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
     Args:
         run: a run with pose and joint signals.
         meshcat: where to draw.
-        frames_per_second: of simulated time [Hz].
+        frames_per_second: frames per second of simulated time [Hz].
     """
     builder, scene = DiagramBuilder(), run.scene()
     parts = make_plant(builder, scene.world, scene.vehicles, spec=PlantSpec(contact="point"))

@@ -68,8 +68,8 @@ class PageServer:
     """Serves a page until it is closed.
 
     Args:
-        name: of the service, for the error message of a port in use.
-        ports: of localhost, tried in this order; 0 is any free one.
+        name: name of the service, for the error message of a port in use.
+        ports: ports of localhost, tried in this order; 0 is any free one.
         files: returns the content of a path of the page, "" for the page itself; None if there is none.
         posts: from a path to the function that answers a JSON object posted there, in threads of the server.
         upstream: Meshcat, for the page and files that `files` does not have.

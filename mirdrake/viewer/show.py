@@ -34,9 +34,9 @@ def show_diagram(spec: DiagramSpec, meshcat: Meshcat, *, scene: Scene | None = N
     """Show a diagram's vehicles in its world, at their starts; the world is moved until the first heads along x.
 
     Args:
-        spec: of the diagram.
+        spec: spec of the diagram.
         meshcat: where to draw.
-        scene: of the diagram, if it is made already.
+        scene: scene of the diagram, if it is made already.
     """
     assembly = assemble(spec, meshcat=meshcat, scene=scene, drawing_period=DRAWING_PERIOD)
     start = next(iter(assembly.starts.values()))
@@ -53,7 +53,7 @@ def write_page(meshcat: Meshcat, path: Path, *, views: Iterable[View] = ()) -> N
 
     Args:
         meshcat: its content.
-        path: of the file.
+        path: path of the file.
         views: with buttons in the page.
     """
     chosen, page = tuple(views), meshcat.StaticHtml()

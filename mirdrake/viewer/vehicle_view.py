@@ -180,7 +180,7 @@ def draw_triad(meshcat: Meshcat, path: str, length: float) -> None:
     Args:
         meshcat: where.
         path: in the scene tree; its transform is that of the frame.
-        length: of an axis [m].
+        length: length of an axis [m].
     """
     turns = (RotationMatrix.MakeYRotation(0.5 * pi), RotationMatrix.MakeXRotation(-0.5 * pi), RotationMatrix())
     for axis, (turn, colour) in enumerate(zip(turns, _AXES, strict=True)):

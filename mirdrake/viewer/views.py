@@ -67,7 +67,7 @@ class View:
     """A camera relative to a vehicle at the origin that heads along x.
 
     Attributes:
-        name: of the view.
+        name: name of the view.
         eye: place of the camera [m]; x ahead of the rear axle, y to the left, z up.
         target: the point it looks at [m].
         lag: time constant with which the camera turns after the vehicle [s].
@@ -129,7 +129,7 @@ def with_views(page: str, views: Iterable[View]) -> str:
     """Return a page of Meshcat with buttons for views.
 
     Args:
-        page: of :meth:`pydrake.geometry.Meshcat.StaticHtml`, or of a server.
+        page: HTML page of :meth:`pydrake.geometry.Meshcat.StaticHtml`, or of a server.
         views: to choose from.
     """
     data = json.dumps([asdict(view) for view in views]).replace("</", "<\\/")

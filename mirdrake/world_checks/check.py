@@ -56,7 +56,7 @@ def check_world(
 
     Args:
         name_or_world: a name below worlds/, a path, or a world.
-        overrides: of the file, see :func:`mirdrake.worlds.load_world`; not used for a world.
+        overrides: overrides of the file, see :func:`mirdrake.worlds.load_world`; not used for a world.
         vehicle: name of a vehicle that must be free at all starts, in addition to those of the tests and rules.
         time_limit: computing time of the search for one path [s]; a path that is not found within it is a fault.
         first_steps: also simulate a few steps with the vehicle, or the Bolt, at the first start.

@@ -30,11 +30,11 @@ class Body:
     """A vehicle for the search of paths: a box about its x axis, and a turning circle.
 
     Attributes:
-        name: of the vehicle.
+        name: name of the vehicle.
         rear: x of its rear end in B [m].
         front: x of its front end in B [m].
         half_width: half of its width [m].
-        height: of its top [m].
+        height: height of its top [m].
         radius: smallest turning radius of the middle of its rear axle [m].
     """
 
@@ -104,7 +104,7 @@ class Room:
 
     Args:
         obstacles: the obstacles.
-        extent: of the ground: smallest x, y, largest x, y [m].
+        extent: extent of the ground: smallest x, y, largest x, y [m].
         body: the vehicle, with its margin.
         around: points that the grid must cover, (n, 2) in W [m], with room to pass and turn around them and obstacles.
     """

@@ -42,7 +42,7 @@ class Neighbours:
     """Search for props of a world that are near each other, and their outlines.
 
     Args:
-        props: of the world.
+        props: props of the world.
 
     Attributes:
         is_crowded: more than `MOST_NEIGHBOURS` pairs are near each other, and only the first ones were returned.

@@ -48,7 +48,7 @@ class Separation:
     """How two sets of solids can be separated.
 
     Attributes:
-        translation: of the first set, which separates them [m] (3).
+        translation: translation of the first set, which separates them [m] (3).
         least: no translation shorter than this separates them [m].
     """
 

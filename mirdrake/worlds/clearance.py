@@ -133,7 +133,7 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
     not finite.
 
     Args:
-        volume: of the vehicle.
+        volume: volume of the vehicle.
         poses: x, y [m] and yaw [rad] of its frame B (n, 3).
         props: with `between` and `prop.driven_over`, see :class:`mirdrake.worlds.PlacedProp`.
         rows: rows of the poses to evaluate; the others are infinite.

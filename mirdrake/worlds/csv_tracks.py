@@ -56,8 +56,8 @@ def read_csv_track(
         path: the file.
         x: name of the column of x, or its number counted from 1.
         y: likewise.
-        right: of the distance to the right edge; None if there is none.
-        left: of the distance to the left edge; None if there is none.
+        right: column of the distance to the right edge; None if there is none.
+        left: column of the distance to the left edge; None if there is none.
         scale: metres per unit of the file; multiplies points and widths.
 
     Raises:

@@ -38,7 +38,7 @@ class Draw:
         """Return a number in an SI unit.
 
         Args:
-            value: of the file.
+            value: value of the file.
             unit: SI unit, "" for none.
             name: dotted path of the value below `spec`; it also names the stream.
             spec: the schema that holds it, for messages.
@@ -96,8 +96,8 @@ def evaluate_tree(tree: Any, draw: Draw, source: Source, path: tuple[Any, ...] =
     Args:
         tree: plain data.
         draw: evaluates values; the path of a value names its stream.
-        source: of the whole file.
-        path: of the part in the file.
+        source: source of the whole file.
+        path: path of the part in the file.
 
     Raises:
         ConfigError: a text is not a valid expression, or a parameter is unknown.

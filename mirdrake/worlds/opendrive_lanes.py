@@ -41,9 +41,9 @@ class RoadPart:
 
     Attributes:
         where: ``file:line`` of the road.
-        name: of the road, or its id.
+        name: name of the road, or its id.
         legs: its geometries.
-        length: of all legs [m].
+        length: length of all legs [m].
         s: stations [m], N; twice the same where an edge may jump.
         top: the left edge there [m], N.
         bottom: the right edge there [m], N.

@@ -32,7 +32,7 @@ class Outline:
 
     Attributes:
         core: convex hull of its points seen from above, in W [m]; a point for a disc.
-        radius: of the disc that is swept over the core [m]; 0 for anything with corners.
+        radius: radius of the disc that is swept over the core [m]; 0 for anything with corners.
         bottom: height of its lowest point [m].
         top: height of its highest point [m].
     """

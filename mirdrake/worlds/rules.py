@@ -70,7 +70,7 @@ class Rules:
         on_ground: tolerances of props that must stand on the ground.
 
     Args:
-        specs: of the file.
+        specs: specs of the file.
         areas: tracks and patches.
         starts: by name.
         goals: by name.

@@ -34,7 +34,7 @@ class SolidKind(ABC):
     Attributes:
         key: its key in files.
         annotation: type of its value in prop.yaml.
-        description: of its value in prop.yaml, with the unit.
+        description: description of its value in prop.yaml, with the unit.
         shape_type: class of Drake.
         sdf_keys: children of its element in SDF.
     """
@@ -69,10 +69,10 @@ class SolidKind(ABC):
         """Return the shape of a value in prop.yaml.
 
         Args:
-            value: of the file.
-            folder: of the file.
+            value: value of the file.
+            folder: folder of the file.
             factors: by which it is stretched along the axes of the prop.
-            prefix: of messages.
+            prefix: prefix of messages.
 
         Raises:
             ConfigError: the value is invalid.

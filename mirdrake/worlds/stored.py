@@ -60,7 +60,7 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "worl
     """Return the world of the data of :func:`world_data`.
 
     Args:
-        data: of the world.
+        data: data of the world.
         find: returns the file of a reference. A prop whose mesh is missing is rendered by its solids; solids whose
             meshes are missing are left out, or replaced by the bounding box of the prop if none is left.
         location: file of the data, for messages.

@@ -45,7 +45,7 @@ def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = No
     """Return the track of a specification.
 
     Args:
-        spec: of the track.
+        spec: spec of the track.
         name: for messages.
         folder: folder of its files; default: the working directory.
 
@@ -98,7 +98,7 @@ def _unfold(spec: TrackSpec, line: _CentreLine, track: Track, fold: float) -> tu
     the centre line, the line and the track stay as they are.
 
     Args:
-        spec: of the track.
+        spec: spec of the track.
         line: through the points.
         track: along that line.
         fold: where its inner edge folds [m].

@@ -28,9 +28,9 @@ class Track(Curve):
         pieces: the centre line, end to end with a common tangent.
         start: pose (x [m], y [m], yaw [rad]) at s = 0 in the world frame.
         closed: the end meets the start; s is then periodic.
-        width: of the road [m], half of it to each side; not used when `edges` is given.
-        edges: of a road of varying width: s [m], rising from 0 to the length, and the distances of the left and the
-            right edge from the centre line there [m], three arrays (N), interpolated linearly.
+        width: width of the road [m], half of it to each side; not used when `edges` is given.
+        edges: edges of a road of varying width: s [m], rising from 0 to the length, and the distances of the left and
+            the right edge from the centre line there [m], three arrays (N), interpolated linearly.
         name: for messages.
         notes: parts of its source that it does not represent, one line each.
 
@@ -38,8 +38,8 @@ class Track(Curve):
         WorldError: `edges` do not fit the centre line.
 
     Attributes:
-        length: of the centre line [m].
-        width: of the road [m]; where it varies, the largest.
+        length: length of the centre line [m].
+        width: width of the road [m]; where it varies, the largest.
         min_radius: smallest radius of the centre line [m]; infinite for a straight.
         gap: distance [m] and heading difference [rad] from the end back to the start.
 

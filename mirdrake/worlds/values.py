@@ -47,8 +47,8 @@ class Stream:
     """A random stream that depends only on the seed and a path.
 
     Args:
-        seed: of the world.
-        path: of the value, for example ``props.car[3].yaw``.
+        seed: seed of the world.
+        path: path of the value, for example ``props.car[3].yaw``.
     """
 
     def __init__(self, seed: int, path: str) -> None:

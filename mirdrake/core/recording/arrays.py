@@ -34,7 +34,7 @@ class ArrayLog:
     """Writer of the samples of one sensor during a run.
 
     Args:
-        path: of the table, with the suffix .parquet; until the end of the run a folder.
+        path: path of the table, with the suffix .parquet; until the end of the run a folder.
         units: unit of each column, as far as they have one.
     """
 
@@ -104,7 +104,7 @@ class Samples(Mapping[str, Any]):
     """The samples of one sensor: ``samples.times`` [s] (n), ``samples["ranges"]`` (n, ...); read on access.
 
     Args:
-        path: of the table.
+        path: path of the table.
 
     Attributes:
         path: the same.
@@ -178,7 +178,7 @@ class RunArrays(Mapping[str, Samples]):
     """All sensors of a run whose samples are arrays or vectors, by name.
 
     Args:
-        folder: of the run; None if it is only in memory.
+        folder: folder of the run; None if it is only in memory.
         signals: name of the table that is none of them.
     """
 

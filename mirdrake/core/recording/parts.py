@@ -25,9 +25,9 @@ class PartedTable:
     The final file does not depend on the parts: equal rows give equal bytes.
 
     Args:
-        path: of the table; a folder at first.
-        rows: of a row group of the final file.
-        options: of the Parquet writer.
+        path: path of the table; a folder at first.
+        rows: rows of a row group of the final file.
+        options: options of the Parquet writer.
     """
 
     def __init__(self, path: Path, *, rows: int, **options: Any) -> None:
@@ -97,7 +97,7 @@ def read_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa
     """Yield a stored table by row groups.
 
     Args:
-        path: of the table.
+        path: path of the table.
         columns: only these.
     """
     for part in stored(path):

@@ -81,7 +81,7 @@ class PictureLog:
 
     Args:
         folder: is made.
-        pool: of threads; shared by all cameras.
+        pool: pool of threads; shared by all cameras.
         start: date and time of the start of the run.
 
     Raises:
@@ -168,7 +168,7 @@ class Picture:
 
     Attributes:
         time: simulated [s].
-        path: of the file.
+        path: path of the file.
         steering: measured bicycle steering angle [rad].
         speed: measured speed [m/s].
     """
@@ -189,7 +189,7 @@ def read_pictures(folder: Path, start: datetime = EPOCH) -> list[Picture]:
     """Return the pictures in the driving log of a folder; an incomplete last line is ignored.
 
     Args:
-        folder: of one camera.
+        folder: folder of one camera.
         start: date and time of the start of the run.
     """
     with read_errors(folder / DRIVING_LOG):

@@ -26,8 +26,8 @@ class VectorLog:
     """Writer of the samples of one sensor during a run.
 
     Args:
-        path: of the table, with the suffix .parquet; until the end of the run a folder.
-        units: of the elements, by their names.
+        path: path of the table, with the suffix .parquet; until the end of the run a folder.
+        units: units of the elements, by their names.
     """
 
     def __init__(self, path: Path, units: Mapping[str, str]) -> None:

@@ -34,7 +34,7 @@ class Table(LeafSystem):  # type: ignore[misc, unused-ignore]
         """Write the table into a Context of this system.
 
         Args:
-            context: of this system, changed.
+            context: context of this system, changed.
             times: rising (n) [s].
             values: (size, n).
         """

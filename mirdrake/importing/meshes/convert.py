@@ -117,7 +117,7 @@ def convert_visual(shape: Shape, folder: Path, *, name: str) -> tuple[Shape, lis
     Args:
         shape: visual shape of a link.
         folder: the vehicle's.
-        name: of the file, without extension; must be new.
+        name: name of the file, without extension; must be new.
 
     Returns:
         the shape with the address ``meshes/<name>.gltf`` without scale and colour (both are in the file), and what was
@@ -152,7 +152,7 @@ def convert_collision(
     Args:
         shape: collision shape of a link.
         folder: the vehicle's; parts go to ``meshes/<name>.obj`` or ``meshes/<name>_<number>.obj``.
-        name: of the files, without extension; must be new.
+        name: name of the files, without extension; must be new.
         time: for cutting, shared by several meshes; when it is used up, they become their convex hulls.
 
     Returns:

@@ -78,7 +78,7 @@ class Parts:
     Attributes:
         hulls: the parts.
         whole: the hull of all.
-        volume: of the mesh itself [m³]; None if it is not closed.
+        volume: volume of the mesh itself [m³]; None if it is not closed.
         missing: why it was not decomposed, or "".
     """
 

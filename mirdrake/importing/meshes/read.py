@@ -90,7 +90,7 @@ class Piece:
         normals: at the corners (n, 3, 3).
         uv: at the corners (n, 3, 2), from the lower left of the picture.
         colors: at the corners (n, 3, 4) in sRGB.
-        material: of all of them.
+        material: their common material.
     """
 
     names: tuple[str, ...]

@@ -34,7 +34,7 @@ def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
 
     Args:
         pieces: in metres, z up.
-        path: of the .gltf; its folder exists.
+        path: path of the .gltf; its folder exists.
 
     Returns:
         what was changed.

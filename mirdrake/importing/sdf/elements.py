@@ -87,7 +87,7 @@ def read_placement(element: Element, include: Element | None, full: str, scope: 
         element: its ``<model>``.
         include: the ``<include>`` whose pose and placement frame take precedence; None for none.
         full: full name of the model.
-        scope: of the model or include.
+        scope: scope of the model or include.
         files: give the places.
     """
     pose = element.find("pose")
@@ -106,7 +106,7 @@ class ReadShape:
 
     Attributes:
         shape: without its pose; None if the geometry is empty or not supported.
-        tag: of the geometry; "" if there is none.
+        tag: tag of the geometry; "" if there is none.
         remark: why the shape is missing or differs from the source; "" for neither.
     """
 
@@ -122,7 +122,7 @@ def read_shape(element: Element, files: XmlFiles, packages: Packages, folder: Pa
         element: the visual or collision.
         files: give the places.
         packages: find meshes.
-        folder: of the file.
+        folder: folder of the file.
         check_sizes: reject sides below 1 mm or above 10 km, and scales that leave nothing of a mesh. Without it, sizes
             are returned as written.
 

@@ -37,10 +37,10 @@ class Scope:
     """The model or world that contains an element: prefix of names and frame of poses.
 
     Attributes:
-        prefix: of the names; "" in the outermost model or world.
+        prefix: prefix of the names; "" in the outermost model or world.
         origin: full name of the frame that poses are relative to by default.
-        version: of SDF.
-        folder: of the file.
+        version: version of SDF.
+        folder: folder of the file.
         files: that were included on the way here, to find includes of themselves.
     """
 

@@ -91,7 +91,7 @@ class Models(Packages):
 
         Args:
             address: its ``<uri>``.
-            folder: of the file that includes it.
+            folder: folder of the file that includes it.
         """
         if not address:
             return None, "it has no <uri>"

@@ -41,7 +41,7 @@ class ImportResult:
     """Result of an import.
 
     Attributes:
-        folder: of the vehicle.
+        folder: folder of the vehicle.
         vehicle: loaded from it.
         changes: everything that differs from the source.
         warnings: sentences for the user that come first.
@@ -58,7 +58,7 @@ class ImportPlan:
     """Result that an import would have.
 
     Attributes:
-        folder: of the vehicle.
+        folder: folder of the vehicle.
         car: repaired; its meshes are not converted yet.
         model: as read.
         places: short names of the source files.
@@ -92,7 +92,7 @@ def import_vehicle(
 
     Args:
         path: the file, or the folder of a package or model.
-        name: of the vehicle; that of the model if left out.
+        name: name of the vehicle; that of the model if left out.
         folder: where the vehicle's folder goes; ``models`` in the working directory if left out.
         packages: ROS package name -> folder, besides those found around the file.
         arguments: values of xacro arguments.

@@ -22,8 +22,8 @@ class Layout:
         tracks: front and rear, between the wheels' middle planes.
         kingpin_track: distance of the steering axes.
         trail: steering axes ahead of the front wheels' centres.
-        radii: of the front and the rear wheels.
-        widths: of the front and the rear wheels.
+        radii: radii of the front and the rear wheels.
+        widths: widths of the front and the rear wheels.
         X_MB: base_link in the frame of the source's root.
         parts: pose in M of each part's frame as the source has it, by part: the wheels, left_knuckle, right_knuckle.
     """
@@ -62,8 +62,8 @@ class Part:
     """One of the seven links with mass; its frame has x ahead, y left, z up.
 
     Attributes:
-        name: of the link.
-        links: of the source that it is made of.
+        name: name of the link.
+        links: links of the source that it is made of.
         X_MP: pose of the part's frame in the source.
         mass: its mass, centre and inertia.
         visuals: in the part's frame.
@@ -151,14 +151,14 @@ class Car(Parts):
     """Content of the files of a vehicle folder.
 
     Attributes:
-        name: of folder, robot and package.
+        name: name of folder, robot and package.
         title: for people.
         base: name of the base link.
         layout: dimensions.
         wheel_joints: names, by the names of the wheels.
         steering_joints: names, left and right.
         spring_joints: names, by the wheel's name.
-        springs: of the suspension; None: the wheels do not move up and down.
+        springs: springs of the suspension; None: the wheels do not move up and down.
         drive: driven axle.
         drive_source: its origin.
         numbers: all other numbers by key.

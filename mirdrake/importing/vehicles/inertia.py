@@ -58,7 +58,7 @@ def gather(
     """Return the mass properties of links that move together, in the frame P of their part; mass 0 for none.
 
     Args:
-        tree: of the model.
+        tree: tree of the model.
         links: links that move together.
         X_MP: frame of the part.
         size: half the diagonal of a link without shapes [m].
@@ -183,7 +183,7 @@ def _exchanged_axes(inertia: Vector, mass: float, bounds: Bounds | None, com: Ve
     Args:
         inertia: about the centre of mass, along the link's axes [kg m²].
         mass: [kg].
-        bounds: of the link's shapes along its axes [m]; None if it has none.
+        bounds: bounds of the link's shapes along its axes [m]; None if it has none.
         com: centre of mass in the link's frame [m].
     """
     as_stated = (0, 1, 2)

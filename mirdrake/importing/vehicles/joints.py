@@ -23,7 +23,7 @@ def report_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]
     """Return the changes of joints that are fixed, change their type, lose friction or get an actuator.
 
     Args:
-        roles: of the joints.
+        roles: roles of the joints.
         sprung: joints that become the suspension.
     """
     changes = Changes()

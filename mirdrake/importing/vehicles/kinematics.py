@@ -23,7 +23,8 @@ class Tree:
     Attributes:
         model: source model.
         root: the link without a parent.
-        poses: of each link in the frame M of the model, z up, all joints at zero; parents come before their children.
+        poses: poses of each link in the frame M of the model, z up, all joints at zero; parents come before their
+            children.
         above: the joint that carries a link; the root has none.
     """
 

@@ -131,8 +131,8 @@ def collect_numbers(
     """Return all numbers of a car except dimensions and masses, and the changes.
 
     Args:
-        roles: of the joints.
-        limit: of the steering.
+        roles: roles of the joints.
+        limit: limit of the steering.
         estimates: for the whole car.
         tyres: the same with the radius and width of the front and of the rear wheels.
     """

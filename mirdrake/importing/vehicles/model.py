@@ -85,7 +85,7 @@ class Joint:
         axis2: second axis of universal and revolute2 joints, in J.
         damping: [N m s/rad] or [N s/m].
         friction: [N m] or [N].
-        stiffness: of a spring at the joint [N m/rad] or [N/m], from any element of the source.
+        stiffness: stiffness of a spring at the joint [N m/rad] or [N/m], from any element of the source.
         mimic: joint that it follows; "" for none.
         others: further attributes and elements by name, kept for the report.
     """
@@ -178,7 +178,7 @@ class SourceModel:
     """A whole model as read.
 
     Attributes:
-        name: of the model.
+        name: name of the model.
         links: by name, in the order of the source.
         joints: by name, in the order of the source.
         files: that took part, main file first.

@@ -24,7 +24,7 @@ def take_plugin(plugin: Plugin, reference: str, model: SourceModel) -> None:
     """Add a plugin to a model: as a sensor if it is one, else as a plugin.
 
     Args:
-        plugin: of the model or of a ``<gazebo>`` tag.
+        plugin: plugin of the model or of a ``<gazebo>`` tag.
         reference: link of that tag; "" for none.
         model: all its links are known already.
     """

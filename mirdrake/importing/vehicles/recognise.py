@@ -70,7 +70,7 @@ class Roles:
     """Wheel and steering joints of a model.
 
     Attributes:
-        tree: of the model.
+        tree: tree of the model.
         wheels: by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
         steering: joints of the left and of the right front wheel.
         drive: driven axle.

@@ -35,7 +35,7 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
     Args:
         model: as read.
         roles: from :func:`mirdrake.importing.vehicles.recognise.recognise`.
-        name: of the vehicle folder.
+        name: name of the vehicle folder.
         springs: whether springs of the source become a suspension.
 
     Raises:

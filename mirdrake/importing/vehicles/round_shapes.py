@@ -69,7 +69,7 @@ def find_rounds(tree: Tree, links: Iterable[str], X_MW: RigidTransform) -> list[
     """Return the round shapes of links that turn together, collision before visual, largest first.
 
     Args:
-        tree: of the model.
+        tree: tree of the model.
         links: that turn about the axis.
         X_MW: frame with its y axis along the joint's axis.
     """

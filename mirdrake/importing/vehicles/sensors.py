@@ -48,7 +48,7 @@ def make_mounts(
     Args:
         model: as read.
         places: link of the source -> link of the car that carries it, and its pose in there.
-        names: of links that are taken, and new ones.
+        names: names of links that are taken, and new ones.
     """
     mounts: dict[str, MountData] = {}
     frames: list[Frame] = []

@@ -37,7 +37,7 @@ class WheelSpring:
     """A joint on which one wheel moves up and down.
 
     Attributes:
-        joint: of the source, prismatic or a swing arm; None for a wheel of an axle without springs.
+        joint: joint of the source, prismatic or a swing arm; None for a wheel of an axle without springs.
         up: rate of the wheel's height over the joint's position: cosine of a sliding joint's axis, lever [m] of an arm.
         steered: whether the joint is below the steering joint, and so part of the knuckle.
     """
@@ -141,7 +141,7 @@ def make_springs(
     """Return stiffness, damping and travel of all springs; None if a spring would carry nothing.
 
     Args:
-        springs: of all wheels.
+        springs: springs of all wheels.
         parts: with their masses.
         layout: dimensions.
         estimates: for the whole car.

@@ -17,7 +17,7 @@ def unusable_steering(tree: Tree, wheels: Sequence[str], used: Sequence[str], *,
     """Return a clause with the joints meant to steer and their faults; "" if there are none.
 
     Args:
-        tree: of the model.
+        tree: tree of the model.
         wheels: names of the wheel joints that were found.
         used: names of joints that steer a wheel.
         upright: smallest cosine between a steering axis and the vertical.
@@ -40,7 +40,7 @@ def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
     """Return a clause with the joints meant as wheels and their faults; "" if there are none.
 
     Args:
-        tree: of the model.
+        tree: tree of the model.
         wheels: names of the wheel joints that were found.
         level: largest sine of a wheel axis over the horizontal.
     """

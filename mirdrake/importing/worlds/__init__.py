@@ -59,7 +59,7 @@ class WorldImport:
     """Result of an import.
 
     Attributes:
-        path: of the world file.
+        path: path of the world file.
         world_text: its text.
         changes: everything that differs from the source.
         checks: sentences on what the user should check.
@@ -87,7 +87,7 @@ def import_world(
 
     Args:
         path: the .world or .sdf file.
-        name: of the world; that of the source if left out.
+        name: name of the world; that of the source if left out.
         folder: where it goes; ``worlds`` in the working directory if left out.
         packages: model or package name -> folder, besides those found around the file and on Gazebo's search paths.
         strict: reject a world if collision geometry would be left out.

@@ -29,9 +29,9 @@ class Converter:
     """Makes entries.
 
     Attributes:
-        name: of the new world.
+        name: name of the new world.
         folder: in which it is built; props go to ``<name>/props/`` below it.
-        height: of the ground in the source [m].
+        height: height of the ground in the source [m].
         changes: get every change.
         progress: called with the current step.
         lost: ``file:line: fault`` of all objects with collision geometry that were left out.

@@ -41,7 +41,7 @@ class Surface:
         shapes: that it consists of.
         triangles: its upper faces in W (n, 3, 3) [m].
         polygons: its outlines seen from above [m].
-        area: of them [m²].
+        area: their area [m²].
         top: height in W [m].
         rise: between its lowest and its highest point [m].
         thickness: between its lowest and its highest point, with the faces below [m].
@@ -162,7 +162,7 @@ def is_ground(surface: Surface, height: float) -> bool:
 
     Args:
         surface: the surface.
-        height: of the ground in W [m].
+        height: height of the ground in W [m].
     """
     # On the ground any thin surface counts; above it only wide ones that are not named as an obstacle.
     above = surface.top - height
@@ -264,7 +264,7 @@ def heights_below(surfaces: list[Surface], points: Array, height: float) -> Arra
     Args:
         surfaces: that are ground.
         points: the lowest point of each object [m].
-        height: of the ground in W [m].
+        height: height of the ground in W [m].
     """
     best = np.zeros(len(points))
     for surface in surfaces:

@@ -55,8 +55,8 @@ class GroundText:
         tracks: their entries by name, in order; the longest first.
         routes: the same tracks laid out.
         drawn: visual-only objects.
-        height: of the base plane in W of the source [m]; the new W is that much higher.
-        names: of all patches and tracks.
+        height: height of the base plane in W of the source [m]; the new W is that much higher.
+        names: names of all patches and tracks.
         reach: farthest corner of a patch from the origin along x or y [m].
     """
 

@@ -21,9 +21,9 @@ class Known:
 
     Attributes:
         props: names of props that may replace it, best one first.
-        size: of the model along x, y, z of the prop [m].
+        size: size of the model along x, y, z of the prop [m].
         yaw: heading of the prop's x in the model [rad].
-        middle: of its box in the model [m].
+        middle: middle of its box in the model [m].
         sure: size and heading were measured.
     """
 
@@ -131,7 +131,7 @@ class StandIn:
     """A prop for a model.
 
     Attributes:
-        name: of the prop.
+        name: name of the prop.
         asked: the requested size [m]; None if it has one size only.
         scale: times as large.
         size: that it has then [m].

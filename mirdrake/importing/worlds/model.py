@@ -24,7 +24,7 @@ class SourceObject:
         static: whether it never moves.
         visuals: visual shapes; poses in M.
         collisions: collision shapes; poses in M.
-        mass: of all links [kg]; None if none is given.
+        mass: mass of all links [kg]; None if none is given.
         mu: smallest friction coefficient that its collisions name; None if they name none.
         wheels: joints that turn without end, or that a wheel or steering might have.
         loose: joints that move.
@@ -57,13 +57,13 @@ class Crowd:
     """A population: copies of one object in one layout.
 
     Attributes:
-        name: of the population.
+        name: name of the population.
         obj: one of the copies; its pose is that of the population.
         layout: random, uniform, grid, linear-x, linear-y or linear-z.
         count: how many; of a grid columns times rows.
         box: edges of the region [m]; None for a cylinder or a grid.
-        radius: of the region [m]; None for a box or a grid.
-        step: of a grid along x and y [m].
+        radius: radius of the region [m]; None for a box or a grid.
+        step: step of a grid along x and y [m].
         grid: columns along x, rows along y.
         where: ``file:line``.
     """
@@ -84,7 +84,7 @@ class Plane:
     """A ground plane.
 
     Attributes:
-        name: of its model.
+        name: name of its model.
         X_WP: pose; z is its normal.
         size: size of its visual along x and y [m]; None if it is not stated.
         mu: friction coefficient; None if none is given.
@@ -125,7 +125,7 @@ class SourceWorld:
     """A whole world as read.
 
     Attributes:
-        name: of the world.
+        name: name of the world.
         suns: directional lights, in order.
         actors: name, model, pose in W and place of each moving actor.
         changes: changes of the readers.

@@ -41,7 +41,7 @@ def write_prop(
 
     Args:
         obj: with collision shapes, none of them a plane; those of kind convex are in the folder already.
-        folder: of the prop; it is made.
+        folder: folder of the prop; it is made.
         changes: get every change.
 
     Returns:

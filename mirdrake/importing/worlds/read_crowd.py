@@ -22,10 +22,10 @@ def read_crowd(
     Args:
         element: it.
         obj: one of it; it gets the pose of the population.
-        name: of the population.
+        name: name of the population.
         where: ``file:line``.
         tree: knows the lines.
-        version: of the file.
+        version: version of the file.
 
     Raises:
         ModelError: count, region or distribution are none that there can be.

@@ -123,7 +123,7 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
         shape: that the triangles belong to.
         corners: in its model (n, 3, 3) [m].
         folder: for the OBJ files.
-        name: of the files, without number.
+        name: name of the files, without number.
     """
     points, index = weld(corners.reshape(-1, 3))
     faces = index.reshape(-1, 3)

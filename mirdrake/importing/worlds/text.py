@@ -29,7 +29,7 @@ def world_text(
     """Return the YAML text of a world.
 
     Args:
-        name: of the world.
+        name: name of the world.
         source: origin, for the first line.
         ground: base plane and patches.
         suns: the first one is used.
@@ -93,8 +93,8 @@ def report_text(
     """Return the import report.
 
     Args:
-        name: of the world.
-        files: of the source.
+        name: name of the world.
+        files: files of the source.
         entries: objects of the new world.
         changes: with short places.
         places: how files are named.

@@ -61,7 +61,7 @@ def hold_slip(
         rate: spin rate of the wheel, positive in the direction of travel [rad/s].
         speed: speed of its centre along its plane in that direction [m/s].
         options: target, gain, lowest speed.
-        radius: of the rolling wheel [m].
+        radius: radius of the rolling wheel [m].
         inertia: inertia about the axle, with the rotor of the motor [kg m²].
         period: [s]
 

@@ -38,7 +38,7 @@ class EnginePoint(NamedTuple):
     """Operating point of the engine.
 
     Attributes:
-        speed: of the engine at full throttle [rad/s].
+        speed: speed of the engine at full throttle [rad/s].
         full: torque of the engine at full throttle [N m].
         closed: torque of all driven wheels together with the throttle closed [N m].
         opened: the same with the throttle open [N m].
@@ -55,7 +55,7 @@ class Engine:
     """Engine with converter and gearbox.
 
     Attributes:
-        spec: of vehicle.yaml.
+        spec: spec of vehicle.yaml.
         wheel_inertia: mass of the vehicle times squared radius of the driven wheels [kg m²].
     """
 

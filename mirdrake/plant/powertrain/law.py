@@ -27,7 +27,7 @@ class Measured(NamedTuple):
     Attributes:
         rates: spin rates of the wheels, positive ahead [rad/s].
         speeds: speeds of the wheel centres along their planes, positive ahead [m/s].
-        speed: of the rear axle's centre, ahead [m/s].
+        speed: speed of the rear axle's centre, ahead [m/s].
         yaw_rate: [rad/s]
         steering: bicycle angle [rad].
     """

@@ -43,7 +43,7 @@ class PedalMaps:
         brake: rows of pedal position [1] and torque of the four brakes [N m].
 
     Args:
-        pedals: of vehicle.yaml.
+        pedals: pedals of vehicle.yaml.
         brake_torque: largest torque of all brakes together [N m].
     """
 

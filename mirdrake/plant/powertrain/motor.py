@@ -25,7 +25,7 @@ class Motor:
         power: largest at the motor [W].
         gear: motor speed over wheel speed [1].
         top: motor speed at which drive torque ends [rad/s].
-        efficiency: of the gear [1].
+        efficiency: efficiency of the gear [1].
         rows: motor speed [rad/s] and largest torque [N m]; empty: none.
         regeneration: as a generator, or None.
         fade_rate: wheel speed below which regeneration fades [rad/s].
@@ -45,8 +45,8 @@ def make_motor(spec: AnyPowertrain, *, radius: float) -> Motor:
     """Return the motor of a vehicle.
 
     Args:
-        spec: of vehicle.yaml.
-        radius: of the driven wheels when rolling [m].
+        spec: spec of vehicle.yaml.
+        radius: radius of the driven wheels when rolling [m].
     """
     if isinstance(spec, SimplePowertrain):
         return Motor(spec.max_torque, spec.max_power)

@@ -32,21 +32,21 @@ class GroundContact(NamedTuple):
     """Contact of a wheel with the ground, in the world.
 
     Attributes:
-        deflection: of the tyre [m]; negative: distance of the disc from the ground, if that is a plane.
-        rate: of the deflection, by the motion of the wheel centre [m/s].
+        deflection: deflection of the tyre [m]; negative: distance of the disc from the ground, if that is a plane.
+        rate: rate of the deflection, by the motion of the wheel centre [m/s].
         axle: direction of the axle, to the left (3).
         up: direction of steering axis and suspension (3).
         ahead: x axis of the tyre, on the effective plane (3).
         left: y axis of the tyre (3).
-        normal: of the effective plane (3).
+        normal: normal of the effective plane (3).
         arm_base: contact centre from the vehicle frame's origin (3) [m].
         arm_pivot: contact centre from the steering axis (3) [m].
-        inclination: of the wheel plane to the effective plane [rad].
+        inclination: inclination of the wheel plane to the effective plane [rad].
         vx: speed of the contact centre ahead, as a point of the wheel carrier [m/s].
         vy: the same to the left [m/s].
         turn: angular velocity of the wheel carrier about the normal [rad/s].
         rolling: effective rolling radius [m].
-        spin: of the wheel, relative to its carrier [rad/s].
+        spin: spin of the wheel, relative to its carrier [rad/s].
     """
 
     deflection: float
@@ -98,7 +98,7 @@ def ground_contact(
         x: state of the plant, positions and velocities.
         wheel: the wheel.
         radius: unloaded [m].
-        width: of the tread [m].
+        width: width of the tread [m].
         base: motion of its vehicle.
         positions: number of the plant's positions.
         terrain: the ground.
@@ -180,9 +180,9 @@ def effective_plane(
     Args:
         terrain: the ground.
         samples: number of samples along the disc; zero on a plane.
-        radius: of the wheel [m].
-        width: of the wheel [m].
-        centre: of the wheel in the world (3) [m].
+        radius: radius of the wheel [m].
+        width: width of the wheel [m].
+        centre: centre of the wheel in the world (3) [m].
         ahead: horizontal direction in the disc (2).
         upwards: direction in the disc, perpendicular to it (3).
         axle: direction of the axle (3).

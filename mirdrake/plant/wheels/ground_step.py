@@ -40,7 +40,7 @@ class GroundWheel(NamedTuple):
     Attributes:
         wheel: the wheel with its slip and spin.
         vertical: its vertical stiffness and damping.
-        width: of the tread [m].
+        width: width of the tread [m].
         resistance: rolling-resistance coefficient [1].
         pivots: whether it has a pivoting moment.
     """

@@ -111,7 +111,7 @@ class GroundTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         plant: finalised plant with a discrete step, its wheels' spin axes along y of their bodies.
         part: the vehicle.
         terrain: the ground.
-        friction: of the ground at the start [1].
+        friction: friction of the ground at the start [1].
         rolling_resistance: whether tyres have rolling resistance.
     """
 
@@ -174,7 +174,7 @@ class GroundTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         """Change the friction of the ground under a wheel.
 
         Args:
-            context: of this system, changed.
+            context: context of this system, changed.
             wheel: its number in :data:`mirdrake.vehicles.WHEELS`.
             friction: coefficient of the ground [1].
         """

@@ -67,7 +67,7 @@ class RoadFriction:
         """Check the wheels that may have reached other ground, and update their friction.
 
         Args:
-            context: of the whole diagram, changed.
+            context: context of the whole diagram, changed.
         """
         time = context.get_time()
         if not self._due:

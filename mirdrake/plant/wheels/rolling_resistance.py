@@ -126,7 +126,7 @@ class Touch(NamedTuple):
         fx: force of the road [N].
         fy: the same.
         fz: the same; the road only pushes.
-        x: of the centroid in the world [m].
+        x: x of the centroid in the world [m].
         y: the same.
     """
 
@@ -161,7 +161,7 @@ def rolling_step(
         wheels: all of them.
         filters: per wheel: filtered M, N·ω, moment about the vertical; changed.
         force: generalised forces of the plant (num_velocities) [N, N m]; zeros, changed.
-        loads: of the road on each wheel [N]; overwritten.
+        loads: loads of the road on each wheel [N]; overwritten.
         torques: about each axle [N m]; overwritten.
     """
     setup = setups[0]

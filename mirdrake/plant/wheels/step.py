@@ -93,7 +93,7 @@ class SpinningCar(NamedTuple):
     Attributes:
         period: step of the plant [s].
         positions: number of the plant's positions.
-        mass: of the vehicle [kg].
+        mass: mass of the vehicle [kg].
         centre: its centre of mass in B, suspension at rest [m].
     """
 
@@ -160,7 +160,7 @@ def tyre_step(
     Args:
         law: forces in steady state, of :class:`mirdrake.tyres.SteadyLaw`.
         x: state of the plant, positions and velocities.
-        loads: of the wheels, measured [N].
+        loads: loads of the wheels, measured [N].
         torques: drive torque of each wheel, signed, then the largest torque of each brake [N m].
         frictions: friction of the ground under each wheel, relative to dry asphalt [1].
         cars: one :class:`SpinningCar`.
@@ -261,7 +261,7 @@ def slip_forces(
         before: :class:`Memory` of the step before.
         kept: memory for the next step; deflections, motion, torque and slip are overwritten.
         now: motion of the contact point.
-        spin: of the wheel [rad/s].
+        spin: spin of the wheel [rad/s].
         radius: effective rolling radius [m].
         drive: drive torque, signed [N m].
         brake: largest torque of the brake [N m].
@@ -346,7 +346,7 @@ def _slip_change(
         contact: the tyre.
         now: motion of the contact point.
         settings: behaviour at low speed.
-        radius: of the wheel [m].
+        radius: radius of the wheel [m].
         torque: torque on the spin without brake and road [N m].
         brake: largest torque of the brake [N m].
         mobile: I / dt [N m s/rad].

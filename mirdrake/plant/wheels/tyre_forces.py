@@ -123,11 +123,11 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
     Args:
         plant: finalised plant with a discrete step, its wheels' spin axes along y of their bodies.
         part: the vehicle.
-        wheels: of :func:`make_spinning_wheels`.
+        wheels: result of :func:`make_spinning_wheels`.
         tyres: tyres of the vehicle.
         loads: number of wheels in the plant.
         first: index of its first wheel among them.
-        friction: of the ground at the start [1].
+        friction: friction of the ground at the start [1].
     """
 
     optional_inputs = ("wheel_torque",)
@@ -180,7 +180,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         """Change the friction of the ground under a wheel.
 
         Args:
-            context: of this system, changed.
+            context: context of this system, changed.
             wheel: its number in :data:`mirdrake.vehicles.WHEELS`.
             friction: coefficient of the ground [1].
         """

@@ -82,8 +82,8 @@ def view_of(lens: LensSpec, *, width: int, height: int, horizontal_fov: float) -
 
     Args:
         lens: its distortion.
-        width: of the picture [pixel].
-        height: of the picture [pixel].
+        width: width of the picture [pixel].
+        height: height of the picture [pixel].
         horizontal_fov: without the lens [rad].
 
     Raises:

@@ -23,12 +23,12 @@ class Caster:
     cast from the pose that it had when they left.
 
     Args:
-        system: of the sensor; receives the inputs ``body_poses`` and ``body_spatial_velocities`` and a state.
+        system: system of the sensor; receives the inputs ``body_poses`` and ``body_spatial_velocities`` and a state.
         world: surfaces that give returns.
         frame: where the sensor is mounted, x ahead, z up; fixed to a body.
         mount: rate, limits and noise.
         beams: in that frame.
-        stream: of random numbers.
+        stream: stream of random numbers.
         hidden: bodies that give no returns.
         ground: whether the ground gives returns.
     """

@@ -40,8 +40,8 @@ class LaserScanner(SampledSensor):
         hidden: bodies that give no returns.
 
     Attributes:
-        angles: of the beams, positive to the left (beams) [rad].
-        times: of the beams after the stamp, 0 or negative (beams) [s].
+        angles: angles of the beams, positive to the left (beams) [rad].
+        times: times of the beams after the stamp, 0 or negative (beams) [s].
         record: how samples are recorded.
     """
 

@@ -31,8 +31,8 @@ class LidarScan:
         ranges: distance along each beam (rows, columns) [m], inf: no return. Rows from the lowest to the highest as
             of the mount, columns in the order in which they leave.
         beam_times: when the columns left (columns) [s].
-        azimuths: of the columns, positive to the left (columns) [rad].
-        elevations: of the rows, positive upwards (rows) [rad].
+        azimuths: azimuths of the columns, positive to the left (columns) [rad].
+        elevations: elevations of the rows, positive upwards (rows) [rad].
         pose: true pose X_WS of the sensor at `time` as a matrix (3, 4), which a real lidar does not measure.
         twist: its true angular velocity [rad/s] and velocity [m/s] at `time`, in the world (6).
     """
@@ -94,8 +94,8 @@ class Lidar(SampledValue):
         hidden: bodies that give no returns.
 
     Attributes:
-        azimuths: of the columns, positive to the left (columns) [rad].
-        elevations: of the rows, positive upwards (rows) [rad].
+        azimuths: azimuths of the columns, positive to the left (columns) [rad].
+        elevations: elevations of the rows, positive upwards (rows) [rad].
         empty: output before the first turn is complete.
         record: how samples are recorded.
         has_cloud_overlay: whether a live view draws the output ``cloud``.
@@ -122,7 +122,7 @@ class Lidar(SampledValue):
         """Return the revolution that is complete now, with noise.
 
         Args:
-            context: of this system.
+            context: context of this system.
         """
         time, states = context.get_time(), self.caster.states(context)
         ranges = self.caster.reading(self.caster.look(context, states).distance, round(time * self.rate))

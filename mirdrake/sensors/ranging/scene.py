@@ -28,7 +28,7 @@ class RayScene:
 
     Attributes:
         centre: middle of the box around all faces (3) [m].
-        radius: of the sphere about it that contains all faces [m]; 0 without faces.
+        radius: radius of the sphere about it that contains all faces [m]; 0 without faces.
 
     Raises:
         MissingDependencyError: embreex is not installed.

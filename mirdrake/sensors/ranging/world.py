@@ -46,7 +46,7 @@ class Beams:
 
     Args:
         directions: unit vectors (columns, rows, 3).
-        times: of the columns after the sample is complete, 0 or negative (columns) [s].
+        times: times of the columns after the sample is complete, 0 or negative (columns) [s].
     """
 
     directions: Array
@@ -184,9 +184,9 @@ class _Rays:
     """Rays in the world, by columns that leave at the same time.
 
     Attributes:
-        origins: of the columns (c, 3) [m].
+        origins: origins of the columns (c, 3) [m].
         directions: column by column (n, 3).
-        times: of the columns (c) [s].
+        times: times of the columns (c) [s].
         period: between the two states of all bodies [s].
         far: largest distance [m].
     """
@@ -213,10 +213,10 @@ def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) 
 
     Args:
         mover: the body.
-        states: of the body.
+        states: states of the body.
         reach: largest speed of the origin of the rays [m/s].
         rays: the rays.
-        hits: of the rays (n); updated.
+        hits: hits of the rays (n); updated.
     """
     # Only rays that can meet the sphere around the body, anywhere on the paths of both during the turn, are cast.
     now, centre = states[1], mover.scene.centre

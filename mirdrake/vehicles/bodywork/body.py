@@ -36,8 +36,8 @@ class Style:
     """A kind of body.
 
     Attributes:
-        color: of the paint, sRGB.
-        curves: of its skin; None for a robot.
+        color: colour of the paint, sRGB.
+        curves: curves of its skin; None for a robot.
         windscreen: stations of the upper and the lower edge of the windscreen.
         windows: stations of the side windows, as (rear end, front end).
         doors: stations of the shut lines of the doors.

@@ -83,7 +83,7 @@ def build_truck_bed(size: BodySize, cab: float, inner: float, arch: float) -> Me
     """Return the left half of frame and freight box behind a cab that ends at x = ``cab``.
 
     Args:
-        size: of the whole lorry.
+        size: size of the whole lorry.
         cab: x of the rear end of the cab [m].
         inner: the wheel arches reach inwards to this distance from the middle [m].
         arch: radius of the wheel arches [m].

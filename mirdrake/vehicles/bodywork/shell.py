@@ -202,7 +202,7 @@ class Shell:
         """Give a region another material, or cut it out.
 
         Args:
-            material: of the region; None cuts a hole.
+            material: material of the region; None cuts a hole.
             view: direction from which the region is drawn.
             shape: outline in the picture plane of that view, see :func:`seen`.
             facing: the least cosine between the normal of a triangle and the view.

@@ -19,9 +19,9 @@ class BodySize:
     Attributes:
         wheelbase: distance of the axles.
         track: distance between the middle planes of the wheels; of the wider axle, if they differ.
-        length: of the body.
-        width: of the body, without mirrors.
-        height: of the body above the road.
+        length: length of the body.
+        width: width of the body, without mirrors.
+        height: height of the body above the road.
         wheel_radius: radius of the tyres.
         wheel_width: width of the tyres.
         ground_clearance: height of the underside of the body.

@@ -16,8 +16,8 @@ def build_wheel(radius: float, width: float, *, rim: float, cleats: int = 0) -> 
     """Return a wheel about its centre, spinning about y.
 
     Args:
-        radius: of the tyre [m].
-        width: of the tyre [m].
+        radius: radius of the tyre [m].
+        width: width of the tyre [m].
         rim: radius of the rim over that of the tyre.
         cleats: number of tread blocks around the tyre in each of two rows; 0 for a road tyre.
     """

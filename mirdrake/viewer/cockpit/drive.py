@@ -49,8 +49,8 @@ class Cockpit:
     """A drive in real time.
 
     Args:
-        spec: of :func:`drive_spec`.
-        scene: of the spec, if it is made already.
+        spec: result of :func:`drive_spec`.
+        scene: scene of the spec, if it is made already.
         meshcat: where to draw, made in the thread that drives; None draws nothing.
         say: prints a message of one line.
         folder: returns the folder of a recording.
@@ -58,7 +58,7 @@ class Cockpit:
 
     Attributes:
         watchdog: input of the driver.
-        readings: of the gauges, as JSON data; replaced, never changed.
+        readings: readings of the gauges, as JSON data; replaced, never changed.
         runs: recorded runs.
 
     Raises:

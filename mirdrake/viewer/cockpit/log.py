@@ -35,7 +35,7 @@ class DriveLog:
         assembly: the simulated diagram.
         folder: new or empty.
         context: at the start, its time 0.
-        name: of the driven vehicle.
+        name: name of the driven vehicle.
         gains: changed gains by their path in control.yaml, for spec.yaml.
 
     Raises:

@@ -30,8 +30,8 @@ class ManualInput:
         brake: 0 to 1.
         steer: -1 (right) to 1 (left).
         stop: emergency stop.
-        speed: of the slider [m/s]; None if keys or a game pad are used.
-        steering: of the slider [rad]; None likewise.
+        speed: speed of the slider [m/s]; None if keys or a game pad are used.
+        steering: steering angle of the slider [rad]; None if keys or a game pad are used.
         analog: whether the steering comes from a stick, which needs no smoothing.
     """
 
@@ -93,7 +93,7 @@ def command_step(
         manual: input of the driver.
         measured: speed of the vehicle [m/s].
         period: time since the last step [s].
-        limits: of the vehicle.
+        limits: limits of the vehicle.
     """
     waits = state.waits and manual.brake > 0.0
     speed = state.speed

@@ -24,8 +24,8 @@ class OpenCockpit:
     """A drive with its page on this machine; use it as a context manager, in the thread that made it.
 
     Args:
-        spec: of :func:`mirdrake.viewer.cockpit.drive_spec`.
-        port: of localhost; None takes the first free one from 8765 on, 0 any free one.
+        spec: result of :func:`mirdrake.viewer.cockpit.drive_spec`.
+        port: port of localhost; None takes the first free one from 8765 on, 0 any free one.
         say: prints a message of one line.
         folder: returns the folder of a recording.
         timeout: watchdog timeout without input, after which the vehicle brakes [s].

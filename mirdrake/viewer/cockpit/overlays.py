@@ -63,7 +63,7 @@ class Overlays:
     Args:
         meshcat: where to draw.
         assembly: the simulated diagram.
-        name: of the vehicle.
+        name: name of the vehicle.
 
     Attributes:
         there: available overlays.
@@ -122,7 +122,7 @@ class Overlays:
         """Update the visible overlays.
 
         Args:
-            context: of the whole diagram.
+            context: context of the whole diagram.
         """
         draw: dict[str, Callable[[Context], None]] = {
             "driven": self._draw_driven,

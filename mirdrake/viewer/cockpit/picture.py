@@ -42,7 +42,7 @@ class Picture:
         """Draw the present state.
 
         Args:
-            context: of the simulated diagram.
+            context: context of the simulated diagram.
             passed: time since the last picture [s].
         """
         self._view.draw(context)

@@ -34,7 +34,7 @@ def make_server(
         about: data of the page that does not change, for JSON.
         report: called with the page's name and its message, returns the readings; in threads of the server.
         order: called with the request of a button; likewise.
-        port: of localhost; None takes the first free one from :data:`PORT` on, 0 any free one.
+        port: port of localhost; None takes the first free one from :data:`PORT` on, 0 any free one.
 
     Raises:
         RunError: the port is taken.

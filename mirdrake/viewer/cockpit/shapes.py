@@ -27,8 +27,8 @@ def ribbon(points: ArrayLike, *, width: float, height: float) -> Triangles:
     """Return a flat strip along a line.
 
     Args:
-        points: of the line (n, 2) [m], n at least 2, neighbours apart.
-        width: of the strip [m].
+        points: points of the line (n, 2) [m], n at least 2, neighbours apart.
+        width: width of the strip [m].
         height: above the ground [m].
     """
     line = np.asarray(points, dtype=float)

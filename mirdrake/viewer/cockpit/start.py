@@ -23,7 +23,7 @@ def drive_spec(data: Mapping[str, Any], *, overrides: Sequence[str] = ()) -> Dia
     """Return a diagram whose vehicle "ego" is driven manually.
 
     Args:
-        data: of a diagram file, with no driver for "ego".
+        data: data of a diagram file, with no driver for "ego".
         overrides: ``"dotted.path=value"`` texts, applied over it.
 
     Raises:
