@@ -40,7 +40,7 @@ def build_world(world: World, folder: Path | str) -> Build:
 
     Args:
         world: the world.
-        folder: for the files; it is created if it does not exist.
+        folder: folder for the files; it is created if it does not exist.
 
     Raises:
         WorldError: a mesh cannot be read.

@@ -60,7 +60,7 @@ class Batch:
         time: time since the start [s].
         state: states (n, states) in the order of :attr:`state_names`; may be written.
         parameters: a record per car with the fields of :class:`SingleTrackParameters`; may be written.
-        dead: which cars have died (n).
+        dead: flags of the cars that have died (n).
 
     Args:
         parameters: parameters that the cars share.

@@ -110,7 +110,7 @@ def drive(
         first: first car.
         last: car after the last one.
         states: states (n, states), updated.
-        dead: which cars have died (n), updated.
+        dead: flags of the cars that have died (n), updated.
         memory: memory of each unit (n, memory), updated.
         delayed: outputs of each unit that do not act yet (n, longest delay + 1, 5), a ring, updated; the present ones
             are at the place of the last control instant.

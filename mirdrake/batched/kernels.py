@@ -146,7 +146,7 @@ def runge_kutta(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs, st
 
     Args:
         law: lateral force of an axle.
-        flags: which equations.
+        flags: variant of the equations.
         p: parameters by name.
         x: state at the start.
         u: inputs, held.

@@ -19,7 +19,7 @@ class Verb:
         module: name of the module in :mod:`mirdrake.cli`; empty for a verb that has others below it.
         more: text below the help line, for a verb without a module.
         verbs: the verbs below it.
-        default: that of ``verbs`` which is meant if the next word is none of them, as in ``identify study.yaml``.
+        default: entry of ``verbs`` that applies if the next word is not one of them, as in ``identify study.yaml``.
     """
 
     help: str

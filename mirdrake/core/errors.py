@@ -47,7 +47,7 @@ class ConfigError(MirdrakeError):
     Args:
         text: the message without its location.
         file: the file, or the override in its place; empty if it is not known.
-        line: in the file; None for an override, or if it is not known.
+        line: line in the file; None for an override, or if it is unknown.
         path: keys of the wrong entry.
         code: kind of the fault.
         faults: the single errors, instead of all that.

@@ -88,8 +88,8 @@ class Staging:
     """A hidden folder in which files are made before they appear together beside it; see :func:`staging`.
 
     Attributes:
-        folder: where the files are to appear.
-        path: where they are made.
+        folder: folder of the published files.
+        path: temporary folder of the files.
     """
 
     def __init__(self, folder: Path, hidden: Path) -> None:
@@ -143,7 +143,7 @@ def staging(folder: Path) -> Iterator[Staging]:
     Folders that killed processes left there are removed, too.
 
     Args:
-        folder: where the files are to appear; it is made, and removed if nothing is published.
+        folder: folder of the published files; it is created, and removed if nothing is published.
     """
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     hidden: Path | None = None

@@ -169,7 +169,7 @@ def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
     """Validate plain data; the model keeps its source.
 
     Args:
-        data: from :func:`parse_tree`, or a part of it.
+        data: data from :func:`parse_tree`, or a part of it.
         schema: the pydantic model of the format.
         source: locations of the keys; its prefix is the path of `data` in the file.
 

@@ -50,7 +50,7 @@ def write_number(value: float, unit: str, *, like: Any = None) -> str:
     """Return a number as YAML, in the unit of the value that it replaces.
 
     Args:
-        value: in the SI unit.
+        value: value in the SI unit.
         unit: SI unit, "m" or "rad".
         like: the value that is replaced; an angle without one is written in degrees.
     """

@@ -37,7 +37,7 @@ def start_server(module: str) -> None:
     """Start the server unless it is running, without waiting for it; it ends with this program.
 
     Args:
-        module: that the server imports.
+        module: module that the server imports.
     """
     if METHOD == "forkserver":
         with worker_start():

@@ -75,7 +75,7 @@ class Frames:
     """The frames of a run.
 
     Args:
-        run: with a folder and a scene.
+        run: run with a folder and a scene.
 
     Attributes:
         parts: a plant of the scene; :meth:`moving` moves its vehicles.

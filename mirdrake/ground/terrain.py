@@ -210,7 +210,7 @@ class Kerb:
     """Kerb along a road.
 
     Attributes:
-        left: on the left of the road; otherwise on the right.
+        left: whether the kerb is on the left of the road; otherwise it is on the right.
         height: [m].
         face: length of each face across the road [m].
         top: width of its top [m].

@@ -37,7 +37,7 @@ class Log:
         name: name in reports.
         use: "train" or "validation".
         time: times of the rows (n) [s].
-        channels: by canonical name (n each), SI units, NaN for missing values.
+        channels: channels by canonical name (n each), SI units, NaN for missing values.
         notes: what was detected or assumed when the file was read.
     """
 

@@ -105,8 +105,8 @@ class DataReport:
     """Result of :func:`mirdrake.identification.check_data`.
 
     Attributes:
-        findings: in the order of logs and checks.
-        excitation: by log and group of parameters.
+        findings: findings in the order of logs and checks.
+        excitation: excitation by log and group of parameters.
         data: data set with the repairs.
     """
 

@@ -98,9 +98,9 @@ class Fit:
         condition_number: condition number of the scaled Fisher information; if large, some combination is not
             identified.
         channels: fits by log and channel.
-        traces: by log: t [s], each channel, and the model's with "_model" in its name.
-        profiles: by parameter: value, cost (rise of -2 ln likelihood above its minimum, allowing for autocorrelated
-            residuals; 3.84 is the end of the 95 % interval).
+        traces: traces by log: t [s], each channel, and the model's with "_model" in its name.
+        profiles: profiles by parameter: value, cost (rise of -2 ln likelihood above its minimum, allowing for
+            autocorrelated residuals; 3.84 is the end of the 95 % interval).
         combinations: what is identified, if single parameters are not.
         advice: manoeuvres that would help.
         notes: further remarks.

@@ -36,7 +36,7 @@ class Grid:
 
     Attributes:
         step: [s].
-        channels: by name (n each).
+        channels: channels by name (n each).
     """
 
     step: float

@@ -71,7 +71,7 @@ class Change:
     Attributes:
         code: what it is about.
         place: ``file:line`` in the source.
-        part: that is changed, for example ``link 'chassis': inertia``.
+        part: part that is changed, for example ``link 'chassis': inertia``.
         old: value in the source, with unit.
         new: value that was written instead; None if the part was left out.
         reason: why.

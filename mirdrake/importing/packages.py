@@ -73,7 +73,7 @@ class Packages:
 
         Args:
             address: package://, model://, file:// or a path.
-            folder: from which relative paths count.
+            folder: folder to which paths are relative.
 
         Returns:
             the file or None, and a remark on it or "".

@@ -44,12 +44,12 @@ def setting(
 
     Args:
         default: value for a car.
-        meaning: what it is, as a noun phrase.
+        meaning: meaning as a noun phrase.
         unit: unit of the value; empty for a number without a unit and for a choice.
         status: reliability of the default, a key of :data:`STATUS`.
         source: origin of the default.
         scales: whether it is scaled to a small vehicle, see :func:`scaled`.
-        checks: as for a pydantic field.
+        checks: constraints, as of a pydantic field.
     """
     extra: JsonDict = {"meaning": meaning, "unit": unit, "status": status, "source": source, "scales": scales}
     return Field(default, description=f"{meaning} [{unit or '-'}]", json_schema_extra=extra, **checks)

@@ -14,7 +14,7 @@ def make_by_kind(data: Mapping[str, object], registry: Mapping[str, Callable[...
     Args:
         data: for example ``{kind: circle, radius: 100, turn: 1}``.
         registry: functions by kind.
-        what: what they make, for errors.
+        what: name of what they make, for error messages.
 
     Raises:
         ConfigError: the kind is unknown, or the function does not take these arguments.

@@ -176,7 +176,7 @@ class PathDriver(_Driver):
 
     Args:
         line: see :mod:`mirdrake.manoeuvres.courses`.
-        vehicle: that is driven; offered by the diagram.
+        vehicle: vehicle that is driven; offered by the diagram.
         speeds: rows of time [s] and speed command [m/s]; by default the present speed.
         pedals: rows of time [s], throttle, brake and gear.
         held: speed [m/s] that the throttle holds up to an x of the world [m], before `pedals` apply.

@@ -153,7 +153,7 @@ class Rig:
 
         Args:
             label: name of the run and of its folder.
-            driver: as under ``control`` of a diagram file.
+            driver: driver, as under ``control`` of a diagram file.
             duration: longest simulated time [s].
             speed: speed at the start [m/s].
             y: y of the start [m].

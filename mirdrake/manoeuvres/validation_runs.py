@@ -83,7 +83,7 @@ def run_figures(figures: Sequence[Figure], rig: Rig) -> tuple[Drive, list[Readin
     """Drive one manoeuvre, and return it with the readings of figures that have the same key of the simulation.
 
     Args:
-        figures: at least one figure.
+        figures: figures, at least one.
         rig: rig with their payload and the folder of the run.
 
     Raises:

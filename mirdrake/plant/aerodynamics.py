@@ -31,7 +31,7 @@ class AirForces(LeafSystem):
     Input ports:
         plant_state: the plant's state, positions and velocities.
     Output ports:
-        generalized_force: for the plant's applied generalised force (num_velocities) [N, N m].
+        generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m].
         air_force (3) [N]: in the world, drag and lift together.
 
     The outputs are discrete states, updated at the rate of the vehicle's controllers: the speed changes slowly.

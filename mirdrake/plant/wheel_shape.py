@@ -68,7 +68,7 @@ def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: boo
         radius: outer radius [m].
         width: width along y [m].
         segments: number of equal sectors around the axle.
-        mirrored: at the plane y = 0.
+        mirrored: whether the mesh is mirrored at the plane y = 0.
     """
     sector = 2.0 * pi / segments
     corner = radius * sqrt(sector / sin(sector))  # the polygon has the area of the circle

@@ -68,7 +68,7 @@ class Table:
 
         Args:
             column: its name.
-            place: where it is requested, ``file:line: path``, for messages.
+            place: position of the request, ``file:line: path``, for messages.
 
         Raises:
             ConfigError: the column does not exist, or a cell is not a number.

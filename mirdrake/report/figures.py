@@ -37,10 +37,10 @@ class Curve:
     """One line of a panel.
 
     Attributes:
-        name: in the legend.
+        name: name in the legend.
         values: N numbers in the unit of the panel; NaN where there is none.
         colour: a key of :data:`mirdrake.report.svg.THEME`.
-        dashed: for set-points.
+        dashed: whether the line is dashed, as for set-points.
         width: width of the line [px]; of two lines that may coincide, the lower one is wider.
     """
 
@@ -154,7 +154,7 @@ def draw_chart(
 
     Args:
         time: N stamps [s], increasing.
-        panels: from top to bottom.
+        panels: panels from top to bottom.
         prefix: prefix of ids, unique in the page.
         description: text for readers who cannot see the picture.
         marks: times [s] of events, drawn as vertical lines.

@@ -46,9 +46,9 @@ def write_data_check(file: Path, name: str, data: DataSet, report: DataReport) -
     """Write the report of a data check.
 
     Args:
-        file: to write.
+        file: file to write.
         name: name of the checked logs.
-        data: as recorded.
+        data: data as recorded.
         report: findings, and the repaired data.
 
     Raises:
@@ -159,7 +159,7 @@ class DataSection:
         size: samples and length.
         findings: warnings and faults.
         infos: checks without a finding.
-        offers: which parameters the drive excites.
+        offers: parameters that the drive excites.
         picture: its channels, or None.
     """
 

@@ -34,7 +34,7 @@ def write_inspection(figures: Inspection, path: Path, *, vehicle: Vehicle, portr
     Args:
         figures: figures of the vehicle.
         path: path of the page.
-        vehicle: for its shapes.
+        vehicle: vehicle whose shapes are drawn.
         portrait: begin with a rendered picture, if there is a renderer.
 
     Raises:

@@ -47,7 +47,7 @@ class Labels:
         """Write a label inside an area of W, horizontally or vertically; return whether it fits.
 
         Args:
-            area: in W.
+            area: area in W.
             text: text of the label.
             fill: colour of the area.
             only_try: write nothing.

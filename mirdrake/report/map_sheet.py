@@ -122,11 +122,11 @@ class Palette:
 
     Attributes:
         ink: texts and arrows; `muted`, `paper`, `marking`, `start`, `goal`, `alarm`, `vehicle` likewise.
-        ground: from a surface to the fill of the ground.
-        road: from a surface to the fill of a track.
-        patch: from a surface, or None, to the fill of a patch.
-        prop: from a prop to its fill.
-        edge: from a fill to the colour of its edge.
+        ground: map from a surface to the fill of the ground.
+        road: map from a surface to the fill of a track.
+        patch: map from a surface, or None, to the fill of a patch.
+        prop: map from a prop to its fill.
+        edge: map from a fill to the colour of its edge.
         detailed: whether elements have tooltips and the fronts of vehicles are drawn.
     """
 

@@ -85,7 +85,7 @@ def write_suite_report(suite: Suite) -> Path:
     """Write report.html into the folder of a suite.
 
     Args:
-        suite: with a folder, complete or not.
+        suite: suite with a folder, complete or not.
 
     Returns:
         the path of the file. The same suite gives the same bytes.

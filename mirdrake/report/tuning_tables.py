@@ -19,7 +19,7 @@ class CandidateRow:
     Attributes:
         name: name of the candidate.
         kind: kind of the candidate.
-        role: in the charts; empty if it is not shown there.
+        role: role in the charts; empty if it is not shown there.
         verdict: feasible, breaks a limit, unstable or failed.
         tone: good, plain or bad.
         numbers: text and sorting key of each column.

@@ -20,7 +20,7 @@ def draw_front(
     """Draw two figures of all trials against each other, the Pareto front and its knee.
 
     Args:
-        trials: with both figures.
+        trials: trials with both figures.
         x: column and label of the horizontal axis.
         y: column and label of the vertical axis.
         marks: candidates and their positions.
@@ -55,7 +55,7 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
     """Draw a line per trial through its gains and figures, coloured by cost; grey if it is not feasible.
 
     Args:
-        trials: with the columns, cost and feasible.
+        trials: trials with the columns, cost and feasible.
         columns: names and labels, from left to right.
         logs: whether an axis is logarithmic.
     """

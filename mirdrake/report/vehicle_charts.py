@@ -75,7 +75,7 @@ def make_charts(
     Args:
         signals: signals of the vehicle.
         prefix: prefix of ids, unique in the page.
-        road_width: width of the track [m], if there is one.
+        road_width: width of the track [m], if any.
         road_edges: lateral places [m] of its left and its right edge at every stamp, if its width varies.
         geometry: "wheelbase" [m] and "body_width" [m] over the wheels, as far as they are known.
         marks: times of events [s].

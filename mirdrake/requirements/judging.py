@@ -41,9 +41,9 @@ class Requirement:
     """A requirement that was understood; see :func:`parse_requirement`.
 
     Attributes:
-        text: as it was written.
+        text: text of the requirement in the file.
         kind: the operator.
-        expression: what it is about; of ``A until B`` it is A.
+        expression: condition; A in ``A until B``.
         aim: B of ``A until B``.
         after: nothing counts before [s].
         within: nothing counts later than so much after `after` [s].

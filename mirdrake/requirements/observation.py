@@ -95,9 +95,9 @@ class Observation:
 
     Attributes:
         times: since the start of the run [s] (n), rising.
-        signals: by name (n each).
+        signals: signals by name (n each).
         units: units of the signals.
-        events: by name; ``at NAME`` for goals.
+        events: events by name; ``at NAME`` for goals.
         goal: name of the goal that ``at goal`` means.
         corners: corners of the vehicle's outline in W [m] (n, 4, 2), front left first, to the left.
     """
@@ -123,7 +123,7 @@ def observe(
 
     Args:
         run: a run with samples.
-        world: where it took place.
+        world: world of the run.
         vehicle_name: its name in the run.
         vehicle: the vehicle.
         goal: name of the goal that ``at goal`` means; the world's goal of the name "goal" if left out.

@@ -38,7 +38,7 @@ def plot_runs(runs: dict[str, "Run"], patterns: Sequence[str]) -> Any:
     """Return a figure with a panel for each unit, and a line for each signal of each run.
 
     Args:
-        runs: by the label that stands in the legend; empty for a single run.
+        runs: runs by their labels in the legend; the label of a single run may be empty.
         patterns: names of signals, with wildcards.
 
     Raises:

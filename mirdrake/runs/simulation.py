@@ -85,7 +85,7 @@ class Simulation:
     """A built diagram that can be run again and again; each run starts from a new Context.
 
     Args:
-        assembly: from :func:`mirdrake.assembly.diagram.assemble`.
+        assembly: assembly from :func:`mirdrake.assembly.diagram.assemble`.
     """
 
     def __init__(self, assembly: Assembly) -> None:

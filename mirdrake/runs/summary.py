@@ -73,7 +73,7 @@ def changed_since(scene: Scene, provenance: Mapping[str, Any] | None) -> list[st
     """Return the vehicles whose files have changed, and ``world``, since the run whose provenance is given.
 
     Args:
-        scene: as it is now.
+        scene: present scene.
         provenance: provenance of the spec.yaml of that run; None if the spec is not of a run.
     """
     before = (provenance or {}).get("content_sha256") or {}

@@ -37,7 +37,7 @@ def to_geodetic(point: Sequence[float] | Array, datum: DatumSpec) -> Array:
 
     Args:
         point: x, y, z in the world [m] (3).
-        datum: where the world's origin is.
+        datum: position of the world's origin.
     """
     x, y, z = (float(value) for value in point)
     c, s = cos(datum.heading), sin(datum.heading)
@@ -50,7 +50,7 @@ def from_geodetic(position: Sequence[float] | Array, datum: DatumSpec) -> Array:
 
     Args:
         position: latitude [deg], longitude [deg], altitude above the ellipsoid [m] (3).
-        datum: where the world's origin is.
+        datum: position of the world's origin.
     """
     latitude, longitude, altitude = (float(value) for value in position)
     origin = (degrees(datum.latitude), degrees(datum.longitude), datum.altitude)

@@ -52,7 +52,7 @@ class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
 
     Attributes:
         rate: samples per second [Hz].
-        latency: from the time of a sample until it is shown [s].
+        latency: time from a sample to its display [s].
     """
 
     def __init__(self, plant: MultibodyPlant, frame: Frame, mount: "ImuMount", *, stream: int = 0) -> None:

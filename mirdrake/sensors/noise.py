@@ -42,7 +42,7 @@ def sample_noise(stream: int, index: int) -> np.random.Generator:
     """Return the generator of one sample; it gives up to 2^192 numbers before it meets that of the next sample.
 
     Args:
-        stream: from :func:`noise_stream`.
+        stream: stream from :func:`noise_stream`.
         index: number of the sample, 0 or more.
     """
     return np.random.Generator(np.random.Philox(key=stream, counter=index << 192))
@@ -103,7 +103,7 @@ class Noise:
         """Return the error of one sample without its constant part (n), and the slowly varying errors of the next one.
 
         Args:
-            stream: from :func:`noise_stream`.
+            stream: stream from :func:`noise_stream`.
             index: number of the sample.
             state: slowly varying errors of this sample.
         """

@@ -37,10 +37,10 @@ def nearest_return(
     """Return distance [m] and angle [rad] of the nearest return in a sector; inf and 0 if there is none.
 
     Args:
-        ranges: along the beams, inf: no return (n) [m].
+        ranges: ranges along the beams, inf: no return (n) [m].
         angles: angles of the beams, positive to the left (n) [rad].
-        low: where the sector begins [rad]; its ends belong to it.
-        high: where it ends [rad].
+        low: lower end of the sector [rad]; both ends are included.
+        high: upper end of the sector [rad].
     """
     distance, angle = np.asarray(ranges, dtype=float), np.asarray(angles, dtype=float)
     seen = np.flatnonzero((angle >= low) & (angle <= high) & np.isfinite(distance))
@@ -67,8 +67,8 @@ class DistanceEstimator(LeafSystem):
         beams: beams of the scanner.
         start_angle: angle of the first beam [rad].
         end_angle: angle of the last beam [rad].
-        low: where the sector begins [rad], positive to the left.
-        high: where it ends [rad].
+        low: lower end of the sector [rad], positive to the left.
+        high: upper end of the sector [rad].
         rate: updates per second [Hz].
         filter_time: time constant of the speed's filter [s]; 0: none.
         max_speed: largest plausible change of distance [m/s].
@@ -142,8 +142,8 @@ class CloudOverlay(LeafSystem):
         cloud: the output of a :class:`mirdrake.sensors.Lidar`.
 
     Args:
-        meshcat: where to draw.
-        path: in Meshcat.
+        meshcat: Meshcat instance in which to draw.
+        path: path in Meshcat.
         scan: a scan of the lidar, for the type of the port.
         rate: drawings per second [Hz].
         point_size: size of a point [m].
@@ -183,9 +183,9 @@ def show_points(
     """Draw points in Meshcat, coloured by height from blue on the ground to red.
 
     Args:
-        meshcat: where to draw.
-        path: in Meshcat; what was there is replaced.
-        points: in the world (n, 3) [m].
+        meshcat: Meshcat instance in which to draw.
+        path: path in Meshcat; its present contents are replaced.
+        points: points in the world (n, 3) [m].
         point_size: size of a point [m].
         height: height of the last colour [m].
     """
@@ -205,8 +205,8 @@ def add_cloud_overlays(builder: DiagramBuilder, meshcat: Meshcat, lidars: Mappin
 
     Args:
         builder: builder of the diagram that the lidars are in.
-        meshcat: where to draw.
-        lidars: by name, for example ``ego.roof_lidar``.
+        meshcat: Meshcat instance in which to draw.
+        lidars: lidars by name, for example ``ego.roof_lidar``.
     """
     for name, lidar in lidars.items():
         overlay = CloudOverlay(meshcat, f"clouds/{name.replace('.', '/')}", scan=lidar.empty, rate=lidar.rate)

@@ -70,7 +70,7 @@ def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: 
         edge: whether there is a segment from each corner to the next (m - 1).
         angles: angles of the beams, rising, within -pi to pi (n) [rad].
         reach: largest distance [m].
-        step: between the angles, if it is always the same [rad]; it saves the search for the beams.
+        step: distance between adjacent angles, if constant [rad]; it saves the search for the beams.
     """
     bearing = np.arctan2(y, x)
     number = np.flatnonzero(edge)
@@ -159,15 +159,15 @@ class RangeScan(LeafSystem):
     over. Props that vehicles drive over are not seen.
 
     Args:
-        world: where the props are.
-        vehicle: what the scan is mounted on.
+        world: world with the props.
+        vehicle: vehicle that carries the scanner.
         beams: number of beams.
         start_angle: angle of the first [rad].
         end_angle: angle of the last [rad].
         reach: largest distance [m].
         height: height above which objects are seen [m]; default: the height that the vehicle rolls over, see
             :class:`mirdrake.worlds.clearance.Volume`.
-        front: how far the origin is ahead of the vehicle frame B [m]; default: the front of its collision shapes.
+        front: distance of the origin ahead of the vehicle frame B [m]; default: the front of its collision shapes.
         vehicles: other vehicles by name.
 
     Attributes:

@@ -47,11 +47,11 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         stream: stream of random numbers, from :func:`mirdrake.sensors.noise.noise_stream`.
         initial: output before the first sample (n).
         noise: measurement noise (m); plain numbers are standard deviations of white noise; default: none.
-        period: from sample to sample [s]; default: :func:`sample_period`.
+        period: time from sample to sample [s]; default: :func:`sample_period`.
 
     Attributes:
         rate: samples per second [Hz].
-        latency: from the time of a sample until it is output [s].
+        latency: time from a sample to its output [s].
     """
 
     def __init__(
@@ -168,7 +168,7 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     Attributes:
         rate: samples per second [Hz].
-        latency: from the time of a sample until it is output [s].
+        latency: time from a sample to its output [s].
     """
 
     def __init__(self, port: str, empty: AbstractValue, mount: Mount, *, stream: int = 0) -> None:

@@ -75,7 +75,7 @@ class Body(NamedTuple):
     Attributes:
         mass: mass of the vehicle [kg].
         front: distance of the centre of mass from the front axle [m].
-        rear: from the rear axle [m].
+        rear: distance from the rear axle [m].
         height: height of the centre of mass [m].
         tyre_stiffness: vertical stiffness of a tyre of each axle [N/m].
         unsprung: unsprung mass per wheel of each axle [kg].

@@ -264,9 +264,9 @@ def evaluate(variant: Variant, parameters: Sequence[Value], state: Sequence[Valu
 
     Args:
         variant: equations.
-        parameters: in the order of :data:`mirdrake.single_track.parameters.PARAMETERS`.
-        state: in the order of :attr:`Variant.state_names`.
-        inputs: in the order of :attr:`Variant.input_names`.
+        parameters: values in the order of :data:`mirdrake.single_track.parameters.PARAMETERS`.
+        state: state in the order of :attr:`Variant.state_names`.
+        inputs: inputs in the order of :attr:`Variant.input_names`.
     """
     names = variant.state_names
     law = lateral_force_of(variant)
@@ -283,7 +283,7 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
 
     Args:
         law: lateral force of an axle.
-        flags: which equations.
+        flags: variant of the equations.
         p: parameters by name.
         x: states.
         u: inputs.
@@ -452,9 +452,9 @@ class CompiledEquations:
         """Return the derivatives of the variant's states, and the motion.
 
         Args:
-            parameters: from :meth:`parameters`.
-            state: in the order of :attr:`Variant.state_names`.
-            inputs: from :meth:`inputs`.
+            parameters: parameters from :meth:`parameters`.
+            state: state in the order of :attr:`Variant.state_names`.
+            inputs: inputs from :meth:`inputs`.
         """
         rates, motion = np.empty(self._states), np.empty(_MOTIONS)
         self._step(self._flags, self._positions, parameters, state, inputs, rates, motion)

@@ -17,8 +17,8 @@ class SingleTrackParameters:
     Attributes:
         mass: mass of the vehicle [kg].
         yaw_inertia: about the vertical through the centre of mass [kg m²].
-        front_length: from the centre of mass to the front axle, a [m].
-        rear_length: to the rear axle, b [m].
+        front_length: distance from the centre of mass to the front axle, a [m].
+        rear_length: distance from the centre of mass to the rear axle, b [m].
         com_height: height of the centre of mass over the road [m].
         rotating_mass: mass equivalent of the inertia of wheels and rotors [kg].
         front_stiffness: cornering stiffness of the front axle, both tyres [N/rad].
@@ -52,7 +52,7 @@ class SingleTrackParameters:
         front_curvature: curvature factor E of the front tyres [1], at most 1.
         rear_curvature: the same at the rear [1].
         wind_x: velocity of the air along x of the world [m/s].
-        wind_y: along y [m/s].
+        wind_y: component along y [m/s].
 
     Raises:
         ConfigError: not a finite number, or out of range.

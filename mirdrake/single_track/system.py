@@ -46,7 +46,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
 
         Args:
             parameters: the defaults of a Context.
-            variant: which equations.
+            variant: choice of the equations.
 
         Raises:
             ConfigError: unknown tyres, or relaxation or roll without tyres.

@@ -45,7 +45,7 @@ class Proposer(Protocol):
         """Report the result of the oldest point without one.
 
         Args:
-            objectives: to be minimised; they need not be finite.
+            objectives: objectives to be minimised; they need not be finite.
             violation: 0 if the constraints hold, otherwise a finite measure of their violation.
         """
         ...
@@ -80,7 +80,7 @@ class ListProposer:
     """Proposer of a fixed list.
 
     Args:
-        points: in the order of proposal.
+        points: points in the order of proposal.
     """
 
     batch = None

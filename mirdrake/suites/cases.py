@@ -43,7 +43,7 @@ class Case:
         values: values of the seed and the parameters that vary.
         diagram: data of the diagram to simulate.
         expect: requirements, each with its place in the file.
-        goal: what ``at goal`` means.
+        goal: meaning of ``at goal``.
         content: SHA-256 of the world file, of those it uses, and of the module of the behaviour beside it.
         pinned: those of the values that do not stand in the world file.
     """

@@ -25,7 +25,7 @@ class Suite:
     """Cases and their results.
 
     Attributes:
-        cases: in the order of the world files.
+        cases: cases in the order of the world files.
         results: results of the finished cases, in the same order, whatever the number of workers.
         folder: folder of the suite; None if nothing was written.
     """
@@ -74,7 +74,7 @@ def run_suite(
     is immediately appended to results.jsonl. Ctrl-C ends the workers; the suite then has the finished cases.
 
     Args:
-        cases: from :func:`mirdrake.suites.collect_cases`.
+        cases: cases from :func:`mirdrake.suites.collect_cases`.
         workers: number of processes.
         folder: folder of the suite; it is created, and must be empty unless `resume`. None writes nothing.
         timeout: wall time that a case may take [s]; 60 s and ten times its simulated time if omitted.

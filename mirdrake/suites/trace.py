@@ -29,7 +29,7 @@ class MarginCurve:
 
     Attributes:
         times: stamps [s].
-        margins: in the unit of the requirement; None where a margin is not finite.
+        margins: margins in the unit of the requirement; None where a margin is not finite.
         worst_time: time of the smallest margin [s].
         outline: outline of the vehicle at that time.
     """

@@ -155,7 +155,7 @@ def brush_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, vx: Value) -> tu
     :data:`FADE_SPEED`.
 
     Args:
-        curve: from :func:`brush_at_load`.
+        curve: curve from :func:`brush_at_load`.
         kappa: longitudinal slip [1].
         tan_alpha: tangent of the slip angle [1].
         vx: longitudinal speed [m/s].

@@ -288,7 +288,7 @@ def lengths_at(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCur
     Args:
         p: parameters.
         point: operating point.
-        slopes: from :func:`pure_slip`.
+        slopes: slopes from :func:`pure_slip`.
     """
     dfz, dpi = point.dfz, point.dpi
     fallback = p.unloaded_radius + 0.0 * point.load
@@ -365,7 +365,7 @@ def curve_at(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCurve
     Args:
         p: parameters.
         point: operating point.
-        slopes: from :func:`pure_slip`.
+        slopes: slopes from :func:`pure_slip`.
     """
     gamma, dfz, camber, mu = point.gamma, point.dfz, point.camber, point.mu
     fx_pure, fy_pure = _longitudinal(p, point, slopes), _lateral(p, point, slopes)
@@ -444,7 +444,7 @@ def magic_formula_on(curve: MagicFormulaCurve, kappa: Value, tan_alpha: Value, v
     """Return forces and aligning moment of combined slip in steady state; arguments as in :func:`magic_formula`.
 
     Args:
-        curve: from :func:`curve_at_load`.
+        curve: curve from :func:`curve_at_load`.
         kappa: longitudinal slip [1].
         tan_alpha: tangent of the slip angle [1].
         vx: longitudinal speed [m/s].

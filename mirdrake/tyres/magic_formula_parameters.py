@@ -27,8 +27,8 @@ class MagicFormulaParameters:
         fzmax: largest load for which the coefficients hold [N].
         longitudinal_stiffness: longitudinal stiffness of the carcass [N/m]; 0: unknown.
         lateral_stiffness: lateral stiffness of the carcass [N/m]; 0: unknown.
-        vertical_stiffness: at the nominal load [N/m]; 0: unknown.
-        vertical_damping: at the nominal load [N s/m].
+        vertical_stiffness: stiffness at the nominal load [N/m]; 0: unknown.
+        vertical_damping: damping at the nominal load [N s/m].
         qfz2: part of the vertical force that grows with the square of the deflection [1].
         qv2: growth of the vertical force with the speed of the tread over V0 [1].
         others: coefficients, in groups below.

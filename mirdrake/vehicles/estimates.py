@@ -305,7 +305,7 @@ def estimate(
     Args:
         mass: mass of the whole vehicle [kg].
         wheelbase: [m].
-        track: between the contact centres of the wheels of an axle; the mean if the axles differ [m].
+        track: distance between the contact centres of the wheels of an axle; the mean if the axles differ [m].
         wheel_radius: [m].
         wheel_width: width of the tread [m].
         height: above the road [m]; this and the next two are estimated if None.
@@ -515,7 +515,7 @@ def _reach(radius: float, side: float, limit: float) -> float:
 
     Args:
         radius: radius of the wheel [m].
-        side: from the steering axis to the wheel's outer face [m].
+        side: distance from the steering axis to the wheel's outer face [m].
         limit: limit of the angle [rad].
     """
     worst = atan2(side, radius)

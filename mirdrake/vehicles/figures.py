@@ -45,9 +45,9 @@ class JointFigures:
         kind: its type in the URDF.
         parent: link.
         child: link.
-        role: what vehicle.yaml makes of it, "" for none.
+        role: role in vehicle.yaml; "" for none.
         place: place of its child's frame in base_link [m].
-        axis: in base_link; empty for fixed joints.
+        axis: axis in base_link; empty for fixed joints.
         lower: limit [rad], of a prismatic joint [m]; -inf without one.
         upper: limit, likewise; inf without one.
         velocity: limit [rad/s] or [m/s].
@@ -91,7 +91,7 @@ class SensorFigures:
         rate: samples per second [Hz].
         yaw: heading of the frame's x axis in base_link, positive to the left [rad].
         pitch: pitch of the same axis, positive upwards [rad].
-        across: what it sees from right to left, about its x axis [rad]; empty for what does not look anywhere.
+        across: horizontal field of view, right and left end about its x axis [rad]; empty for sensors without one.
         upward: the same from below to above [rad].
         reach: nearest and farthest distance [m]; empty for what does not look anywhere.
     """
@@ -115,7 +115,7 @@ class Overlap:
     Attributes:
         wheel: link.
         link: the other one.
-        depth: how deep [m].
+        depth: depth of the overlap [m].
         pose: "straight ahead" or "at full lock".
     """
 
@@ -139,9 +139,9 @@ class Inspection:
         loads: loads of front and rear axle at rest [N].
         front_share: part of the load on the front axle.
         side_share: part of the load on the left wheels.
-        wheelbase: between the axles.
+        wheelbase: distance between the axles.
         tracks: front and rear.
-        kingpin_track: between the steering axes.
+        kingpin_track: distance between the steering axes.
         wheel_radii: front and rear, unloaded.
         wheel_widths: front and rear.
         size: length, width, height over the road of all collision shapes.
@@ -160,7 +160,7 @@ class Inspection:
         joints: all joints.
         actuators: all actuators.
         sensors: all mounted sensors.
-        warnings: what looks wrong, in words.
+        warnings: sentences about implausible values.
     """
 
     vehicle: str

@@ -67,7 +67,7 @@ def change_file(
         path: the file.
         edits: values to set; nothing is changed if all are there already.
         check: raises ConfigError if a text would no longer load.
-        notes: to go with the change.
+        notes: notes to go with the change.
 
     Raises:
         ConfigError: the file cannot be read, an edit does not fit it, or it would no longer load.

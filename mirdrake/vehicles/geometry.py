@@ -23,10 +23,10 @@ class VehicleGeometry:
     The wheels of one axle are alike; front and rear axle may differ.
 
     Attributes:
-        wheelbase: between the axles.
-        front_track: between the contact centres of the front wheels.
-        rear_track: between the contact centres of the rear wheels.
-        kingpin_track: between the steering axes, on the road.
+        wheelbase: distance between the axles.
+        front_track: distance between the contact centres of the front wheels.
+        rear_track: distance between the contact centres of the rear wheels.
+        kingpin_track: distance between the steering axes, on the road.
         front_wheel_radius: unloaded radius of the front wheels.
         rear_wheel_radius: unloaded radius of the rear wheels.
         front_wheel_width: width of the collision shape of a front wheel.

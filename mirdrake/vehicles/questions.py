@@ -126,7 +126,7 @@ def read_quantity(quantity: Quantity, value: Any, *, where: str | None = None) -
     """Return a quantity in SI units from a number or a text with a unit, and check its range.
 
     Args:
-        quantity: to be read.
+        quantity: quantity to be read.
         value: for example ``2.6`` or ``"102.4 in"``.
         where: name in messages; the key of the quantity by default.
 

@@ -75,7 +75,7 @@ def new_vehicle(
         name: name of folder and model: letters, digits, underscores.
         wheelbase: distance of the axles [m].
         mass: mass of the vehicle, ready to drive [kg].
-        track: between the middle planes of the wheels of an axle [m].
+        track: distance between the middle planes of the wheels of an axle [m].
         track_front: track of the front axle [m], instead of `track`.
         track_rear: track of the rear axle [m], if it differs.
         wheel_radius: radius of the tyres [m].
@@ -93,7 +93,7 @@ def new_vehicle(
         front_axle_share: share of the weight on the front axle [-].
         com_height: height of the centre of mass [m].
         yaw_inertia: yaw inertia of the whole vehicle [kg m²].
-        power: at the wheels [W].
+        power: power at the wheels [W].
         top_speed: [m/s].
         body: hatchback, sedan, suv, van, truck or robot; by mass if None.
         sensors: any of camera, depth_camera, lidar, gps, imu and sonar, separated by commas.

@@ -144,7 +144,7 @@ def plan_vehicle(
         tyre: size such as ``215/50R17``, instead of wheel_radius and wheel_width.
         tyre_front: tyre size of the front axle.
         tyre_rear: tyre size of the rear axle.
-        sizes: by key of :data:`mirdrake.vehicles.questions.QUANTITIES`; numbers in SI, or texts with a unit.
+        sizes: sizes by key of :data:`mirdrake.vehicles.questions.QUANTITIES`; numbers in SI, or texts with a unit.
 
     Raises:
         ConfigError: quantities are missing or implausible; one line for each.

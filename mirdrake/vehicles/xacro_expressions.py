@@ -55,7 +55,7 @@ class Evaluator:
 
     Args:
         load_yaml: reads a YAML file for ``xacro.load_yaml``.
-        abs_filename: for ``xacro.abs_filename``.
+        abs_filename: implementation of ``xacro.abs_filename``.
         argument: value of an argument, for ``xacro.arg``.
         warn: gets the texts of ``xacro.message``, ``xacro.warning`` and ``xacro.error``.
         tick: called all along an evaluation; raises an error when no time is left.

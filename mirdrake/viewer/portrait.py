@@ -58,7 +58,7 @@ def draw_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> I
     """Return a picture of a vehicle.
 
     Args:
-        vehicle: to draw.
+        vehicle: vehicle to draw.
         width: width of the picture [pixel].
         height: height of the picture [pixel].
 
@@ -200,7 +200,7 @@ def _place(corners: Array, aspect: float) -> tuple[RigidTransform, float]:
     """Return pose (z ahead, x to the right, y down) and distance of a camera whose picture the points fill.
 
     Args:
-        corners: what shall be seen (n, 3) [m].
+        corners: points that must be visible (n, 3) [m].
         aspect: width over height of the picture.
     """
     back = np.array([cos(_ELEVATION) * cos(_AZIMUTH), cos(_ELEVATION) * sin(_AZIMUTH), sin(_ELEVATION)])

@@ -104,7 +104,7 @@ def make_private_meshcat(*, url: str = "http://localhost:{port}") -> tuple[Meshc
     """Return a Meshcat without a port, and how to connect to it.
 
     Args:
-        url: what its ``web_url()`` returns.
+        url: result of its ``web_url()``.
 
     Raises:
         RunError: Meshcat cannot listen.

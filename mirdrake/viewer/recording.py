@@ -61,7 +61,7 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
 
     Args:
         run: a run with pose and joint signals.
-        meshcat: where to draw.
+        meshcat: Meshcat instance in which to draw.
         frames_per_second: frames per second of simulated time [Hz].
     """
     builder, scene = DiagramBuilder(), run.scene()

@@ -71,7 +71,7 @@ class PageServer:
         name: name of the service, for the error message of a port in use.
         ports: ports of localhost, tried in this order; 0 is any free one.
         files: returns the content of a path of the page, "" for the page itself; None if there is none.
-        posts: from a path to the function that answers a JSON object posted there, in threads of the server.
+        posts: functions by path that answer a posted JSON object, in threads of the server.
         upstream: Meshcat, for the page and files that `files` does not have.
         largest: largest size of a request body [byte].
 

@@ -35,7 +35,7 @@ def show_diagram(spec: DiagramSpec, meshcat: Meshcat, *, scene: Scene | None = N
 
     Args:
         spec: spec of the diagram.
-        meshcat: where to draw.
+        meshcat: Meshcat instance in which to draw.
         scene: scene of the diagram, if it is made already.
     """
     assembly = assemble(spec, meshcat=meshcat, scene=scene, drawing_period=DRAWING_PERIOD)
@@ -54,7 +54,7 @@ def write_page(meshcat: Meshcat, path: Path, *, views: Iterable[View] = ()) -> N
     Args:
         meshcat: its content.
         path: path of the file.
-        views: with buttons in the page.
+        views: views with buttons in the page.
     """
     chosen, page = tuple(views), meshcat.StaticHtml()
     write_file(path, with_views(page, chosen) if chosen else page)

@@ -142,7 +142,7 @@ def show_vehicle(
     """Show a vehicle at rest on an empty plane, with a slider for each joint and buttons for layers.
 
     Args:
-        vehicle: to look at.
+        vehicle: vehicle to look at.
         meshcat: where.
         frames: show the frame of every link (x red, y green, z blue) and the centre of mass from the start.
         collision: show the collision shapes, as they are simulated, from the start.
@@ -179,7 +179,7 @@ def draw_triad(meshcat: Meshcat, path: str, length: float) -> None:
 
     Args:
         meshcat: where.
-        path: in the scene tree; its transform is that of the frame.
+        path: path in the scene tree; its transform is that of the frame.
         length: length of an axis [m].
     """
     turns = (RotationMatrix.MakeYRotation(0.5 * pi), RotationMatrix.MakeXRotation(-0.5 * pi), RotationMatrix())
@@ -195,7 +195,7 @@ def draw_ball(meshcat: Meshcat, path: str, radius: float) -> None:
 
     Args:
         meshcat: where.
-        path: in the scene tree; its transform is that of the centre.
+        path: path in the scene tree; its transform is that of the centre.
         radius: [m].
     """
     steps = 8  # of a quarter of the circumference

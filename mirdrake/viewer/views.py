@@ -83,7 +83,7 @@ def make_views(vehicle: Vehicle) -> tuple[View, ...]:
     """Return the views of a vehicle, the default first.
 
     Args:
-        vehicle: what is looked at; its wheelbase gives the distances.
+        vehicle: vehicle in the view; distances are multiples of its wheelbase.
     """
     size = vehicle.geometry.wheelbase / CAR
     return (
@@ -103,7 +103,7 @@ class ViewButtons:
 
     Args:
         meshcat: where.
-        views: to choose from.
+        views: views to choose from.
     """
 
     def __init__(self, meshcat: Meshcat, views: Iterable[View]) -> None:
@@ -130,7 +130,7 @@ def with_views(page: str, views: Iterable[View]) -> str:
 
     Args:
         page: HTML page of :meth:`pydrake.geometry.Meshcat.StaticHtml`, or of a server.
-        views: to choose from.
+        views: views to choose from.
     """
     data = json.dumps([asdict(view) for view in views]).replace("</", "<\\/")
     return add_to_body(page, _PANEL.replace("VIEWS", data))

@@ -135,7 +135,7 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
     Args:
         volume: volume of the vehicle.
         poses: x, y [m] and yaw [rad] of its frame B (n, 3).
-        props: with `between` and `prop.driven_over`, see :class:`mirdrake.worlds.PlacedProp`.
+        props: props with `between` and `prop.driven_over`, see :class:`mirdrake.worlds.PlacedProp`.
         rows: rows of the poses to evaluate; the others are infinite.
     """
     result = np.full(len(poses), math.inf)

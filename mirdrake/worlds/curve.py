@@ -27,12 +27,12 @@ class Curve:
         pieces: end to end with a common tangent.
         start: pose (x [m], y [m], yaw [rad]) at s = 0 in the world frame.
         closed: the end meets the start; s is then periodic.
-        name: for messages.
+        name: name for messages.
 
     Attributes:
         start: given pose at s = 0.
         end: pose at the end, by the pieces.
-        length: along the curve [m].
+        length: length along the curve [m].
         knots: s [m] where pieces meet, from 0 to the length.
         min_radius: smallest radius [m]; infinite for a straight.
         gap: distance [m] and heading difference [rad] from the end back to the start.
@@ -100,7 +100,8 @@ class Curve:
         """Return poses on the centre line.
 
         Args:
-            s: along the centre line [m], any shape; periodic when closed, otherwise extended straight beyond the ends.
+            s: station along the centre line [m], any shape; periodic when closed, otherwise extended straight beyond
+                the ends.
 
         Returns:
             x [m], y [m] and yaw [rad] in the world frame, each of the shape of s. yaw is continuous along a lap from

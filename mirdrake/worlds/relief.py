@@ -307,7 +307,7 @@ def make_relief(specs: Sequence[ReliefSpec], tracks: Mapping[str, Track], folder
     Args:
         specs: entries of `ground.relief`.
         tracks: the tracks of the world, by name.
-        folder: that files are relative to.
+        folder: folder to which paths of files are relative.
 
     Raises:
         ConfigError: an entry has faults.

@@ -72,8 +72,8 @@ class Rules:
     Args:
         specs: specs of the file.
         areas: tracks and patches.
-        starts: by name.
-        goals: by name.
+        starts: starts by name.
+        goals: goals by name.
         draw: evaluates values.
 
     Raises:

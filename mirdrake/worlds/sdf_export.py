@@ -38,7 +38,7 @@ class SdfExport:
     Attributes:
         files: content by path relative to the folder of the SDF file; the SDF file is the last.
         models: name of the model of each prop.
-        left_out: what SDF cannot represent, one line each.
+        left_out: lines about what SDF cannot represent.
     """
 
     files: dict[str, bytes]

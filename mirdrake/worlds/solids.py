@@ -71,7 +71,7 @@ class SolidKind(ABC):
         Args:
             value: value of the file.
             folder: folder of the file.
-            factors: by which it is stretched along the axes of the prop.
+            factors: factors by which it is stretched along the axes of the prop.
             prefix: prefix of messages.
 
         Raises:

@@ -46,7 +46,7 @@ def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = No
 
     Args:
         spec: spec of the track.
-        name: for messages.
+        name: name for messages.
         folder: folder of its files; default: the working directory.
 
     Raises:
@@ -100,8 +100,8 @@ def _unfold(spec: TrackSpec, line: _CentreLine, track: Track, fold: float) -> tu
     Args:
         spec: spec of the track.
         line: through the points.
-        track: along that line.
-        fold: where its inner edge folds [m].
+        track: track along that line.
+        fold: station at which its inner edge folds [m].
     """
     assert line.smoothed is not None
     spacing = max(track.width / 8.0, track.length / _MOST_POINTS)

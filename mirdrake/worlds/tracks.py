@@ -31,7 +31,7 @@ class Track(Curve):
         width: width of the road [m], half of it to each side; not used when `edges` is given.
         edges: edges of a road of varying width: s [m], rising from 0 to the length, and the distances of the left and
             the right edge from the centre line there [m], three arrays (N), interpolated linearly.
-        name: for messages.
+        name: name for messages.
         notes: parts of its source that it does not represent, one line each.
 
     Raises:

@@ -107,7 +107,7 @@ def _roll_values(vehicle: Vehicle, momentum: float) -> dict[str, float]:
     the body on springs, tyres and the unsprung masses between them.
 
     Args:
-        vehicle: with a suspension.
+        vehicle: vehicle with a suspension.
         momentum: angular momentum of the wheels over the speed [kg m]; yawing at ay / vx, they roll the body.
     """
     # Static roll: gravity reduces the stiffness, and the tyres take the lateral force at the road.

@@ -153,7 +153,7 @@ def convert_collision(
         shape: collision shape of a link.
         folder: the vehicle's; parts go to ``meshes/<name>.obj`` or ``meshes/<name>_<number>.obj``.
         name: name of the files, without extension; must be new.
-        time: for cutting, shared by several meshes; when it is used up, they become their convex hulls.
+        time: time for cutting, shared by several meshes; when it is used up, they become their convex hulls.
 
     Returns:
         shapes that together replace the given one, and the changes.

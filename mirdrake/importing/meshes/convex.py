@@ -54,7 +54,7 @@ class CutTime:
     """Time for the convex decomposition of meshes.
 
     Attributes:
-        limit: at the beginning [s].
+        limit: limit at the beginning [s].
         left: what remains of it [s].
     """
 
@@ -158,7 +158,7 @@ def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
 
     Args:
         corners: (n, 3, 3) [m].
-        time: for all meshes that are cut with it; :data:`CUT_TIME` for this one if left out.
+        time: time for all meshes that are cut with it; :data:`CUT_TIME` for this one if left out.
     """
     time = time or CutTime()
     points, index = weld(corners.reshape(-1, 3))

@@ -20,7 +20,7 @@ def read_collada(document: Collada, folder: TextureFolder) -> Iterator[Piece]:
     """Yield all triangles of the scene; its unit is applied, its up axis is not (see :mod:`.read`).
 
     Args:
-        document: as pycollada has it, its faults passed over.
+        document: document of pycollada, without its faulty parts.
         folder: finds the textures and takes the notes.
     """
     root = document.xmlnode.getroot()

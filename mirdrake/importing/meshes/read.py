@@ -68,7 +68,7 @@ class Material:
     """Appearance of a surface.
 
     Attributes:
-        name: in the file, or "".
+        name: name in the file, or "".
         rgba: colour in sRGB and opacity, 0 .. 1; None if the file has none.
         picture: texture, mode RGB or RGBA; alpha counts only if it is RGBA.
         emission: emitted colour in sRGB.
@@ -85,11 +85,11 @@ class Piece:
     """Triangles of one material, in metres along the axes of the file.
 
     Attributes:
-        names: that a submesh may be called by: of the nodes above it and of its geometry.
+        names: names that a submesh may be called by: of the nodes above it and of its geometry.
         corners: (n, 3, 3), counter-clockwise from outside.
-        normals: at the corners (n, 3, 3).
-        uv: at the corners (n, 3, 2), from the lower left of the picture.
-        colors: at the corners (n, 3, 4) in sRGB.
+        normals: normals at the corners (n, 3, 3).
+        uv: texture coordinates at the corners (n, 3, 2), from the lower left of the picture.
+        colors: colours at the corners (n, 3, 4) in sRGB.
         material: their common material.
     """
 

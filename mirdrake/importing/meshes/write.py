@@ -33,7 +33,7 @@ def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
     Surfaces show from both sides.
 
     Args:
-        pieces: in metres, z up.
+        pieces: pieces in metres, z up.
         path: path of the .gltf; its folder exists.
 
     Returns:

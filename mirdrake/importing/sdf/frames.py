@@ -41,7 +41,7 @@ class Scope:
         origin: full name of the frame that poses are relative to by default.
         version: version of SDF.
         folder: folder of the file.
-        files: that were included on the way here, to find includes of themselves.
+        files: files that were included on the way here, to find includes of themselves.
     """
 
     prefix: str

@@ -60,7 +60,7 @@ class ImportPlan:
     Attributes:
         folder: folder of the vehicle.
         car: repaired; its meshes are not converted yet.
-        model: as read.
+        model: model as read.
         places: short names of the source files.
     """
 
@@ -98,7 +98,8 @@ def import_vehicle(
         arguments: values of xacro arguments.
         drive: driven axle: front, rear or all; what the files state if left out.
         force: replace a vehicle of that name.
-        convex_time: for cutting collision meshes into convex parts [s]; those left become their convex hulls.
+        convex_time: time limit for cutting collision meshes into convex parts [s]; those left become their convex
+            hulls.
         progress: called with the current step.
         finish: called with the complete folder before it takes its place.
 

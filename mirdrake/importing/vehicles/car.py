@@ -18,7 +18,7 @@ class Layout:
     """Dimensions [m] of a car, and its poses in the source.
 
     Attributes:
-        wheelbase: between the axles.
+        wheelbase: distance between the axles.
         tracks: front and rear, between the wheels' middle planes.
         kingpin_track: distance of the steering axes.
         trail: steering axes ahead of the front wheels' centres.
@@ -66,8 +66,8 @@ class Part:
         links: links of the source that it is made of.
         X_MP: pose of the part's frame in the source.
         mass: its mass, centre and inertia.
-        visuals: in the part's frame.
-        collisions: in the part's frame; of the body only, wheels get their cylinder.
+        visuals: visuals in the part's frame.
+        collisions: collisions in the part's frame; of the body only, wheels get their cylinder.
     """
 
     name: str
@@ -85,9 +85,9 @@ class Parts:
     Attributes:
         body: base link.
         knuckles: left and right.
-        wheels: by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
-        carriers: by the wheel's name, what moves up and down with it besides wheel and knuckle, in the frame of the
-            body; empty without springs.
+        wheels: wheels by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
+        carriers: carriers by the wheel's name, what moves up and down with it besides wheel and knuckle, in the frame
+            of the body; empty without springs.
     """
 
     body: Part
@@ -152,7 +152,7 @@ class Car(Parts):
 
     Attributes:
         name: name of folder, robot and package.
-        title: for people.
+        title: title for people.
         base: name of the base link.
         layout: dimensions.
         wheel_joints: names, by the names of the wheels.
@@ -162,13 +162,13 @@ class Car(Parts):
         drive: driven axle.
         drive_source: its origin.
         numbers: all other numbers by key.
-        estimates: from mass and dimensions.
+        estimates: values estimated from mass and dimensions.
         bounds: corners of the body in base_link, without its wheels.
         frames: other links of the source.
         mount_frames: links that sensors sit in.
         mounts: sensors.yaml as data.
         variant: variants/imported.yaml as data; None if there is none.
-        licence: as found.
+        licence: licence as found.
         changes: all of them.
         warnings: sentences for the user that come first.
     """

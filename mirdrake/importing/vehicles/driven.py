@@ -23,7 +23,7 @@ def find_drive(
     """Return the driven axle of a car.
 
     Args:
-        model: as read.
+        model: model as read.
         wheels: wheel joints by the names of :data:`mirdrake.vehicles.spec.WHEELS`.
         asked: choice of the user, which takes precedence.
 

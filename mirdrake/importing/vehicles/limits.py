@@ -133,7 +133,7 @@ def collect_numbers(
     Args:
         roles: roles of the joints.
         limit: limit of the steering.
-        estimates: for the whole car.
+        estimates: estimates for the whole car.
         tyres: the same with the radius and width of the front and of the rear wheels.
     """
     changes = Changes()

@@ -81,7 +81,7 @@ class Joint:
         kind: revolute, continuous, prismatic, fixed, floating, planar, universal, revolute2, ball, screw, gearbox.
         X_PJ: pose of the joint frame in the parent link; the child link's frame is `X_JC` further.
         X_JC: pose of the child link in the joint frame: identity in URDF, any in SDF.
-        axis: in the joint frame J, as written (not normalised).
+        axis: axis in the joint frame J, as written (not normalised).
         axis2: second axis of universal and revolute2 joints, in J.
         damping: [N m s/rad] or [N s/m].
         friction: [N m] or [N].
@@ -114,7 +114,7 @@ class SensorTag:
 
     Attributes:
         kind: Gazebo's type in lower case, for example camera, depth, ray, gpu_ray, imu, gps, sonar, contact.
-        link: that carries it.
+        link: link that carries it.
         X_LS: pose in its link.
         rate: [Hz]; None if not given.
         values: every leaf below the tag by dotted path without the tag itself, for example
@@ -160,7 +160,7 @@ class Controller:
     Attributes:
         name: dotted path in the file.
         kind: its type, for example ``effort_controllers/JointVelocityController``.
-        joints: that it moves.
+        joints: joints that it moves.
         gains: joint -> p, i, d, i_clamp ...; "" for gains without a joint.
         values: all other leaves by dotted path.
     """
@@ -179,9 +179,9 @@ class SourceModel:
 
     Attributes:
         name: name of the model.
-        links: by name, in the order of the source.
-        joints: by name, in the order of the source.
-        files: that took part, main file first.
+        links: links by name, in the order of the source.
+        joints: joints by name, in the order of the source.
+        files: files that took part, main file first.
         changes: changes of the readers.
         texts: licence and author found in the package, by file name.
         hints: mistakes in the files that may explain a rejection, each a clause.

@@ -40,10 +40,10 @@ class Wheel:
     """A road wheel in the model's frame M.
 
     Attributes:
-        joint: on which it turns.
+        joint: joint on which it turns.
         second: whether it turns on the joint's second axis (universal, revolute2).
         axis: unit vector, as the source has it: to the left or to the right.
-        point: on the axis, in the wheel's middle plane [m].
+        point: point on the axis, in the wheel's middle plane [m].
         off_axis: how far the shape's centre is from the axis [m].
         shape: round shape.
         steering: upright joints on the way from the root, the nearest to the wheel last.
@@ -71,7 +71,7 @@ class Roles:
 
     Attributes:
         tree: tree of the model.
-        wheels: by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
+        wheels: wheels by name, in the order of :data:`mirdrake.vehicles.spec.WHEELS`.
         steering: joints of the left and of the right front wheel.
         drive: driven axle.
         drive_source: its place in the source; "" if it is not stated.
@@ -90,7 +90,7 @@ def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
     """Find wheels, steering and driven axle of a model.
 
     Args:
-        model: as read.
+        model: model as read.
         drive: driven axle, if the caller knows it.
 
     Raises:

@@ -33,8 +33,8 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
     """Make a car of a recognised model.
 
     Args:
-        model: as read.
-        roles: from :func:`mirdrake.importing.vehicles.recognise.recognise`.
+        model: model as read.
+        roles: roles from :func:`mirdrake.importing.vehicles.recognise.recognise`.
         name: name of the vehicle folder.
         springs: whether springs of the source become a suspension.
 

@@ -29,8 +29,8 @@ class Round:
 
     Attributes:
         radius: [m].
-        width: along the axis [m].
-        centre: in W [m].
+        width: width along the axis [m].
+        centre: centre in W [m].
         shape: what was measured.
         role: "collision" or "visual".
         width_from: origin of the width, if not the shape itself.
@@ -70,7 +70,7 @@ def find_rounds(tree: Tree, links: Iterable[str], X_MW: RigidTransform) -> list[
 
     Args:
         tree: tree of the model.
-        links: that turn about the axis.
+        links: links that turn about the axis.
         X_MW: frame with its y axis along the joint's axis.
     """
     collisions: list[Round] = []

@@ -46,7 +46,7 @@ def make_mounts(
     """Return mounts, their frames, and the changes of sensors without counterpart.
 
     Args:
-        model: as read.
+        model: model as read.
         places: link of the source -> link of the car that carries it, and its pose in there.
         names: names of links that are taken, and new ones.
     """

@@ -31,7 +31,7 @@ def convert_shapes(car: Car, folder: Path, *, convex_time: float = CUT_TIME) -> 
     Args:
         car: its parts are changed.
         folder: the vehicle's.
-        convex_time: for cutting collision meshes into convex parts [s].
+        convex_time: time limit for cutting collision meshes into convex parts [s].
     """
     changes = Changes()
     files: set[str] = set()

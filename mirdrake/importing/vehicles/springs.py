@@ -142,9 +142,9 @@ def make_springs(
 
     Args:
         springs: springs of all wheels.
-        parts: with their masses.
+        parts: parts with their masses.
         layout: dimensions.
-        estimates: for the whole car.
+        estimates: estimates for the whole car.
     """
     where = _place(springs.values())
     # Wheel loads minus the weight below the springs: what each spring carries.

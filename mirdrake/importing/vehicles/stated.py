@@ -27,7 +27,7 @@ class Stated:
             or max_speed.
         end: front or rear; "" if the figure is not of one axle.
         value: SI.
-        key: as the plugin names it.
+        key: name of the parameter in the plugin.
         where: ``file:line`` of the plugin.
     """
 

@@ -30,10 +30,10 @@ def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places, con
 
     Args:
         car: repaired; its shapes become those of the files, and its changes get those of the shapes.
-        model: where it comes from.
+        model: source of the vehicle.
         folder: exists.
-        places: how files of the source are named.
-        convex_time: for cutting collision meshes into convex parts [s].
+        places: short names of files of the source.
+        convex_time: time limit for cutting collision meshes into convex parts [s].
     """
     # Shapes first: the templates name their files, and the README lists their changes.
     car.changes += convert_shapes(car, folder, convex_time=convex_time)

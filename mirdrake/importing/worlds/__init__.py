@@ -88,7 +88,7 @@ def import_world(
     Args:
         path: the .world or .sdf file.
         name: name of the world; that of the source if left out.
-        folder: where it goes; ``worlds`` in the working directory if left out.
+        folder: folder of the result; ``worlds`` in the working directory if left out.
         packages: model or package name -> folder, besides those found around the file and on Gazebo's search paths.
         strict: reject a world if collision geometry would be left out.
         force: replace a world of that name.

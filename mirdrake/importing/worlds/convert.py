@@ -30,7 +30,7 @@ class Converter:
 
     Attributes:
         name: name of the new world.
-        folder: in which it is built; props go to ``<name>/props/`` below it.
+        folder: folder of the world file; props are written to ``<name>/props/`` below it.
         height: height of the ground in the source [m].
         changes: get every change.
         progress: called with the current step.

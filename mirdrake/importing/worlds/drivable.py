@@ -38,13 +38,13 @@ class Surface:
 
     Attributes:
         obj: the object.
-        shapes: that it consists of.
+        shapes: shapes that it consists of.
         triangles: its upper faces in W (n, 3, 3) [m].
         polygons: its outlines seen from above [m].
         area: their area [m²].
         top: height in W [m].
-        rise: between its lowest and its highest point [m].
-        thickness: between its lowest and its highest point, with the faces below [m].
+        rise: height of its highest over its lowest point [m].
+        thickness: the same height, including the faces below [m].
         box: its box; None if it is not a single upright box.
         whole: no part of its shapes is above it.
         words: names of model and materials.
@@ -262,7 +262,7 @@ def heights_below(surfaces: list[Surface], points: Array, height: float) -> Arra
     """Return the height of the surface below each point (n, 3) of W above the ground [m]; 0 without one.
 
     Args:
-        surfaces: that are ground.
+        surfaces: surfaces that are ground.
         points: the lowest point of each object [m].
         height: height of the ground in W [m].
     """

@@ -134,7 +134,7 @@ class StandIn:
         name: name of the prop.
         asked: the requested size [m]; None if it has one size only.
         scale: times as large.
-        size: that it has then [m].
+        size: size that it has then [m].
     """
 
     name: str

@@ -18,7 +18,7 @@ class SourceObject:
     """A model of the world; W is the frame of the world, M that of the model, both as in the source.
 
     Attributes:
-        name: in the source, nested ones joined with ``::``.
+        name: name in the source; names of nested models are joined with ``::``.
         kind: name of the model that was included, or of the model itself.
         X_WM: pose.
         static: whether it never moves.
@@ -60,7 +60,7 @@ class Crowd:
         name: name of the population.
         obj: one of the copies; its pose is that of the population.
         layout: random, uniform, grid, linear-x, linear-y or linear-z.
-        count: how many; of a grid columns times rows.
+        count: number of copies; columns times rows of a grid.
         box: edges of the region [m]; None for a cylinder or a grid.
         radius: radius of the region [m]; None for a box or a grid.
         step: step of a grid along x and y [m].
@@ -129,7 +129,7 @@ class SourceWorld:
         suns: directional lights, in order.
         actors: name, model, pose in W and place of each moving actor.
         changes: changes of the readers.
-        files: that took part, main file first.
+        files: files that took part, main file first.
     """
 
     name: str

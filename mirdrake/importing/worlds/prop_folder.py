@@ -40,7 +40,7 @@ def write_prop(
     """Write an object as a prop.
 
     Args:
-        obj: with collision shapes, none of them a plane; those of kind convex are in the folder already.
+        obj: object with collision shapes, none of them a plane; those of kind convex are in the folder already.
         folder: folder of the prop; it is made.
         changes: get every change.
 

@@ -97,7 +97,7 @@ class ModelReader:
 
         Args:
             element: its ``<model>``.
-            scope: that contains it.
+            scope: scope that contains it.
             name: instead of its own.
             placed: an ``<include>`` whose pose and ``static`` take precedence.
             draft: the moving object that it is part of; None for one of its own.

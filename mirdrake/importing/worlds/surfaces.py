@@ -120,9 +120,9 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
     within a square of a grid. The squares are 0.5 m wide, or as much larger as it takes for 180 parts.
 
     Args:
-        shape: that the triangles belong to.
-        corners: in its model (n, 3, 3) [m].
-        folder: for the OBJ files.
+        shape: shape that the triangles belong to.
+        corners: corners in its model (n, 3, 3) [m].
+        folder: folder for the OBJ files.
         name: name of the files, without number.
     """
     points, index = weld(corners.reshape(-1, 3))

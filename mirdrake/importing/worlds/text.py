@@ -96,8 +96,8 @@ def report_text(
         name: name of the world.
         files: files of the source.
         entries: objects of the new world.
-        changes: with short places.
-        places: how files are named.
+        changes: changes with short places.
+        places: short names of files.
         checks: sentences on what the user should check.
     """
     lines = [

@@ -91,7 +91,7 @@ def follow(output: float, wanted: float, period: float, time_constant: float, ra
     """Return the output of a lag with a limited rate after a period of constant `wanted`; exact.
 
     Args:
-        output: at the start of the period.
+        output: output at the start of the period.
         wanted: demanded value.
         period: [s].
         time_constant: τ [s]; 0: no lag.

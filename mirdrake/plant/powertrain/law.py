@@ -43,9 +43,9 @@ class Torques(NamedTuple):
     """Torques of the wheels.
 
     Attributes:
-        drive: on the wheels, positive ahead [N m].
+        drive: drive torque on the wheels, positive ahead [N m].
         brake: largest torques of the brakes, not negative [N m].
-        status: in the order of :data:`mirdrake.plant.powertrain.system.STATUS`.
+        status: status in the order of :data:`mirdrake.plant.powertrain.system.STATUS`.
     """
 
     drive: Four
@@ -139,7 +139,7 @@ class PowertrainLaw:
         """Advance by one step.
 
         Args:
-            memory: from the last step, or from :meth:`rest`.
+            memory: memory from the last step, or from :meth:`rest`.
             pedals: throttle [1], brake [1], gear (1 drive, 0 neutral, -1 reverse).
             measured: motion of the vehicle.
 

@@ -277,7 +277,7 @@ def add_ground_force(
         force: generalised forces of the plant (num_velocities) [N, N m], changed.
         wheel: the wheel.
         contact: its contact.
-        forces: at the contact centre, ahead, to the left, along the normal (3) [N].
+        forces: forces at the contact centre, ahead, to the left, along the normal (3) [N].
         mz: moment about the normal [N m].
         resistance: moment about the axle [N m], of which the carrier bears nothing.
         turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.

@@ -99,7 +99,7 @@ class GroundTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         wheel_torque (8) [N m]: drive torques of the wheels, signed, then largest torques of their brakes, not negative;
             zeros if it is not connected.
     Output ports:
-        generalized_force: for the plant's applied generalised force (num_velocities) [N, N m]; without delay.
+        generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m]; without delay.
         tyre_forces (20): per wheel Fx, Fy [N], Mz [N m], and the slips kappa [1] and alpha [rad], of the last step.
         wheel_load (4) [N]: force along the normal of the ground, of the last step.
         resistance (4) [N m]: torque of the rolling resistance about each axle, of the last step.

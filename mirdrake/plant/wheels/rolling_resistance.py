@@ -221,7 +221,7 @@ class RollingResistance(LeafSystem):
         contact_results: the plant's contact results (abstract).
         plant_state: the plant's state, positions and velocities.
     Output ports:
-        generalized_force: for the plant's applied generalised force (num_velocities) [N, N m].
+        generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m].
         wheel_load (4 a vehicle) [N]: normal load of the road on each wheel.
         resistance (4 a vehicle) [N m]: torque applied about each wheel's axle, tyre and cancellation.
         other_contacts (1) [1]: number of contacts of vehicles that are not tyres on the road.

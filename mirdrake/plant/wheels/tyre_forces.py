@@ -110,7 +110,7 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         wheel_torque (8) [N m]: drive torques of the wheels, signed, then largest torques of their brakes, not negative;
             zeros if it is not connected.
     Output ports:
-        generalized_force: for the plant's applied generalised force (num_velocities) [N, N m]; without
+        generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m]; without
             delay.
         tyre_forces (20): per wheel Fx, Fy [N], Mz [N m], and the slips kappa [1] and alpha [rad] of these forces, of
             the last step.

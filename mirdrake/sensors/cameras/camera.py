@@ -87,7 +87,7 @@ class Camera(SampledValue):
         frame: mounting frame, x ahead and z up; fixed to a body.
         mount: resolution, field of view, clipping, rate and noise.
         renderer: name of a renderer of the scene graph.
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream from :func:`mirdrake.sensors.noise.noise_stream`.
         labels: names by label.
 
     Attributes:

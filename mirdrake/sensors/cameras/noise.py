@@ -29,7 +29,7 @@ def color_noise(seen: Colors, noise: float, *, stream: int, index: int) -> Color
     Args:
         seen: rendered colours (height, width, 4); alpha is ignored.
         noise: standard deviation [of full scale].
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream from :func:`mirdrake.sensors.noise.noise_stream`.
         index: number of the sample.
 
     Returns:
@@ -55,7 +55,7 @@ def depth_noise(seen: Depths, mount: DepthCameraMount, *, stream: int, index: in
     Args:
         seen: rendered depths: 0 nearer than the limits and infinite beyond them (height, width).
         mount: noise, limits and steps.
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream from :func:`mirdrake.sensors.noise.noise_stream`.
         index: number of the sample.
     """
     spec, step, inverse = mount.depth_noise, mount.depth_resolution, mount.inverse_depth_resolution

@@ -25,9 +25,9 @@ class Caster:
     Args:
         system: system of the sensor; receives the inputs ``body_poses`` and ``body_spatial_velocities`` and a state.
         world: surfaces that give returns.
-        frame: where the sensor is mounted, x ahead, z up; fixed to a body.
+        frame: frame of the sensor, x ahead, z up; fixed to a body.
         mount: rate, limits and noise.
-        beams: in that frame.
+        beams: beams in that frame.
         stream: stream of random numbers.
         hidden: bodies that give no returns.
         ground: whether the ground gives returns.

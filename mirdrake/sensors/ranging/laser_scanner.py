@@ -34,15 +34,15 @@ class LaserScanner(SampledSensor):
 
     Args:
         world: surfaces that give returns.
-        frame: where the scanner is mounted; fixed to a body.
+        frame: frame of the scanner; fixed to a body.
         mount: beams, limits, rate and noise.
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream from :func:`mirdrake.sensors.noise.noise_stream`.
         hidden: bodies that give no returns.
 
     Attributes:
         angles: angles of the beams, positive to the left (beams) [rad].
         times: times of the beams after the stamp, 0 or negative (beams) [s].
-        record: how samples are recorded.
+        record: recording of samples.
     """
 
     record = "array"

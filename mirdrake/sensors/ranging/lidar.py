@@ -88,16 +88,16 @@ class Lidar(SampledValue):
 
     Args:
         world: surfaces that give returns.
-        frame: where the lidar is mounted; fixed to a body.
+        frame: frame of the lidar; fixed to a body.
         mount: planes, columns, limits, rate and noise.
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream from :func:`mirdrake.sensors.noise.noise_stream`.
         hidden: bodies that give no returns.
 
     Attributes:
         azimuths: azimuths of the columns, positive to the left (columns) [rad].
         elevations: elevations of the rows, positive upwards (rows) [rad].
         empty: output before the first turn is complete.
-        record: how samples are recorded.
+        record: recording of samples.
         has_cloud_overlay: whether a live view draws the output ``cloud``.
     """
 

@@ -58,7 +58,7 @@ def poses_at(times: Array, before: BodyState | None, now: BodyState, period: flo
         times: before now, 0 or negative, not further back than the period (n) [s].
         before: state one period ago; None if it is not known: then it moved as it does now.
         now: present state.
-        period: between the two [s].
+        period: time between the two [s].
 
     Returns:
         R_WB (n, 3, 3) and p_WB (n, 3) [m].

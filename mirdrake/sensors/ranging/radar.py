@@ -54,9 +54,9 @@ class Radar(SampledSensor):
 
     Args:
         world: surfaces that give returns.
-        frame: where the radar is mounted; fixed to a body.
+        frame: frame of the radar; fixed to a body.
         mount: field of view, limits, rate and noise.
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream from :func:`mirdrake.sensors.noise.noise_stream`.
         hidden: bodies that give no returns.
     """
 

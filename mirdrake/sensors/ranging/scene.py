@@ -24,7 +24,7 @@ class RayScene:
     """Faces that rays are cast against.
 
     Args:
-        faces: in the frame of the scene.
+        faces: faces in the frame of the scene.
 
     Attributes:
         centre: middle of the box around all faces (3) [m].
@@ -60,7 +60,7 @@ class RayScene:
         """Return the first hits of rays.
 
         Args:
-            origins: in the frame of the scene (n, 3) or (1, 3) [m].
+            origins: origins in the frame of the scene (n, 3) or (1, 3) [m].
             directions: unit vectors (n, 3).
             far: largest distance [m].
 

@@ -37,9 +37,9 @@ class Sonar(SampledSensor):
 
     Args:
         world: surfaces that give returns.
-        frame: where the sonar is mounted; fixed to a body.
+        frame: frame of the sonar; fixed to a body.
         mount: cone, limits, rate and noise.
-        stream: from :func:`mirdrake.sensors.noise.noise_stream`.
+        stream: stream from :func:`mirdrake.sensors.noise.noise_stream`.
         hidden: bodies that give no returns.
     """
 

@@ -144,11 +144,11 @@ class RayWorld:
         """Return the first hits of the beams of a sensor.
 
         Args:
-            beams: in the frame S of the sensor.
+            beams: beams in the frame S of the sensor.
             X_BS: pose of S in the body B that carries it.
             carrier: state of B one period ago, if known, and now.
             movers: states of the visible bodies, by their indices.
-            period: between the two states [s].
+            period: time between the two states [s].
             far: largest distance [m].
             ground: whether the ground gives returns.
         """
@@ -187,7 +187,7 @@ class _Rays:
         origins: origins of the columns (c, 3) [m].
         directions: column by column (n, 3).
         times: times of the columns (c) [s].
-        period: between the two states of all bodies [s].
+        period: time between the two states of all bodies [s].
         far: largest distance [m].
     """
 

@@ -41,7 +41,7 @@ class Curves:
         lean: inclination of the side windows (tumblehome), lateral over vertical.
         shoulder: lateral distance of the side windows from the flank.
         sweep: longitudinal distance of the front and rear corners from the ends, in half widths.
-        bulge: how far the upper and lower edge of an end lie behind its middle, in half widths.
+        bulge: distance of the upper and lower edge of an end behind its middle, in half widths.
         edge: radius of the edges around front and rear end, in half widths.
     """
 

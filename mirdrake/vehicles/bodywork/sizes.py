@@ -25,7 +25,7 @@ class BodySize:
         wheel_radius: radius of the tyres.
         wheel_width: width of the tyres.
         ground_clearance: height of the underside of the body.
-        front_overhang: from the front axle to the front end.
+        front_overhang: distance from the front axle to the front end.
     """
 
     wheelbase: float

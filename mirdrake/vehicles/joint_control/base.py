@@ -91,11 +91,11 @@ class PedalController(Protocol):
         """Advance by one period.
 
         Args:
-            memory: what the last step returned.
+            memory: memory returned by the last step.
             setpoint: set-point of the speed [m/s].
             slope: its derivative [m/s²].
             speed: measured speed [m/s].
-            gains: from :meth:`numbers`.
+            gains: gains from :meth:`numbers`.
 
         Returns:
             The memory for the next step, and the pedals.

@@ -51,7 +51,7 @@ class Cockpit:
     Args:
         spec: result of :func:`drive_spec`.
         scene: scene of the spec, if it is made already.
-        meshcat: where to draw, made in the thread that drives; None draws nothing.
+        meshcat: Meshcat instance in which to draw, made in the thread that drives; None draws nothing.
         say: prints a message of one line.
         folder: returns the folder of a recording.
         timeout: see :class:`~mirdrake.viewer.cockpit.watchdog.InputWatchdog`.

@@ -34,7 +34,7 @@ class DriveLog:
     Args:
         assembly: the simulated diagram.
         folder: new or empty.
-        context: at the start, its time 0.
+        context: context at the start, its time 0.
         name: name of the driven vehicle.
         gains: changed gains by their path in control.yaml, for spec.yaml.
 
@@ -93,7 +93,7 @@ class DriveLog:
         """Close the folder.
 
         Args:
-            context: at the end.
+            context: context at the end.
             reason: why the recording ends.
         """
         self.read(context)

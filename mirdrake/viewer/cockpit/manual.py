@@ -51,12 +51,12 @@ class ManualLimits:
     Attributes:
         forward: highest speed [m/s].
         backward: highest speed in reverse [m/s].
-        acceleration: with the throttle pressed [m/s²].
-        braking: with the brake pressed [m/s²].
+        acceleration: acceleration with the throttle pressed [m/s²].
+        braking: braking with the brake pressed [m/s²].
         coasting: deceleration without input [m/s²].
         steering: largest angle [rad].
         wheelbase: [m].
-        turning_time: from the middle to the largest angle with a key [s].
+        turning_time: time of a key press from the middle to the largest angle [s].
     """
 
     forward: float

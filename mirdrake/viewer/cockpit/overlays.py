@@ -61,7 +61,7 @@ class Overlays:
     """The overlays of a drive.
 
     Args:
-        meshcat: where to draw.
+        meshcat: Meshcat instance in which to draw.
         assembly: the simulated diagram.
         name: name of the vehicle.
 
