@@ -126,7 +126,7 @@ class Assumption:
         description: noun phrase that completes "depends on …".
         remedy: what would make the assumption unnecessary.
         changes: parameters by name, a fraction of one standard deviation off [their units].
-        fraction: that fraction [1]. It is small, as estimates are linearised in it, but has a visible effect in the model.
+        fraction: that fraction [1]: small, as estimates are linearised in it, but with a visible effect in the model.
         options: model options that add an omitted effect.
         is_omitted: whether it is an effect that may be absent, for which the log is evidence; otherwise it is
             an assumed value, which is certainly off.

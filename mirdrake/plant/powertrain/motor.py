@@ -27,7 +27,7 @@ class Motor:
         top: motor speed at which drive torque ends [rad/s].
         efficiency: efficiency of the gear [1].
         rows: motor speed [rad/s] and largest torque [N m]; empty: none.
-        regeneration: torque as a generator, or None.
+        regeneration: limits of the motor as a generator, or None.
         fade_rate: wheel speed below which regeneration fades [rad/s].
     """
 
