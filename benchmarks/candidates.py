@@ -32,9 +32,12 @@ def run_candidates(*, count: int = COUNT, duration: float = DURATION, repeat: in
         duration: simulated time of each [s].
         repeat: how often.
     """
-    found = [_fresh("search", count, duration) for _ in range(repeat)]
-    assert all(one["status"] == found[0]["status"] and one["sum_iae"] == found[0]["sum_iae"] for one in found)
-    best = dict(min(found, key=lambda one: float(one["wall_s"])))
+    repetitions = [_fresh("search", count, duration) for _ in range(repeat)]
+    assert all(
+        repetition["status"] == repetitions[0]["status"] and repetition["sum_iae"] == repetitions[0]["sum_iae"]
+        for repetition in repetitions
+    )
+    best = dict(min(repetitions, key=lambda repetition: float(repetition["wall_s"])))
     return best | {"alone": _fresh("alone", min(count, 12), duration), "step": _fresh("step", 1, duration)}
 
 
@@ -44,10 +47,10 @@ def _fresh(what: str, count: int, duration: float) -> dict[str, Any]:
     began = time.perf_counter()
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT.parent)
     wall = time.perf_counter() - began
-    found: dict[str, Any] = json.loads(done.stdout)
+    result: dict[str, Any] = json.loads(done.stdout)
     if what == "search":
-        found |= {"wall_s": wall, "runs_per_s": count / wall}
-    return found
+        result |= {"wall_s": wall, "runs_per_s": count / wall}
+    return result
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,8 @@ class Timed:
     def __call__(self, gains: Mapping[str, float], *conditions: Any) -> Any:
         """Test gains."""
         began = time.process_time()
-        found = self.evaluate(gains, *conditions)
-        return replace(found, figures={**found.figures, "cpu_s": time.process_time() - began})
+        evaluation = self.evaluate(gains, *conditions)
+        return replace(evaluation, figures={**evaluation.figures, "cpu_s": time.process_time() - began})
 
 
 def _evaluator(duration: float, **plant: Any) -> Any:
@@ -123,7 +126,7 @@ def step(_: int, duration: float) -> dict[str, Any]:
     both = [usual(gains).figures, _evaluator(duration, time_step=0.5 * whole)(gains).figures]
     names = ("iae", "rise_time", "overshoot_percent", "peak_effort", "total_variation")
     change = 100.0 * abs(both[0]["iae"] / both[1]["iae"] - 1.0)
-    return {"step_s": whole, "iae_change_percent": change} | {name: [one[name] for one in both] for name in names}
+    return {"step_s": whole, "iae_change_percent": change} | {name: [result[name] for result in both] for name in names}
 
 
 def main() -> None:

@@ -145,19 +145,19 @@ def write_urdf() -> str:
 
     text = f'<link name="car"><inertial><mass value="{CHASSIS}"/>{inertia(CHASSIS_INERTIA)}</inertial></link>'
     for name, x, y in CORNERS:
-        parent, at = "car", f"{x - COM_X} {y} {RADIUS - COM_Z}"
+        parent, position = "car", f"{x - COM_X} {y} {RADIUS - COM_Z}"
         if name.startswith("f"):
             text += (
                 f'<link name="{name}_knuckle"><inertial><mass value="{KNUCKLE}"/>{inertia((0.05, 0.05, 0.05))}'
-                f'</inertial></link><joint name="{name}_steer" type="revolute"><origin xyz="{at}"/>'
+                f'</inertial></link><joint name="{name}_steer" type="revolute"><origin xyz="{position}"/>'
                 f'<parent link="car"/><child link="{name}_knuckle"/>'
                 '<axis xyz="0 0 1"/><limit lower="-0.6" upper="0.6" effort="20000" velocity="10"/></joint>'
             )
-            parent, at = f"{name}_knuckle", "0 0 0"
+            parent, position = f"{name}_knuckle", "0 0 0"
         text += (
             f'<link name="{name}"><inertial><mass value="{WHEEL}"/>{inertia(WHEEL_INERTIA)}</inertial>'
             f'<collision><origin rpy="{pi / 2} 0 0"/><geometry><cylinder radius="{RADIUS}" length="{WIDTH}"/>'
-            f'</geometry></collision></link><joint name="{name}_joint" type="continuous"><origin xyz="{at}"/>'
+            f'</geometry></collision></link><joint name="{name}_joint" type="continuous"><origin xyz="{position}"/>'
             f'<parent link="{parent}"/><child link="{name}"/>'
             '<axis xyz="0 1 0"/></joint>'
         )
@@ -231,21 +231,21 @@ class BulletCar:
 
 def peers() -> dict[str, tuple[Callable[..., Any], float, float]]:
     """What is installed: name -> (maker of the car, step [s], control period [s])."""
-    found: dict[str, tuple[Callable[..., Any], float, float]] = {}
+    peers_found: dict[str, tuple[Callable[..., Any], float, float]] = {}
     try:
         import mujoco  # noqa: F401
     except ImportError:
         logging.getLogger(__name__).info("mujoco is not installed")
     else:
-        found["mujoco_sphere"] = (lambda **more: MujocoCar(wheels="sphere", **more), 0.002, CONTROL)
-        found["mujoco_cylinder"] = (lambda **more: MujocoCar(wheels="cylinder", **more), 0.002, CONTROL)
+        peers_found["mujoco_sphere"] = (lambda **more: MujocoCar(wheels="sphere", **more), 0.002, CONTROL)
+        peers_found["mujoco_cylinder"] = (lambda **more: MujocoCar(wheels="cylinder", **more), 0.002, CONTROL)
     try:
         import pybullet  # noqa: F401
     except ImportError:
         logging.getLogger(__name__).info("pybullet is not installed")
     else:
-        found["pybullet"] = (BulletCar, 1.0 / 240.0, 5.0 / 240.0)
-    return found
+        peers_found["pybullet"] = (BulletCar, 1.0 / 240.0, 5.0 / 240.0)
+    return peers_found
 
 
 def _drive(car: Any, duration: float, period: float) -> None:
@@ -263,10 +263,10 @@ def run_peers(*, duration: float, parked: float, repeat: int) -> dict[str, Any]:
         steady = samples[samples[:, 0] > max(duration - STEADY, 0.0)]
         result = {"step_ms": 1e3 * step, **rates(times, duration=duration, step=step)}
         result |= circle_figures(steady[:, 4], steady[:, 5])
-        for place, slope in (("flat", 0.0), ("slope", 5.0 * pi / 180.0)):
+        for case, slope in (("flat", 0.0), ("slope", 5.0 * pi / 180.0)):
             still = make(slope=slope, held=slope > 0.0).run(SETTLING + parked, Driver(period=period, parked=True))
             still = still[still[:, 0] >= SETTLING - 1e-6]
-            result[f"creep_{place}_mm"] = 1e3 * float(np.hypot(*(still[-1, 1:3] - still[0, 1:3])))
-            result[f"yaw_drift_{place}_mrad"] = 1e3 * float(still[-1, 3] - still[0, 3])
+            result[f"creep_{case}_mm"] = 1e3 * float(np.hypot(*(still[-1, 1:3] - still[0, 1:3])))
+            result[f"yaw_drift_{case}_mrad"] = 1e3 * float(still[-1, 3] - still[0, 3])
         results[name] = result
     return results

@@ -31,15 +31,15 @@ def obstacles() -> list[dict[str, Any]]:
 
     from mirdrake.worlds import load_world
 
-    found = []
+    shapes = []
     for placed in load_world("obstacles_36").props:
         (solid,) = placed.prop.solids
         X_WS, shape = placed.X_WP @ solid.X_PS, solid.shape
         size = shape.size().tolist() if isinstance(shape, Box) else [shape.radius(), shape.length()]
         yaw = float(RollPitchYaw(X_WS.rotation()).yaw_angle())
         color = list(placed.color or (0.5, 0.5, 0.5))
-        found.append({"size": size, "at": X_WS.translation().tolist(), "yaw": yaw, "color": color})
-    return found
+        shapes.append({"size": size, "at": X_WS.translation().tolist(), "yaw": yaw, "color": color})
+    return shapes
 
 
 def run_in_turn(*, duration: float, repeat: int) -> dict[str, Any]:

@@ -149,105 +149,105 @@ DEFAULT_STEP_MS = 5.0
 
 def targets(jobs: dict[str, Any]) -> dict[str, Any]:
     """What must be reached and what is aimed at, against what was measured."""
-    found: dict[str, Any] = {}
+    targets_: dict[str, Any] = {}
     if "w1" in jobs:
-        found |= _w1_targets(jobs["w1"])
+        targets_ |= _w1_targets(jobs["w1"])
     if "w2" in jobs:
         w2 = jobs["w2"]
         ms = w2["color_and_depth"]["ms_per_frame"]
         scales = {name: ms / (W2_MS[name] * peer["ours_over_it"]) for name, peer in w2["peers"].items()}
         scale = min(scales.values(), default=1.0)
-        found["w2_ms_per_frame"] = _at_most(ms, must=18.0 * scale, aim=12.0 * scale)
+        targets_["w2_ms_per_frame"] = _at_most(ms, must=18.0 * scale, aim=12.0 * scale)
         if scales:
             text = ", ".join(f"{value:.2f} as {name} to {W2_MS[name]:g} ms" for name, value in scales.items())
-            found["w2_note"] = _note(f"18 and 12 ms scaled by the smallest of: {text}")
-        found["w2_frames_missing"] = _at_most(w2["color_and_depth"]["missing"], must=0.0)
-        found["w2_collect_rtf"] = _at_least(w2["collect"]["rtf"], must=1.5, aim=2.0)
-        found["w2_collect_pictures_missing"] = _at_most(w2["collect"]["missing"], must=0.0)
+            targets_["w2_note"] = _note(f"18 and 12 ms scaled by the smallest of: {text}")
+        targets_["w2_frames_missing"] = _at_most(w2["color_and_depth"]["missing"], must=0.0)
+        targets_["w2_collect_rtf"] = _at_least(w2["collect"]["rtf"], must=1.5, aim=2.0)
+        targets_["w2_collect_pictures_missing"] = _at_most(w2["collect"]["missing"], must=0.0)
     if "w3" in jobs:
-        found |= _w3_targets(jobs["w3"])
+        targets_ |= _w3_targets(jobs["w3"])
     if "w4" in jobs:
         mujoco = jobs["w4"].get("mujoco_pool")
         scale = mujoco["wall_ms_per_simulated_s"] / MUJOCO_POOL if mujoco else 1.0
         for method in ("spawn", "fork"):
             values = [row["wall_ms_per_simulated_s"] for key, row in jobs["w4"].items() if key.endswith(method)]
-            found[f"w4_ms_per_simulated_s_{method}"] = _at_most(min(values), must=12.0 * scale, aim=5.0 * scale)
+            targets_[f"w4_ms_per_simulated_s_{method}"] = _at_most(min(values), must=12.0 * scale, aim=5.0 * scale)
         if mujoco:
-            found["w4_note"] = _note(f"12 and 5 ms scaled by {scale:.2f}, as MuJoCo to {MUJOCO_POOL}")
+            targets_["w4_note"] = _note(f"12 and 5 ms scaled by {scale:.2f}, as MuJoCo to {MUJOCO_POOL}")
     if "w5" in jobs:
-        found |= _w5_targets(jobs["w5"])
+        targets_ |= _w5_targets(jobs["w5"])
     if "candidates" in jobs:
         if jobs["candidates"]["candidates"] == 200:
-            found["candidates_wall_s"] = _at_most(jobs["candidates"]["wall_s"], must=30.0)
-        found["candidates_step_iae_percent"] = _at_most(jobs["candidates"]["step"]["iae_change_percent"], must=2.0)
+            targets_["candidates_wall_s"] = _at_most(jobs["candidates"]["wall_s"], must=30.0)
+        targets_["candidates_step_iae_percent"] = _at_most(jobs["candidates"]["step"]["iae_change_percent"], must=2.0)
     if "tyres" in jobs:
         for contact, kinds in jobs["tyres"]["drives"].items():
             for kind in ("brush", "magic_formula"):
-                found[f"tyres_{contact}_{kind}_over_coulomb"] = _at_most(kinds[kind]["over_coulomb"], must=2.0)
-        found["single_track_rtf"] = _at_least(jobs["tyres"]["single_track"]["model"]["rtf_cpu"], must=300.0)
+                targets_[f"tyres_{contact}_{kind}_over_coulomb"] = _at_most(kinds[kind]["over_coulomb"], must=2.0)
+        targets_["single_track_rtf"] = _at_least(jobs["tyres"]["single_track"]["model"]["rtf_cpu"], must=300.0)
     if "memory" in jobs:
         memory = jobs["memory"]
-        found["memory_growth_repeated_mb"] = _at_most(memory["growth_repeated_runs_mb"], must=50.0)
-        found["memory_growth_long_drive_mb"] = _at_most(memory["growth_long_drive_mb"], must=50.0)
+        targets_["memory_growth_repeated_mb"] = _at_most(memory["growth_repeated_runs_mb"], must=50.0)
+        targets_["memory_growth_long_drive_mb"] = _at_most(memory["growth_long_drive_mb"], must=50.0)
     if "startup" in jobs:
         startup = jobs["startup"]
-        found["import_mirdrake_s"] = _at_most(startup["import_mirdrake_s"], must=0.3)
-        found["first_step_s"] = _at_most(max(startup["first_step_s"].values()), must=3.0)
-    return found
+        targets_["import_mirdrake_s"] = _at_most(startup["import_mirdrake_s"], must=0.3)
+        targets_["first_step_s"] = _at_most(max(startup["first_step_s"].values()), must=3.0)
+    return targets_
 
 
 def _w5_targets(w5: dict[str, Any]) -> dict[str, Any]:
     mujoco = w5.get("mujoco_pool")
     must = 0.1 * (mujoco["wall_ms_per_simulated_s"] if mujoco else W5_MUJOCO)
-    found = {"w5_ms_per_simulated_s": _at_most(w5["wall_ms_per_simulated_s"], must=must)}
+    targets_ = {"w5_ms_per_simulated_s": _at_most(w5["wall_ms_per_simulated_s"], must=must)}
     if not mujoco:
-        found["w5_note"] = _note(
+        targets_["w5_note"] = _note(
             f"a tenth of {W5_MUJOCO:g} ms, what MuJoCo took on a quiet machine; it is not installed"
         )
-    return found
+    return targets_
 
 
 def _w3_targets(w3: dict[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    targets_: dict[str, Any] = {}
     for size, (must, mujoco_there) in W3_MS.items():
         scan, mujoco = w3[size], w3[size].get("mujoco")
         scale = mujoco["ms_per_scan"] / mujoco_there if mujoco else 1.0
-        found[f"w3_{size}_ms_per_scan"] = _at_most(scan["ms_per_scan"], must=must * scale)
-        found[f"w3_{size}_worst_error_mm"] = _at_most(scan["worst_error_mm"], must=1.0)
-        found[f"w3_{size}_rays_that_differ"] = _at_most(scan["rays_that_differ"], must=0.0)
+        targets_[f"w3_{size}_ms_per_scan"] = _at_most(scan["ms_per_scan"], must=must * scale)
+        targets_[f"w3_{size}_worst_error_mm"] = _at_most(scan["worst_error_mm"], must=1.0)
+        targets_[f"w3_{size}_rays_that_differ"] = _at_most(scan["rays_that_differ"], must=0.0)
         if mujoco:
-            found[f"w3_{size}_note"] = _note(f"{must:g} ms scaled by {scale:.2f}, as MuJoCo to {mujoco_there:g} ms")
-    return found
+            targets_[f"w3_{size}_note"] = _note(f"{must:g} ms scaled by {scale:.2f}, as MuJoCo to {mujoco_there:g} ms")
+    return targets_
 
 
 def _w1_targets(w1: dict[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    targets_: dict[str, Any] = {}
     cylinder = w1["peers"].get("mujoco_cylinder")
     gazebo = GAZEBO_RTF * (cylinder["rtf_cpu"] / GAZEBO_BESIDE if cylinder else 1.0)
     proportion = ", in proportion to MuJoCo" if cylinder else ""
-    found["w1_note"] = _note(f"Gazebo does not run here; its RTF is taken as {gazebo:.1f}{proportion}")
+    targets_["w1_note"] = _note(f"Gazebo does not run here; its RTF is taken as {gazebo:.1f}{proportion}")
     for contact, must, aim in (
         ("hydroelastic", gazebo, 2.0 * gazebo),
         ("point", 4.0 * gazebo, cylinder["rtf_cpu"] if cylinder else 140.0),
     ):
         sound = [d for d in w1["drives"] if d["contact"] == contact and _accurate(d)]
         best = max(sound, key=lambda drive: drive["rtf_cpu"], default=None)
-        found[f"w1_{contact}_rtf"] = _at_least(best["rtf_cpu"] if best else 0.0, must=must, aim=aim)
+        targets_[f"w1_{contact}_rtf"] = _at_least(best["rtf_cpu"] if best else 0.0, must=must, aim=aim)
         if best:
-            found[f"w1_{contact}_rtf"] |= {key: best[key] for key in ("step_ms", "approximation")}
+            targets_[f"w1_{contact}_rtf"] |= {key: best[key] for key in ("step_ms", "approximation")}
         drives = [d for d in w1["drives"] if d["contact"] == contact]
         worst = max(abs(d["speed_error_percent"]) for d in drives)
-        found[f"w1_{contact}_speed_error_percent"] = _at_most(worst, must=0.5)
+        targets_[f"w1_{contact}_speed_error_percent"] = _at_most(worst, must=0.5)
         worst = max(d["yaw_ripple_percent"] for d in drives)
-        found[f"w1_{contact}_ripple_percent"] = _at_most(worst, must=0.5)
+        targets_[f"w1_{contact}_ripple_percent"] = _at_most(worst, must=0.5)
         limit = 1.35 if contact == "hydroelastic" else 1.6
         usual = [d for d in drives if d["step_ms"] == DEFAULT_STEP_MS]
         if usual:  # at longer steps the same control shares fewer plant steps: see the rows of w1
-            found[f"overhead_{contact}"] = _at_most(usual[0]["overhead"], must=limit, aim=1.15)
-    for place in w1["parked"]:
-        name = f"creep_mm_{place['contact']}_{place['world']}{'_braked' if place['brakes'] else ''}"
-        found[name] = _at_most(place["creep_mm"], must=0.05)
-    return found
+            targets_[f"overhead_{contact}"] = _at_most(usual[0]["overhead"], must=limit, aim=1.15)
+    for case in w1["parked"]:
+        name = f"creep_mm_{case['contact']}_{case['world']}{'_braked' if case['brakes'] else ''}"
+        targets_[name] = _at_most(case["creep_mm"], must=0.05)
+    return targets_
 
 
 def _note(text: str) -> dict[str, Any]:

@@ -35,17 +35,17 @@ class Obstacle:
 def obstacles() -> list[Obstacle]:
     """The 24 boxes and 12 cylinders around the sensor, which stands at the origin."""
     generator = np.random.default_rng(3)
-    found = []
+    shapes = []
     for index in range(36):
         angle, away = tau * index / 36.0, 5.0 + 25.0 * generator.random()
         x, y = away * np.cos(angle), away * np.sin(angle)
         if index % 3 == 2:
             radius = float(generator.uniform(0.2, 0.6))
-            found.append(Obstacle(x, y, (radius, radius, float(generator.uniform(1.5, 3.0)))))
+            shapes.append(Obstacle(x, y, (radius, radius, float(generator.uniform(1.5, 3.0)))))
         else:
             sides = generator.uniform((0.5, 0.5, 1.5), (2.0, 2.0, 3.0))
-            found.append(Obstacle(x, y, (sides[0], sides[1], sides[2]), float(generator.uniform(0.0, tau))))
-    return found
+            shapes.append(Obstacle(x, y, (sides[0], sides[1], sides[2]), float(generator.uniform(0.0, tau))))
+    return shapes
 
 
 def beams(rows: int, columns: int) -> Array:
@@ -226,14 +226,14 @@ def _mujoco(directions: Array, truth: Array, scans: int) -> dict[str, float]:
         mujoco.mj_multiRay(model, data, start, rays, None, 1, -1, geom, distance, None, count, FAR)
 
     cast()
-    found = np.where((distance >= 0.0) & (distance <= FAR), distance, np.inf)
-    return {"ms_per_scan": _clock(cast, scans), **_errors(found, truth)}
+    ranges = np.where((distance >= 0.0) & (distance <= FAR), distance, np.inf)
+    return {"ms_per_scan": _clock(cast, scans), **_errors(ranges, truth)}
 
 
 def _mujoco_geom(thing: Obstacle) -> str:
-    place = f'pos="{thing.x} {thing.y} {0.5 * thing.size[2]}"'
+    position = f'pos="{thing.x} {thing.y} {0.5 * thing.size[2]}"'
     if thing.yaw is None:
-        return f'<geom type="cylinder" size="{thing.size[0]} {0.5 * thing.size[2]}" {place}/>'
+        return f'<geom type="cylinder" size="{thing.size[0]} {0.5 * thing.size[2]}" {position}/>'
     half = " ".join(str(0.5 * side) for side in thing.size)
     turn = f"{np.cos(0.5 * thing.yaw)} 0 0 {np.sin(0.5 * thing.yaw)}"
-    return f'<geom type="box" size="{half}" {place} quat="{turn}"/>'
+    return f'<geom type="box" size="{half}" {position} quat="{turn}"/>'

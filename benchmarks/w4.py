@@ -43,11 +43,14 @@ def run_w4(*, runs: int = RUNS, duration: float = DURATION, repeat: int = 3) -> 
     for step in STEPS:
         ms = round(1e3 * step)
         study = _study(step, runs, duration)
-        found = [_measure(study) for _ in range(repeat)]
+        repetitions = [_measure(study) for _ in range(repeat)]
         for name in ("spawn", "fork"):
-            results[f"mirdrake_{ms}_ms_{name}"] = _row([one[name] for one in found], runs, duration, found[0]["speeds"])
+            results[f"mirdrake_{ms}_ms_{name}"] = _row(
+                [repetition[name] for repetition in repetitions], runs, duration, repetitions[0]["speeds"]
+            )
         results[f"cpu_{ms}_ms"] = {
-            key: min(one["cpu"][key] for one in found) for key in ("set_up_s", "s_per_run", "ms_per_simulated_s")
+            key: min(repetition["cpu"][key] for repetition in repetitions)
+            for key in ("set_up_s", "s_per_run", "ms_per_simulated_s")
         }
     data = load_diagram("w1", overrides=["plant.contact=point", f"plant.time_step={step}"]).model_dump(mode="json")
     results[f"plain_pool_{ms}_ms"] = _sweep(
@@ -86,29 +89,29 @@ def _measure(study: Mapping[str, Any]) -> dict[str, Any]:
     path = os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])
     command = [sys.executable, "-m", "benchmarks.w4", json.dumps(study)]
     done = subprocess.run(command, env=os.environ | {"PYTHONPATH": path}, check=True, stdout=subprocess.PIPE, text=True)
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    result: dict[str, Any] = json.loads(done.stdout)
+    return result
 
 
 def _time_study(study: Mapping[str, Any]) -> dict[str, Any]:
     """What :func:`_measure` gives; imports of this process do not count, those of the workers do."""
     from mirdrake.studies import run_study
 
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     for name in ("spawn", "fork"):
         began = time.perf_counter()
         result = run_study(study)
-        found[name] = time.perf_counter() - began
+        results[name] = time.perf_counter() - began
         assert result.counts["ok"] == result.runs
-        found["speeds"] = result.table["benchmarks.w4:final_speed"].tolist()
+        results["speeds"] = result.table["benchmarks.w4:final_speed"].tolist()
     few = dict(study) | {"parameters": {"ego.speed.kp": {"values": study["parameters"]["ego.speed.kp"]["values"][:6]}}}
     times = [time.process_time()]
     run_study(few, workers=0, progress=lambda *_: times.append(time.process_time()))
     each = sorted(b - a for a, b in pairwise(times[1:]))
     run = each[len(each) // 2] if each else times[1] - times[0]
-    found["cpu"] = {"set_up_s": times[1] - times[0] - run, "s_per_run": run}
-    found["cpu"]["ms_per_simulated_s"] = 1e3 * run / study["duration"]
-    return found
+    results["cpu"] = {"set_up_s": times[1] - times[0] - run, "s_per_run": run}
+    results["cpu"]["ms_per_simulated_s"] = 1e3 * run / study["duration"]
+    return results
 
 
 def _row(walls: Sequence[float], runs: int, duration: float, speeds: Sequence[float]) -> dict[str, float | int]:

@@ -49,8 +49,8 @@ def runge_kutta_steps(variant, parameters, state, inputs, steps, step=STEP):
     """Python alone: the classical method on the equations for floats."""
     x, u, p = [float(value) for value in state], [float(value) for value in inputs], parameters.values()
 
-    def rates(at):
-        return [0.0 + value for value in evaluate(variant, p, at, u).state]
+    def rates(x_now):
+        return [0.0 + value for value in evaluate(variant, p, x_now, u).state]
 
     def moved(time, slope):
         return [a + time * b for a, b in zip(x, slope, strict=True)]

@@ -72,8 +72,8 @@ class Bolt:
         shutil.copytree(data_root() / "models" / "bolt", target)
         file = target / "variants" / "handling.yaml"
         text = file.read_text()
-        told = f"  actuators:\n    steering: {{delay: {DELAY}, time_constant: {LAG}}}\n"
-        changed = text.replace("  actuators:\n", told, 1)
+        with_actuators = f"  actuators:\n    steering: {{delay: {DELAY}, time_constant: {LAG}}}\n"
+        changed = text.replace("  actuators:\n", with_actuators, 1)
         assert changed != text
         servo = "stiffness: 5.0e4, damping: 1.0e3}"
         assert servo in changed
@@ -86,20 +86,20 @@ class Bolt:
         driver: dict[str, Any] = {"kind": "mirdrake.manoeuvres.drivers:OpenLoopDriver"}
         driver |= {"speeds": [[0.0, speed]]} if pedals is None else {"pedals": pedals}
         driver |= {"profile": profile, "period": 1.0 / rate}
-        place = {"x": 0.0, "y": 0.0, "yaw": 0.0}
+        pose = {"x": 0.0, "y": 0.0, "yaw": 0.0}
         spec = {
             "name": "drive",
             "world": "empty",
-            "vehicles": {"ego": {"model": self.model, "start": place, "speed": speed, "control": {"rate": rate}}},
+            "vehicles": {"ego": {"model": self.model, "start": pose, "speed": speed, "control": {"rate": rate}}},
             "control": {"ego": driver},
             "plant": {"contact": "point", "time_step": 1.0 / rate},
             "record": {"rate": rate, "meshcat": False, "report": False},
             "duration": duration,
         }
-        found = Simulation(assemble(make_spec(spec))).run().signals
-        time = found.index.to_numpy()
-        seen = {name: found[f"ego.{name}"].to_numpy() for name in ("vx", "vy", "wz", "wx", "steering_command")}
-        angles = [found[f"ego.steering_angle.{side}"].to_numpy() for side in ("left", "right")]
+        signals = Simulation(assemble(make_spec(spec))).run().signals
+        time = signals.index.to_numpy()
+        seen = {name: signals[f"ego.{name}"].to_numpy() for name in ("vx", "vy", "wz", "wx", "steering_command")}
+        angles = [signals[f"ego.steering_angle.{side}"].to_numpy() for side in ("left", "right")]
         channels = {
             "vx": seen["vx"], "vy": seen["vy"], "yaw_rate": seen["wz"], "roll_rate": seen["wx"],
             "lateral_acceleration": np.gradient(seen["vy"], time) + seen["vx"] * seen["wz"],
@@ -127,10 +127,11 @@ def noisy(exact, names, seed, *, name="drive", use="train", begin=0.5):
     rate = 1.0 / (time[1] - time[0])
     random = np.random.default_rng(seed)
     rows = slice(round(begin * rate), None, round(rate / 100.0))
-    found = {
-        one: (channels[one] + OFFSET.get(one, 0.0) + random.normal(0.0, NOISE[one], len(time)))[rows] for one in names
+    noisy_channels = {
+        name: (channels[name] + OFFSET.get(name, 0.0) + random.normal(0.0, NOISE[name], len(time)))[rows]
+        for name in names
     }
-    return Log(name, use, time[rows], found)
+    return Log(name, use, time[rows], noisy_channels)
 
 
 def lateral_data(drives, names, seed=0):
@@ -191,10 +192,10 @@ def truth():
     # H. B. Pacejka, Tyre and Vehicle Dynamics, 3rd ed., equation 4.E25.
     resting: list[float] = []
     driven: list[float] = []
-    for moved, found in ((0.0, resting), (rolling * radius, driven)):
+    for moved, stiffnesses in ((0.0, resting), (rolling * radius, driven)):
         for moment in (mass * 9.80665 * ahead - moved, mass * 9.80665 * (length - ahead) + moved):
             load = 0.5 * moment / length
-            found.append(2.0 * abs(k1) * nominal * math.sin(k4 * math.atan(load / (k2 * nominal))))
+            stiffnesses.append(2.0 * abs(k1) * nominal * math.sin(k4 * math.atan(load / (k2 * nominal))))
     return Truth(
         mass, length - ahead, ahead, turn, turning * (half / (ROLLING * radius)) ** 2, turning / radius**2,
         (resting[0], resting[1]), (driven[0] + pull, driven[1]),

@@ -69,12 +69,12 @@ def effective_stiffnesses(p: Any, accelerations: Array) -> tuple[float, float]:
         p: parameters of a car.
         accelerations: lateral ones, of the samples [m/s²].
     """
-    length, gain, found = p.a + p.b, roll_gain(p), []
+    length, gain, stiffnesses = p.a + p.b, roll_gain(p), []
     grid = np.linspace(0.01, 6.0, 200)
-    for arm, load, lean in zip((p.b, p.a), axle_loads(p), camber_by_roll(p), strict=True):
+    for arm, load, camber_per_roll in zip((p.b, p.a), axle_loads(p), camber_by_roll(p), strict=True):
         forces = p.m * grid * arm / length
-        slips = [_slip(p, force / load, lean * gain * ay) for force, ay in zip(forces, grid, strict=True)]
+        slips = [_slip(p, force / load, camber_per_roll * gain * ay) for force, ay in zip(forces, grid, strict=True)]
         size = np.abs(accelerations)
         force, slip = np.interp(size, grid, forces), np.interp(size, grid, slips)
-        found.append(float(force @ slip / (slip @ slip)))
-    return found[0], found[1]
+        stiffnesses.append(float(force @ slip / (slip @ slip)))
+    return stiffnesses[0], stiffnesses[1]

@@ -74,11 +74,11 @@ def camber_by_roll(p: Any) -> tuple[float, float]:
     With D as change of camber by travel it is 1 + D T Δφ / (2 φ), where Δφ is the roll of the body against the axle:
     roll stiffness of springs and bar and that of the tyres are in series.
     """
-    leans = []
+    camber_gains = []
     for gain, track, spring, bar in ((p.D_f, p.T_f, p.K_sf, p.K_tsf), (p.D_r, p.T_r, p.K_sr, p.K_tsr)):
         springs, tyres = 0.5 * spring * track**2 - bar, 0.5 * p.K_zt * track**2
-        leans.append(1.0 + 0.5 * gain * track * tyres / (tyres + springs))
-    return leans[0], leans[1]
+        camber_gains.append(1.0 + 0.5 * gain * track * tyres / (tyres + springs))
+    return camber_gains[0], camber_gains[1]
 
 
 def centre_of_sprung_mass(p: Any) -> tuple[float, float]:
@@ -108,8 +108,8 @@ def write_car(folder: Path, p: Any, *, kind: Reference = "published", mapped: bo
     folder.mkdir(parents=True)
     length, ratios = p.a + p.b, load_ratios(p) if mapped else (1.0, 1.0)
     spring, damper = (STIFF, 0.0) if kind == "published" else (0.5 * p.K_ras, 0.5 * p.K_rad)  # of each wheel
-    for name, lean in zip(("front", "rear"), camber_by_roll(p), strict=True):
-        parameters = tyre(p, camber=-lean if mapped else lean, lateral=spring)
+    for name, camber_gain in zip(("front", "rear"), camber_by_roll(p), strict=True):
+        parameters = tyre(p, camber=-camber_gain if mapped else camber_gain, lateral=spring)
         (folder / f"{name}.tir").write_text(write_tir(parameters), encoding="utf-8")
 
     def axle(stiffness: float, damping: float, torsion: float, track: float) -> dict[str, float]:
@@ -158,11 +158,11 @@ def write_car(folder: Path, p: Any, *, kind: Reference = "published", mapped: bo
     yaw = p.I_z - around - p.m_s * (x - p.b) ** 2 - 4.0 * (0.5 * p.I_y_w + 2.0 * _SMALL)
     z = centre_of_sprung_mass(p)[1]
     parts = [_link("base_link", p.m_s, (p.I_Phi_s, p.I_y_s, yaw), place=(x, 0.0, z))]
-    for place in _PLACES:
-        front, side = place.startswith("front"), 1.0 if place.endswith("left") else -1.0
+    for corner in _PLACES:
+        front, side = corner.startswith("front"), 1.0 if corner.endswith("left") else -1.0
         mass, track = (p.m_uf, p.T_f) if front else (p.m_ur, p.T_r)
-        at = (length if front else 0.0, 0.5 * side * track, p.R_w)
-        parts += _corner(place, mass=0.5 * mass, at=at, steered=front, p=p)
+        position = (length if front else 0.0, 0.5 * side * track, p.R_w)
+        parts += _corner(corner, mass=0.5 * mass, at=position, steered=front, p=p)
     text = f'<robot name="{folder.name}" xmlns:drake="http://drake.mit.edu">\n{"".join(parts)}</robot>\n'
     (folder / "main.urdf.xacro").write_text(text, encoding="utf-8")
     return folder
@@ -200,7 +200,7 @@ def _joint(name: str, kind: str, parent: str, child: str, axis: str, limit: str,
     )
 
 
-def _corner(place: str, *, mass: float, at: tuple[float, float, float], steered: bool, p: Any) -> list[str]:
+def _corner(corner: str, *, mass: float, at: tuple[float, float, float], steered: bool, p: Any) -> list[str]:
     """Carrier, knuckle and wheel of a corner with their joints; mass is that of all of them."""
     small, half = (_SMALL,) * 3, 0.5 * p.I_y_w + (0.0 if steered else _SMALL)
     stiffness = p.K_zt / (1.0 - p.K_zt / 1e9)  # in series with the road's
@@ -210,18 +210,18 @@ def _corner(place: str, *, mass: float, at: tuple[float, float, float], steered:
         '<drake:mu_dynamic value="1"/><drake:mu_static value="1"/><drake:hunt_crossley_dissipation value="0"/>'
         f'<drake:point_contact_stiffness value="{stiffness}"/></drake:proximity_properties></collision>'
     )
-    carrier, knuckle, wheel = f"{place}_carrier", f"{place}_knuckle", f"{place}_wheel"
+    carrier, knuckle, wheel = f"{corner}_carrier", f"{corner}_knuckle", f"{corner}_wheel"
     travel = 'lower="-0.3" upper="0.3" effort="0" velocity="10"'
     spot = f"{at[0]} {at[1]} {at[2]}"
     parts = [
         _link(carrier, (0.25 if steered else 0.5) * mass, small),
-        _joint(f"{place}_suspension_joint", "prismatic", "base_link", carrier, "0 0 1", travel, at=spot),
+        _joint(f"{corner}_suspension_joint", "prismatic", "base_link", carrier, "0 0 1", travel, at=spot),
         _link(wheel, 0.5 * mass, (half, p.I_y_w, half), more=contact),
     ]
     if steered:
         parts.append(_link(knuckle, 0.25 * mass, small))
         turn = 'lower="-1" upper="1" effort="1e6" velocity="10"'
-        parts.append(_joint(f"{place}_steering_joint", "revolute", carrier, knuckle, "0 0 1", turn))
+        parts.append(_joint(f"{corner}_steering_joint", "revolute", carrier, knuckle, "0 0 1", turn))
     spin = 'effort="10" velocity="1000"'
     parts.append(_joint(f"{wheel}_joint", "continuous", knuckle if steered else carrier, wheel, "0 1 0", spin))
     return parts

@@ -200,5 +200,5 @@ def reference_trace(name: str, steer: Manoeuvre, *, kind: Reference = "published
         x = solution.y[:, -1]
         rows.append(solution.y[:, :-1])
     state = np.hstack([*rows, x[:, None]])
-    sway = np.array([dynamics(state[:, k].tolist(), [steer.rate(t), 0.0], p)[10] for k, t in enumerate(time)])
-    return Trace(time, state[5], sway + state[5] * state[3], state[3])
+    vy_rate = np.array([dynamics(state[:, k].tolist(), [steer.rate(t), 0.0], p)[10] for k, t in enumerate(time)])
+    return Trace(time, state[5], vy_rate + state[5] * state[3], state[3])

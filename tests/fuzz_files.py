@@ -210,8 +210,8 @@ def _write_mcap(path: Path, frame: pd.DataFrame) -> None:
         schema = writer.register_schema(name="state", encoding="jsonschema", data=b'{"type": "object"}')
         channel = writer.register_channel(topic="/car", message_encoding="json", schema_id=schema)
         for row in frame.to_dict("records"):
-            at = int(1e9 * row["t"])
-            writer.add_message(channel, log_time=at, data=json.dumps(row).encode(), publish_time=at)
+            stamp = int(1e9 * row["t"])
+            writer.add_message(channel, log_time=stamp, data=json.dumps(row).encode(), publish_time=stamp)
         writer.finish()
 
 
@@ -515,8 +515,8 @@ def _grow(content: bytes, suffix: str, kind: str, chance: random.Random) -> byte
         else b"<odd>" * count + b"</odd>" * count
     )
     closings = [match.start() for match in re.finditer(rb"</", content)]
-    at = chance.choice(closings) if closings else len(content)
-    return content[:at] + more + content[at:]
+    index = chance.choice(closings) if closings else len(content)
+    return content[:index] + more + content[index:]
 
 
 # --- one case --------------------------------------------------------------------------------------------------------
@@ -588,7 +588,9 @@ def run_command(command: tuple[str, ...], work: Path) -> tuple[str, str]:
     except SystemExit as stop:
         return "exception", f"SystemExit {stop.code} {err.getvalue()[-300:]}"
     except BaseException as error:
-        places = [f"{Path(one.filename).name}:{one.lineno}" for one in traceback.extract_tb(error.__traceback__)[-4:]]
+        places = [
+            f"{Path(frame.filename).name}:{frame.lineno}" for frame in traceback.extract_tb(error.__traceback__)[-4:]
+        ]
         return "exception", f"{type(error).__name__}: {str(error)[:200]!r} at {' '.join(places)}"
     finally:
         os.chdir(before)

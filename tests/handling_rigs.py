@@ -78,20 +78,22 @@ class EnergyWatch:
 
         state = plant.GetPositionsAndVelocities(own).tolist()
         base = base_motion(state, self._places[0].base, plant.num_positions())
-        motions = [wheel_motion(state, place, base, plant.num_positions()) for place in self._places]
+        motions = [wheel_motion(state, wheel_place, base, plant.num_positions()) for wheel_place in self._places]
         turning = [base.turning[2]] * 4
         for wheel, joint in enumerate(part.steering):
             turning[wheel] += float(v[joint.velocity_start()])
         if self._before is not None:
-            told = np.array(self._tyres.tyre_forces.Eval(self._tyres.GetMyContextFromRoot(context))).reshape(4, 5)
+            tyre_forces = np.array(self._tyres.tyre_forces.Eval(self._tyres.GetMyContextFromRoot(context))).reshape(
+                4, 5
+            )
             step, work = plant.time_step(), 0.0
             early_motions, early_turning, early_damped = self._before
-            for early, late, (fx, fy, mz, _, _), one, two in zip(
-                early_motions, motions, told, early_turning, turning, strict=True
+            for early, late, (fx, fy, mz, _, _), early_turn, late_turn in zip(
+                early_motions, motions, tyre_forces, early_turning, turning, strict=True
             ):
                 slide = 0.5 * (early.slip_x + late.slip_x) * fx + 0.5 * (early.vy + late.vy) * fy
                 spin = 0.5 * (early.spin * early.axle[2] + late.spin * late.axle[2])
-                work += slide + mz * (0.5 * (one + two) + spin)
+                work += slide + mz * (0.5 * (early_turn + late_turn) + spin)
             self.taken.append(self.taken[-1] + step * (work - 0.5 * (damped + early_damped)))
             power = 0.0
             for joint, actuator in zip(part.steering, part.steering_actuators, strict=True):

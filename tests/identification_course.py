@@ -74,7 +74,7 @@ def tyre(slip: float, load: float, usual: float, stiffness: float) -> float:
 
 def rates(x: np.ndarray, asked: float, along: float) -> tuple[np.ndarray, float]:
     """Of vx, vy of the roll axis, yaw rate, roll, its rate, wheel angle, four slips, late ay; and ay of the mass."""
-    c, (vx, vy, turn, roll, sway, angle) = CAR, x[:6]
+    c, (vx, vy, turn, roll, roll_rate, angle) = CAR, x[:6]
     m, length, ahead = c["mass"], c["wheelbase"], c["front"]
     behind, half = length - ahead, 0.5 * c["track"]
     usual = (0.5 * m * GRAVITY * behind / length, 0.5 * m * GRAVITY * ahead / length)
@@ -85,8 +85,8 @@ def rates(x: np.ndarray, asked: float, along: float) -> tuple[np.ndarray, float]
     slips = []
     for i, (px, py) in enumerate(((ahead, half), (ahead, -half), (-behind, half), (-behind, -half))):
         front = i < 2
-        lean = (c["front_roll"] if front else 1.0 - c["front_roll"]) * m * c["height"] * x[10] / c["track"]
-        load = usual[not front] - (lean if py > 0.0 else -lean) - (moved if front else -moved)
+        lateral_transfer = (c["front_roll"] if front else 1.0 - c["front_roll"]) * m * c["height"] * x[10] / c["track"]
+        load = usual[not front] - (lateral_transfer if py > 0.0 else -lateral_transfer) - (moved if front else -moved)
         load = max(load, 50.0)
         stiffness = 0.5 * (c["stiffness_front"] if front else c["stiffness_rear"])
         pull = 0.5 * push * (part if front else 1.0 - part)
@@ -103,11 +103,18 @@ def rates(x: np.ndarray, asked: float, along: float) -> tuple[np.ndarray, float]
         moment += px * fy - py * fx - c["trail"] * across
     ay = side / m
     arm = c["roll_arm"]
-    swayed = (m * arm * (ay + GRAVITY * roll) - c["roll_stiffness"] * roll - c["roll_damping"] * sway) / c[
-        "roll_inertia"
-    ]
+    roll_acceleration = (
+        m * arm * (ay + GRAVITY * roll) - c["roll_stiffness"] * roll - c["roll_damping"] * roll_rate
+    ) / c["roll_inertia"]
     steer = (asked / c["ratio"] - angle) / c["lag"]
-    moves = (along, ay - vx * turn + arm * swayed, moment / c["yaw_inertia"], sway, swayed, steer)
+    moves = (
+        along,
+        ay - vx * turn + arm * roll_acceleration,
+        moment / c["yaw_inertia"],
+        roll_rate,
+        roll_acceleration,
+        steer,
+    )
     return np.array([*moves, *slips, (ay - x[10]) / 0.02]), ay
 
 

@@ -52,8 +52,8 @@ def drive_with_cargo(duration=6.0, step=0.005, contact="point", cargo=CARGO):
     context = assembly.make_context()
     plant_context = plant.GetMyMutableContextFromRoot(context)
     loaded = part.base.CalcSpatialInertiaInBodyFrame(plant_context)
-    for mass, place in cargo:
-        loaded += SpatialInertia(mass, place, UnitInertia.PointMass(place))
+    for mass, location in cargo:
+        loaded += SpatialInertia(mass, location, UnitInertia.PointMass(location))
     part.base.SetSpatialInertiaInBodyFrame(plant_context, loaded)
     level = plant.CreateDefaultContext()
     plant.SetFloatingBaseBodyPoseInWorldFrame(level, part.base, RigidTransform())
@@ -73,14 +73,14 @@ def drive_with_cargo(duration=6.0, step=0.005, contact="point", cargo=CARGO):
         assembly.diagram.GetInputPort(f"ego.{port}").FixValue(context, [value])
     simulator.Initialize()
     wait = 1.5
-    for at, wanted in (
+    for switch_time, wanted in (
         (wait, 14.0),
         (wait + 0.4 * duration, 22.0),
         (wait + 0.7 * duration, 15.0),
         (wait + duration, 20.0),
     ):
         assembly.diagram.GetInputPort("ego.speed_reference").FixValue(context, [wanted])
-        simulator.AdvanceTo(at)
+        simulator.AdvanceTo(switch_time)
     tap = assembly.taps["plant_state"].sink.FindLog(context)
     x, time = np.array(tap.data()), np.array(tap.sample_times())
     status = np.array(assembly.taps["ego.powertrain_status"].sink.FindLog(context).data())
@@ -119,12 +119,12 @@ def noisy(exact, seed=0, names=None, every=2, use="train"):
     """The exact drive as sensors of a car would have it, at 100 Hz."""
     time, channels, _ = exact
     random = np.random.default_rng(seed)
-    found = {
+    noisy_channels = {
         name: (values + NOISE.get(name, 0.0) * random.standard_normal(len(values)))[::every]
         for name, values in channels.items()
         if names is None or name in names
     }
-    return Log(f"drive {seed}", use, time[::every], found)
+    return Log(f"drive {seed}", use, time[::every], noisy_channels)
 
 
 def data_set(*logs):

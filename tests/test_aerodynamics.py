@@ -149,7 +149,7 @@ def test_without_air_or_area_nothing_is_added():
 
 
 @pytest.mark.parametrize(
-    ("plant", "said"),
+    ("plant", "expected"),
     [
         (
             "air_density: -1",
@@ -160,12 +160,12 @@ def test_without_air_or_area_nothing_is_added():
         ("wind: [0, fast]", "air.yaml:3: plant.wind.1: 'fast' is not a number"),
     ],
 )
-def test_bad_values_are_refused_with_file_and_line(tmp_path, plant, said):
+def test_bad_values_are_refused_with_file_and_line(tmp_path, plant, expected):
     file = tmp_path / "air.yaml"
     file.write_text(f"world: empty\nvehicles: {{ego: {{model: bolt}}}}\nplant: {{{plant}}}\n", encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
         load_diagram(str(file))
-    assert said in str(caught.value)
+    assert expected in str(caught.value)
 
 
 def test_wind_takes_units():

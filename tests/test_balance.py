@@ -28,18 +28,18 @@ def on_the_road(vehicle: Vehicle) -> object:
 
 
 @pytest.mark.parametrize(
-    ("x", "said"),
+    ("x", "expected"),
     [(-0.3, r"behind the rear axle: it tips over backwards"), (1.2, r"ahead of the front axle: it tips over forwards")],
 )
 @pytest.mark.parametrize("made", [estimate_parameters, on_the_road])
-def test_a_centre_of_mass_that_is_not_between_the_axles(made, x, said):
+def test_a_centre_of_mass_that_is_not_between_the_axles(made, x, expected):
     with pytest.raises(ConfigError) as caught:
         made(unior(x, 0.22))
-    place, message = str(caught.value).split(": ", maxsplit=1)
-    assert place == load_vehicle("unior").link_places["base_link"]
-    assert place.startswith("models/unior/structure.xacro:")
+    location, message = str(caught.value).split(": ", maxsplit=1)
+    assert location == load_vehicle("unior").link_places["base_link"]
+    assert location.startswith("models/unior/structure.xacro:")
     assert message.startswith("the centre of mass of 'unior@handling' is 0.")
-    assert said in message
+    assert expected in message
     assert message.endswith("check mass and origin of link 'base_link', which contributes most")
 
 

@@ -55,22 +55,22 @@ def test_a_batch_has_the_bits_of_the_compiled_equations_of_the_single_model():
     for _ in range(100):
         k: list[np.ndarray] = []
         for time_, of in ((0.0, None), (0.5 * STEP, 0), (0.5 * STEP, 1), (STEP, 2)):
-            at = x if of is None else x + time_ * k[of]
-            k.append(single(single.parameters(np.array(CAR.values())), at, single.inputs(u))[0])
+            stage = x if of is None else x + time_ * k[of]
+            k.append(single(single.parameters(np.array(CAR.values())), stage, single.inputs(u))[0])
         x = x + STEP / 6.0 * (k[0] + 2.0 * (k[1] + k[2]) + k[3])
     cars.step(u, 100)
     assert cars.state[0].tolist() == x.tolist()
 
 
 def test_one_call_many_calls_and_a_run_are_the_same():
-    one, many, whole = (mir.batch(CAR, BRUSH, parameters=random_columns(5)).reset(vx=15.0) for _ in range(3))
-    one.step([0.05, 0.0, 0.0], 40)
+    first, many, whole = (mir.batch(CAR, BRUSH, parameters=random_columns(5)).reset(vx=15.0) for _ in range(3))
+    first.step([0.05, 0.0, 0.0], 40)
     for _ in range(10):
         many.step([0.05, 0.0, 0.0], 4)
     run = whole.run(np.tile([0.05, 0.0, 0.0], (10, 1)), hold=4)
-    assert one.state.tolist() == many.state.tolist() == whole.state.tolist()
+    assert first.state.tolist() == many.state.tolist() == whole.state.tolist()
     assert run.values[:, -1, :6].tolist() == whole.state.tolist()
-    assert one.time == pytest.approx(0.2)
+    assert first.time == pytest.approx(0.2)
     assert run.time.tolist() == pytest.approx(np.linspace(0.0, 0.2, 11).tolist())
 
 

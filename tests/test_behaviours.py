@@ -177,14 +177,14 @@ def test_the_free_distance_is_where_the_box_first_meets_a_point():
     places = np.vstack((places, [[0.5, 0.95], [-0.7, -1.0], [2.5, 0.93], [2.5, -0.93], [3.41, 0.0]]))
     curvatures = np.array([0.0, 0.02, 0.1, 0.25, -0.02, -0.1, -0.25])
     met = 0
-    for place in places:
-        free = free_distance(place[None], curvatures, BOX, reach=15.0)
-        tried = [first_contact(place, curvature, BOX, 15.0) for curvature in curvatures]
+    for position in places:
+        free = free_distance(position[None], curvatures, BOX, reach=15.0)
+        tried = [first_contact(position, curvature, BOX, 15.0) for curvature in curvatures]
         np.testing.assert_allclose(free, tried, atol=0.01)
         met += int(np.sum(free < 15.0))
     assert met > 40
     together = free_distance(places, curvatures, BOX, reach=15.0)
-    alone = [free_distance(place[None], curvatures, BOX, reach=15.0) for place in places]
+    alone = [free_distance(position[None], curvatures, BOX, reach=15.0) for position in places]
     np.testing.assert_allclose(together, np.min(alone, axis=0))
 
 
@@ -197,14 +197,14 @@ def test_the_free_distance_in_closed_form():
     radius = 5.0
     rho, ahead = math.hypot(radius, BOX.front), math.atan2(BOX.front, radius)
     bearing = ahead + 0.5 * math.pi
-    place = np.array([[rho * math.sin(bearing), radius - rho * math.cos(bearing)]])
-    assert free_distance(place, [0.2], BOX)[0] == pytest.approx(0.5 * math.pi * radius)
+    position = np.array([[rho * math.sin(bearing), radius - rho * math.cos(bearing)]])
+    assert free_distance(position, [0.2], BOX)[0] == pytest.approx(0.5 * math.pi * radius)
     # Behind the axle only the tail, which swings out, meets a point at the outer side.
     rho, bearing = radius + BOX.half_width + 0.02, -0.08
-    place = np.array([[rho * math.sin(bearing), radius - rho * math.cos(bearing)]])
+    position = np.array([[rho * math.sin(bearing), radius - rho * math.cos(bearing)]])
     swing = math.acos((radius + BOX.half_width) / rho) + bearing
-    assert place[0, 1] < -BOX.half_width
-    assert free_distance(place, [0.2, -0.2, 0.0], BOX, reach=9.0) == pytest.approx([swing * radius, 9.0, 9.0])
+    assert position[0, 1] < -BOX.half_width
+    assert free_distance(position, [0.2, -0.2, 0.0], BOX, reach=9.0) == pytest.approx([swing * radius, 9.0, 9.0])
 
 
 def test_the_gap_is_that_of_the_whole_front_edge():
@@ -376,11 +376,11 @@ OVAL = Track([Piece(40.0, 0.0, 0.0), Piece(12.0 * math.pi, 1 / 12, 1 / 12)] * 2,
 
 @pytest.mark.parametrize("offset", [-2.0, 0.0, 2.0])
 def test_it_holds_its_lane_and_stops_before_what_stands_in_it(offset):
-    place = OVAL.point(95.0, offset)
+    position = OVAL.point(95.0, offset)
     beside = OVAL.point(60.0, offset + 2.6)
     run = drive(
         {"kind": "hold_lane", "offset": offset, "speed": 5.0},
-        [post(float(place[0]), float(place[1])), post(float(beside[0]), float(beside[1]))],
+        [post(float(position[0]), float(position[1])), post(float(beside[0]), float(beside[1]))],
         tracks={"main": OVAL},
         start=(0.0, offset, 0.0),
         duration=35.0,

@@ -84,15 +84,15 @@ def triangles_of(path: Path, *, without: tuple[str, ...] = ()) -> tuple[np.ndarr
         count = accessor["count"] * columns
         return np.frombuffer(blob, kind, count, view["byteOffset"]).reshape(-1, columns)
 
-    found = []
+    triangles = []
     for primitive in document["meshes"][0]["primitives"]:
         if document["materials"][primitive["material"]]["name"] in without:
             continue
         kind = "<u2" if document["accessors"][primitive["indices"]]["componentType"] == 5123 else "<u4"
         faces = data(primitive["indices"], kind, 1).reshape(-1, 3)
         both = [data(primitive["attributes"][name], "<f4", 3).astype(float) for name in ("POSITION", "NORMAL")]
-        found.append([(array[:, [0, 2, 1]] * [1, -1, 1])[faces] for array in both])  # y up to z up
-    return np.concatenate([t for t, _ in found]), np.concatenate([n for _, n in found])
+        triangles.append([(array[:, [0, 2, 1]] * [1, -1, 1])[faces] for array in both])  # y up to z up
+    return np.concatenate([t for t, _ in triangles]), np.concatenate([n for _, n in triangles])
 
 
 def samples_of(triangles: np.ndarray) -> np.ndarray:
@@ -227,8 +227,8 @@ def test_the_skin_of_a_bundled_car_has_its_published_size(
     model: str, low: tuple[float, float], high: tuple[float, float]
 ) -> None:
     points, _ = shell_of(model)
-    found = [points[:, 0].min(), points[:, 1].max(), points[:, 0].max(), points[:, 2].max()]
-    np.testing.assert_allclose(found, [*low, *high], rtol=0, atol=0.01)
+    extent = [points[:, 0].min(), points[:, 1].max(), points[:, 0].max(), points[:, 2].max()]
+    np.testing.assert_allclose(extent, [*low, *high], rtol=0, atol=0.01)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -252,11 +252,11 @@ def test_the_committed_meshes_are_those_of_the_script_and_small(model: str, tmp_
     import_module(f"tools.meshes.{model}").write(tmp_path)
     for name in ("body.gltf", "wheel.gltf"):
         stale = f"run python -m tools.meshes.{model}"
-        ours, theirs = (json.loads((at / name).read_text(encoding="utf-8")) for at in (tmp_path, folder))
+        ours, theirs = (json.loads((root / name).read_text(encoding="utf-8")) for root in (tmp_path, folder))
         assert ours["materials"] == theirs["materials"], stale
         for material in ours["materials"]:
             others = tuple(m["name"] for m in ours["materials"] if m != material)
-            made, committed = (triangles_of(at / name, without=others)[0] for at in (tmp_path, folder))
+            made, committed = (triangles_of(root / name, without=others)[0] for root in (tmp_path, folder))
             # Another processor rounds the last bit otherwise, and a triangle on a border is cut in two or is not.
             assert area(made) == pytest.approx(area(committed), abs=3e-5), stale
             assert max(new_corners(made, committed), new_corners(committed, made)) < 60, stale
@@ -283,9 +283,9 @@ def test_a_new_body_has_the_given_size_and_room_for_its_wheels(style: str, tmp_p
     corners = triangles.reshape(-1, 3)
     front = sizes["wheelbase"] + sizes["front_overhang"]
     close = 0.01 * min(1.0, sizes["length"])
-    found = [corners[:, 0].min(), corners[:, 0].max(), corners[:, 2].min(), corners[:, 2].max()]
+    extent = [corners[:, 0].min(), corners[:, 0].max(), corners[:, 2].min(), corners[:, 2].max()]
     asked = [front - sizes["length"], front, sizes["ground_clearance"], sizes["height"]]
-    np.testing.assert_allclose(found, asked, rtol=0, atol=close)
+    np.testing.assert_allclose(extent, asked, rtol=0, atol=close)
     low = corners[corners[:, 2] < 0.58 * sizes["ground_clearance"] + 0.42 * sizes["height"]]  # below the mirrors
     assert np.ptp(low[:, 1]) == pytest.approx(sizes["width"], abs=close)
     wheel = WheelDesign(sizes["wheel_radius"], sizes["wheel_width"], 0.5 * sizes["wheel_radius"])

@@ -54,8 +54,8 @@ class Page:
 
     def readings(self) -> Readings:
         """The latest readings of the page."""
-        found: Readings = self.browser.execute_script(_READINGS)
-        return found
+        result: Readings = self.browser.execute_script(_READINGS)
+        return result
 
     def until(self, true: Callable[[Readings], bool], *, seconds: float = 60.0) -> Readings:
         """The first readings for which a condition is true."""
@@ -85,8 +85,8 @@ class Page:
 
     def text(self, name: str) -> str:
         """What is written in what has this id."""
-        found: str = self.browser.execute_script("return document.getElementById(arguments[0]).textContent", name)
-        return found
+        result: str = self.browser.execute_script("return document.getElementById(arguments[0]).textContent", name)
+        return result
 
     def stand(self) -> Readings:
         """Stop the car."""
@@ -114,13 +114,13 @@ def start(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
 def address(process: "subprocess.Popen[str]") -> str:
     """The address that a drive prints."""
     assert process.stdout is not None
-    said = []
+    lines = []
     for line in process.stdout:
-        said.append(line)
-        found = re.search(r"http://\S+", line)
-        if found:
-            return found[0]
-    raise AssertionError(f"no address: {''.join(said)}")
+        lines.append(line)
+        match = re.search(r"http://\S+", line)
+        if match:
+            return match[0]
+    raise AssertionError(f"no address: {''.join(lines)}")
 
 
 def finish(process: "subprocess.Popen[str]") -> None:
@@ -155,8 +155,8 @@ def page(browser: Any, drive: "subprocess.Popen[str]") -> Page:
 def paint(image: Picture) -> NDArray[np.bool_]:
     """Where the picture has the car's blue."""
     part = image.astype(int)
-    found: NDArray[np.bool_] = (part[..., 2] > part[..., 0] + 60) & (part[..., 2] > part[..., 1] + 25)
-    return found
+    mask: NDArray[np.bool_] = (part[..., 2] > part[..., 0] + 60) & (part[..., 2] > part[..., 1] + 25)
+    return mask
 
 
 def turned(readings: Readings, before: Readings) -> float:

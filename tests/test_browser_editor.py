@@ -52,12 +52,12 @@ class Page:
             self.pointer("mouseMoved", (begin[0] + share * (end[0] - begin[0]), begin[1] + share * (end[1] - begin[1])))
         self.pointer("mouseReleased", end)
 
-    def click(self, place: tuple[float, float]) -> None:
-        self.pointer("mousePressed", place)
-        self.pointer("mouseReleased", place)
+    def click(self, position: tuple[float, float]) -> None:
+        self.pointer("mousePressed", position)
+        self.pointer("mouseReleased", position)
 
-    def pointer(self, kind: str, place: tuple[float, float]) -> None:
-        message = {"type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1}
+    def pointer(self, kind: str, position: tuple[float, float]) -> None:
+        message = {"type": kind, "x": position[0], "y": position[1], "button": "left", "clickCount": 1}
         if kind == "mouseMoved":
             message["buttons"] = 1
         self.browser.execute_cdp_cmd("Input.dispatchMouseEvent", message)

@@ -52,13 +52,13 @@ def too_close(world: World) -> list[str]:
     assert world.rules is not None
     gap = world.rules.min_gap
     areas = [prop.footprint for prop in world.props]
-    found = []
+    pairs = []
     for a, b in shapely.STRtree(areas).query(areas, predicate="dwithin", distance=max(gap - 1e-6, 0.0)).T.tolist():
-        one, other = world.props[a], world.props[b]
-        apart = one.bottom > other.top + gap or other.bottom > one.top + gap
-        if a < b and not apart and not world.rules.may_overlap(one, other):
-            found.append(f"{one.name}, {other.name}: {one.footprint.distance(other.footprint):.3f} m")
-    return found
+        first, second = world.props[a], world.props[b]
+        apart = first.bottom > second.top + gap or second.bottom > first.top + gap
+        if a < b and not apart and not world.rules.may_overlap(first, second):
+            pairs.append(f"{first.name}, {second.name}: {first.footprint.distance(second.footprint):.3f} m")
+    return pairs
 
 
 def test_all_worlds_with_props_are_tested_here() -> None:

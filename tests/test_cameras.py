@@ -78,8 +78,8 @@ def plate(ahead: float, left: float, up: float) -> Furnish:
     """A red plate across the line of sight, turned so that its edges cross pixels everywhere; left is world -x."""
 
     def furnish(plant: MultibodyPlant) -> None:
-        place = RigidTransform(RollPitchYaw(0.0, 0.4, 0.0), [1.0 - left, 2.0 + ahead, 3.0 + up])
-        plant.RegisterVisualGeometry(plant.world_body(), place, PLATE, "plate", [1.0, 0.0, 0.0, 1.0])
+        pose = RigidTransform(RollPitchYaw(0.0, 0.4, 0.0), [1.0 - left, 2.0 + ahead, 3.0 + up])
+        plant.RegisterVisualGeometry(plant.world_body(), pose, PLATE, "plate", [1.0, 0.0, 0.0, 1.0])
 
     return furnish
 
@@ -88,8 +88,8 @@ def block(size: tuple[float, float, float], ahead: float, left: float, up: float
     """A block (size along ahead, left, up) around a point of the camera's mounting frame."""
 
     def furnish(plant: MultibodyPlant) -> None:
-        place, shape = RigidTransform([1.0 - left, 2.0 + ahead, 3.0 + up]), Box(size[1], size[0], size[2])
-        plant.RegisterVisualGeometry(plant.world_body(), place, shape, "block", [1.0, 1.0, 1.0, 1.0])
+        pose, shape = RigidTransform([1.0 - left, 2.0 + ahead, 3.0 + up]), Box(size[1], size[0], size[2])
+        plant.RegisterVisualGeometry(plant.world_body(), pose, shape, "block", [1.0, 1.0, 1.0, 1.0])
 
     return furnish
 
@@ -242,10 +242,10 @@ def test_the_noise_of_depths_is_the_published_one(name: str, distance: float, de
 def test_noise_leaves_no_depth_outside_the_limits_and_nothing_where_nothing_is() -> None:
     mount = make_mount("depth_camera", depth_noise={"base": 0.5})
     seen = np.tile(np.array([0.0, 0.6, 39.9, np.inf], dtype=np.float32), (50, 50))
-    said = depth_noise(seen, mount, stream=0, index=3)
-    assert np.all(said[seen == 0.0] == 0.0)
-    assert np.all(np.isinf(said[np.isinf(seen)]))
-    there = said[(seen > 0.0) & np.isfinite(seen)]
+    noisy = depth_noise(seen, mount, stream=0, index=3)
+    assert np.all(noisy[seen == 0.0] == 0.0)
+    assert np.all(np.isinf(noisy[np.isinf(seen)]))
+    there = noisy[(seen > 0.0) & np.isfinite(seen)]
     assert (there.min(), there.max()) == (0.5, 40.0)
 
 

@@ -41,8 +41,8 @@ def circuit(length: float, spacing: float) -> np.ndarray:
     radius = 1.0 + 0.25 * np.sin(3 * angle) + 0.1 * np.cos(7 * angle + 1.0)
     x, y = radius * np.cos(angle), radius * np.sin(angle)
     s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
-    at = np.linspace(0.0, s[-1], round(length / spacing) + 1)[:-1]
-    return np.array([np.interp(at, s, x), np.interp(at, s, y)]).T * (length / float(s[-1]))
+    arc_length = np.linspace(0.0, s[-1], round(length / spacing) + 1)[:-1]
+    return np.array([np.interp(arc_length, s, x), np.interp(arc_length, s, y)]).T * (length / float(s[-1]))
 
 
 # --- closed forms -------------------------------------------------------------------------------------------------
@@ -131,11 +131,11 @@ waves = st.lists(st.tuples(st.integers(2, 6), st.floats(0.0, 0.06), st.floats(0.
 @settings(max_examples=60, deadline=None)
 @given(waves, st.floats(10.0, 800.0), st.integers(30, 400), st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)))
 def test_any_smooth_closed_curve_is_followed(
-    bends: list[tuple[int, float, float]], size: float, count: int, place: tuple[float, float]
+    bends: list[tuple[int, float, float]], size: float, count: int, position: tuple[float, float]
 ):
     angle = 2 * np.pi * np.arange(count) / count
     radius = 1.0 + sum(a * np.cos(n * angle + phase) for n, a, phase in bends)
-    points = size * np.column_stack((radius * np.cos(angle), radius * np.sin(angle))) + place
+    points = size * np.column_stack((radius * np.cos(angle), radius * np.sin(angle))) + position
     track = make(points, closed=True)
     assert math.fsum(piece.turn for piece in track.pieces) == pytest.approx(2 * math.pi, abs=1e-8)
     fine = 2 * np.pi * np.arange(20_000) / 20_000
@@ -197,8 +197,8 @@ def test_a_circuit_of_4_km_is_fitted_within_a_second():
 
 def test_a_circuit_of_4_km_with_widths_is_built_from_its_file_within_two_seconds(tmp_path: Path):
     points = circuit(4000.0, 1.0)
-    at = 2 * np.pi * np.arange(4000) / 4000
-    rows = np.column_stack((points, 4.0 + np.sin(at), 5.0 + np.cos(3 * at)))
+    angles = 2 * np.pi * np.arange(4000) / 4000
+    rows = np.column_stack((points, 4.0 + np.sin(angles), 5.0 + np.cos(3 * angles)))
     file = tmp_path / "circuit.csv"
     np.savetxt(file, rows, fmt="%.6f", delimiter=",", header="x_m,y_m,w_tr_right_m,w_tr_left_m")
     made: list[Track] = []
@@ -278,7 +278,7 @@ SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
 
 
 @pytest.mark.parametrize(
-    ("points", "options", "says"),
+    ("points", "options", "expected"),
     [
         (SQUARE[:3], {}, "3 points; a curve needs at least 4"),
         ([*SQUARE[:3], SQUARE[0]], {}, "3 points; a curve needs at least 4"),
@@ -291,10 +291,12 @@ SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)]
         (SQUARE, {"smooth": 5.0}, "smooth 5 m is too much for points within 7.07 m; make it less than a tenth"),
     ],
 )
-def test_points_without_a_curve_are_rejected_in_one_line(points: list[object], options: dict[str, float], says: str):
+def test_points_without_a_curve_are_rejected_in_one_line(
+    points: list[object], options: dict[str, float], expected: str
+):
     with pytest.raises(WorldError) as caught:
         pieces_through(points, closed=True, **options)  # type: ignore[arg-type]
-    assert says in str(caught.value)
+    assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -382,7 +384,7 @@ HEAD = "# x_m,y_m,w_tr_right_m,w_tr_left_m\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "says"),
+    ("text", "options", "expected"),
     [
         ("", {}, "track.csv: is empty; a header and rows of numbers are expected"),
         (HEAD, {}, "is empty"),
@@ -428,13 +430,13 @@ HEAD = "# x_m,y_m,w_tr_right_m,w_tr_left_m\n"
     ],
 )
 def test_faults_of_a_file_are_reported_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, options: dict[str, object], says: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, options: dict[str, object], expected: str
 ):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError) as caught:
         read_csv_track(write(tmp_path, text), **options)  # type: ignore[arg-type]
     message = str(caught.value)
-    assert says in message
+    assert expected in message
     assert message.startswith("track.csv:")
     assert "\n" not in message
 

@@ -115,7 +115,7 @@ def test_variants_are_checked_with_their_folder(here: Call) -> None:
     code, _, err = here("check", "car")
     assert code == 2
     assert wanted in places(err)
-    assert all(place.startswith("car/variants/published.yaml") for place in places(err))
+    assert all(location.startswith("car/variants/published.yaml") for location in places(err))
 
 
 @pytest.mark.parametrize(

@@ -58,13 +58,13 @@ def test_clearance_is_the_distance_of_two_boxes_and_the_depth_of_an_overlap() ->
 @settings(max_examples=100, deadline=None)
 def test_an_overlap_is_undone_by_its_depth(x: float, y: float, yaw: float) -> None:
     corners = place_outline(SQUARE, at(x, y, yaw))[0]
-    found = float(clearance(BLOCK, at(x, y, yaw), [post(0, 0)])[0])
+    distance = float(clearance(BLOCK, at(x, y, yaw), [post(0, 0)])[0])
     square, stone = shapely.polygons(corners), shapely.box(-0.5, -0.5, 0.5, 0.5)
-    if found > 0.0:
-        assert found == pytest.approx(shapely.distance(square, stone))
+    if distance > 0.0:
+        assert distance == pytest.approx(shapely.distance(square, stone))
         return
     edges = np.concatenate([np.diff(corners[:3], axis=0) / 2.0, [[1.0, 0.0], [0.0, 1.0]]])
-    moves = [sign * (-found + 1e-6) * edge for edge in edges for sign in (-1.0, 1.0)]
+    moves = [sign * (-distance + 1e-6) * edge for edge in edges for sign in (-1.0, 1.0)]
     assert any(not shapely.intersects(shapely.polygons(corners + move), stone) for move in moves)
     assert not any(shapely.distance(shapely.polygons(corners + 0.9 * move), stone) > 1e-6 for move in moves)
 
@@ -128,15 +128,15 @@ def _random_prop(rng: np.random.Generator) -> PlacedProp:
 
 def _layers(prop: PlacedProp, low: float, high: float) -> list[Any]:
     """What the solids of a prop cover between two heights, from thin layers of their own formulas."""
-    found: list[Any] = []
+    layers: list[Any] = []
     for solid in prop.prop.solids:
         X = prop.X_WP @ solid.X_PS
         x, y, z = X.translation()
         for height in np.linspace(low, high, 25):
             if isinstance(solid.shape, Sphere) and abs(height - z) < solid.shape.radius():
-                found.append(shapely.Point(x, y).buffer(math.sqrt(solid.shape.radius() ** 2 - (height - z) ** 2), 64))
+                layers.append(shapely.Point(x, y).buffer(math.sqrt(solid.shape.radius() ** 2 - (height - z) ** 2), 64))
             elif isinstance(solid.shape, Cylinder) and abs(height - z) < solid.shape.length() / 2.0:
-                found.append(shapely.Point(x, y).buffer(solid.shape.radius(), 64))
+                layers.append(shapely.Point(x, y).buffer(solid.shape.radius(), 64))
             elif isinstance(solid.shape, Box):
                 half = solid.shape.size() / 2.0
                 corners = np.array(list(product((-1, 1), repeat=3))) * half
@@ -145,8 +145,8 @@ def _layers(prop: PlacedProp, low: float, high: float) -> list[Any]:
                 cut = [a + (height - a[2]) / (b[2] - a[2]) * (b - a) for a, b in (end.T for end in ends)
                        if (a[2] - height) * (b[2] - height) < 0.0]  # fmt: skip
                 if len(cut) > 2:
-                    found.append(shapely.MultiPoint([point[:2] for point in cut]).convex_hull)
-    return found
+                    layers.append(shapely.MultiPoint([point[:2] for point in cut]).convex_hull)
+    return layers
 
 
 def _free(car: list[tuple[Any, Any]], move: Any) -> bool:
@@ -164,21 +164,23 @@ def test_distance_and_depth_agree_with_brute_force_on_random_props(seeds: range)
     for seed in seeds:
         rng = np.random.default_rng(seed)
         prop, pose = _random_prop(rng), rng.uniform([-4, -4, -3], [4, 4, 3])[None]
-        found = float(clearance(BOLT, pose, [prop])[0])
+        measured_distance = float(clearance(BOLT, pose, [prop])[0])
         car = [(shapely.Polygon(place_outline(slab.outline, pose)[0]), shapely.union_all(layers))
                for slab in BOLT.slabs if (layers := _layers(prop, slab.low + 1e-6, slab.high - 1e-6))]  # fmt: skip
         if not car:
-            assert found == math.inf
+            assert measured_distance == math.inf
             continue
         distance = min(shapely.distance(shape, solid) for shape, solid in car)
-        if found > 0.03:
-            assert distance == pytest.approx(found, abs=0.03)  # layers are up to 3 cm apart
+        if measured_distance > 0.03:
+            assert distance == pytest.approx(measured_distance, abs=0.03)  # layers are up to 3 cm apart
             continue
         overlapping += 1
-        reach = -found - 0.06
+        reach = -measured_distance - 0.06
         for length in np.arange(0.0, max(reach, 0.0), 0.05):
             assert not any(_free(car, length * np.array([math.cos(a), math.sin(a)])) for a in angles)
-        rim = [(-found + 0.01) * np.array([math.cos(a), math.sin(a)]) for a in np.linspace(0, 2 * math.pi, 360)]
+        rim = [
+            (-measured_distance + 0.01) * np.array([math.cos(a), math.sin(a)]) for a in np.linspace(0, 2 * math.pi, 360)
+        ]
         assert any(_free(car, move) for move in rim)
     assert overlapping >= len(seeds) // 5
 
@@ -189,11 +191,11 @@ def test_distance_and_depth_agree_with_brute_force_on_random_props(seeds: range)
 def test_vehicles_count_each_with_its_own_shape_where_it_is_at_the_time() -> None:
     mine = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0.5], [0, 0, 0]], dtype=float)
     theirs = np.array([[0, 2.0, 0], [10, 0, math.pi], [0, 1.0, 0.5], [math.nan, 0, 0]], dtype=float)
-    found = clearance_between(BOLT, mine, BOLT, theirs)
+    distance = clearance_between(BOLT, mine, BOLT, theirs)
     front = 2.601 / 2 + 2.085
     across = abs(-math.sin(0.5) * 0.0 + math.cos(0.5) * 1.0)
     expected = [2.0 - 2.0 * HALF, 10.0 - 2.0 * front, -(2.0 * HALF - across), math.inf]
-    assert found == pytest.approx(expected, abs=1e-6)
+    assert distance == pytest.approx(expected, abs=1e-6)
     low = Volume((Slab(SQUARE, 0.1, 0.5),), 0.1)
     high = Volume((Slab(SQUARE, 0.6, 1.5),), 0.1)
     assert np.isinf(clearance_between(low, mine, high, mine)).all()

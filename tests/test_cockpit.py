@@ -90,9 +90,12 @@ class Fingers:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     """A drive of a few seconds, recorded from its midst, with a gain changed and an input that is lost."""
     folder = tmp_path_factory.mktemp("drive") / "run"
-    said: list[str] = []
+    messages: list[str] = []
     cockpit = Cockpit(
-        spec(world="empty", vehicles={"ego": {"model": "bolt"}}), say=said.append, folder=lambda: folder, timeout=0.5
+        spec(world="empty", vehicles={"ego": {"model": "bolt"}}),
+        say=messages.append,
+        folder=lambda: folder,
+        timeout=0.5,
     )
     with Fingers(cockpit) as fingers:
         fingers.press(throttle=1.0)
@@ -110,7 +113,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]
         fingers.until(lambda readings: readings["time"] > halted + 1.0)  # it rocks back on its springs and tyres
         cockpit.order({"do": "record"})
         fingers.until(lambda readings: readings["recording"] is None)
-    return folder, said
+    return folder, messages
 
 
 def test_a_recording_is_an_ordinary_run_folder(recorded):
@@ -125,15 +128,15 @@ def test_a_recording_is_an_ordinary_run_folder(recorded):
 
 
 def test_lost_input_brakes_to_standstill_and_is_reported(recorded):
-    folder, said = recorded
+    folder, messages = recorded
     run = load_run(folder)
     lost = [event for event in run.events if event["kind"] == "input"]
     assert [event["text"].split(":")[0] for event in lost] == ["input lost"]
-    assert any("input lost: braking to standstill" in line for line in said)
-    vx, at = run["ego.vx"], lost[0]["time"]
-    assert vx[at:].iloc[0] > 6.0
+    assert any("input lost: braking to standstill" in line for line in messages)
+    vx, instant = run["ego.vx"], lost[0]["time"]
+    assert vx[instant:].iloc[0] > 6.0
     assert abs(vx.iloc[-1]) < 0.05
-    braking = vx[at + 0.2 : at + 0.8]
+    braking = vx[instant + 0.2 : instant + 0.8]
     slope = (braking.iloc[-1] - braking.iloc[0]) / (braking.index[-1] - braking.index[0])
     assert slope == pytest.approx(-5.0, rel=0.1)  # max_deceleration of control.yaml
 
@@ -184,11 +187,11 @@ def test_simulated_time_stops_in_a_pause_and_follows_the_clock_otherwise():
     with Fingers(cockpit) as fingers:
         fingers.until(lambda readings: readings["time"] > 0.5)
         cockpit.order({"do": "pause"})
-        at = fingers.until(lambda readings: readings["paused"])["time"]
+        instant = fingers.until(lambda readings: readings["paused"])["time"]
         time.sleep(0.3)
-        assert cockpit.readings["time"] == at
+        assert cockpit.readings["time"] == instant
         cockpit.order({"do": "pause"})
-        fingers.until(lambda readings: not readings["paused"] and readings["time"] > at)
+        fingers.until(lambda readings: not readings["paused"] and readings["time"] > instant)
         began, first = time.monotonic(), cockpit.readings["time"]
         readings = fingers.until(lambda readings: readings["time"] > first + 2.0)
         ahead = readings["time"] - first - (time.monotonic() - began)
@@ -213,11 +216,11 @@ def test_an_unknown_gain_is_named(tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_reported_and_the_drive_continues(tmp_path):
     (tmp_path / "run").write_text("in the way")
-    said: list[str] = []
-    cockpit = Cockpit(spec(), say=said.append, folder=lambda: tmp_path / "run")
+    messages: list[str] = []
+    cockpit = Cockpit(spec(), say=messages.append, folder=lambda: tmp_path / "run")
     cockpit.order({"do": "record"})
     cockpit.run(duration=0.2)
-    assert "cannot be created" in said[0]
+    assert "cannot be created" in messages[0]
     assert cockpit.runs == []
     assert cockpit.readings["time"] > 0.0
 
@@ -300,11 +303,11 @@ def test_a_taken_port_is_named(site):
 
 
 def test_without_a_page_the_address_is_repeated():
-    said: list[str] = []
-    with OpenCockpit(spec(), port=0, say=said.append, remind=0.3) as cockpit:
+    messages: list[str] = []
+    with OpenCockpit(spec(), port=0, say=messages.append, remind=0.3) as cockpit:
         cockpit.run(duration=0.8)
-    assert said
-    assert set(said) == {f"no page is open; the cockpit is at {cockpit.url}"}
+    assert messages
+    assert set(messages) == {f"no page is open; the cockpit is at {cockpit.url}"}
 
 
 # --- overlays ------------------------------------------------------------------------------------------

@@ -79,5 +79,5 @@ def test_kept_code_is_of_another_version_when_the_source_of_any_part_changes(tmp
         path.write_text(text, encoding="utf-8")
         return machine._version([pull_all, runpy.run_path(str(path))["part"]])
 
-    one, other = version_of("def part(x):\n    return x\n"), version_of("def part(x):\n    return 1.0 * x\n")
-    assert one == version_of("def part(x):\n    return x\n") != other
+    first, second = version_of("def part(x):\n    return x\n"), version_of("def part(x):\n    return 1.0 * x\n")
+    assert first == version_of("def part(x):\n    return x\n") != second

@@ -122,9 +122,9 @@ def complaint(result: str, folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def worker() -> Iterator[Worker]:
-    one = Worker()
-    yield one
-    one.close()
+    running = Worker()
+    yield running
+    running.close()
 
 
 # --- faults ----------------------------------------------------------------------------------------------------------
@@ -180,25 +180,29 @@ def exchanged(pattern: re.Pattern[str], *, copy: bool) -> Fault:
 
 def misspelt(random: Random, word: str) -> str:
     """A word with two letters exchanged, one missing, or one too many."""
-    at = random.randrange(len(word))
-    return word[:at] + random.choice(["", word[at] * 2, word[at + 1 : at + 2] + word[at]]) + word[at + 1 :]
+    index = random.randrange(len(word))
+    return (
+        word[:index]
+        + random.choice(["", word[index] * 2, word[index + 1 : index + 2] + word[index]])
+        + word[index + 1 :]
+    )
 
 
 def without_line(random: Random, text: str) -> str:
     lines = text.splitlines(keepends=True)
-    at = random.randrange(len(lines))
-    return "".join(lines[:at] + lines[at + 1 :])
+    index = random.randrange(len(lines))
+    return "".join(lines[:index] + lines[index + 1 :])
 
 
 def twice_a_line(random: Random, text: str) -> str:
     lines = text.splitlines(keepends=True)
-    at = random.randrange(len(lines))
-    return "".join(lines[: at + 1] + lines[at:])
+    index = random.randrange(len(lines))
+    return "".join(lines[: index + 1] + lines[index:])
 
 
 def with_character(random: Random, text: str) -> str:
-    at = random.randrange(len(text))
-    return text[:at] + random.choice(CHARACTERS) + text[at:]
+    index = random.randrange(len(text))
+    return text[:index] + random.choice(CHARACTERS) + text[index:]
 
 
 def cut_off(random: Random, text: str) -> str:

@@ -147,16 +147,18 @@ def test_a_file_with_mutations_is_read_or_refused_in_printable_lines(name: str, 
     path = tmp_path / Path(f"{name}.{'csv' if name == 'track' else 'yaml'}").name
     for _ in range(25):
         lines = text.splitlines()
-        at, kind = random_of.randrange(len(lines)), random_of.randrange(4)
+        index, kind = random_of.randrange(len(lines)), random_of.randrange(4)
         if kind == 0:
-            del lines[at]
+            del lines[index]
         elif kind == 1:
-            lines.insert(at, random_of.choice(lines))
+            lines.insert(index, random_of.choice(lines))
         elif kind == 2:
-            cut = random_of.randrange(len(lines[at]) + 1)
-            lines[at] = lines[at][:cut] + chr(random_of.choice([0, 0x13, 0x85, 0x2028, 0xFEFF])) + lines[at][cut:]
+            cut = random_of.randrange(len(lines[index]) + 1)
+            lines[index] = (
+                lines[index][:cut] + chr(random_of.choice([0, 0x13, 0x85, 0x2028, 0xFEFF])) + lines[index][cut:]
+            )
         else:
-            lines[at] = re.sub(r"-?\d+(\.\d+)?", lambda _: random_of.choice(_VALUES), lines[at], count=1)
+            lines[index] = re.sub(r"-?\d+(\.\d+)?", lambda _: random_of.choice(_VALUES), lines[index], count=1)
         path.write_text("\n".join(lines), encoding="utf-8")
         message = ""
         try:

@@ -31,7 +31,7 @@ def test_another_kind_replaces_the_whole_entry() -> None:
 
 
 @pytest.mark.parametrize(
-    ("entry", "says"),
+    ("entry", "expected"),
     [
         ("wheel_speed: {gian: 3}", "d.yaml:6: wheel_speed.gian: unknown field; did you mean 'gain'"),
         ("weel_speed: {gain: 3}", "d.yaml:6: weel_speed: unknown field; did you mean 'wheel_speed'"),
@@ -39,10 +39,10 @@ def test_another_kind_replaces_the_whole_entry() -> None:
         ("wheel_speed: {kind: pedals}", "pedals drive tyres of kind brush or magic_formula"),
     ],
 )
-def test_faults_are_told_with_file_and_line(entry: str, says: str) -> None:
+def test_faults_are_told_with_file_and_line(entry: str, expected: str) -> None:
     with pytest.raises(ConfigError) as error:
         control(entry)
-    assert says in str(error.value)
+    assert expected in str(error.value)
 
 
 def test_a_block_stands_between_control_unit_and_joints() -> None:

@@ -65,7 +65,7 @@ def lines_changed(before: str, after: str) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize(
-    ("element", "handle", "place", "old", "new"),
+    ("element", "handle", "position", "old", "new"),
     [
         ("props/0", "body", (3.5, -2.25), "at: [0, 0], yaw", "at: [3.5, -2.25], yaw"),
         ("props/0", "yaw", (0.0, -9.0), "yaw: 90 deg", "yaw: -90 deg"),
@@ -84,8 +84,8 @@ def lines_changed(before: str, after: str) -> list[tuple[str, str]]:
         ("ground/patches/0", "corner", (4.0, -17.0), "size: [6, 4]", "size: [8, 6]"),
     ],
 )
-def test_a_moved_handle_changes_its_values_alone(yard, element, handle, place, old, new):
-    x, y = place
+def test_a_moved_handle_changes_its_values_alone(yard, element, handle, position, old, new):
+    x, y = position
     after = drag(yard, element, x, y, handle)
     assert after == YARD.replace(old, new)
     assert read_scene(after, PATH).world.name == "yard"
@@ -375,8 +375,8 @@ def test_after_random_gestures_the_file_means_what_is_shown_and_undo_restores_ev
         document.save()
         saved = load_world(str(path))
         assert [placed.name for placed in saved.props] == [placed.name for placed in scene.world.props]
-        for one, other in zip(saved.props, scene.world.props, strict=True):
-            assert np.allclose(one.X_WP.GetAsMatrix4(), other.X_WP.GetAsMatrix4(), atol=1e-9)
+        for saved_prop, shown_prop in zip(saved.props, scene.world.props, strict=True):
+            assert np.allclose(saved_prop.X_WP.GetAsMatrix4(), shown_prop.X_WP.GetAsMatrix4(), atol=1e-9)
         while document.can_undo:
             document.undo()
         assert document.text == begin

@@ -74,7 +74,7 @@ def messages(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
     decoding = pytest.importorskip("mcap_protobuf.decoder")
     path = tmp_path_factory.mktemp("mcap") / "run.mcap"
     assert export(folder, "mcap", path) == 0
-    found: dict[str, list[tuple[int, str, Any]]] = {}
+    by_topic: dict[str, list[tuple[int, str, Any]]] = {}
     with path.open("rb") as file:
         reader = reading.make_reader(file, decoder_factories=[decoding.DecoderFactory()])
         summary = reader.get_summary()
@@ -87,12 +87,12 @@ def messages(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str
             else:
                 content = json.loads(data)
             assert message.log_time == message.publish_time
-            found.setdefault(channel.topic, []).append((message.log_time, schema.name, content))
-        counts = Counter({topic: len(entries) for topic, entries in found.items()})
+            by_topic.setdefault(channel.topic, []).append((message.log_time, schema.name, content))
+        counts = Counter({topic: len(entries) for topic, entries in by_topic.items()})
         numbers = {channel.id: channel.topic for channel in summary.channels.values()}
         statistics = summary.statistics.channel_message_counts
         assert counts == {numbers[number]: count for number, count in statistics.items()}
-    return found
+    return by_topic
 
 
 def test_every_topic_has_its_schema_and_no_message_is_missing(messages: dict[str, Any], run: Run) -> None:
@@ -125,11 +125,11 @@ def test_times_are_those_of_the_recording(messages: dict[str, Any], run: Run) ->
         "/log": np.array([0.5]),
     }
     for topic, times in expected.items():
-        stamps = [at - START for at, _, _ in messages[topic]]
+        stamps = [stamp - START for stamp, _, _ in messages[topic]]
         np.testing.assert_allclose(stamps, 1e9 * times, atol=1.0, err_msg=topic)
-        for at, schema, content in messages[topic]:
+        for stamp, schema, content in messages[topic]:
             if schema.startswith("foxglove") and topic not in {"/tf", "/scene"}:
-                assert content.timestamp.seconds * 10**9 + content.timestamp.nanos == at
+                assert content.timestamp.seconds * 10**9 + content.timestamp.nanos == stamp
 
 
 def test_signals_and_pictures_and_scans_are_as_recorded(messages: dict[str, Any], run: Run) -> None:
@@ -165,9 +165,9 @@ def test_a_cloud_has_the_returns_where_they_are(messages: dict[str, Any]) -> Non
 
 def test_transforms_lead_from_the_world_to_the_pictures(messages: dict[str, Any], run: Run) -> None:
     def pose(entry: Any) -> RigidTransform:
-        turn, place = entry.rotation, entry.translation
+        turn, translation = entry.rotation, entry.translation
         rotation = RotationMatrix(Quaternion(wxyz=[turn.w, turn.x, turn.y, turn.z]))
-        return RigidTransform(rotation, [place.x, place.y, place.z])
+        return RigidTransform(rotation, [translation.x, translation.y, translation.z])
 
     first, final = ({e.child_frame_id: e for e in messages["/tf"][i][2].transforms} for i in (0, -1))
     assert {name: entry.parent_frame_id for name, entry in first.items()} == {
@@ -202,7 +202,7 @@ def test_the_eyes_of_a_pair_have_frames_and_calibrations_of_their_own() -> None:
 def test_positions_are_where_the_receiver_says(messages: dict[str, Any], run: Run) -> None:
     fixes = messages["/ego/gps"]
     samples = run.arrays["ego.gps"]
-    np.testing.assert_allclose([at - START for at, _, _ in fixes], 1e8 * np.arange(11), atol=1.0)  # 10 Hz
+    np.testing.assert_allclose([stamp - START for stamp, _, _ in fixes], 1e8 * np.arange(11), atol=1.0)  # 10 Hz
     assert [content.latitude for _, _, content in fixes] == samples["latitude"].tolist()
     assert [content.longitude for _, _, content in fixes] == samples["longitude"].tolist()
     assert [content["vx"] for _, _, content in messages["/ego/gps/sample"]] == samples["vx"].tolist()
@@ -211,18 +211,18 @@ def test_positions_are_where_the_receiver_says(messages: dict[str, Any], run: Ru
 def test_an_imu_and_the_joints_are_messages_of_ros(messages: dict[str, Any], run: Run) -> None:
     samples = run.arrays["ego.imu"]
     imu = [content for _, _, content in messages["/ego/imu"]]
-    assert [one.angular_velocity.z for one in imu] == samples["wz"].tolist()
-    assert [one.linear_acceleration.x for one in imu] == samples["fx"].tolist()
-    assert {one.header.frame_id for one in imu} == {"ego.imu"}
-    assert {one.orientation_covariance[0] for one in imu} == {-1.0}  # no orientation, as REP 145 has it
+    assert [message.angular_velocity.z for message in imu] == samples["wz"].tolist()
+    assert [message.linear_acceleration.x for message in imu] == samples["fx"].tolist()
+    assert {message.header.frame_id for message in imu} == {"ego.imu"}
+    assert {message.orientation_covariance[0] for message in imu} == {-1.0}  # no orientation, as REP 145 has it
     joints = [content for _, _, content in messages["/ego/joint_states"]]
     names = run.scene().vehicles["ego"].spec.joints.wheels
     index = joints[0].name.index(names.rear_left)
-    assert [one.position[index] for one in joints] == run["ego.wheel_angle.rear_left"].tolist()
-    assert [one.velocity[index] for one in joints] == run["ego.wheel_speed.rear_left"].tolist()
-    for (at, _, content), time in zip(messages["/ego/joint_states"], run.signals.index, strict=True):
-        assert at - START == content.header.stamp.sec * 10**9 + content.header.stamp.nanosec - START
-        assert at - START == pytest.approx(1e9 * time, abs=1.0)
+    assert [message.position[index] for message in joints] == run["ego.wheel_angle.rear_left"].tolist()
+    assert [message.velocity[index] for message in joints] == run["ego.wheel_speed.rear_left"].tolist()
+    for (stamp, _, content), time in zip(messages["/ego/joint_states"], run.signals.index, strict=True):
+        assert stamp - START == content.header.stamp.sec * 10**9 + content.header.stamp.nanosec - START
+        assert stamp - START == pytest.approx(1e9 * time, abs=1.0)
 
 
 def test_the_3d_panel_shows_the_vehicle_and_its_wheels(messages: dict[str, Any]) -> None:
@@ -303,9 +303,9 @@ def test_the_error_of_a_missing_package_states_what_to_install(
     monkeypatch.setitem(sys.modules, package, None)
     out = tmp_path if kind == "video" else tmp_path / "run.mcap"
     assert export(folder, kind, out) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert f"pip install 'mirdrake[{extra}]'" in said
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert f"pip install 'mirdrake[{extra}]'" in error
     assert list(tmp_path.iterdir()) == []
 
 
@@ -313,7 +313,7 @@ def test_an_export_without_data_is_an_error(folder: Path, tmp_path: Path, capsys
     bare = tmp_path / "bare"
     bare.mkdir()
     shutil.copy(folder / "spec.yaml", bare)
-    told: dict[str, Callable[[], int]] = {
+    expected_errors: dict[str, Callable[[], int]] = {
         "is not a run folder": lambda: export(tmp_path / "nothing", "csv", tmp_path / "x.csv"),
         "no signals were recorded": lambda: export(bare, "csv", tmp_path / "x.csv"),
         "has no pictures; record them": lambda: export(bare, "video", tmp_path),
@@ -321,11 +321,11 @@ def test_an_export_without_data_is_an_error(folder: Path, tmp_path: Path, capsys
         "is a folder; a file is expected": lambda: export(folder, "mcap", tmp_path),
         "cannot be written: No such file": lambda: export(folder, "mcap", tmp_path / "nowhere" / "run.mcap"),
     }
-    for words, call in told.items():
+    for words, call in expected_errors.items():
         assert call() == 2, words
-        said = capsys.readouterr().err
-        assert words.replace("is not a", "not a") in said
-        assert said.count("\n") == 1
+        error = capsys.readouterr().err
+        assert words.replace("is not a", "not a") in error
+        assert error.count("\n") == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bare"]
 
 

@@ -97,8 +97,8 @@ def test_a_killed_process_leaves_nothing_that_is_listed_and_the_next_one_clears_
         with staging(folder):
             pass
         assert list(folder.glob(".*")) == []
-        found = [file.read_text() for file in targets if file.is_file()]
-        assert found == (["new"] * 2 if renames == steps else ["old"] * 2 if before else []), renames
+        contents = [file.read_text() for file in targets if file.is_file()]
+        assert contents == (["new"] * 2 if renames == steps else ["old"] * 2 if before else []), renames
 
 
 def test_staging_that_goes_on_is_left_alone_and_publishes_everything_or_nothing(

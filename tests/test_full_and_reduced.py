@@ -53,10 +53,10 @@ def _reduced(name: str, profile, *, speed: float, duration: float) -> Record:
     track = model.GetSubsystemByName("single_track")
     track.set_state(track.GetMyContextFromRoot(context), vx=speed)
     simulator.AdvanceTo(duration)
-    found = log.FindLog(context)
-    x = dict(zip(_ROWS, found.data(), strict=True))
+    signal_log = log.FindLog(context)
+    x = dict(zip(_ROWS, signal_log.data(), strict=True))
     return Record(
-        label="reduced", time=found.sample_times(), x=x["x"], y=x["y"], yaw=x["yaw"], vx=x["vx"], vy=x["vy"],
+        label="reduced", time=signal_log.sample_times(), x=x["x"], y=x["y"], yaw=x["yaw"], vx=x["vx"], vy=x["vy"],
         yaw_rate=x["wz"], roll=x["roll"], steering=0.0 * x["x"], ahead=rig.facts.ahead, ratio=1.0,
     )  # fmt: skip
 

@@ -51,8 +51,8 @@ def torques(assembly: Any, speed: float, *gains: float) -> Any:
     control = assembly.diagram.GetSubsystemByName("ego.control")
     plant, part = assembly.parts.plant, assembly.parts.vehicles["ego"]
     context = control.CreateDefaultContext()
-    for at, value in enumerate(gains):
-        context.get_mutable_numeric_parameter(1).SetAtIndex(at, value)
+    for index, value in enumerate(gains):
+        context.get_mutable_numeric_parameter(1).SetAtIndex(index, value)
     x = np.zeros(plant.num_multibody_states())
     x[part.base.floating_positions_start()] = 1.0
     velocities = plant.num_positions()
@@ -118,9 +118,9 @@ def test_apply_writes_the_schedule_once_and_other_gains_take_it_away(tmp_path: P
     assert not plan_apply(read_result(folder), today=date(2026, 4, 2)).changes
     fewer = plan_apply(read_result(result(tmp_path, scheduled, schedule={"rows": ROWS[:2]})), today=DAY)
     assert "speeds: [1.0, 3.0]\n" in fewer.after
-    one = plan_apply(read_result(folder), candidate="searched", today=DAY)
-    assert "schedule:" not in one.after
-    assert "kp: 3.54082" in one.after
+    plan = plan_apply(read_result(folder), candidate="searched", today=DAY)
+    assert "schedule:" not in plan.after
+    assert "kp: 3.54082" in plan.after
 
 
 def test_apply_does_not_write_constant_gains_where_a_schedule_was_asked_for(tmp_path: Path) -> None:

@@ -15,9 +15,9 @@ from mirdrake.tyres.vertical import VerticalTyre, vertical_force, vertical_of_fi
 RADIUS, WIDTH = 0.3, 0.2
 
 
-def under_wheel(terrain: Terrain, *, x: float, z: float, lean: float = 0.0, samples: int = SAMPLES) -> EffectivePlane:
+def under_wheel(terrain: Terrain, *, x: float, z: float, camber: float = 0.0, samples: int = SAMPLES) -> EffectivePlane:
     """Return the effective plane of a wheel that rolls along x, its centre at x and z."""
-    upwards, axle = (0.0, -sin(lean), cos(lean)), (0.0, cos(lean), sin(lean))
+    upwards, axle = (0.0, -sin(camber), cos(camber)), (0.0, cos(camber), sin(camber))
     data = terrain.data._replace(layers=terrain.data.layers.view(np.recarray))  # type: ignore[attr-defined]
     return effective_plane(data, samples, RADIUS, WIDTH, (x, 0.0, z), (1.0, 0.0), upwards, axle)
 
@@ -38,8 +38,8 @@ def test_deflection_on_an_incline(samples: int) -> None:
 
 
 def test_tilt_of_a_leaning_wheel_and_of_a_bank() -> None:
-    """A wheel that leans to its right by 0.1 rad; and an upright one on a bank of 0.1 to the left."""
-    leaning = under_wheel(FLAT, x=0.0, z=0.28 * cos(0.1), lean=0.1, samples=0)
+    """A wheel with a camber of 0.1 rad to its right; and an upright one on a bank of 0.1 to the left."""
+    leaning = under_wheel(FLAT, x=0.0, z=0.28 * cos(0.1), camber=0.1, samples=0)
     assert (leaning.deflection, leaning.tilt) == pytest.approx((0.02, np.tan(0.1)), abs=1e-9)
     assert under_wheel(Terrain([Plane(slope_y=0.1)]), x=0.0, z=0.28).tilt == pytest.approx(-0.1)
 

@@ -117,7 +117,7 @@ def test_seeds_choose_the_start():
     places = [env.reset(seed=seed)[0] for seed in (1, 1, 2)]
     np.testing.assert_array_equal(places[0], places[1])
     assert np.hypot(*(places[0] - places[2])[:2]) > 0.1
-    assert [place[2] for place in places] == pytest.approx([0.0] * 3, abs=1e-4)
+    assert [pose[2] for pose in places] == pytest.approx([0.0] * 3, abs=1e-4)
 
 
 def test_leaving_the_road_ends_the_episode(env):

@@ -118,10 +118,10 @@ def test_places_on_the_track_are_those_of_the_single_environment(single):
     for s in rng.uniform(0.0, track.length, 5):
         x, y, yaw = (float(value) for value in track.pose(float(s)))
         aside, turn = rng.uniform(-1.0, 1.0), rng.uniform(-0.2, 0.2)
-        place = (x - aside * np.sin(yaw), y + aside * np.cos(yaw), yaw + turn, 5.0)
-        theirs, _ = single.reset(options={"start": {"ego": place}})
+        pose = (x - aside * np.sin(yaw), y + aside * np.cos(yaw), yaw + turn, 5.0)
+        theirs, _ = single.reset(options={"start": {"ego": pose}})
         env.reset()
-        env.cars.reset(x=place[0], y=place[1], yaw=place[2], vx=place[3])
+        env.cars.reset(x=pose[0], y=pose[1], yaw=pose[2], vx=pose[3])
         env._progress[:] = s
         env._advance(0)
         ours = env._observations()[0]

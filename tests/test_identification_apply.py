@@ -21,7 +21,7 @@ DAY = date(2026, 3, 1)
 
 
 def _fit(*parameters: FittedParameter) -> Fit:
-    free = sum(one.kind != "fixed" for one in parameters)
+    free = sum(parameter.kind != "fixed" for parameter in parameters)
     return Fit("coast", "longitudinal", "least squares", parameters, np.eye(free), 10.0, data_sha256="ab12" * 16)
 
 
@@ -110,10 +110,10 @@ def test_a_delay_is_rounded_to_whole_controller_periods_with_a_note(bolt: Path) 
 
 
 def test_a_value_that_contradicts_the_given_one_is_written_with_a_note(bolt: Path) -> None:
-    one = _found(
+    contradicting = _found(
         "steering_ratio", "1", 14.2, given=16.8, verdict="contradicts the given value", explanation="given 16.8"
     )
-    change = plan_apply(_fit(one), str(bolt), today=DAY)
+    change = plan_apply(_fit(contradicting), str(bolt), today=DAY)
     assert change.notes == ("steering_ratio: contradicts the given value (given 16.8)",)
     assert "ratio: 14.2\n" in change.files[0].after
 

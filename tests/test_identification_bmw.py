@@ -54,10 +54,10 @@ def test_the_stiffnesses_are_told_to_be_not_identifiable(do):
     code, fit, page = do(LANE)
     assert code == 1
     for name in ("cornering_stiffness_front", "cornering_stiffness_rear"):
-        one = fit[name]
-        assert (one.kind, one.verdict) == ("free", "not identifiable")
-        assert one.low is None or one.high is None or one.high / one.low > 3.0
-        assert "step steer" in one.explanation
+        parameter = fit[name]
+        assert (parameter.kind, parameter.verdict) == ("free", "not identifiable")
+        assert parameter.low is None or parameter.high is None or parameter.high / parameter.low > 3.0
+        assert "step steer" in parameter.explanation
     assert fit.condition_number > 1000.0
     assert "not identifiable" in page
     assert any("step steer" in text for text in fit.advice)
@@ -79,7 +79,7 @@ def test_scale_offset_and_delay_of_the_steering_are_those_that_are_known(do):
     assert ratio.low < 1.0 / 1.37 < ratio.high
     assert abs(fit["steering_offset"].value) < 0.005
     # 40 ms with the response of the car. Relaxing tyres are a part of them, which a log at 19 m/s does not tell apart.
-    relaxed = [one.value for one in fit.parameters if one.name == "relaxation"]
+    relaxed = [parameter.value for parameter in fit.parameters if parameter.name == "relaxation"]
     late = fit["steering_delay"].value + sum(relaxed) / 19.0
     assert 0.0 < late < 0.04
     assert fit["steering_delay"].low < 0.0 < fit["steering_delay"].high
@@ -89,13 +89,13 @@ def test_scale_offset_and_delay_of_the_steering_are_those_that_are_known(do):
 def test_the_braking_gives_deceleration_lag_and_resistance_with_intervals(do):
     _, fit, _ = do(BRAKING)
     for name in ("brake_force", "brake_delay", "brake_lag", "drag", "rolling_resistance"):
-        one = fit[name]
-        assert one.kind == "free"
-        assert one.low < one.value < one.high
-        assert one.at_bound is None
+        parameter = fit[name]
+        assert parameter.kind == "free"
+        assert parameter.low < parameter.value < parameter.high
+        assert parameter.at_bound is None
     # A force is a mass times a deceleration, and nobody said what turns with the wheels; the deceleration is sure.
     assert "depends on the mass of rotating parts" in fit["brake_force"].explanation
-    (text,) = (one for one in fit.combinations if "deceleration at full pedal" in one)
+    (text,) = (text for text in fit.combinations if "deceleration at full pedal" in text)
     value, _, error, _ = text.split(": ")[1].split(" ")
     assert float(error) < 0.02 * float(value)
     assert fit.channel("vx", part="train").nrmse_percent > 98.0
@@ -140,7 +140,7 @@ def test_a_whole_log_is_checked_with_a_mapping_and_nothing_else(capsys):
         "longitudinal_acceleration": "ax_mps2:m/s^2", "lateral_acceleration": "ay_mps2:m/s^2",
         "engine_speed": "rpm:1/min", "gear": "gear:1", "steering_command": "steering_signal_rad:1",
     }  # fmt: skip
-    arguments = [text for name, place in mapping.items() for text in ("--map", f"{name}={place}")]
+    arguments = [text for name, column in mapping.items() for text in ("--map", f"{name}={column}")]
     log = str(LOG).format("double_lane_change")
     main(["identify", "check", log, "--time", "t_s:s", "--wheelbase", "2.827", *arguments])
     text = capsys.readouterr().out

@@ -28,24 +28,26 @@ def test_a_sideslip_course_and_a_mapping_give_the_car_and_foretell_a_step(tmp_pa
     command = [sys.executable, "-m", "mirdrake.cli", "identify", "course.yaml", "--out", "fit"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode in {0, 1}, done.stderr
-    found = load_fit(tmp_path / "fit")
-    fits = {(one.log, one.channel): one.nrmse_percent for one in found.channels if one.part != "train"}
+    fit = load_fit(tmp_path / "fit")
+    fits = {
+        (channel.log, channel.channel): channel.nrmse_percent for channel in fit.channels if channel.part != "train"
+    }
     for channel in ("yaw_rate", "lateral_acceleration"):
         assert fits["step.csv", channel] > 90.0
         assert fits["slalom.csv, end", channel] > 90.0
     assert fits["slalom.csv, end", "vy"] > 90.0
-    assert found["steering_ratio"].value == pytest.approx(CAR["ratio"], rel=0.02)
+    assert fit["steering_ratio"].value == pytest.approx(CAR["ratio"], rel=0.02)
     # The data check removes the delay of vy, the model has what is left.
     findings = pd.read_csv(tmp_path / "fit" / "data_check.csv").query(
         "check == 'delay' and channel.str.startswith('vy')"
     )
-    assert findings["value"].iloc[0] + found["velocity_delay"].value == pytest.approx(LATE, abs=0.003)
+    assert findings["value"].iloc[0] + fit["velocity_delay"].value == pytest.approx(LATE, abs=0.003)
     # The centre of mass is 0.22 m ahead of the middle, which is assumed: an axle is known by what it carries.
     behind = CAR["wheelbase"] - CAR["front"]
     for axle, carries in (("front", behind), ("rear", CAR["front"])):
-        stiffness = found[f"cornering_stiffness_{axle}"].value / (0.5 * CAR["wheelbase"])
+        stiffness = fit[f"cornering_stiffness_{axle}"].value / (0.5 * CAR["wheelbase"])
         assert stiffness == pytest.approx(CAR[f"stiffness_{axle}"] / CAR["mass"] / carries, rel=0.05)
-    inertia = found["yaw_inertia"]
+    inertia = fit["yaw_inertia"]
     assert inertia.low is not None
     assert inertia.high is not None
     assert inertia.low < CAR["yaw_inertia"] / CAR["mass"] < inertia.high

@@ -100,7 +100,7 @@ def held(values, count):
 def test_a_clean_drive_has_no_fault_and_no_warning_and_stays_as_it_is(seed):
     log = recorded(seed)
     report = checked(log)
-    assert [found.text for found in report.findings if found.severity != "info"] == []
+    assert [finding.text for finding in report.findings if finding.severity != "info"] == []
     assert report.repairs == []
     assert report.data.digest == DataSet((log,)).digest
     for relation in report.of("kinematics"):
@@ -119,10 +119,10 @@ def test_a_clean_drive_has_no_fault_and_no_warning_and_stays_as_it_is(seed):
 def test_a_delay_is_found_within_a_tenth_of_a_sample_and_taken_out(name, samples):
     log = recorded(1, late={name: samples})
     report = checked(log)
-    (found,) = [item for item in report.of("delay") if name in item.channel.split(", ")]
+    (finding,) = [item for item in report.of("delay") if name in item.channel.split(", ")]
     sign = -1.0 if name == "yaw" else 1.0  # there the yaw rate is what is measured
-    assert found.value / STEP == pytest.approx(sign * samples, abs=0.1)
-    assert "shifted" in found.repair
+    assert finding.value / STEP == pytest.approx(sign * samples, abs=0.1)
+    assert "shifted" in finding.repair
     again = check_data(report.data)
     assert max(abs(item.value) for item in again.of("delay")) < 0.15 * STEP
 
@@ -131,35 +131,35 @@ def test_an_accelerometer_at_another_place_is_no_delay():
     log = recorded(1)
     vy = log.channels["vy"] - CAR.rear_length * log.channels["yaw_rate"]
     report = checked(changed(log, vy=vy))
-    (found,) = report.of("sensor_position")
-    assert found.value == pytest.approx(CAR.rear_length, rel=0.03)
+    (finding,) = report.of("sensor_position")
+    assert finding.value == pytest.approx(CAR.rear_length, rel=0.03)
     assert not report.repairs
 
 
 def test_two_sources_of_one_quantity_are_compared():
     log = recorded(2)
     twin = recorded(3, late={"yaw_rate": 4.4})
-    (found,) = checked(changed(log, **{"yaw_rate@imu": twin.channels["yaw_rate"]})).of(
+    (finding,) = checked(changed(log, **{"yaw_rate@imu": twin.channels["yaw_rate"]})).of(
         "delay", "yaw_rate@imu, yaw_rate"
     )
-    assert found.value == pytest.approx(0.044, abs=0.001)
-    assert found.repair.startswith("shifted yaw_rate@imu by -4")
+    assert finding.value == pytest.approx(0.044, abs=0.001)
+    assert finding.repair.startswith("shifted yaw_rate@imu by -4")
 
 
 def test_a_second_clock_shows_as_a_delay_that_grows():
     time, channels = clean()
     late = 0.004 * time  # 0.4 % slow
     other = CubicSpline(time, channels["yaw_rate"])(time - late)
-    (found,) = checked(changed(recorded(4), **{"yaw_rate@imu": other})).of("clock_drift")
-    assert found.value == pytest.approx(0.004, rel=0.1)
+    (finding,) = checked(changed(recorded(4), **{"yaw_rate@imu": other})).of("clock_drift")
+    assert finding.value == pytest.approx(0.004, rel=0.1)
 
 
 @pytest.mark.parametrize("factor", [0.2, 0.8, 1.25, 2.5])
 def test_the_true_step_is_found_within_one_per_cent(factor):
     log = recorded(5)
     report = checked(replace(log, time=log.time / factor))
-    (found,) = report.of("sample_time")
-    assert found.value == pytest.approx(STEP, rel=0.01)
+    (finding,) = report.of("sample_time")
+    assert finding.value == pytest.approx(STEP, rel=0.01)
     assert np.ptp(report.data.logs[0].time) == pytest.approx(40.0, rel=0.01)
     assert not report.of("units")
 
@@ -169,11 +169,11 @@ def test_a_copy_at_a_higher_rate_is_found_exactly_and_thinned(count):
     log = recorded(6)
     time = np.arange(len(log.time) * count) * STEP / count
     report = checked(replace(log, time=time, channels={k: np.repeat(v, count) for k, v in log.channels.items()}))
-    (found,) = report.of("held_values")
-    assert (found.value, found.channel) == (count, "")
-    mended = report.data.logs[0]
-    assert np.array_equal(mended.channels["vx"], log.channels["vx"])
-    assert np.diff(mended.time) == pytest.approx(STEP)
+    (finding,) = report.of("held_values")
+    assert (finding.value, finding.channel) == (count, "")
+    corrected = report.data.logs[0]
+    assert np.array_equal(corrected.channels["vx"], log.channels["vx"])
+    assert np.diff(corrected.time) == pytest.approx(STEP)
 
 
 def test_a_copy_with_a_wrong_step_as_well_gives_the_true_step():
@@ -189,8 +189,8 @@ def test_a_copy_with_a_wrong_step_as_well_gives_the_true_step():
 def test_one_held_channel_is_found_exactly(name, count):
     log = recorded(7)
     report = checked(changed(log, **{name: held(log.channels[name], count)}))
-    (found,) = report.of("held_values")
-    assert (found.channel, found.value) == (name, count)
+    (finding,) = report.of("held_values")
+    assert (finding.channel, finding.value) == (name, count)
     assert hold_factor(report.data.logs[0].channels[name]) == (1.0, 0.0)
     kept = checked(changed(log, **{name: held(log.channels[name], count)}), repairs=())
     assert np.array_equal(kept.data.logs[0].channels[name], held(log.channels[name], count))
@@ -233,15 +233,15 @@ def test_steps_ramps_and_rests_are_no_glitches(seed, rate, height, noise):
 
 
 @settings(max_examples=40, deadline=None)
-@given(at=st.sets(st.integers(0, 1999), min_size=1, max_size=4), hold=st.sampled_from([1, 2]))
-@example(at={1999}, hold=1)
-@example(at={60, 400}, hold=2)
-@example(at={1300, 1900}, hold=2)
-def test_glitches_are_found_where_a_hand_wheel_rests_as_where_it_turns(at, hold):
+@given(rows=st.sets(st.integers(0, 1999), min_size=1, max_size=4), hold=st.sampled_from([1, 2]))
+@example(rows={1999}, hold=1)
+@example(rows={60, 400}, hold=2)
+@example(rows={1300, 1900}, hold=2)
+def test_glitches_are_found_where_a_hand_wheel_rests_as_where_it_turns(rows, hold):
     time = hold * STEP * (np.arange(2000) // hold)
     values = np.round(np.radians(260.0) * np.clip(np.minimum(time - 7.0, 14.0 - time), 0.0, 3.0) / 3.0, 3)
-    values[sorted(at)] += 14.0
-    assert set(np.flatnonzero(find_glitches(values, np.inf))) == at
+    values[sorted(rows)] += 14.0
+    assert set(np.flatnonzero(find_glitches(values, np.inf))) == rows
 
 
 def test_glitches_are_replaced_and_counted():
@@ -249,9 +249,9 @@ def test_glitches_are_replaced_and_counted():
     values = log.channels["vx"].copy()
     values[[500, 1500, 1501]] = [1e4, -60.0, -60.0]
     report = checked(changed(log, vx=values))
-    (found,) = report.of("glitches")
-    assert (found.channel, found.value) == ("vx", 3)
-    assert "at 5, 15, 15.01 s" in found.text
+    (finding,) = report.of("glitches")
+    assert (finding.channel, finding.value) == ("vx", 3)
+    assert "at 5, 15, 15.01 s" in finding.text
     assert report.data.logs[0].channels["vx"] == pytest.approx(log.channels["vx"], abs=0.3)
 
 
@@ -277,23 +277,23 @@ def test_steering_to_the_wrong_side_and_in_degrees_is_named():
     log = recorded(11)
     angle = log.channels["road_wheel_angle"]
     assert "wrong sign" in checked(changed(log, road_wheel_angle=-angle)).of("units", "road_wheel_angle")[0].text
-    (found,) = checked(changed(log, road_wheel_angle=degrees(1.0) * angle)).of(
+    (finding,) = checked(changed(log, road_wheel_angle=degrees(1.0) * angle)).of(
         "kinematics", "yaw_rate, road_wheel_angle"
     )
-    assert "deg as rad?" in found.text
+    assert "deg as rad?" in finding.text
 
 
 def test_gravity_in_an_accelerometer_is_found():
     log = recorded(12)
     roll = 0.03 * np.sin(0.21 * log.time)  # a banked road, not the roll of the car
     leaning = log.channels["lateral_acceleration"] + 9.80665 * np.sin(roll)
-    (found,) = checked(changed(log, lateral_acceleration=leaning, roll=roll)).of("gravity")
-    assert found.value == pytest.approx(9.8, rel=0.1)
+    (finding,) = checked(changed(log, lateral_acceleration=leaning, roll=roll)).of("gravity")
+    assert finding.value == pytest.approx(9.8, rel=0.1)
     still = {name: np.concatenate((np.zeros(300), values)) for name, values in log.channels.items()}
     still["longitudinal_acceleration"][:300] = 0.5
-    (found,) = checked(Log("b", "train", np.arange(4301.0) * STEP, still)).of("gravity")
-    assert found.value == pytest.approx(0.5)
-    assert "2.9 deg" in found.text
+    (finding,) = checked(Log("b", "train", np.arange(4301.0) * STEP, still)).of("gravity")
+    assert finding.value == pytest.approx(0.5)
+    assert "2.9 deg" in finding.text
 
 
 def test_stamps_gaps_missing_values_and_clipping_are_counted():
@@ -313,10 +313,10 @@ def test_stamps_gaps_missing_values_and_clipping_are_counted():
             {**{k: v[keep] for k, v in log.channels.items()}, "lateral_acceleration": ay[keep]},
         )
     )
-    assert [found.value for found in report.of("timestamps")][:2] == [1.0, 1.0]
+    assert [finding.value for finding in report.of("timestamps")][:2] == [1.0, 1.0]
     assert "45 samples are missing" in report.of("gaps")[0].text  # the two rows left out are among them
     assert report.of("missing", "lateral_acceleration")[0].value == 7
-    assert {found.value for found in report.of("saturation")} == {-2.5, 2.5}
+    assert {finding.value for finding in report.of("saturation")} == {-2.5, 2.5}
     assert len(report.data.logs[0].time) == keep.sum() - 2
     assert np.all(np.diff(report.data.logs[0].time) > 0.0)
 

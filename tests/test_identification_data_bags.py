@@ -38,18 +38,18 @@ def ros_messages(store, ros1):
         return types["std_msgs/msg/Header"](stamp=stamp, frame_id="base", **({"seq": 0} if ros1 else {}))
 
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    found = []
+    messages = []
     for row in range(500):
-        at, time = START + row * 10_000_000, 0.01 * row
+        log_time, time = START + row * 10_000_000, 0.01 * row
         imu = types["sensor_msgs/msg/Imu"](
-            header(at), quaternion(0.0, 0.0, math.sin(0.1 * time), math.cos(0.1 * time)), np.zeros(9),
+            header(log_time), quaternion(0.0, 0.0, math.sin(0.1 * time), math.cos(0.1 * time)), np.zeros(9),
             vector(0.0, 0.0, float(rates(np.array(time)))), np.zeros(9), vector(1.0, 2.0, 9.8), np.zeros(9),
         )  # fmt: skip
-        found.append((at + LATE, "/imu/data", "sensor_msgs/msg/Imu", imu))
+        messages.append((log_time + LATE, "/imu/data", "sensor_msgs/msg/Imu", imu))
         if row % 5 == 2:
             twist = types["geometry_msgs/msg/Twist"](vector(2.0 + time, 0.0, 0.0), vector(0.0, 0.0, 0.0))
             odometry = types["nav_msgs/msg/Odometry"](
-                header(at), "base",
+                header(log_time), "base",
                 types["geometry_msgs/msg/PoseWithCovariance"](
                     types["geometry_msgs/msg/Pose"](
                         types["geometry_msgs/msg/Point"](0.0, 0.0, 0.0), quaternion(0.0, 0.0, 0.0, 1.0)
@@ -58,10 +58,10 @@ def ros_messages(store, ros1):
                 ),
                 types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)),
             )  # fmt: skip
-            found.append((at + LATE, "/odom", "nav_msgs/msg/Odometry", odometry))
+            messages.append((log_time + LATE, "/odom", "nav_msgs/msg/Odometry", odometry))
         if row % 50 == 0:
-            found.append((at, "/gear", "std_msgs/msg/Int32", types["std_msgs/msg/Int32"](row // 250)))
-    return found
+            messages.append((log_time, "/gear", "std_msgs/msg/Int32", types["std_msgs/msg/Int32"](row // 250)))
+    return messages
 
 
 def write_ros(folder, kind):

@@ -33,7 +33,11 @@ def calm(log, name):
 
 def shifts(report, name):
     """What was done to vy in a log."""
-    return [one.repair for one in report.findings if one.log == name and one.channel == "vy, lateral_acceleration"]
+    return [
+        finding.repair
+        for finding in report.findings
+        if finding.log == name and finding.channel == "vy, lateral_acceleration"
+    ]
 
 
 def test_a_drive_that_tells_nothing_is_shifted_like_the_others_of_its_recorder():
@@ -53,10 +57,10 @@ def test_a_drive_that_tells_nothing_is_shifted_like_the_others_of_its_recorder()
 
 def test_two_drives_tell_more_than_one():
     grids = [make_grid(drive(seed, late={"vy": 0.06})) for seed in (11, 12)]
-    one, both = (estimate_lateral_delays(some) for some in (grids[:1], grids))
-    assert one is not None
+    single, both = (estimate_lateral_delays(some) for some in (grids[:1], grids))
+    assert single is not None
     assert both is not None
-    assert both.sigmas[1] < one.sigmas[1]
+    assert both.sigmas[1] < single.sigmas[1]
     assert both.velocity == pytest.approx(0.06, abs=0.005)
 
 
@@ -64,7 +68,7 @@ def test_drives_of_two_recorders_have_delays_of_their_own():
     first, second = drive(13, late={"vy": 0.1}), replace(drive(14), name="other")
     report = check_data(DataSet((first, second), wheelbase=2.7))
     assert report.of("delay", "vy, lateral_acceleration")[0].value == pytest.approx(0.1, abs=0.01)
-    assert [one.log for one in report.of("delay", "vy, lateral_acceleration")] == ["drive"]
+    assert [finding.log for finding in report.of("delay", "vy, lateral_acceleration")] == ["drive"]
     assert np.array_equal(report.data.logs[1].channels["vy"], second.channels["vy"])
 
 
@@ -94,10 +98,10 @@ def exact_side(t):
 
 @pytest.mark.parametrize("late", [0.0, 0.06])
 def test_an_antenna_on_a_roof_that_sways_is_not_taken_for_a_delay_of_the_accelerometer(late):
-    found = estimate_lateral_delays([make_grid(leaning(15, late=late, height=1.0))])
-    assert found is not None
-    assert found.acceleration == 0.0
-    assert found.velocity == pytest.approx(late, abs=0.015)
+    delays = estimate_lateral_delays([make_grid(leaning(15, late=late, height=1.0))])
+    assert delays is not None
+    assert delays.acceleration == 0.0
+    assert delays.velocity == pytest.approx(late, abs=0.015)
 
 
 @pytest.mark.parametrize("count", [2, 5])
@@ -107,12 +111,12 @@ def test_a_coarse_channel_of_a_slower_source_is_held_however_often_its_values_re
     coarse = held(np.round(log.channels["lateral_acceleration"] / 0.1) * 0.1, count)
     assert hold_factor(coarse) == (count, 1.0 - 1.0 / count)
     report = checked(changed(log, lateral_acceleration=coarse))
-    (found,) = report.of("held_values")
-    assert (found.channel, found.value) == ("lateral_acceleration", count)
+    (fault,) = report.of("held_values")
+    assert (fault.channel, fault.value) == ("lateral_acceleration", count)
     # Joined from each row of the source, none is late; joined from change to change, rests would be.
-    mended = report.data.logs[0].channels["lateral_acceleration"][::count]
-    assert np.array_equal(mended[10:-10], coarse[::count][10:-10])
-    assert not [one for one in report.of("delay") if one.repair]
+    corrected = report.data.logs[0].channels["lateral_acceleration"][::count]
+    assert np.array_equal(corrected[10:-10], coarse[::count][10:-10])
+    assert not [finding for finding in report.of("delay") if finding.repair]
 
 
 def test_a_glitch_of_a_held_channel_is_found_before_it_is_joined_to_its_neighbours():
@@ -120,9 +124,9 @@ def test_a_glitch_of_a_held_channel_is_found_before_it_is_joined_to_its_neighbou
     values = held(log.channels["yaw_rate"], 10)
     values[1000:1010] = 5.0
     report = checked(changed(log, yaw_rate=values))
-    (found,) = report.of("glitches")
-    assert (found.channel, found.value) == ("yaw_rate", 10.0)
-    assert not [one for one in report.of("delay") if one.repair]
+    (fault,) = report.of("glitches")
+    assert (fault.channel, fault.value) == ("yaw_rate", 10.0)
+    assert not [finding for finding in report.of("delay") if finding.repair]
     assert np.max(np.abs(report.data.logs[0].channels["yaw_rate"])) < 1.0
 
 
@@ -139,7 +143,7 @@ def test_a_log_without_the_channels_does_not_count():
     whole = drive(16, late={"vy": 0.06})
     without = Log("bare", "train", whole.time, {name: whole.channels[name] for name in ("vx", "yaw_rate")})
     report = check_data(DataSet((whole, without), wheelbase=2.7))
-    assert [one.log for one in report.of("delay", "vy, lateral_acceleration")] == ["drive"]
+    assert [finding.log for finding in report.of("delay", "vy, lateral_acceleration")] == ["drive"]
     assert np.array_equal(report.data.logs[1].channels["yaw_rate"], without.channels["yaw_rate"])
 
 
@@ -151,7 +155,7 @@ def test_an_accelerometer_ahead_in_a_car_that_gets_faster_is_no_second_clock():
     random = np.random.default_rng(0)
     exact = {"vx": speed, "yaw_rate": r, "vy": 0.3 * r, "lateral_acceleration": speed * r + (0.3 + 1.5) * turn}
     noise = {"vx": 0.02, "vy": 0.01, "yaw_rate": 0.002, "lateral_acceleration": 0.05}
-    values = {name: one + random.normal(0.0, noise[name], len(t)) for name, one in exact.items()}
+    values = {name: signal + random.normal(0.0, noise[name], len(t)) for name, signal in exact.items()}
     report = checked(Log("faster", "train", t, values))
     assert not report.of("clock_drift")
     assert report.of("sensor_position", "lateral_acceleration")[0].value == pytest.approx(1.5, abs=0.1)

@@ -45,49 +45,49 @@ def drive(seed, *, late=None, ahead=0.0, noise=1.0):
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("ahead", [0.0, -1.9, 1.4])
 def test_what_is_not_late_is_left_alone_wherever_the_accelerometer_sits(seed, ahead):
-    found = estimate_lateral_delays([make_grid(drive(seed, ahead=ahead))])
-    assert found is not None
-    assert (found.acceleration, found.velocity) == (0.0, 0.0)
-    assert found.arm == pytest.approx(ahead, abs=0.1)
+    delays = estimate_lateral_delays([make_grid(drive(seed, ahead=ahead))])
+    assert delays is not None
+    assert (delays.acceleration, delays.velocity) == (0.0, 0.0)
+    assert delays.arm == pytest.approx(ahead, abs=0.1)
     report = checked(drive(seed, ahead=ahead))
-    assert not [one for one in report.of("delay") if one.repair]
+    assert not [finding for finding in report.of("delay") if finding.repair]
 
 
 @pytest.mark.parametrize("ahead", [0.0, -1.9, 1.4])
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_a_vy_that_changes_too_slowly_for_its_accelerometer_is_told(factor, ahead):
     log = drive(6, ahead=ahead, noise=0.3)
-    found = checked(replace(log, time=factor * log.time)).of("kinematics", "vy, lateral_acceleration")
+    finding = checked(replace(log, time=factor * log.time)).of("kinematics", "vy, lateral_acceleration")
     if factor == 1.0:
-        assert not found
+        assert not finding
     else:
-        assert found[0].value == pytest.approx(factor, rel=0.1)
-        assert f"instead of {factor * STEP:.3g} s" in found[0].text
+        assert finding[0].value == pytest.approx(factor, rel=0.1)
+        assert f"instead of {factor * STEP:.3g} s" in finding[0].text
 
 
 @pytest.mark.parametrize("ahead", [0.0, 1.4])
 def test_velocities_of_one_source_are_late_together(ahead):
     """An inertial unit with both velocities at the rear axle, 100 ms late: the lever arm alone looks like 100 ms."""
     report = checked(drive(2, late={"vx": 0.1, "vy": 0.1}, ahead=ahead))
-    (found,) = report.of("delay", "vy, lateral_acceleration")
-    assert found.value == pytest.approx(0.1, abs=0.01)
-    assert "vx is as late" in found.text
-    assert found.repair.startswith("shifted vy by -")
-    assert "vx by -" in found.repair
-    assert "yaw_rate" not in found.repair
+    (fault,) = report.of("delay", "vy, lateral_acceleration")
+    assert fault.value == pytest.approx(0.1, abs=0.01)
+    assert "vx is as late" in fault.text
+    assert fault.repair.startswith("shifted vy by -")
+    assert "vx by -" in fault.repair
+    assert "yaw_rate" not in fault.repair
     if ahead:
-        (place,) = report.of("sensor_position", "lateral_acceleration")
-        assert place.value == pytest.approx(ahead, abs=0.1)
-    assert not [one for one in checked(report.data.logs[0]).of("delay") if one.repair]
+        (lever_arm,) = report.of("sensor_position", "lateral_acceleration")
+        assert lever_arm.value == pytest.approx(ahead, abs=0.1)
+    assert not [finding for finding in checked(report.data.logs[0]).of("delay") if finding.repair]
 
 
 @pytest.mark.parametrize("name", ["vy", "lateral_acceleration"])
 def test_a_late_channel_is_found_beside_an_accelerometer_in_another_place(name):
-    found = estimate_lateral_delays([make_grid(drive(3, late={name: 0.06}, ahead=1.0))])
-    assert found is not None
-    assert found.velocity == pytest.approx(0.06 if name == "vy" else 0.0, abs=0.01)
-    assert found.acceleration == pytest.approx(0.0 if name == "vy" else 0.06, abs=0.015)
-    assert found.arm == pytest.approx(1.0, abs=0.25)
+    delays = estimate_lateral_delays([make_grid(drive(3, late={name: 0.06}, ahead=1.0))])
+    assert delays is not None
+    assert delays.velocity == pytest.approx(0.06 if name == "vy" else 0.0, abs=0.01)
+    assert delays.acceleration == pytest.approx(0.0 if name == "vy" else 0.06, abs=0.015)
+    assert delays.arm == pytest.approx(1.0, abs=0.25)
 
 
 def test_too_short_a_drive_says_nothing():
@@ -104,17 +104,17 @@ def test_a_clock_that_goes_slower_is_stretched_to_that_of_the_steering():
     for name in ("yaw_rate", "lateral_acceleration"):
         channels[name] = np.interp(slow, log.time, log.channels[name])
     report = checked(replace(log, channels=channels))
-    (found,) = report.of("clock_drift")
-    assert found.value == pytest.approx(-2e-3, rel=0.1)
-    assert re.search(r"yaw_rate stretched by \+0\.[12]\d* %", found.repair)
-    assert "lateral_acceleration stretched" in found.repair
-    assert "yaw stretched" not in found.repair
-    mended = report.data.logs[0].channels["yaw_rate"]
+    (fault,) = report.of("clock_drift")
+    assert fault.value == pytest.approx(-2e-3, rel=0.1)
+    assert re.search(r"yaw_rate stretched by \+0\.[12]\d* %", fault.repair)
+    assert "lateral_acceleration stretched" in fault.repair
+    assert "yaw stretched" not in fault.repair
+    corrected = report.data.logs[0].channels["yaw_rate"]
     inner = slice(200, 3700)
-    assert np.std((mended - log.channels["yaw_rate"])[inner]) < 1.5 * 0.002 * np.sqrt(2.0)
+    assert np.std((corrected - log.channels["yaw_rate"])[inner]) < 1.5 * 0.002 * np.sqrt(2.0)
     assert not checked(report.data.logs[0]).of("clock_drift")
     kept = check_data(DataSet((replace(log, channels=channels),)), repairs=())
-    assert [one.repair for one in kept.of("clock_drift")] == [""]
+    assert [finding.repair for finding in kept.of("clock_drift")] == [""]
     assert kept.unrepaired_faults
 
 
@@ -144,8 +144,8 @@ def check(folder, content, capsys, mapping=MAPPING):
     (folder / "log.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
     (folder / "data.yaml").write_text(mapping, encoding="utf-8")
     code = main(["identify", "check", str(folder / "data.yaml")])
-    said = capsys.readouterr()
-    return code, said.out, said.err
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_text_in_any_code_is_read_and_said(tmp_path, capsys, content, note):
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "expected"),
     [
         (b"PK\x03\x04" + bytes(900), "is a workbook or another zip file, not text; export it as CSV"),
         (b"\xd0\xcf\x11\xe0" + bytes(900), "is an Excel workbook, not text"),
@@ -176,10 +176,10 @@ def test_text_in_any_code_is_read_and_said(tmp_path, capsys, content, note):
         (rows(), "has no header; name its columns under 'csv: {columns: […]}'"),
     ],
 )
-def test_what_is_no_table_is_one_line_for_each_fault(tmp_path, capsys, content, told):
+def test_what_is_no_table_is_one_line_for_each_fault(tmp_path, capsys, content, expected):
     code, _, err = check(tmp_path, content, capsys)
     assert code == 2
-    assert told in err
+    assert expected in err
     assert all(line.startswith("error: ") for line in err.splitlines())
 
 
@@ -193,17 +193,17 @@ def test_steering_in_the_wrong_unit_is_a_fault_and_no_fit(tmp_path, capsys, stee
 
 
 @pytest.mark.parametrize(
-    ("change", "found", "told"),
+    ("change", "finding", "expected"),
     [
         ({"speed": 0.0}, "the vehicle is at rest", "vx: the vehicle is at rest in all training logs"),
         ({"steer": 0.0}, "is 0 rad all the time", "road_wheel_angle: does not move in any training log"),
     ],
 )
-def test_a_vehicle_that_stands_and_a_steering_that_rests_give_no_fit(tmp_path, capsys, change, found, told):
+def test_a_vehicle_that_stands_and_a_steering_that_rests_give_no_fit(tmp_path, capsys, change, finding, expected):
     _, out, _ = check(tmp_path, HEADER + rows(**change), capsys)
-    assert found in out
+    assert finding in out
     assert main(["identify", str(tmp_path / "data.yaml"), "--out", str(tmp_path / "out")]) == 2
-    assert told in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
@@ -228,12 +228,12 @@ def test_no_parameter_is_identified_from_noise(tmp_path):
     plain = ["model.tyres=linear", "parameters.steering_lag.fixed=0", "parameters.load_transfer.fixed=0"]
     plain += ["model.relaxation=false", "model.roll=false", "estimator.iterations=3"]
     try:
-        found = identify(default_study(tmp_path / "data.yaml", overrides=plain), tmp_path).fit
+        fit = identify(default_study(tmp_path / "data.yaml", overrides=plain), tmp_path).fit
     except ConfigError:
         return  # refused is as good
-    assert all(one.verdict != "identified" for one in found.parameters if one.kind != "fixed")
-    assert "the model fits no channel" in found.notes[0]
-    assert reject_poor_fit(found).parameters == found.parameters
+    assert all(parameter.verdict != "identified" for parameter in fit.parameters if parameter.kind != "fixed")
+    assert "the model fits no channel" in fit.notes[0]
+    assert reject_poor_fit(fit).parameters == fit.parameters
 
 
 def test_a_key_of_a_model_in_its_short_form_can_be_set(tmp_path):

@@ -46,8 +46,8 @@ def copied(log, counts, *, step):
 
 def test_the_robot_itself_is_clean():
     report = checked(robot(), repairs=())
-    odd = [found for found in report.findings if found.severity != "info" and found.check != "bias"]
-    assert [found.text for found in odd] == []
+    odd = [finding for finding in report.findings if finding.severity != "info" and finding.check != "bias"]
+    assert [finding.text for finding in odd] == []
     (bias,) = report.of("bias", "steering_command")
     assert bias.value == pytest.approx(-0.02 / 0.34, abs=0.015)
 
@@ -60,8 +60,8 @@ def test_a_robot_log_copied_to_a_higher_rate_with_a_wrong_step(stated):
     assert (hold.value, hold.channel) == (10.0, "")
     (step,) = report.of("sample_time")
     assert step.value == pytest.approx(0.02, rel=0.02)
-    mended = report.data.logs[0]
-    assert np.ptp(mended.time) == pytest.approx(90.0, rel=0.02)
+    corrected = report.data.logs[0]
+    assert np.ptp(corrected.time) == pytest.approx(90.0, rel=0.02)
     assert report.unrepaired_faults == []
 
 
@@ -84,19 +84,19 @@ def test_forty_milliseconds_between_bus_and_inertial_unit():
     late = {name: np.interp(log.time - 0.04, log.time, log.channels[name]) for name in imu}
     report = checked(changed(log, **late))
     for name in imu:
-        (found,) = [one for one in report.of("delay") if one.channel.split(", ")[0] == name]
-        assert found.value == pytest.approx(0.04, abs=0.002), name
-        assert found.repair
+        (fault,) = [finding for finding in report.of("delay") if finding.channel.split(", ")[0] == name]
+        assert fault.value == pytest.approx(0.04, abs=0.002), name
+        assert fault.repair
     again = check_data(report.data)
-    assert max(abs(one.value) for one in again.of("delay")) < 0.002
+    assert max(abs(finding.value) for finding in again.of("delay")) < 0.002
 
 
 def test_without_a_lateral_velocity_its_part_is_not_taken_for_a_delay():
     report = checked(recorded(40, without=("vy",)))
-    (found,) = report.of("delay", "lateral_acceleration, yaw_rate")
-    assert abs(found.value) > 0.005
-    assert (found.severity, found.repair) == ("info", "")
-    assert "without a measured vy" in found.text
+    (finding,) = report.of("delay", "lateral_acceleration, yaw_rate")
+    assert abs(finding.value) > 0.005
+    assert (finding.severity, finding.repair) == ("info", "")
+    assert "without a measured vy" in finding.text
     assert report.repairs == []
 
 
@@ -105,31 +105,31 @@ def test_delays_are_as_sure_as_the_noise_allows():
     time, channels = clean()
     jerk = np.gradient(channels["longitudinal_acceleration"], time)
     bound = 0.05 / np.sqrt(np.sum(jerk**2))
-    found = []
+    delays = []
     for seed in range(12):
         log = recorded(seed, late={"longitudinal_acceleration": 3.0})
         values = log.channels
         right = np.gradient(values["vx"], STEP) - values["yaw_rate"] * values["vy"]
         delay = estimate_delay(values["longitudinal_acceleration"], right, STEP)
         assert delay is not None
-        found.append(delay)
-    errors = np.array([one.value for one in found]) - 0.03
+        delays.append(delay)
+    errors = np.array([finding.value for finding in delays]) - 0.03
     assert np.sqrt(np.mean(errors**2)) < 1.6 * bound
     assert np.sqrt(np.mean(errors**2)) < 0.06 * STEP
-    assert 0.3 < np.mean([one.sigma for one in found]) / np.sqrt(np.mean(errors**2)) < 3.0
+    assert 0.3 < np.mean([finding.sigma for finding in delays]) / np.sqrt(np.mean(errors**2)) < 3.0
 
 
 def test_steering_in_normalised_units_is_told_with_its_scale():
     log = recorded(22)
     report = checked(changed(log, road_wheel_angle=log.channels["road_wheel_angle"] / 0.05))
-    (found,) = report.of("kinematics", "yaw_rate, road_wheel_angle")
+    (finding,) = report.of("kinematics", "yaw_rate, road_wheel_angle")
     own = checked(log).of("kinematics", "yaw_rate, road_wheel_angle")[0].value  # below 1: the tyres slip
-    assert found.value == pytest.approx(0.05 * own, rel=1e-3)
-    assert found.severity == "warning"
+    assert finding.value == pytest.approx(0.05 * own, rel=1e-3)
+    assert finding.severity == "warning"
     report = check_data(DataSet((robot(2),)))
-    (found,) = report.of("kinematics", "yaw_rate, steering_command")
-    assert found.value == pytest.approx(0.33 / 0.34, rel=0.1)  # wheelbase over the angle at full command
-    assert "m: wheelbase times ratio" in found.text
+    (finding,) = report.of("kinematics", "yaw_rate, steering_command")
+    assert finding.value == pytest.approx(0.33 / 0.34, rel=0.1)  # wheelbase over the angle at full command
+    assert "m: wheelbase times ratio" in finding.text
 
 
 def test_a_yaw_rate_in_degrees_is_told_even_when_little_else_is_logged():
@@ -137,7 +137,7 @@ def test_a_yaw_rate_in_degrees_is_told_even_when_little_else_is_logged():
     few = {name: log.channels[name] for name in ("vx", "yaw_rate", "steering_command")}
     few["yaw_rate"] = degrees(1.0) * few["yaw_rate"]
     report = checked(replace(log, channels=few))
-    assert any("deg as rad" in found.text for found in report.of("units"))
+    assert any("deg as rad" in finding.text for finding in report.of("units"))
     assert report.unrepaired_faults
 
 
@@ -146,11 +146,11 @@ def test_a_yaw_rate_in_degrees_is_told_even_when_little_else_is_logged():
 def test_glitches_orders_of_magnitude_out_are_found_whatever_their_length(size, length):
     log = recorded(23)
     values = log.channels["yaw_rate"].copy()
-    rows = np.unique(np.concatenate([np.arange(at, at + length) for at in (333, 2100)]))
+    rows = np.unique(np.concatenate([np.arange(row, row + length) for row in (333, 2100)]))
     values[rows] = size * np.ptp(values)
     report = checked(changed(log, yaw_rate=values))
-    (found,) = report.of("glitches")
-    assert (found.channel, found.value) == ("yaw_rate", len(rows))
+    (finding,) = report.of("glitches")
+    assert (finding.channel, finding.value) == ("yaw_rate", len(rows))
     assert not report.of("sample_time")
     assert np.max(np.abs(report.data.logs[0].channels["yaw_rate"])) < 1.0
 
@@ -174,8 +174,8 @@ def test_dummy_first_rows_are_is_omitted(count):
     log = changed(log, x=x + 700_000.0, y=y + GPS_NORTH)
     values = {name: np.concatenate((np.zeros(count), kept)) for name, kept in log.channels.items()}
     report = checked(Log("dummy", "train", np.arange(float(len(log.time) + count)) * STEP, values))
-    (found,) = report.of("first_rows")
-    assert found.value == count
+    (finding,) = report.of("first_rows")
+    assert finding.value == count
     assert report.data.logs[0].channels["x"][0] == pytest.approx(700_000.0, abs=1.0)
     assert report.unrepaired_faults == []
 
@@ -185,8 +185,8 @@ def test_a_first_stamp_from_long_ago_does_not_hang_the_check():
     time = np.append(0.0, log.time + 1.7e9)
     values = {name: np.append(0.0, kept) for name, kept in log.channels.items()}
     report = checked(Log("old", "train", time, values))
-    (found,) = [one for one in report.of("gaps") if one.unit == "stretches"]
-    assert "one stretch kept, 1 rows" in found.repair
+    (fault,) = [finding for finding in report.of("gaps") if finding.unit == "stretches"]
+    assert "one stretch kept, 1 rows" in fault.repair
     assert np.ptp(report.data.logs[0].time) == pytest.approx(40.0)
     assert checked(Log("old", "train", time, values), repairs=()).table()
 
@@ -195,9 +195,9 @@ def test_a_long_gap_cuts_a_log_into_parts():
     log = recorded(27)
     time = log.time + np.where(log.time > 15.0, 60.0, 0.0)
     report = checked(replace(log, time=time))
-    assert [one.name for one in report.data.logs] == ["drive, part 1", "drive, part 2"]
-    assert [len(one.time) for one in report.data.logs] == [1501, 2500]
-    assert [one.use for one in report.data.logs] == ["train", "train"]
+    assert [log.name for log in report.data.logs] == ["drive, part 1", "drive, part 2"]
+    assert [len(log.time) for log in report.data.logs] == [1501, 2500]
+    assert [log.use for log in report.data.logs] == ["train", "train"]
 
 
 def test_positions_in_single_precision_are_told_and_still_used():
@@ -207,9 +207,9 @@ def test_positions_in_single_precision_are_told_and_still_used():
     x, y = (np.cumsum(channels["vx"] * way(yaw)) * STEP for way in (np.cos, np.sin))
     x, y = (np.float32(value).astype(float) for value in (x + 700_000.0, y + GPS_NORTH))
     report = checked(changed(log, x=x, y=y))
-    (found,) = report.of("quantisation", "y")
-    assert found.value == 0.5
-    assert "single precision" in found.text
+    (finding,) = report.of("quantisation", "y")
+    assert finding.value == 0.5
+    assert "single precision" in finding.text
     assert report.of("kinematics", "vx, x, y")[0].value == pytest.approx(1.0, abs=0.05)
     assert not report.of("held_values")
     assert not report.of("glitches")
@@ -221,7 +221,7 @@ def test_positions_that_are_held_and_coarse_are_found_held():
     x = held(np.float32(np.cumsum(channels["vx"]) * STEP + GPS_NORTH).astype(float), 20)
     y = held(np.float32(0.3 * np.cumsum(channels["vx"]) * STEP + 700_000.0).astype(float), 20)
     report = checked(changed(log, x=x, y=y))
-    assert {found.channel: found.value for found in report.of("held_values")} == {"x": 20.0, "y": 20.0}
+    assert {finding.channel: finding.value for finding in report.of("held_values")} == {"x": 20.0, "y": 20.0}
 
 
 def test_one_relation_a_tenth_off_is_not_taken_for_a_wrong_step():

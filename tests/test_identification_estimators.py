@@ -34,7 +34,7 @@ LATERAL = CAR | {"steering_lag": Setting(free=True), "accelerometer_ahead": Sett
 
 
 def first_rows(log, count):
-    return replace(log, time=log.time[:count], channels={name: one[:count] for name, one in log.channels.items()})
+    return replace(log, time=log.time[:count], channels={name: values[:count] for name, values in log.channels.items()})
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +46,11 @@ def lateral() -> Any:
 
 def test_a_single_track_is_found_again(lateral):
     for name, value in TRUTH.items():
-        found = lateral[name]
-        assert abs(found.value - value) < 4.0 * found.sigma, name
+        estimate = lateral[name]
+        assert abs(estimate.value - value) < 4.0 * estimate.sigma, name
         if name in {"cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"}:
-            assert found.value == pytest.approx(value, rel=0.02)
-            assert found.verdict == "identified"
+            assert estimate.value == pytest.approx(value, rel=0.02)
+            assert estimate.verdict == "identified"
     assert lateral["mass"].verdict == "fixed"
 
 
@@ -81,18 +81,18 @@ def test_a_fit_comes_back_from_its_folder(lateral, tmp_path):
 
 def test_without_a_mass_stiffness_is_per_kilogram():
     parameters = {name: choice for name, choice in LATERAL.items() if name != "mass"}
-    found = fitted(lateral_data(), ModelSpec("single_track"), parameters=parameters)
-    one = found["cornering_stiffness_front"]
-    assert one.unit == "N/(rad kg)"
-    assert one.value == pytest.approx(TRUTH["cornering_stiffness_front"] / MASS, rel=0.02)
-    assert any("per kilogram" in note for note in found.notes)
+    fitted_model = fitted(lateral_data(), ModelSpec("single_track"), parameters=parameters)
+    estimate = fitted_model["cornering_stiffness_front"]
+    assert estimate.unit == "N/(rad kg)"
+    assert estimate.value == pytest.approx(TRUTH["cornering_stiffness_front"] / MASS, rel=0.02)
+    assert any("per kilogram" in note for note in fitted_model.notes)
 
 
 def test_a_given_value_that_the_log_contradicts_is_named():
     parameters = LATERAL | {"yaw_inertia": Setting(given=3500.0, source="data sheet")}
-    one = fitted(lateral_data(), ModelSpec("single_track"), parameters=parameters)["yaw_inertia"]
-    assert one.verdict == "contradicts the given value"
-    assert one.given == 3500.0
+    estimate = fitted(lateral_data(), ModelSpec("single_track"), parameters=parameters)["yaw_inertia"]
+    assert estimate.verdict == "contradicts the given value"
+    assert estimate.given == 3500.0
 
 
 def test_stiffnesses_of_one_slow_lane_change_are_not_identified():
@@ -108,11 +108,11 @@ def test_stiffnesses_of_one_slow_lane_change_are_not_identified():
             "yaw_rate": 0.0037 * 10.0 * calm[rows] / 10.0 + np.random.default_rng(0).normal(0.0, 0.002, rows.sum()),
         },
     )
-    found = fitted(DataSet((short,), wheelbase=FRONT + REAR), ModelSpec("single_track"), parameters=CAR)
+    fitted_model = fitted(DataSet((short,), wheelbase=FRONT + REAR), ModelSpec("single_track"), parameters=CAR)
     for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):
-        assert found[name].verdict == "not identifiable", found.table()
-        assert "step" in found[name].explanation or "sweep" in found[name].explanation
-    assert found.advice
+        assert fitted_model[name].verdict == "not identifiable", fitted_model.table()
+        assert "step" in fitted_model[name].explanation or "sweep" in fitted_model[name].explanation
+    assert fitted_model.advice
 
 
 def test_combinations_are_products_or_sums():
@@ -127,22 +127,22 @@ def test_combinations_are_products_or_sums():
 
 def test_a_prior_dominates_where_the_log_has_no_information():
     parameters = LATERAL | {"cornering_stiffness_front": Setting(prior=(80e3, 100.0))}
-    found = fitted(lateral_data(duration=12.0), ModelSpec("single_track"), parameters=parameters)[
+    estimate = fitted(lateral_data(duration=12.0), ModelSpec("single_track"), parameters=parameters)[
         "cornering_stiffness_front"
     ]
-    assert found.kind == "prior"
+    assert estimate.kind == "prior"
     free = fitted(lateral_data(duration=12.0), ModelSpec("single_track"), parameters=LATERAL)[
         "cornering_stiffness_front"
     ]
-    assert 80e3 < found.value < free.value
-    assert found.sigma_noise < min(100.0, free.sigma_noise)
+    assert 80e3 < estimate.value < free.value
+    assert estimate.sigma_noise < min(100.0, free.sigma_noise)
 
 
 def test_an_estimate_at_its_bound_is_reported():
     parameters = LATERAL | {"yaw_inertia": Setting(high=2000.0)}
-    found = fitted(lateral_data(duration=12.0), ModelSpec("single_track"), parameters=parameters)["yaw_inertia"]
-    assert found.at_bound == "high"
-    assert found.verdict == "not identifiable"
+    estimate = fitted(lateral_data(duration=12.0), ModelSpec("single_track"), parameters=parameters)["yaw_inertia"]
+    assert estimate.at_bound == "high"
+    assert estimate.verdict == "not identifiable"
 
 
 def test_glitches_hardly_move_a_robust_fit():
@@ -150,8 +150,8 @@ def test_glitches_hardly_move_a_robust_fit():
     rate = log.channels["yaw_rate"].copy()
     rate[::97] += 5.0
     data = DataSet((replace(log, channels={**log.channels, "yaw_rate": rate}),), wheelbase=FRONT + REAR)
-    found = fitted(data, ModelSpec("single_track"), parameters=LATERAL)
-    assert found["yaw_inertia"].value == pytest.approx(TRUTH["yaw_inertia"], rel=0.03)
+    fitted_model = fitted(data, ModelSpec("single_track"), parameters=LATERAL)
+    assert fitted_model["yaw_inertia"].value == pytest.approx(TRUTH["yaw_inertia"], rel=0.03)
 
 
 def test_missing_samples_and_a_gap_do_not_matter():
@@ -160,46 +160,50 @@ def test_missing_samples_and_a_gap_do_not_matter():
     channels["yaw_rate"][500:650] = np.nan
     keep = (log.time < 14.0) | (log.time > 15.0)
     cut = replace(log, time=log.time[keep], channels={name: values[keep] for name, values in channels.items()})
-    found = fitted(DataSet((cut,), wheelbase=FRONT + REAR), ModelSpec("single_track"), parameters=LATERAL)
-    assert found["yaw_inertia"].value == pytest.approx(TRUTH["yaw_inertia"], rel=0.02)
-    assert any("gaps" in note for note in found.notes)
+    fitted_model = fitted(DataSet((cut,), wheelbase=FRONT + REAR), ModelSpec("single_track"), parameters=LATERAL)
+    assert fitted_model["yaw_inertia"].value == pytest.approx(TRUTH["yaw_inertia"], rel=0.02)
+    assert any("gaps" in note for note in fitted_model.notes)
 
 
 @pytest.mark.parametrize("continuity", [None, 0.02])
 def test_pieces_with_first_states_of_their_own_give_the_same(continuity):
     options = EstimatorOptions(shooting=5.0, continuity=continuity)
-    found = fitted(lateral_data(duration=15.0), ModelSpec("single_track"), parameters=LATERAL, options=options)
+    fitted_model = fitted(lateral_data(duration=15.0), ModelSpec("single_track"), parameters=LATERAL, options=options)
     for name in ("cornering_stiffness_front", "yaw_inertia"):
-        assert found[name].value == pytest.approx(TRUTH[name], abs=4.0 * found[name].sigma)
-        assert found[name].sigma < 0.03 * TRUTH[name]
+        assert fitted_model[name].value == pytest.approx(TRUTH[name], abs=4.0 * fitted_model[name].sigma)
+        assert fitted_model[name].sigma < 0.03 * TRUTH[name]
 
 
 def test_profile_has_its_minimum_at_the_estimate_and_3_84_at_the_ends_of_the_interval():
     parameters = CAR | {name: Setting(fixed=value) for name, value in TRUTH.items() if name.startswith("steering")}
     parameters |= {"accelerometer_ahead": Setting(free=False)}
     options = EstimatorOptions(profile=True, loss="linear")
-    found = fitted(lateral_data(duration=15.0), ModelSpec("single_track"), parameters=parameters, options=options)
-    one, profile = found["yaw_inertia"], found.profiles["yaw_inertia"]
+    fitted_model = fitted(
+        lateral_data(duration=15.0), ModelSpec("single_track"), parameters=parameters, options=options
+    )
+    estimate, profile = fitted_model["yaw_inertia"], fitted_model.profiles["yaw_inertia"]
     assert profile["cost"].min() == 0.0
-    assert profile["value"][profile["cost"].argmin()] == pytest.approx(one.value)
-    ends = np.interp([one.low, one.high], profile["value"], np.sqrt(profile["cost"]))
+    assert profile["value"][profile["cost"].argmin()] == pytest.approx(estimate.value)
+    ends = np.interp([estimate.low, estimate.high], profile["value"], np.sqrt(profile["cost"]))
     assert ends == pytest.approx([1.96, 1.96], rel=0.25)
 
 
 def test_drag_and_rolling_resistance_of_a_coast_down():
     parameters = {"mass": Setting(fixed=MASS)}
-    found = fitted(coast_data(), ModelSpec("longitudinal", {"drive": "none", "brake": "none"}), parameters=parameters)
+    fitted_model = fitted(
+        coast_data(), ModelSpec("longitudinal", {"drive": "none", "brake": "none"}), parameters=parameters
+    )
     for name, value in COAST.items():
-        assert found[name].value == pytest.approx(value, rel=0.02)
-        assert found[name].low < value < found[name].high
+        assert fitted_model[name].value == pytest.approx(value, rel=0.02)
+        assert fitted_model[name].low < value < fitted_model[name].high
 
 
 def test_coast_down_by_regression():
-    found: Any = coast_down(coast_data(), mass=MASS)
-    load = road_load_coefficients(found, MASS, density=2.0)
+    estimate: Any = coast_down(coast_data(), mass=MASS)
+    load = road_load_coefficients(estimate, MASS, density=2.0)
     assert load["rolling_resistance"] == pytest.approx(COAST["rolling_resistance"], rel=0.05)
     assert load["drag_area"] == pytest.approx(COAST["drag"], rel=0.05)
-    assert found["A"].low < COAST["rolling_resistance"] * MASS * 9.80665 < found["A"].high
+    assert estimate["A"].low < COAST["rolling_resistance"] * MASS * 9.80665 < estimate["A"].high
     with pytest.raises(ConfigError, match="coasting"):
         coast_down(lateral_data(duration=8.0))
 
@@ -215,10 +219,10 @@ def test_understeer_gradient_and_ratio_by_regression():
     log = Log(
         "a", "train", time, {key: item + random.normal(0.0, noise[key], len(time)) for key, item in channels.items()}
     )
-    found: Any = understeer(DataSet((log,), wheelbase=2.7))
+    estimate: Any = understeer(DataSet((log,), wheelbase=2.7))
     for name, value in (("steering_ratio", 15.0), ("understeer_gradient", 0.003), ("steering_bias", 0.002)):
-        assert abs(found[name].value - value) < 4.0 * found[name].sigma + 0.01 * abs(value), name
-    assert found["steering_ratio"].value == pytest.approx(15.0, rel=0.02)
+        assert abs(estimate[name].value - value) < 4.0 * estimate[name].sigma + 0.01 * abs(value), name
+    assert estimate["steering_ratio"].value == pytest.approx(15.0, rel=0.02)
 
 
 def test_intervals_of_a_regression_hold_for_correlated_residuals():
@@ -229,8 +233,8 @@ def test_intervals_of_a_regression_hold_for_correlated_residuals():
         for k in range(1, 600):
             noise[k] = 0.8 * noise[k - 1] + random.normal()
         x = np.column_stack((np.ones(600), np.sin(np.arange(600) / 40.0)))
-        found = regress(x @ [1.0, 2.0] + noise, x, robust=False)
-        inside += bool(np.all(np.abs(found.values - [1.0, 2.0]) < 1.96 * np.sqrt(np.diag(found.covariance))))
+        estimate = regress(x @ [1.0, 2.0] + noise, x, robust=False)
+        inside += bool(np.all(np.abs(estimate.values - [1.0, 2.0]) < 1.96 * np.sqrt(np.diag(estimate.covariance))))
     assert 80 <= inside <= 99  # both at once; white-noise intervals would hold in 40
 
 
@@ -247,12 +251,12 @@ def coloured(count, seed=0, memory=0.7):
 def test_covariance_of_the_sum_of_an_autoregression():
     noise = coloured(50_000)
     assert autoregression([noise])[1] == pytest.approx(-0.7, abs=0.02)
-    found, forgetful = score_covariance([stretch(noise)])
-    assert found[0, 0] / len(noise) == pytest.approx(1.0 / 0.3**2, rel=0.1)
+    covariance, forgetful = score_covariance([stretch(noise)])
+    assert covariance[0, 0] / len(noise) == pytest.approx(1.0 / 0.3**2, rel=0.1)
     assert forgetful[0, 0] / len(noise) == pytest.approx(1.0 / (1.0 - 0.7**2), rel=0.05)
     # Two halves, of which one does not know of the other, and every second value missing.
     halves, _ = score_covariance([stretch(noise[:25_000]), stretch(noise[25_000:])])
-    assert halves[0, 0] == pytest.approx(found[0, 0], rel=0.02)
+    assert halves[0, 0] == pytest.approx(covariance[0, 0], rel=0.02)
     there = (np.arange(len(noise)) % 2 == 0)[:, None]
     gappy = Stretch(there[:, :, None].astype(float), np.where(there, noise[:, None], 0.0), there)
     assert score_covariance([gappy])[0][0, 0] / len(noise) == pytest.approx(0.5 * 1.49 / 0.51 / 0.51, rel=0.1)
@@ -264,11 +268,11 @@ def test_covariance_weighs_the_noise_at_the_frequencies_of_the_slopes():
     for pace in (0.02, 0.3):
         slopes = np.sin(pace * np.arange(len(noise)))
         spectrum = 1.0 / abs(1.0 - 0.7 * np.exp(-1j * pace)) ** 2
-        found, forgetful = score_covariance([stretch(noise, slopes)])
-        assert found[0, 0] == pytest.approx(spectrum * 0.5 * len(noise), rel=0.1)
+        covariance, forgetful = score_covariance([stretch(noise, slopes)])
+        assert covariance[0, 0] == pytest.approx(spectrum * 0.5 * len(noise), rel=0.1)
     # A fast slope would be known better than with white noise; that is not believed.
-    found, forgetful = score_covariance([stretch(noise, np.sin(2.5 * np.arange(len(noise))))])
-    assert found[0, 0] == pytest.approx(forgetful[0, 0], rel=1e-9)
+    covariance, forgetful = score_covariance([stretch(noise, np.sin(2.5 * np.arange(len(noise))))])
+    assert covariance[0, 0] == pytest.approx(forgetful[0, 0], rel=1e-9)
 
 
 def test_noise_that_is_white_or_grows_with_the_slopes_is_taken_as_it_is():
@@ -276,8 +280,8 @@ def test_noise_that_is_white_or_grows_with_the_slopes_is_taken_as_it_is():
     slopes = np.abs(np.sin(0.01 * np.arange(20_000)))
     white = random.normal(size=len(slopes))
     assert score_covariance([stretch(white, slopes)])[0][0, 0] == pytest.approx(np.sum(slopes**2), rel=0.04)
-    found = score_covariance([stretch(white * slopes, slopes)])[0][0, 0]
-    assert found == pytest.approx(np.sum(slopes**4), rel=0.06)
+    covariance = score_covariance([stretch(white * slopes, slopes)])[0][0, 0]
+    assert covariance == pytest.approx(np.sum(slopes**4), rel=0.06)
 
 
 def test_block_bootstrap_spreads_as_the_mean_does():
@@ -297,7 +301,7 @@ def test_steering_with_play_is_found_again():
     angle = first_order(np.interp(time - 0.04, time, wheel) / 16.0, 0.01, 0.06)
     angle = backlash(angle, 0.01) + 0.004 + np.random.default_rng(0).normal(0.0, 5e-4, len(time))
     data = DataSet((Log("a", "train", time, {"steering_wheel_angle": wheel, "road_wheel_angle": angle}),))
-    found = fitted(data, ModelSpec("steering"), parameters={"steering_backlash": Setting(guess=0.005)})
+    fitted_model = fitted(data, ModelSpec("steering"), parameters={"steering_backlash": Setting(guess=0.005)})
     wanted = {
         "steering_ratio": 16.0,
         "steering_delay": 0.04,
@@ -306,7 +310,7 @@ def test_steering_with_play_is_found_again():
         "steering_offset": 0.004,
     }
     for name, value in wanted.items():
-        assert found[name].value == pytest.approx(value, rel=0.02), name
+        assert fitted_model[name].value == pytest.approx(value, rel=0.02), name
 
 
 def test_a_joint_loop_is_found_again_with_the_gains_of_its_servo():
@@ -315,9 +319,9 @@ def test_a_joint_loop_is_found_again_with_the_gains_of_its_servo():
     moved = second_order(0.5 * np.interp(time - 0.03, time, asked) + 0.01, 0.01, 12.0, 0.6)
     seen = moved + np.random.default_rng(0).normal(0.0, 0.003, len(time))
     data = DataSet((Log("a", "train", time, {"steering_command": asked, "road_wheel_angle": seen}),))
-    found = fitted(data, ModelSpec("joint_loop"), parameters={"inertia": Setting(fixed=2.0)})
+    fitted_model = fitted(data, ModelSpec("joint_loop"), parameters={"inertia": Setting(fixed=2.0)})
     for name, value in (("gain", 0.5), ("natural_frequency", 12.0), ("damping_ratio", 0.6), ("delay", 0.03)):
-        assert found[name].value == pytest.approx(value, rel=0.02), name
+        assert fitted_model[name].value == pytest.approx(value, rel=0.02), name
 
 
 def test_a_kinematic_car_is_found_again():
@@ -328,9 +332,9 @@ def test_a_kinematic_car_is_found_again():
     data = DataSet(
         (Log("a", "train", time, {"vx": v, "steering_wheel_angle": wheel, "yaw_rate": rate}),), wheelbase=2.5
     )
-    found = fitted(data, ModelSpec("kinematic"), parameters={"steering_lag": Setting(free=True)})
+    fitted_model = fitted(data, ModelSpec("kinematic"), parameters={"steering_lag": Setting(free=True)})
     for name, value in (("steering_ratio", 12.0), ("steering_delay", 0.05), ("steering_lag", 0.1)):
-        assert found[name].value == pytest.approx(value, rel=0.02), name
+        assert fitted_model[name].value == pytest.approx(value, rel=0.02), name
 
 
 def test_experiment_design_prefers_two_speeds_and_a_coast_down():
@@ -339,7 +343,8 @@ def test_experiment_design_prefers_two_speeds_and_a_coast_down():
     unknowns = resolve_parameters(model.parameters, LATERAL)
     values = {info.name: info.guess for info in model.parameters} | TRUTH
     order = [
-        one.name for one in rank_manoeuvres(model, unknowns, values, {"yaw_rate": 0.003, "lateral_acceleration": 0.1})
+        manoeuvre.name
+        for manoeuvre in rank_manoeuvres(model, unknowns, values, {"yaw_rate": 0.003, "lateral_acceleration": 0.1})
     ]
     assert order.index("step steer at two speeds") < order.index("slowly increasing steer")
     assert order.index("swept sine at two speeds") < order.index("steady circle with rising speed")
@@ -348,7 +353,10 @@ def test_experiment_design_prefers_two_speeds_and_a_coast_down():
     held = ("drive_force", "drive_power", "drive_delay", "drive_lag", "brake_force", "brake_delay", "brake_lag")
     unknowns = resolve_parameters(model.parameters, {name: Setting(free=False) for name in held})
     values = {info.name: info.guess for info in model.parameters} | COAST
-    gains = {one.name: one.d_gain for one in rank_manoeuvres(model, unknowns, values, {"vx": 0.03}, speed=30.0)}
+    gains = {
+        manoeuvre.name: manoeuvre.d_gain
+        for manoeuvre in rank_manoeuvres(model, unknowns, values, {"vx": 0.03}, speed=30.0)
+    }
     assert gains["coast-down"] < 0.3
     assert gains["coast-down"] < gains["brake steps"]
 

@@ -64,7 +64,7 @@ def test_skids_do_not_change_the_guess():
     rate = log.channels["yaw_rate"].copy()
     rate[(TIME > 20.0) & (TIME < 23.0)] = 2.5
     spoilt = replace(log, channels={**log.channels, "yaw_rate": rate})
-    clean, dirty = (guess_steering([one], "steering_command") for one in (log, spoilt))
+    clean, dirty = (guess_steering([data], "steering_command") for data in (log, spoilt))
     assert clean is not None
     assert dirty is not None
     assert dirty.gain == pytest.approx(clean.gain, rel=0.05)
@@ -130,9 +130,9 @@ STEP = statement("unknown_step", step=2.0)
 
 
 def test_a_wrong_sign_is_rejected_in_one_line_with_its_correction():
-    found = fault("steering_command", SIGN)
+    message = fault("steering_command", SIGN)
     with pytest.raises(ConfigError) as caught:
-        reject_faults(report(found, replace(found, log="other")), USED)
+        reject_faults(report(message, replace(message, log="other")), USED)
     text = str(caught.value)
     assert text.startswith("lap and 1 more: steering_command: ")
     assert "write 'sign: -1' at steering_command in 'channels'" in text
@@ -202,8 +202,8 @@ def test_the_command_fits_a_data_file_and_rejects_a_wrong_sign(tmp_path, capsys)
 
 
 def test_the_end_of_a_single_log_is_for_validation():
-    one = steady()
-    apart = split_validation(DataSet((one,)), 0.3)
+    single_log = steady()
+    apart = split_validation(DataSet((single_log,)), 0.3)
     assert [(log.name, log.use) for log in apart.logs] == [("drive", "train"), ("drive, end", "validation")]
     assert sum(len(log.time) for log in apart.logs) == len(TIME)
     assert apart.train[0].time[-1] == pytest.approx(0.7 * TIME[-1], abs=0.05)
@@ -226,7 +226,7 @@ def test_lateral_jerk_is_speed_times_yaw_acceleration():
 
 def test_the_log_with_the_highest_lateral_jerk_stays_for_training():
     hertz = {"slow": 0.1, "sweep": 2.0, "slalom": 0.5, "step": 1.0, "bend": 0.05}
-    drives = DataSet(tuple(weaving(name, one) for name, one in hertz.items()))
+    drives = DataSet(tuple(weaving(name, frequency) for name, frequency in hertz.items()))
     apart = split_validation(drives, 0.3)
     assert [log.name for log in apart.train] == ["slow", "sweep", "slalom", "bend"]
     # 90 of 300 s: the second, then the end of the fifth in the order of quickness.
@@ -258,12 +258,12 @@ def lagging(lag):
 
 @pytest.mark.parametrize("lag", [0.0, 0.15])
 def test_a_lag_is_fitted_where_the_logs_support_it(lag):
-    found = choose_structure(lagging(lag), ModelSpec("kinematic"), {}, EstimatorOptions())
-    assert ("steering_lag" in found.settings) is (lag > 0.0)
-    assert len(found.notes) == (1 if lag else 0)
+    structure = choose_structure(lagging(lag), ModelSpec("kinematic"), {}, EstimatorOptions())
+    assert ("steering_lag" in structure.settings) is (lag > 0.0)
+    assert len(structure.notes) == (1 if lag else 0)
     if lag:
-        assert found.start is not None
-        assert found.start.values["steering_lag"] == pytest.approx(lag, rel=0.1)
+        assert structure.start is not None
+        assert structure.start.values["steering_lag"] == pytest.approx(lag, rel=0.1)
 
 
 def test_settings_of_a_study_are_not_changed(monkeypatch):
@@ -272,8 +272,8 @@ def test_settings_of_a_study_are_not_changed(monkeypatch):
     data = lagging(0.15)
     monkeypatch.setattr(structure, "_minimise", lambda *_: pytest.fail("nothing is open"))
     fixed = {"steering_lag": Setting(fixed=0.1)}
-    found = choose_structure(data, ModelSpec("kinematic"), fixed, EstimatorOptions())
-    assert found.settings == fixed
+    choice = choose_structure(data, ModelSpec("kinematic"), fixed, EstimatorOptions())
+    assert choice.settings == fixed
     assert choose_structure(data, ModelSpec("longitudinal"), {}, EstimatorOptions()).settings == {}
 
 
@@ -306,12 +306,12 @@ def braking(height, seed=0, drive=0.5):
     for now, ax, steer in zip(v.tolist(), push.tolist(), angle.tolist(), strict=True):
         seen.append((vy, turn))
         moved = height / (9.81 * 0.16) * ax
-        one = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer) * math.cos(steer)
-        one += pull(ax, steer, drive)
+        force = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer) * math.cos(steer)
+        force += pull(ax, steer, drive)
         two = -60.0 * (1.0 + moved) * math.atan((vy - rear * turn) / now)
         vy, turn = (
-            vy + 1e-3 * (one + two - now * turn),
-            turn + 1e-3 * (front * one - rear * two) / 0.02,
+            vy + 1e-3 * (force + two - now * turn),
+            turn + 1e-3 * (front * force - rear * two) / 0.02,
         )
     v, angle, seen = v[::20], angle[::20], seen[::20]
     side, rate = np.array(seen).T
@@ -337,13 +337,13 @@ def braking(height, seed=0, drive=0.5):
 def test_load_transfer_is_fitted_where_the_logs_support_it(height):
     """Otherwise bends that a vehicle brakes for look as if its steering were early."""
     spec = ModelSpec("single_track", {"tyres": "linear"})
-    found = choose_structure(braking(height), spec, {}, EstimatorOptions())
-    assert ("load_transfer" in found.settings) is (height > 0.0)
-    assert [note for note in found.notes if "load transfer" in note] == list(found.notes)
+    structure = choose_structure(braking(height), spec, {}, EstimatorOptions())
+    assert ("load_transfer" in structure.settings) is (height > 0.0)
+    assert [note for note in structure.notes if "load transfer" in note] == list(structure.notes)
     if height:
-        assert found.start is not None
-        assert found.start.values["load_transfer"] == pytest.approx(height, rel=0.05)
-        assert found.start.values["yaw_inertia"] == pytest.approx(0.02, rel=0.05)
+        assert structure.start is not None
+        assert structure.start.values["load_transfer"] == pytest.approx(height, rel=0.05)
+        assert structure.start.values["yaw_inertia"] == pytest.approx(0.02, rel=0.05)
 
 
 @pytest.mark.parametrize("drive", [0.0, 1.0])
@@ -363,7 +363,7 @@ def test_the_force_of_an_axle_grows_with_its_load():
     """Steady bend r = v δ / (L + K v²), K = (b / Cf' - a / Cr') / L · m, with Cf' = Cf (1 - h ax / (g b)) and so on."""
     data = braking(0.0)
     model = make_model(ModelSpec("single_track", {"tyres": "linear"}), data, {})
-    known = {one.name: one.guess for one in model.parameters}
+    known = {parameter.name: parameter.guess for parameter in model.parameters}
     known |= {
         "cornering_stiffness_front": 50.0,
         "cornering_stiffness_rear": 60.0,

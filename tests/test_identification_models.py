@@ -115,9 +115,9 @@ def test_relaxation_and_roll_are_those_of_the_reduced_model():
         other.GetInputPort("forces").FixValue(context, [0.0, 0.0])
         rates = dict(zip(other.state_names, other.EvalTimeDerivatives(context).CopyToVector(), strict=True))
         p_all = {info.name: info.guess for info in model.parameters} | values
-        found = model.rates(ours, np.array([delta, vx, 0.0, 0.0, 0.0]), p_all)
+        actual = model.rates(ours, np.array([delta, vx, 0.0, 0.0, 0.0]), p_all)
         theirs = [rates[name] for name in names]
-        assert found == pytest.approx(theirs, rel=0.01, abs=0.02)
+        assert actual == pytest.approx(theirs, rel=0.01, abs=0.02)
 
 
 YIELDING = KNOWN | {
@@ -142,10 +142,10 @@ def test_a_compliant_steering_deflects_under_the_moments_of_its_wheels():
     force = -9e4 * (0.01 + 0.07 * 0.02)
     moment = -0.036 * force - 1200.0 * 0.02 - 0.5 * 13.0 * 20.0 * 0.1
     state = np.array([0.0, 0.0, 0.02, 0.1, 0.01, 0.0, 0.0004])
-    found = dict(zip(model.states, model.rates(state, np.array([0.0, 20.0, 0.0, 0.0, 0.0]), p), strict=True))
-    assert found["steering_deflection"] == pytest.approx((2e-5 * moment - 0.0004) / 0.02)
+    rates = dict(zip(model.states, model.rates(state, np.array([0.0, 20.0, 0.0, 0.0, 0.0]), p), strict=True))
+    assert rates["steering_deflection"] == pytest.approx((2e-5 * moment - 0.0004) / 0.02)
     # The tyres slip by where the wheels are.
-    assert found["slip_front"] == pytest.approx(20.0 * (-0.0004 - 0.01) / 0.4)
+    assert rates["slip_front"] == pytest.approx(20.0 * (-0.0004 - 0.01) / 0.4)
 
 
 @pytest.mark.parametrize("kind", ["single_track", "single_track_roll"])
@@ -191,8 +191,8 @@ def test_wheels_that_yaw_and_are_steered_roll_the_body():
     p |= {"mass": 1500.0, "roll_arm": 0.48, "roll_gain": 0.009, "roll_frequency": 10.0, "wheel_momentum": 13.0}
     state = np.zeros(7)
     state[model.states.index("yaw_rate")] = 0.2
-    found = model.rates(state, np.array([0.0, 20.0, 0.0, 0.1, 0.0]), p)[model.states.index("roll_rate")]
-    assert found == pytest.approx(10.0**2 * 0.009 * (52.0 + 13.0) / 733.0)
+    rates = model.rates(state, np.array([0.0, 20.0, 0.0, 0.1, 0.0]), p)[model.states.index("roll_rate")]
+    assert rates == pytest.approx(10.0**2 * 0.009 * (52.0 + 13.0) / 733.0)
 
 
 def test_a_damper_in_series_with_a_tyre_lags():
@@ -203,9 +203,9 @@ def test_a_damper_in_series_with_a_tyre_lags():
     p |= {"roll_damper_time": 0.01}
     state = np.zeros(len(model.states))
     state[[model.states.index("roll_rate"), model.states.index("damper_rate")]] = 0.5, 0.2
-    found = dict(zip(model.states, model.rates(state, np.array([0.0, 20.0, 0.0, 0.0, 0.0]), p), strict=True))
-    assert found["roll_rate"] == pytest.approx(-2.0 * 0.3 * 10.0 * 0.2)
-    assert found["damper_rate"] == pytest.approx((0.5 - 0.2) / 0.01)
+    rates = dict(zip(model.states, model.rates(state, np.array([0.0, 20.0, 0.0, 0.0, 0.0]), p), strict=True))
+    assert rates["roll_rate"] == pytest.approx(-2.0 * 0.3 * 10.0 * 0.2)
+    assert rates["damper_rate"] == pytest.approx((0.5 - 0.2) / 0.01)
 
 
 def test_the_air_moves_load_to_the_rear():
@@ -242,9 +242,9 @@ def test_a_lateral_velocity_measured_on_the_roof_contains_roll():
     model = make_model(ModelSpec("single_track_roll", {"outputs": ["vy"]}), lateral_data(channels=["vy"]), KNOWN)
     p = {info.name: info.guess for info in model.parameters} | {"velocity_ahead": 1.2, "velocity_height": 0.9}
     vy, spin, roll, roll_rate = 0.3, 0.2, 0.01, -0.15
-    found = model.observe(np.array([vy, spin, roll, roll_rate]), np.array([0.02, 20.0, 0.0, 0.0, 0.0]), p)
+    observed = model.observe(np.array([vy, spin, roll, roll_rate]), np.array([0.02, 20.0, 0.0, 0.0, 0.0]), p)
     theirs = np.array([20.0, vy, 0.0]) + np.cross([roll_rate, 0.0, spin], [1.2, 0.0, 0.9])
-    assert found == pytest.approx(theirs[1:2])
+    assert observed == pytest.approx(theirs[1:2])
 
 
 def test_fiala_force_is_that_of_the_reduced_model():
@@ -252,7 +252,7 @@ def test_fiala_force_is_that_of_the_reduced_model():
     p = {"cornering_stiffness_front": 90e3, "friction_front": 0.8}
     slip = np.linspace(-0.4, 0.4, 41)
     ours = model._force("front", slip, 8000.0, p)
-    theirs = [brush_lateral_force(np.tan(one), 90e3, 6400.0) for one in slip]
+    theirs = [brush_lateral_force(np.tan(tangent), 90e3, 6400.0) for tangent in slip]
     assert ours == pytest.approx(np.array(theirs), rel=1e-9, abs=1e-6)
 
 
@@ -359,14 +359,17 @@ def test_default_values_of_a_magic_formula_are_assumptions():
     model = single_track(tyres="magic_formula")
     values = {info.name: info.guess for info in model.parameters}
     shares, curves = {"front_drive", "front_brake"}, {"curvature_front", "curvature_rear"}
-    told = {frozenset(one.changes): one for one in model.assumptions(values, frozenset(shares | curves))}
+    assumptions = {
+        frozenset(assumption.changes): assumption
+        for assumption in model.assumptions(values, frozenset(shares | curves))
+    }
     asked = {frozenset({"front_drive"}), frozenset({"front_brake"}), frozenset(curves)}
-    assert asked <= told.keys()
+    assert asked <= assumptions.keys()
     for name in shares:
-        one = told[frozenset({name})]
-        sigma = (one.changes[name] - values[name]) / one.fraction
-        assert one.max_size * sigma == pytest.approx(max(values[name], 1.0 - values[name]))
-    known = {frozenset(one.changes) for one in model.assumptions(values, frozenset())}
+        share = assumptions[frozenset({name})]
+        sigma = (share.changes[name] - values[name]) / share.fraction
+        assert share.max_size * sigma == pytest.approx(max(values[name], 1.0 - values[name]))
+    known = {frozenset(assumption.changes) for assumption in model.assumptions(values, frozenset())}
     assert not known & asked
     assert model.suggest_experiment(frozenset({"roll_gain", "accelerometer_tilt"})) == "record the roll rate"
 
@@ -380,9 +383,9 @@ def test_braking_tyres_have_less_lateral_force(tyres):
     loads = [1500.0 * 9.80665 * arm / (FRONT + REAR) for arm in (REAR, FRONT)]
     slips = (np.array(-1.5), np.array(-1.5))  # all of the contact slides
     inputs = np.array([0.0, 20.0, -5.0, 0.0, 0.0])
-    found = model._forces(np.zeros(2), inputs, slips, p)
+    forces = model._forces(np.zeros(2), inputs, slips, p)
     wanted = [math.sqrt((0.9 * loads[0]) ** 2 - 4500.0**2), math.sqrt((0.8 * loads[1]) ** 2 - 3000.0**2)]
-    assert found == pytest.approx(wanted, rel=0.02 if tyres == "magic_formula" else 1e-9)
+    assert forces == pytest.approx(wanted, rel=0.02 if tyres == "magic_formula" else 1e-9)
     locked = model._forces(np.zeros(2), inputs * 10.0, slips, p)
     assert locked[0] == pytest.approx(0.3 * 0.9 * loads[0], rel=0.02)
 
@@ -397,8 +400,8 @@ def test_a_segment_in_shots_equals_one_shot():
     first = shots.nodes[:, 0].copy()
     many = simulate(model, shots, [p], first, derivatives=False)
     whole = replace(shots, count=1, length=drive.size, nodes=first[:, None])
-    one = simulate(model, whole, [p], first, derivatives=False)
+    unsplit = simulate(model, whole, [p], first, derivatives=False)
     assert many is not None
-    assert one is not None
-    for y, whole_y in zip(many.y, one.y, strict=True):
+    assert unsplit is not None
+    for y, whole_y in zip(many.y, unsplit.y, strict=True):
         assert y == pytest.approx(whole_y, abs=1e-7 * float(np.ptp(whole_y)))

@@ -27,9 +27,9 @@ QUICK = ModelSpec("plant", {"vehicle": "bolt@handling", "time_step": 0.01, "sett
 
 
 def within(result, truth, name, part=0.02):
-    one = result[name]
-    assert one.value == pytest.approx(truth[name], rel=part)
-    assert one.low < truth[name] < one.high
+    parameter = result[name]
+    assert parameter.value == pytest.approx(truth[name], rel=part)
+    assert parameter.low < truth[name] < parameter.high
 
 
 @pytest.fixture(scope="module")
@@ -63,11 +63,11 @@ def test_the_base_body_takes_the_difference_in_mass_properties(coasting):
     context = plant.CreateDefaultContext()
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
     part.base.SetSpatialInertiaInBodyFrame(context, body_inertia(whole, rest, truth))
-    found = plant.CalcSpatialInertia(context, plant.world_frame(), plant.GetBodyIndices(part.instance))
-    tensor = found.Shift(found.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
-    assert found.get_mass() == pytest.approx(truth["mass"])
-    assert found.get_com()[0] == pytest.approx(truth["rear_length"])
-    assert found.get_com()[2] == pytest.approx(truth["com_height"])
+    inertia = plant.CalcSpatialInertia(context, plant.world_frame(), plant.GetBodyIndices(part.instance))
+    tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+    assert inertia.get_mass() == pytest.approx(truth["mass"])
+    assert inertia.get_com()[0] == pytest.approx(truth["rear_length"])
+    assert inertia.get_com()[2] == pytest.approx(truth["com_height"])
     assert tensor[2, 2] == pytest.approx(truth["yaw_inertia"])
     assert tensor[0, 0] == pytest.approx(whole.inertia[0, 0])
     assert truth["mass"] == pytest.approx(whole.mass + sum(mass for mass, _ in CARGO))
@@ -133,14 +133,14 @@ parameters:
   rear_length: {{low: 1.0, high: 2.0}}
   steering_offset: {{free: false}}
 """)
-    found = identify(load_identification(tmp_path / "cargo.yaml"), tmp_path)
+    identification = identify(load_identification(tmp_path / "cargo.yaml"), tmp_path)
     for name in ("mass", "yaw_inertia"):
-        within(found.fit, truth, name)
+        within(identification.fit, truth, name)
     # What is left of the steering's give and hold looks like a shifted centre of mass; its interval does not know that.
-    assert found.fit["rear_length"].value == pytest.approx(truth["rear_length"], rel=0.025)
-    assert abs(found.fit["steering_delay"].value) < 0.004
-    assert found.fit.channel("yaw_rate").nrmse_percent > 90.0
-    assert found.fit["mass"].verdict == "contradicts the given value"
+    assert identification.fit["rear_length"].value == pytest.approx(truth["rear_length"], rel=0.025)
+    assert abs(identification.fit["steering_delay"].value) < 0.004
+    assert identification.fit.channel("yaw_rate").nrmse_percent > 90.0
+    assert identification.fit["mass"].verdict == "contradicts the given value"
 
 
 @pytest.mark.parametrize(

@@ -60,13 +60,13 @@ def drive(bend, seed=0):
 def effects(model, bend, settings, seed=0):
     problem = Problem(model, [drive(bend, seed)], resolve_parameters(model.parameters, settings), {"y": NOISE}, False)
     solution = solve(problem, LINEAR)
-    found = assumption_effects(solution, LINEAR, lambda options: Line())
-    return solution, found
+    computed = assumption_effects(solution, LINEAR, lambda options: Line())
+    return solution, computed
 
 
 def test_the_sigma_of_a_fixed_value_widens_the_slope_by_9_over_5_of_it():
-    _, found = effects(Line(), 0.0, {"bend": Setting(fixed=0.0, sigma=0.05)})
-    assert found[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
+    _, computed = effects(Line(), 0.0, {"bend": Setting(fixed=0.0, sigma=0.05)})
+    assert computed[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
     # Whatever the log says: with a bend that is really there it is no other.
     _, bent = effects(Line(), 0.3, {"bend": Setting(fixed=0.0, sigma=0.05)})
     assert bent[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
@@ -77,15 +77,15 @@ def test_an_omitted_effect_counts_as_far_as_the_log_supports_it():
     lack = Assumption("a bend", "draw it straight", {"bend": 0.5}, 1.0, {"curved": True}, is_omitted=True)
     variance = NOISE**2 / (0.4 * COUNT) / 0.5**2
     for bend in (0.0, 0.02, 0.2):
-        solution, found = effects(Line(lack, curved=False), bend, {})
+        solution, computed = effects(Line(lack, curved=False), bend, {})
         x, y = solution.problem.drives[0].inputs["x"], solution.problem.drives[0].outputs["y"]
         best = np.linalg.lstsq(np.column_stack((x, x**2)), y, rcond=None)[0][1] / 0.5
         spread = float(np.std(y - np.polyval(np.array([best * 0.5, (x @ (y - best * 0.5 * x**2)) / (x @ x), 0.0]), x)))
         assert spread == pytest.approx(NOISE, rel=0.05)
         size = expected_square(best, variance * (solution.problem.sigmas["y"] / NOISE) ** 2)
-        assert abs(found[0].shift[0]) == pytest.approx(1.8 * 0.5 * size**0.5, rel=0.15)
+        assert abs(computed[0].shift[0]) == pytest.approx(1.8 * 0.5 * size**0.5, rel=0.15)
     # The bend of 0.2 is in the interval with its own size, and one that is not there is not.
-    assert abs(found[0].shift[0]) == pytest.approx(1.8 * 0.2, rel=0.1)
+    assert abs(computed[0].shift[0]) == pytest.approx(1.8 * 0.2, rel=0.1)
     none = [abs(effects(Line(lack, curved=False), 0.0, {}, seed)[1][0].shift[0]) for seed in range(20)]
     assert np.median(none) < 0.2 * 0.5 * 1.8 * math.sqrt(variance)
 
@@ -115,26 +115,30 @@ def test_an_uncertain_mass_widens_the_stiffness_but_not_the_delay():
         "front_drive": Setting(fixed=0.5),
         "front_brake": Setting(fixed=0.6),
     }
-    found: Any = fit(lateral_data(), spec, parameters={**known, **rest, "mass": Setting(fixed=MASS, sigma=0.02 * MASS)})
+    fitted_model: Any = fit(
+        lateral_data(), spec, parameters={**known, **rest, "mass": Setting(fixed=MASS, sigma=0.02 * MASS)}
+    )
     for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):
-        one = found[name]
-        assert one.sigma_model == pytest.approx(0.02 * one.value, rel=0.02)
-        assert one.sigma == pytest.approx(math.hypot(one.sigma_noise, one.sigma_model))
-        assert one.verdict == "weakly identified" or one.sigma_model < 0.02 * one.value
-        assert 0.5 * (one.high - one.low) == pytest.approx(1.96 * one.sigma, rel=0.01)
-    assert found["steering_delay"].sigma_model < 0.05 * found["steering_delay"].sigma_noise
+        parameter = fitted_model[name]
+        assert parameter.sigma_model == pytest.approx(0.02 * parameter.value, rel=0.02)
+        assert parameter.sigma == pytest.approx(math.hypot(parameter.sigma_noise, parameter.sigma_model))
+        assert parameter.verdict == "weakly identified" or parameter.sigma_model < 0.02 * parameter.value
+        assert 0.5 * (parameter.high - parameter.low) == pytest.approx(1.96 * parameter.sigma, rel=0.01)
+    assert fitted_model["steering_delay"].sigma_model < 0.05 * fitted_model["steering_delay"].sigma_noise
 
 
 def test_an_assumed_centre_of_mass_is_in_the_interval_with_its_reason():
     spec = ModelSpec("single_track", {"relaxation": False, "roll": False, "tyres": "linear"})
-    found: Any = fit(lateral_data(), spec, parameters={"mass": Setting(fixed=MASS), "steering_lag": Setting(free=True)})
+    fitted_model: Any = fit(
+        lateral_data(), spec, parameters={"mass": Setting(fixed=MASS), "steering_lag": Setting(free=True)}
+    )
     for name, truth in (("cornering_stiffness_front", 90e3), ("cornering_stiffness_rear", 110e3)):
-        one = found[name]
-        assert one.verdict == "weakly identified"
-        assert "where the centre of mass is: give front_length and rear_length" in one.explanation
-        assert one.low < truth < one.high
-        assert abs(one.value - truth) > 3.0 * one.sigma_noise
-    text = found.table()
+        parameter = fitted_model[name]
+        assert parameter.verdict == "weakly identified"
+        assert "where the centre of mass is: give front_length and rear_length" in parameter.explanation
+        assert parameter.low < truth < parameter.high
+        assert abs(parameter.value - truth) > 3.0 * parameter.sigma_noise
+    text = fitted_model.table()
     assert "± noise" in text
     assert "± model" in text
 
@@ -143,14 +147,16 @@ def test_a_coast_down_determines_resistance_per_mass_on_a_road_that_may_slope():
     """The speed shows (c + γ) m g and D over m + mr: 3 % of m in mr are 3 % of both, 0.001 of γ is 0.001 of c."""
     spec = ModelSpec("longitudinal", {"drive": "none", "brake": "none"})
     settings = {"mass": Setting(fixed=MASS), "viscous_resistance": Setting(fixed=0.0)}
-    found: Any = fit(coast_data(), spec, parameters=settings)
+    fitted_model: Any = fit(coast_data(), spec, parameters=settings)
     rolling, drag = COAST["rolling_resistance"], COAST["drag"]
-    assert found["rolling_resistance"].sigma_model == pytest.approx(math.hypot(0.001, 0.03 * rolling), rel=0.02)
-    assert found["drag"].sigma_model == pytest.approx(0.03 * drag, rel=0.02)
-    assert "depends on the slope of the road: drive in both directions" in found["rolling_resistance"].explanation
-    assert "depends on the mass of rotating parts: give rotating_mass" in found["drag"].explanation
+    assert fitted_model["rolling_resistance"].sigma_model == pytest.approx(math.hypot(0.001, 0.03 * rolling), rel=0.02)
+    assert fitted_model["drag"].sigma_model == pytest.approx(0.03 * drag, rel=0.02)
+    assert (
+        "depends on the slope of the road: drive in both directions" in fitted_model["rolling_resistance"].explanation
+    )
+    assert "depends on the mass of rotating parts: give rotating_mass" in fitted_model["drag"].explanation
     # The deceleration goes with neither: it has the noise alone.
-    (text,) = (one for one in found.combinations if one.startswith("deceleration without pedals at 20 m/s"))
+    (text,) = (text for text in fitted_model.combinations if text.startswith("deceleration without pedals at 20 m/s"))
     value, _, error, _ = text.split(": ")[1].split(" ")
     assert float(value) == pytest.approx(rolling * 9.80665 + 400.0 * drag / MASS, rel=1e-3)
     assert float(error) < 1e-3

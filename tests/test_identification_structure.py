@@ -48,36 +48,39 @@ def relaxing(length, seed=0, duration=20.0):
 @pytest.mark.parametrize("length", [0.0, 0.4])
 def test_relaxation_is_fitted_where_the_logs_support_it(length):
     data = relaxing(length)
-    found = choose_structure(data, SPEC, CAR, EstimatorOptions())
-    assert ("relaxation" in found.model.options) == (length > 0.0)
-    assert bool(found.notes) == (length > 0.0)
+    structure = choose_structure(data, SPEC, CAR, EstimatorOptions())
+    assert ("relaxation" in structure.model.options) == (length > 0.0)
+    assert bool(structure.notes) == (length > 0.0)
     if length:
-        assert "relax" in found.notes[0]
-        result: Any = fit(data, found.model, parameters=found.settings, start=found.start)
+        assert "relax" in structure.notes[0]
+        result: Any = fit(data, structure.model, parameters=structure.settings, start=structure.start)
         for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia"):
-            one = result[name]
-            assert one.sigma < 0.03 * one.value
-            assert abs(one.value - TRUTH[name]) < 1.5 * 1.96 * one.sigma
-        one = result["relaxation"]
-        assert one.sigma < 0.1 * length
-        assert abs(one.value - length) < 1.5 * 1.96 * one.sigma
+            parameter = result[name]
+            assert parameter.sigma < 0.03 * parameter.value
+            assert abs(parameter.value - TRUTH[name]) < 1.5 * 1.96 * parameter.sigma
+        parameter = result["relaxation"]
+        assert parameter.sigma < 0.1 * length
+        assert abs(parameter.value - length) < 1.5 * 1.96 * parameter.sigma
 
 
 def test_a_fit_without_relaxation_names_it_as_an_assumption():
     """The plain model has the inertia low by far more than its noise; what is left out has it in the interval."""
     data = relaxing(0.4)
-    one: Any = fit(data, SPEC, parameters=CAR)["yaw_inertia"]
-    assert one.value < 0.95 * TRUTH["yaw_inertia"]
-    assert one.value + 1.96 * one.sigma_noise < TRUTH["yaw_inertia"] < one.high
-    assert one.verdict in {"weakly identified", "not identifiable"}
-    assert "whether tyre relaxation matters: give the vehicle, or its relaxation length" in one.explanation
+    parameter: Any = fit(data, SPEC, parameters=CAR)["yaw_inertia"]
+    assert parameter.value < 0.95 * TRUTH["yaw_inertia"]
+    assert parameter.value + 1.96 * parameter.sigma_noise < TRUTH["yaw_inertia"] < parameter.high
+    assert parameter.verdict in {"weakly identified", "not identifiable"}
+    assert "whether tyre relaxation matters: give the vehicle, or its relaxation length" in parameter.explanation
 
 
 def test_settings_of_a_study_or_vehicle_disable_the_search():
     data = relaxing(0.4)
 
     def tried(options, settings):
-        return [one.description for one in SingleTrackModel.additions(data, SingleTrackOptions(**options), settings)]
+        return [
+            addition.description
+            for addition in SingleTrackModel.additions(data, SingleTrackOptions(**options), settings)
+        ]
 
     assert "tyre relaxation" in tried({}, {})
     assert "tyre relaxation" not in tried({"relaxation": False}, {})
@@ -92,9 +95,9 @@ def test_a_recorded_set_point_of_the_road_wheel_angle_gets_a_lag():
     """A delay of 30 ms and a lag of 50 ms, recorded before both: as a dead time alone they cost yaw inertia."""
     closed = ModelSpec("single_track", {"roll": False, "tyres": "linear", "relaxation": False})
     data = lateral_data(0)
-    found = choose_structure(data, closed, CAR, EstimatorOptions())
-    assert any("a lag of the steering" in note for note in found.notes)
-    result: Any = fit(data, found.model, parameters=found.settings, start=found.start)
+    structure = choose_structure(data, closed, CAR, EstimatorOptions())
+    assert any("a lag of the steering" in note for note in structure.notes)
+    result: Any = fit(data, structure.model, parameters=structure.settings, start=structure.start)
     for name in ("yaw_inertia", "steering_delay", "steering_lag"):
         assert result[name].low < TRUTH[name] < result[name].high, name
     plain: Any = fit(data, closed, parameters=CAR)

@@ -45,12 +45,12 @@ CLOSED += [f"parameters.{name}.fixed=0" for name in ("steering_lag", "load_trans
 @cache
 def tables():
     """Two drives as tables, a sample each 20 ms."""
-    found = {}
+    tables_by_name = {}
     for name, seed, rows in (("a", 1, slice(0, 2000, 2)), ("b", 2, slice(2000, 4001, 2))):
         log = recorded(seed)
         channels = {key: values[rows] for key, values in log.channels.items()}
-        found[name] = replace(log, time=log.time[rows], channels=channels).to_pandas().reset_index()
-    return found
+        tables_by_name[name] = replace(log, time=log.time[rows], channels=channels).to_pandas().reset_index()
+    return tables_by_name
 
 
 def write(folder, text=STUDY, change=None):
@@ -88,7 +88,9 @@ def test_the_truth_comes_back_and_the_given_value_is_contradicted(result):
 def test_the_result_folder_is_read_back(result, tmp_path):
     result.save(tmp_path)
     again = load_fit(tmp_path)
-    assert [one.value for one in again.parameters] == [one.value for one in result.fit.parameters]
+    assert [parameter.value for parameter in again.parameters] == [
+        parameter.value for parameter in result.fit.parameters
+    ]
     assert set(again.traces) == {"a.csv", "b.csv"}
     findings = pd.read_csv(tmp_path / "data_check.csv")
     assert len(findings) == len(result.check.findings)
@@ -98,8 +100,8 @@ def test_the_page_has_everything_and_needs_nothing(result, tmp_path):
     page = write_identification(result, tmp_path).read_text(encoding="utf-8")
     for text in ("A &lt;car&gt;.", "contradicts the given value", "held out", "Correlation", "a.csv", "scales"):
         assert text in page
-    for one in result.fit.parameters:
-        assert one.name in page.replace("<wbr>", "")
+    for parameter in result.fit.parameters:
+        assert parameter.name in page.replace("<wbr>", "")
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)|@import|<script""", page)
     assert page.count("<svg") == 4  # two logs, each wide and narrow
     assert page == render_identification(result)
@@ -116,29 +118,29 @@ def test_the_page_of_a_data_check_names_every_finding(result):
 def test_stages_fit_their_parameters_and_keep_them(tmp_path):
     free = "cornering_stiffness_front, cornering_stiffness_rear"
     text = STUDY + f"stages:\n- {{name: tyres, logs: [a.csv], free: [{free}], keep: true}}\n"
-    found = do(tmp_path, text, [*CLOSED, "estimator.iterations=6"])
-    (stage,) = found.stages
-    assert [one.name for one in stage.parameters if one.kind != "fixed"] == [
+    study_result = do(tmp_path, text, [*CLOSED, "estimator.iterations=6"])
+    (stage,) = study_result.stages
+    assert [parameter.name for parameter in stage.parameters if parameter.kind != "fixed"] == [
         "cornering_stiffness_front",
         "cornering_stiffness_rear",
     ]
-    last = found.fit["cornering_stiffness_rear"]
+    last = study_result.fit["cornering_stiffness_rear"]
     assert (last.kind, last.source) == ("fixed", "stage tyres")
     assert last.value == stage["cornering_stiffness_rear"].value
-    found.save(tmp_path / "out")
+    study_result.save(tmp_path / "out")
     assert load_fit(tmp_path / "out" / "stage_1").name == stage.name
-    assert "Earlier stages" in render_identification(found)
+    assert "Earlier stages" in render_identification(study_result)
 
 
 def test_values_of_the_vehicle_are_initial_values_and_references(tmp_path):
     text = STUDY.split("parameters:")[0].replace("  wheelbase: 2.7 m\n", "") + "vehicle: bolt\n"
-    found = do(tmp_path, text, CLOSED)
-    assert found.vehicle == "bolt"
-    assert found.fit["mass"].kind == "fixed"
-    assert found.fit["mass"].value == pytest.approx(found.given["mass"])
-    assert found.fit["yaw_inertia"].given == pytest.approx(found.given["yaw_inertia"])
-    wheelbase = found.given["front_length"] + found.given["rear_length"]
-    assert found.check.data.wheelbase == pytest.approx(wheelbase)
+    study_result = do(tmp_path, text, CLOSED)
+    assert study_result.vehicle == "bolt"
+    assert study_result.fit["mass"].kind == "fixed"
+    assert study_result.fit["mass"].value == pytest.approx(study_result.given["mass"])
+    assert study_result.fit["yaw_inertia"].given == pytest.approx(study_result.given["yaw_inertia"])
+    wheelbase = study_result.given["front_length"] + study_result.given["rear_length"]
+    assert study_result.check.data.wheelbase == pytest.approx(wheelbase)
 
 
 FAULTS = [
@@ -231,7 +233,7 @@ def test_a_page_of_a_fit_with_odd_numbers_is_written(result):
         condition_number=np.inf,
         correlation=np.full_like(result.fit.correlation, np.nan),
         parameters=tuple(
-            replace(one, low=None, high=None, sigma=None, at_bound="low") for one in result.fit.parameters
+            replace(parameter, low=None, high=None, sigma=None, at_bound="low") for parameter in result.fit.parameters
         ),
         channels=(),
         traces={},

@@ -39,9 +39,9 @@ CAR = {"mass": Setting(fixed=MASS), "front_length": Setting(fixed=FRONT), "rear_
 LATERAL = CAR | {"steering_lag": Setting(free=True), "accelerometer_ahead": Setting(free=False)}
 
 
-def _inside(found, truth, counts):
+def _inside(fitted_model, truth, counts):
     for name, value in truth.items():
-        counts[name] = counts.get(name, 0) + (found[name].low < value < found[name].high)
+        counts[name] = counts.get(name, 0) + (fitted_model[name].low < value < fitted_model[name].high)
 
 
 @pytest.mark.slow
@@ -49,9 +49,9 @@ def test_intervals_of_a_single_track_hold_the_truth_in_90_to_99_of_100_seeds():
     counts: dict[str, int] = {}
     values = []
     for seed in range(100):
-        found: Any = fit(lateral_data(seed), ModelSpec("single_track"), parameters=LATERAL)
-        _inside(found, TRUTH, counts)
-        values.append([found[name].value for name in TRUTH])
+        fitted_model: Any = fit(lateral_data(seed), ModelSpec("single_track"), parameters=LATERAL)
+        _inside(fitted_model, TRUTH, counts)
+        values.append([fitted_model[name].value for name in TRUTH])
     assert all(90 <= count <= 99 for count in counts.values()), counts
     means = np.mean(values, axis=0)
     for name, mean in zip(TRUTH, means, strict=True):
@@ -73,8 +73,10 @@ def cramer_rao(data):
     problem = Problem(model, drives, unknowns, {name: NOISE[name] for name in model.outputs})
     slopes = problem.jacobian(problem.scaled({info.name: info.guess for info in model.parameters} | TRUTH))
     sizes = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
-    names = [one.info.name for one in problem.free]
-    scales = [abs(one.slope(TRUTH[name]) / TRUTH[name]) for one, name in zip(problem.free, names, strict=True)]
+    names = [unknown.info.name for unknown in problem.free]
+    scales = [
+        abs(parameter_.slope(TRUTH[name]) / TRUTH[name]) for parameter_, name in zip(problem.free, names, strict=True)
+    ]
     return {name: float(size * scale) for name, size, scale in zip(names, sizes, scales, strict=False)}
 
 
@@ -92,17 +94,15 @@ def test_what_the_logs_can_give_at_best():
 @pytest.mark.slow
 def test_standard_manoeuvres_give_all_within_2_percent_and_no_estimator_could_do_better():
     seeds = 100
-    found: list[Any] = [
-        fit(standard_data(seed), ModelSpec("single_track"), parameters=LATERAL) for seed in range(seeds)
-    ]
+    fits: list[Any] = [fit(standard_data(seed), ModelSpec("single_track"), parameters=LATERAL) for seed in range(seeds)]
     for name, bound in cramer_rao(standard_data()).items():
         if name not in CRITERION:
             continue
-        off = np.array([one[name].value for one in found]) / TRUTH[name] - 1.0
+        off = np.array([fit[name].value for fit in fits]) / TRUTH[name] - 1.0
         # Of 100 seeds the standard deviation is known to 7 %.
         assert float(np.std(off)) == pytest.approx(bound, rel=0.25), name
         assert np.sum(np.abs(off) < 0.02) >= 0.95 * seeds, name
-        held = sum(one[name].low < TRUTH[name] < one[name].high for one in found)
+        held = sum(fit[name].low < TRUTH[name] < fit[name].high for fit in fits)
         assert 0.9 * seeds <= held <= 0.99 * seeds, name
 
 
@@ -117,10 +117,10 @@ def test_intervals_of_a_coast_down_hold_the_truth_in_90_to_99_of_100_seeds():
     counts: dict[str, int] = {}
     spec = ModelSpec("longitudinal", {"drive": "none", "brake": "none"})
     for seed in range(100):
-        found: Any = fit(coast_data(seed), spec, parameters=COASTING)
-        _inside(found, COAST, counts)
+        fitted_model: Any = fit(coast_data(seed), spec, parameters=COASTING)
+        _inside(fitted_model, COAST, counts)
         for name, value in COAST.items():
-            assert found[name].value == pytest.approx(value, rel=0.02)
+            assert fitted_model[name].value == pytest.approx(value, rel=0.02)
     assert all(90 <= count <= 99 for count in counts.values()), counts
 
 
@@ -179,9 +179,9 @@ def tyres_and_inertia():
     return {"cornering_stiffness_front": front, "cornering_stiffness_rear": rear, "yaw_inertia": so.yaw_inertia}
 
 
-def half(one):
+def half(interval):
     """Half of the width of an interval over its value."""
-    return 0.5 * (one.high - one.low) / one.value
+    return 0.5 * (interval.high - interval.low) / interval.value
 
 
 @pytest.mark.slow
@@ -190,12 +190,12 @@ def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
     wanted = tyres_and_inertia()
     inside = 0
     for seed in range(8):
-        found: Any = fit_bolt(bolt[0], seed, "road_wheel_angle")
+        fitted_model: Any = fit_bolt(bolt[0], seed, "road_wheel_angle")
         for name, value in wanted.items():
-            off = found[name].value / value - 1.0
+            off = fitted_model[name].value / value - 1.0
             assert abs(off) < 0.02, (name, seed, off)
-            inside += abs(off) < half(found[name])
-        assert abs(found["steering_delay"].value) < 1e-3
+            inside += abs(off) < half(fitted_model[name])
+        assert abs(fitted_model["steering_delay"].value) < 1e-3
     assert inside >= 20  # of 24; at 95 % each, one try in 40 has less
 
 
@@ -204,10 +204,10 @@ def test_intervals_of_a_full_plant_hold_the_truth_in_90_to_99_of_100_seeds(bolt)
     wanted = tyres_and_inertia() | {"steering_delay": LATE, "steering_lag": LAG}
     counts: dict[str, int] = {}
     for seed in range(100):
-        found: Any = fit_bolt(bolt[0], seed, "steering_command", **COMMANDED)
-        _inside(found, wanted, counts)
+        fitted_model: Any = fit_bolt(bolt[0], seed, "steering_command", **COMMANDED)
+        _inside(fitted_model, wanted, counts)
         for name, value in wanted.items():
-            assert found[name].value == pytest.approx(value, rel=0.02), (name, seed)
+            assert fitted_model[name].value == pytest.approx(value, rel=0.02), (name, seed)
     assert all(90 <= count <= 99 for count in counts.values()), counts
 
 
@@ -223,20 +223,20 @@ def test_a_log_of_a_full_plant_and_a_mapping_give_its_yaw_inertia(bolt, steer):
     data = replace(data, wheelbase=so.front_length + so.rear_length)
     chosen = choose_structure(data, ModelSpec("single_track"), {"mass": Setting(fixed=so.mass)}, EstimatorOptions())
     assert {"relaxation", "roll"} <= set(chosen.model.options)
-    found: Any = fit(data, chosen.model, parameters=chosen.settings, start=chosen.start)
-    turn = found["yaw_inertia"]
+    fitted_model: Any = fit(data, chosen.model, parameters=chosen.settings, start=chosen.start)
+    turn = fitted_model["yaw_inertia"]
     assert turn.value == pytest.approx(so.yaw_inertia, rel=0.05)
     assert turn.low < so.yaw_inertia < turn.high
     # Leaning wheels are in the stiffness of an axle that has no camber thrust of its own, and so is a steering that
     # gives way where its command is all that is known.
     values = single_track_values(load_vehicle("bolt@handling"), measured=steer == "road_wheel_angle")
     for axle in ("front", "rear"):
-        one, stiffness = found[f"cornering_stiffness_{axle}"], values[f"cornering_stiffness_{axle}"]
+        estimate, stiffness = fitted_model[f"cornering_stiffness_{axle}"], values[f"cornering_stiffness_{axle}"]
         if axle == "front":
             stiffness /= 1.0 + stiffness * values["trail_front"] * values.get("steering_compliance", 0.0)
-        assert one.low < stiffness < one.high
-        assert one.verdict != "identified"
-        assert "where the centre of mass is" in one.explanation
+        assert estimate.low < stiffness < estimate.high
+        assert estimate.verdict != "identified"
+        assert "where the centre of mass is" in estimate.explanation
 
 
 @pytest.mark.slow
@@ -245,10 +245,10 @@ def test_a_steering_that_is_ten_times_as_firm_has_the_same_lag_and_delay(tmp_pat
     model = Bolt.copy(tmp_path, firm=10).model
     drives = Bolt(model).lateral()
     for seed in range(4):
-        found: Any = fit_bolt(drives, seed, "steering_command", model, **COMMANDED)
-        assert found["steering_lag"].value == pytest.approx(LAG, rel=0.02), seed
-        assert found["steering_delay"].value == pytest.approx(LATE, rel=0.02), seed
-        assert found["yaw_inertia"].value == pytest.approx(truth().yaw_inertia, rel=0.02), seed
+        fitted_model: Any = fit_bolt(drives, seed, "steering_command", model, **COMMANDED)
+        assert fitted_model["steering_lag"].value == pytest.approx(LAG, rel=0.02), seed
+        assert fitted_model["steering_delay"].value == pytest.approx(LATE, rel=0.02), seed
+        assert fitted_model["yaw_inertia"].value == pytest.approx(truth().yaw_inertia, rel=0.02), seed
 
 
 @pytest.mark.slow
@@ -263,10 +263,10 @@ def test_a_full_plant_that_coasts_gives_drag_and_rolling_resistance_within_2_per
     }
     for seed in range(4):
         data = DataSet((noisy(bolt[1], ("vx",), seed, name="coast"),))
-        found: Any = fit(data, ModelSpec("longitudinal"), parameters=fixed)
+        fitted_model: Any = fit(data, ModelSpec("longitudinal"), parameters=fixed)
         for name, value in wanted.items():
-            assert found[name].value == pytest.approx(value, rel=0.02), (name, seed)
-            assert found[name].low < value < found[name].high
+            assert fitted_model[name].value == pytest.approx(value, rel=0.02), (name, seed)
+            assert fitted_model[name].low < value < fitted_model[name].high
 
 
 @pytest.mark.slow
@@ -291,24 +291,24 @@ def test_roll_of_a_vehicle_is_that_of_body_and_wheels_on_springs_and_tyres():
     values = single_track_values(load_vehicle("bolt@handling"), roll=True)
     height, half, gravity = values["roll_arm"], 0.5 * 1.501, 9.80665
     # Bodies lean about their common centre; wheels, knuckles and carriers do not go up and down with their side.
-    lean = 0.0
+    roll_inertia = 0.0
     for number in range(1, plant.num_bodies()):
         body = plant.get_body(BodyIndex(number))
         inertia = body.CalcSpatialInertiaInBodyFrame(plant.CreateDefaultContext())
-        lean += inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[0, 0]
+        roll_inertia += inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[0, 0]
     swinging = 2.0 * (40.0 + 30.0)
-    lean += (so.mass - swinging) * (0.5168 - 0.5) ** 2 + swinging * (0.3234 - 0.5) ** 2
+    roll_inertia += (so.mass - swinging) * (0.5168 - 0.5) ** 2 + swinging * (0.3234 - 0.5) ** 2
     rates = 2.0 * np.pi * np.linspace(0.2, 3.0, 29)
     s = 1j * rates
-    resisting = lean * s**2 - so.mass * gravity * height
+    resisting = roll_inertia * s**2 - so.mass * gravity * height
     for stiffness, damping, mass in ((28e3 + 2.0 * 12e3, 2000.0, 40.0), (27e3 + 2.0 * 17e3, 1800.0, 30.0)):
         spring, tyre = stiffness + damping * s, 2e5 + mass * s**2
         resisting = resisting + 2.0 * half**2 * spring * tyre / (spring + tyre)
     moment = so.mass * height + values["wheel_momentum"]
     natural, late = values["roll_frequency"], values["roll_damper_time"]
     damped = 2.0 * values["roll_damping"] * natural * s / (1.0 + late * s)
-    found = values["roll_gain"] * natural**2 / (s**2 + natural**2 + damped)
-    assert np.abs(s * (found - moment / resisting)).max() < 2e-3 * np.abs(s * moment / resisting).max()
+    response = values["roll_gain"] * natural**2 / (s**2 + natural**2 + damped)
+    assert np.abs(s * (response - moment / resisting)).max() < 2e-3 * np.abs(s * moment / resisting).max()
     # Without wheels that swing it would be c / (k + kt), 7 and 8 ms.
     assert 0.010 < late < 0.014
 
@@ -332,10 +332,10 @@ def test_values_of_a_vehicle_are_those_of_its_tyres():
     mass, gain = values["mass"], values["roll_gain"]
     moved = mass * values["com_height"] + mass * values["roll_arm"] * 9.80665 * gain  # over ay
     soft = single_track_values(vehicle, roll=True, measured=False)
-    leaning = values["roll_moment"] + 0.0079 * moved / gain
+    rolling = values["roll_moment"] + 0.0079 * moved / gain
     # What the plant's tyres were seen to have in the sweep, beside their trail: regression on force and roll.
     assert soft["camber_moment"] == pytest.approx(-1285.0, rel=0.07)
-    assert leaning - soft["camber_moment"] == pytest.approx(-893.0, rel=0.07)
+    assert rolling - soft["camber_moment"] == pytest.approx(-893.0, rel=0.07)
     # Trail and camber together are the trail of wheels that lean, in a turn: both front wheels have 2 M.
     flat = single_track_values(vehicle)
     force = mass * values["rear_length"] / (values["front_length"] + values["rear_length"])  # over ay
@@ -384,25 +384,25 @@ def test_axle_stiffnesses_of_a_multi_body_car(name):
     p = car(name)
     data = multibody_data(name, p)
     parameters = {"mass": Setting(fixed=p.m), "front_length": Setting(fixed=p.a), "rear_length": Setting(fixed=p.b)}
-    parameters |= {one: Setting(fixed=0.0) for one in ("steering_delay", "steering_offset", "accelerometer_ahead")}
-    found: Any = fit(data, ModelSpec("single_track"), parameters=parameters)
+    parameters |= {name: Setting(fixed=0.0) for name in ("steering_delay", "steering_offset", "accelerometer_ahead")}
+    fitted_model: Any = fit(data, ModelSpec("single_track"), parameters=parameters)
     truth = effective_stiffnesses(p, np.concatenate([log.channels["lateral_acceleration"] for log in data.train]))
-    assert found["cornering_stiffness_front"].value == pytest.approx(truth[0], rel=0.15)
-    assert found["cornering_stiffness_rear"].value == pytest.approx(truth[1], rel=0.15)
-    assert found.channel("yaw_rate", log="ramp").nrmse_percent >= 95.0
+    assert fitted_model["cornering_stiffness_front"].value == pytest.approx(truth[0], rel=0.15)
+    assert fitted_model["cornering_stiffness_rear"].value == pytest.approx(truth[1], rel=0.15)
+    assert fitted_model.channel("yaw_rate", log="ramp").nrmse_percent >= 95.0
 
 
 def test_budget_of_an_axle():
     """Without roll and ply-steer, and slow, an axle is worth its tyres; in a real turn it is worth more, then less."""
     p = car("VW Vanagon")
     upright = car("VW Vanagon")
-    for one in ("p_hy1", "p_vy1", "p_hy3", "p_vy3", "p_dy3"):
-        setattr(upright.tire, one, 0.0)
+    for coefficient in ("p_hy1", "p_vy1", "p_hy3", "p_vy3", "p_dy3"):
+        setattr(upright.tire, coefficient, 0.0)
     slow, fast = np.full(5, 0.05), np.full(5, 5.0)
     assert effective_stiffnesses(upright, slow) == pytest.approx(tyre_stiffnesses(p), rel=1e-3)
     assert np.all(np.array(effective_stiffnesses(upright, fast)) < 0.95 * np.array(tyre_stiffnesses(p)))
-    at = [effective_stiffnesses(p, np.full(5, side))[0] for side in (1.0, 2.0, 4.0)]
-    assert at[0] > at[1] > at[2]
+    stiffnesses = [effective_stiffnesses(p, np.full(5, side))[0] for side in (1.0, 2.0, 4.0)]
+    assert stiffnesses[0] > stiffnesses[1] > stiffnesses[2]
     # The package itself, at the end of a step that has settled: roll and slip over force of the front axle.
     steer = manoeuvre("step", p.a + p.b)
     trace = reference_trace("VW Vanagon", steer)

@@ -60,13 +60,13 @@ def body_link(name="chassis"):
     return Link(name, Inertial(BODY, at(0.0, 0.0, 0.2), tensor, "car.urdf:4"), [shape], [shape], where="car.urdf:3")
 
 
-def axle(joint, parent, child, *place, axis=Y, kind="continuous"):
-    return Joint(joint, kind, parent, child, at(*place), axis=axis, where="car.urdf:60")
+def axle(joint, parent, child, *position, axis=Y, kind="continuous"):
+    return Joint(joint, kind, parent, child, at(*position), axis=axis, where="car.urdf:60")
 
 
-def kingpin(joint, parent, child, *place, limit=0.6):
+def kingpin(joint, parent, child, *position, limit=0.6):
     limits = Limits(-limit, limit, 1000.0, 0.5)
-    return Joint(joint, "revolute", parent, child, at(*place), axis=Z, limits=limits, where="car.urdf:70")
+    return Joint(joint, "revolute", parent, child, at(*position), axis=Z, limits=limits, where="car.urdf:70")
 
 
 def add(model, *parts):
@@ -148,8 +148,8 @@ def test_a_joint_that_steers_and_spins_becomes_a_knuckle_and_a_wheel(kind):
     for letter, sign in (("a", 1), ("b", -1)):
         joint = model.joints.pop(f"j1{letter}")
         del model.joints[f"k{letter}"], model.links[f"hub_{letter}"]
-        place = at(WHEELBASE / 2, sign * TRACK / 2, 0.0)
-        add(model, Joint(joint.name, kind, "chassis", joint.child, place, axis=Z, axis2=Y, limits=Limits(-0.5, 0.5)))
+        position = at(WHEELBASE / 2, sign * TRACK / 2, 0.0)
+        add(model, Joint(joint.name, kind, "chassis", joint.child, position, axis=Z, axis2=Y, limits=Limits(-0.5, 0.5)))
     wheels, _ = roles_of(model)
     assert wheels == EXPECTED
     result = repaired(model)
@@ -209,7 +209,7 @@ def test_rear_wheels_below_the_cage_of_a_differential_are_still_two_wheels():
     assert reports(result, "joint 'cage_joint'", "fixed at zero")
 
 
-# --- what is no car ----------------------------------------------------------------------------------------------
+# --- rejected vehicles ----------------------------------------------------------------------------------------------
 
 
 def arm():
@@ -281,8 +281,8 @@ def whole_axle():
 def rigid_axle():
     model = car()
     model.joints.pop("j2b")
-    place = at(0.0, -TRACK, 0.0)
-    add(model, Joint("weld", "fixed", "w2a", "w2b", place))
+    position = at(0.0, -TRACK, 0.0)
+    add(model, Joint("weld", "fixed", "w2a", "w2b", position))
     return model
 
 
@@ -292,7 +292,7 @@ def half_steered():
     return model
 
 
-REFUSED = {
+REJECTED = {
     "an arm": (arm, "no road wheels: 5 links with 4 continuous joints"),
     "a drone": (drone, "no road wheels"),
     "differential drive": (lambda: two_driven("ball"), "2 driven wheels and 1 caster .*'drive_l', 'drive_r'"),
@@ -309,9 +309,9 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("build", "found"), REFUSED.values(), ids=REFUSED)
-def test_other_vehicles_are_rejected_with_their_kind(build, found):
-    with pytest.raises(ModelError, match=found) as caught:
+@pytest.mark.parametrize(("build", "message"), REJECTED.values(), ids=REJECTED)
+def test_other_vehicles_are_rejected_with_their_kind(build, message):
+    with pytest.raises(ModelError, match=message) as caught:
         recognise(build())
     assert "\n" not in str(caught.value)
 
@@ -341,14 +341,14 @@ def unusable(change):
     return build
 
 
-def lean(joint):
+def incline(joint):
     joint.axis = np.array([1.0, 0.0, 1.0])
 
 
 UNUSABLE = {
     "fixed": (lambda joint: setattr(joint, "kind", "fixed"), "'steer_a' is fixed, 'steer_b' is fixed"),
     "prismatic": (lambda joint: setattr(joint, "kind", "prismatic"), "'steer_a' is prismatic"),
-    "leaning": (lean, r"'steer_a' has an axis 45 degrees off the vertical \(at most 37\)"),
+    "inclined": (incline, r"'steer_a' has an axis 45 degrees off the vertical \(at most 37\)"),
     "level": (lambda joint: setattr(joint, "axis", X), "'steer_a' has an axis 90 degrees off the vertical"),
 }
 
@@ -460,7 +460,7 @@ def test_inclined_steering_axes_and_camber_are_removed_and_reported_in_degrees()
     result = repaired(model)
     assert reports(result, "joint 'ka': axis", "10 degrees off the vertical", "vertical")
     assert reports(result, "joint 'j2a': axis", "2 degrees of camber")
-    # the axis meets the road further out, by the radius times the tangent of the lean
+    # the axis meets the road further out, by the radius times the tangent of the inclination
     assert result.layout.kingpin_track == pytest.approx(
         TRACK - 2 * KINGPIN + 2 * RADIUS * tan(np.radians(10)), abs=1e-3
     )
@@ -667,10 +667,10 @@ def test_a_centre_of_mass_far_outside_of_its_link_is_moved_into_it():
     assert result.knuckles[0].mass.com == pytest.approx(np.zeros(3))
 
 
-@pytest.mark.parametrize(("place", "what"), [((0.0, 0.0, -0.8), "below the road"), ((0, 0, 3), "above the car")])
-def test_a_centre_of_mass_outside_of_the_car_is_moved_to_a_third_of_its_height(place, what):
+@pytest.mark.parametrize(("position", "what"), [((0.0, 0.0, -0.8), "below the road"), ((0, 0, 3), "above the car")])
+def test_a_centre_of_mass_outside_of_the_car_is_moved_to_a_third_of_its_height(position, what):
     model = car()
-    model.links["chassis"].inertial.X_LI = at(*place)
+    model.links["chassis"].inertial.X_LI = at(*position)
     result = repaired(model)
     com = result.centre_of_mass(result.layout)
     assert com[2] == pytest.approx(0.35 * 0.9)  # the box ends 0.6 m above the axles
@@ -719,13 +719,13 @@ def test_200_damaged_cars_are_repaired_or_rejected_in_one_line():
         model = car()
         for _ in range(2):
             corrupt(model, chance)
-        refused: ModelError | None = None
+        rejection: ModelError | None = None
         try:
             result = repaired(model)
         except ModelError as error:
-            refused = error
-        if refused is not None:
-            assert "\n" not in str(refused)
+            rejection = error
+        if rejection is not None:
+            assert "\n" not in str(rejection)
             continue
         cars += 1
         for part in result:
@@ -870,10 +870,10 @@ def urdf(scale=1.0, mass=1500.0, extra="", body="", name="buggy"):
     hub = wheel / 2
     main = mass - 4 * wheel - 2 * hub
 
-    def inertial(weight, moments, place="0 0 0"):
+    def inertial(weight, moments, position="0 0 0"):
         ixx, iyy, izz = np.diag(moments)
         tensor = f'ixx="{ixx:.9g}" iyy="{iyy:.9g}" izz="{izz:.9g}" ixy="0" ixz="0" iyz="0"'
-        return f'<inertial><origin xyz="{place}"/><mass value="{weight:.9g}"/><inertia {tensor}/></inertial>'
+        return f'<inertial><origin xyz="{position}"/><mass value="{weight:.9g}"/><inertia {tensor}/></inertial>'
 
     box = f'<geometry><box size="{4 * scale:g} {1.1 * scale:g} {0.6 * scale:g}"/></geometry>'
     tyre = f'<origin rpy="1.5707963 0 0"/><geometry><cylinder radius="{radius:g}" length="{width:g}"/></geometry>'
@@ -883,19 +883,20 @@ def urdf(scale=1.0, mass=1500.0, extra="", body="", name="buggy"):
     out.append(f'</link><joint name="weld" type="fixed"><parent link="base_link"/><child link="chassis"/>'
                f'<origin xyz="0 0 {0.55 * scale:g}"/></joint>')  # fmt: skip
 
-    def turn(kind, joint, parent, child, place, axis, limit):
+    def turn(kind, joint, parent, child, position, axis, limit):
         out.append(
             f'<joint name="{joint}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="{" ".join(f"{value:g}" for value in place)}"/><axis xyz="{axis}"/><limit {limit}/></joint>'
+            f'<origin xyz="{" ".join(f"{value:g}" for value in position)}"/>'
+            f'<axis xyz="{axis}"/><limit {limit}/></joint>'
         )
 
     low = radius - 0.55 * scale
     for letter, sign in (("l", 1), ("r", -1)):
         out.append(f'<link name="hub_{letter}">{inertial(hub, box_tensor(hub, radius, radius, radius))}</link>')
-        place = (length / 2, sign * 0.7 * scale, low)
+        position = (length / 2, sign * 0.7 * scale, low)
         limit = 'lower="-0.6" upper="0.6" effort="1000" velocity="1"'
-        turn("revolute", f"steer_{letter}", "chassis", f"hub_{letter}", place, "0 0 1", limit)
-        for end, parent, place in (
+        turn("revolute", f"steer_{letter}", "chassis", f"hub_{letter}", position, "0 0 1", limit)
+        for end, parent, position in (
             ("f", f"hub_{letter}", (0, sign * 0.05 * scale, 0)),
             ("r", "chassis", (-length / 2, sign * side, low)),
         ):
@@ -903,7 +904,7 @@ def urdf(scale=1.0, mass=1500.0, extra="", body="", name="buggy"):
             tensor = wheel_tensor(wheel, radius, width)
             shapes = f"<visual>{tyre}</visual><collision>{tyre}</collision>"
             out.append(f'<link name="{link}">{inertial(wheel, tensor)}{shapes}</link>')
-            turn("continuous", f"axle_{end}{letter}", parent, link, place, "0 1 0", 'effort="-1" velocity="0"')
+            turn("continuous", f"axle_{end}{letter}", parent, link, position, "0 1 0", 'effort="-1" velocity="0"')
     return "\n".join([*out, extra, "</robot>"])
 
 
@@ -1006,8 +1007,8 @@ def test_collision_shapes_of_the_body_are_raised_above_the_road_and_a_missing_on
 # --- a body that would not be seen -------------------------------------------------------------------------------
 
 
-def shape_text(kind, geometry, place="0 0 0", colour=""):
-    return f'<{kind}><origin xyz="{place}"/><geometry>{geometry}</geometry>{colour}</{kind}>'
+def shape_text(kind, geometry, position="0 0 0", colour=""):
+    return f'<{kind}><origin xyz="{position}"/><geometry>{geometry}</geometry>{colour}</{kind}>'
 
 
 def box_text(*size):

@@ -103,9 +103,9 @@ def test_unit_and_nodes_of_collada_are_applied_and_its_up_axis_is_not(tmp_path):
         assert high == pytest.approx([0.02, 0.02, 2.02])
         shape, changes, _ = converted(mesh(path, scale=(2.0, 2.0, 2.0)), tmp_path, up)
         assert gltf_bounds(shape) == pytest.approx(np.array([low, high]))
-        said = [change.old for change in changes]
-        assert "unit of 0.01 m" in said
-        assert (f"up axis {up}" in said) == (up != "Z_UP")
+        expected = [change.old for change in changes]
+        assert "unit of 0.01 m" in expected
+        assert (f"up axis {up}" in expected) == (up != "Z_UP")
 
 
 def test_nodes_turn_stretch_and_repeat_geometry(tmp_path):
@@ -485,8 +485,8 @@ def test_the_camera_sees_vertex_colours_and_the_outside_of_mirrored_meshes(tmp_p
     tinted, _, document = converted(mesh(tmp_path / "v.ply"), tmp_path, "v")
     assert "COLOR_0" in document["meshes"][0]["primitives"][0]["attributes"]
     path = write_stl(tmp_path / "m.stl", box((0, 0, 0), (1, 1, 1)))
-    place = RigidTransform([0, 3, 0])
-    mirrored, _, _ = converted(mesh(path, scale=(1.0, -1.0, 1.0), rgba=(1.0, 0.0, 0.0, 1.0), X_LG=place), tmp_path, "m")
+    pose = RigidTransform([0, 3, 0])
+    mirrored, _, _ = converted(mesh(path, scale=(1.0, -1.0, 1.0), rgba=(1.0, 0.0, 0.0, 1.0), X_LG=pose), tmp_path, "m")
     seen = look([tinted, mirrored], eye=(5.0, -3.0, 3.5), target=(0.5, 1.5, 0.5))
     Image.fromarray(seen.astype(np.uint8)).save(tmp_path / "seen.png")
     assert share(seen, blue) > 0.02

@@ -192,28 +192,28 @@ def test_the_same_package_gives_the_same_bytes(tmp_path):
 @pytest.mark.parametrize("imported", ["odd_words"], indirect=True)
 def test_elements_of_other_dialects_are_read_or_reported(imported):
     result, car = imported
-    said = {change.part: f"{change.old} -> {change.new_text}: {change.reason}" for change in result.changes}
+    expected = {change.part: f"{change.old} -> {change.new_text}: {change.reason}" for change in result.changes}
     vehicle = result.vehicle
     assert vehicle.spec.drive == "front"
     assert (result.folder / "vehicle.yaml").read_text().count("torques of the plugin")
     properties = (result.folder / "properties.xacro").read_text()
     assert 'name="front_friction" value="0.8"' in properties
     assert 'name="rear_friction" value="0.7"' in properties
-    assert said["<mesh> scale"].startswith("1 1 1 1 -> 1 1 1")
-    assert f"±{car.limit:g} rad" in said["joint 'front_left_steer_joint': limits"]
-    assert "suspension" not in said["joint 'pedal_joint'"]
-    assert "front_torque 800" in said["plugin 'hybrid'"]
-    assert said["link 'plate': material"].startswith("Workshop/Rust -> left out")
+    assert expected["<mesh> scale"].startswith("1 1 1 1 -> 1 1 1")
+    assert f"±{car.limit:g} rad" in expected["joint 'front_left_steer_joint': limits"]
+    assert "suspension" not in expected["joint 'pedal_joint'"]
+    assert "front_torque 800" in expected["plugin 'hybrid'"]
+    assert expected["link 'plate': material"].startswith("Workshop/Rust -> left out")
     assert (
-        "minDepth 0.002" in said["contact stiffness of the tyres"]
-        or "rolling_friction" in said["contact stiffness of the tyres"]
+        "minDepth 0.002" in expected["contact stiffness of the tyres"]
+        or "rolling_friction" in expected["contact stiffness of the tyres"]
     )
-    assert not any("<contact>" in what or "<material>" in what for what in said)
+    assert not any("<contact>" in what or "<material>" in what for what in expected)
 
 
 def test_controllers_of_the_neighbouring_package_of_the_same_name_count(tmp_path):
     result = import_vehicle(traps.controllers_beside(tmp_path / "source"), name="new", folder=tmp_path / "models")
     assert result.vehicle.spec.drive == "front"
     assert "rover_control/config/motors.yaml" in (result.folder / "vehicle.yaml").read_text()
-    told = [change for change in result.changes if change.part.startswith("gains of")]
-    assert [change.old for change in told] == ["p 5, i 0.5, d 0"]
+    gain_changes = [change for change in result.changes if change.part.startswith("gains of")]
+    assert [change.old for change in gain_changes] == ["p 5, i 0.5, d 0"]

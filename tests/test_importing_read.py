@@ -74,8 +74,8 @@ def test_gazebo_tags_and_transmissions_are_not_dropped(tmp_path):
     assert model.plugins[0].values == {"joint": "axle"}
     assert model.transmissions[0].interfaces == ("velocity",)
     assert model.transmissions[0].reduction == 7.0
-    told = {change.part for change in model.changes}
-    assert told == {"joint 'axle': colour", "<gazebo reference='wheel'>: <fancy>", "robot 'cart': <spring>"}
+    reported = {change.part for change in model.changes}
+    assert reported == {"joint 'axle': colour", "<gazebo reference='wheel'>: <fancy>", "robot 'cart': <spring>"}
     assert all(change.place.endswith(tuple("0123456789")) for change in model.changes)
 
 
@@ -273,11 +273,11 @@ def test_a_damaged_file_gives_a_model_or_an_error_of_one_line(data, tmp_path_fac
     )
     path = written(tmp_path_factory.mktemp("broken"), text[:begin] + filler + text[end:], name)
     try:
-        told = [change.part for change in read_source(path).changes]
+        reported = [change.part for change in read_source(path).changes]
     except ModelError as error:
-        told = str(error).splitlines()
-        assert len(told) == 1
-    assert all(told)
+        reported = str(error).splitlines()
+        assert len(reported) == 1
+    assert all(reported)
 
 
 def test_elements_that_stand_several_times_are_all_kept(tmp_path):

@@ -239,7 +239,7 @@ def page(bolt, tmp_path_factory):
 def test_the_page_needs_no_other_file_and_no_network(page):
     addresses = re.findall(r"""(?:href|src)\s*=\s*["']([^"']*)["']|url\(([^)]*)\)""", page)
     assert addresses
-    assert all(one.startswith(("#", "data:")) for pair in addresses for one in pair if one)
+    assert all(address.startswith(("#", "data:")) for pair in addresses for address in pair if address)
     outside = set(re.findall(r"https?://[^\s\"'<]+", page))
     assert outside <= {"http://www.w3.org/2000/svg"}
 

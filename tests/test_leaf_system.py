@@ -157,13 +157,13 @@ def test_all_our_systems_can_be_freed() -> None:
     for path in package.rglob("*.py"):
         if any(word in path.read_text(encoding="utf-8") for word in ("(LeafSystem", "(Diagram", "LeafSystem_[")):
             importlib.import_module(".".join(("mirdrake", *path.relative_to(package).with_suffix("").parts)))
-    found, todo = set(), [DrakeLeafSystem, Diagram]
+    classes, todo = set(), [DrakeLeafSystem, Diagram]
     while todo:
         kinds = todo.pop().__subclasses__()
         todo += kinds
-        found |= {kind for kind in kinds if kind.__module__.startswith("mirdrake.")}
-    assert len(found) > 20
-    assert [kind for kind in found if not isinstance(kind, FreeableType)] == []
+        classes |= {kind for kind in kinds if kind.__module__.startswith("mirdrake.")}
+    assert len(classes) > 20
+    assert [kind for kind in classes if not isinstance(kind, FreeableType)] == []
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in Path("diagrams").glob("*.yaml")))
@@ -205,8 +205,8 @@ def test_a_single_track_model_is_freed(tyres: str) -> None:
 
 
 def test_a_run_leaves_no_diagram_behind(tmp_path: Path) -> None:
-    before = len([one for one in gc.get_objects() if isinstance(one, DrakeLeafSystem)])
+    before = len([instance for instance in gc.get_objects() if isinstance(instance, DrakeLeafSystem)])
     for index in range(2):
         simulate("bolt_test_track", duration=0.1, folder=tmp_path / str(index))
     gc.collect()
-    assert len([one for one in gc.get_objects() if isinstance(one, DrakeLeafSystem)]) <= before
+    assert len([instance for instance in gc.get_objects() if isinstance(instance, DrakeLeafSystem)]) <= before

@@ -92,12 +92,12 @@ def test_a_first_order_answer_to_a_step():
     """90 % after ln(10) time constants, no overshoot."""
     steering = np.where(TIME > 2.0, 0.1, 0.0)
     answer = np.where(TIME > 2.0, 0.5 * (1.0 - np.exp(-(TIME - 2.0) / 0.3)), 0.0)
-    found = step_response(TIME, steering, answer, last=2.0)
-    assert found.start == pytest.approx(2.0, abs=0.011)
-    assert found.response_time == pytest.approx(0.3 * math.log(10.0), abs=0.011)
-    assert found.gain == pytest.approx(5.0)
-    assert found.overshoot == pytest.approx(0.0, abs=1e-6)
-    assert math.isnan(found.peak_time)
+    response = step_response(TIME, steering, answer, last=2.0)
+    assert response.start == pytest.approx(2.0, abs=0.011)
+    assert response.response_time == pytest.approx(0.3 * math.log(10.0), abs=0.011)
+    assert response.gain == pytest.approx(5.0)
+    assert response.overshoot == pytest.approx(0.0, abs=1e-6)
+    assert math.isnan(response.peak_time)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -107,10 +107,10 @@ def test_a_second_order_answer_to_a_step(sign):
     damped, since = omega * math.sqrt(1.0 - zeta**2), np.maximum(TIME - 2.0, 0.0)
     wave = np.cos(damped * since) + zeta * omega / damped * np.sin(damped * since)
     answer = sign * 0.4 * (1.0 - np.exp(-zeta * omega * since) * wave)
-    found = step_response(TIME, np.where(TIME > 2.0, sign * 0.2, 0.0), answer, last=2.0)
-    assert found.overshoot == pytest.approx(math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2)), rel=2e-3)
-    assert found.peak_time == pytest.approx(math.pi / damped, abs=0.02)
-    assert found.steady == pytest.approx(sign * 0.4, rel=1e-3)
+    response = step_response(TIME, np.where(TIME > 2.0, sign * 0.2, 0.0), answer, last=2.0)
+    assert response.overshoot == pytest.approx(math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2)), rel=2e-3)
+    assert response.peak_time == pytest.approx(math.pi / damped, abs=0.02)
+    assert response.steady == pytest.approx(sign * 0.4, rel=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["sweep", "random"])
@@ -124,12 +124,12 @@ def test_the_frequency_response_of_a_lag_is_that_of_its_formula(kind):
     answer = np.zeros_like(steering)
     for i in range(1, len(time)):
         answer[i] = keep * answer[i - 1] + (1.0 - keep) * 3.0 * 0.5 * (steering[i] + steering[i - 1])
-    found = frequency_response(time, steering, answer, first=0.3, last=3.0, segment=15.0)
-    exact = 3.0 / (1.0 + 2j * math.pi * found.frequency * lag)
-    assert np.abs(found.gain / np.abs(exact) - 1.0).max() < 0.05
-    assert np.abs(found.phase - np.angle(exact)).max() < 0.05
-    assert found.coherence.min() > 0.98
-    assert bandwidth(found, math.radians(45.0)) == pytest.approx(1.0 / (2.0 * math.pi * lag), rel=0.03)
+    response = frequency_response(time, steering, answer, first=0.3, last=3.0, segment=15.0)
+    exact = 3.0 / (1.0 + 2j * math.pi * response.frequency * lag)
+    assert np.abs(response.gain / np.abs(exact) - 1.0).max() < 0.05
+    assert np.abs(response.phase - np.angle(exact)).max() < 0.05
+    assert response.coherence.min() > 0.98
+    assert bandwidth(response, math.radians(45.0)) == pytest.approx(1.0 / (2.0 * math.pi * lag), rel=0.03)
 
 
 def test_bandwidth_is_read_between_the_lines():
@@ -171,26 +171,26 @@ def test_sine_with_dwell_from_recorded_signals(sign):
     end = start + 1.0 / frequency + dwell
     tail = np.where(time > end, -sign * 0.1 * np.exp(-(time - end) / 0.8), 0.0)
     way = sign * np.maximum(time - start, 0.0) * 2.0
-    found = dwell_response(
+    response = dwell_response(
         time, wheel, 0.2 * wheel + tail, way, after_completion=(1.0, 1.75), after_beginning=1.07,
         threshold=math.radians(1.0),
     )  # fmt: skip
     begin = start + math.asin(0.01) / (2.0 * math.pi * frequency)
-    assert found.begin == pytest.approx(begin, abs=1e-4)  # between the samples
-    assert found.complete == pytest.approx(end, abs=0.005)  # the wheel jumps there
-    assert found.peak == pytest.approx(0.2 * amplitude, rel=1e-3)
-    assert found.ratios[0] == pytest.approx(0.1 * math.exp(-1.0 / 0.8) / (0.2 * amplitude), rel=0.02)
-    assert found.displacement == pytest.approx(2.0 * (begin + 1.07 - start), abs=0.02)
-    assert found.hand_wheel == pytest.approx(amplitude, rel=1e-3)
+    assert response.begin == pytest.approx(begin, abs=1e-4)  # between the samples
+    assert response.complete == pytest.approx(end, abs=0.005)  # the wheel jumps there
+    assert response.peak == pytest.approx(0.2 * amplitude, rel=1e-3)
+    assert response.ratios[0] == pytest.approx(0.1 * math.exp(-1.0 / 0.8) / (0.2 * amplitude), rel=0.02)
+    assert response.displacement == pytest.approx(2.0 * (begin + 1.07 - start), abs=0.02)
+    assert response.hand_wheel == pytest.approx(amplitude, rel=1e-3)
 
 
 def test_a_wheel_that_never_turns_has_no_beginning_of_steer():
     nothing = np.zeros_like(TIME)
-    found = dwell_response(
+    response = dwell_response(
         TIME, nothing, nothing, nothing, after_completion=(1.0, 1.75), after_beginning=1.07, threshold=0.1
     )
-    assert math.isnan(found.begin)
-    assert all(math.isnan(ratio) for ratio in found.ratios)
+    assert math.isnan(response.begin)
+    assert all(math.isnan(ratio) for ratio in response.ratios)
 
 
 # --- straight --------------------------------------------------------------------------------------------------------
@@ -217,11 +217,11 @@ def test_braking_at_eight_metres_a_second_squared():
     first = 100.0 / 3.6
     speed = np.maximum(30.0 - 8.0 * TIME, 0.0)
     distance = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 0.01)))
-    found = stop_from(TIME, speed, distance, first)
-    assert found.distance == pytest.approx(first**2 / 16.0, rel=1e-3)
-    assert found.time == pytest.approx(first / 8.0, rel=2e-3)
-    assert found.mean == pytest.approx(8.0, rel=1e-3)
-    assert found.developed == pytest.approx(8.0, rel=1e-3)
+    stop = stop_from(TIME, speed, distance, first)
+    assert stop.distance == pytest.approx(first**2 / 16.0, rel=1e-3)
+    assert stop.time == pytest.approx(first / 8.0, rel=2e-3)
+    assert stop.mean == pytest.approx(8.0, rel=1e-3)
+    assert stop.developed == pytest.approx(8.0, rel=1e-3)
     assert math.isnan(stop_from(TIME, speed + 5.0, distance, first).distance)
 
 
@@ -235,9 +235,9 @@ def test_what_follows_the_first_standstill_does_not_count_as_braking(seed):
     speed = np.where(end > time, first + 1.0 - slope * time, swing)
     distance = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))))
     assert standstill(time, speed, after=0.5 / slope) == pytest.approx(end, abs=2e-3)
-    found = stop_from(time, speed, distance, first)
-    assert found.time == pytest.approx(first / slope, rel=2e-3)
-    assert found.distance == pytest.approx(first**2 / (2.0 * slope), rel=2e-3)
+    stop = stop_from(time, speed, distance, first)
+    assert stop.time == pytest.approx(first / slope, rel=2e-3)
+    assert stop.distance == pytest.approx(first**2 / (2.0 * slope), rel=2e-3)
     slow = np.maximum(first * np.exp(-time), 1e-6)  # only approaches zero
     assert standstill(time, slow, after=0.0) == pytest.approx(np.log(first / 0.02), rel=1e-3)
 
@@ -267,9 +267,9 @@ def test_road_load_of_a_coast_down():
         half = v - 0.005 * (a + b * v + c * v * v) / mass
         v -= 0.01 * (a + b * half + c * half * half) / mass
     chosen = speed > 15.0 / 3.6
-    found = road_load(time[chosen], speed[chosen], mass)
-    assert (found.a, found.c) == pytest.approx((a, c), rel=0.01)
-    assert found.at(100.0 / 3.6) == pytest.approx(a + b * 27.778 + c * 27.778**2, rel=1e-3)
+    measured = road_load(time[chosen], speed[chosen], mass)
+    assert (measured.a, measured.c) == pytest.approx((a, c), rel=0.01)
+    assert measured.at(100.0 / 3.6) == pytest.approx(a + b * 27.778 + c * 27.778**2, rel=1e-3)
     steps = [(115.0 / 3.6, 15.0 / 3.6), (100.0 / 3.6, 80.0 / 3.6), (60.0 / 3.6, 40.0 / 3.6)]
     assert coast_times(time, speed, steps) == pytest.approx([182.4, 22.4, 42.6], abs=0.1)  # computed by hand elsewhere
 
@@ -412,4 +412,4 @@ def test_a_small_vehicle_has_the_same_froude_number_unless_the_user_says_otherwi
     assert given.speed == 7.0
     braking = scaled(BrakingSpec(), 0.25)
     assert isinstance(braking, BrakingSpec)
-    assert braking.others == pytest.approx(tuple(0.5 * one for one in BrakingSpec().others))
+    assert braking.others == pytest.approx(tuple(0.5 * item for item in BrakingSpec().others))

@@ -83,9 +83,9 @@ def test_a_search_finds_the_limit_from_wherever_it_starts(guess):
         tried.append(speed)
         return speed, "" if speed <= 14.2 else "too fast"
 
-    found = find_highest(attempt, lowest=5.0, highest=30.0, guess=guess, resolution=0.2)
-    assert found.best == found.passed <= 14.2 < found.failed <= found.passed + 0.2
-    assert found.reason == "too fast"
+    highest = find_highest(attempt, lowest=5.0, highest=30.0, guess=guess, resolution=0.2)
+    assert highest.best == highest.passed <= 14.2 < highest.failed <= highest.passed + 0.2
+    assert highest.reason == "too fast"
     assert len(tried) < 20
 
 
@@ -170,11 +170,11 @@ def test_a_robot_does_not_sway_on_its_tyres_in_a_slalom():
 
 @pytest.mark.slow
 def test_the_largest_lateral_acceleration_is_not_that_of_the_driver():
-    found = []
+    accelerations = []
     for gain in (0.7, 1.0, 1.3):
         spec = SteadyStateCircleSpec(turns="left", driver_gain=gain, first_lateral=5.0, fit_from=5.5, fit_to=6.5)
-        found.append(run_manoeuvre("steady_state_circle", _rig(), spec).value("largest"))
-    assert found == pytest.approx([found[1]] * 3, rel=0.02)
+        accelerations.append(run_manoeuvre("steady_state_circle", _rig(), spec).value("largest"))
+    assert accelerations == pytest.approx([accelerations[1]] * 3, rel=0.02)
 
 
 @cache
@@ -207,10 +207,14 @@ def _check_steps(
     assert whole.metrics or whole.verdict == "not possible"
     assert [metric.key for metric in whole.metrics] == [metric.key for metric in half.metrics]
     changes = {}
-    for one, other in zip(whole.metrics, half.metrics, strict=True):
-        changes[one.key] = one.change(other)
-        scale = "" if one.scale is None else f" of {one.scale:.4g}"
-        note(one.key, f"{one.value} {other.value} {one.unit}, {100.0 * changes[one.key]:.3f} %{scale}")
+    for at_full_step, at_half_step in zip(whole.metrics, half.metrics, strict=True):
+        changes[at_full_step.key] = at_full_step.change(at_half_step)
+        scale = "" if at_full_step.scale is None else f" of {at_full_step.scale:.4g}"
+        note(
+            at_full_step.key,
+            f"{at_full_step.value} {at_half_step.value} {at_full_step.unit}, "
+            f"{100.0 * changes[at_full_step.key]:.3f} %{scale}",
+        )
     assert {key: change for key, change in changes.items() if change >= 0.01} == {}
 
 
@@ -250,12 +254,12 @@ def test_figures_do_not_depend_on_the_time_step(record_property, name, vehicle, 
 
 
 def test_a_change_is_measured_by_the_value_or_by_the_scale():
-    one, other = Metric("a", "", 2.0, "m"), Metric("a", "", 1.99, "m")
-    assert one.change(other) == pytest.approx(0.005)
-    assert one.change(one) == 0.0
+    first, second = Metric("a", "", 2.0, "m"), Metric("a", "", 1.99, "m")
+    assert first.change(second) == pytest.approx(0.005)
+    assert first.change(first) == 0.0
     assert Metric("a", "", 0.02, "m", scale=2.0).change(Metric("a", "", 0.01, "m", scale=2.0)) == pytest.approx(0.005)
     assert Metric("a", "", None, "m").change(Metric("a", "", None, "m")) == 0.0
-    assert Metric("a", "", None, "m").change(one) == math.inf
+    assert Metric("a", "", None, "m").change(first) == math.inf
 
 
 # --- every manoeuvre, every vehicle -----------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ def _drive(tmp_path, *arguments):
 
 
 def _figures(results, name):
-    manoeuvre = next(one for one in results["manoeuvres"] if one["name"] == name)
+    manoeuvre = next(entry for entry in results["manoeuvres"] if entry["name"] == name)
     return {key: entry["value"] for key, entry in manoeuvre["metrics"].items()}
 
 

@@ -27,8 +27,8 @@ def furnish(plant: MultibodyPlant) -> None:
         "prop/drum/0": (Cylinder(0.4, 1.1), [1.7, 6.0, 2.8], 0.0, [0.8, 0.2, 0.1, 1.0]),
         "prop/pane/0": (Box(0.4, 0.01, 0.4), [1.0, 5.0, 3.6], 0.0, [0.1, 0.2, 0.9, 0.5]),  # seen through
     }
-    for name, (shape, at, yaw, rgba) in things.items():
-        X_WG = RigidTransform(RollPitchYaw(0.1, 0.0, yaw), at)
+    for name, (shape, position, yaw, rgba) in things.items():
+        X_WG = RigidTransform(RollPitchYaw(0.1, 0.0, yaw), position)
         plant.RegisterVisualGeometry(plant.world_body(), X_WG, shape, name, rgba)
 
 
@@ -118,7 +118,10 @@ def test_rays_and_labels_tell_merged_things_apart(tmp_path: Any) -> None:
     assembly = assemble(spec)
     scene_graph = assembly.parts.scene_graph
     inspector = scene_graph.model_inspector()
-    names = [inspector.GetName(one) for one in inspector.GetGeometries(inspector.world_frame_id(), Role.kPerception)]
+    names = [
+        inspector.GetName(geometry)
+        for geometry in inspector.GetGeometries(inspector.world_frame_id(), Role.kPerception)
+    ]
     assert names.count(merging.NAME) == 1
     things = RayWorld(assembly.parts.plant, scene_graph).things
     assert {"prop/box", "prop/cylinder"} <= set(things)
@@ -138,7 +141,10 @@ def test_a_single_thing_is_left_alone(tmp_path: Any) -> None:
     path.write_text("\n".join(line for line in WORLD.splitlines() if "cylinder" not in line), encoding="utf-8")
     assembly = assemble(diagram(world=str(path)))
     inspector = assembly.parts.scene_graph.model_inspector()
-    names = [inspector.GetName(one) for one in inspector.GetGeometries(inspector.world_frame_id(), Role.kPerception)]
+    names = [
+        inspector.GetName(geometry)
+        for geometry in inspector.GetGeometries(inspector.world_frame_id(), Role.kPerception)
+    ]
     assert merging.NAME not in names
     camera = assembly.diagram.GetSubsystemByName("ego.front_camera")
     colors = camera.look(assembly.make_context())["color"].astype(int)

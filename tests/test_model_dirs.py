@@ -34,9 +34,9 @@ def folder(request: pytest.FixtureRequest) -> Path:
 
 
 def test_a_model_folder_holds_these_files_and_no_others(folder: Path) -> None:
-    found = {path.name for path in folder.iterdir() if path.name != "__pycache__"}
-    assert found >= FILES
-    more = found - FILES - {"variants", "published_figures.yaml"}
+    present = {path.name for path in folder.iterdir() if path.name != "__pycache__"}
+    assert present >= FILES
+    more = present - FILES - {"variants", "published_figures.yaml"}
     assert all(name.endswith(".xacro") for name in more), more  # what the variants include
 
 

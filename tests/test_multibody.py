@@ -56,11 +56,11 @@ def escort() -> Any:
 def test_tyre_forces_equal_those_of_the_package(escort):
     p, t = parse_tir(write_tir(tyre(escort))).parameters, escort.tire
     for kappa, alpha, load, gamma in SLIPS.tolist():
-        lean = math.sin(gamma)  # Magic Formula 6.1 has the sine of the camber angle
+        sine_of_camber = math.sin(gamma)  # Magic Formula 6.1 has the sine of the camber angle
         pure_x = theirs.formula_longitudinal(-kappa, gamma, load, t)
-        pure_y, mu = theirs.formula_lateral(alpha, lean, load, t)
+        pure_y, mu = theirs.formula_lateral(alpha, sine_of_camber, load, t)
         fx = theirs.formula_longitudinal_comb(kappa, alpha, pure_x, t)
-        fy = theirs.formula_lateral_comb(kappa, alpha, lean, mu, load, pure_y, t)
+        fy = theirs.formula_lateral_comb(kappa, alpha, sine_of_camber, mu, load, pure_y, t)
         ours = magic_formula(p, kappa, alpha, load, vx=20.0, gamma=gamma)
         assert (ours.fx, ours.fy) == pytest.approx((fx, fy), rel=1e-6, abs=1e-6 * load)
 
@@ -109,21 +109,21 @@ def test_what_is_derived_of_the_parameters():
     front, rear = load_ratios(p)
     assert front < 1.0 < rear
     assert front * p.m * p.b + rear * p.m * p.a == pytest.approx((p.m_s + p.m_uf + p.m_ur) * (p.a + p.b))
-    assert all(0.5 < lean < 1.0 for lean in camber_by_roll(p))
+    assert all(0.5 < gain < 1.0 for gain in camber_by_roll(p))
 
 
 def test_tyres_have_spring_and_damper_of_the_axles_where_slip_is_felt_there(tmp_path):
     p = car("VW Vanagon")
-    found = {}
+    results = {}
     for kind in KINDS:
         vehicle = load_vehicle(str(write_car(tmp_path / kind, p, kind=kind)))
         springs = {read_tir(vehicle.folder / f"{axle}.tir").parameters.lateral_stiffness for axle in ("front", "rear")}
         tyres = vehicle.spec.tyres
         assert isinstance(tyres, MagicFormulaTyres)
-        found[kind] = (*springs, tyres.lateral_damping)
+        results[kind] = (*springs, tyres.lateral_damping)
         assert tyres.rolling_ratio == 1.0  # R_w, whatever the load
-    assert found["published"] == (STIFF, 0.0)
-    assert found["slip_only"] == found["wheel_slip"] == pytest.approx((0.5 * p.K_ras, 0.5 * p.K_rad))
+    assert results["published"] == (STIFF, 0.0)
+    assert results["slip_only"] == results["wheel_slip"] == pytest.approx((0.5 * p.K_ras, 0.5 * p.K_rad))
 
 
 # --- the manoeuvres ----------------------------------------------------------------------------------------------
@@ -175,9 +175,9 @@ def test_full_model_follows_the_package(name, steering, tmp_path):
 
     at_wheels, at_body = ours("wheel_slip"), ours("published")
     for kind, expected in zip(KINDS, FITS[name, steering], strict=True):
-        found = fits(reference_trace(name, steer, kind=kind), at_body if kind == "published" else at_wheels)
-        assert found == pytest.approx(expected, abs=0.3), kind
-        assert min(found) > 90.0 or kind == "published"
+        fit_percent = fits(reference_trace(name, steer, kind=kind), at_body if kind == "published" else at_wheels)
+        assert fit_percent == pytest.approx(expected, abs=0.3), kind
+        assert min(fit_percent) > 90.0 or kind == "published"
 
 
 @pytest.mark.slow
@@ -211,9 +211,9 @@ def _reduced(folder: Path, name: str, steering: str) -> tuple[float, float]:
 )
 @pytest.mark.parametrize("name", CARS)
 def test_reduced_model_follows_the_package_as_published_up_to_1_5_hz(name, steering, yaw, side, tmp_path):
-    found = _reduced(tmp_path, name, steering)
-    assert found[0] > yaw
-    assert found[1] > side
+    fit_percent = _reduced(tmp_path, name, steering)
+    assert fit_percent[0] > yaw
+    assert fit_percent[1] > side
 
 
 @pytest.mark.slow

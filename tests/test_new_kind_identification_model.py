@@ -90,7 +90,7 @@ def test_a_registered_model_is_identified_from_a_study(tmp_path):
     assert result.fit["gain"].value == pytest.approx(8.0, rel=0.02)
     assert result.fit["time_constant"].value == pytest.approx(0.7, abs=0.05)
     assert result.fit.channel("speed").nrmse_percent > 90.0
-    assert {one.verdict for one in result.fit.free} == {"identified"}
+    assert {parameter.verdict for parameter in result.fit.free} == {"identified"}
 
 
 def test_its_options_and_values_of_a_vehicle_are_its_own(tmp_path):

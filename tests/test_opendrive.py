@@ -56,9 +56,9 @@ def read(
     return read_opendrive(file, road=choice, lane=lane)
 
 
-def track_of(found: OpenDriveRoad) -> Track:
-    track = Track(found.pieces, start=found.start, closed=found.closed, edges=found.edges)
-    assert track.length == pytest.approx(found.length)
+def track_of(road_read: OpenDriveRoad) -> Track:
+    track = Track(road_read.pieces, start=road_read.start, closed=road_read.closed, edges=road_read.edges)
+    assert track.length == pytest.approx(road_read.length)
     return track
 
 
@@ -84,26 +84,26 @@ BEND = [Piece(50.0, 0.0, 0.0), Piece(30.0, 0.0, 1 / 40), Piece(25.0, 1 / 40, 1 /
 
 
 def test_lines_arcs_and_spirals_are_read_exactly(tmp_path: Path):
-    found = read(tmp_path, road(plan(BEND, (100.0, -20.0, 0.5))))
-    assert found.pieces == BEND
-    assert found.start == (100.0, -20.0, 0.5)
-    assert (found.closed, found.name, found.length) == (False, "1", 135.0)
-    assert (set(found.left.tolist()), set(found.right.tolist())) == ({3.0}, {4.0})
-    assert found.left_out == ["lanes other than 'driving', unless they are between: sidewalk"]
+    road_read = read(tmp_path, road(plan(BEND, (100.0, -20.0, 0.5))))
+    assert road_read.pieces == BEND
+    assert road_read.start == (100.0, -20.0, 0.5)
+    assert (road_read.closed, road_read.name, road_read.length) == (False, "1", 135.0)
+    assert (set(road_read.left.tolist()), set(road_read.right.tolist())) == ({3.0}, {4.0})
+    assert road_read.left_out == ["lanes other than 'driving', unless they are between: sidewalk"]
 
 
 def test_a_spiral_ends_where_the_fresnel_integrals_say(tmp_path: Path):
-    found = read(tmp_path, road(geometry((0.0, 0.0, 0.0), 30.0, '<spiral curvStart="0" curvEnd="0.05"/>')))
+    road_read = read(tmp_path, road(geometry((0.0, 0.0, 0.0), 30.0, '<spiral curvStart="0" curvEnd="0.05"/>')))
     scale = math.sqrt(math.pi * 20.0 * 30.0)
     sine, cosine = fresnel(30.0 / scale)
-    assert track_of(found).pose_at(30.0) == pytest.approx((scale * cosine, scale * sine, 30.0 / 40.0), abs=1e-9)
+    assert track_of(road_read).pose_at(30.0) == pytest.approx((scale * cosine, scale * sine, 30.0 / 40.0), abs=1e-9)
 
 
 def test_a_ring_of_arcs_is_closed(tmp_path: Path):
     quarter = Piece(10.0 * math.pi, 1 / 20, 1 / 20)
-    found = read(tmp_path, road(plan([quarter] * 4)))
-    assert found.closed
-    track = track_of(found)
+    road_read = read(tmp_path, road(plan([quarter] * 4)))
+    assert road_read.closed
+    track = track_of(road_read)
     assert track.length == pytest.approx(40.0 * math.pi, rel=1e-12)
     assert shapely.area(track.area) == pytest.approx(math.pi * (24.0**2 - 17.0**2), rel=1e-4)
 
@@ -113,16 +113,16 @@ POLY3 = '<poly3 a="0" b="0" c="0.004" d="-2e-5"/>'
 
 def test_a_poly3_is_followed_within_a_millimetre(tmp_path: Path):
     length = quad(lambda u: math.hypot(1.0, 0.008 * u - 6e-5 * u * u), 0.0, 80.0)[0]
-    found = read(tmp_path, road(geometry((5.0, 6.0, 0.3), length, POLY3)))
-    track = track_of(found)
+    road_read = read(tmp_path, road(geometry((5.0, 6.0, 0.3), length, POLY3)))
+    track = track_of(road_read)
     assert track.length == pytest.approx(length, rel=1e-6)
     u = np.linspace(0.0, 80.0, 500)
     v = 0.004 * u**2 - 2e-5 * u**3
     x, y = 5.0 + u * math.cos(0.3) - v * math.sin(0.3), 6.0 + u * math.sin(0.3) + v * math.cos(0.3)
     assert np.abs(track.project(x, y)[1]).max() < 3e-4
     assert track.pose_at(track.length)[:2] == pytest.approx((x[-1], y[-1]), abs=2e-3)
-    assert all(a.end_curvature == b.start_curvature for a, b in itertools.pairwise(found.pieces))
-    assert found.left_out[-1] == "reference line: fitted within 0.2 mm (poly3)"
+    assert all(a.end_curvature == b.start_curvature for a, b in itertools.pairwise(road_read.pieces))
+    assert road_read.left_out[-1] == "reference line: fitted within 0.2 mm (poly3)"
 
 
 @pytest.mark.parametrize("span", ['pRange="normalized"', 'pRange="arcLength"', ""])
@@ -147,10 +147,10 @@ def test_a_parampoly3_of_either_range_is_followed_within_a_millimetre(tmp_path: 
 def test_geometries_that_nearly_meet_are_smoothed_over(tmp_path: Path):
     first = geometry((0.0, 0.0, 0.0), 50.0, LINE)
     second = geometry((50.02, 0.01, 0.001), 20.0 * math.pi, '<arc curvature="0.025"/>', s=50.0)
-    found = read(tmp_path, road(first + second))
-    assert found.left_out[-1] == "reference line: fitted within 0.2 mm (gaps of up to 0.022 m and 0.057 deg)"
-    assert found.length == pytest.approx(50.0 + 20.0 * math.pi, abs=0.03)
-    assert track_of(found).folds() is None
+    road_read = read(tmp_path, road(first + second))
+    assert road_read.left_out[-1] == "reference line: fitted within 0.2 mm (gaps of up to 0.022 m and 0.057 deg)"
+    assert road_read.length == pytest.approx(50.0 + 20.0 * math.pi, abs=0.03)
+    assert track_of(road_read).folds() is None
 
 
 def test_geometries_of_zero_length_are_skipped(tmp_path: Path):
@@ -182,8 +182,8 @@ def test_cubic_widths_and_offsets_become_edges(tmp_path: Path):
         (-2, "driving", width(2.0)),  # farther out than -1, but listed first
         (-1, "driving", width(3.0)),
     )
-    found = read(tmp_path, road(STRAIGHT, lanes=lanes))
-    track = track_of(found)
+    road_read = read(tmp_path, road(STRAIGHT, lanes=lanes))
+    track = track_of(road_read)
     s = np.array([0.0, 10.0, 30.0, 45.0, 59.0, 61.0, 100.0])
     offset = 0.5 + 0.01 * np.maximum(s - 60.0, 0.0)
     u = np.clip(s - 20.0, 0.0, 40.0)
@@ -200,9 +200,9 @@ def test_a_lane_between_driving_lanes_belongs_to_the_road(tmp_path: Path):
         (4, "shoulder", width(2.0)),
         (-1, "driving", width(3.0)),
     )
-    found = read(tmp_path, road(STRAIGHT, lanes=lanes))
-    assert set(found.left.tolist()) == {7.0}
-    assert found.left_out == ["lanes other than 'driving', unless they are between: median, shoulder"]
+    road_read = read(tmp_path, road(STRAIGHT, lanes=lanes))
+    assert set(road_read.left.tolist()) == {7.0}
+    assert road_read.left_out == ["lanes other than 'driving', unless they are between: median, shoulder"]
 
 
 def test_borders_say_where_a_lane_ends(tmp_path: Path):
@@ -215,8 +215,8 @@ def test_borders_say_where_a_lane_ends(tmp_path: Path):
     track = track_of(read(tmp_path, road(STRAIGHT, lanes=lanes)))
     assert track.left_width([0.0, 100.0]).tolist() == pytest.approx([6.0, 6.0])
     assert track.right_width([0.0, 100.0]).tolist() == pytest.approx([5.0, 5.0])
-    one = track_of(read(tmp_path, road(STRAIGHT, lanes=lanes), lane="1"))
-    assert one.width == pytest.approx(4.0, abs=1e-6)
+    lane_track = track_of(read(tmp_path, road(STRAIGHT, lanes=lanes), lane="1"))
+    assert lane_track.width == pytest.approx(4.0, abs=1e-6)
 
 
 def test_a_lane_that_begins_along_the_road_widens_it_within_ten_centimetres(tmp_path: Path):
@@ -237,12 +237,12 @@ def test_sections_for_one_side_leave_the_other_as_it_is(tmp_path: Path):
 
 def test_the_centre_line_moves_onto_lanes_on_one_side(tmp_path: Path):
     arc = [Piece(50.0, 0.0, 0.0), Piece(20.0 * math.pi, 1 / 40, 1 / 40)]
-    found = read(tmp_path, road(plan(arc, (0.0, 0.0, math.pi / 2)), lanes=RIGHT_LANE))
-    assert found.start == pytest.approx((1.75, 0.0, math.pi / 2))
-    assert found.pieces[1] == pytest.approx((20.0 * math.pi * 41.75 / 40, 1 / 41.75, 1 / 41.75))
-    assert found.left.tolist() == pytest.approx([1.75] * len(found.s))
-    assert found.s[-1] == pytest.approx(found.length)
-    assert found.left_out == [
+    road_read = read(tmp_path, road(plan(arc, (0.0, 0.0, math.pi / 2)), lanes=RIGHT_LANE))
+    assert road_read.start == pytest.approx((1.75, 0.0, math.pi / 2))
+    assert road_read.pieces[1] == pytest.approx((20.0 * math.pi * 41.75 / 40, 1 / 41.75, 1 / 41.75))
+    assert road_read.left.tolist() == pytest.approx([1.75] * len(road_read.s))
+    assert road_read.s[-1] == pytest.approx(road_read.length)
+    assert road_read.left_out == [
         "reference line: not within the lanes 'driving'; the centre line is moved -1.75 m to the left"
     ]
     spiral = track_of(read(tmp_path, road(plan(BEND), lanes=RIGHT_LANE)))
@@ -253,19 +253,19 @@ def test_the_centre_line_moves_onto_lanes_on_one_side(tmp_path: Path):
 
 def test_lanes_that_wander_are_followed_in_their_middle(tmp_path: Path):
     lanes = widths((-1, "none", width(0.0, 0.1)), (-2, "driving", width(4.0)))
-    found = read(tmp_path, road(STRAIGHT, lanes=lanes))
-    assert found.left_out[1].endswith("'driving'; the centre line is moved to the middle of the lanes")
-    track = track_of(found)
+    road_read = read(tmp_path, road(STRAIGHT, lanes=lanes))
+    assert road_read.left_out[1].endswith("'driving'; the centre line is moved to the middle of the lanes")
+    track = track_of(road_read)
     assert track.pose_at(0.0) == pytest.approx((0.0, -2.0, -math.atan(0.1)), abs=2e-3)
     assert track.length == pytest.approx(math.hypot(100.0, 10.0), abs=1e-3)
 
 
 def test_lanes_of_zero_width_get_a_centimetre(tmp_path: Path):
     lanes = widths((1, "driving", width(0.0, 0.03)), (-1, "none", width(1.0)))
-    found = read(tmp_path, road(STRAIGHT, lanes=lanes))
-    assert found.left.min() == 0.01
-    assert "widths below 0.01 m to one side: made 0.01 m" in found.left_out
-    assert track_of(found).width == pytest.approx(3.0, abs=0.02)
+    road_read = read(tmp_path, road(STRAIGHT, lanes=lanes))
+    assert road_read.left.min() == 0.01
+    assert "widths below 0.01 m to one side: made 0.01 m" in road_read.left_out
+    assert track_of(road_read).width == pytest.approx(3.0, abs=0.02)
 
 
 # --- chains -------------------------------------------------------------------------------------------------------
@@ -286,11 +286,11 @@ def test_roads_are_joined_by_their_links_whichever_way_they_run(tmp_path: Path):
     back, start = reverse(tail, middle)
     text = road(plan(back, start), key="b", link=link("successor", "a", "end"))
     text += road(plan(BEND, (10.0, 0.0, 0.0)), key="a", link=link("successor", "b", "end"))
-    found = read(tmp_path, text, choice="a, b")
-    assert np.array(found.pieces) == pytest.approx(np.array(BEND + tail), abs=1e-12)
-    assert found.start == (10.0, 0.0, 0.0)
-    assert found.name == "a .. b"
-    track = track_of(found)
+    road_read = read(tmp_path, text, choice="a, b")
+    assert np.array(road_read.pieces) == pytest.approx(np.array(BEND + tail), abs=1e-12)
+    assert road_read.start == (10.0, 0.0, 0.0)
+    assert road_read.name == "a .. b"
+    track = track_of(road_read)
     assert track.left_width([10.0, 160.0]).tolist() == pytest.approx([3.0, 4.0])  # b's lanes change sides
     assert track.right_width([10.0, 160.0]).tolist() == pytest.approx([4.0, 3.0])
     assert {p.length for p in read(tmp_path, text).pieces} == {p.length for p in BEND + tail}
@@ -311,11 +311,11 @@ def test_four_roads_in_any_order_are_one_ring(tmp_path: Path, order: tuple[str, 
         )
         for i, key in enumerate("abcd")
     }
-    found = read(tmp_path, "".join(texts[key] for key in order))
-    assert found.closed
-    assert found.length == pytest.approx(4 * (30.0 + 5.0 * math.pi))
-    assert found.start == pytest.approx(poses["abcd".index(order[0])])
-    track = track_of(found)
+    road_read = read(tmp_path, "".join(texts[key] for key in order))
+    assert road_read.closed
+    assert road_read.length == pytest.approx(4 * (30.0 + 5.0 * math.pi))
+    assert road_read.start == pytest.approx(poses["abcd".index(order[0])])
+    track = track_of(road_read)
     assert track.gap == pytest.approx((0.0, 0.0), abs=1e-9)
     assert shapely.area(track.area) == pytest.approx(120.0 * 7.0 + math.pi * (14.0**2 - 7.0**2), rel=1e-4)
 
@@ -327,19 +327,19 @@ def test_two_roads_that_meet_at_both_ends_are_a_ring(tmp_path: Path):
         link("predecessor", "1", "end") + link("successor", "1"),
     )
     text = road(plan([half]), key="1", link=both[0]) + road(plan([half], (0.0, 40.0, math.pi)), key="2", link=both[1])
-    found = read(tmp_path, text)
-    assert found.closed
-    assert found.pieces == [half, half]
-    assert found.start == (0.0, 0.0, 0.0)
+    road_read = read(tmp_path, text)
+    assert road_read.closed
+    assert road_read.pieces == [half, half]
+    assert road_read.start == (0.0, 0.0, 0.0)
 
 
 def test_a_step_in_width_where_a_ring_closes_is_spread(tmp_path: Path):
     lanes = widths((1, "driving", width(3.0)), (-1, "driving", width(3.0, 0.01)))
-    found = read(tmp_path, road(plan([Piece(40.0 * math.pi, 1 / 20, 1 / 20)]), lanes=lanes))
-    assert found.closed
-    assert found.right[0] == found.right[-1] == pytest.approx(3.0)
-    assert found.right[-2] == pytest.approx(3.0 + 0.4 * math.pi, abs=0.02)
-    track_of(found)
+    road_read = read(tmp_path, road(plan([Piece(40.0 * math.pi, 1 / 20, 1 / 20)]), lanes=lanes))
+    assert road_read.closed
+    assert road_read.right[0] == road_read.right[-1] == pytest.approx(3.0)
+    assert road_read.right[-2] == pytest.approx(3.0 + 0.4 * math.pi, abs=0.02)
+    track_of(road_read)
 
 
 def test_a_road_through_a_junction_is_joined_when_it_is_named(tmp_path: Path):
@@ -347,17 +347,17 @@ def test_a_road_through_a_junction_is_joined_when_it_is_named(tmp_path: Path):
         plan([Piece(30.0, 0.0, 0.0)], (20.0, 0.0, 0.0)), key="7", junction="3"
     )
     assert read(tmp_path, text).length == 20.0  # the only road outside junctions
-    found = read(tmp_path, text, choice="1,7", more='<junction id="3" name="crossing"/>')
-    assert found.length == 50.0
-    assert "junctions: 1" in found.left_out
+    road_read = read(tmp_path, text, choice="1,7", more='<junction id="3" name="crossing"/>')
+    assert road_read.length == 50.0
+    assert "junctions: 1" in road_read.left_out
 
 
 def test_omissions_are_listed(tmp_path: Path):
     more = """<elevationProfile><elevation s="0" a="1.5" b="0" c="0" d="0"/></elevationProfile>
     <objects><object id="1"/><object id="2"/></objects><signals><signal id="1"/></signals>"""
     text = road(STRAIGHT, more=more, lanes=TWO_LANES.replace("<left>", '<left><roadMark type="solid"/>', 1))
-    found = read(tmp_path, text + road(STRAIGHT, key="9"), choice="1", more='<junction id="5"/>')
-    assert found.left_out == [
+    road_read = read(tmp_path, text + road(STRAIGHT, key="9"), choice="1", more='<junction id="5"/>')
+    assert road_read.left_out == [
         "heights and slopes: the road is flat",
         "other roads: 1",
         "signals: 1",
@@ -381,12 +381,12 @@ parts = st.lists(st.builds(Piece, st.floats(1.0, 60.0), curvatures, curvatures),
 def test_any_pieces_survive_the_way_through_a_file(
     tmp_path_factory: pytest.TempPathFactory, pieces: list[Piece], x: float, yaw: float
 ):
-    found = read(tmp_path_factory.getbasetemp(), road(plan(pieces, (x, 0.0, yaw))))
-    if found.closed:
+    road_read = read(tmp_path_factory.getbasetemp(), road(plan(pieces, (x, 0.0, yaw))))
+    if road_read.closed:
         return
-    assert found.pieces == pieces
-    assert found.start == (x, 0.0, yaw)
-    track_of(found)
+    assert road_read.pieces == pieces
+    assert road_read.start == (x, 0.0, yaw)
+    track_of(road_read)
 
 
 def test_a_long_road_is_read_quickly(tmp_path: Path):
@@ -407,7 +407,7 @@ KINK = geometry((0.0, 0.0, 0.0), 50.0, LINE) + geometry((50.0, 0.0, 1.5), 50.0, 
 
 
 @pytest.mark.parametrize(
-    ("roads", "options", "says"),
+    ("roads", "options", "expected"),
     [
         ("", {}, "road.xodr:2: contains no road"),
         (road(""), {}, "road.xodr:4: road '1' has no <geometry> of any length in <planView>"),
@@ -469,13 +469,13 @@ KINK = geometry((0.0, 0.0, 0.0), 50.0, LINE) + geometry((50.0, 0.0, 1.5), 50.0, 
     ],
 )
 def test_faults_are_reported_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, roads: str, options: dict[str, str], says: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, roads: str, options: dict[str, str], expected: str
 ):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError) as caught:
         read(tmp_path, roads, **options)
     message = str(caught.value)
-    assert says in message
+    assert expected in message
     assert message.startswith("road.xodr:")
     assert "\n" not in message
 
@@ -498,13 +498,13 @@ def test_files_that_are_not_opendrive_are_reported_in_one_line(tmp_path: Path, m
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=r"^none\.xodr: No such file or directory$"):
         read_opendrive("none.xodr")
-    for text, says in (
+    for text, expected in (
         ("<sdf/>", r"a\.xodr:1: <sdf> is not OpenDRIVE, whose root is <OpenDRIVE>"),
         ("", r"a\.xodr:1: not valid XML: no element found"),
         ('<?xml version="1.0" encoding="nobody-knows"?><OpenDRIVE/>', r"a\.xodr(:1)?: not valid XML: unknown encoding"),
     ):
         Path("a.xodr").write_text(text)
-        with pytest.raises(ConfigError, match=f"^{says}"):
+        with pytest.raises(ConfigError, match=f"^{expected}"):
             read_opendrive("a.xodr")
     with Path("a.xodr").open("wb") as file:
         file.truncate(100_000_001)

@@ -287,20 +287,20 @@ def test_projection_finds_arc_length_and_offset_of_a_point_set_beside_the_track(
     tables = PathTables(make_centre_line(track))
     for s in np.linspace(0.05, track.length - 0.05, 57):
         x, y, yaw = track.pose(s)
-        place = tables.project(x - lateral * math.sin(yaw), y + lateral * math.cos(yaw), near=s - 1.0)
-        assert place is not None
-        assert place.s == pytest.approx(s, abs=2e-3)  # intervals with a corner's kink are off by a little
-        assert place.lateral == pytest.approx(lateral, abs=2e-4)
+        projection = tables.project(x - lateral * math.sin(yaw), y + lateral * math.cos(yaw), near=s - 1.0)
+        assert projection is not None
+        assert projection.s == pytest.approx(s, abs=2e-3)  # intervals with a corner's kink are off by a little
+        assert projection.lateral == pytest.approx(lateral, abs=2e-4)
 
 
 def test_projection_on_a_circle_is_exact_and_wraps_at_the_start_line():
     tables = PathTables(make_centre_line(make_circle(10.0)))
     x, y = 10.5 * math.sin(-0.01), 10.0 - 10.5 * math.cos(-0.01)  # 0.1 m before the start, 0.5 m to the right
-    place = tables.project(x, y, near=0.2)
-    assert place is not None
-    assert place.s == pytest.approx(2.0 * math.pi * 10.0 - 0.1, abs=1e-6)
-    assert place.lateral == pytest.approx(-0.5, abs=1e-9)
-    assert place.curvature == pytest.approx(0.1, rel=1e-9)
+    projection = tables.project(x, y, near=0.2)
+    assert projection is not None
+    assert projection.s == pytest.approx(2.0 * math.pi * 10.0 - 0.1, abs=1e-6)
+    assert projection.lateral == pytest.approx(-0.5, abs=1e-9)
+    assert projection.curvature == pytest.approx(0.1, rel=1e-9)
 
 
 # --- driving --------------------------------------------------------------------------------------------------------

@@ -108,14 +108,14 @@ def test_a_name_that_no_file_can_have_is_an_ordinary_mistake(name: str) -> None:
 
 
 def test_hidden_vehicles_worlds_and_props_have_no_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for place in ("models/.car.123", "models/props/.cone", "worlds"):
-        (tmp_path / place).mkdir(parents=True)
+    for name in ("models/.car.123", "models/props/.cone", "worlds"):
+        (tmp_path / name).mkdir(parents=True)
     (tmp_path / "models/.car.123/vehicle.yaml").touch()
     (tmp_path / "models/props/.cone/prop.yaml").touch()
     (tmp_path / "worlds/.half.yaml").touch()
     monkeypatch.setenv("MIRDRAKE_PATH", str(tmp_path))
-    for found in (paths.names("models"), paths.names("worlds"), prop_names()):
-        assert not any(tmp_path in path.parents for path in found.values())
+    for names in (paths.names("models"), paths.names("worlds"), prop_names()):
+        assert not any(tmp_path in path.parents for path in names.values())
 
 
 @pytest.mark.parametrize(("given", "below"), [("", ".cache"), ("relative", ".cache"), ("{tmp}/own", "own")])

@@ -129,15 +129,15 @@ def test_pedals_leave_the_wheels_to_the_tyres_and_carry_the_rotor(bolt):
     plant, control = unit_of(bolt)
     assert control.HasOutputPort("pedals")
     rotor = 0.5 * 0.04 * 7.05**2
-    found = {}
+    results = {}
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
         if "wheel" in actuator.name():
             assert not actuator.has_controller()
-            found[actuator.joint().name()] = actuator.default_rotor_inertia()
-    driven = [value for name, value in found.items() if name.startswith("front")]
+            results[actuator.joint().name()] = actuator.default_rotor_inertia()
+    driven = [value for name, value in results.items() if name.startswith("front")]
     assert driven == pytest.approx([rotor, rotor])
-    assert sum(found.values()) == pytest.approx(2.0 * rotor)
+    assert sum(results.values()) == pytest.approx(2.0 * rotor)
 
 
 # --- files and wiring --------------------------------------------------------------------------------------------

@@ -49,8 +49,8 @@ def test_two_vehicles_of_one_model_keep_their_own_joints_and_actuators():
     bolt = load_vehicle("bolt")
     parts = make_plant(builder, load_world("empty"), {"first": bolt, "second": bolt})
     first, second = parts.vehicles["first"], parts.vehicles["second"]
-    for one, other in zip(first.wheel_actuators, second.wheel_actuators, strict=True):
-        assert one.model_instance() == first.instance
+    for actuator, other in zip(first.wheel_actuators, second.wheel_actuators, strict=True):
+        assert actuator.model_instance() == first.instance
         assert other.model_instance() == second.instance
     assert {joint.model_instance() for joint in second.steering} == {second.instance}
     assert set(first.tyres).isdisjoint(second.tyres)

@@ -219,21 +219,21 @@ def test_a_diagram_changes_keys_of_a_mount():
 
 
 @pytest.mark.parametrize(
-    ("mounts", "told"),
+    ("mounts", "expected"),
     [
         ({"front_camra": {"rate": 25}}, "mounts.front_camra: no sensor 'front_camra' is mounted; did you mean 'fro"),
         ({"front_camera": {"rate": 0}}, "mounts.front_camera.rate: "),
         ({"front_camera": {"rat": 1}}, "mounts.front_camera.rat: unknown field; did you mean 'rate'"),
     ],
 )  # fmt: skip
-def test_a_change_of_a_mount_is_checked_where_it_stands(tmp_path, mounts, told):
+def test_a_change_of_a_mount_is_checked_where_it_stands(tmp_path, mounts, expected):
     path = tmp_path / "drive.yaml"
     text = f"world: empty\nvehicles:\n  ego:\n    model: bolt\n    mounts: {json.dumps(mounts)}\n"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
         assemble(load_diagram(str(path)))
     assert "drive.yaml:5: vehicles.ego." in str(caught.value)
-    assert told in str(caught.value)
+    assert expected in str(caught.value)
 
 
 # --- a preset over a mount --------------------------------------------------------------------------------------------

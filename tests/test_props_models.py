@@ -120,8 +120,8 @@ def test_what_is_seen_fills_the_box_above_the_ground(name: str) -> None:
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_sizes_are_the_published_ones(name: str) -> None:
-    for found, published in zip(spec_of(name)["size"], PUBLISHED[name], strict=True):
-        assert published is None or found == pytest.approx(published, abs=0.005)
+    for measured, published in zip(spec_of(name)["size"], PUBLISHED[name], strict=True):
+        assert published is None or measured == pytest.approx(published, abs=0.005)
 
 
 @pytest.mark.parametrize("name", sorted(LONG_ALONG_X))

@@ -95,10 +95,10 @@ def test_a_wall_is_seen_from_any_direction_also_across_the_backward_one():
         angles = np.linspace(-math.pi, math.pi, 721)
         seen = scan([[-3.0, -5.0, -3.0, 4.0]], 0.0, 0.0, yaw, angles)
         bearing = angles + yaw
-        at = -3.0 * np.tan(bearing)
-        hit = (np.cos(bearing) < 0.0) & (at > -5.0 + EXACT) & (at < 4.0 - EXACT)
+        distance = -3.0 * np.tan(bearing)
+        hit = (np.cos(bearing) < 0.0) & (distance > -5.0 + EXACT) & (distance < 4.0 - EXACT)
         np.testing.assert_allclose(seen[hit], (-3.0 / np.cos(bearing))[hit], atol=EXACT, rtol=0)
-        assert np.isinf(seen[(np.cos(bearing) > 0.0) | (at < -5.0 - EXACT) | (at > 4.0 + EXACT)]).all()
+        assert np.isinf(seen[(np.cos(bearing) > 0.0) | (distance < -5.0 - EXACT) | (distance > 4.0 + EXACT)]).all()
 
 
 def test_beams_may_come_in_any_order_and_beyond_a_turn():
@@ -173,7 +173,7 @@ def test_a_crowd_is_seen_as_without_shortcuts(static, fan):
         (*generator.uniform(4.0, 40.0, 2) * generator.choice([-1, 1], 2), *generator.uniform(-4, 4, 1))
         for _ in range(60)
     ]
-    props = [put(shapes[i % 3], *place, name=f"p[{i}]", static=static) for i, place in enumerate(places)]
+    props = [put(shapes[i % 3], *position, name=f"p[{i}]", static=static) for i, position in enumerate(places)]
     system = make_scan(*props, beams=beams, start_angle=start, end_angle=end)
     for yaw in (0.0, 0.9, -2.5):
         x, y = 3.64 * math.cos(yaw), 3.64 * math.sin(yaw)

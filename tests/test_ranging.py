@@ -34,10 +34,10 @@ MILLIMETRE = 1e-3
 TILTED = RigidTransform(RollPitchYaw(0.3, -0.4, 1.1), [6.0, -2.0, 1.5])
 
 
-def _towards(place: np.ndarray, spread: float, count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
+def _towards(target: np.ndarray, spread: float, count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
     """A start (3) and directions (n, 3) around the one to a place."""
     generator, start = np.random.default_rng(5), np.array([-3.0, 1.0, 0.5])
-    directions = place - start + spread * generator.uniform(-1.0, 1.0, (count, 3))
+    directions = target - start + spread * generator.uniform(-1.0, 1.0, (count, 3))
     return start, directions / np.linalg.norm(directions, axis=1)[:, None]
 
 
@@ -99,13 +99,13 @@ def test_every_ray_is_within_a_millimetre_of_the_formula(shape, formula, far_awa
     room.put(shape, X_WG)
     start, directions = _towards(TILTED.translation(), 2.5)
     start = start + away
-    found = cast(room, start, directions).distance.ravel()
+    distances = cast(room, start, directions).distance.ravel()
     R = X_WG.rotation().matrix()
     expected = formula((start - X_WG.translation()) @ R, directions @ R)
     hits = np.isfinite(expected)
     assert 100 < hits.sum() < len(hits) - 100
-    assert (np.isfinite(found) != hits).sum() == 0
-    assert np.abs(found[hits] - expected[hits]).max() < 0.001 * MILLIMETRE
+    assert (np.isfinite(distances) != hits).sum() == 0
+    assert np.abs(distances[hits] - expected[hits]).max() < 0.001 * MILLIMETRE
 
 
 def test_a_ray_that_grazes_a_cylinder_sees_what_stands_behind_it() -> None:
@@ -115,17 +115,17 @@ def test_a_ray_that_grazes_a_cylinder_sees_what_stands_behind_it() -> None:
     room.put(Box(1.0, 10.0, 10.0), RigidTransform([30.5, 0.0, 0.0]))
     for index in range(12):  # also through the gap between the cylinder and the prism that wraps it
         offset = 0.5 + (index - 6) * 1e-4 + 5e-5
-        found = cast(room, [0.0, offset, 0.0], [[1.0, 0.0, 0.0]])
+        hits = cast(room, [0.0, offset, 0.0], [[1.0, 0.0, 0.0]])
         expected = 30.0 if offset > 0.5 else 10.0 - np.sqrt(0.25 - offset**2)
-        assert found.distance[0, 0] == pytest.approx(expected, abs=1e-6)
+        assert hits.distance[0, 0] == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_cone_is_as_exact_as_it_is_faceted() -> None:
     room = Room()
     room.put(MeshcatCone(2.0, 1.0, 1.0), RigidTransform([5.0, 0.0, -1.0]))  # from its tip at z = -1 upwards
     angles = np.linspace(0.05, 0.9, 30)
-    found = [cast(room, [0.0, 0.0, z], [[1.0, 0.0, 0.0]]).distance[0, 0] for z in angles]
-    assert np.abs(np.array(found) - (5.0 - 0.5 * (1.0 + angles))).max() < MILLIMETRE
+    distances = [cast(room, [0.0, 0.0, z], [[1.0, 0.0, 0.0]]).distance[0, 0] for z in angles]
+    assert np.abs(np.array(distances) - (5.0 - 0.5 * (1.0 + angles))).max() < MILLIMETRE
 
 
 # --- meshes ------------------------------------------------------------------------------------------------------
@@ -191,8 +191,8 @@ def test_meshes_are_seen_where_drake_draws_them(kind: str, scale: float, tmp_pat
     room = Room()
     room.put(shape, RigidTransform())
     for start, way, distance in VIEWS:
-        found = cast(room, scale * np.array(start), [way]).distance[0, 0]
-        assert found == pytest.approx(scale * distance, abs=1e-6)
+        measured_distance = cast(room, scale * np.array(start), [way]).distance[0, 0]
+        assert measured_distance == pytest.approx(scale * distance, abs=1e-6)
 
 
 # --- ground and slopes -------------------------------------------------------------------------------------------
@@ -217,11 +217,11 @@ def test_a_slope_is_seen_where_its_surface_is(slope: float) -> None:
         assert ahead == pytest.approx(10.0 + height / tan(angle), abs=1e-6)
         for pitch in (-0.15, 0.02):
             way = [cos(pitch), 0.0, sin(pitch)]
-            found = cast(room, [0.0, 0.0, height], [way], ground=True, far=1e4).distance[0, 0]
+            distance = cast(room, [0.0, 0.0, height], [way], ground=True, far=1e4).distance[0, 0]
             on_slope = (height + 10.0 * tan(angle)) / (cos(pitch) * tan(angle) - sin(pitch))
             on_ground = height / -sin(pitch) if pitch < 0.0 else np.inf
             if 0.0 < on_slope < 90.0:
-                assert found == pytest.approx(min(on_slope, on_ground), abs=1e-6)
+                assert distance == pytest.approx(min(on_slope, on_ground), abs=1e-6)
 
 
 def test_a_half_space_that_is_seen_is_left_to_the_ground() -> None:
@@ -311,8 +311,8 @@ def test_a_wall_seen_edge_on_ends_the_ray_at_its_edge() -> None:
     room = Room()
     room.put(Box(2.0, 1.0, 1.0), RigidTransform([6.0, 0.5, 0.0]))  # one side lies in the plane y = 0
     room.put(Box(1.0, 9.0, 9.0), RigidTransform([20.5, 0.0, 0.0]))
-    found = cast(room, [0.0, 0.0, 0.1], [[1.0, 0.0, 0.0]]).distance[0, 0]
-    assert found == pytest.approx(5.0, abs=1e-6) or found == pytest.approx(20.0, abs=1e-6)
+    distance = cast(room, [0.0, 0.0, 0.1], [[1.0, 0.0, 0.0]]).distance[0, 0]
+    assert distance == pytest.approx(5.0, abs=1e-6) or distance == pytest.approx(20.0, abs=1e-6)
 
 
 def test_the_same_faces_are_prepared_once_and_others_anew() -> None:

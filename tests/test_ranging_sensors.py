@@ -93,8 +93,8 @@ def test_a_sonar_gives_the_nearest_echo_in_its_cone() -> None:
         room = Room()
         room.put(Sphere(0.1), RigidTransform([2.0, y, 1.0]))
         _wall(room, 4.0)
-        found = room.measure(make(Sonar, room, sonar(rays=2000)))
-        assert found == pytest.approx([expected], abs=5 * MILLIMETRE)
+        readings = room.measure(make(Sonar, room, sonar(rays=2000)))
+        assert readings == pytest.approx([expected], abs=5 * MILLIMETRE)
     empty = Room()
     assert np.isinf(empty.measure(make(Sonar, empty, sonar())))
 
@@ -102,8 +102,8 @@ def test_a_sonar_gives_the_nearest_echo_in_its_cone() -> None:
 def test_the_ground_gives_a_sonar_an_echo_only_if_asked() -> None:
     for ground, expected in ((False, np.inf), (True, 1.0 / sin(pi / 12))):
         room = Room()
-        found = room.measure(make(Sonar, room, sonar(ground=ground, rays=5000)))
-        assert found == pytest.approx([expected], abs=0.02)
+        readings = room.measure(make(Sonar, room, sonar(ground=ground, rays=5000)))
+        assert readings == pytest.approx([expected], abs=0.02)
 
 
 def test_a_radar_tells_objects_apart_and_how_fast_they_go() -> None:
@@ -113,19 +113,19 @@ def test_a_radar_tells_objects_apart_and_how_fast_they_go() -> None:
     room.body("oncoming", Sphere(0.5), X_WB=RigidTransform([20.0, -5.0, 1.0]), velocity=(-12.0, 0.0, 0.0))
     room.put(Cylinder(0.5, 4.0), RigidTransform([30.0, 10.0, 1.0]), "prop/pole/look0")
     room.put(Box(1.0, 1.0, 4.0), RigidTransform([0.0, 40.0, 1.0]), "prop/beside/look0")  # out of view
-    found = room.measure(make(Radar, room, radar(columns=600, rows=21, range_cell=5.0))).reshape(4, 3)
+    readings = room.measure(make(Radar, room, radar(columns=600, rows=21, range_cell=5.0))).reshape(4, 3)
     pole, oncoming = np.hypot(30.0, 10.0), np.hypot(20.0, 5.0)
-    assert found[:, 0] == pytest.approx([oncoming - 0.5, pole - 0.5, 40.0, np.inf], abs=5 * MILLIMETRE)
-    assert found[:, 1] == pytest.approx([-np.arctan2(5.0, 20.0), np.arctan2(10.0, 30.0), 0.0, 0.0], abs=2e-3)
-    assert found[:, 2] == pytest.approx([-22.0 * 20.0 / oncoming, -10.0 * 30.0 / pole, -6.0, 0.0], abs=0.02)
+    assert readings[:, 0] == pytest.approx([oncoming - 0.5, pole - 0.5, 40.0, np.inf], abs=5 * MILLIMETRE)
+    assert readings[:, 1] == pytest.approx([-np.arctan2(5.0, 20.0), np.arctan2(10.0, 30.0), 0.0, 0.0], abs=2e-3)
+    assert readings[:, 2] == pytest.approx([-22.0 * 20.0 / oncoming, -10.0 * 30.0 / pole, -6.0, 0.0], abs=0.02)
 
 
 def test_a_radar_that_turns_sees_still_things_approach_as_its_antenna_moves() -> None:
     room = Room()
     room.starts[0] = (room.carrier, ABOVE, (3.0, 0.0, 0.0), (0.0, 0.0, 0.7))
     _wall(room, 20.0)
-    found = room.measure(make(Radar, room, radar(targets=1, range_cell=0.01)))
-    assert found == pytest.approx([20.0, 0.0, -3.0], abs=5e-3)
+    readings = room.measure(make(Radar, room, radar(targets=1, range_cell=0.01)))
+    assert readings == pytest.approx([20.0, 0.0, -3.0], abs=5e-3)
 
 
 # --- time and motion ---------------------------------------------------------------------------------------------
@@ -149,8 +149,8 @@ def test_two_moving_bodies_are_as_far_apart_as_they_are() -> None:
     sensor = make(LaserScanner, room, scanner(beams=21, start_angle=-0.04, end_angle=0.04))
     simulator = room.start(sensor)
     simulator.AdvanceTo(0.35)
-    at = 0.3 + sensor.times
-    assert np.abs(held(sensor, simulator) - (20.0 - 3.0 * at) / np.cos(sensor.angles)).max() < MILLIMETRE
+    time = 0.3 + sensor.times
+    assert np.abs(held(sensor, simulator) - (20.0 - 3.0 * time) / np.cos(sensor.angles)).max() < MILLIMETRE
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.8, -2.0])
@@ -265,9 +265,9 @@ def test_beams_are_lost_at_random() -> None:
 
 
 def test_readings_stay_within_the_limits() -> None:
-    found = _readings(noise=1.0, far=20.5)
-    assert found.max() == 20.5
-    assert np.isfinite(found).all()
+    readings = _readings(noise=1.0, far=20.5)
+    assert readings.max() == 20.5
+    assert np.isfinite(readings).all()
 
 
 def test_the_same_seed_gives_the_same_noise_and_another_another() -> None:
@@ -392,8 +392,8 @@ def test_without_embreex_the_message_says_what_to_install(monkeypatch: pytest.Mo
 
 def test_an_empty_world_is_dark() -> None:
     room = Room()
-    found = room.measure(make(LaserScanner, room, scanner(), ground=False))
-    assert np.isinf(found).all()
+    readings = room.measure(make(LaserScanner, room, scanner(), ground=False))
+    assert np.isinf(readings).all()
     tilted = Room()
     tilted.starts[0] = (
         tilted.carrier,
@@ -401,6 +401,6 @@ def test_an_empty_world_is_dark() -> None:
         (0.0, 0.0, 0.0),
         (0.0, 0.0, 0.0),
     )
-    found = tilted.measure(make(LaserScanner, tilted, scanner()))
-    assert found[180] == pytest.approx(1.0 / sin(0.1), abs=MILLIMETRE)
-    assert found[150] == pytest.approx(1.0 / (sin(0.1) * cos(pi / 12)), abs=MILLIMETRE)
+    readings = tilted.measure(make(LaserScanner, tilted, scanner()))
+    assert readings[180] == pytest.approx(1.0 / sin(0.1), abs=MILLIMETRE)
+    assert readings[150] == pytest.approx(1.0 / (sin(0.1) * cos(pi / 12)), abs=MILLIMETRE)

@@ -98,7 +98,7 @@ def test_a_file_of_a_diagram_lies_beside_it(tmp_path: Path, monkeypatch: pytest.
 
 def test_a_driving_log_drives(tmp_path: Path, diagram: Path) -> None:
     moments = ["12-00-59-000000", "12-00-59-500000", "12-01-00-000000"]
-    lines = [f"2019-05-31-{at}.jpg\t{0.1 * k:.2f}\t{2.0 + k}\r\n" for k, at in enumerate(moments)]
+    lines = [f"2019-05-31-{moment}.jpg\t{0.1 * k:.2f}\t{2.0 + k}\r\n" for k, moment in enumerate(moments)]
     log = tmp_path / "driving_log.txt"
     log.write_bytes("".join(lines).encode())
     commands = read_commands(log)
@@ -147,18 +147,18 @@ def test_faults_are_told_before_anything_is_written(
 ) -> None:
     (tmp_path / "one.csv").write_text("time,speed,steering\n0,1,0\n", encoding="utf-8")
     (tmp_path / "bad.csv").write_text("time,speed\n0,1\n", encoding="utf-8")
-    told = {
+    expected_errors = {
         "--commands nothing.csv: no such file": "nothing.csv",
         "no vehicle 'ego2'; did you mean 'ego'?": "ego2=log.csv",
         "contains fewer than two rows at different times": str(tmp_path / "one.csv"),
         "bad.csv: no column 'steering'": str(tmp_path / "bad.csv"),
         "is a folder, but not a run folder": str(tmp_path),
     }
-    for words, log in told.items():
+    for words, log in expected_errors.items():
         assert call("run", diagram, "--commands", log, "--out", tmp_path / "out") == 2
-        said = capsys.readouterr().err
-        assert words in said
-        assert said.count("\n") == 1
+        error = capsys.readouterr().err
+        assert words in error
+        assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
@@ -176,6 +176,6 @@ def test_a_schedule_has_rows_or_a_file(
     path = tmp_path / "drive.yaml"
     path.write_text(DIAGRAM.replace("path_tracking, track: left, speed: 5 m/s", driver), encoding="utf-8")
     assert call("run", path, "--out", tmp_path / "out") == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1

@@ -119,7 +119,7 @@ def test_depths_and_labels_are_pictures_of_16_bits(tmp_path: Path, monkeypatch: 
     install_stubs(monkeypatch, several=True)
     simulate(drive(duration=0.1), folder=tmp_path / "run")
     pictures = load_run(tmp_path / "run").pictures
-    assert {name: len(found) for name, found in pictures.items()} == {
+    assert {name: len(images) for name, images in pictures.items()} == {
         "ego.left_camera": 4,
         "ego.left_camera.depth": 4,
         "ego.left_camera.label": 4,
@@ -266,7 +266,7 @@ def test_arrays_of_varying_size_come_back_one_by_one(tmp_path: Path) -> None:
     log.close()
     echoes = RunArrays(tmp_path, signals="signals.parquet")["echoes"]
     assert [array.tolist() for array in echoes["ranges"]] == [[0.0, 0.0], [], [2.0, 2.0, 2.0]]
-    assert [(at, arrays["ranges"].size) for at, arrays in echoes.each()] == [(0.0, 2), (1.0, 0), (2.0, 3)]
+    assert [(moment, arrays["ranges"].size) for moment, arrays in echoes.each()] == [(0.0, 2), (1.0, 0), (2.0, 3)]
 
 
 def test_how_parts_were_cut_does_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -120,10 +120,12 @@ def test_it_turns_within_the_published_circle(name):
 
 @pytest.mark.parametrize("name", CARS)
 def test_it_is_as_long_as_published_and_its_centre_of_mass_is_between_the_wheels(name):
-    found = figures(name)
-    assert found.size[0] == pytest.approx(PUBLISHED[name].length, rel=0.01)
-    assert 0.35 * found.size[2] < found.com[2] < 0.40 * found.size[2] or name == "bolt"  # the Bolt's battery is low
-    assert 0.8 < found.dynamic_index < 1.1
+    vehicle_figures = figures(name)
+    assert vehicle_figures.size[0] == pytest.approx(PUBLISHED[name].length, rel=0.01)
+    assert (
+        0.35 * vehicle_figures.size[2] < vehicle_figures.com[2] < 0.40 * vehicle_figures.size[2] or name == "bolt"
+    )  # the Bolt's battery is low
+    assert 0.8 < vehicle_figures.dynamic_index < 1.1
 
 
 @pytest.mark.parametrize("name", CARS)
@@ -163,15 +165,15 @@ def test_its_readme_names_every_variant(name):
 
 
 def test_the_published_bolt_weighs_1622_kg_with_its_centre_of_mass_four_fifths_of_a_metre_up():
-    found = figures("bolt@published")
-    assert found.mass == pytest.approx(1562 + 4 * 10 + 2 * 10, abs=1e-9)
-    body = next(link for link in found.links if link.name == "base_link")
+    vehicle_figures = figures("bolt@published")
+    assert vehicle_figures.mass == pytest.approx(1562 + 4 * 10 + 2 * 10, abs=1e-9)
+    body = next(link for link in vehicle_figures.links if link.name == "base_link")
     assert body.com == pytest.approx((1.3, 0.0, 1.1159 - (0.608 - 0.3235)), abs=1e-9)
     # 566, 1880, 2045 and 48 for xz: (566 + 2045) / 2 -+ sqrt(739.5² + 48²)
     assert body.moments == pytest.approx((564.444, 1880.0, 2046.556), abs=1e-3)
-    assert found.tracks == pytest.approx((2 * (0.655 + 0.1125), 2 * 0.765), abs=1e-9)
-    assert found.kingpin_track == pytest.approx(1.31, abs=1e-9)
-    assert found.static_stability < 1.0  # it tips before it slides
+    assert vehicle_figures.tracks == pytest.approx((2 * (0.655 + 0.1125), 2 * 0.765), abs=1e-9)
+    assert vehicle_figures.kingpin_track == pytest.approx(1.31, abs=1e-9)
+    assert vehicle_figures.static_stability < 1.0  # it tips before it slides
 
 
 def test_the_published_bolt_runs_nine_percent_slow():
@@ -187,18 +189,18 @@ def test_the_published_bolt_tips_over_where_the_real_one_slides():
 
 
 def test_the_published_cat_vehicle_leans_into_the_bend():
-    lean = {name: bend(name)["ego.roll"].loc[2.0:].mean() for name in ("catvehicle", "catvehicle@published")}
-    assert lean["catvehicle"] > 0.01  # outwards: to the right in a left bend
-    assert lean["catvehicle@published"] < 0.0
+    roll = {name: bend(name)["ego.roll"].loc[2.0:].mean() for name in ("catvehicle", "catvehicle@published")}
+    assert roll["catvehicle"] > 0.01  # outwards: to the right in a left bend
+    assert roll["catvehicle@published"] < 0.0
 
 
 def test_the_published_cat_vehicle_hides_its_load_transfer():
-    found = figures("catvehicle@published")
-    assert found.mass == pytest.approx(1885.239, abs=1e-6)
-    body = next(link for link in found.links if link.name == "base_link")
+    vehicle_figures = figures("catvehicle@published")
+    assert vehicle_figures.mass == pytest.approx(1885.239, abs=1e-6)
+    body = next(link for link in vehicle_figures.links if link.name == "base_link")
     assert body.com[2] == pytest.approx(-0.0256 - (0.66 - 0.3671951254), abs=1e-9)  # a third of a metre below the road
-    assert found.com[2] < -0.2
-    assert found.wheelbase == pytest.approx(2.60, abs=1e-9)
+    assert vehicle_figures.com[2] < -0.2
+    assert vehicle_figures.wheelbase == pytest.approx(2.60, abs=1e-9)
     wheel = load_vehicle("catvehicle@published").control.believes.wheel_radius
     assert wheel == pytest.approx(1.0 / 2.6101, rel=1e-5)
 
@@ -210,12 +212,12 @@ def test_the_published_cat_vehicle_runs_four_percent_slow():
 
 
 def test_the_cat_vehicle_in_pounds_weighs_more_than_twice_the_real_car():
-    found = figures("catvehicle@published_pounds")
-    assert found.mass == pytest.approx(3755 + 4 * 100 + 2 * 50 + 2, abs=1e-9)
-    assert found.mass > 2.0 * figures("catvehicle").mass
+    vehicle_figures = figures("catvehicle@published_pounds")
+    assert vehicle_figures.mass == pytest.approx(3755 + 4 * 100 + 2 * 50 + 2, abs=1e-9)
+    assert vehicle_figures.mass > 2.0 * figures("catvehicle").mass
     ratios = [
         heavy.moments[i] / light.moments[i]
-        for heavy, light in zip(found.links, figures("catvehicle@published").links, strict=True)
+        for heavy, light in zip(vehicle_figures.links, figures("catvehicle@published").links, strict=True)
         for i in range(3)
         if heavy.name == "base_link"
     ]
@@ -224,22 +226,22 @@ def test_the_cat_vehicle_in_pounds_weighs_more_than_twice_the_real_car():
 
 def test_the_explorer_has_its_published_mass_wheelbase_length_and_track():
     # 4695 lb: road test of the 4WD; 112.6 in, 197.1 in: Car and Driver, December 2010; track 67 in: dealers' data
-    found = figures("catvehicle@explorer")
-    assert found.mass == pytest.approx(4695 * POUND, rel=0.01)
-    assert found.wheelbase == pytest.approx(112.6 * INCH, rel=0.01)
-    assert found.size[0] == pytest.approx(197.1 * INCH, rel=0.01)
-    assert found.tracks == pytest.approx((67 * INCH,) * 2, rel=0.01)
-    assert found.warnings == ()
+    vehicle_figures = figures("catvehicle@explorer")
+    assert vehicle_figures.mass == pytest.approx(4695 * POUND, rel=0.01)
+    assert vehicle_figures.wheelbase == pytest.approx(112.6 * INCH, rel=0.01)
+    assert vehicle_figures.size[0] == pytest.approx(197.1 * INCH, rel=0.01)
+    assert vehicle_figures.tracks == pytest.approx((67 * INCH,) * 2, rel=0.01)
+    assert vehicle_figures.warnings == ()
 
 
 def test_the_published_mkz_has_a_third_of_the_yaw_inertia():
-    found, real = figures("mkz@published"), figures("mkz")
-    assert found.mass == pytest.approx(1542.0, abs=1e-9)
-    body = next(link for link in found.links if link.name == "base_link")
+    vehicle_figures, real = figures("mkz@published"), figures("mkz")
+    assert vehicle_figures.mass == pytest.approx(1542.0, abs=1e-9)
+    body = next(link for link in vehicle_figures.links if link.name == "base_link")
     assert body.moments == pytest.approx((1000.0,) * 3, abs=1e-9)
     assert body.com == pytest.approx((1.4225, 0.0, 0.25 + 0.33), abs=1e-9)
-    assert found.inertia[2] == pytest.approx(real.inertia[2] / 3.0, rel=0.1)
-    assert found.drive == "rear"
+    assert vehicle_figures.inertia[2] == pytest.approx(real.inertia[2] / 3.0, rel=0.1)
+    assert vehicle_figures.drive == "rear"
 
 
 def test_the_published_mkz_is_not_slowed_by_its_limit_of_22_rad_per_s():
@@ -250,9 +252,9 @@ def test_the_published_mkz_is_not_slowed_by_its_limit_of_22_rad_per_s():
 
 @pytest.mark.parametrize("name", ["unior", "unior@published", "unior@printed_steering"])
 def test_the_unior_is_as_large_and_as_heavy_as_the_paper_says(name):
-    found = figures(name)
-    assert found.mass == pytest.approx(43.5, rel=0.01)
-    for size in (found.size, found.visual_size):
+    vehicle_figures = figures(name)
+    assert vehicle_figures.mass == pytest.approx(43.5, rel=0.01)
+    for size in (vehicle_figures.size, vehicle_figures.visual_size):
         assert size == pytest.approx((1.112, 0.65, 0.57), rel=0.01)
     wheel = load_vehicle(name).geometry
     assert (wheel.front_wheel_radius, wheel.rear_wheel_radius) == pytest.approx((0.13, 0.13), abs=1e-9)

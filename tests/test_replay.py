@@ -100,17 +100,17 @@ def test_a_run_that_cannot_be_replayed_is_an_error(
 ) -> None:
     (tmp_path / "bare").mkdir()
     (tmp_path / "bare" / "spec.yaml").write_bytes((run.folder or tmp_path).joinpath("spec.yaml").read_bytes())
-    told = {
+    expected_errors = {
         "not a run folder": [str(tmp_path), "--out", str(tmp_path / "x.html")],
         "has no samples to replay": [str(tmp_path / "bare"), "--out", str(tmp_path / "x.html")],
         "is a folder; a file is expected": [str(run.folder), "--out", str(tmp_path)],
         "cannot listen on port 70000": [str(run.folder), "--port", "70000"],
     }
-    for words, arguments in told.items():
+    for words, arguments in expected_errors.items():
         assert main(["replay", *arguments]) == 2
-        said = capsys.readouterr().err
-        assert words in said
-        assert said.count("\n") == 1
+        error = capsys.readouterr().err
+        assert words in error
+        assert error.count("\n") == 1
     assert not (tmp_path / "x.html").exists()
 
 
@@ -135,14 +135,14 @@ class TestBrowser:
         )
         WebDriverWait(browser, 60).until(lambda driver: driver.execute_script(ready))
         seek = "viewer.animator.pause(); viewer.animator.seek(arguments[0]); viewer.render();"
-        said = "return document.querySelector('#cameras figcaption').textContent"
+        caption = "return document.querySelector('#cameras figcaption').textContent"
         levels = {}
         for time in (0.5, 1.8):
             browser.execute_script(seek, time)
-            WebDriverWait(browser, 30).until(lambda driver, t=time: f"· {t:.2f} s ·" in driver.execute_script(said))
+            WebDriverWait(browser, 30).until(lambda driver, t=time: f"· {t:.2f} s ·" in driver.execute_script(caption))
             image = browser.find_element("css selector", "#cameras img")
             WebDriverWait(browser, 30).until(
-                lambda driver, one=image: driver.execute_script("return arguments[0].complete", one)
+                lambda driver, picture=image: driver.execute_script("return arguments[0].complete", picture)
             )
             shown = np.asarray(Image.open(io.BytesIO(image.screenshot_as_png)).convert("RGB"))
             levels[time] = float(np.median(shown))

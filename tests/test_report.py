@@ -183,8 +183,8 @@ def test_every_section_is_there_in_reading_order(lap_page):
         "The track from above", "Speed and set-point", "Steering", "Lateral error", "Yaw rate", "Wheel torques",
         "Contact: wheel loads", "Contact: rolling resistance", "Events", "Settings",
     ]  # fmt: skip
-    found = [re.sub("<.*?>", "", title).strip() for title in re.findall("<h[23]>(.*?)</h[23]>", lap_page)]
-    assert [title for title in found if title != "Signals"] == titles
+    headings = [re.sub("<.*?>", "", title).strip() for title in re.findall("<h[23]>(.*?)</h[23]>", lap_page)]
+    assert [title for title in headings if title != "Signals"] == titles
 
 
 def test_the_page_is_well_formed_and_its_ids_are_unique(lap_page):
@@ -347,9 +347,9 @@ def test_events_are_listed_in_order_and_a_flood_of_them_is_cut(tmp_path):
 
 
 def test_events_amid_the_run_are_marked_in_the_charts(tmp_path):
-    at = [{"time": when, "kind": "contact", "text": "cone"} for when in (0.0, 5.0, 20.0)]
-    assert "Dotted red lines" in render_report(short_run(tmp_path, events=at))
-    assert "Dotted red lines" not in render_report(short_run(tmp_path, events=at[::2]))
+    events = [{"time": when, "kind": "contact", "text": "cone"} for when in (0.0, 5.0, 20.0)]
+    assert "Dotted red lines" in render_report(short_run(tmp_path, events=events))
+    assert "Dotted red lines" not in render_report(short_run(tmp_path, events=events[::2]))
 
 
 def test_the_diagram_and_the_recording_of_the_folder_are_shown(tmp_path):

@@ -88,7 +88,7 @@ def test_margins_by_hand(text, passed, margin, unit, worst) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "tells"),
+    ("text", "expected"),
     [
         ("", "is empty"),
         ("speed < 12", "lacks always"),
@@ -115,12 +115,12 @@ def test_margins_by_hand(text, passed, margin, unit, worst) -> None:
         ("never " + "not " * 500 + "stopped", "too many brackets"),
     ],
 )
-def test_what_is_no_requirement_is_told_on_one_line(text, tells) -> None:
+def test_what_is_no_requirement_is_told_on_one_line(text, expected) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_requirement(text, where="lot.yaml:7: tests.0.expect.1")
     message = str(caught.value)
     assert message.startswith("lot.yaml:7: tests.0.expect.1: ")
-    assert tells in message
+    assert expected in message
     assert "allowed: always E" in message
     assert len(message.splitlines()) == 1
 
@@ -160,9 +160,9 @@ def test_the_documentation_lists_every_signal_with_its_unit_and_every_event() ->
     for line in text.splitlines():
         names, _, rest = line.strip().partition("  ")
         first = rest.split()[0] if rest.strip() else ""
-        found = [name.strip() for name in names.split(",")]
-        if all(name in units for name in found):
-            listed |= dict.fromkeys(found, first if first in units.values() else "")
+        listed_names = [name.strip() for name in names.split(",")]
+        if all(name in units for name in listed_names):
+            listed |= dict.fromkeys(listed_names, first if first in units.values() else "")
     assert listed == units
     for event in EVENTS:
         assert f"``{event}``" in text
@@ -281,12 +281,12 @@ def test_the_margin_says_how_far_the_signal_may_move(speeds, bound, share) -> No
 
 def test_a_missing_signal_goal_or_unit_is_told() -> None:
     seen = _seen(speed=[1.0, 2.0])
-    for text, tells in (
+    for text, expected in (
         ("always lateral_error < 1 m", "no signal 'lateral_error'"),
         ("always radar.range < 1 m", "no signal 'radar.range'"),
         ("eventually at exot", "did you mean 'exit'"),
     ):
-        with pytest.raises(ConfigError, match=tells):
+        with pytest.raises(ConfigError, match=expected):
             parse_requirement(text).judge(seen)
     with pytest.raises(ConfigError, match=r"'radar.range' is in pure numbers, not in m"):
         parse_requirement("always radar.range < 1 m").judge(_seen(radar__range=[1.0, 2.0]))

@@ -83,8 +83,8 @@ def slide(body: Body, mu, *, speed: float, duration: float, x: float = 0.0, y: f
 
     stopped.terminal = True  # type: ignore[attr-defined]
     start = [x + body.ahead, y, 0.0, speed, 0.0, 0.0]
-    found = solve_ivp(rates, (0.0, duration), start, events=stopped, max_step=0.01, rtol=1e-6)
-    px, py, yaw, vx, vy, rate = found.y[:, -1]
+    solution = solve_ivp(rates, (0.0, duration), start, events=stopped, max_step=0.01, rtol=1e-6)
+    px, py, yaw, vx, vy, rate = solution.y[:, -1]
     return px - body.ahead * np.cos(yaw), py - body.ahead * np.sin(yaw), yaw, np.hypot(vx, vy), rate
 
 

@@ -205,11 +205,11 @@ def test_the_law_of_the_yaw_inertia_holds_from_a_toy_car_to_a_bus() -> None:
         mass, front, rear, inertia = (float(row[key]) for key in ("mass_kg", "front_m", "rear_m", "yaw_inertia_kgm2"))
         base = front + rear
         length = float(row["length_m"]) if row["length_m"] else None
-        found = estimate(
+        estimated = estimate(
             mass=mass, wheelbase=base, track=0.6 * base, wheel_radius=0.13 * base, wheel_width=0.08 * base,
             front_axle_share=rear / base, length=length,
         ).yaw_inertia  # fmt: skip
-        errors.append(math.log(found / inertia))
+        errors.append(math.log(estimated / inertia))
     assert len(rows) >= 15
     assert abs(np.median(errors)) < 0.06
     assert np.std(errors) < 0.16
@@ -587,13 +587,13 @@ def test_what_is_missing_is_asked_for_until_the_answer_makes_sense() -> None:
     sizes = ["long", "26", "102.4 in", "1.5 m", "1450", "big", "215/50R17", "", "10.8", "4.1", "", ""]
     answers = iter([*sizes, "0.6", "", "", "", "", "front", "tank", "", "lidar, imu"])
     asked: list[str] = []
-    told: list[str] = []
+    messages: list[str] = []
 
     def reply(prompt: str) -> str:
         asked.append(prompt)
         return next(answers)
 
-    result = ask({"title": None}, input=reply, say=told.append)
+    result = ask({"title": None}, input=reply, say=messages.append)
     assert result == {
         "wheelbase": pytest.approx(2.60096), "track": 1.5, "mass": 1450.0, "tyre": "215/50R17",
         "turning_circle": 10.8, "length": 4.1, "front_axle_share": 0.6, "drive": "front", "sensors": "lidar,imu",
@@ -602,7 +602,7 @@ def test_what_is_missing_is_asked_for_until_the_answer_makes_sense() -> None:
     assert asked[5] == "wheel radius, or tyre size such as 215/50R17 (0.01 to 1 m) [estimated]: "
     assert asked[7] == "steering limit of the inner wheel (0.05 to 1.3 rad; for example 0.6, 35 deg) [estimated]: "
     assert asked[17] == "drive: front, rear, all [rear]: "
-    assert [text.split(";")[0] for text in told] == [
+    assert [text.split(";")[0] for text in messages] == [
         "wheelbase: 'long' is not a number",
         "wheelbase 26 m is not allowed",
         "wheel_radius: 'big' is not a number",

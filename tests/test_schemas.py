@@ -87,9 +87,9 @@ def test_each_kind_of_shipped_file_was_tried():
     ],
 )
 def test_what_readers_refuse_is_not_valid(kind, text, path):
-    found = faults(kind, yaml.safe_load(text))
-    assert found
-    assert path in " ".join(found)
+    reported_faults = faults(kind, yaml.safe_load(text))
+    assert reported_faults
+    assert path in " ".join(reported_faults)
 
 
 @pytest.mark.parametrize(

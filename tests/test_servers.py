@@ -78,12 +78,12 @@ def get(url: str, path: str | None = None, **headers: str) -> tuple[int, bytes]:
 
 def ports() -> set[int]:
     """Ports of TCP that this process listens on."""
-    found = set()
+    ports_found = set()
     for name in os.listdir("/proc/self/fd"):
-        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(name))) as one:
-            if one.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN) and one.family != socket.AF_UNIX:
-                found.add(one.getsockname()[1])
-    return found
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(name))) as duplicate:
+            if duplicate.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN) and duplicate.family != socket.AF_UNIX:
+                ports_found.add(duplicate.getsockname()[1])
+    return ports_found
 
 
 def pack(value: Any) -> bytes:
@@ -244,11 +244,11 @@ def test_a_message_is_the_same_after_masking_fragments_and_any_split(size):
         frames += head + mask + bytes(b ^ mask[i % 4] for i, b in enumerate(part))
         frames += make_frame(9, b"ping") if first else b""
     reader = FrameReader()
-    found: list[tuple[int, bytes]] = []
+    frames_read: list[tuple[int, bytes]] = []
     step = max(1, len(frames) // 50)
     for i in range(0, len(frames), step):
-        found += reader.feed(frames[i : i + step])
-    assert found == [(9, b"ping"), (2, payload)]
+        frames_read += reader.feed(frames[i : i + step])
+    assert frames_read == [(9, b"ping"), (2, payload)]
     assert list(FrameReader().feed(make_frame(2, payload))) == [(2, payload)]
 
 
@@ -332,7 +332,7 @@ def test_a_run_survives_all_frames_and_writes_its_folder(tmp_path):
 
 def kill(meshcat: Meshcat) -> None:
     """End Meshcat's thread, as a frame does that it cannot decode."""
-    server = next(one for one in _servers() if one.url == meshcat.web_url())
+    server = next(server for server in _servers() if server.url == meshcat.web_url())
     assert server.upstream is not None
     with server.upstream.connect() as there:
         there.sendall(
@@ -345,7 +345,7 @@ def kill(meshcat: Meshcat) -> None:
 
 
 def _servers() -> list[PageServer]:
-    return [one for one in gc.get_objects() if type(one) is PageServer]
+    return [server for server in gc.get_objects() if type(server) is PageServer]
 
 
 def test_a_run_goes_on_if_meshcat_ends_before_the_first_step(tmp_path):
@@ -427,12 +427,12 @@ def test_our_page_works_in_a_browser_and_a_foreign_page_gets_nothing(layer, tmp_
             assert wait_for(lambda: meshcat.GetButtonClicks("Go") == 1)
             browser.get(foreign.url)
             ours = urlsplit(meshcat.web_url()).port
-            found = browser.execute_async_script(
+            result = browser.execute_async_script(
                 "const done = arguments[1]; window.probe(arguments[0]).then(done);", [ours, meshcat.port()]
             )
-            assert len(found) == 24
-            assert {key: value for key, value in found.items() if key.endswith("ws") and value != "refused"} == {}
-            assert {key: value for key, value in found.items() if value not in {"refused", "failed", "opaque0"}} == {}
+            assert len(result) == 24
+            assert {key: value for key, value in result.items() if key.endswith("ws") and value != "refused"} == {}
+            assert {key: value for key, value in result.items() if value not in {"refused", "failed", "opaque0"}} == {}
             assert meshcat.GetButtonClicks("Go") == 1
             assert meshcat.GetNumActiveConnections() == 0
     finally:

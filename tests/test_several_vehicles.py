@@ -40,8 +40,8 @@ def test_two_cars_drive_their_own_ways():
 
 def test_a_car_drives_the_same_whether_or_not_another_one_is_there():
     alone = {**TWO, "vehicles": {"first": TWO["vehicles"]["first"]}, "control": {"first": TWO["control"]["first"]}}
-    both, one = (Simulation(assemble(spec)).run(duration=2.0) for spec in (TWO, alone))
-    np.testing.assert_allclose(both["first.x"], one["first.x"], atol=1e-4)
+    both, single = (Simulation(assemble(spec)).run(duration=2.0) for spec in (TWO, alone))
+    np.testing.assert_allclose(both["first.x"], single["first.x"], atol=1e-4)
 
 
 def test_a_car_that_runs_into_a_parked_one_pushes_it_and_says_so():
@@ -105,7 +105,7 @@ def test_a_collision_is_reported_at_once_with_its_time_and_speed():
     assert hit["with"] == "other"
     assert hit["time"] == pytest.approx((25.0 - 4.166) / 8.0, abs=0.15)
     assert hit["speed_mps"] == pytest.approx(8.0, abs=0.5)
-    assert [one.text for one in reported if one.vehicle == "ego"] == [
+    assert [event.text for event in reported if event.vehicle == "ego"] == [
         entry["text"] for entry in run.events if entry["kind"] == "collision" and entry["text"].startswith("ego")
     ]
     others = {name: load_vehicle("bolt") for name in ("ego", "other")}

@@ -68,10 +68,10 @@ def test_ports_of_other_systems_have_no_signals() -> None:
 
 
 def test_two_systems_of_a_class_do_not_share_their_names() -> None:
-    one, two = LeafSystem(), LeafSystem()
-    declare_vector_input(one, "u", COMMAND)
-    two.DeclareVectorInputPort("u", 2)
-    assert signals_of(two.get_input_port()) is None
+    first, second = LeafSystem(), LeafSystem()
+    declare_vector_input(first, "u", COMMAND)
+    second.DeclareVectorInputPort("u", 2)
+    assert signals_of(second.get_input_port()) is None
 
 
 def test_names_survive_when_only_the_diagram_keeps_the_system() -> None:

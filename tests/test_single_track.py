@@ -145,14 +145,14 @@ def test_a_rolling_car_leans_out_of_the_turn_and_turns_as_a_flat_one():
     """φ (K - ms g h) = ms h ay, R. Rajamani, section 15.2."""
     steady = find_steady_state(ROLLING, Variant("linear", roll=True), speed=20.0, steering=0.01)
     lateral = steady["lateral_acceleration"]
-    lean = 1300.0 * 0.45 * lateral / (60e3 - 1300.0 * GRAVITY * 0.45)
+    roll = 1300.0 * 0.45 * lateral / (60e3 - 1300.0 * GRAVITY * 0.45)
     assert lateral > 1.0
-    assert steady["roll"] == pytest.approx(lean, rel=1e-9)
+    assert steady["roll"] == pytest.approx(roll, rel=1e-9)
     assert steady["roll_rate"] == pytest.approx(0.0, abs=1e-12)
     flat = find_steady_state(CAR, LINEAR, speed=20.0, steering=0.01)
     assert steady["yaw_rate"] == pytest.approx(flat["yaw_rate"], rel=1e-9)
     ride = Ride(ROLLING, Variant("linear", roll=True), steering=0.01, drive=steady["drive"], vx=20.0).at(8.0)
-    assert (ride["roll"], ride["wx"]) == pytest.approx((lean, 0.0), rel=1e-3, abs=1e-6)
+    assert (ride["roll"], ride["wx"]) == pytest.approx((roll, 0.0), rel=1e-3, abs=1e-6)
 
 
 def test_roll_slip_of_an_axle_is_a_softer_axle_in_a_steady_turn():
@@ -161,11 +161,11 @@ def test_roll_slip_of_an_axle_is_a_softer_axle_in_a_steady_turn():
         softness = 1.0 / stiffness + slip * gain / (1500.0 * share)  # F / C = F / C0 + ε φ, with F = m ay share
         soft = replace(CAR, **{f"{name}_stiffness": 1.0 / softness})
         leaning = replace(ROLLING, **{f"{name}_roll_slip": slip})
-        found = [
+        slips = [
             find_steady_state(car, variant, speed=25.0, steering=1e-3)["yaw_rate"]
             for car, variant in ((leaning, Variant("linear", roll=True)), (soft, LINEAR))
         ]
-        assert found[0] == pytest.approx(found[1], rel=2e-4), name
+        assert slips[0] == pytest.approx(slips[1], rel=2e-4), name
 
 
 @pytest.mark.parametrize("mass", [1300.0, 1500.0])
@@ -350,9 +350,9 @@ def test_the_brush_force_is_that_of_bristles_under_a_parabolic_pressure(slip):
     stiffness, limit, half = 30e3, 1000.0, 0.06  # slides from tan α = 3 · 1000 / 30e3 = 0.1 on
     bristle = stiffness / (2.0 * half**2)  # N/m²: all of them stick at a force of 2 c a² tan α
 
-    def force(place):  # from the leading edge
-        pressure = 3.0 * limit / (4.0 * half**3) * place * (2.0 * half - place)
-        return min(bristle * place * abs(slip), pressure)
+    def force(x):  # from the leading edge
+        pressure = 3.0 * limit / (4.0 * half**3) * x * (2.0 * half - x)
+        return min(bristle * x * abs(slip), pressure)
 
     sticking = max(2.0 * half - bristle * abs(slip) * 4.0 * half**3 / (3.0 * limit), 0.0)
     wanted = quad(force, 0.0, 2.0 * half, points=[sticking])[0]
@@ -443,16 +443,16 @@ def test_the_compiled_equations_give_the_same_numbers_to_the_last_bit(variant):
 def test_changed_parameters_count_from_the_next_evaluation_on():
     model = SingleTrack(CAR, BRUSH)
     contexts = [model.CreateDefaultContext() for _ in range(2)]
-    found = []
+    states = []
     for context in contexts:
         model.set_state(context, vx=20.0)
         model.steering.FixValue(context, [0.05])
         model.forces.FixValue(context, [0.0, 0.0])
-        found.append(model.EvalTimeDerivatives(context).CopyToVector())
+        states.append(model.EvalTimeDerivatives(context).CopyToVector())
     model.set_parameters(contexts[0], yaw_inertia=2.0 * CAR.yaw_inertia)
     twice, once = (model.EvalTimeDerivatives(context).CopyToVector() for context in contexts)
     assert 2.0 * twice[5] == pytest.approx(once[5])
-    assert once == pytest.approx(found[0], rel=0.0, abs=0.0)
+    assert once == pytest.approx(states[0], rel=0.0, abs=0.0)
     assert model.EvalTimeDerivatives(contexts[0].Clone()).CopyToVector() == pytest.approx(twice, rel=0.0, abs=0.0)
 
 
@@ -615,8 +615,8 @@ def _reduced(name, duration, *, speed=0.0, wanted, steering=0.0, **options):
     simulator.get_mutable_integrator().set_fixed_step_mode(True)
     simulator.Initialize()
     simulator.AdvanceTo(duration)
-    found = log.FindLog(simulator.get_context())
-    return found.sample_times(), dict(zip(names_of(model.state), found.data(), strict=True))
+    signal_log = log.FindLog(simulator.get_context())
+    return signal_log.sample_times(), dict(zip(names_of(model.state), signal_log.data(), strict=True))
 
 
 def _full(duration, *, speed=0.0, wanted, steering=0.0):
@@ -664,11 +664,11 @@ def test_a_delay_shifts_the_response():
 
 
 def test_a_centre_of_mass_below_the_road_is_rejected():
-    said = (
+    message = (
         r"catvehicle/\w+\.xacro:\d+: the centre of mass of 'catvehicle@published' is 0\.\d+ m below the road; check "
         r"mass and origin of link '\w+'"
     )
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=message):
         estimate_parameters(load_vehicle("catvehicle@published"))
 
 

@@ -86,7 +86,7 @@ def test_an_imu_on_a_banked_circle_reads_gravity_in_its_own_frame() -> None:
 
 def test_two_imus_differ_by_the_lever_arm_between_them() -> None:
     # w x (w x r) of the arm between them: -w² (2, -1.5, 0)
-    readings = [imu_reading(Carousel(place, rate=0.7)) for place in ([1.0, -10.0, 0.5], [3.0, -11.5, 1.0])]
+    readings = [imu_reading(Carousel(position, rate=0.7)) for position in ([1.0, -10.0, 0.5], [3.0, -11.5, 1.0])]
     assert readings[1][:3] - readings[0][:3] == pytest.approx([-0.49 * 2.0, 0.49 * 1.5, 0.0], abs=1e-9)
     assert readings[1][3:] == pytest.approx(readings[0][3:], abs=1e-12)
 
@@ -200,7 +200,7 @@ def earth_centred(latitude: float, longitude: float, altitude: float) -> np.ndar
     return np.array([radius * cos(lam), radius * sin(lam), (n * (1.0 - e2) + altitude) * sin(phi)])
 
 
-def in_world(place: np.ndarray, datum: DatumSpec) -> np.ndarray:
+def in_world(location: np.ndarray, datum: DatumSpec) -> np.ndarray:
     """World coordinates [m] of a place by rotating the difference of earth-centred ones: an oracle."""
     origin = earth_centred(datum.latitude * 180 / pi, datum.longitude * 180 / pi, datum.altitude)
     phi, lam = datum.latitude, datum.longitude
@@ -208,7 +208,7 @@ def in_world(place: np.ndarray, datum: DatumSpec) -> np.ndarray:
     up = np.array([cos(phi) * cos(lam), cos(phi) * sin(lam), sin(phi)])
     north = np.cross(up, east)
     ahead = cos(datum.heading) * north + sin(datum.heading) * east
-    difference: np.ndarray = np.array([ahead, np.cross(up, ahead), up]) @ (earth_centred(*place) - origin)
+    difference: np.ndarray = np.array([ahead, np.cross(up, ahead), up]) @ (earth_centred(*location) - origin)
     return difference
 
 
@@ -218,9 +218,9 @@ DATUMS = [DatumSpec(), RICE, DatumSpec(latitude=radians(-77.85), longitude=radia
 @pytest.mark.parametrize("datum", DATUMS, ids=["null_island", "rice", "mcmurdo"])
 @pytest.mark.parametrize("point", [(0.0, 0.0, 0.0), (123.4, -567.8, 9.0), (-9000.0, 4000.0, 300.0), (0.0, 1e5, -50.0)])
 def test_the_place_on_the_earth_is_right_to_a_hundredth_of_a_millimetre(point: Any, datum: DatumSpec) -> None:
-    place = to_geodetic(point, datum)
-    assert in_world(place, datum) == pytest.approx(np.array(point), abs=1e-5)
-    assert from_geodetic(place, datum) == pytest.approx(np.array(point), abs=1e-5)
+    location = to_geodetic(point, datum)
+    assert in_world(location, datum) == pytest.approx(np.array(point), abs=1e-5)
+    assert from_geodetic(location, datum) == pytest.approx(np.array(point), abs=1e-5)
 
 
 def test_north_and_east_of_a_datum_are_where_its_heading_says() -> None:
@@ -249,7 +249,7 @@ def test_a_gps_says_where_on_the_earth_it_is() -> None:
 
 def read_nmea(text: str) -> dict[str, list[str]]:
     """Sentences by their names, checksums tested: a reader of its own, from the standard."""
-    found = {}
+    sentences = {}
     for line in text.split("\r\n")[:-1]:
         assert len(line) + 2 <= 82
         assert line[0] == "$"
@@ -259,8 +259,8 @@ def read_nmea(text: str) -> dict[str, list[str]]:
             total ^= ord(character)
         assert int(given, 16) == total
         name, *fields = body.split(",")
-        found[name] = fields
-    return found
+        sentences[name] = fields
+    return sentences
 
 
 def degrees_of(text: str, letter: str) -> float:
@@ -282,8 +282,8 @@ def test_sentences_say_what_was_put_in() -> None:
 
 
 def test_minutes_never_round_to_sixty() -> None:
-    place = read_nmea(gga(Fix(0.0, 44.99999999999, -80.99999999999, 0.0)))["GPGGA"][1:5]
-    assert place == ["4500.0000000", "N", "08100.0000000", "W"]
+    location = read_nmea(gga(Fix(0.0, 44.99999999999, -80.99999999999, 0.0)))["GPGGA"][1:5]
+    assert location == ["4500.0000000", "N", "08100.0000000", "W"]
 
 
 def test_a_gps_speaks_nmea() -> None:
@@ -293,12 +293,12 @@ def test_a_gps_speaks_nmea() -> None:
     carousel.finalize()
     gps = gps_on(carousel.mount, rate=5.0, datum=RICE)
     simulator = carousel.start(gps)
-    said = read_nmea(held(gps, simulator, "nmea"))
-    place = said["GPGGA"]
-    found = [degrees_of(place[1], place[2]), degrees_of(place[3], place[4]), float(place[8])]
-    assert in_world(np.array(found), RICE) == pytest.approx([200.0, 0.0, 1.0], abs=1e-3)
-    assert float(said["GPRMC"][6]) * 1852.0 / 3600.0 == pytest.approx(20.0, abs=1e-3)
-    assert float(said["GPRMC"][7]) == pytest.approx(300.0, abs=0.01)
+    sentences = read_nmea(held(gps, simulator, "nmea"))
+    location = sentences["GPGGA"]
+    measured = [degrees_of(location[1], location[2]), degrees_of(location[3], location[4]), float(location[8])]
+    assert in_world(np.array(measured), RICE) == pytest.approx([200.0, 0.0, 1.0], abs=1e-3)
+    assert float(sentences["GPRMC"][6]) * 1852.0 / 3600.0 == pytest.approx(20.0, abs=1e-3)
+    assert float(sentences["GPRMC"][7]) == pytest.approx(300.0, abs=0.01)
     simulator.AdvanceTo(0.3)
     assert read_nmea(held(gps, simulator, "nmea"))["GPGGA"][0] == "000000.20"  # of the sample, not of now
 
@@ -334,10 +334,10 @@ def test_an_encoder_counts_whole_steps_of_the_angle() -> None:
 def test_an_encoder_counts_down_when_the_wheel_rolls_back_if_it_can_tell() -> None:
     back = turning(lambda plant, joint: encoder_of(plant, joint, rate=10.0, counts=125.5), rate=-3.0)[0]
     assert back.tolist() == [np.floor(-0.3 * k * 125.5 / (2 * pi)) for k in range(10)]
-    one = turning(lambda plant, joint: encoder_of(plant, joint, rate=10.0, counts=125.5, quadrature=False), rate=-3.0)[
-        0
-    ]
-    assert one.tolist() == [-count for count in back]
+    single_channel = turning(
+        lambda plant, joint: encoder_of(plant, joint, rate=10.0, counts=125.5, quadrature=False), rate=-3.0
+    )[0]
+    assert single_channel.tolist() == [-count for count in back]
 
 
 def test_an_encoder_wraps_around() -> None:

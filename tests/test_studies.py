@@ -201,7 +201,7 @@ def test_a_simulation_that_takes_too_long_is_ended() -> None:
 def test_workers_outlive_what_they_are_given() -> None:
     workers = Workers(1, limit=2.0)
     try:
-        crash, hang, refused, fine = (
+        crash, hang, rejected, fine = (
             workers.submit(os.abort),
             workers.submit(time.sleep, 60.0),
             workers.submit(lambda: 0),
@@ -211,7 +211,7 @@ def test_workers_outlive_what_they_are_given() -> None:
             crash.result(timeout=300)
         with pytest.raises(WorkerLostError, match="no end after 2 s"):
             hang.result(timeout=300)
-        assert refused.exception(timeout=300) is not None
+        assert rejected.exception(timeout=300) is not None
         assert fine.result(timeout=300) == 3
     finally:
         workers.shutdown(cancel_futures=True)
@@ -504,10 +504,10 @@ def test_the_command_runs_resumes_and_tells(
     monkeypatch.chdir(tmp_path)
     Path("gains.yaml").write_text(_FILE.replace("duration: 1 s", "duration: 0.1 s"), encoding="utf-8")
     assert main(["study", "gains.yaml", "--workers", "0"]) == 0
-    told = capsys.readouterr().out
-    assert "2 of 2 runs: 2 ok" in told
-    assert "ego.distance_m" in told
-    assert "runs/gains/" in told
+    output = capsys.readouterr().out
+    assert "2 of 2 runs: 2 ok" in output
+    assert "ego.distance_m" in output
+    assert "runs/gains/" in output
     before = Path("runs/gains", RESULTS_FILE).read_bytes()
     assert main(["study", "gains.yaml", "--workers", "0", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
@@ -525,9 +525,9 @@ def test_a_scheduler_that_is_not_there_is_told(
     pytest.importorskip("distributed")
     (tmp_path / "gains.yaml").write_text(_FILE, encoding="utf-8")
     assert main(["study", str(tmp_path / "gains.yaml"), "--scheduler", "nonsense://x"]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("error: --scheduler nonsense://x: no Dask scheduler answers")
-    assert len(told.splitlines()) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: --scheduler nonsense://x: no Dask scheduler answers")
+    assert len(error.splitlines()) == 1
 
 
 def test_ctrl_c_keeps_the_runs_that_are_done(tmp_path: Path) -> None:

@@ -106,8 +106,8 @@ def test_whatever_a_case_does_the_others_are_judged(damaged: Suite) -> None:
     assert damaged.complete
     verdicts = [result.verdict for result in damaged.results]
     assert verdicts == ["pass", "fail", *["error"] * len(BOMB_REASONS), "error", "pass"]
-    for result, tells in zip(damaged.results[2:], [*BOMB_REASONS.values(), "no signal 'bomb.y'"], strict=False):
-        assert tells in result.reason
+    for result, expected in zip(damaged.results[2:], [*BOMB_REASONS.values(), "no signal 'bomb.y'"], strict=False):
+        assert expected in result.reason
         assert len(result.reason.splitlines()) == 1
     assert "triangle_surface_mesh.h" in damaged.results[7].reason
     assert damaged.exit_code == 2
@@ -153,14 +153,14 @@ def test_a_suite_that_was_killed_goes_on(damaged: Suite, tmp_path: Path) -> None
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / "results.jsonl").write_text(kept[0] + '{"name": "straight#1", "verd')  # cut off by the kill
-    told: list[str] = []
+    reports: list[str] = []
     suite = run_suite(
         whole,
         folder=folder,
         resume=True,
-        progress=lambda done, total, result: told.append(f"{result.name} {done}/{total}"),
+        progress=lambda done, total, result: reports.append(f"{result.name} {done}/{total}"),
     )
-    assert told == ["straight#1 2/3", "straight#10 3/3"]
+    assert reports == ["straight#1 2/3", "straight#10 3/3"]
     for name, result in zip(("straight#1", "straight#3", "straight#10"), suite.results, strict=True):
         before = next(other for other in damaged.results if other.name == name)
         assert replace(result, wall=0.0) == replace(before, wall=0.0)

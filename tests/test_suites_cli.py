@@ -215,8 +215,8 @@ def test_the_table_has_the_worst_first_with_signed_margins(printed: list[str]) -
 def test_one_case_is_replayed_with_other_values_and_a_recording_even_if_it_passes(lot: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert test(lot, "--case", "cruise", "-p", "speed=3.25", "--out", out, "--quiet") == 0
-    place = out / "cases" / "cruise-1"
-    assert {"recording.html", "report.html", "signals.parquet", "spec.yaml"} <= {path.name for path in place.iterdir()}
+    folder = out / "cases" / "cruise-1"
+    assert {"recording.html", "report.html", "signals.parquet", "spec.yaml"} <= {path.name for path in folder.iterdir()}
     (case,) = load_suite(out).cases
     assert case.values == {"speed": 3.25}
     assert case.command.endswith("lot.yaml --case cruise -p speed=3.25")
@@ -224,7 +224,7 @@ def test_one_case_is_replayed_with_other_values_and_a_recording_even_if_it_passe
 
 
 @pytest.mark.parametrize(
-    ("arguments", "tells"),
+    ("arguments", "expected"),
     [
         (["--case", "cruse"], "unknown case 'cruse'; did you mean 'cruise'"),
         (["--resume"], "--resume: give the folder to continue with --out"),
@@ -232,10 +232,10 @@ def test_one_case_is_replayed_with_other_values_and_a_recording_even_if_it_passe
         (["-p", "blocks=many"], "lot.yaml:8: props.0.scatter.count: 'many' is not a number"),
     ],
 )
-def test_what_is_asked_wrongly_is_told_before_anything_runs(lot: Path, arguments, tells) -> None:
+def test_what_is_asked_wrongly_is_told_before_anything_runs(lot: Path, arguments, expected) -> None:
     with pytest.raises(ConfigError) as caught:
         test(lot, *arguments)
-    assert tells in str(caught.value)
+    assert expected in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["speed", "speed=", "=3", "speed=[1, 2]", "seed=1.5", "speed=true", "speed={"])
@@ -284,13 +284,13 @@ def test_ctrl_c_leaves_a_readable_folder_and_no_traceback(lot: Path, tmp_path: P
     with _begin(lot, "-j", 2, "--out", out) as process:
         _wait_for_results(out, 1, process)
         os.killpg(process.pid, signal.SIGINT)
-        said, told = process.communicate(timeout=300)
+        output, errors = process.communicate(timeout=300)
     assert process.returncode == 130
-    assert "Traceback" not in told
-    assert re.search(r"interrupted: \d of 8 cases were not run; continue with --out .*out --resume", told)
+    assert "Traceback" not in errors
+    assert re.search(r"interrupted: \d of 8 cases were not run; continue with --out .*out --resume", errors)
     suite = load_suite(out)
     assert 1 <= len(suite.results) < 8
-    assert f"{len(suite.results)} case" in said
+    assert f"{len(suite.results)} case" in output
     assert "The suite was stopped" in (out / "report.html").read_text(encoding="utf-8")
     ElementTree.parse(out / "junit.xml")
 

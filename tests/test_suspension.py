@@ -222,11 +222,11 @@ def test_the_car_bounces_and_pitches_like_a_half_car(heave, pitch, step):
 
 def roll_stiffnesses(front, rear):
     """Of both axles, tyres in series [N m/rad]."""
-    found = []
+    stiffnesses = []
     for axle in (front, rear):
         own = (axle["stiffness"] / 2 + axle.get("anti_roll", 0.0)) * TRACK**2
-        found.append(1 / (1 / own + 1 / (TYRE * TRACK**2 / 2)))
-    return found
+        stiffnesses.append(1 / (1 / own + 1 / (TYRE * TRACK**2 / 2)))
+    return stiffnesses
 
 
 @pytest.mark.parametrize(
@@ -328,10 +328,12 @@ def test_a_lane_change_rolls_outwards_and_does_not_depend_on_the_step(sprung):
 
 def test_the_travel_of_the_wheels_is_logged(sprung):
     signals = lane_change(sprung, 0.005)
-    lean = signals["ego.travel.front_right"] - signals["ego.travel.front_left"]
-    at = signals["ego.roll"].idxmax()
+    travel_difference = signals["ego.travel.front_right"] - signals["ego.travel.front_left"]
+    time = signals["ego.roll"].idxmax()
     own, tyre = (FRONT["stiffness"] / 2 + FRONT["anti_roll"]) * TRACK**2, TYRE * TRACK**2 / 2
-    assert lean.loc[at] / TRACK == pytest.approx(signals["ego.roll"].loc[at] * tyre / (own + tyre), rel=0.1)
+    assert travel_difference.loc[time] / TRACK == pytest.approx(
+        signals["ego.roll"].loc[time] * tyre / (own + tyre), rel=0.1
+    )
 
 
 # --- bad values --------------------------------------------------------------------------------------------------
@@ -348,7 +350,7 @@ def refused(tmp_path, change):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         (
             ARGUMENTS,
@@ -393,26 +395,26 @@ def refused(tmp_path, change):
         ),
     ],
 )
-def test_what_is_wrong_is_said_with_file_and_line(tmp_path, change, said):
-    assert re.search(said, refused(tmp_path, change)), refused(tmp_path, change)
+def test_what_is_wrong_is_said_with_file_and_line(tmp_path, change, expected):
+    assert re.search(expected, refused(tmp_path, change)), refused(tmp_path, change)
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "said"),
+    ("name", "old", "new", "expected"),
     [
         ("suspension.xacro", 'xyz="0 0 1"', 'xyz="0 0 -1"', "moves along 0 0 -1 of 'base_link'; it should be 0 0 1"),
         ("suspension.xacro", '"rebound_travel" value="0.1"', '"rebound_travel" value="0"', "is limited to 0 … 0.1 m"),
         ("suspension.xacro", "${10 if suspension", "${340 if suspension", "carries -"),
     ],
 )
-def test_a_joint_that_cannot_carry_its_wheel_is_refused(tmp_path, name, old, new, said):
+def test_a_joint_that_cannot_carry_its_wheel_is_refused(tmp_path, name, old, new, expected):
     text = (data_root() / "models" / "bolt" / name).read_text(encoding="utf-8")
     assert old in text
     change = ARGUMENTS + f"vehicle:\n  suspension: {SECTION}\n  joints: {{suspension: {NAMED}}}"
     bolt_variant(tmp_path / "car", change)
     (tmp_path / "car" / name).unlink()
     (tmp_path / "car" / name).write_text(text.replace(old, new, 1), encoding="utf-8")
-    assert said in refused(tmp_path, change)
+    assert expected in refused(tmp_path, change)
 
 
 def test_the_air_and_the_wind_of_a_plant_are_checked():

@@ -196,17 +196,19 @@ def read(folder: Path, name: str, text: str) -> TirFile:
 
 @pytest.mark.parametrize("name", TEXTS)
 def test_a_tyre_is_the_same_in_every_dialect(tmp_path: Path, name: str) -> None:
-    found, expected = read(tmp_path, name, TEXTS[name]).parameters, EXPECTED[name]
+    parameters, expected = read(tmp_path, name, TEXTS[name]).parameters, EXPECTED[name]
     for field in MagicFormulaParameters.__dataclass_fields__:
         value = getattr(expected, field)
-        assert getattr(found, field) == (value if isinstance(value, str) else pytest.approx(value, rel=1e-9)), field
+        assert getattr(parameters, field) == (value if isinstance(value, str) else pytest.approx(value, rel=1e-9)), (
+            field
+        )
     ours, theirs = (
         magic_formula(tyre, 0.05, math.tan(0.04), 3500.0, vx=20.0, gamma=0.02, pressure=220e3)
-        for tyre in (found, replace(TYRE, version=expected.version, phy3=expected.phy3, nompres=220e3))
+        for tyre in (parameters, replace(TYRE, version=expected.version, phy3=expected.phy3, nompres=220e3))
     )
     if name == "swift.tir":  # at the nominal pressure
         assert list(ours) == pytest.approx(list(theirs), rel=1e-8)
-        harder = magic_formula(found, 0.05, 0.0, 3500.0, vx=20.0)
+        harder = magic_formula(parameters, 0.05, 0.0, 3500.0, vx=20.0)
         assert harder.fx < ours.fx  # PPX1 softens at 2.4 bar
     else:
         assert list(ours) == pytest.approx(list(theirs), rel=1e-8)
@@ -220,7 +222,7 @@ def test_nothing_of_a_file_is_lost(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new", "said"),
+    ("name", "old", "new", "expected"),
     [
         ("adams.tir", "'mm'", "'mile'", "[UNITS] LENGTH: unknown unit 'mile'"),
         ("adams.tir", "'radians'", "'degrees'", "[UNITS] ANGLE: unknown unit 'degrees'; the coefficients are"),
@@ -235,24 +237,24 @@ def test_nothing_of_a_file_is_lost(tmp_path: Path) -> None:
         ("swift.tir", "LGYR", "LMUY", "[SCALING_COEFFICIENTS] LMUY: has another value in line"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, name: str, old: str, new: str, said: str) -> None:
-    before, found, after = TEXTS[name].partition(old)
-    assert found
+def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, name: str, old: str, new: str, expected: str) -> None:
+    before, separator, after = TEXTS[name].partition(old)
+    assert separator
     with pytest.raises(ConfigError) as caught:
         read(tmp_path, name, before + new + after)
     (message,) = str(caught.value).splitlines()
-    assert f"{name}:{before.count(chr(10)) + 1}: {said}" in message
+    assert f"{name}:{before.count(chr(10)) + 1}: {expected}" in message
 
 
 @pytest.mark.parametrize(
-    ("start", "end", "said"),
+    ("start", "end", "expected"),
     [
         ("[vertical]", "[vertical_f", "1: [VERTICAL]: missing section"),
         ("\ttime", "[model]", "2: [UNITS] TIME: missing"),
     ],
 )
-def test_what_is_missing_is_told(tmp_path: Path, start: str, end: str, said: str) -> None:
+def test_what_is_missing_is_told(tmp_path: Path, start: str, end: str, expected: str) -> None:
     before, rest = POUNDS[: POUNDS.index(start)], POUNDS[POUNDS.index(end) :]
     with pytest.raises(ConfigError) as caught:
         read(tmp_path, "pounds.tir", before + rest)
-    assert f"pounds.tir:{said}" in str(caught.value)
+    assert f"pounds.tir:{expected}" in str(caught.value)

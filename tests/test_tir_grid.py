@@ -118,13 +118,13 @@ def by_the_book(text: str, kappa: float, slip: float, load: float, gamma: float)
     fy = pure + side * math.sin(q["RVY5"] * math.atan(q["RVY6"] * kappa))
 
     # Aligning moment.
-    at = slip + q["QHZ1"] + q["QHZ2"] * d + (q["QHZ3"] + q["QHZ4"] * d) * c
+    shifted_slip = slip + q["QHZ1"] + q["QHZ2"] * d + (q["QHZ3"] + q["QHZ4"] * d) * c
     bt = (q["QBZ1"] + q["QBZ2"] * d + q["QBZ3"] * d**2) * (1 + q["QBZ4"] * gamma + q["QBZ5"] * abs(gamma))
     dt = load * radius / fz0 * (q["QDZ1"] + q["QDZ2"] * d) * (1 + q["QDZ3"] * gamma + q["QDZ4"] * gamma**2)
     et = q["QEZ1"] + q["QEZ2"] * d + q["QEZ3"] * d**2
-    et *= 1 + (q["QEZ4"] + q["QEZ5"] * c) * 2 / math.pi * math.atan(bt * q["QCZ1"] * at)
+    et *= 1 + (q["QEZ4"] + q["QEZ5"] * c) * 2 / math.pi * math.atan(bt * q["QCZ1"] * shifted_slip)
     cosine = 1 / math.hypot(1, slip)
-    trail = dt * math.cos(angle(bt, q["QCZ1"], min(et, 1), math.hypot(at, kx / ky * kappa))) * cosine
+    trail = dt * math.cos(angle(bt, q["QCZ1"], min(et, 1), math.hypot(shifted_slip, kx / ky * kappa))) * cosine
     ar = math.hypot(slip + shy + svy / ky, kx / ky * kappa)
     dr = load * radius * (q["QDZ6"] + q["QDZ7"] * d + (q["QDZ8"] + q["QDZ9"] * d) * c) * cosine
     rest = dr * math.cos(math.atan((q["QBZ9"] + q["QBZ10"] * by * q["PCY1"]) * ar))

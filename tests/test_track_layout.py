@@ -47,16 +47,16 @@ def message(folder: Path, monkeypatch: pytest.MonkeyPatch, text: str, **files: s
     monkeypatch.chdir(folder)
     with pytest.raises((ConfigError, WorldError)) as caught:
         load_world(str(write(folder, text, **files)))
-    told = str(caught.value)
-    assert "\n" not in told
-    return told
+    reported = str(caught.value)
+    assert "\n" not in reported
+    return reported
 
 
 def circuit_csv(spacing: float = 1.0) -> str:
     """A circuit of 4 km whose width goes from 7 to 11 m."""
     points = circuit(CIRCUIT_LENGTH, spacing)
-    at = 2 * np.pi * np.arange(len(points)) / len(points)
-    rows = np.column_stack((points, 4.0 + np.sin(at), 5.0 + np.cos(3 * at)))
+    angles = 2 * np.pi * np.arange(len(points)) / len(points)
+    rows = np.column_stack((points, 4.0 + np.sin(angles), 5.0 + np.cos(3 * angles)))
     return "# x_m,y_m,w_tr_right_m,w_tr_left_m\n" + "\n".join(",".join(f"{v:.6f}" for v in row) for row in rows) + "\n"
 
 
@@ -143,9 +143,9 @@ def test_a_circuit_of_4_km_has_the_widths_of_its_file(circuit_file: Path):
     assert track.closed
     assert track.length == pytest.approx(CIRCUIT_LENGTH, rel=1e-4)
     s = np.arange(0.0, 3999.0, 7.0)
-    at = 2 * np.pi * s / CIRCUIT_LENGTH
-    assert track.right_width(s) == pytest.approx(4.0 + np.sin(at), abs=0.01)
-    assert track.left_width(s) == pytest.approx(5.0 + np.cos(3 * at), abs=0.01)
+    angles = 2 * np.pi * s / CIRCUIT_LENGTH
+    assert track.right_width(s) == pytest.approx(4.0 + np.sin(angles), abs=0.01)
+    assert track.left_width(s) == pytest.approx(5.0 + np.cos(3 * angles), abs=0.01)
 
 
 def test_a_circuit_of_4_km_is_built_with_its_scenery_within_2_seconds(circuit_file: Path):
@@ -211,10 +211,10 @@ def test_a_road_of_an_opendrive_file_is_a_track(tmp_path: Path):
         assert (float(track.left_width(50.0)), float(track.right_width(50.0))) == (3.0, 4.0)
         assert track.pose_at(0.0) == pytest.approx((500.0, 0.0, 0.0))
         assert track.notes == ("signals: 1",)
-    one = track_of(tmp_path, "xodr: {file: track.xodr, lane: -1}, start: {at: [0, 0]}", xodr=ROAD)
-    assert one.width == pytest.approx(4.0)
-    assert one.length == pytest.approx(2 * math.pi * 32.0)
-    assert one.pose_at(0.0) == pytest.approx((0.0, 0.0, 0.0))
+    lane_track = track_of(tmp_path, "xodr: {file: track.xodr, lane: -1}, start: {at: [0, 0]}", xodr=ROAD)
+    assert lane_track.width == pytest.approx(4.0)
+    assert lane_track.length == pytest.approx(2 * math.pi * 32.0)
+    assert lane_track.pose_at(0.0) == pytest.approx((0.0, 0.0, 0.0))
 
 
 # --- varying widths -----------------------------------------------------------------------------------------------
@@ -330,11 +330,13 @@ def triangles(item: Any) -> list[tuple[np.ndarray, dict[str, Any]]]:
         view = gltf["bufferViews"][gltf["accessors"][index]["bufferView"]]
         return np.frombuffer(blob, kind, offset=view["byteOffset"], count=view["byteLength"] // 4)
 
-    found = []
+    triangles_found = []
     for part in gltf["meshes"][0]["primitives"]:
         points = read(part["attributes"]["POSITION"], "<f4").reshape(-1, 3).astype(float)[:, [0, 2, 1]] * [1, -1, 1]
-        found.append((points[read(part["indices"], "<u4").reshape(-1, 3)], gltf["materials"][part["material"]]))
-    return found
+        triangles_found.append(
+            (points[read(part["indices"], "<u4").reshape(-1, 3)], gltf["materials"][part["material"]])
+        )
+    return triangles_found
 
 
 def vertices(item: Any) -> np.ndarray:
@@ -405,10 +407,10 @@ def test_a_point_on_the_line_of_the_path_tracker_gets_round_on_the_road(circuit_
     (x, y, yaw), s, driven = track.pose_at(0.0), 0.0, []
     for _ in range(round(track.length / step)):  # it steers as the line curves, and takes back what it is off the line
         s, lateral = track.project(x, y, near=s)
-        at = int(s / track.length * count) % count
-        assert abs(lateral - line.offset[at]) < 0.1
-        heading = math.remainder(yaw - track.pose_at(s)[2] - line.slope[at], 2 * math.pi)
-        turn = float(line.curvature[at]) - 0.3 * heading - 0.02 * (lateral - float(line.offset[at]))
+        index = int(s / track.length * count) % count
+        assert abs(lateral - line.offset[index]) < 0.1
+        heading = math.remainder(yaw - track.pose_at(s)[2] - line.slope[index], 2 * math.pi)
+        turn = float(line.curvature[index]) - 0.3 * heading - 0.02 * (lateral - float(line.offset[index]))
         middle = yaw + turn * step / 2
         x, y, yaw = x + step * math.cos(middle), y + step * math.sin(middle), yaw + turn * step
         driven.append((x, y, yaw))
@@ -590,19 +592,19 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
 ]
 
 
-@pytest.mark.parametrize(("entry", "says", "files"), FAULTS)
+@pytest.mark.parametrize(("entry", "expected", "files"), FAULTS)
 def test_a_fault_is_reported_with_its_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entry: str, says: str, files: dict[str, str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entry: str, expected: str, files: dict[str, str]
 ):
-    told = message(tmp_path, monkeypatch, world(entry), **files)
-    assert told.startswith("w.yaml:")
-    assert says in told
+    reported = message(tmp_path, monkeypatch, world(entry), **files)
+    assert reported.startswith("w.yaml:")
+    assert expected in reported
 
 
 def test_the_points_at_a_crossing_are_named_by_their_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     text = csv([f"{x},{y},2,2" for x, y in EIGHT])
-    told = message(tmp_path, monkeypatch, world("csv: track.csv"), csv=text)
-    places = [int(part.split(")")[0]) for part in told.split("track.csv:")[1:]]
+    reported = message(tmp_path, monkeypatch, world("csv: track.csv"), csv=text)
+    places = [int(part.split(")")[0]) for part in reported.split("track.csv:")[1:]]
     crossing = np.array(EIGHT)[np.array(places) - 2]  # the first point is in line 2
     assert len(places) == 2
     assert np.hypot(*crossing.T).max() < 10.0  # the eight crosses itself at the origin

@@ -178,8 +178,8 @@ def test_projection_undoes_the_pose_along_the_test_track(main_track: Track):
     s, offset = rng.uniform(0.0, 965.0, 5000), rng.uniform(-1.5, 1.5, 5000)
     x, y = main_track.point(s, offset)
     for near in (None, s + rng.uniform(-0.5, 0.5, 5000)):
-        found, lateral = main_track.project(x, y, near=near)
-        assert np.abs(found - s).max() < 1e-6
+        arc_length, lateral = main_track.project(x, y, near=near)
+        assert np.abs(arc_length - s).max() < 1e-6
         assert np.abs(lateral - offset).max() < 1e-6
 
 
@@ -187,8 +187,8 @@ def test_one_point_gives_what_arrays_give(main_track: Track):
     rng = np.random.default_rng(2)
     x, y = rng.uniform(-140.0, 140.0, 300), rng.uniform(-45.0, 45.0, 300)
     many = np.column_stack(main_track.project(x, y))
-    one = np.array([main_track.project(a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)])
-    assert np.abs(many[:, 1] - one[:, 1]).max() < 1e-6
+    pointwise = np.array([main_track.project(a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)])
+    assert np.abs(many[:, 1] - pointwise[:, 1]).max() < 1e-6
     s = rng.uniform(-2000.0, 2000.0, 200)
     assert np.column_stack(main_track.pose(s)) == pytest.approx(np.array([main_track.pose_at(v) for v in s.tolist()]))
     assert main_track.curvature(s) == pytest.approx([main_track.curvature_at(v) for v in s.tolist()])
@@ -382,17 +382,17 @@ def test_a_road_folds_where_samples_of_its_edges_fold(parts: list[Piece], left: 
     s = np.concatenate([np.linspace(a + 1e-9, b - 1e-9, 400) for a, b in itertools.pairwise(track.knots)])
     k = track.curvature(s)
     inner = np.maximum(k * track.left_width(s), -k * track.right_width(s))
-    place = track.folds()
-    if place is None:
+    location = track.folds()
+    if location is None:
         assert inner.max() < 1.0 + 1e-6
     else:
         assert inner.max() > 0.99
-        near = np.abs(s - place) < 0.2
+        near = np.abs(s - location) < 0.2
         assert inner[near].max() == pytest.approx(inner.max(), abs=0.02 * max(1.0, inner.max()))
 
 
 @pytest.mark.parametrize(
-    ("edges", "says"),
+    ("edges", "expected"),
     [
         (([0.0, 5.0, 10.0], [1.0, 1.0], [1.0, 1.0]), "shapes (3,), (2,), (2,); give s, left and right with one value"),
         (([0.0], [1.0], [1.0]), "two or more"),
@@ -404,12 +404,12 @@ def test_a_road_folds_where_samples_of_its_edges_fold(parts: list[Piece], left: 
         (([0.0, 10.0], [1.0, 2.0], [1.0] * 2), "left is 1 m at the start and 2 m at the end of a closed track"),
     ],
 )
-def test_edges_that_do_not_fit_are_rejected_in_one_line(edges: tuple[list[float], ...], says: str):
+def test_edges_that_do_not_fit_are_rejected_in_one_line(edges: tuple[list[float], ...], expected: str):
     with pytest.raises(WorldError) as caught:
         Track([Piece(10.0, 0.0, 0.0)], closed=True, edges=edges, name="loop")  # type: ignore[arg-type]
     message = str(caught.value)
     assert message.startswith("track 'loop': edges")
-    assert says in message
+    assert expected in message
     assert "\n" not in message
 
 
@@ -422,8 +422,8 @@ def test_points_at_the_seam_of_a_track_that_closes_within_a_millimetre_are_proje
         s, lateral = track.project(x, np.full_like(x, offset))
         assert np.minimum(s, track.length - s).max() < 5e-3
         assert np.abs(lateral - offset).max() < 1e-6
-        for place in x.tolist():
+        for x_seam in x.tolist():
             for near in (None, 1.0, track.length - 1.0):
-                s_one, lateral_one = track.project(place, offset, near=near)
+                s_one, lateral_one = track.project(x_seam, offset, near=near)
                 assert min(s_one, track.length - s_one) < 5e-3
                 assert abs(lateral_one - offset) < 1e-6

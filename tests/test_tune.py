@@ -27,10 +27,10 @@ def test_a_result_has_loop_candidates_tables_and_experiments(study: Any) -> None
     assert study.candidates[0].gains == {"kp": 100.0, "ki": 0.01, "kd": 10.0}
     for name in ("responses", "trials", "frequency", "map"):
         assert len(study.table(name)) > 0
-    assert [one.name for one in study.experiments] == ["step_test", "relay", "frequency_response"]
-    rejected = [one for one in study.candidates if not one.feasible]
+    assert [experiment.name for experiment in study.experiments] == ["step_test", "relay", "frequency_response"]
+    rejected = [candidate for candidate in study.candidates if not candidate.feasible]
     assert rejected
-    assert all(one.rejections for one in rejected)
+    assert all(candidate.rejections for candidate in rejected)
 
 
 def test_the_identified_gain_is_that_of_the_mass(study: Any) -> None:

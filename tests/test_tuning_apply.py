@@ -126,7 +126,9 @@ BROKEN = {"check": "constraint", "figure": "ms", "value": 1.9, "limit": 1.6}
 
 
 def _changed_candidate(**changes: Any) -> list[dict[str, Any]]:
-    return [one | (changes if one["name"] == "searched" else {}) for one in result_data("x")["candidates"]]
+    return [
+        candidate | (changes if candidate["name"] == "searched" else {}) for candidate in result_data("x")["candidates"]
+    ]
 
 
 @pytest.mark.parametrize(
@@ -221,7 +223,7 @@ def test_the_file_keeps_its_mode_and_its_line_ends(tmp_path: Path, vehicle: Path
     after = path.read_bytes()
     assert after.count(b"\r\n") == after.count(b"\n")
     assert path.stat().st_mode & 0o777 == 0o640
-    assert [one.name for one in vehicle.glob("*.tmp")] == []
+    assert [path.name for path in vehicle.glob("*.tmp")] == []
 
 
 @pytest.mark.parametrize(

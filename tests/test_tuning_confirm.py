@@ -31,8 +31,8 @@ def drive(gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity
 
 
 def margins() -> dict[str, float]:
-    found = find_margins(plant(), PidGains(**GAINS), period=PERIOD)
-    return {"gain_margin": found.gain_margin, "delay_margin_s": found.delay_margin}
+    loop_margins = find_margins(plant(), PidGains(**GAINS), period=PERIOD)
+    return {"gain_margin": loop_margins.gain_margin, "delay_margin_s": loop_margins.delay_margin}
 
 
 def test_true_margins_are_claimed_in_full() -> None:

@@ -115,13 +115,13 @@ def course() -> Course:
 
 def test_a_sustained_oscillation_is_unstable_and_a_decaying_one_is_not() -> None:
     t = np.arange(0.0, 10.0, 0.02)
-    one = np.ones_like(t)
-    stays = judge(t, one, one + 0.3 * np.sin(5.0 * t), one, course=course())
-    dies = judge(t, one, one + np.exp(-0.4 * t) * np.sin(5.0 * t), one, course=course())
-    slow = judge(t, one, 1.0 - np.exp(-0.05 * t), one, course=course())
+    ones = np.ones_like(t)
+    stays = judge(t, ones, ones + 0.3 * np.sin(5.0 * t), ones, course=course())
+    dies = judge(t, ones, ones + np.exp(-0.4 * t) * np.sin(5.0 * t), ones, course=course())
+    slow = judge(t, ones, 1.0 - np.exp(-0.05 * t), ones, course=course())
     assert (stays.status, dies.status, slow.status) == ("unstable", "ok", "ok")
-    assert judge(t, one, np.where(t > 5.0, np.nan, 1.0), one, course=course()).status == "unstable"
-    assert judge(t, one, one, one, course=course(), others={"a wheel": np.sin(5.0 * t)}).reason.startswith(
+    assert judge(t, ones, np.where(t > 5.0, np.nan, 1.0), ones, course=course()).status == "unstable"
+    assert judge(t, ones, ones, ones, course=course(), others={"a wheel": np.sin(5.0 * t)}).reason.startswith(
         "a wheel oscillates"
     )
 
@@ -186,11 +186,11 @@ def test_a_test_does_not_depend_on_earlier_ones() -> None:
 
 
 def test_a_diverging_loop_is_not_simulated_to_the_end() -> None:
-    found = LoopEvaluator(speed_loop(duration=30.0), keep=True)({"kp": -1000.0, "ki": 0.0, "kd": 0.0})
-    assert found.status == "unstable"
-    assert found.reason == "the error exceeds ten steps"
-    assert found.response is not None
-    assert float(found.response["t"].iloc[-1]) < 15.0
+    evaluation = LoopEvaluator(speed_loop(duration=30.0), keep=True)({"kp": -1000.0, "ki": 0.0, "kd": 0.0})
+    assert evaluation.status == "unstable"
+    assert evaluation.reason == "the error exceeds ten steps"
+    assert evaluation.response is not None
+    assert float(evaluation.response["t"].iloc[-1]) < 15.0
 
 
 def test_figures_of_a_speed_loop_do_not_depend_on_the_step_of_the_plant() -> None:
@@ -216,7 +216,7 @@ def test_a_grade_needs_the_torque_that_holds_the_weight() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "expected"),
     [
         (BOTH + "search:\n  ranges:\n    kq: {low: 1, high: 2}", "t.yaml:5: search.ranges.kq: no gain 'kq'"),
         (BOTH + "search:\n  ranges:\n    kp: {low: 2, high: 2}", "t.yaml:5: search.ranges.kp: the range"),
@@ -258,25 +258,25 @@ def test_a_grade_needs_the_torque_that_holds_the_weight() -> None:
         (BOTH + "test:\n  duration: 3\n  step_time: 5", "t.yaml:5: test.step_time: 5 s is not before the end (3 s)"),
     ],
 )  # fmt: skip
-def test_faults_are_reported_with_file_and_line(text: str, says: str) -> None:
+def test_faults_are_reported_with_file_and_line(text: str, expected: str) -> None:
     def check() -> None:
         spec = parse_yaml(text, TuningSpec, name="t.yaml")
         check_study(spec, make_loop_spec(spec))
 
     with pytest.raises(ConfigError) as error:
         check()
-    assert says in str(error.value)
+    assert expected in str(error.value)
     assert len(str(error.value).splitlines()) == 1
 
 
 @pytest.mark.parametrize(
-    ("connect", "says"),
+    ("connect", "expected"),
     [
         ("[wanted.y, pid.reference]", "pid.measurement"),
         ("[ego.spede, pid.measurement]", "loop.yaml:7: connect.0: unknown output 'ego.spede'"),
     ],
 )
-def test_a_loop_that_is_not_connected_is_rejected_with_its_line(connect: str, says: str, tmp_path: Path) -> None:
+def test_a_loop_that_is_not_connected_is_rejected_with_its_line(connect: str, expected: str, tmp_path: Path) -> None:
     diagram = (
         "world: empty\nvehicles: {ego: {model: bolt}}\n"
         "systems:\n  pid: {kind: pid, kp: 1.0, period: 0.02}\n  wanted: {kind: constant, value: [1]}\n"
@@ -287,7 +287,7 @@ def test_a_loop_that_is_not_connected_is_rejected_with_its_line(connect: str, sa
     spec = make_tuning({"loop": loop, "folder": str(tmp_path)})
     with pytest.raises(MirdrakeError) as error:
         make_loop_spec(spec)
-    assert says in str(error.value)
+    assert expected in str(error.value)
     assert "loop.yaml:" in str(error.value)
 
 

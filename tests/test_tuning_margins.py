@@ -41,29 +41,29 @@ LOOPS = {
 @pytest.mark.parametrize("name", LOOPS)
 def test_margins_equal_those_of_python_control(name: str) -> None:
     plant, gains = LOOPS[name]
-    found = find_margins(plant, gains)
+    margins = find_margins(plant, gains)
     loop = (plant * controller_transfer_function(gains)).to_control()
     gain, phase, distance, w_phase, w_gain, _ = control.stability_margins(loop)
-    assert found.gain_margin == pytest.approx(gain, rel=1e-5)
-    assert math.degrees(found.phase_margin) == pytest.approx(phase, abs=1e-4)
-    assert found.max_sensitivity == pytest.approx(max(1.0 / distance, 1.0), rel=1e-4)
-    assert found.gain_crossover == pytest.approx(w_gain, rel=1e-5)
+    assert margins.gain_margin == pytest.approx(gain, rel=1e-5)
+    assert math.degrees(margins.phase_margin) == pytest.approx(phase, abs=1e-4)
+    assert margins.max_sensitivity == pytest.approx(max(1.0 / distance, 1.0), rel=1e-4)
+    assert margins.gain_crossover == pytest.approx(w_gain, rel=1e-5)
     if math.isfinite(gain):
-        assert found.phase_crossover == pytest.approx(w_phase, rel=1e-5)
+        assert margins.phase_crossover == pytest.approx(w_phase, rel=1e-5)
     disk, disk_gain, disk_phase = control.disk_margins(loop, np.geomspace(0.03, 100.0, 4_000))
-    assert found.disk_margin == pytest.approx(disk, rel=1e-4)
-    assert 20.0 * math.log10(found.disk_gain) == pytest.approx(disk_gain, rel=1e-4)
-    assert math.degrees(found.disk_phase) == pytest.approx(disk_phase, rel=1e-4)
+    assert margins.disk_margin == pytest.approx(disk, rel=1e-4)
+    assert 20.0 * math.log10(margins.disk_gain) == pytest.approx(disk_gain, rel=1e-4)
+    assert math.degrees(margins.disk_phase) == pytest.approx(disk_phase, rel=1e-4)
     assert is_stable(plant, gains)
 
 
 def test_margins_of_a_delayed_integrator_have_closed_forms() -> None:
     # L = k exp(-s T)/s: crossover k, PM = 90° - k T, GM = π/(2 k T), delay margin = PM/k.
     k, delay = 0.8, 0.5
-    found = find_margins(Integrator(k, delay), PidGains(1.0))
-    assert found.gain_margin == pytest.approx(math.pi / (2.0 * k * delay), rel=1e-9)
-    assert found.phase_margin == pytest.approx(0.5 * math.pi - k * delay, rel=1e-9)
-    assert found.delay_margin == pytest.approx(0.5 * math.pi / k - delay, rel=1e-9)
+    margins = find_margins(Integrator(k, delay), PidGains(1.0))
+    assert margins.gain_margin == pytest.approx(math.pi / (2.0 * k * delay), rel=1e-9)
+    assert margins.phase_margin == pytest.approx(0.5 * math.pi - k * delay, rel=1e-9)
+    assert margins.delay_margin == pytest.approx(0.5 * math.pi / k - delay, rel=1e-9)
 
 
 def test_the_ultimate_point_of_textbook_plants() -> None:
@@ -81,16 +81,16 @@ def test_the_ultimate_point_of_textbook_plants() -> None:
 def test_each_margin_is_the_limit_of_stability(time: float, ratio: float, near: float) -> None:
     plant = FirstOrder(1.0, time, ratio * time).transfer_function()
     gains = PidGains(0.3 / ratio, 0.3 / (ratio * time))
-    found = find_margins(plant, gains)
+    margins = find_margins(plant, gains)
 
     def stable(gain: float, delay: float) -> bool:
         return is_stable(TransferFunction((gain,), (time, 1.0), plant.delay + delay), gains)
 
     assert stable(1.0, 0.0)
-    assert stable(1.0 + near * (found.gain_margin - 1.0), 0.0)
-    assert not stable(1.0 + (found.gain_margin - 1.0) / near, 0.0)
-    assert stable(1.0, near * found.delay_margin)
-    assert not stable(1.0, found.delay_margin / near)
+    assert stable(1.0 + near * (margins.gain_margin - 1.0), 0.0)
+    assert not stable(1.0 + (margins.gain_margin - 1.0) / near, 0.0)
+    assert stable(1.0, near * margins.delay_margin)
+    assert not stable(1.0, margins.delay_margin / near)
 
 
 @settings(deadline=None, max_examples=40)

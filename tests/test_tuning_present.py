@@ -56,10 +56,10 @@ def test_a_speed_loop_around_the_wheels_adds_to_the_loop_gain(loop: LoopSpec) ->
     bare = make_loop(loop, LoopModel({"main": integrator}))
     around = make_loop(loop, LoopModel({"main": integrator}, outer=OuterLoop(1.0, 0.0, 10.0)))
     gains = {"kp": 1.0, "ki": 0.0, "kd": 0.0}
-    margins = [find_loop_margins(one, gains)["gain_margin"] for one in (bare, around)]
+    margins = [find_loop_margins(loop, gains)["gain_margin"] for loop in (bare, around)]
     assert margins[0] / margins[1] == pytest.approx(2.0, rel=1e-3)
     assert loop_plants(around)["main"].static_gain == float("inf")
-    fast, slow = (run_reduced(one, gains).figures["iae"] for one in (around, bare))
+    fast, slow = (run_reduced(loop, gains).figures["iae"] for loop in (around, bare))
     assert fast == pytest.approx(0.5 * slow, rel=0.1)
 
 

@@ -77,11 +77,11 @@ def test_every_candidate_is_in_the_table_with_all_its_figures(sample: TuningResu
     table = next(rows for rows in _tables(page) if rows[0][:3] == ["Candidate", "Origin", "Verdict"])
     assert len(table) == len(sample.candidates) + 1
     assert [len(row) for row in table] == [3 + 3 + 1 + len(FIGURES)] * len(table)
-    for row, one in zip(table[1:], sample.candidates, strict=True):
-        assert row[0].startswith(one.name)
-        if one.status == "ok":
-            wanted = [one.gains[name] for name in ("kp", "ki", "kd")] + [one.cost]
-            wanted += [one.figures.get(name) for name in FIGURES]
+    for row, candidate in zip(table[1:], sample.candidates, strict=True):
+        assert row[0].startswith(candidate.name)
+        if candidate.status == "ok":
+            wanted = [candidate.gains[name] for name in ("kp", "ki", "kd")] + [candidate.cost]
+            wanted += [candidate.figures.get(name) for name in FIGURES]
             assert row[3:] == ["–" if value is None else format_quantity(value) for value in wanted]
         else:
             assert row[2] == "unstable"
@@ -92,10 +92,10 @@ def test_the_robustness_table_has_the_figures_of_the_study(sample: TuningResult,
     assert sample.robustness is not None
     table = next(rows for rows in _tables(page) if rows[0][:2] == ["Candidate", "Failed"])
     for row in table[2:]:
-        one = sample.robustness.candidates[row[0]]
-        assert row[1] == f"{one.failures.failures} of 20"
-        assert row[2] == f"{100.0 * one.failures.low:.1f} to {100.0 * one.failures.high:.1f} %"
-        iae = one.figures["iae"]
+        candidate = sample.robustness.candidates[row[0]]
+        assert row[1] == f"{candidate.failures.failures} of 20"
+        assert row[2] == f"{100.0 * candidate.failures.low:.1f} to {100.0 * candidate.failures.high:.1f} %"
+        iae = candidate.figures["iae"]
         assert row[3:6] == [format_quantity(value) for value in (iae.median, iae.p95, iae.worst)]
     assert [row[0] for row in table[2:]] == list(sample.robustness.candidates)
     assert table[3][1:3] == ["20 of 20", "83.2 to 100.0 %"]  # published gains: (0.025)^(1/20) = 0.8316

@@ -42,11 +42,11 @@ def test_every_run_has_the_same_conditions_whatever_else_is_drawn() -> None:
 
 
 def test_candidates_meet_the_same_conditions_whatever_runs_them() -> None:
-    found = run_monte_carlo(LOOP, CANDIDATES, RANGES, runs=12, seed=1)
+    robustness = run_monte_carlo(LOOP, CANDIDATES, RANGES, runs=12, seed=1)
     drawn = [*RANGES, "seed"]
-    calm, hot = (found.table[found.table["candidate"] == name] for name in CANDIDATES)
+    calm, hot = (robustness.table[robustness.table["candidate"] == name] for name in CANDIDATES)
     assert calm[drawn].to_numpy().tolist() == hot[drawn].to_numpy().tolist()
-    assert run_monte_carlo(LOOP, CANDIDATES, RANGES, runs=12, seed=1, workers=1).table.equals(found.table)
+    assert run_monte_carlo(LOOP, CANDIDATES, RANGES, runs=12, seed=1, workers=1).table.equals(robustness.table)
     alone = run_monte_carlo(LOOP, {"hot": CANDIDATES["hot"]}, RANGES, runs=12, seed=1)
     assert alone.table["iae"].fillna(-1).tolist() == hot["iae"].fillna(-1).tolist()
 
@@ -75,36 +75,36 @@ def test_a_journal_goes_on_with_more_runs_and_candidates(tmp_path: Path) -> None
 
 
 def test_cautious_gains_stay_stable_in_runs_that_aggressive_ones_fail() -> None:
-    found = run_monte_carlo(LOOP, CANDIDATES, RANGES, runs=100, seed=2)
-    calm, hot = found.failures("calm"), found.failures("hot")
+    robustness = run_monte_carlo(LOOP, CANDIDATES, RANGES, runs=100, seed=2)
+    calm, hot = robustness.failures("calm"), robustness.failures("hot")
     assert calm.failures == 0
     assert calm.high == pytest.approx(1.0 - 0.025 ** (1.0 / 100.0))  # the closed form for no failure
     # Unstable where the delay is too long for gain and lag: known for each draw.
     conditions = draw_conditions(RANGES, runs=100, seed=2)
     assert hot.failures == sum(LOOP(CANDIDATES["hot"], given).status == "unstable" for given in conditions)
     assert 0.02 < hot.low < hot.rate < hot.high < 1.0
-    rows = found.table[found.table["candidate"] == "calm"]
-    spread = found.quantiles("calm", "iae")
+    rows = robustness.table[robustness.table["candidate"] == "calm"]
+    spread = robustness.quantiles("calm", "iae")
     assert spread.worst == rows["iae"].max()
     assert (rows["iae"] <= spread.p95).sum() == 95
     assert (rows["iae"] <= spread.median).sum() == 50
-    assert found.quantiles("hot", "iae").worst == math.inf
-    summary = found.summary({})
+    assert robustness.quantiles("hot", "iae").worst == math.inf
+    summary = robustness.summary({})
     assert summary.candidates["hot"].figures["iae"].worst == math.inf
     assert summary.ranges == RANGES
     with pytest.raises(ConfigError, match="no candidate 'clam'; did you mean 'calm'"):
-        found.failures("clam")
+        robustness.failures("clam")
     with pytest.raises(ConfigError, match="no figure 'iea'"):
-        found.quantiles("calm", "iea")
+        robustness.quantiles("calm", "iea")
 
 
 @pytest.mark.parametrize(("failures", "runs"), [(0, 30), (1, 30), (7, 100), (30, 30)])
 def test_the_interval_of_a_rate_is_that_of_clopper_and_pearson(failures: int, runs: int) -> None:
-    found = failure_rate(failures, runs)
+    interval = failure_rate(failures, runs)
     low = beta.ppf(0.025, failures, runs - failures + 1) if failures else 0.0
     high = beta.ppf(0.975, failures + 1, runs - failures) if failures < runs else 1.0
-    assert found.low == pytest.approx(low)
-    assert found.high == pytest.approx(high)
+    assert interval.low == pytest.approx(low)
+    assert interval.high == pytest.approx(high)
 
 
 def test_statistics_go_from_good_to_bad() -> None:
@@ -115,10 +115,10 @@ def test_statistics_go_from_good_to_bad() -> None:
     assert (spread.median, spread.p95, spread.worst) == (11.0, 2.0, 1.0)
     spread = quantiles_of("steady_error", -values, ok)
     assert spread.worst == 20.0
-    one = np.arange(20) != 3
-    assert quantiles_of("iae", values, one).worst == math.inf
-    assert quantiles_of("iae", values, one).p95 == 20.0
-    assert quantiles_of("disk_margin", values, one).worst == -math.inf
+    all_but_one = np.arange(20) != 3
+    assert quantiles_of("iae", values, all_but_one).worst == math.inf
+    assert quantiles_of("iae", values, all_but_one).p95 == 20.0
+    assert quantiles_of("disk_margin", values, all_but_one).worst == -math.inf
 
 
 @pytest.mark.parametrize(

@@ -148,25 +148,25 @@ def _best_pi() -> float:
 
 @pytest.mark.parametrize(("method", "trials", "within"), [("tpe", 120, 0.05), ("cma", 160, 0.02), ("nsga2", 200, 0.1)])
 def test_samplers_approach_the_best_pi(method: str, trials: int, within: float) -> None:
-    found = look(method=method, trials=trials)
-    assert found.best.figures["ms"] <= 1.6
-    assert found.best.cost <= _best_pi() * (1.0 + within)
+    result = look(method=method, trials=trials)
+    assert result.best.figures["ms"] <= 1.6
+    assert result.best.cost <= _best_pi() * (1.0 + within)
     random_best = look(method="random", trials=trials).best
-    assert found.best.cost < random_best.cost
+    assert result.best.cost < random_best.cost
 
 
 def test_a_search_begins_with_the_given_candidates() -> None:
     start = [{"kp": 1.0, "ki": 1.0}, {"kp": 0.5, "ki": 0.25}]
     for method in (*LEARNING, "sobol"):
-        found = look(method=method, trials=10, start=start)
-        assert [trial.gains for trial in found.trials[:2]] == start
-        assert len(found.trials) == 10
+        result = look(method=method, trials=10, start=start)
+        assert [trial.gains for trial in result.trials[:2]] == start
+        assert len(result.trials) == 10
 
 
 def test_fixed_gains_go_along() -> None:
-    found = search(LOOP, {"kp": SPACE["kp"]}, trials=12, cost={"iae": 1.0}, fixed={"ki": 0.7}, seed=1)
-    assert {trial.gains["ki"] for trial in found.trials} == {0.7}
-    assert list(found.table.columns[:3]) == ["number", "ki", "kp"]
+    result = search(LOOP, {"kp": SPACE["kp"]}, trials=12, cost={"iae": 1.0}, fixed={"ki": 0.7}, seed=1)
+    assert {trial.gains["ki"] for trial in result.trials} == {0.7}
+    assert list(result.table.columns[:3]) == ["number", "ki", "kp"]
 
 
 # --- failures ---
@@ -174,15 +174,15 @@ def test_fixed_gains_go_along() -> None:
 
 @pytest.mark.parametrize("method", LEARNING)
 def test_unstable_candidates_rank_last_and_become_rare(method: str) -> None:
-    found = look(method=method, trials=90, constraints={"ms": 1.6, "settling_time": 4.0})
-    unstable = [trial for trial in found.trials if trial.status == "unstable"]
+    result = look(method=method, trials=90, constraints={"ms": 1.6, "settling_time": 4.0})
+    unstable = [trial for trial in result.trials if trial.status == "unstable"]
     assert unstable
-    stable = [trial for trial in found.trials if trial.status == "ok"]
+    stable = [trial for trial in result.trials if trial.status == "ok"]
     assert max(trial.violation for trial in stable) < min(trial.violation for trial in unstable) < math.inf
     assert all(trial.cost == math.inf and trial.figures == {} for trial in unstable)
-    assert found.best.status == "ok"
+    assert result.best.status == "ok"
     blind = look(method="random", trials=300).table["status"]
-    later = found.table["status"][30:]
+    later = result.table["status"][30:]
     assert (later == "unstable").mean() < 0.6 * (blind == "unstable").mean()
 
 
@@ -190,12 +190,12 @@ def test_unstable_candidates_rank_last_and_become_rare(method: str) -> None:
 def test_a_sampler_gets_finite_numbers_only(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     import optuna
 
-    told: list[float] = []
-    tell = optuna.study.Study.tell
+    reported: list[float] = []
+    original_tell = optuna.study.Study.tell
 
     def spy(self: Any, trial: Any, values: Any) -> Any:
-        told.extend(values)
-        return tell(self, trial, values)
+        reported.extend(values)
+        return original_tell(self, trial, values)
 
     monkeypatch.setattr(optuna.study.Study, "tell", spy)
     proposer = make_proposer(method, SPACE, trials=40, objectives=1, seed=0, batch=8, start=[])
@@ -204,32 +204,32 @@ def test_a_sampler_gets_finite_numbers_only(method: str, monkeypatch: pytest.Mon
             proposer.ask(1)
             proposer.tell([value], violation)
     proposer.ask(20)
-    assert len(told) == 10
-    assert all(abs(value) <= 1e28 for value in told)
-    assert max(told) >= LARGEST
+    assert len(reported) == 10
+    assert all(abs(value) <= 1e28 for value in reported)
+    assert max(reported) >= LARGEST
 
 
 def test_a_candidate_that_raises_fails_alone() -> None:
-    found = look(TextbookLoop(fault="raise"), method="sobol")
-    failed = [trial for trial in found.trials if trial.status == "failed"]
+    result = look(TextbookLoop(fault="raise"), method="sobol")
+    failed = [trial for trial in result.trials if trial.status == "failed"]
     assert {trial.reason for trial in failed} == {"ValueError: kp is too large"}
     assert all(trial.gains["kp"] > 4.0 for trial in failed)
-    assert found.best is not None
+    assert result.best is not None
 
 
 def test_a_candidate_that_kills_its_worker_fails_alone() -> None:
-    found = look(TextbookLoop(fault="kill"), method="sobol", trials=16, workers=1)
-    failed = [trial for trial in found.trials if trial.status == "failed"]
-    assert {trial.number for trial in failed} == {t.number for t in found.trials if t.gains["kp"] > 4.0}
+    result = look(TextbookLoop(fault="kill"), method="sobol", trials=16, workers=1)
+    failed = [trial for trial in result.trials if trial.status == "failed"]
+    assert {trial.number for trial in failed} == {t.number for t in result.trials if t.gains["kp"] > 4.0}
     assert {trial.reason for trial in failed} == {"the process was ended by SIGKILL"}
     assert failed
-    assert found.best is not None
+    assert result.best is not None
 
 
 @pytest.mark.slow
 def test_a_candidate_that_hangs_fails_alone() -> None:
-    found = look(TextbookLoop(fault="hang"), method="sobol", trials=8, workers=2, limit=3.0)
-    failed = [trial for trial in found.trials if trial.status == "failed"]
+    result = look(TextbookLoop(fault="hang"), method="sobol", trials=8, workers=2, limit=3.0)
+    failed = [trial for trial in result.trials if trial.status == "failed"]
     assert failed
     assert all(trial.reason.startswith("no end after 3 s of wall time") for trial in failed)
 
@@ -238,11 +238,11 @@ def test_a_candidate_with_a_figure_that_is_not_finite_is_not_the_best() -> None:
     def never_settles(gains: Any, conditions: Any = NOMINAL, fidelity: Any = "plant") -> Evaluation:
         return Evaluation("ok", {"iae": 1.0, "settling_time": math.nan})
 
-    found = look(never_settles, method="sobol", constraints={}, cost={"iae": 1.0, "settling_time": 1.0}, trials=4)
-    assert found.best is None
-    assert {trial.cost for trial in found.trials} == {math.inf}
-    found = look(never_settles, method="sobol", constraints={"settling_time": 2.0}, trials=4)
-    assert {trial.violation for trial in found.trials} == {1e9}
+    result = look(never_settles, method="sobol", constraints={}, cost={"iae": 1.0, "settling_time": 1.0}, trials=4)
+    assert result.best is None
+    assert {trial.cost for trial in result.trials} == {math.inf}
+    result = look(never_settles, method="sobol", constraints={"settling_time": 2.0}, trials=4)
+    assert {trial.violation for trial in result.trials} == {1e9}
 
 
 @pytest.mark.parametrize(
@@ -292,14 +292,14 @@ def test_the_knee_of_a_quarter_circle_is_in_its_middle() -> None:
 
 
 def test_the_front_of_error_and_effort_has_a_knee_between_its_ends() -> None:
-    found = look(method="nsga2", trials=150, cost={"iae": 1.0, "total_variation": 0.0})
-    front = found.front()
+    result = look(method="nsga2", trials=150, cost={"iae": 1.0, "total_variation": 0.0})
+    front = result.front()
     assert len(front) >= 8
     iae = [trial.figures["iae"] for trial in front]
     effort = [trial.figures["total_variation"] for trial in front]
     assert iae == sorted(iae)
     assert effort == sorted(effort, reverse=True)
-    assert found.knee() in front[1:-1]
+    assert result.knee() in front[1:-1]
 
 
 # --- a map ---

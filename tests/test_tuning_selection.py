@@ -76,9 +76,9 @@ def test_the_bolt_climbs_up_to_the_limit_of_its_front_axle(bolt: LoopSpec) -> No
     uses = {}
     for friction in (0.45, 0.15):
         given = Conditions(friction=friction, grade=grade)
-        found = evaluate(soft, given)
+        evaluation = evaluate(soft, given)
         uses[friction] = grip_use(axles, bolt, given)
-        able = found.status == "ok" and found.figures["iae"] < 8.0
+        able = evaluation.status == "ok" and evaluation.figures["iae"] < 8.0
         assert able == (uses[friction] < 1.0)
     assert uses[0.45] < 0.7
     assert uses[0.15] > 1.3
@@ -89,9 +89,9 @@ def test_a_run_with_wheels_that_keep_slipping_is_unstable(bolt: LoopSpec) -> Non
     lost = Conditions(mass=0.810571, friction=0.387201, delay=0.080918, grade=0.074670)
     assert grip_use(axles_of(plant_bench(bolt)), bolt, lost) < 0.7
     evaluate = LoopEvaluator(bolt)
-    found = evaluate({"kp": 511.9, "ki": 1149.0, "kd": 8.425}, lost)
-    assert found.status == "unstable"
-    assert "wheel oscillates" in found.reason
+    evaluation = evaluate({"kp": 511.9, "ki": 1149.0, "kd": 8.425}, lost)
+    assert evaluation.status == "unstable"
+    assert "wheel oscillates" in evaluation.reason
     assert evaluate({"kp": 150.0, "ki": 50.0, "kd": 0.0}, lost).status == "ok"
 
 
@@ -117,12 +117,12 @@ def test_the_hardest_draws_have_long_delays_or_little_friction() -> None:
     ranges = {"mass": (0.8, 1.2), "friction": (0.3, 1.0), "delay": (0.0, 0.1), "grade": (-0.08, 0.08)}
     first = hardest(draw_conditions(ranges, runs=50, seed=0))
     assert 6 <= len(first) <= 12
-    assert all((one.delay or 0.0) > 0.08 or (one.friction or 1.0) < 0.45 for one in first)
+    assert all((draw.delay or 0.0) > 0.08 or (draw.friction or 1.0) < 0.45 for draw in first)
     places = corners(ranges)
-    assert {(one.mass, one.delay, one.grade) for one in places} == {
+    assert {(draw.mass, draw.delay, draw.grade) for draw in places} == {
         (0.8, 0.1, -0.08), (1.2, 0.1, 0.08), (0.8, 0.0, 0.08), (1.2, 0.0, -0.08),
     }  # fmt: skip
-    assert {one.friction for one in places} == {0.3}
+    assert {draw.friction for draw in places} == {0.3}
 
 
 class _Stages:
@@ -137,12 +137,14 @@ class _Stages:
         self.tested: list[str] = []
 
     def monte_carlo(self, candidates: list[Candidate]) -> MonteCarlo:
-        (one,) = candidates
-        self.tested.append(one.name)
-        bad = one.design.gains["kp"] > self.bound
+        (candidate,) = candidates
+        self.tested.append(candidate.name)
+        bad = candidate.design.gains["kp"] > self.bound
         status = ["unstable" if bad and run == 3 else "ok" for run in range(5)]
         reason = ["oscillates" if entry == "unstable" else "" for entry in status]
-        table = pd.DataFrame({"candidate": one.name, "run": range(5), "seed": 0, "status": status, "reason": reason})
+        table = pd.DataFrame(
+            {"candidate": candidate.name, "run": range(5), "seed": 0, "status": status, "reason": reason}
+        )
         return MonteCarlo(table, {}, 5, 0)
 
     def confirm_margins(self, candidate: Candidate) -> tuple[tuple[()], tuple[()]]:
@@ -153,12 +155,12 @@ class _Stages:
 
     def test_at_finer_step(self, design: Design) -> Candidate:
         unstable = design.gains["kp"] > self.finer
-        one = made(design.name, design.gains["kp"], kind=design.kind)
-        trial = replace(one.trial, status="unstable", reason="oscillates") if unstable else one.trial
-        return replace(one, trial=trial)
+        candidate = made(design.name, design.gains["kp"], kind=design.kind)
+        trial = replace(candidate.trial, status="unstable", reason="oscillates") if unstable else candidate.trial
+        return replace(candidate, trial=trial)
 
     def test(self, designs: list[Design], stage: str) -> tuple[Candidate, ...]:
-        return tuple(made(one.name, one.gains["kp"], kind=one.kind) for one in designs)
+        return tuple(made(candidate.name, candidate.gains["kp"], kind=candidate.kind) for candidate in designs)
 
 
 def made(name: str, kp: float, *, kind: Any = "rule") -> Candidate:
@@ -167,7 +169,7 @@ def made(name: str, kp: float, *, kind: Any = "rule") -> Candidate:
 
 
 def searched(*gains: float) -> Trials:
-    trials = (Trial(at, {"kp": kp}, "ok", {"iae": 1.0 / kp}, 1.0 / kp, 0.0) for at, kp in enumerate(gains))
+    trials = (Trial(index, {"kp": kp}, "ok", {"iae": 1.0 / kp}, 1.0 / kp, 0.0) for index, kp in enumerate(gains))
     return Trials(tuple(trials), ("kp",), {"iae": 1.0})
 
 
@@ -254,8 +256,8 @@ def test_a_notice_states_the_effect_of_a_finer_step() -> None:
 
 
 def test_trials_that_break_a_margin_are_evaluated_on_the_reduced_model() -> None:
-    def trial(at: int, ms: float) -> Trial:
-        return Trial(at, {"kp": 1.0}, "ok", {"iae": 1.0, "ms": ms}, 1.0, max(ms - 1.6, 0.0))
+    def trial(number: int, ms: float) -> Trial:
+        return Trial(number, {"kp": 1.0}, "ok", {"iae": 1.0, "ms": ms}, 1.0, max(ms - 1.6, 0.0))
 
     lost = Trial(2, {"kp": 1.0}, "unstable", {}, math.inf, 10.0)
     coarse = Trials((trial(0, 1.2),), ("kp",), {"iae": 1.0})
@@ -268,18 +270,20 @@ def test_trials_that_break_a_margin_are_evaluated_on_the_reduced_model() -> None
 def test_slower_designs_have_longer_closed_loop_times(bolt: LoopSpec) -> None:
     """Skogestad (2003), integrator: kp = 1 / (k (τc + L)), ki = kp / (4 (τc + L)), half a period more in L."""
     loop = replace(bolt, model=LoopModel({"main": Integrator(0.1, 0.05).transfer_function()}))
-    found = Identification(loop, first=Integrator(0.1, 0.05))
+    identification = Identification(loop, first=Integrator(0.1, 0.05))
     assert bolt.period is not None
     delay = 0.05 + 0.5 * bolt.period
-    for times, design in zip(SLOW, slower_designs(found), strict=True):
+    for times, design in zip(SLOW, slower_designs(identification), strict=True):
         kp = 1.0 / (0.1 * (times + 1.0) * delay)
         wanted = {"kp": kp, "ki": kp / (4.0 * (times + 1.0) * delay), "kd": 0.0}
         assert design.gains == pytest.approx(wanted, rel=1e-3)
         assert design.name == f"SIMC {times:g}"
-    steered = [one.gains for one in slower_designs(replace(found, lag=0.02))]
-    assert all(one["ki"] == 0.0 and one["kd"] == pytest.approx(0.02 * one["kp"], rel=1e-3) for one in steered)
-    undamped = [one.gains for one in slower_designs(replace(found, inertial=(2.0, 0.05)))]  # s² + 2 kd s + 2 kp
-    assert all((2.0 * one["kd"]) ** 2 == pytest.approx(4.0 * 2.0 * one["kp"], rel=2e-3) for one in undamped)
+    steered = [design.gains for design in slower_designs(replace(identification, lag=0.02))]
+    assert all(gains["ki"] == 0.0 and gains["kd"] == pytest.approx(0.02 * gains["kp"], rel=1e-3) for gains in steered)
+    undamped = [
+        design.gains for design in slower_designs(replace(identification, inertial=(2.0, 0.05)))
+    ]  # s² + 2 kd s + 2 kp
+    assert all((2.0 * gains["kd"]) ** 2 == pytest.approx(4.0 * 2.0 * gains["kp"], rel=2e-3) for gains in undamped)
 
 
 def test_a_new_rule_is_one_function_and_one_entry(bolt: LoopSpec, monkeypatch: pytest.MonkeyPatch) -> None:

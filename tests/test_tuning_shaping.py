@@ -56,9 +56,9 @@ def test_no_pi_near_the_optimum_is_better(ratio: float, bound: float) -> None:
 )
 def test_pid_meets_the_bound_and_has_more_integral_gain_than_pi(plant: TransferFunction) -> None:
     gains = maximize_integral_gain(plant, max_sensitivity=1.7, derivative=True)
-    found = find_margins(plant, gains)
+    margins = find_margins(plant, gains)
     assert is_stable(plant, gains)
-    assert found.max_sensitivity == pytest.approx(1.7, rel=5e-3)
+    assert margins.max_sensitivity == pytest.approx(1.7, rel=5e-3)
     assert gains.ki * gains.kd <= 0.25 * gains.kp**2 * (1.0 + 1e-6)
     assert gains.filter_time == pytest.approx(0.1 * gains.kd / gains.kp, rel=2e-3)
     if plant.denominator[-1]:
@@ -76,8 +76,8 @@ def test_shaping_works_on_a_measured_response() -> None:
 def test_phase_margin_and_crossover_are_those_asked_for(derivative: bool, crossover: float) -> None:
     wanted = math.radians(50.0)
     gains = design_for_phase_margin(THIRD, crossover, phase_margin=wanted, derivative=derivative)
-    found = find_margins(THIRD, gains)
-    assert (found.gain_crossover, found.phase_margin) == pytest.approx((crossover, wanted), rel=1e-6)
+    margins = find_margins(THIRD, gains)
+    assert (margins.gain_crossover, margins.phase_margin) == pytest.approx((crossover, wanted), rel=1e-6)
     assert is_stable(THIRD, gains)
     if derivative:
         assert gains.kp / gains.ki == pytest.approx(4.0 * gains.kd / gains.kp)
@@ -106,15 +106,15 @@ def test_impossible_designs_are_rejected(call, message: str) -> None:
 def test_figures_of_a_first_order_response() -> None:
     time = np.linspace(0.0, 20.0, 20_001)
     y = -np.expm1(-time)
-    found = response_figures(time, 1.0, y, np.ones_like(time))
-    assert (found.iae, found.itae, found.ise) == pytest.approx((1.0, 1.0, 0.5), rel=1e-5)
-    assert found.overshoot == 0.0
-    assert found.rise_time == pytest.approx(math.log(9.0), rel=1e-5)
-    assert found.settling_time == pytest.approx(math.log(50.0), rel=1e-5)
-    assert found.steady_error == pytest.approx(0.0, abs=1e-7)
-    assert (found.peak_effort, found.rms_effort, found.total_variation) == pytest.approx((1.0, 1.0, 0.0))
-    assert found.peak_jerk == pytest.approx(1.0, rel=2e-3)
-    assert found.rms_jerk == pytest.approx(math.sqrt(0.5 / 20.0), rel=2e-3)
+    response = response_figures(time, 1.0, y, np.ones_like(time))
+    assert (response.iae, response.itae, response.ise) == pytest.approx((1.0, 1.0, 0.5), rel=1e-5)
+    assert response.overshoot == 0.0
+    assert response.rise_time == pytest.approx(math.log(9.0), rel=1e-5)
+    assert response.settling_time == pytest.approx(math.log(50.0), rel=1e-5)
+    assert response.steady_error == pytest.approx(0.0, abs=1e-7)
+    assert (response.peak_effort, response.rms_effort, response.total_variation) == pytest.approx((1.0, 1.0, 0.0))
+    assert response.peak_jerk == pytest.approx(1.0, rel=2e-3)
+    assert response.rms_jerk == pytest.approx(math.sqrt(0.5 / 20.0), rel=2e-3)
 
 
 def test_figures_of_a_second_order_response() -> None:
@@ -122,18 +122,18 @@ def test_figures_of_a_second_order_response() -> None:
     time = np.linspace(0.0, 40.0, 40_001)
     root = math.sqrt(0.75)
     y = 3.0 - 2.0 * (1.0 - np.exp(-0.5 * time) * (np.cos(root * time) + 0.5 / root * np.sin(root * time)))
-    found = response_figures(time, 1.0, y, np.zeros_like(time))
-    assert found.overshoot == pytest.approx(math.exp(-math.pi / math.sqrt(3.0)), rel=1e-5)
-    assert found.settling_time == pytest.approx(8.08, abs=0.01)
-    assert found.rise_time == pytest.approx(1.64, abs=0.01)
+    response = response_figures(time, 1.0, y, np.zeros_like(time))
+    assert response.overshoot == pytest.approx(math.exp(-math.pi / math.sqrt(3.0)), rel=1e-5)
+    assert response.settling_time == pytest.approx(8.08, abs=0.01)
+    assert response.rise_time == pytest.approx(1.64, abs=0.01)
 
 
 def test_figures_count_effort_and_saturation() -> None:
     time = np.arange(6.0)
     control = np.array([0.0, 2.0, 2.0, 1.0, 0.5, 0.5])
-    found = response_figures(time, 1.0, time / 5.0, control, limits=PidLimits(0.0, 2.0))
-    assert found.total_variation == pytest.approx(3.5)
-    assert found.saturation_time == pytest.approx(3.0)  # at 0, and two periods at 2
+    response = response_figures(time, 1.0, time / 5.0, control, limits=PidLimits(0.0, 2.0))
+    assert response.total_variation == pytest.approx(3.5)
+    assert response.saturation_time == pytest.approx(3.0)  # at 0, and two periods at 2
     slow = response_figures(time, 1.0, time / 5.0, control, limits=PidLimits(rate=2.0))
     assert slow.saturation_time == pytest.approx(1.0)
 

@@ -63,20 +63,20 @@ def candidate(name: str, iae: float, *, feasible: bool = True) -> Candidate:
 
 
 def criteria(winner: float, rule: float, *, feasible: bool = True, verified: Any = ()) -> list[tuple[str, bool]]:
-    found = accept(
+    acceptance = accept(
         candidate("base", 3.0), candidate("rule", rule, feasible=feasible), candidate("best", winner),
         cost={"iae": 1.0}, constraints={"overshoot_percent": 5.0}, verified=dict(verified),
     )  # fmt: skip
-    return [(criterion.name, criterion.met) for criterion in found]
+    return [(criterion.name, criterion.met) for criterion in acceptance]
 
 
 def test_a_rule_that_is_unstable_at_a_finer_step_does_not_have_to_be_beaten() -> None:
     stable = candidate("fine", 1.0)
     unstable = Verification(finer=replace(stable, trial=replace(stable.trial, status="unstable")))
-    found = criteria(1.1, 1.0, verified={"rule": unstable, "best": Verification(finer=stable)})
-    assert found[-2:] == [("finer_step", True), ("robust_unlike_rules", True)]
-    found = criteria(1.1, 1.0, verified={"rule": Verification(finer=stable), "best": unstable})
-    assert found[-2:] == [("finer_step", False), ("no_dearer_than_rule", False)]
+    acceptance = criteria(1.1, 1.0, verified={"rule": unstable, "best": Verification(finer=stable)})
+    assert acceptance[-2:] == [("finer_step", True), ("robust_unlike_rules", True)]
+    acceptance = criteria(1.1, 1.0, verified={"rule": Verification(finer=stable), "best": unstable})
+    assert acceptance[-2:] == [("finer_step", False), ("no_dearer_than_rule", False)]
 
 
 def test_costs_that_print_equal_do_not_decide() -> None:
@@ -129,8 +129,8 @@ def test_gains_over_speed_are_tuned_applied_and_driven_with(tmp_path: Path) -> N
     assert result.schedule is not None
     rows, tests = result.schedule.rows, result.schedule.tests
     assert [row.speed for row in rows] == [5.0, 15.0]
-    assert [(one.speed, one.place) for one in tests[::2]] == [(5.0, "tuned"), (10.0, "between"), (15.0, "tuned")]
-    assert all(one.feasible for one in tests if one.candidate == "scheduled")
+    assert [(test.speed, test.place) for test in tests[::2]] == [(5.0, "tuned"), (10.0, "between"), (15.0, "tuned")]
+    assert all(test.feasible for test in tests if test.candidate == "scheduled")
     assert next(criterion for criterion in result.acceptance if criterion.name == "schedule").met
 
     plan_apply(result, force=True).write()
@@ -177,12 +177,12 @@ def test_margins_are_also_those_of_the_wheels_against_each_other(tmp_path: Path)
     spec = load_tuning(ROOT / "studies/unior_steering.yaml")
     spec.vehicle = str(bare)
     loop = make_loop_spec(spec)
-    found = identify_loop(plant_bench(loop)).loop
+    identification = identify_loop(plant_bench(loop)).loop
     gains = {"kp": 0.1134, "ki": 0.0314, "kd": 0.024}
-    together = make_only(found, "main")
+    together = make_only(identification, "main")
     assert find_loop_margins(together, gains)["delay_margin_s"] > 0.1
-    assert find_loop_margins(found, gains)["delay_margin_s"] < 0.05
-    evaluate = LoopEvaluator(found)
+    assert find_loop_margins(identification, gains)["delay_margin_s"] < 0.05
+    evaluate = LoopEvaluator(identification)
     assert evaluate(gains).status == "ok"
     assert evaluate(gains, Conditions(delay=0.1)).status == "unstable"
 
@@ -228,12 +228,17 @@ def test_the_steering_of_a_new_vehicle_can_be_tuned_by_torque(tmp_path: Path, ma
     loop = make_loop_spec(
         make_tuning({"vehicle": str(tmp_path / "fresh"), "loop": "steering", "test": {"duration": 3}})
     )
-    found = identify_loop(plant_bench(loop))
-    assert isinstance(found.first, Integrator)
-    assert found.lag == pytest.approx(0.024, rel=0.2)
-    rule = next(one for one in make_designs(found, max_sensitivity=1.4)[0] if one.name == "SIMC lag PD 2")
+    identification = identify_loop(plant_bench(loop))
+    assert isinstance(identification.first, Integrator)
+    assert identification.lag == pytest.approx(0.024, rel=0.2)
+    rule = next(
+        candidate
+        for candidate in make_designs(identification, max_sensitivity=1.4)[0]
+        if candidate.name == "SIMC lag PD 2"
+    )
     usual, fine = (
-        LoopEvaluator(one)(rule.gains).figures for one in (found.loop, at_finer_step(at_finer_step(found.loop)))
+        LoopEvaluator(loop)(rule.gains).figures
+        for loop in (identification.loop, at_finer_step(at_finer_step(identification.loop)))
     )
     assert usual["ms"] < 1.6
     assert usual["overshoot_percent"] < 5.0

@@ -74,12 +74,12 @@ SPEED = st.floats(-60.0, 60.0)
 
 def integrated(tyre: BrushTyre, kappa: float, tan_alpha: float, load: float) -> tuple[float, float, float]:
     """Fx, Fy, Mz of bristles that stick until the pressure lets them go, summed over the patch."""
-    at = brush_at_load(tyre, load)
-    a, count = at.half_length, 200_000
+    loaded = brush_at_load(tyre, load)
+    a, count = loaded.half_length, 200_000
     behind = (np.arange(count) + 0.5) * 2.0 * a / count  # way from the leading edge
     sx, sy = kappa / (1.0 + kappa), tan_alpha / (1.0 + kappa)
-    qx, qy = at.longitudinal * sx / (2.0 * a * a) * behind, at.cornering * sy / (2.0 * a * a) * behind
-    most = 0.75 * at.limit / a * (1.0 - ((behind - a) / a) ** 2)
+    qx, qy = loaded.longitudinal * sx / (2.0 * a * a) * behind, loaded.cornering * sy / (2.0 * a * a) * behind
+    most = 0.75 * loaded.limit / a * (1.0 - ((behind - a) / a) ** 2)
     slides = np.hypot(qx, qy) > most
     slip = math.hypot(sx, sy)
     qx, qy = np.where(slides, most * sx / slip, qx), np.where(slides, most * sy / slip, qy)
@@ -117,12 +117,12 @@ def test_brush_limits_slope_at_zero_and_sliding_at_friction() -> None:
 
 
 def test_brush_depends_on_load_as_said() -> None:
-    at = brush_at_load(BRUSH, 8000.0)
-    assert at.cornering == pytest.approx(54000.0 / math.sin(2.0 * math.atan(0.5)))  # largest at peak_load
-    assert at.longitudinal == pytest.approx(2.0 * 88000.0)
-    assert at.limit == pytest.approx(8000.0 * (1.0 - 0.15))
-    assert at.half_length == pytest.approx(0.075 * math.sqrt(2.0))
-    assert brush_at_load(BRUSH, 9000.0).cornering < at.cornering > brush_at_load(BRUSH, 7000.0).cornering
+    loaded = brush_at_load(BRUSH, 8000.0)
+    assert loaded.cornering == pytest.approx(54000.0 / math.sin(2.0 * math.atan(0.5)))  # largest at peak_load
+    assert loaded.longitudinal == pytest.approx(2.0 * 88000.0)
+    assert loaded.limit == pytest.approx(8000.0 * (1.0 - 0.15))
+    assert loaded.half_length == pytest.approx(0.075 * math.sqrt(2.0))
+    assert brush_at_load(BRUSH, 9000.0).cornering < loaded.cornering > brush_at_load(BRUSH, 7000.0).cornering
     assert brush_at_load(BRUSH, 4000.0, friction=0.3).limit == pytest.approx(1200.0)
 
 
@@ -138,8 +138,8 @@ def test_brush_never_exceeds_friction_and_is_symmetric(kappa: float, tan_alpha: 
 
 
 @given(st.floats(0.0, 0.5), st.floats(0.0, 0.5), st.floats(100.0, 9000.0))
-def test_brush_force_grows_with_slip(one: float, other: float, load: float) -> None:
-    low, high = sorted((one, other))
+def test_brush_force_grows_with_slip(slip_a: float, slip_b: float, load: float) -> None:
+    low, high = sorted((slip_a, slip_b))
     assert brush_forces(BRUSH, 0.0, high, load).fy <= brush_forces(BRUSH, 0.0, low, load).fy + 1e-9
     assert brush_forces(BRUSH, high, 0.0, load).fx >= brush_forces(BRUSH, low, 0.0, load).fx - 1e-9
 
@@ -234,10 +234,10 @@ def written_again(p: MagicFormulaParameters, k: float, t: float, n: float, g: fl
     the wheel is locked or turns backwards.
     """
     old = p.version == "5.2"
-    sin, cos, at = math.sin, math.cos, math.atan
+    sin, cos, atan = math.sin, math.cos, math.atan
 
     def mf(b: float, c: float, e: float, x: float) -> float:
-        return c * at(b * x - min(e, 1.0) * (b * x - at(b * x)))
+        return c * atan(b * x - min(e, 1.0) * (b * x - atan(b * x)))
 
     def sg(x: float) -> int:
         return 1 if x >= 0 else -1
@@ -249,13 +249,13 @@ def written_again(p: MagicFormulaParameters, k: float, t: float, n: float, g: fl
     kx = k + (p.phx1 + p.phx2 * d) * p.lhx
     ex = (p.pex1 + p.pex2 * d + p.pex3 * d**2) * (1 - p.pex4 * sg(kx)) * p.lex
     fx0 = mux * n * sin(mf(kxk / (p.pcx1 * mux * n), p.pcx1, ex, kx)) + n * (p.pvx1 + p.pvx2 * d) * p.lvx * p.lmux
-    bxa, exa = (p.rbx1 + p.rbx3 * s**2) * cos(at(p.rbx2 * k)) * p.lxal, p.rex1 + p.rex2 * d
+    bxa, exa = (p.rbx1 + p.rbx3 * s**2) * cos(atan(p.rbx2 * k)) * p.lxal, p.rex1 + p.rex2 * d
     fx = fx0 * max(0.0, cos(mf(bxa, p.rcx1, exa, t + p.rhx1)) / cos(mf(bxa, p.rcx1, exa, p.rhx1)))
 
     def lateral(s: float) -> tuple[float, float, float, float, float, float]:
         muy = (p.pdy1 + p.pdy2 * d) * (1 + p.ppy3 * q + p.ppy4 * q**2) * (1 - p.pdy3 * s**2) * p.lmuy
         kya = p.pky1 * f0 * (1 + p.ppy1 * q) * (1 - p.pky3 * abs(s)) * p.lky
-        kya *= sin(p.pky4 * at(n / f0 / ((p.pky2 + p.pky5 * s**2) * (1 + p.ppy2 * q))))
+        kya *= sin(p.pky4 * atan(n / f0 / ((p.pky2 + p.pky5 * s**2) * (1 + p.ppy2 * q))))
         svg = n * (p.pvy3 + p.pvy4 * d) * s * p.lkyc * p.lmuy
         kyg = n * (p.pky6 + p.pky7 * d) * (1 + p.ppy5 * q) * p.lkyc
         sh = (p.phy1 + p.phy2 * d) * p.lhy + (p.phy3 * s * p.lkyc if old else (kyg * s - svg) / kya)
@@ -265,29 +265,29 @@ def written_again(p: MagicFormulaParameters, k: float, t: float, n: float, g: fl
         return muy * n * sin(mf(by, p.pcy1, ey, t + sh)) + sv, muy, kya, sh, sv, by
 
     fy0, muy, kya, sh, sv, by = lateral(s)
-    byk = (p.rby1 + p.rby4 * s**2) * cos(at(p.rby2 * (t - p.rby3))) * p.lyka
+    byk = (p.rby1 + p.rby4 * s**2) * cos(atan(p.rby2 * (t - p.rby3))) * p.lyka
     eyk, shk = p.rey1 + p.rey2 * d, p.rhy1 + p.rhy2 * d
     gyk = max(0.0, cos(mf(byk, p.rcy1, eyk, k + shk)) / cos(mf(byk, p.rcy1, eyk, shk)))
-    dvk = muy * n * (p.rvy1 + p.rvy2 * d + p.rvy3 * s) * cos(at(p.rvy4 * t))
-    svk = dvk * sin(p.rvy5 * at(p.rvy6 * k)) * p.lvyka
+    dvk = muy * n * (p.rvy1 + p.rvy2 * d + p.rvy3 * s) * cos(atan(p.rvy4 * t))
+    svk = dvk * sin(p.rvy5 * atan(p.rvy6 * k)) * p.lvyka
     fy = gyk * fy0 + svk
 
     r, f1, cosa = p.unloaded_radius, p.fnomin, 1 / math.hypot(1, t)
     att = t + p.qhz1 + p.qhz2 * d + (p.qhz3 + p.qhz4 * d) * s
     bt = (p.qbz1 + p.qbz2 * d + p.qbz3 * d**2) * (1 + p.qbz4 * g + p.qbz5 * abs(g)) * p.lky / p.lmuy
     dt = n * r / f0 * (p.qdz1 + p.qdz2 * d) * (1 - p.ppz1 * q) * (1 + p.qdz3 * g + p.qdz4 * g**2) * p.ltr
-    et = (p.qez1 + p.qez2 * d + p.qez3 * d**2) * (1 + (p.qez4 + p.qez5 * s) * 2 / math.pi * at(bt * p.qcz1 * att))
+    et = (p.qez1 + p.qez2 * d + p.qez3 * d**2) * (1 + (p.qez4 + p.qez5 * s) * 2 / math.pi * atan(bt * p.qcz1 * att))
     trail = dt * cos(mf(bt, p.qcz1, et, math.hypot(att, kxk / kya * k))) * cosa
     br = p.qbz9 * p.lky / p.lmuy + p.qbz10 * by * p.pcy1
     dr = (p.qdz6 + p.qdz7 * d) * p.lres + ((p.qdz8 + p.qdz9 * d) * (1 + p.ppz2 * q)) * s * p.lkzc
     dr = n * r * (dr + (p.qdz10 + p.qdz11 * d) * abs(s) * s * p.lkzc) * p.lmuy * cosa
-    rest = dr * cos(at(br * math.hypot(t + sh + sv / kya, kxk / kya * k)))
+    rest = dr * cos(atan(br * math.hypot(t + sh + sv / kya, kxk / kya * k)))
     arm = r * (p.ssz1 + p.ssz2 * fy / f1 + (p.ssz3 + p.ssz4 * d) * g) * p.ls
     mz = -trail * (fy - svk if old else gyk * lateral(0.0)[0]) + rest + arm * fx
 
     mx = p.qsx1 * p.lvmx - p.qsx2 * g * (1 + p.ppmx1 * q) + p.qsx3 * fy / f1
-    mx += p.qsx4 * cos(p.qsx5 * at((p.qsx6 * n / f1) ** 2)) * sin(p.qsx7 * g + p.qsx8 * at(p.qsx9 * fy / f1))
-    mx += p.qsx10 * at(p.qsx11 * n / f1) * g - p.qsx12 * g * abs(g)
+    mx += p.qsx4 * cos(p.qsx5 * atan((p.qsx6 * n / f1) ** 2)) * sin(p.qsx7 * g + p.qsx8 * atan(p.qsx9 * fy / f1))
+    mx += p.qsx10 * atan(p.qsx11 * n / f1) * g - p.qsx12 * g * abs(g)
     mx = r * p.lmx * (n * mx + fy * (p.qsx13 + p.qsx14 * abs(g)))
     my = p.qsy1 + p.qsy2 * fx / f1 + p.qsy3 * abs(v / p.longvl) + p.qsy4 * (v / p.longvl) ** 4
     my += 0.0 if old else (p.qsy5 + p.qsy6 * n / f1) * g**2
@@ -364,8 +364,8 @@ def test_more_load_gives_more_force_but_less_per_load() -> None:
 
 
 @given(st.floats(0.0, 0.05), st.floats(0.0, 0.05), st.floats(300.0, 9000.0))
-def test_force_grows_with_slip_up_to_the_peak(one: float, other: float, load: float) -> None:
-    low, high = sorted((one, other))
+def test_force_grows_with_slip_up_to_the_peak(slip_a: float, slip_b: float, load: float) -> None:
+    low, high = sorted((slip_a, slip_b))
     assert magic_formula(CAR, 0.0, high, load, vx=20.0).fy <= magic_formula(CAR, 0.0, low, load, vx=20.0).fy + 1e-9
     assert magic_formula(CAR, high, 0.0, load, vx=20.0).fx >= magic_formula(CAR, low, 0.0, load, vx=20.0).fx - 1e-9
 
@@ -395,12 +395,16 @@ def test_the_ellipse_at_a_fine_grid() -> None:
 def test_the_car_tyre_is_symmetric_to_both_sides_and_in_both_directions(
     kappa: float, slip: float, load: float, gamma: float, vx: float
 ) -> None:
-    one = magic_formula(CAR, kappa, slip, load, vx=vx, gamma=gamma)
+    forces = magic_formula(CAR, kappa, slip, load, vx=vx, gamma=gamma)
     mirrored = magic_formula(CAR, kappa, -slip, load, vx=vx, gamma=-gamma)
-    assert list(mirrored) == pytest.approx([one.fx, -one.fy, -one.mx, one.my, -one.mz], rel=1e-9, abs=1e-6)
+    assert list(mirrored) == pytest.approx(
+        [forces.fx, -forces.fy, -forces.mx, forces.my, -forces.mz], rel=1e-9, abs=1e-6
+    )
     # Turned by half a turn about z: x and y change their signs, also of moments.
     turned = magic_formula(CAR, -kappa, -slip, load, vx=-vx, gamma=-gamma)
-    assert list(turned) == pytest.approx([-one.fx, -one.fy, -one.mx, -one.my, one.mz], rel=1e-9, abs=1e-6)
+    assert list(turned) == pytest.approx(
+        [-forces.fx, -forces.fy, -forces.mx, -forces.my, forces.mz], rel=1e-9, abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("tyre", [CAR, BOOK, FULL])
@@ -459,8 +463,8 @@ def test_arrays_give_what_floats_give() -> None:
     brushes = brush_forces(BRUSH, kappa, slip, load)
     for i in range(4):
         numbers = float(kappa[i]), float(slip[i]), float(load[i])
-        one = magic_formula(FULL, *numbers, vx=float(vx[i]), gamma=0.03)
-        assert [values[i] for values in many] == pytest.approx(list(one), rel=1e-12, abs=1e-12)
+        forces = magic_formula(FULL, *numbers, vx=float(vx[i]), gamma=0.03)
+        assert [values[i] for values in many] == pytest.approx(list(forces), rel=1e-12, abs=1e-12)
         assert [values[i] for values in brushes] == pytest.approx(list(brush_forces(BRUSH, *numbers)), rel=1e-12)
 
 
@@ -534,8 +538,8 @@ def test_a_damper_to_the_side_leads_as_a_body_of_voigt(frequency: float) -> None
         middle = math.cos(omega * (t + 0.5 * period))
         state = deflection_step(state, Motion(vx, 0.0, middle), CONTACT, period=period, settings=DAMPED)
     last = times > 3.0 / frequency - 0.5 * period
-    found = 2.0 * np.mean(np.exp(-1j * omega * times[last]) * np.array(slips)[last])
-    assert found == pytest.approx(expected, rel=1e-3)
+    phasor = 2.0 * np.mean(np.exp(-1j * omega * times[last]) * np.array(slips)[last])
+    assert phasor == pytest.approx(expected, rel=1e-3)
 
 
 def test_lateral_damping_acts_at_standstill() -> None:

@@ -69,28 +69,28 @@ def test_a_kingpin_feels_the_motor_of_its_data_sheet() -> None:
         assert actuator.default_reflected_inertia() == pytest.approx(rotor, rel=1e-3)
         wheel = 0.9 * ((3.0 * 0.13**2 + 0.11**2) / 12.0 + 0.0078**2)
         knuckle = 0.45 * 0.039**2 / 2.0
-        at = joint.velocity_start()
-        assert matrix[at, at] == pytest.approx(rotor + wheel + knuckle, rel=1e-3)
+        index = joint.velocity_start()
+        assert matrix[index, index] == pytest.approx(rotor + wheel + knuckle, rel=1e-3)
 
 
 def test_the_road_asks_the_same_of_a_turning_wheel_at_every_step() -> None:
     """Held it is rolling resistance on the kingpin's offset, turning little else; the step is not seen."""
     steps = {step: turn(step) for step in (0.005, 0.00125)}
     resistance = 0.01 * 43.5 * GRAVITY / 4.0 * 0.0078
-    for found in steps.values():
-        left, right = found["held"]
+    for response in steps.values():
+        left, right = response["held"]
         assert 0.5 * (right - left) == pytest.approx(resistance, rel=0.1)
-        assert abs(found["turning"]).max() < 0.02
+        assert abs(response["turning"]).max() < 0.02
     for name in ("turning", "held"):
         assert steps[0.005][name] == pytest.approx(steps[0.00125][name], abs=0.001)
 
 
 def test_the_tuned_steering_does_not_hinge_on_the_step() -> None:
-    found = [trial(step=step) for step in (0.005, 0.00125)]
-    assert [one.status for one in found] == ["ok", "ok"]
-    coarse, fine = (one.figures["iae"] for one in found)
+    results = [trial(step=step) for step in (0.005, 0.00125)]
+    assert [result.status for result in results] == ["ok", "ok"]
+    coarse, fine = (result.figures["iae"] for result in results)
     assert coarse == pytest.approx(fine, rel=0.02)
-    assert max(one.figures["overshoot_percent"] for one in found) <= 5.0
+    assert max(result.figures["overshoot_percent"] for result in results) <= 5.0
 
 
 def test_the_tuned_steering_does_not_shimmy_on_tyres() -> None:

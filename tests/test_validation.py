@@ -45,7 +45,7 @@ def _sixty(**changes):
 def test_every_reference_vehicle_says_what_is_published(name):
     published = load_published(load_vehicle(name))
     assert bool(published.figures) != bool(published.none_because)
-    texts = [(one.text, one.source) for one in published.figures]
+    texts = [(figure.text, figure.source) for figure in published.figures]
     assert len(set(texts)) == len(texts)
     load_vehicle(driven_name(name, published))
 
@@ -121,7 +121,7 @@ def test_errors_are_relative_to_the_published_value(simulated, bound, verdict, e
 
 def _results(*comparisons, published=None):
     facts = find_facts(load_vehicle("bolt@handling"))
-    published = published or PublishedFigures(figures=[one.figure for one in comparisons], payload=80.0)
+    published = published or PublishedFigures(figures=[comparison.figure for comparison in comparisons], payload=80.0)
     outcome = Outcome("acceleration", "Acceleration", "full throttle")
     plant = {"contact": "point", "time_step": 0.005}
     return ValidationResults(facts, published, comparisons, [outcome], 0.03, plant, 0.85)
@@ -175,7 +175,7 @@ def test_predicted_figures_are_counted_separately(roles, headline):
             rows = lines[start + 2 : start + 2 + count]
             assert all(row.startswith("  0 to 60 mph") for row in rows)
             assert len(rows) == count
-    assert [one["role"] for one in results.data()["figures"]] == [names[k.lower()] for k in roles]
+    assert [figure["role"] for figure in results.data()["figures"]] == [names[k.lower()] for k in roles]
 
 
 @pytest.mark.parametrize("name", ["bolt", "mkz", "catvehicle"])
@@ -184,11 +184,11 @@ def test_figures_that_follow_from_a_limit_or_were_fitted_are_not_predictions(nam
     published = load_published(vehicle)
     driven = load_vehicle(driven_name(name, published))
     governed = getattr(driven.spec.powertrain, "governed_speed", None)
-    for one in published.figures:
-        if one.quantity == "top_speed" and governed is not None and abs(one.si - governed) < 0.03 * governed:
-            assert one.role == "input"
+    for entry in published.figures:
+        if entry.quantity == "top_speed" and governed is not None and abs(entry.si - governed) < 0.03 * governed:
+            assert entry.role == "input"
     if name == "bolt":
-        fitted = {one.text for one in published.figures if one.role == "calibrated"}
+        fitted = {figure.text for figure in published.figures if figure.role == "calibrated"}
         times = {f"0 to {speed} mph" for speed in (30, 60, 75)}  # README, section 14
         assert fitted == times | {"60 mph to standstill", "Lateral acceleration on a circle of 200 ft"}
 
@@ -243,7 +243,7 @@ def test_bolt_brakes_and_accelerates_like_the_real_car(tmp_path, capsys):
     assert "2 of 2 predicted figures within 3 % (calibrated 4 of 4, input 1 of 1)" in capsys.readouterr().out
     results = json.loads((out / "results.json").read_text(encoding="utf-8"))
     assert results["vehicle"] == "bolt@handling"
-    stop = next(one for one in results["figures"] if one["text"] == "60 mph to standstill")
+    stop = next(figure for figure in results["figures"] if figure["text"] == "60 mph to standstill")
     assert stop["simulated"] == pytest.approx(116.0, rel=0.03)
     assert stop["payload_kg"] == 80.0
     with (out / "figures.csv").open(encoding="utf-8", newline="") as file:

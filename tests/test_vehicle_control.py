@@ -118,11 +118,11 @@ def test_machine_code_does_the_same_to_the_bit(name):
     parts = make_plant(
         DiagramBuilder(), load_world("empty"), {"ego": load_vehicle(name)}, spec=PlantSpec(contact="point")
     )
-    plant, ways = parts.plant, []
+    plant, trajectories = parts.plant, []
     at_rest = plant.GetPositionsAndVelocities(plant.CreateDefaultContext())
     for machine_code in (False, True):
         control = VehicleControl(plant, parts.vehicles["ego"], machine_code=machine_code)
-        context, random, told = control.CreateDefaultContext(), np.random.default_rng(1), []
+        context, random, states = control.CreateDefaultContext(), np.random.default_rng(1), []
         for k in range(60):
             state = at_rest + np.where(np.arange(len(at_rest)) < 7, 0.0, random.uniform(-0.3, 0.3, len(at_rest)))
             control.plant_state.FixValue(context, state)
@@ -131,7 +131,7 @@ def test_machine_code_does_the_same_to_the_bit(name):
             context.get_mutable_discrete_state().SetFrom(control.EvalUniquePeriodicDiscreteUpdate(context))
             context.SetTime(context.get_time() + 1.0 / parts.vehicles["ego"].vehicle.control.rate)
             values = context.get_discrete_state()
-            told.append(np.concatenate([values.get_vector(i).value() for i in range(values.num_groups())]))
-        ways.append(np.array(told))
-    assert np.ptp(ways[0], axis=0).max() > 0.1
-    assert np.array_equal(ways[0], ways[1])
+            states.append(np.concatenate([values.get_vector(i).value() for i in range(values.num_groups())]))
+        trajectories.append(np.array(states))
+    assert np.ptp(trajectories[0], axis=0).max() > 0.1
+    assert np.array_equal(trajectories[0], trajectories[1])

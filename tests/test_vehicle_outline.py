@@ -33,8 +33,8 @@ def urdf(*, base: str = "", arm: str = "", tip: str = "") -> str:
     )
 
 
-def shape(tag: str, place: str = "0 0 0", turn: str = "0 0 0") -> str:
-    return f'<collision><origin xyz="{place}" rpy="{turn}"/><geometry>{tag}</geometry></collision>'
+def shape(tag: str, xyz: str = "0 0 0", turn: str = "0 0 0") -> str:
+    return f'<collision><origin xyz="{xyz}" rpy="{turn}"/><geometry>{tag}</geometry></collision>'
 
 
 def measured(base_link: str = "base", **shapes: str) -> Any:

@@ -414,9 +414,9 @@ def test_a_relative_mesh_of_a_users_vehicle_anywhere_loads(copy: Path, tmp_path:
     for buffer in (data_root() / "models/bolt/meshes").glob("wheel*.bin"):
         shutil.copy(buffer, copy)
     replace(copy / "structure.xacro", "meshes/wheel.gltf", "wheel.gltf")
-    place = tmp_path / "my cars" / "bolt & co"
-    shutil.move(copy, place)
-    vehicle = load_vehicle(str(place))
+    folder = tmp_path / "my cars" / "bolt & co"
+    shutil.move(copy, folder)
+    vehicle = load_vehicle(str(folder))
     assert vehicle.name == "bolt & co"
     plant, _ = build(vehicle)
     assert plant.num_actuators() == 6

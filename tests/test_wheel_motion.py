@@ -23,9 +23,9 @@ def some_state(parts, seed):
     random = np.random.default_rng(seed)
     plant, part = parts.plant, parts.vehicles["ego"]
     context = plant.CreateDefaultContext()
-    lean = [*random.uniform(-0.1, 0.1, 2), random.uniform(-3.0, 3.0)]
+    roll_pitch_yaw = [*random.uniform(-0.1, 0.1, 2), random.uniform(-3.0, 3.0)]
     positions = plant.GetPositions(context).copy()
-    quaternion = RollPitchYaw(*lean).ToQuaternion().wxyz()
+    quaternion = RollPitchYaw(*roll_pitch_yaw).ToQuaternion().wxyz()
     start = part.base.floating_positions_start()
     positions[start : start + 4] = 1.001 * quaternion  # norms drift
     positions[start + 4 : start + 7] = [
@@ -48,10 +48,10 @@ def test_slip_velocity_and_generalised_force_are_those_of_the_wheels_point_on_th
     state = plant.GetPositionsAndVelocities(context).tolist()
     velocities = plant.GetVelocities(context)
     world = plant.world_frame()
-    for place, joint in zip(wheel_places(part), part.wheels, strict=True):
-        place = place._replace(rolling=0.0)
+    for wheel, joint in zip(wheel_places(part), part.wheels, strict=True):
+        wheel = wheel._replace(rolling=0.0)
         motion = wheel_motion(
-            state, place, base_motion(state, place.base, plant.num_positions()), plant.num_positions()
+            state, wheel, base_motion(state, wheel.base, plant.num_positions()), plant.num_positions()
         )
         pose = plant.EvalBodyPoseInWorld(context, joint.child_body())
         assert [motion.x, motion.y, motion.z] == pytest.approx(pose.translation(), abs=1e-9)
@@ -77,7 +77,7 @@ def test_slip_velocity_and_generalised_force_are_those_of_the_wheels_point_on_th
 
         fx, fy, mz, fz = 1234.0, -2345.0, 56.0, 789.0
         force = [0.0] * plant.num_velocities()
-        add_road_force(force, place, motion, fx, fy, mz, fz)
+        add_road_force(force, wheel, motion, fx, fy, mz, fz)
         wanted = jacobian.T @ np.array([0.0, 0.0, mz, *(fx * ahead + fy * left + [0.0, 0.0, fz])])
         assert force == pytest.approx(wanted, abs=1e-9 * 1e3)
 
@@ -85,24 +85,24 @@ def test_slip_velocity_and_generalised_force_are_those_of_the_wheels_point_on_th
 def test_a_force_does_no_work_but_against_the_slip_whatever_the_rolling_radius(parts):
     plant, part, context = parts.plant, parts.vehicles["ego"], some_state(parts, 5)
     state, velocities = plant.GetPositionsAndVelocities(context).tolist(), plant.GetVelocities(context)
-    for place in wheel_places(part):
-        place = place._replace(rolling=0.31)
+    for wheel in wheel_places(part):
+        wheel = wheel._replace(rolling=0.31)
         motion = wheel_motion(
-            state, place, base_motion(state, place.base, plant.num_positions()), plant.num_positions()
+            state, wheel, base_motion(state, wheel.base, plant.num_positions()), plant.num_positions()
         )
         assert motion.slip_x == pytest.approx(motion.vx - 0.31 * motion.spin)
         force = [0.0] * plant.num_velocities()
-        add_road_force(force, place, motion, 1234.0, -2345.0, 0.0)
+        add_road_force(force, wheel, motion, 1234.0, -2345.0, 0.0)
         assert force @ velocities == pytest.approx(1234.0 * motion.slip_x - 2345.0 * motion.vy, rel=1e-9)
 
 
 def test_a_wheel_whose_centre_sinks_says_so(parts):
     plant, part, context = parts.plant, parts.vehicles["ego"], some_state(parts, 7)
     state = plant.GetPositionsAndVelocities(context).tolist()
-    for place, joint in zip(wheel_places(part), part.wheels, strict=True):
+    for wheel, joint in zip(wheel_places(part), part.wheels, strict=True):
         motion = wheel_motion(
-            state, place, base_motion(state, place.base, plant.num_positions()), plant.num_positions()
+            state, wheel, base_motion(state, wheel.base, plant.num_positions()), plant.num_positions()
         )
         fall = -plant.EvalBodySpatialVelocityInWorld(context, joint.child_body()).translational()[2]
         # steering a leaning wheel lifts it a little, which is left out
-        assert motion.sink == pytest.approx(fall, abs=5.0 * abs(place.offset) * 0.2 + 1e-9)
+        assert motion.sink == pytest.approx(fall, abs=5.0 * abs(wheel.offset) * 0.2 + 1e-9)

@@ -121,7 +121,7 @@ def test_roll_and_lateral_acceleration_of_a_fast_turn_do_not_depend_on_the_step(
     """With shapes that turn, patches held back 15 % of the roll at 5 ms, and 10 % at 2.5 ms."""
     vehicle = load_vehicle("bolt@handling")
     profile = {"kind": "step", "amplitude": 0.02, "start": 0.2, "rise": 0.15}
-    found = []
+    ratios = []
     for step in (5e-3, 2.5e-3):
         rig = Rig("bolt@handling", vehicle, find_facts(vehicle), plant={"contact": contact, "time_step": step})
         driver = rig.open_driver(profile, speeds=[[0.0, 100.0 / 3.6]])
@@ -129,6 +129,6 @@ def test_roll_and_lateral_acceleration_of_a_fast_turn_do_not_depend_on_the_step(
         late = run.time > 1.4
         loads = [run.others[f"wheel_load.{wheel}"][late] for wheel in WHEELS]
         assert max(float(np.std(load) / np.mean(load)) for load in loads) < 0.01  # nor do the loads shake
-        found.append([run.roll[late].mean(), run.roll.max(), run.lateral_acceleration[late].mean()])
-    assert found[0][0] > 0.02
-    assert found[0] == pytest.approx(found[1], rel=0.003)
+        ratios.append([run.roll[late].mean(), run.roll.max(), run.lateral_acceleration[late].mean()])
+    assert ratios[0][0] > 0.02
+    assert ratios[0] == pytest.approx(ratios[1], rel=0.003)

@@ -51,18 +51,18 @@ def bolt(tmp_path_factory):
 # --- forces at known slips ---------------------------------------------------------------------------------------
 
 
-def sliding_state(assembly, *, vx=15.0, vy=0.0, slip=0.0, steering=0.0, lean=0.0):
+def sliding_state(assembly, *, vx=15.0, vy=0.0, slip=0.0, steering=0.0, roll=0.0):
     """A car at the height of rest that moves ahead and to the left, all wheels with one slip Vsx / -vx."""
     plant, part = assembly.parts.plant, assembly.parts.vehicles["ego"]
     state = plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(assembly.make_context())).copy()
     q, v = part.base.floating_positions_start(), plant.num_positions() + part.base.floating_velocities_start_in_v()
-    state[q : q + 4] = [np.cos(lean / 2), np.sin(lean / 2), 0.0, 0.0]
+    state[q : q + 4] = [np.cos(roll / 2), np.sin(roll / 2), 0.0, 0.0]
     state[v : v + 6] = [0.0, 0.0, 0.0, vx, vy, 0.0]
     for joint in part.steering:
         state[joint.position_start()] = steering
     places = wheel_places(part)
-    for place, motion in zip(places, motions(plant.num_positions(), state.tolist(), places), strict=True):
-        state[plant.num_positions() + place.spin] = motion.vx * (1.0 + slip) / motion.rolling
+    for wheel_place, motion in zip(places, motions(plant.num_positions(), state.tolist(), places), strict=True):
+        state[plant.num_positions() + wheel_place.spin] = motion.vx * (1.0 + slip) / motion.rolling
     return state
 
 
@@ -75,16 +75,16 @@ def expected(kind, kappa, tan_alpha, load, vx, gamma, friction):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("slip", [-0.3, -0.03, 0.0, 0.02])
-@pytest.mark.parametrize(("vy", "steering", "lean"), [(0.0, 0.0, 0.0), (0.6, 0.0, 0.005), (-2.0, 0.1, -0.003)])
-def test_forces_are_those_of_the_law_at_the_slips_of_the_wheels(bolt, kind, slip, vy, steering, lean):
+@pytest.mark.parametrize(("vy", "steering", "roll"), [(0.0, 0.0, 0.0), (0.6, 0.0, 0.005), (-2.0, 0.1, -0.003)])
+def test_forces_are_those_of_the_law_at_the_slips_of_the_wheels(bolt, kind, slip, vy, steering, roll):
     assembly = on_tyres(bolt(f"{kind}_free"), contact="point")
-    state = sliding_state(assembly, vy=vy, slip=slip, steering=steering, lean=lean)
+    state = sliding_state(assembly, vy=vy, slip=slip, steering=steering, roll=roll)
     plant, part = assembly.parts.plant, assembly.parts.vehicles["ego"]
-    told = steady_forces(assembly.tyres["ego"], state, [4000.0] * 4)
+    forces = steady_forces(assembly.tyres["ego"], state, [4000.0] * 4)
     assert isinstance(part.compression[0], TyreSpring)
     stiffness = 1.0 / part.compression[0].softness  # of point contact
     for motion, (fx, fy, mz, kappa, alpha) in zip(
-        motions(plant.num_positions(), state.tolist(), wheel_places(part)), told, strict=True
+        motions(plant.num_positions(), state.tolist(), wheel_places(part)), forces, strict=True
     ):
         load = stiffness * (part.vehicle.geometry.front_wheel_radius - motion.radius)
         assert load > 500.0
@@ -97,10 +97,10 @@ def test_forces_are_those_of_the_law_at_the_slips_of_the_wheels(bolt, kind, slip
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_car_that_slides_to_its_left_is_pushed_to_the_right(bolt, kind):
     assembly = on_tyres(bolt(f"{kind}_free"), contact="point")
-    told = steady_forces(assembly.tyres["ego"], sliding_state(assembly, vy=0.5), [4000.0] * 4)
-    assert (told[:, 4] > 0.0).all()
-    assert (told[:, 1] < -500.0).all()
-    assert (told[:, 2] > 5.0).all()  # turns the wheels to the left, into the motion
+    forces = steady_forces(assembly.tyres["ego"], sliding_state(assembly, vy=0.5), [4000.0] * 4)
+    assert (forces[:, 4] > 0.0).all()
+    assert (forces[:, 1] < -500.0).all()
+    assert (forces[:, 2] > 5.0).all()  # turns the wheels to the left, into the motion
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -108,8 +108,8 @@ def test_combined_slip_stays_in_the_friction_ellipse_and_costs_lateral_force(bol
     assembly = on_tyres(bolt(f"{kind}_free"), contact="point")
     peaks = []
     for slip, vy in [(0.0, 0.9), (-0.05, 0.9), (-0.15, 0.9), (-0.6, 0.9), (-0.15, 0.0), (0.1, 3.0)]:
-        told = steady_forces(assembly.tyres["ego"], sliding_state(assembly, vy=vy, slip=slip), [4000.0] * 4)
-        peaks.append(told[0, :2])
+        forces = steady_forces(assembly.tyres["ego"], sliding_state(assembly, vy=vy, slip=slip), [4000.0] * 4)
+        peaks.append(forces[0, :2])
     sides = [abs(force[1]) for force in peaks[:4]]
     assert all(late < early for early, late in pairwise(sides))
     tyre = assembly.parts.vehicles["ego"]
@@ -129,8 +129,8 @@ def test_a_tyre_under_twice_the_load_gives_less_than_twice_the_force(bolt, kind)
         state = sliding_state(assembly, vy=6.0)
         deeper = (times - 1.0) * (part.vehicle.geometry.front_wheel_radius - state_radius(assembly, state))
         state[part.base.floating_positions_start() + 6] -= deeper
-        told = steady_forces(assembly.tyres["ego"], state, [4000.0] * 4, steps=400)
-        sides.append(abs(told[0, 1]))
+        forces = steady_forces(assembly.tyres["ego"], state, [4000.0] * 4, steps=400)
+        sides.append(abs(forces[0, 1]))
     assert 1.6 * sides[0] < sides[1] < 1.97 * sides[0]
     assert sides[2] == 0.0  # in the air
     assert plant.time_step() == 0.005
@@ -157,23 +157,23 @@ def test_compiled_and_python_steps_are_equal(bolt, kind):
     assembly, random = on_tyres(bolt(kind), contact="point"), np.random.default_rng(5)
     tyres, law = assembly.tyres["ego"], tyre_kind(kind).law.forces
     context = tyres.CreateDefaultContext()
-    quick, ways = tyres._step, []
+    quick, results = tyres._step, []
     for step in (quick, lambda *given: tyre_step(law, *map(with_dots, given))):
-        random, told = np.random.default_rng(5), []
+        random, samples = np.random.default_rng(5), []
         tyres._step = step
         context.get_mutable_discrete_state().SetFrom(tyres.CreateDefaultContext().get_discrete_state())
         for speed in (0.0, 0.3, 12.0):
             for _ in range(5):
-                slides = dict(zip(("vy", "slip", "steering", "lean"), random.uniform(-0.3, 0.3, 4), strict=True))
+                slides = dict(zip(("vy", "slip", "steering", "roll"), random.uniform(-0.3, 0.3, 4), strict=True))
                 tyres.plant_state.FixValue(context, sliding_state(assembly, vx=speed, **slides))
                 tyres.wheel_load.FixValue(context, random.uniform(0.0, 6000.0, 4))
                 tyres.wheel_torque.FixValue(context, random.uniform(0.0, 900.0, 8))
                 force = tyres.generalized_force.Eval(context)
                 context.get_mutable_discrete_state().SetFrom(tyres.EvalUniquePeriodicDiscreteUpdate(context))
-                told.append(np.concatenate([force, *(group.value() for group in discrete_groups(context))]))
-        ways.append(np.array(told))
-    assert np.abs(ways[0]).max() > 1000.0
-    assert ways[0] == pytest.approx(ways[1], rel=1e-9, abs=1e-9)
+                samples.append(np.concatenate([force, *(group.value() for group in discrete_groups(context))]))
+        results.append(np.array(samples))
+    assert np.abs(results[0]).max() > 1000.0
+    assert results[0] == pytest.approx(results[1], rel=1e-9, abs=1e-9)
 
 
 class Dotted:
@@ -344,7 +344,7 @@ def test_a_car_held_on_a_slope_of_five_degrees_does_not_creep(bolt, tmp_path, co
         bolt(f"{kind}_free"), torque=torque, parked=how == "parked", world=slope, contact=contact, rate=10.0
     )
     x = Simulation(assembly).run(duration=14.0).signals["ego.x"].to_numpy()
-    assert -0.005 < x[40] - x[0] < 0.0  # leans on its tyres
+    assert -0.005 < x[40] - x[0] < 0.0  # deflects its tyres
     assert np.abs(x[40:] - x[40]).max() < 1e-4
 
 
@@ -381,9 +381,9 @@ def test_brakes_bring_the_car_to_a_stop_and_hold_it(bolt, contact, kind, torque)
     assert np.abs(wheel[-200:]).max() < 5e-3
     assert np.abs(run["ego.vx"].to_numpy()[-40:]).max() < 0.02  # rocks on its tyres
     if torque > 2000.0:  # locked at once
-        assert np.abs(wheel[10:]).max() < 0.05  # of 33 rad/s; facets of hydroelastic contact shake it
+        assert np.abs(wheel[10:]).max() < 0.05  # of 33 rad/s; facets of hydroelastic contact make it oscillate
         assert run["ego.x"].max() == pytest.approx(50.0 / (locked_share(kind) * GRAVITY), rel=0.06)
-    else:  # what the brakes say; the wheels' inertia counts
+    else:  # the deceleration follows from the brake torques; the wheels' inertia counts
         radius = np.mean(assembly.parts.vehicles["ego"].rolling_radii(assembly.parts.plant))
         mass = 1616.0 + 4.0 * 0.5 * 20.0
         speed = run["ego.vx"].to_numpy()
@@ -469,7 +469,7 @@ def test_two_cars_each_have_their_tyres(bolt):
 
 
 @pytest.mark.parametrize(
-    ("tyres", "said"),
+    ("tyres", "expected_message"),
     [
         ("{kind: brsh, rolling_resistance: 0}", "tyres.kind: unknown kind 'brsh'; did you mean 'brush'"),
         (
@@ -491,13 +491,13 @@ def test_two_cars_each_have_their_tyres(bolt):
         ("{kind: brush, rolling_resistance: 0}", "tyres.front: is missing"),
     ],
 )
-def test_wrong_tyres_are_rejected_with_their_place(tmp_path, tyres, said):
+def test_wrong_tyres_are_rejected_with_their_place(tmp_path, tyres, expected_message):
     folder = make_bolts(tmp_path)
     file = folder / "variants" / "wrong.yaml"
     file.write_text(f"description: wrong\nvehicle:\n  tyres: {tyres}\n", encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
         load_vehicle(f"{folder}@wrong")
-    assert f"wrong.yaml:3: {said}" in str(caught.value)
+    assert f"wrong.yaml:3: {expected_message}" in str(caught.value)
 
 
 def test_a_tir_file_of_the_vehicles_own_comes_first_and_its_faults_are_named(tmp_path):

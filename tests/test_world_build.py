@@ -76,9 +76,9 @@ def test_unplaced_props_are_reported_and_make_the_exit_code_1(yard: Path, capsys
     )
     (yard / "yard.yaml").write_text(crowd, encoding="utf-8")
     assert _run("yard.yaml") == 1
-    told = capsys.readouterr()
-    assert told.err.startswith("error: yard.yaml:9: props.3: no free position for 'crowd[")
-    assert told.err.count("\n") == 1
+    captured = capsys.readouterr()
+    assert captured.err.startswith("error: yard.yaml:9: props.3: no free position for 'crowd[")
+    assert captured.err.count("\n") == 1
     assert (yard / "worlds-out" / "yard" / "yard.svg").is_file()
 
 

@@ -251,7 +251,7 @@ def test_the_total_number_of_draws_of_a_world_is_limited(monkeypatch: pytest.Mon
 
 def placed(*solids: tuple[Shape, tuple[float, float, float]], X_WP: RigidTransform | None = None) -> PlacedProp:
     """A prop of shapes at places in its own frame [m]."""
-    parts = tuple(Solid(shape, RigidTransform(list(place))) for shape, place in solids)
+    parts = tuple(Solid(shape, RigidTransform(list(position))) for shape, position in solids)
     return PlacedProp("p", Prop("p", parts, (1.0,) * 3, 1.0), X_WP or RigidTransform(), where="w:1: p")
 
 
@@ -264,7 +264,7 @@ POSTS = tuple((Cylinder(0.4, 2.0), (x, 0.0, 1.0)) for x in (0.0, 0.9))
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.7)])
 @pytest.mark.parametrize(
-    ("one", "other", "depth"),
+    ("first", "second", "depth"),
     [
         ([(Box(1, 1, 1), (0, 0, 0))], [(Box(1, 1, 1), (0.9, 0.2, 0.1))], 0.1),
         ([(Box(1, 1, 1), (0, 0, 0))], [(Box(1, 1, 1), (1, 0, 0))], 0.0),  # touching
@@ -283,19 +283,19 @@ POSTS = tuple((Cylinder(0.4, 2.0), (x, 0.0, 1.0)) for x in (0.0, 0.9))
     ],
 )  # fmt: skip
 def test_the_depth_of_an_overlap_agrees_with_closed_forms(
-    one: list[tuple[Any, ...]], other: list[tuple[Any, ...]], depth: float, turned: tuple[float, float, float]
+    first: list[tuple[Any, ...]], second: list[tuple[Any, ...]], depth: float, turned: tuple[float, float, float]
 ) -> None:
     X_WP = RigidTransform(RollPitchYaw(*turned), [50.0, -20.0, 3.0])
-    found = separate(placed(*one, X_WP=X_WP), placed(*other, X_WP=X_WP))
-    assert found.depth == pytest.approx(depth, abs=5e-4)
-    assert depth - 1e-3 <= found.least <= depth + 1e-6
+    separation = separate(placed(*first, X_WP=X_WP), placed(*second, X_WP=X_WP))
+    assert separation.depth == pytest.approx(depth, abs=5e-4)
+    assert depth - 1e-3 <= separation.least <= depth + 1e-6
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_bounds_of_the_depth_of_unions_contain_the_exact_depth(seed: int) -> None:
     rng = np.random.default_rng(seed)
     middles, halves = rng.uniform(-1.0, 1.0, (2, 4, 3)), rng.uniform(0.1, 0.8, (2, 4, 3))
-    one, other = (
+    first, second = (
         placed(*((Box(*(2.0 * half)), tuple(middle)) for middle, half in zip(m, h, strict=True)))
         for m, h in zip(middles, halves, strict=True)
     )
@@ -312,10 +312,10 @@ def test_the_bounds_of_the_depth_of_unions_contain_the_exact_depth(seed: int) ->
     ]
     grid = np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, 3)
     truth = np.linalg.norm(grid, axis=1)[is_free(grid)].min()
-    found = separate(one, other)
-    assert is_free(found.translation[None]).all()
-    assert found.depth == pytest.approx(truth, abs=1e-3)
-    assert found.least <= truth + 1e-5
+    separation = separate(first, second)
+    assert is_free(separation.translation[None]).all()
+    assert separation.depth == pytest.approx(truth, abs=1e-3)
+    assert separation.least <= truth + 1e-5
 
 
 def random_shape(rng: np.random.Generator) -> Shape:
@@ -406,11 +406,11 @@ def test_the_depth_of_an_overlap_does_not_depend_on_the_order_of_the_props() -> 
     shapes = [Box(0.5, 0.8, 0.4), Cylinder(0.3, 1.0), Sphere(0.4), Capsule(0.2, 0.7)]
     poses = [RigidTransform(RollPitchYaw(*rng.uniform(-3, 3, 3)), rng.uniform(-0.4, 0.4, 3)) for _ in shapes]
     for first in range(4):
-        one = placed((shapes[first], (0, 0, 0)), X_WP=poses[first])
+        solid = placed((shapes[first], (0, 0, 0)), X_WP=poses[first])
         rest = Prop("rest", tuple(map(Solid, shapes[:first] + shapes[first + 1 :], poses[:first] + poses[first + 1 :])),
                     (1.0,) * 3, 1.0)  # fmt: skip
         other = PlacedProp("rest", rest, RigidTransform())
-        assert separate(one, other).depth == pytest.approx(separate(other, one).depth, abs=1e-3)
+        assert separate(solid, other).depth == pytest.approx(separate(other, solid).depth, abs=1e-3)
 
 
 def test_a_depth_that_is_not_certain_is_reported_as_a_range() -> None:
@@ -552,9 +552,9 @@ def test_there_is_a_path_through_a_gap_only_if_it_is_wider_than_the_car(what: st
     assert texts([fault]) == [("unreachable", "w.yaml:13")]
     assert "no path for bolt (1.76 m wide" in fault.text or "no path for bolt (1.77 m wide" in fault.text
     assert "1.71 m wide at (0.00, 0.00) m, between 'left' and 'right'" in fault.text
-    found = examine(write(gap_world(width + 0.5) + what))
-    assert found.faults == []
-    (way,) = found.paths
+    report = examine(write(gap_world(width + 0.5) + what))
+    assert report.faults == []
+    (way,) = report.paths
     assert (way.vehicle, way.start, way.goal) == ("bolt", "gate", "exit")
     assert way.length < 35.0
 
@@ -603,9 +603,9 @@ def test_there_is_no_path_around_a_wide_corner_that_the_car_cannot_turn() -> Non
     assert texts([fault]) == [("unreachable", "w.yaml:15")]
     assert "cannot turn" in fault.text
     assert "turning radius 4.5 m" in fault.text
-    found = examine(write(TURN.format(width=5.0)))
-    assert found.faults == []
-    assert len(found.paths) == 1
+    report = examine(write(TURN.format(width=5.0)))
+    assert report.faults == []
+    assert len(report.paths) == 1
 
 
 def test_the_robot_turns_where_the_car_cannot() -> None:
@@ -619,7 +619,7 @@ def test_a_search_that_reaches_its_time_limit_is_reported() -> None:
 
 
 def test_a_path_may_lead_to_a_gate_of_a_track_and_to_a_start() -> None:
-    found = examine(
+    report = examine(
         write(
             """
             tracks: {main: {segments: [{line: 40}]}}
@@ -632,9 +632,9 @@ def test_a_path_may_lead_to_a_gate_of_a_track_and_to_a_start() -> None:
             """
         )
     )
-    assert found.faults == []
-    assert [(way.start, way.goal) for way in found.paths] == [("gate", "other"), ("gate", "line")]
-    assert found.paths[1].poses[-1, 0] == pytest.approx(30.0, abs=1.0)
+    assert report.faults == []
+    assert [(way.start, way.goal) for way in report.paths] == [("gate", "other"), ("gate", "line")]
+    assert report.paths[1].poses[-1, 0] == pytest.approx(30.0, abs=1.0)
 
 
 def test_a_path_is_smooth_and_free_for_the_box_of_the_vehicle() -> None:
@@ -710,19 +710,19 @@ def test_outlines_have_the_heights_and_widths_of_the_solids() -> None:
     x=st.floats(-3, 3), y=st.floats(-3, 3), yaw=st.floats(0, 6.3), radius=st.sampled_from([0.0, 0.4]),
 )  # fmt: skip
 def test_a_translation_by_the_depth_separates_two_outlines(x: float, y: float, yaw: float, radius: float) -> None:
-    one = Outline(shapely.box(-1.0, -0.5, 1.0, 0.5), 0.0, 0.0, 1.0)
+    outline = Outline(shapely.box(-1.0, -0.5, 1.0, 0.5), 0.0, 0.0, 1.0)
     other = shapely.affinity.rotate(shapely.box(-1.5, -0.2, 1.5, 0.2), yaw, use_radians=True, origin=(0, 0))
     two = Outline(shapely.affinity.translate(other, x, y), radius, 0.0, 1.0)
-    gap = gap_between(one, two)
-    area = one.area.intersection(two.area).area
+    gap = gap_between(outline, two)
+    area = outline.area.intersection(two.area).area
     if gap > 1e-9:
         assert area == 0.0
-        assert gap == pytest.approx(one.area.distance(two.area), abs=0.01 * radius + 1e-9)
+        assert gap == pytest.approx(outline.area.distance(two.area), abs=0.01 * radius + 1e-9)
     elif gap < -1e-6 and not radius:
         assert area > 0.0
-        normals = np.concatenate((one.normals, two.normals))
+        normals = np.concatenate((outline.normals, two.normals))
         pushes = [shapely.affinity.translate(two.core, *(sign * -gap * n)) for n in normals for sign in (-1.0, 1.0)]
-        assert min(one.core.intersection(push).area for push in pushes) < 1e-6
+        assert min(outline.core.intersection(push).area for push in pushes) < 1e-6
 
 
 def test_room_agrees_with_the_box_itself() -> None:
@@ -758,6 +758,6 @@ def test_a_car_turns_around_in_a_street_by_reversing() -> None:
     walls = [shapely.box(-15, 4, 15, 4.2), shapely.box(-15, -4.2, 15, -4)]
     body = Body("car", -0.8, 3.4, 0.9, 1.6, 4.5)
     room = Room([Obstacle(0, Outline(w, 0.0, 0.0, 1.0)) for w in walls], (-15, -20, 15, 20), body, np.zeros((1, 2)))
-    found = search_path(room, (10.0, 0.0, 0.0), shapely.Point(-13.5, 0.0).buffer(0.5))
-    assert found.outcome == "found"
-    assert found.path[-1, 0] < -12.9
+    path = search_path(room, (10.0, 0.0, 0.0), shapely.Point(-13.5, 0.0).buffer(0.5))
+    assert path.outcome == "found"
+    assert path.path[-1, 0] < -12.9

@@ -94,12 +94,12 @@ def drake_solids(path):
     return solids
 
 
-def same_shape(one, other):
-    if isinstance(one, Box) and isinstance(other, Box):
-        return np.allclose(one.size(), other.size(), atol=1e-4)
-    if isinstance(one, Cylinder) and isinstance(other, Cylinder):
-        return np.allclose([one.radius(), one.length()], [other.radius(), other.length()], atol=1e-4)
-    return isinstance(one, Sphere) and isinstance(other, Sphere) and abs(one.radius() - other.radius()) < 1e-4
+def same_shape(first, second):
+    if isinstance(first, Box) and isinstance(second, Box):
+        return np.allclose(first.size(), second.size(), atol=1e-4)
+    if isinstance(first, Cylinder) and isinstance(second, Cylinder):
+        return np.allclose([first.radius(), first.length()], [second.radius(), second.length()], atol=1e-4)
+    return isinstance(first, Sphere) and isinstance(second, Sphere) and abs(first.radius() - second.radius()) < 1e-4
 
 
 @pytest.mark.parametrize("trap", [traps.nested, traps.tilted])
@@ -108,15 +108,15 @@ def test_collision_geometry_has_the_poses_of_drake(tmp_path, trap):
     expected = drake_solids(path.rename(path.with_suffix(".sdf")))
     path = trap(tmp_path)
     _, world = imported(path, tmp_path / "worlds")
-    found = [(solid.shape, prop.X_WP @ solid.X_PS) for prop in world.props for solid in prop.prop.solids]
-    assert len(found) == len(expected) >= 4
+    solids = [(solid.shape, prop.X_WP @ solid.X_PS) for prop in world.props for solid in prop.prop.solids]
+    assert len(solids) == len(expected) >= 4
     for shape, X_WG in expected:
-        at = [
+        origins = [
             X.IsNearlyEqualTo(X_WG, 1e-3) and np.linalg.norm(X.translation() - X_WG.translation()) < MILLIMETRE
-            for other, X in found
+            for other, X in solids
             if same_shape(shape, other)
         ]
-        assert any(at), f"{shape} at {X_WG.translation()}"
+        assert any(origins), f"{shape} at {X_WG.translation()}"
 
 
 def test_poses_of_a_saved_world_take_precedence(tmp_path):
@@ -213,7 +213,7 @@ def test_populations(tmp_path):
               for name in count}  # fmt: skip
     # Four columns 2 m and three rows 3 m apart about (10, 20) m; five along y from -5 m in steps of 2 m.
     grid = {(7.0 + 2.0 * i, 17.0 + 3.0 * j) for i in range(4) for j in range(3)}
-    assert {tuple(place) for place in places["cans"].round(6).tolist()} == grid
+    assert {tuple(position) for position in places["cans"].round(6).tolist()} == grid
     np.testing.assert_allclose(places["row"], [(-20.0, y) for y in (-5, -3, -1, 1, 3)], atol=1e-6)
     assert np.all(np.abs(places["loose"] - [20.0, -20.0]) <= [4.0, 3.0])
     assert np.all(np.hypot(*(places["round"] + 20.0).T) <= 5.0)
@@ -273,9 +273,9 @@ def test_a_faulty_model_is_left_out_with_the_reason(tmp_path, fault):
     path = traps.world(tmp_path, inside + traps.model("sound", pose="20 0 0.5 0 0 0"))
     result, world = imported(path, tmp_path / "worlds")
     assert "sound" in placed(world)
-    found = [change for change in result.changes if word in change.reason]
-    assert found, result.changes
-    assert found[0].place == "trap.world:5"
+    omitted = [change for change in result.changes if word in change.reason]
+    assert omitted, result.changes
+    assert omitted[0].place == "trap.world:5"
     with pytest.raises(ModelError) as refusal:
         import_world(path, folder=tmp_path / "strict", strict=True)
     assert "\n" not in str(refusal.value)

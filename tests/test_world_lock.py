@@ -190,10 +190,10 @@ def test_a_mesh_beside_the_world_is_named_from_there_and_counts(tmp_path: Path) 
     (tmp_path / "meshes" / "rock.mtl").write_text("newmtl a\nmap_Kd -clamp on rock.png\n", encoding="utf-8")
     (tmp_path / "meshes" / "rock.png").write_bytes(b"1")
     names = [f"../meshes/rock.{ending}" for ending in ("mtl", "obj", "png")]
-    found = lock_content(load_world(str(world)))
-    assert list(found["files"]) == names
+    content = lock_content(load_world(str(world)))
+    assert list(content["files"]) == names
     (tmp_path / "meshes" / "rock.png").write_bytes(b"2")
-    assert lock_hash(load_world(str(world))) != content_hash(found)
+    assert lock_hash(load_world(str(world))) != content_hash(content)
     loaded = load_world(str(world))
     (tmp_path / "meshes" / "rock.png").unlink()
     with pytest.raises(WorldError, match=r"^rock\.png: cannot be read: No such file or directory$"):

@@ -26,12 +26,12 @@ def settle(path, text):
     try:
         load_world(str(path))
     except MirdrakeError as error:
-        told = str(error)
+        message = str(error)
     else:
         return True
-    assert told
-    for line in told.splitlines():
-        assert line.strip(), told
+    assert message
+    for line in message.splitlines():
+        assert line.strip(), message
         assert len(line) < 1200, line
     return False
 

@@ -139,8 +139,8 @@ def test_the_ground_is_a_box_with_the_friction_of_the_road(world: World, loaded:
     ((shape, X, properties),) = _solids(plant, scene_graph, "ground")
     assert isinstance(shape, Box)
     assert X.translation()[2] == -shape.size()[2] / 2.0
-    for place in np.reshape(world.ground.extent, (2, 2)):
-        assert (np.abs(place - X.translation()[:2]) < shape.size()[:2] / 2.0).all()
+    for position in np.reshape(world.ground.extent, (2, 2)):
+        assert (np.abs(position - X.translation()[:2]) < shape.size()[:2] / 2.0).all()
     assert properties.GetProperty("material", "coulomb_friction").dynamic_friction() == 0.9
     inspector = scene_graph.model_inspector()
     assert not any(isinstance(inspector.GetShape(g), HalfSpace) for g in inspector.GetAllGeometryIds(Role.kProximity))

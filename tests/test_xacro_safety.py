@@ -432,8 +432,8 @@ def test_yaml_is_read_in_the_package_and_in_packages_that_were_found(tmp_path):
     (urdf / "link.yaml").symlink_to(tmp_path / "c.yaml")
     with pytest.raises(ModelError, match="outside of the vehicle's package"):
         render(urdf, YAML.replace("c.yaml", "link.yaml"))
-    found = YAML.replace("c.yaml", "$(find other)/c.yaml")
-    assert "five" in render(urdf, found, find=lambda name: tmp_path / name)
+    text = YAML.replace("c.yaml", "$(find other)/c.yaml")
+    assert "five" in render(urdf, text, find=lambda name: tmp_path / name)
 
 
 def test_environment_variables_are_read_only_if_they_are_listed(tmp_path, monkeypatch):
@@ -642,8 +642,16 @@ def made_expressions(seed: int) -> Iterator[str]:
                 f"round({a}, 3)"][kind]  # fmt: skip
 
     for _ in range(100):
-        one = number(4)
-        yield source.choice([one, f"str({one})", f"'%.4f' % ({one})", f"[{one}, 2][0]", f"{one} > 1 and {one} < 5"])
+        operand = number(4)
+        yield source.choice(
+            [
+                operand,
+                f"str({operand})",
+                f"'%.4f' % ({operand})",
+                f"[{operand}, 2][0]",
+                f"{operand} > 1 and {operand} < 5",
+            ]
+        )
 
 
 def test_made_expressions_give_what_xacro_gives(tmp_path):
@@ -652,4 +660,6 @@ def test_made_expressions_give_what_xacro_gives(tmp_path):
     links = "".join(f'<link name="${{{escape(text)}}}"/>' for text in made_expressions(5))
     file.write_text(f"{HEAD}{PROPERTIES}{links}</robot>", encoding="utf-8")
     expected = xacro.process_file(str(file), mappings={}).getElementsByTagName("link")
-    assert [link.get("name") for link in render_xacro(file).root] == [one.getAttribute("name") for one in expected]
+    assert [link.get("name") for link in render_xacro(file).root] == [
+        element.getAttribute("name") for element in expected
+    ]

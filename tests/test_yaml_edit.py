@@ -208,11 +208,11 @@ def _texts(draw: st.DrawFn) -> Pieces:
 
 
 def _joined(pieces: Pieces, new: dict[tuple[str, ...], str] | None = None) -> str:
-    return "".join(one if isinstance(one, str) else (new or {}).get(one[0], one[1]) for one in pieces)
+    return "".join(piece if isinstance(piece, str) else (new or {}).get(piece[0], piece[1]) for piece in pieces)
 
 
 def _paths(pieces: Pieces) -> list[tuple[str, ...]]:
-    return [one[0] for one in pieces if not isinstance(one, str)]
+    return [piece[0] for piece in pieces if not isinstance(piece, str)]
 
 
 @settings(max_examples=80, deadline=None)
@@ -233,9 +233,9 @@ def test_a_comment_adds_one_line_and_nothing_else(pieces: Pieces, data: st.DataO
     path, text = data.draw(st.sampled_from(_paths(pieces))), _joined(pieces)
     after = edit_yaml(text, [Edit(path, 12345, comment="tuned")])
     lines = after.splitlines()
-    place = next(k for k, line in enumerate(lines) if line.strip() == "# tuned")
-    assert "\n".join(lines[:place] + lines[place + 1 :]) == "\n".join(_joined(pieces, {path: "12345"}).splitlines())
-    assert "12345" in lines[place + 1]
+    index = next(k for k, line in enumerate(lines) if line.strip() == "# tuned")
+    assert "\n".join(lines[:index] + lines[index + 1 :]) == "\n".join(_joined(pieces, {path: "12345"}).splitlines())
+    assert "12345" in lines[index + 1]
 
 
 @settings(max_examples=80, deadline=None)

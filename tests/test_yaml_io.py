@@ -287,10 +287,10 @@ def test_a_model_that_stands_in_two_places_by_alias_is_two_models() -> None:
 
 
 def test_defaults_are_not_shared() -> None:
-    one, two = parse_yaml("", Drive), parse_yaml("", Drive)
-    one.points.append(1.0)
-    one.plant.time_step = 7.0
-    assert (two.points, two.plant.time_step) == ([], 0.005)
+    first, second = parse_yaml("", Drive), parse_yaml("", Drive)
+    first.points.append(1.0)
+    first.plant.time_step = 7.0
+    assert (second.points, second.plant.time_step) == ([], 0.005)
 
 
 # --- hostile files ------------------------------------------------------------------------------------------------
@@ -409,12 +409,12 @@ class Holder(Schema, frozen=True):
 
 
 def test_the_default_of_one_file_does_not_point_into_another() -> None:
-    one, two = parse_yaml("", Holder, name="one"), parse_yaml("", Holder, name="two")
-    assert where(one.inner) == "one: inner"
-    assert where(two.inner) == "two: inner"
+    first, second = parse_yaml("", Holder, name="one"), parse_yaml("", Holder, name="two")
+    assert where(first.inner) == "one: inner"
+    assert where(second.inner) == "two: inner"
     assert where(Holder().inner) == "Frozen"
-    assert one == two
-    assert hash(one) == hash(two)
+    assert first == second
+    assert hash(first) == hash(second)
 
 
 def test_a_spec_made_in_python_names_its_class() -> None:
@@ -431,11 +431,11 @@ def test_an_override_is_named_instead_of_the_line_it_replaces() -> None:
 
 
 def test_the_source_is_no_part_of_the_value() -> None:
-    one, two = parse_yaml("speed: 5", Drive, name="a"), parse_yaml("\n\nspeed: 5", Drive, name="b")
-    assert one == two
-    assert one != parse_yaml("speed: 6", Drive, name="a")
-    assert one.plant == Plant()
-    assert one.model_dump() == two.model_dump()
+    first, second = parse_yaml("speed: 5", Drive, name="a"), parse_yaml("\n\nspeed: 5", Drive, name="b")
+    assert first == second
+    assert first != parse_yaml("speed: 6", Drive, name="a")
+    assert first.plant == Plant()
+    assert first.model_dump() == second.model_dump()
 
 
 def test_a_spec_keeps_its_source_through_a_copy_and_into_a_worker() -> None:

@@ -46,11 +46,11 @@ RACER = Car(wheelbase=0.33, track=0.25, radius=0.05, width=0.04, body=2.8, wheel
 GOLF = Car(wheelbase=1.7, track=1.0, radius=0.22, width=0.16, body=420.0, wheel=8.0, limit=0.5)
 
 
-def box_inertial(mass, size, place="0 0 0"):
+def box_inertial(mass, size, position="0 0 0"):
     x, y, z = size
     ixx, iyy, izz = (mass / 12.0 * (a * a + b * b) for a, b in ((y, z), (x, z), (x, y)))
     return (
-        f'<inertial><origin xyz="{place}"/><mass value="{mass:g}"/>'
+        f'<inertial><origin xyz="{position}"/><mass value="{mass:g}"/>'
         f'<inertia ixx="{ixx:.6g}" ixy="0" ixz="0" iyy="{iyy:.6g}" iyz="0" izz="{izz:.6g}"/></inertial>'
     )
 
@@ -68,10 +68,10 @@ def cylinder(car):
     return f'<origin rpy="{QUARTER} 0 0"/><geometry><cylinder radius="{car.radius}" length="{car.width}"/></geometry>'
 
 
-def mesh(address, scale="", place=""):
+def mesh(address, scale="", position=""):
     scale = f' scale="{scale}"' if scale else ""
-    place = f'<origin xyz="{place}"/>' if place else ""
-    return f'{place}<geometry><mesh filename="{address}"{scale}/></geometry>'
+    position = f'<origin xyz="{position}"/>' if position else ""
+    return f'{position}<geometry><mesh filename="{address}"{scale}/></geometry>'
 
 
 def body_shape(car, lift):
@@ -111,24 +111,24 @@ def car_urdf(
     text = before + link(base, inertial, visual or body_shape(car, lift), body_shape(car, lift))
     limit = steer_limit or f'<limit lower="-{car.limit}" upper="{car.limit}" effort="1000" velocity="2"/>'
     for corner, (x, y) in car.corners.items():
-        place, parent = f"{x:g} {y:g} 0", base
+        position, parent = f"{x:g} {y:g} 0", base
         if suspension is not None:
             carrier = f"{corner}_carrier"
             text += link(carrier, box_inertial(0.5 * car.wheel, (0.1, 0.1, 0.1)))
-            text += joint(f"{corner}_shock", "prismatic", base, carrier, place=place, inside=suspension)
-            place, parent = "0 0 0", carrier
+            text += joint(f"{corner}_shock", "prismatic", base, carrier, place=position, inside=suspension)
+            position, parent = "0 0 0", carrier
         if corner.startswith("front"):
             knuckle, steered = f"{corner}_knuckle", steer.format(corner=corner)
             text += link(knuckle, box_inertial(0.3 * car.wheel, (0.1, 0.1, 0.1)))
             text += joint(
-                steered, kinds[corner.endswith("right")], parent, knuckle, place=place, inside=limit
+                steered, kinds[corner.endswith("right")], parent, knuckle, place=position, inside=limit
             )  # fmt: skip
-            place, parent = "0 0 0", knuckle
+            position, parent = "0 0 0", knuckle
             if transmissions:
                 text += transmission(steered, "PositionJointInterface")
         tyre, turning = wheel.format(corner=corner), spin.format(corner=corner)
         text += link(tyre, wheel_inertial(car), wheel_visual or cylinder(car), wheel_collision or cylinder(car))
-        text += joint(turning, "continuous", parent, tyre, place=place, axis="0 1 0", inside=spin_limit)
+        text += joint(turning, "continuous", parent, tyre, place=position, axis="0 1 0", inside=spin_limit)
         if transmissions and corner.startswith("rear"):
             text += transmission(turning, "EffortJointInterface")
     return f'<?xml version="1.0"?>\n<robot name="{name}">\n{text}{after}</robot>\n'
@@ -161,10 +161,10 @@ def paint(path):
 def body_dae(car, path, *, unit=0.01, up="Y_UP"):
     """The body in centimetres with a picture and a painted roof, and an up axis that counts for nothing."""
     size = np.array(car.size) / unit
-    at = np.array([-0.5 * size[0], -0.5 * size[1], 0.1 * car.radius / unit])
+    position = np.array([-0.5 * size[0], -0.5 * size[1], 0.1 * car.radius / unit])
     paint(path.parent / "Paint.PNG")
     looks = [("skin", TEXTURED), ("roof", flat(0.1, 0.2, 0.8))]
-    write_dae(path, size=size, at=at, unit=f"{unit:g}", up=up, looks=looks, picture="../textures/paint.png")
+    write_dae(path, size=size, at=position, unit=f"{unit:g}", up=up, looks=looks, picture="../textures/paint.png")
 
 
 # ---- cars that must come out
@@ -454,12 +454,12 @@ def sdf_cart(folder):
     seen = "<geometry><mesh><uri>model://yard_cart/meshes/cart.dae</uri><submesh><name>hood</name><center>false</center></submesh></mesh></geometry>"
     text = sdf_body(car, seen)
     for corner, (x, y) in car.corners.items():
-        parent, place = "chassis", f"{x:g} {y:g} {car.radius} 0 0 0"
+        parent, position = "chassis", f"{x:g} {y:g} {car.radius} 0 0 0"
         if corner.startswith("front"):
-            text += f"<link name='{corner}_hub'><pose>{place}</pose>{sdf_inertial(2.0, (0.1, 0.1, 0.1))}</link>\n"
+            text += f"<link name='{corner}_hub'><pose>{position}</pose>{sdf_inertial(2.0, (0.1, 0.1, 0.1))}</link>\n"
             text += sdf_joint(f"{corner}_steer", "revolute", parent, f"{corner}_hub", "0 0 1", limit=limit)
             parent = f"{corner}_hub"
-        text += f"<include><uri>model://yard_wheel</uri><name>{corner}_wheel</name><pose>{place}</pose></include>\n"
+        text += f"<include><uri>model://yard_wheel</uri><name>{corner}_wheel</name><pose>{position}</pose></include>\n"
         text += sdf_joint(f"{corner}_spin", "revolute", parent, f"{corner}_wheel::rim", "0 1 0")
     path = model(models / "yard_cart", "yard_cart", text)
     model(models / "yard_wheel", "yard_wheel", f"<link name='rim'>{sdf_wheel(car)}</link>\n")
@@ -509,13 +509,13 @@ def tricycle(folder):
     text += link("fork", box_inertial(5.0, (0.1, 0.1, 0.1)))
     inside = '<limit lower="-0.6" upper="0.6" effort="100" velocity="2"/>'
     text += joint("fork_joint", "revolute", "base_link", "fork", place="1.25 0 0", inside=inside)
-    for name, parent, place in (
+    for name, parent, position in (
         ("front", "fork", "0 0 0"),
         ("rear_left", "base_link", "-1.25 0.7 0"),
         ("rear_right", "base_link", "-1.25 -0.7 0"),
     ):
         text += link(f"{name}_wheel", wheel_inertial(car), cylinder(car), cylinder(car))
-        text += joint(f"{name}_wheel_joint", "continuous", parent, f"{name}_wheel", place=place, axis="0 1 0")
+        text += joint(f"{name}_wheel_joint", "continuous", parent, f"{name}_wheel", place=position, axis="0 1 0")
     return package(folder / "trike", "trike", "trike.urdf", f'<robot name="trike">{text}</robot>')
 
 

@@ -81,10 +81,10 @@ def evaluate(gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidel
     figures = asdict(response_figures(*(response[name] for name in response), limits=LIMITS))
     figures["overshoot_percent"] = 100.0 * figures.pop("overshoot")
     figures.pop("finite")
-    found = find_margins(_held(plant), pid)
+    robust = find_margins(_held(plant), pid)
     margins = (
-        found.max_sensitivity, found.max_complementary, found.gain_margin, math.degrees(found.phase_margin),
-        found.delay_margin, found.disk_margin,
+        robust.max_sensitivity, robust.max_complementary, robust.gain_margin, math.degrees(robust.phase_margin),
+        robust.delay_margin, robust.disk_margin,
     )  # fmt: skip
     return Evaluation("ok", figures | dict(zip(MARGINS, margins, strict=True)), response)
 
@@ -146,9 +146,9 @@ def write_sample(
     # Search and map.
     space = {"kp": ParameterSpec(low=0.3, high=12.0, scale="log"), "ki": ParameterSpec(low=0.2, high=30.0, scale="log")}
     judged: dict[str, Any] = {"cost": COST, "constraints": CONSTRAINTS, "fixed": {"kd": 0.0}}
-    found = search(evaluate, space, method="random", trials=trials, seed=seed, **judged)
-    assert found.best is not None
-    designs.append(Design("searched", "searched", found.best.gains))
+    search_result = search(evaluate, space, method="random", trials=trials, seed=seed, **judged)
+    assert search_result.best is not None
+    designs.append(Design("searched", "searched", search_result.best.gains))
     grid = {
         "kp": ParameterSpec(low=0.5, high=30.0, scale="log", count=cells[0]),
         "ki": ParameterSpec(low=0.2, high=200.0, scale="log", count=cells[1]),
@@ -159,13 +159,16 @@ def write_sample(
                   evaluations[design.name].response)
         for k, design in enumerate(designs)
     ]  # fmt: skip
-    feasible = [one for one in tried if one.trial.feasible]
-    best = min(feasible, key=lambda one: one.trial.cost)
-    rule = min((one for one in feasible if one.design.kind == "rule"), key=lambda one: one.trial.cost)
+    feasible = [candidate for candidate in tried if candidate.trial.feasible]
+    best = min(feasible, key=lambda candidate: candidate.trial.cost)
+    rule = min(
+        (candidate for candidate in feasible if candidate.design.kind == "rule"),
+        key=lambda candidate: candidate.trial.cost,
+    )
 
     # Monte Carlo, the same draws for each.
     chosen = dict.fromkeys(("cautious", "published", rule.name, best.name))
-    gains = {one.name: one.design.gains for one in tried}
+    gains = {candidate.name: candidate.design.gains for candidate in tried}
     ranges = {"mass": (0.8, 1.2), "friction": (0.3, 1.0), "delay": (0.0, 0.1)}
     monte_carlo = run_monte_carlo(evaluate, {name: gains[name] for name in chosen}, ranges, runs=runs, seed=seed)
     curves = []
@@ -193,12 +196,12 @@ def write_sample(
         loop=_loop(),
         candidates=tuple(
             CandidateResult(
-                one.name, one.design.kind, one.design.gains, one.trial.status,
-                {name: value for name, value in one.trial.figures.items() if not math.isnan(value)},
-                finite(one.trial.cost), one.trial.feasible, one.design.rule, one.design.parameter, one.trial.reason,
-                one.trial.rejections(CONSTRAINTS),
+                candidate.name, candidate.design.kind, candidate.design.gains, candidate.trial.status,
+                {name: value for name, value in candidate.trial.figures.items() if not math.isnan(value)},
+                finite(candidate.trial.cost), candidate.trial.feasible, candidate.design.rule,
+                candidate.design.parameter, candidate.trial.reason, candidate.trial.rejections(CONSTRAINTS),
             )
-            for one in tried
+            for candidate in tried
         ),
         baseline="cautious",
         best=best.name,
@@ -213,7 +216,7 @@ def write_sample(
     )  # fmt: skip
     tables = {
         "responses": responses_table(tried),
-        "trials": found.table,
+        "trials": search_result.table,
         "map": map_of_two_gains(evaluate, grid, **judged),
         "monte_carlo": monte_carlo.table,
         "frequency": pd.concat(curves, ignore_index=True),

@@ -112,7 +112,7 @@ class Watch:
 def motions(positions: int, state: Sequence[float], places: Sequence[Any]) -> list[WheelMotion]:
     """Motions of the wheels of one vehicle in a state of the plant."""
     base = base_motion(state, places[0].base, positions)
-    return [wheel_motion(state, place, base, positions) for place in places]
+    return [wheel_motion(state, wheel_place, base, positions) for wheel_place in places]
 
 
 def steady_forces(

@@ -22,18 +22,18 @@ def part_of(file: Path) -> str:
 
 def imports() -> dict[str, set[str]]:
     """Return the packages that each package imports."""
-    found: dict[str, set[str]] = defaultdict(set)
+    imported: dict[str, set[str]] = defaultdict(set)
     for file in PACKAGE.rglob("*.py"):
         part = part_of(file)
         if part.startswith("__"):
             continue
-        found[part]
+        imported[part]
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("mirdrake."):
                 other = str(node.module).split(".")[1]
                 if other != part:
-                    found[part].add(other)
-    return found
+                    imported[part].add(other)
+    return imported
 
 
 def stages(edges: dict[str, set[str]]) -> dict[str, int]:

@@ -31,8 +31,8 @@ def main() -> int:
             if done.returncode != 0:
                 print(done.stdout + done.stderr)
                 return 1
-        one, two = (pd.read_parquet(folder / run / "signals.parquet") for run in ("one", "two"))
-        if not one.equals(two):
+        first_run, second_run = (pd.read_parquet(folder / run / "signals.parquet") for run in ("one", "two"))
+        if not first_run.equals(second_run):
             print("FAILED: the signals of two runs of one diagram differ")
             return 1
     print(f"ok: Python {sys.version.split()[0]}")

@@ -25,7 +25,7 @@ def simulate(p: Array, log: pd.DataFrame, steering: str, wheelbase: float) -> Ar
     a = 0.5 * wheelbase
     t, v = log["time"].to_numpy(), np.maximum(log["vx"].to_numpy(), 0.1)
     angle = np.interp(t - p[5], t, log[steering].to_numpy()) / ratio + p[4]
-    step, x, found = float(np.median(np.diff(t))), np.zeros(2), np.empty(len(t))
+    step, x, states = float(np.median(np.diff(t))), np.zeros(2), np.empty(len(t))
     a11, a12 = -(front + rear) / v, -(front - rear) * a / v - v
     a21, a22 = -(front - rear) * a / (inertia * v), -(front + rear) * a**2 / (inertia * v)
     h = 0.5 * step
@@ -37,8 +37,8 @@ def simulate(p: Array, log: pd.DataFrame, steering: str, wheelbase: float) -> Ar
         second = x[1] + h * (a21[i] * x[0] + a22[i] * x[1]) + step * push[1, i]
         x = np.array((((1.0 - h * a22[i]) * first + h * a12[i] * second) / det[i],
                       (h * a21[i] * first + (1.0 - h * a11[i]) * second) / det[i]))  # fmt: skip
-        found[i] = x[1]
-    return found
+        states[i] = x[1]
+    return states
 
 
 def fit_baseline(train: Sequence[Path], validation: Path, steering: str, wheelbase: float) -> float:
@@ -55,9 +55,9 @@ def fit_baseline(train: Sequence[Path], validation: Path, steering: str, wheelba
         return np.asarray(np.clip(np.concatenate(parts), -1e3, 1e3))
 
     scale = float(np.std(r))
-    found = least_squares(residuals, start, loss="soft_l1", f_scale=0.1 * scale, x_scale=[1, 1, 1, 1, 0.02, 0.05],
+    estimate = least_squares(residuals, start, loss="soft_l1", f_scale=0.1 * scale, x_scale=[1, 1, 1, 1, 0.02, 0.05],
                           max_nfev=40)  # fmt: skip
     held = pd.read_parquet(validation).dropna()
-    seen, shown = held["yaw_rate"].to_numpy(), simulate(found.x, held, steering, wheelbase)
+    seen, shown = held["yaw_rate"].to_numpy(), simulate(estimate.x, held, steering, wheelbase)
     away = seen - shown
     return float(100.0 * (1.0 - np.linalg.norm(away - np.median(away)) / np.linalg.norm(seen - seen.mean())))

@@ -78,7 +78,7 @@ def true_values(case: Case, fit: Fit) -> dict[str, float]:
     """Return the true values of the parameters that have one, per kilogram if no mass is known."""
     v, s = case.vehicle, case.sensors
     size = 1.0 if "mass" in case.known else 1.0 / v.mass
-    found = {
+    values = {
         "yaw_inertia": size * v.yaw_inertia, "steering_ratio": v.ratio,
         "steering_delay": v.delay, "steering_lag": v.lag,
         "cornering_stiffness_front": size * v.stiffness_front, "cornering_stiffness_rear": size * v.stiffness_rear,
@@ -87,19 +87,19 @@ def true_values(case: Case, fit: Fit) -> dict[str, float]:
     if v.kind == "multi_body":
         for name in ("cornering_stiffness_front", "cornering_stiffness_rear", "accelerometer_ahead", "velocity_ahead",
                      "relaxation"):  # fmt: skip
-            del found[name]
+            del values[name]
     if v.kind in {"magic", "two_track"}:
-        found |= {"friction_front": v.friction, "friction_rear": v.friction}
+        values |= {"friction_front": v.friction, "friction_rear": v.friction}
     # A late yaw rate looks like a delay of the steering; delays of channels are counted by themselves.
     if case.late:
-        del found["steering_delay"]
-    free = {one.name for one in fit.parameters if one.kind != "fixed"}
-    return {name: value for name, value in found.items() if name in free}
+        del values["steering_delay"]
+    free = {parameter.name for parameter in fit.parameters if parameter.kind != "fixed"}
+    return {name: value for name, value in values.items() if name in free}
 
 
-def _row(one: FittedParameter, truth: float) -> ParameterRow:
-    return {"name": one.name, "verdict": one.verdict, "truth": truth, "value": one.value, "low": one.low,
-            "high": one.high, "noise": one.sigma_noise}  # fmt: skip
+def _row(parameter: FittedParameter, truth: float) -> ParameterRow:
+    return {"name": parameter.name, "verdict": parameter.verdict, "truth": truth, "value": parameter.value,
+            "low": parameter.low, "high": parameter.high, "noise": parameter.sigma_noise}  # fmt: skip
 
 
 def false_delays(case: Case, check: DataReport) -> tuple[list[str], bool]:
@@ -134,8 +134,8 @@ def run_case(seed: int) -> Row:
         "false_repairs": [], "false_delays": [], "missed": False, "found": [], "held_out": None, "noise_limit": None,
         "baseline": None, "notes": [],
     }  # fmt: skip
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as directory:
+        folder = Path(directory)
         try:
             study = record(case, folder)
         except ValueError as error:
@@ -156,21 +156,35 @@ def run_case(seed: int) -> Row:
         except (ValueError, np.linalg.LinAlgError) as error:
             row["message"] = f"baseline: {error}"
     truth = true_values(case, result.fit)
-    row["parameters"] = [_row(one, truth[one.name]) for one in result.fit.parameters if one.name in truth]
+    row["parameters"] = [
+        _row(parameter, truth[parameter.name]) for parameter in result.fit.parameters if parameter.name in truth
+    ]
     row["false_delays"], missed_delay = false_delays(case, result.check)
-    repaired = [one for one in result.check.findings if one.done is not None and one.check != "delay"]
+    repaired = [finding for finding in result.check.findings if finding.done is not None and finding.check != "delay"]
     row["false_repairs"] = sorted(
-        {f"{one.check} {one.channel}" for one in repaired if one.check not in REPAIRED_BY.get(case.fault, set())}
+        {
+            f"{finding.check} {finding.channel}"
+            for finding in repaired
+            if finding.check not in REPAIRED_BY.get(case.fault, set())
+        }
     )
     row["found"] = sorted(
-        {f"{one.severity} {one.check} {one.channel}" for one in result.check.findings if one.severity != "info"}
+        {
+            f"{finding.severity} {finding.check} {finding.channel}"
+            for finding in result.check.findings
+            if finding.severity != "info"
+        }
     )
     row["missed"] = missed_delay or case.fault in REJECTED
     if case.fault == "vy_sign":
-        row["missed"] = not any("vy" in one.channels and one.severity == "fault" for one in result.check.findings)
-    held = [one for one in result.fit.channels if one.part == "validation" and one.channel == "yaw_rate"]
+        row["missed"] = not any(
+            "vy" in finding.channels and finding.severity == "fault" for finding in result.check.findings
+        )
+    held = [
+        channel for channel in result.fit.channels if channel.part == "validation" and channel.channel == "yaw_rate"
+    ]
     if held and math.isfinite(held[0].nrmse_percent):
-        worst = min(held, key=lambda one: one.nrmse_percent)
+        worst = min(held, key=lambda channel: channel.nrmse_percent)
         row["held_out"], row["noise_limit"] = worst.nrmse_percent, worst.noise_limit_percent
     row["notes"] = list(result.fit.notes)
     return row

@@ -25,24 +25,24 @@ KINDS = FITTED_KINDS | OTHER_KINDS
 VERDICTS = ("identified", "weakly identified", "not identifiable")
 
 
-def is_covered(one: "ParameterRow") -> bool:
+def is_covered(parameter: "ParameterRow") -> bool:
     """Whether the interval contains the truth; an open end does."""
-    low, high = one["low"], one["high"]
-    return (low is None or low <= one["truth"]) and (high is None or one["truth"] <= high)
+    low, high = parameter["low"], parameter["high"]
+    return (low is None or low <= parameter["truth"]) and (high is None or parameter["truth"] <= high)
 
 
-def relative_error(one: "ParameterRow") -> float:
+def relative_error(parameter: "ParameterRow") -> float:
     """Return the error over the truth; over the usual size of delays and positions for those."""
     usual = {"steering_delay": 0.1, "steering_lag": 0.1, "accelerometer_ahead": 1.0, "velocity_ahead": 1.0}
-    size = max(abs(one["truth"]), usual.get(one["name"], 0.0), 1e-12)
-    return abs(one["value"] - one["truth"]) / size
+    size = max(abs(parameter["truth"]), usual.get(parameter["name"], 0.0), 1e-12)
+    return abs(parameter["value"] - parameter["truth"]) / size
 
 
-def is_false_not_identifiable(one: "ParameterRow") -> bool:
+def is_false_not_identifiable(parameter: "ParameterRow") -> bool:
     """Whether the noise and the error are small although the parameter is called not identifiable."""
-    noise = one["noise"]
-    is_small = noise is not None and noise < CLOSE * abs(one["value"])
-    return one["verdict"] == "not identifiable" and is_small and relative_error(one) < CLOSE
+    noise = parameter["noise"]
+    is_small = noise is not None and noise < CLOSE * abs(parameter["value"])
+    return parameter["verdict"] == "not identifiable" and is_small and relative_error(parameter) < CLOSE
 
 
 def _share(count: int, total: int) -> str:
@@ -56,24 +56,26 @@ def make_table(rows: Sequence["Row"]) -> str:
     bad = {"sign", "degrees"}
     clean = [row for row in driven if row["fault"] not in bad]
     wrong = [row for row in driven if row["fault"] in bad]
-    pairs = [(row, one) for row in fitted if row["fault"] not in bad | {"vy_sign"} for one in row["parameters"]]
-    called = [(row, one) for row, one in pairs if one["verdict"] == "identified"]
+    pairs = [
+        (row, parameter) for row in fitted if row["fault"] not in bad | {"vy_sign"} for parameter in row["parameters"]
+    ]
+    called = [(row, entry) for row, entry in pairs if entry["verdict"] == "identified"]
     lines = ["| figure | value | target |", "|---|---|---|"]
 
     def add(name: str, value: str, target: str) -> None:
         lines.append(f"| {name} | {value} | {target} |")
 
     def coverage(kinds: Collection[str]) -> str:
-        part = [one for row, one in called if row["kind"] in kinds]
+        part = [entry for row, entry in called if row["kind"] in kinds]
         return _share(sum(map(is_covered, part)), len(part))
 
     add("cases (of these fitted)", f"{len(driven)} ({len(fitted)})", "")
     add("coverage, identified", coverage(KINDS), "90 to 99 %")
     add("coverage, identified, right model", coverage(FITTED_KINDS), "90 to 99 %")
     add("coverage, identified, other model", coverage(OTHER_KINDS), "90 to 99 %")
-    count = sum(not is_covered(one) and relative_error(one) > CLEAR for _, one in called)
+    count = sum(not is_covered(entry) and relative_error(entry) > CLEAR for _, entry in called)
     add("false identified", _share(count, len(called)), "")
-    not_named = [one for _, one in pairs if one["verdict"] == "not identifiable"]
+    not_named = [entry for _, entry in pairs if entry["verdict"] == "not identifiable"]
     add("false not identifiable", _share(sum(map(is_false_not_identifiable, not_named)), len(not_named)), "0")
     add("called identified", _share(len(called), len(pairs)), "")
     checked = [row for row in fitted if row["fault"] not in bad]
@@ -105,10 +107,10 @@ def make_table(rows: Sequence["Row"]) -> str:
         "| parameter | " + " | ".join(f"{verdict}: covered" for verdict in VERDICTS) + " |",
         "|---|---|---|---|",
     ]
-    for name in dict.fromkeys(one["name"] for _, one in pairs):
+    for name in dict.fromkeys(entry["name"] for _, entry in pairs):
         cells = []
         for verdict in VERDICTS:
-            part = [one for _, one in pairs if one["name"] == name and one["verdict"] == verdict]
+            part = [entry for _, entry in pairs if entry["name"] == name and entry["verdict"] == verdict]
             cells.append(_share(sum(map(is_covered, part)), len(part)))
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)

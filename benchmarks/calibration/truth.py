@@ -121,7 +121,7 @@ def _rates(x, angle, speed, pull, c, law):  # type: ignore[no-untyped-def]
     """Derivatives of vy, r, roll, its rate and both relaxed slip angles."""
     m, a, b, inertia, mu, relax = c[0], c[1], c[2], c[3], c[6], c[9]
     height, track, gain, omega, zeta = c[10], c[11], c[12], c[13], c[14]
-    vy, r, roll, sway = x[0], x[1], x[2], x[3]
+    vy, r, roll, roll_rate = x[0], x[1], x[2], x[3]
     slip_front = math.atan2(vy + a * r, speed) - angle
     slip_rear = math.atan2(vy - b * r, speed)
     used_front = x[4] if relax > 0.0 else slip_front
@@ -152,8 +152,8 @@ def _rates(x, angle, speed, pull, c, law):  # type: ignore[no-untyped-def]
     out = np.zeros(6)
     out[0] = side - r * speed
     out[1] = (a * across - b * forces[1]) / inertia
-    out[2] = sway
-    out[3] = omega**2 * (gain * side - roll) - 2.0 * zeta * omega * sway
+    out[2] = roll_rate
+    out[3] = omega**2 * (gain * side - roll) - 2.0 * zeta * omega * roll_rate
     if relax > 0.0:
         out[4] = speed / relax * (slip_front - x[4])
         out[5] = speed / relax * (slip_rear - x[5])
@@ -182,11 +182,11 @@ def road_wheel_angle(vehicle: Vehicle, command: Array) -> Array:
     rows = np.arange(float(len(command)))
     late = np.interp(rows - vehicle.delay / STEP, rows, command)
     if vehicle.lag > 0.0:
-        decay, found = math.exp(-STEP / vehicle.lag), late.copy()
+        decay, angle = math.exp(-STEP / vehicle.lag), late.copy()
         for i in range(1, len(late)):
             wanted = 0.5 * (late[i - 1] + late[i])
-            found[i] = wanted + decay * (found[i - 1] - wanted)
-        late = found
+            angle[i] = wanted + decay * (angle[i - 1] - wanted)
+        late = angle
     return np.asarray(late / vehicle.ratio + vehicle.offset)
 
 
@@ -222,13 +222,15 @@ def _drive_multi_body(vehicle: Vehicle, speed: Array, command: Array, angle: Arr
     turn, pull = np.gradient(angle, STEP), np.gradient(speed, STEP)
 
     def rates(t: float, x: Array) -> list[float]:
-        at = min(int(t / STEP), len(speed) - 1)
-        return list(vehicle_dynamics_mb(x.tolist(), [turn[at], pull[at] + 1.0 * (speed[at] - x[3])], p))
+        index = min(int(t / STEP), len(speed) - 1)
+        return list(vehicle_dynamics_mb(x.tolist(), [turn[index], pull[index] + 1.0 * (speed[index] - x[3])], p))
 
     first = np.array(init_mb([0.0, 0.0, angle[0], speed[0], 0.0, 0.0, 0.0], p), dtype=float)
     shown = time[::5]
-    found = solve_ivp(rates, (0.0, time[-1]), first, method="LSODA", rtol=1e-5, atol=1e-7, max_step=0.02, t_eval=shown)
-    if not found.success or np.max(np.abs(found.y[10]) / found.y[3]) > 0.6:
+    solution = solve_ivp(
+        rates, (0.0, time[-1]), first, method="LSODA", rtol=1e-5, atol=1e-7, max_step=0.02, t_eval=shown
+    )
+    if not solution.success or np.max(np.abs(solution.y[10]) / solution.y[3]) > 0.6:
         raise ValueError("the vehicle spins")
-    along, side, rate, roll = (np.interp(time, shown, found.y[i]) for i in (3, 10, 5, 6))
+    along, side, rate, roll = (np.interp(time, shown, solution.y[i]) for i in (3, 10, 5, 6))
     return Motion(time, np.asarray(along), command, side, rate, roll)

@@ -74,10 +74,10 @@ BOTTOM = curve((-0.75, 0.26), (-0.45, 0.19), (-0.2, 0.150), (2.9, 0.145), (3.2, 
 
 def draw_regions() -> tuple[Region, ...]:
     """Return everything that is drawn on the body, in the order of drawing."""
-    found: list[Region] = []
+    regions: list[Region] = []
 
     def draw(material: str | None, view: Sequence[float], shape: BaseGeometry, facing: float = 0.1) -> None:
-        found.append(Region(material, view, shape, facing))
+        regions.append(Region(material, view, shape, facing))
 
     # Underbody and lower cladding, all around the car.
     draw("dark", BELOW, outline([(-1, -1), (4, -1), (4, 1), (-1, 1)]), 0.75)
@@ -85,7 +85,7 @@ def draw_regions() -> tuple[Region, ...]:
     draw("cladding", LEFT, outline(sill), 0.0)
     draw("cladding", FRONT, outline([(-0.1, 0), (1, 0), (1, 0.27), (-0.1, 0.27)]), 0.1)
     draw("cladding", REAR, outline([(-0.1, 0), (1, 0), (1, 0.40), (-0.1, 0.40)]), 0.1)
-    found.append(arches("cladding", 0.018))
+    regions.append(arches("cladding", 0.018))
 
     # Side windows: one dark band with the panes in it, which ends in the black "floating roof" pillar.
     belt = smooth_line([(2.27, 1.064), (1.9, 1.064), (1.2, 1.075), (0.5, 1.10), (0.05, 1.135), (-0.28, 1.19)], 20)
@@ -95,8 +95,8 @@ def draw_regions() -> tuple[Region, ...]:
     band = outline([*belt, *back, *rail, *pillar[1:-1]], 0.012)
     draw("gloss_black", LEFT, band, 0.15)
     panes = band.buffer(-0.022, join_style="mitre")
-    for x_low, x_high, lean in ((1.93, 2.30, 0.02), (1.02, 1.88, 0.02), (0.13, 0.93, 0.03), (-0.26, 0.07, 0.05)):
-        box = outline([(x_low, 1.0), (x_high, 1.0), (x_high - lean, 1.6), (x_low - lean, 1.6)])
+    for x_low, x_high, slant in ((1.93, 2.30, 0.02), (1.02, 1.88, 0.02), (0.13, 0.93, 0.03), (-0.26, 0.07, 0.05)):
+        box = outline([(x_low, 1.0), (x_high, 1.0), (x_high - slant, 1.6), (x_low - slant, 1.6)])
         pane = panes.intersection(box).buffer(-0.014, quad_segs=3).buffer(0.014, quad_segs=3).simplify(4e-4)
         draw("glass", LEFT, pane, 0.15)
 
@@ -136,8 +136,8 @@ def draw_regions() -> tuple[Region, ...]:
     low, high = lamp[:5], [lamp[7], lamp[6], lamp[5], lamp[4]]
     draw("lamp_white", FRONT_LEFT, stroke(high, 0.03).intersection(bezel.buffer(-0.012)), 0.15)
     draw("amber", FRONT_LEFT, stroke(low[2:], 0.028).intersection(bezel.buffer(-0.013)), 0.15)
-    for at, radius in (((3.335, 0.515, 0.743), 0.032), ((3.24, 0.64, 0.772), 0.032)):
-        spot = Point(seen(FRONT_LEFT, [at])[0])
+    for position, radius in (((3.335, 0.515, 0.743), 0.032), ((3.24, 0.64, 0.772), 0.032)):
+        spot = Point(seen(FRONT_LEFT, [position])[0])
         draw("gloss_black", FRONT_LEFT, spot.buffer(radius, quad_segs=5), 0.15)
         draw("lamp_white", FRONT_LEFT, spot.buffer(radius * 0.6, quad_segs=4), 0.15)
     intake = outline([(-0.1, 0.285), (0.46, 0.285), (0.53, 0.33), (0.50, 0.425), (0.36, 0.470), (-0.1, 0.480)], 0.015)
@@ -174,10 +174,10 @@ def draw_regions() -> tuple[Region, ...]:
         (FRONT, [(-0.05, 0.790), (0.36, 0.793), (0.47, 0.790)]),
         (REAR, [(-0.05, 0.665), (0.62, 0.665), (0.70, 0.70), (0.72, 0.95)]),
     ]  # fmt: skip
-    found += [Region("gap", view, stroke(points, line), 0.25, ("paint",)) for view, points in gaps]
+    regions += [Region("gap", view, stroke(points, line), 0.25, ("paint",)) for view, points in gaps]
     charge = outline([(2.70, 0.735), (2.50, 0.75), (2.50, 0.90), (2.68, 0.885)], 0.02)
-    found.append(Region("gap", LEFT, charge.boundary.buffer(0.0025), 0.25, ("paint",)))
-    return tuple(found)
+    regions.append(Region("gap", LEFT, charge.boundary.buffer(0.0025), 0.25, ("paint",)))
+    return tuple(regions)
 
 
 def place_parts() -> tuple[Part, ...]:

@@ -108,10 +108,10 @@ def draw_regions() -> tuple[Region, ...]:
     left, right = edge.bounds[0], edge.bounds[2]
     inside = edge.buffer(-0.016)
     for k in range(5):
-        at = left + (0.16 + 0.125 * k) * (right - left)
+        position = left + (0.16 + 0.125 * k) * (right - left)
         if Point(seen(FRONT_LEFT, [lamp[0]])[0]).x > edge.centroid.x:
-            at = right - (0.16 + 0.125 * k) * (right - left)
-        column = inside.intersection(shapely.box(at - 0.017, 0.0, at + 0.017, 2.0))
+            position = right - (0.16 + 0.125 * k) * (right - left)
+        column = inside.intersection(shapely.box(position - 0.017, 0.0, position + 0.017, 2.0))
         if column.is_empty:
             continue
         middle = column.centroid

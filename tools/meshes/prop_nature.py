@@ -117,7 +117,7 @@ def make_tree() -> Mesh:
         ((-0.95, -1.10, 3.85), 1.10), ((0.25, -1.45, 4.05), 1.02), ((1.20, -0.95, 3.95), 1.08),
         ((0.00, 0.00, 4.30), 1.45),
     ]  # fmt: skip
-    balls = [ball(at, (0.86 * r, 0.86 * r, 0.80 * r)) for at, r in clumps]
+    balls = [ball(position, (0.86 * r, 0.86 * r, 0.80 * r)) for position, r in clumps]
     mesh.add_mesh(soft("shade", joined(balls, 0.15), (-2.9, -2.9, 2.4), (2.9, 2.9, 7.2), 0.24))
     mesh.add_mesh(_leaves(clumps, 2600))
     return mesh
@@ -127,7 +127,7 @@ def _leaves(clumps: list[tuple[tuple[float, float, float], float]], count: int) 
     """Folded leaves of three greens spread evenly over clumps, where no other clump covers them."""
     mesh = Mesh()
     random = np.random.default_rng(7)
-    centres, radii = np.array([at for at, _ in clumps]), np.array([r for _, r in clumps])
+    centres, radii = np.array([position for position, _ in clumps]), np.array([r for _, r in clumps])
     share = radii**2 / (radii**2).sum()
     triangles: dict[str, list[Array]] = {"paint": [], "leaf_light": [], "leaf_dark": []}
     normals: dict[str, list[Array]] = {name: [] for name in triangles}
@@ -136,23 +136,23 @@ def _leaves(clumps: list[tuple[tuple[float, float, float], float]], count: int) 
         z = 1.0 - 2.0 * (np.arange(n) + 0.5) / n
         turn = np.pi * (1.0 + 5.0**0.5) * (np.arange(n) + 0.5)
         out = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
-        at = centres[k] + radii[k] * out * np.array([1.0, 1.0, 0.93]) * random.uniform(0.86, 1.03, (n, 1))
-        free = np.linalg.norm(at[:, None] - centres, axis=2) - 0.90 * radii
+        position = centres[k] + radii[k] * out * np.array([1.0, 1.0, 0.93]) * random.uniform(0.86, 1.03, (n, 1))
+        free = np.linalg.norm(position[:, None] - centres, axis=2) - 0.90 * radii
         free[:, k] = 1.0
         keep = free.min(axis=1) > 0
-        for p, u in zip(at[keep], out[keep], strict=True):
-            lean = u + random.normal(0.0, 0.38, 3)
-            lean /= np.linalg.norm(lean)
-            side = np.cross(lean, random.normal(0.0, 1.0, 3))
+        for p, u in zip(position[keep], out[keep], strict=True):
+            direction = u + random.normal(0.0, 0.38, 3)
+            direction /= np.linalg.norm(direction)
+            side = np.cross(direction, random.normal(0.0, 1.0, 3))
             side /= np.linalg.norm(side)
-            along = np.cross(lean, side)
+            along = np.cross(direction, side)
             size = random.uniform(0.13, 0.21)
             a, b = p - size * along, p + size * along
-            c, d = p + 0.62 * size * side + 0.25 * size * lean, p - 0.62 * size * side + 0.25 * size * lean
+            c, d = p + 0.62 * size * side + 0.25 * size * direction, p - 0.62 * size * side + 0.25 * size * direction
             # Paler above and outside, darker below.
             level = 0.62 * u[2] + 0.30 * random.normal()
             name = "leaf_light" if level > 0.38 else "leaf_dark" if level < -0.25 else "paint"
-            soft_normal = 0.55 * u + 0.45 * lean
+            soft_normal = 0.55 * u + 0.45 * direction
             triangles[name].append(np.array([[a, b, c], [a, d, b]]))
             normals[name].append(np.broadcast_to(soft_normal / np.linalg.norm(soft_normal), (2, 3, 3)))
     for name in triangles:

@@ -44,11 +44,11 @@ def turned_ahead(
     return mesh
 
 
-def box(material: str, size: Sequence[float], at: Sequence[float], bevel: float = 0.0) -> Mesh:
+def box(material: str, size: Sequence[float], position: Sequence[float], bevel: float = 0.0) -> Mesh:
     """Return a box of a full size about a point, its edges chamfered by ``bevel``."""
     mesh = Mesh()
     half = np.array(size, dtype=float) / 2
-    centre = np.array(at, dtype=float)
+    centre = np.array(position, dtype=float)
 
     def corner(axis: int, signs: Sequence[float]) -> Array:
         inset = np.full(3, bevel)
@@ -129,16 +129,16 @@ def drawn(layers: Iterable[Layer], x: float = 0.0, *, facing: float = 1.0) -> Me
         flat = triangulate(shape.difference(above))
         above = above.union(shape)
         if len(flat):
-            place = np.concatenate([np.full((*flat.shape[:2], 1), x), flat], axis=2)
-            mesh.add_flat(material, place, (facing, 0.0, 0.0))
+            points = np.concatenate([np.full((*flat.shape[:2], 1), x), flat], axis=2)
+            mesh.add_flat(material, points, (facing, 0.0, 0.0))
     return mesh
 
 
-def turned(mesh: Mesh, angle: float, at: Sequence[float] = (0.0, 0.0, 0.0)) -> Mesh:
+def turned(mesh: Mesh, angle: float, position: Sequence[float] = (0.0, 0.0, 0.0)) -> Mesh:
     """Return a mesh turned about z [rad], then moved."""
     c, s = round(float(np.cos(angle)), 12), round(float(np.sin(angle)), 12)
     result = Mesh()
-    result.add_mesh(mesh, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), at)
+    result.add_mesh(mesh, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), position)
     return result
 
 
@@ -204,19 +204,19 @@ def _letter(name: str, w: float, h: float) -> list[list[tuple[float, float]]]:
 
 def lettering(text: str, height: float, *, width: float = 0.62, pen: float = 0.19, gap: float = 0.22) -> BaseGeometry:
     """Return words in block capitals about the origin in (y, z); widths are parts of the height."""
-    at, shapes = 0.0, []
+    cursor, shapes = 0.0, []
     for name in text:
         if name == " ":
-            at += 0.42 * height
+            cursor += 0.42 * height
             continue
         wide = (pen if name == "I" else width) * height
         for way in _letter(name, max(wide - pen * height, 1e-9), (1 - pen) * height):
-            points = [(at + pen * height / 2 + y, z - (1 - pen) * height / 2) for y, z in way]
+            points = [(cursor + pen * height / 2 + y, z - (1 - pen) * height / 2) for y, z in way]
             closed = len(points) > 3 and np.allclose(points[0], points[-1])
             line = shapely.LinearRing(points[:-1]) if closed else LineString(points)
             shapes.append(line.buffer(pen * height / 2, cap_style="flat" if name == "S" else "square",
                                       join_style="mitre", mitre_limit=2.0))  # fmt: skip
-        at += wide + gap * height
+        cursor += wide + gap * height
     word = shapely.union_all(shapes)
     low, _, high, _ = word.bounds
     centred: BaseGeometry = shapely.affinity.translate(word, -(low + high) / 2, 0.0).simplify(1e-3 * height)
@@ -229,9 +229,9 @@ def lettering(text: str, height: float, *, width: float = 0.62, pen: float = 0.1
 Field = Callable[[Array], Array]  # about the distance [m] at points (…, 3), negative inside
 
 
-def ball(at: Sequence[float], radii: Sequence[float]) -> Field:
+def ball(position: Sequence[float], radii: Sequence[float]) -> Field:
     """Return the field of an ellipsoid."""
-    centre, r = np.array(at, dtype=float), np.array(radii, dtype=float)
+    centre, r = np.array(position, dtype=float), np.array(radii, dtype=float)
 
     def field(p: Array) -> Array:
         k0 = np.linalg.norm((p - centre) / r, axis=-1)
@@ -249,13 +249,13 @@ def limb(points: Sequence[Sequence[float]], radii: Sequence[float], *, flat: flo
 
     def field(p: Array) -> Array:
         q = p * scale
-        found = np.full(q.shape[:-1], np.inf)
+        distance = np.full(q.shape[:-1], np.inf)
         for i in range(len(p_) - 1):
             a, along = p_[i], p_[i + 1] - p_[i]
             t = np.clip(((q - a) @ along) / float(along @ along), 0.0, 1.0)
             radius = radii[i] + t * (radii[i + 1] - radii[i])
-            found = np.minimum(found, np.linalg.norm(q - a - t[..., None] * along, axis=-1) - radius)
-        result: Array = found * flat**0.5
+            distance = np.minimum(distance, np.linalg.norm(q - a - t[..., None] * along, axis=-1) - radius)
+        result: Array = distance * flat**0.5
         return result
 
     return field
@@ -265,12 +265,12 @@ def joined(fields: Sequence[Field], blend: float) -> Field:
     """Return the union of fields, the creases rounded."""
 
     def field(p: Array) -> Array:
-        found = fields[0](p)
+        distance = fields[0](p)
         for other in fields[1:]:
             d = other(p)
-            h = np.maximum(blend - np.abs(found - d), 0.0) / blend
-            found = np.minimum(found, d) - h * h * blend / 4
-        return found
+            h = np.maximum(blend - np.abs(distance - d), 0.0) / blend
+            distance = np.minimum(distance, d) - h * h * blend / 4
+        return distance
 
     return field
 
@@ -321,11 +321,11 @@ def soft(material: str, field: Field, low: Sequence[float], high: Sequence[float
         b, c = (axis + 1) % 3, (axis + 2) % 3
         first = tuple(slice(None, -1) if k == axis else slice(1, -1) for k in range(3))
         second = tuple(slice(1, None) if k == axis else slice(1, -1) for k in range(3))
-        at = np.argwhere(inside[first] != inside[second])
-        at[:, [b, c]] += 1
+        indices = np.argwhere(inside[first] != inside[second])
+        indices[:, [b, c]] += 1
         around = []
         for db, dc in ((1, 1), (0, 1), (0, 0), (1, 0)):
-            cellular = at.copy()
+            cellular = indices.copy()
             cellular[:, b] -= db
             cellular[:, c] -= dc
             around.append(index[tuple(cellular.T)])

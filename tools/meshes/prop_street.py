@@ -134,8 +134,8 @@ def make_stop_sign() -> Mesh:
     mesh.add_mesh(box("steel", (2 * half, 2 * half, top), (post, 0, top / 2)))
     holes = [Point(0, z).buffer(0.0055, quad_segs=2) for z in np.arange(0.15, low - 0.02, 0.0762)]
     for k in (1, 2, 3):
-        place = (post + half * np.cos(k * np.pi / 2), half * np.sin(k * np.pi / 2), 0.0)
-        mesh.add_mesh(turned(drawn([("hollow", hole) for hole in holes], 0.0006), k * np.pi / 2, place))
+        position = (post + half * np.cos(k * np.pi / 2), half * np.sin(k * np.pi / 2), 0.0)
+        mesh.add_mesh(turned(drawn([("hollow", hole) for hole in holes], 0.0006), k * np.pi / 2, position))
     plate = octagon(across)
     mesh.add_mesh(extrude("aluminium", plate, rear, x, ends="rear"), None, (0, 0, middle))
     layers: list[Layer] = [
@@ -257,8 +257,8 @@ def make_wall() -> Mesh:
         side.add_mesh(drawn([("mortar", mortar)], -recess))
         return side
 
-    for angle, place in ((np.pi / 2, (0, deep / 2, 0)), (-np.pi / 2, (0, -deep / 2, 0))):
-        mesh.add_mesh(turned(face(4.0, True), angle, place))
+    for angle, position in ((np.pi / 2, (0, deep / 2, 0)), (-np.pi / 2, (0, -deep / 2, 0))):
+        mesh.add_mesh(turned(face(4.0, True), angle, position))
     for angle, x in ((0.0, 2.0), (np.pi, -2.0)):
         mesh.add_mesh(turned(face(deep, False), angle, (x, 0, 0)))
     for z, sign in ((0.0, -1.0), (2.0, 1.0)):

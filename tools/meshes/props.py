@@ -146,11 +146,11 @@ def ring(radius: float, z: float, count: int = 16) -> Array:
 def drawn_along(profile: Sequence[tuple[float, float]], axis: int, half: float) -> Array:
     """Return the corners (n, 3) of a profile drawn along x (its points are y, z) or along y (x, z)."""
     other = 1 - axis
-    found = np.zeros((2 * len(profile), 3))
+    vertices = np.zeros((2 * len(profile), 3))
     for k, (across, z) in enumerate(profile):
         for j, sign in enumerate((-1.0, 1.0)):
-            found[2 * k + j, [axis, other, 2]] = sign * half, across, z
-    return found
+            vertices[2 * k + j, [axis, other, 2]] = sign * half, across, z
+    return vertices
 
 
 def support(points: Array, count: int = 160) -> Array:
@@ -161,8 +161,8 @@ def support(points: Array, count: int = 160) -> Array:
     directions = np.stack([level * np.cos(a), level * np.sin(a), z], axis=1)
     directions = np.concatenate([directions, np.eye(3), -np.eye(3)])
     farthest = np.unique(np.argmax(points / np.ptp(points, axis=0) @ directions.T, axis=0))
-    found: Array = np.unique(points[farthest].round(4), axis=0)
-    return found
+    corners: Array = np.unique(points[farthest].round(4), axis=0)
+    return corners
 
 
 def write_hull(path: Path, points: Array) -> None:
@@ -278,12 +278,12 @@ def _car_solids(wheel: tuple[float, float, float, float], belt: float, half: flo
         p = mesh.corners(*names)
         p = p[np.abs(p[:, 1]) <= half + 1e-3]
         low, high = p[p[:, 2] <= belt + 0.06], p[p[:, 2] >= belt - 0.14]
-        found = [hull("body.obj", support(low)), hull("cabin.obj", support(high))]
+        body_solids = [hull("body.obj", support(low)), hull("cabin.obj", support(high))]
         for x in (0.0, wheelbase):
             for side in (-1.0, 1.0):
                 y = side * track / 2
-                found.append(bar(radius, (x, y - width / 2, radius), (x, y + width / 2, radius)))
-        return found
+                body_solids.append(bar(radius, (x, y - width / 2, radius), (x, y + width / 2, radius)))
+        return body_solids
 
     return solids
 
@@ -327,7 +327,7 @@ def shop_solids(_: Mesh) -> list[Solid]:
 
 def lamp_solids(_: Mesh) -> list[Solid]:
     """The footing, the column in steps, the arms in two pieces each, the heads."""
-    found = [
+    solids = [
         block((-0.21, -0.21, 0.0), (0.21, 0.21, 0.10)),
         column(0.100, 0.10, 0.95), column(0.082, 0.95, 3.2), column(0.070, 3.2, 5.5), column(0.058, 5.5, 7.76),
     ]  # fmt: skip
@@ -335,10 +335,10 @@ def lamp_solids(_: Mesh) -> list[Solid]:
     head = float(arm[-1][2])
     for side in (-1.0, 1.0):
         turn = np.array([1.0, side, 1.0])
-        found += [bar(0.030, arm[i] * turn, arm[i + 4] * turn) for i in (0, 4)]
+        solids += [bar(0.030, arm[i] * turn, arm[i + 4] * turn) for i in (0, 4)]
         y = sorted((side * 0.80, side * 1.50))
-        found.append(block((-0.15, y[0], head - 0.035), (0.15, y[1], head + 0.05)))
-    return found
+        solids.append(block((-0.15, y[0], head - 0.035), (0.15, y[1], head + 0.05)))
+    return solids
 
 
 def whole(mesh: Mesh) -> list[Solid]:

@@ -104,10 +104,10 @@ def _rounded(material: str, points: Array, faces: list[list[int]], bevel: float)
         mesh.add_grid(material, np.stack([core[a] + bevel * arc, core[b] + bevel * arc]), np.stack([arc, arc]))
         arcs.setdefault(a, []).append(arc)
         arcs.setdefault(b, []).append(arc)
-    for v, found in arcs.items():
-        top = np.mean([arc.mean(axis=0) for arc in found], axis=0)
+    for v, corner_arc in arcs.items():
+        top = np.mean([arc.mean(axis=0) for arc in corner_arc], axis=0)
         top /= np.linalg.norm(top)
-        for arc in found:
+        for arc in corner_arc:
             way = np.stack([np.broadcast_to(top, arc[1:].shape), arc[:-1], arc[1:]], axis=1)
             mesh.add(material, core[v] + bevel * way, way)
     return mesh
@@ -298,10 +298,10 @@ def _tail() -> Mesh:
     mesh.add_mesh(can("cover", 0.040, 0.008, 0.002), None, (x, 0.0, z - 0.034))
     mesh.add_mesh(can("antenna", 0.052, 0.028, 0.010, count=40), None, (x, 0.0, z - 0.028))
 
-    lean = rot_y(-0.16)
+    tilt = rot_y(-0.16)
     mesh.add_mesh(block("signal_yellow", (-0.092, 0.093, 0.380), (-0.038, 0.147, DECK + 0.004), 0.004))
-    mesh.add_mesh(can("cladding", 0.012, 0.020, 0.002, count=20), lean, (-0.065, 0.120, DECK + 0.002))
-    mesh.add_mesh(can("lamp_red", 0.021, 0.013, 0.005, count=28), lean, (-0.066, 0.120, DECK + 0.016))
+    mesh.add_mesh(can("cladding", 0.012, 0.020, 0.002, count=20), tilt, (-0.065, 0.120, DECK + 0.002))
+    mesh.add_mesh(can("lamp_red", 0.021, 0.013, 0.005, count=28), tilt, (-0.066, 0.120, DECK + 0.016))
     mesh.add_mesh(tube("gloss_black", [(-0.07, -0.13, 0.385), (-0.07, -0.13, 0.425)], 0.008))
     mesh.add_mesh(tube("gloss_black", [(-0.07, -0.13, 0.42), (-0.082, -0.13, 0.545)], 0.0048))
 

@@ -99,12 +99,12 @@ def arch_clearance(wheel: WheelDesign, steering: float, *, scrub: float = 0.0) -
     """
     R, half, s, c = wheel.radius, wheel.width / 2, np.sin(abs(steering)), np.cos(steering)
     phi = np.linspace(0.0, np.pi / 2, 721)
-    found = 0.0
+    clearance = 0.0
     for across in (half + scrub, half - scrub):
         reach = np.hypot(R * np.cos(phi) * c + across * s, R * np.sin(phi))
-        found = max(found, float(reach.max()))
+        clearance = max(clearance, float(reach.max()))
     inwards = R * s + (half - scrub) * c + scrub
-    return found, float(inwards)
+    return clearance, float(inwards)
 
 
 def build_skin(car: CarOutline) -> Skin:
@@ -208,15 +208,15 @@ def _drawn(warp: Warp, shape: BaseGeometry, axes: Sequence[int]) -> BaseGeometry
 
 def _regions(car: CarOutline) -> list[Region]:
     """All regions, with the wheel openings at the places of the wheels."""
-    found: list[Region] = []
+    regions: list[Region] = []
     axles = (0.0, car.wheelbase)
     for region in car.regions:
         if region.wheels is None:
-            found.append(region)
+            regions.append(region)
         else:
-            found += [replace(region, shape=_arch(car, axle, car.arch_radius + region.wheels)) for axle in axles]
+            regions += [replace(region, shape=_arch(car, axle, car.arch_radius + region.wheels)) for axle in axles]
     for axle in axles:
-        found.append(Region(None, LEFT, _arch(car, axle, car.arch_radius), 0.0))
+        regions.append(Region(None, LEFT, _arch(car, axle, car.arch_radius), 0.0))
         low = shapely.box(axle - car.arch_radius, car.arch_inner, axle + car.arch_radius, 3.0)
-        found.append(Region(None, BELOW, low if car.warp is None else _drawn(car.warp, low, (0, 1)), 0.3))
-    return found
+        regions.append(Region(None, BELOW, low if car.warp is None else _drawn(car.warp, low, (0, 1)), 0.3))
+    return regions

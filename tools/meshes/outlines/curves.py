@@ -26,8 +26,8 @@ def curve(*knots: tuple[float, float]) -> Curve:
     m[1:-1] = np.where(same, (w1 + w2) / (w1 / safe[0] + w2 / safe[1]), 0.0)
     m[0], m[-1] = s[0], s[-1]
 
-    def evaluate(at: Array) -> Array:
-        q = np.clip(at, t[0], t[-1])
+    def evaluate(x: Array) -> Array:
+        q = np.clip(x, t[0], t[-1])
         i = np.clip(np.searchsorted(t, q, side="right") - 1, 0, len(h) - 1)
         u = (q - t[i]) / h[i]
         a, b = (1 + 2 * u) * (1 - u) ** 2, u * (1 - u) ** 2

@@ -75,8 +75,8 @@ class Drawing:
         self.draw(frame_material, LEFT, band, facing=0.15)
         inner = band.buffer(-frame, join_style="mitre")
         low, high = band.bounds[1], band.bounds[3]
-        for rear, ahead, lean in panes:
-            shift = lean * (high - low) / 0.5
+        for rear, ahead, slant in panes:
+            shift = slant * (high - low) / 0.5
             box = outline([(rear, low), (ahead, low), (ahead - shift, high), (rear - shift, high)])
             pane = inner.intersection(box).buffer(-0.014, quad_segs=3).buffer(0.014, quad_segs=3).simplify(4e-4)
             self.draw("glass", LEFT, pane, facing=0.15)

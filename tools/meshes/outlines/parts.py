@@ -70,11 +70,11 @@ class Spoiler:
 
 def place(skin: Skin, part: Part) -> Mesh:
     """Return a part's mesh at its place."""
-    at: Sequence[float] = part.at
+    position: Sequence[float] = part.at
     if part.on is not None:
-        at = (skin.hit(part.at, part.on) + np.array(part.shift)).tolist()
+        position = (skin.hit(part.at, part.on) + np.array(part.shift)).tolist()
     mesh = Mesh()
-    mesh.add_mesh(part.mesh, part.turn, at)
+    mesh.add_mesh(part.mesh, part.turn, position)
     return mesh
 
 

@@ -18,10 +18,10 @@ from tools.meshes.outlines.shell import Skin
 def triangulate(shape: BaseGeometry) -> Array:
     """Return the triangles (n, 3, 2) of a plane shape."""
     parts = [part for part in getattr(shape, "geoms", [shape]) if isinstance(part, Polygon) and part.area > 1e-10]
-    found = [
+    triangles = [
         shapely.get_coordinates(shapely.constrained_delaunay_triangles(part)).reshape(-1, 4, 2)[:, :3] for part in parts
     ]
-    return np.concatenate(found) if found else np.zeros((0, 3, 2))
+    return np.concatenate(triangles) if triangles else np.zeros((0, 3, 2))
 
 
 LEFT, FRONT, REAR, ABOVE, BELOW = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)

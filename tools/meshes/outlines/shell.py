@@ -98,8 +98,8 @@ class Skin:
         nose = (x - f.nose(z) + back * r_y**power) / np.sqrt(1 + (slope * r_y) ** 2)
         back, power, slope = f.tail_sweep
         tail = (f.tail(z) + back * r_y**power - x) / np.sqrt(1 + (slope * r_y) ** 2)
-        high, at, wide, start, over = f.ridge
-        ridge = high * np.exp(-(((y - at) / wide) ** 2)) * np.clip((x - start) / over, 0, 1)
+        high, position, wide, start, over = f.ridge
+        ridge = high * np.exp(-(((y - position) / wide) ** 2)) * np.clip((x - start) / over, 0, 1)
         deck = (z - f.deck(x) + f.deck_crown * r_y**2 - ridge) / np.sqrt(1 + 0.2**2)
         ends, decks, flanks, low, tops, backs, cabins = f.blends
         lower = smooth_max(smooth_max(nose, tail, ends), deck, decks)
@@ -162,8 +162,8 @@ class Skin:
 
     def hit(self, origin: Sequence[float], direction: Sequence[float]) -> Array:
         """Return the point (3,) where one ray from inside leaves the body."""
-        found: Array = self.cast(np.array([origin], dtype=float), np.array([direction], dtype=float))[0]
-        return found
+        hits: Array = self.cast(np.array([origin], dtype=float), np.array([direction], dtype=float))[0]
+        return hits
 
 
 def half_shell(skin: Skin) -> tuple[Array, NDArray[np.int64]]:
@@ -174,9 +174,9 @@ def half_shell(skin: Skin) -> tuple[Array, NDArray[np.int64]]:
     p, q, r, s = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
     points = grid.reshape(-1, 3)
     # The shorter diagonal divides each quadrilateral.
-    one = np.linalg.norm(points[p] - points[r], axis=-1) <= np.linalg.norm(points[q] - points[s], axis=-1)
-    first = np.where(one[..., None], np.stack([p, q, r], -1), np.stack([p, q, s], -1))
-    second = np.where(one[..., None], np.stack([p, r, s], -1), np.stack([q, r, s], -1))
+    first_diagonal = np.linalg.norm(points[p] - points[r], axis=-1) <= np.linalg.norm(points[q] - points[s], axis=-1)
+    first = np.where(first_diagonal[..., None], np.stack([p, q, r], -1), np.stack([p, q, s], -1))
+    second = np.where(first_diagonal[..., None], np.stack([p, r, s], -1), np.stack([q, r, s], -1))
     faces = np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)])
     corner = points[faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
@@ -205,9 +205,9 @@ def _sample(skin: Skin) -> Array:
         across = 0.0 if across < 1e-9 else across
         origins.append(np.broadcast_to(np.array([x, 0.0, height]), (dense, 3)))
         directions.append(np.stack([along * level, across * level, np.sin(theta)], axis=1))
-    found = skin.cast(np.stack(origins), np.stack(directions), reach=2.2)
+    hits = skin.cast(np.stack(origins), np.stack(directions), reach=2.2)
     rows = []
-    for p, n in zip(found, skin.normals(found), strict=True):
+    for p, n in zip(hits, skin.normals(hits), strict=True):
         length = np.linalg.norm(np.diff(p, axis=0), axis=1)
         turn = np.linalg.norm(np.diff(n, axis=0), axis=1)
         below = (n[:-1, 2] + n[1:, 2]) / 2 < -0.8

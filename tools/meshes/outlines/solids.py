@@ -38,12 +38,12 @@ def pillow(material: str, size: Sequence[float], sharp: float = 0.35, count: tup
         return result
 
     half = np.array(size) / 2
-    one = np.ones_like(a * b)
+    ones = np.ones_like(a * b)
     p = np.stack([power(np.cos(a), sharp) * power(np.cos(b), sharp), power(np.sin(a), sharp) * power(np.cos(b), sharp),
-                  power(np.sin(b), sharp) * one], axis=-1)  # fmt: skip
+                  power(np.sin(b), sharp) * ones], axis=-1)  # fmt: skip
     e = 2 - sharp
     n = np.stack([power(np.cos(a), e) * power(np.cos(b), e), power(np.sin(a), e) * power(np.cos(b), e),
-                  power(np.sin(b), e) * one], axis=-1) / half  # fmt: skip
+                  power(np.sin(b), e) * ones], axis=-1) / half  # fmt: skip
     n /= np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-12)
     mesh.add_grid(material, p * half, n)
     return mesh

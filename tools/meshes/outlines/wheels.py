@@ -220,12 +220,12 @@ def build_wheel(design: WheelDesign) -> Mesh:
     return mesh.transformed(_stretch((0.0, _RIM, _RADIUS), to, design.width / _WIDTH), _keep)
 
 
-def _stretch(at: Sequence[float], to: Sequence[float], across: float) -> Callable[[Array], Array]:
+def _stretch(radii: Sequence[float], to: Sequence[float], across: float) -> Callable[[Array], Array]:
     """A map of points: radii about y by straight pieces from ``at`` to ``to``, y by a factor."""
 
     def move(p: Array) -> Array:
         radius = np.hypot(p[..., 0], p[..., 2])
-        factor = np.interp(radius, at, to) / np.maximum(radius, 1e-9)
+        factor = np.interp(radius, radii, to) / np.maximum(radius, 1e-9)
         return p * np.stack([factor, np.full_like(factor, across), factor], axis=-1)
 
     return move
