@@ -68,7 +68,7 @@ class Batch:
         columns: values (n) of parameters that differ between the cars, by name.
         count: number of cars; by default the length of the columns.
         step: step of the integration [s].
-        ground: friction, slope and wind by place; level and even if None.
+        ground: friction, slope and wind as functions of the position; level and even if None.
         threads: number of threads; studies run one process per core, so that more than one thread there is slower.
 
     Raises:
@@ -258,7 +258,7 @@ def batch(
         count: number of cars; by default the length of the values.
         step: step of the integration [s].
         threads: number of threads that share the cars.
-        ground: friction, slope and wind by place; level and even if None.
+        ground: friction, slope and wind as functions of the position; level and even if None.
 
     Raises:
         ConfigError: an unknown parameter, values of different lengths, or a value out of range.

@@ -109,7 +109,8 @@ class Grid:
         z = np.asarray(self.z, dtype=float)
         if z.ndim != 2 or min(z.shape) < 2 or z.size > _LARGEST_GRID or not np.isfinite(z).all():
             raise WorldError(
-                f"grid of heights: {z.shape} values; it must have two to 25 million finite heights in rows and columns"
+                f"grid of heights: shape {z.shape}; it must have at least 2 rows and 2 columns and at most 25 million "
+                "values, all finite"
             )
         if self.smooth:  # the spline passes through the heights; its coefficients are heights with a prefilter
             z = scipy.ndimage.spline_filter(z, order=3, mode="grid-wrap" if self.periodic else "mirror")

@@ -63,7 +63,7 @@ def _constant(f: Figures) -> str:
 def _quantised(f: Figures) -> str:
     text = f"has a resolution of {f['quantum']:.3g} {f['unit']}: {f['levels']} different values from {f['low']:.4g} "
     text += f"to {f['high']:.4g}"
-    return text + (", as single precision has for numbers of this size" if f["single_precision"] else "")
+    return text + (", the resolution of single precision at this magnitude" if f["single_precision"] else "")
 
 
 def _true_step(f: Figures) -> str:

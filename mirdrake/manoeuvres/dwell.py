@@ -136,7 +136,12 @@ class SineWithDwellSpec(ManoeuvreSpec):
             )
 
     def _is_large(self, amplitude: float, angle: float) -> bool:
-        """Return whether the displacement of an amplitude [rad] is evaluated; `angle` is A [rad]."""
+        """Return whether the steering amplitude [rad] is large enough for the limit of the displacement.
+
+        Args:
+            amplitude: steering amplitude [rad].
+            angle: reference angle A of the standard [rad].
+        """
         return amplitude >= self.displacement_from * angle - 1e-9
 
     def _find_angle(self, rig: Rig, outcome: Outcome) -> float:

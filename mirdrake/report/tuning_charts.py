@@ -257,7 +257,7 @@ def draw_schedule(schedule: Sequence[ScheduleRow], gains: Sequence[str]) -> Mark
 
 
 def curve_of(table: pd.DataFrame, name: str) -> tuple[Array, NDArray[np.complex128]]:
-    """Return frequencies and open loop of a candidate; empty if there are none."""
+    """Return frequencies [rad/s] and open-loop frequency response of a candidate; empty without data."""
     rows = table[table["candidate"] == name].sort_values("omega")
     value = rows["re"].to_numpy(dtype=float) + 1j * rows["im"].to_numpy(dtype=float)
     keep = np.isfinite(value)

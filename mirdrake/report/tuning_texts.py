@@ -345,7 +345,10 @@ def baseline_name(result: TuningResult) -> str:
 
 
 def comparison_lines(compared: Comparison, result: TuningResult, chosen: CandidateResult) -> list[str]:
-    """Return the figures of the test manoeuvre before and after, a line each; margins are the claimed ones."""
+    """Return a line for each figure of the test manoeuvre: its value before and after tuning.
+
+    Margins after tuning are the claimed ones, the smaller of model and measurement.
+    """
     texts = Texts(result)
     claimed = {check.name: check.claimed for check in chosen.margins}
     lines = ["test manoeuvre of the study:     before -> after"]

@@ -119,5 +119,5 @@ class ImuMount(SensorMount):
     )
 
     def make(self, *, parts: "PlantParts", part: "VehicleInPlant", stream: int) -> Imu:
-        """Return the IMU."""
+        """Return the IMU of this mount."""
         return Imu(parts.plant, parts.plant.GetFrameByName(self.frame, part.instance), self, stream=stream)

@@ -258,7 +258,10 @@ def aligned_period(rate: float, step: float) -> float:
 
 
 def slots(latency: float, rate: float) -> int:
-    """Return the largest number of samples within the latency, plus one that is output when another is taken."""
+    """Return the size of the sample buffer.
+
+    It holds all samples within the latency, and one more if a sample is taken while another is output.
+    """
     return floor(latency * rate + 1e-6) + 2
 
 

@@ -92,7 +92,7 @@ class Evaluator:
             "tokenize": tokenize_text,
             "fatal": fatal,
         } | dict.fromkeys(("message", "warning", "error", "print_location"), forward)
-        # xacro allows its functions below a name, and with a warning also directly.
+        # Functions of xacro are called as members of a namespace; a direct call is deprecated and gives a warning.
         spaces = {"math": Functions(MATH), "python": Functions(PYTHON), "xacro": Functions(xacro_functions)}
         direct = {
             name: deprecated("xacro", name, xacro_functions[name]) for name in ("load_yaml", "abs_filename", "dotify")

@@ -94,7 +94,7 @@ def inside_prop(what: str, name: str, prop: PlacedProp, x: float, y: float) -> s
 
 
 def goal_as_start(name: str) -> str:
-    """Return the sentence for a rule `drivable` from a goal."""
+    """Return the message about a rule `drivable` whose start is a goal."""
     return f"'{name}' is a goal; a path begins at a start, which has a heading"
 
 
@@ -102,12 +102,12 @@ def goal_as_start(name: str) -> str:
 
 
 def goal_without_area(goal: str, world: World) -> str:
-    """Return the sentence for a goal that is not an area, or does not exist."""
+    """Return the message about a goal that has no area or does not exist."""
     return f"'{goal}' has no area; {did_you_mean(goal, [*world.goals, *world.starts])}"
 
 
 def no_path(vehicle: str, margin: float, start: str, goal: str, reason: str) -> str:
-    """Return the sentence for a vehicle without a path from a start to a goal."""
+    """Return the message about a goal that the vehicle cannot reach from a start."""
     kept = f" with {margin:g} m on each side" if margin else ""
     return f"no path for {vehicle}{kept} from '{start}' to '{goal}': {reason}"
 
@@ -130,7 +130,7 @@ def cannot_turn(nearest: Sequence[float]) -> str:
 
 
 def search_ended(limit: float, nearest: Sequence[float]) -> str:
-    """Return the reason that the search found no path within its computing time [s]."""
+    """Return the reason for a missing path if the search ended at its limit of computing time [s]."""
     return f"none was found within {limit:g} s of computing; the search got as far as {format_position(*nearest)}"
 
 

@@ -74,7 +74,7 @@ class Curve:
         self.knots = np.array(ends)
         self._s, self._x, self._y, self._yaw, self._k, self._c = (np.concatenate(column) for column in columns)
 
-        # Lists of floats are several times as fast as arrays for single points, which drivers project in every step.
+        # Drivers project single points in every step; for these, lists of floats are several times as fast as arrays.
         self._cells = list(
             zip(*(a.tolist() for a in (self._s, self._x, self._y, self._yaw, self._k, self._c)), strict=True)
         )

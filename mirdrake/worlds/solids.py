@@ -98,7 +98,7 @@ class BoxKind(SolidKind):
         return Box(*np.multiply(sizes, factors))
 
     def sizes(self, shape: Box) -> list[float]:
-        """Return its lengths along x, y, z."""
+        """Return the edge lengths of a box along x, y, z [m]."""
         sizes: list[float] = shape.size().tolist()
         return sizes
 

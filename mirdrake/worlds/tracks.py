@@ -226,7 +226,7 @@ class Track(Curve):
         return np.interp(s, self._edges[0], self._edges[side])
 
     def _intervals(self) -> tuple[Array, Array, Array, Array]:
-        """Return start, end [m] and curvatures there [1/m] of the parts over which curvature and widths are linear."""
+        """Return start and end [m] of the intervals with linear curvature and widths, and both curvatures [1/m]."""
         s = self.knots if self._edges is None else np.unique(np.concatenate((self.knots, self._edges[0])))
         s = s[np.concatenate(([True], np.diff(s) > 1e-9))]
         s[-1] = self.length

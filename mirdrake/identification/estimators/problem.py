@@ -233,6 +233,7 @@ class Problem:
 
     @property
     def _prior_rows(self) -> int:
+        """Number of residuals of priors: parameters with a prior or a usual size, sensors and initial states."""
         held = sum(one.prior is not None or one.info.usual > 0.0 for one in self.free)
         return held + self.size - len(self.free)
 

@@ -120,7 +120,7 @@ SMALL_FRACTION = 0.01
 
 @dataclass(frozen=True)
 class Assumption:
-    """Something that a fit takes as given, and how wrong it may be.
+    """Assumption of a fit and its uncertainty.
 
     Attributes:
         description: noun phrase that completes "depends on …".

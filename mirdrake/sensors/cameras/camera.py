@@ -145,7 +145,8 @@ class Camera(SampledValue):
             width, height, focal = mount.width, mount.height, 0.5 * mount.width / tan(0.5 * mount.horizontal_fov)
         else:
             width, height, focal = self._lens.width, self._lens.height, self._lens.focal
-        info = CameraInfo(width, height, focal, focal, 0.5 * width, 0.5 * height)  # from the first pixel's outer corner
+        # The principal point is measured from the outer corner of the first pixel.
+        info = CameraInfo(width, height, focal, focal, 0.5 * width, 0.5 * height)
         limits = (mount.near, mount.far)
         if isinstance(mount, DepthCameraMount):
             limits = (mount.depth_near, mount.depth_far)

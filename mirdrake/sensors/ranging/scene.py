@@ -95,7 +95,13 @@ class RayScene:
         return distance, face
 
     def _first(self, origins: Array, directions: Array, far: float) -> Ints:
-        """Return the first face that each ray hits (n), -1: none; origins (n, 3) or (1, 3) from the scene's centre."""
+        """Return the index of the first face that each ray hits (n); -1 without a hit.
+
+        Args:
+            origins: origins of the rays relative to the centre of the scene (n, 3) or (1, 3) [m].
+            directions: unit vectors (n, 3).
+            far: largest range [m].
+        """
         start = np.empty(directions.shape, dtype=np.float32)
         start[:] = origins
         limit = np.full(len(directions), far, dtype=np.float32)

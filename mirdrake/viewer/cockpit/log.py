@@ -78,7 +78,7 @@ class DriveLog:
             self._recorder(context)
 
     def read(self, context: Context) -> None:
-        """Write the samples since the last call."""
+        """Read the samples since the last call and write them to the log."""
         times, columns = self._telemetry.read(context)
         if not times.size:
             return

@@ -190,7 +190,10 @@ class Overlays:
             show_points(self._meshcat, path, points, point_size=0.09 * self._size, height=2.5 * self._size)
 
     def _contacts(self, context: Context) -> list[tuple[Array, Array, int]]:
-        """Return position [m], force on the vehicle or the upper body [N] and body (-1 if not ours) of each contact."""
+        """Return position [m], force [N] and body index of each contact.
+
+        The force acts on the body of the vehicle. The index is -1 for a contact between other bodies.
+        """
         plant = self._assembly.parts.plant
         results: ContactResults = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
         contacts = []
