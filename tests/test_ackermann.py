@@ -89,7 +89,7 @@ def test_a_right_turn_is_the_mirror_image_of_a_left_turn(steering):
     assert law.wheel_speed_ratios(-steering) == (front_right, front_left, rear_right, rear_left)
 
 
-def test_straight_ahead_all_wheels_are_straight_and_turn_alike():
+def test_straight_ahead_all_wheels_are_straight_and_have_equal_speeds():
     law = Ackermann(SCRUBBED)
     assert law.wheel_angles(0.0) == (0.0, 0.0)
     assert law.wheel_speed_ratios(0.0) == (1.0, 1.0, 1.0, 1.0)
@@ -243,7 +243,7 @@ def test_unior_linkage_is_limited_by_its_inner_wheel_too():
         ),
     ],
 )
-def test_settings_that_make_no_sense_are_refused_in_one_line(make, message):
+def test_settings_that_are_invalid_are_rejected_in_one_line(make, message):
     with pytest.raises(ConfigError) as caught:
         make()
     assert str(caught.value) == message

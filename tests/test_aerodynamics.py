@@ -81,7 +81,7 @@ def test_drag_acts_at_the_centre_of_mass_or_at_a_stated_height():
         assert pressure_centre(plant, part) == pytest.approx((0.56 * 2.601, 0.0, 0.5 if height is None else height))
 
 
-def test_a_car_that_turns_on_the_spot_of_its_pressure_centre_feels_no_wind_there():
+def test_a_car_that_yaws_about_its_pressure_centre_has_no_airspeed_there():
     # yaw rate w moves the centre of mass by w x to the left, a wind of that speed goes with it
     x = 0.56 * 2.601
     assert air_force(speed=0.0, turning=2.0, wind=(0.0, 2.0 * x))[0] == pytest.approx(0.0, abs=1e-2)
@@ -117,7 +117,7 @@ def test_coast_down_follows_the_closed_form(wind, step):
     assert (start - got) == pytest.approx(start - expected, rel=0.005)
 
 
-def test_a_diagram_has_the_air_its_plant_says():
+def test_a_diagram_has_the_air_density_and_wind_of_its_plant():
     def settled(**plant):
         spec = {
             "world": "empty",
@@ -160,7 +160,7 @@ def test_without_air_or_area_nothing_is_added():
         ("wind: [0, fast]", "air.yaml:3: plant.wind.1: 'fast' is not a number"),
     ],
 )
-def test_bad_values_are_refused_with_file_and_line(tmp_path, plant, expected):
+def test_bad_values_are_rejected_with_file_and_line(tmp_path, plant, expected):
     file = tmp_path / "air.yaml"
     file.write_text(f"world: empty\nvehicles: {{ego: {{model: bolt}}}}\nplant: {{{plant}}}\n", encoding="utf-8")
     with pytest.raises(ConfigError) as caught:

@@ -222,7 +222,7 @@ def test_a_fault_in_a_connection_is_one_line_with_its_own_line_number(
         assert word in message
 
 
-def test_a_circle_of_blocks_without_memory_is_refused(command: Callable[..., list[str]], tmp_path: Path) -> None:
+def test_a_circle_of_blocks_without_memory_is_rejected(command: Callable[..., list[str]], tmp_path: Path) -> None:
     extra = "systems:\n  a: {kind: gain, gain: 1}\nconnect: [[a.y, a.u]]\n"
     (tmp_path / "drive.yaml").write_text(DRIVE + extra, encoding="utf-8")
     message = error_of(command("run", "drive.yaml"))
@@ -230,7 +230,7 @@ def test_a_circle_of_blocks_without_memory_is_refused(command: Callable[..., lis
     assert "hold" in message
 
 
-def test_several_faults_are_told_at_once(command: Callable[..., list[str]], tmp_path: Path) -> None:
+def test_several_faults_are_reported_at_once(command: Callable[..., list[str]], tmp_path: Path) -> None:
     text = DRIVE.replace("duration: 0.1", "duration: -1").replace("contact: point", "contakt: point")
     (tmp_path / "drive.yaml").write_text(text, encoding="utf-8")
     lines = command("run", "drive.yaml")
@@ -260,16 +260,16 @@ def test_a_fault_in_an_override_names_the_override(
 
 
 @pytest.mark.parametrize("duration", ["0", "-1", "nan", "inf", "long"])
-def test_a_duration_that_is_no_positive_time_is_refused(duration: str, command: Callable[..., list[str]]) -> None:
+def test_a_duration_that_is_not_positive_is_rejected(duration: str, command: Callable[..., list[str]]) -> None:
     assert "--duration" in command("run", "bolt_test_track", f"--duration={duration}")[-1]
 
 
-def test_an_unknown_diagram_is_told_with_those_there_are(command: Callable[..., list[str]]) -> None:
+def test_an_unknown_diagram_is_reported_with_the_available_ones(command: Callable[..., list[str]]) -> None:
     assert "did you mean 'bolt_test_track'?" in error_of(command("run", "bolt_test_trak"))
     assert "no/drive.yaml" in error_of(command("run", "no/drive.yaml"))
 
 
-def test_a_file_that_is_no_text_is_told(command: Callable[..., list[str]], tmp_path: Path) -> None:
+def test_a_file_that_is_not_text_is_reported(command: Callable[..., list[str]], tmp_path: Path) -> None:
     (tmp_path / "drive.yaml").write_bytes(b"world: \xff\n")
     assert error_of(command("run", "drive.yaml")).startswith("drive.yaml")
     assert error_of(command("check", "drive.yaml")).startswith("drive.yaml")
@@ -284,7 +284,7 @@ def run_with_world(command: Callable[..., list[str]], world: Path) -> str:
     return error_of(command("run", "drive.yaml"))
 
 
-def test_an_unclosed_track_is_told_with_the_gap(command: Callable[..., list[str]], tmp_path: Path) -> None:
+def test_an_unclosed_track_is_reported_with_the_gap(command: Callable[..., list[str]], tmp_path: Path) -> None:
     segments = (
         "segments: [{line: 20}, {arc: {radius: 10, angle: 180 deg}}, {line: 17}, {arc: {radius: 10, angle: 180 deg}}]"
     )
@@ -294,7 +294,7 @@ def test_an_unclosed_track_is_told_with_the_gap(command: Callable[..., list[str]
     assert message.startswith("gap.yaml:4: tracks.main: does not close: gap 3 m")
 
 
-def test_a_start_outside_the_world_is_told(
+def test_a_start_outside_the_world_is_reported(
     command: Callable[..., list[str]], corrupted_copy: Callable[[str, str, str], Path]
 ) -> None:
     world = corrupted_copy("worlds/test_track.yaml", "{on_track: {track: main, s: 0}}", "{at: [5000, 0], yaw: 0}")
@@ -326,20 +326,22 @@ def run_with_vehicle(command: Callable[..., list[str]], folder: Path) -> str:
     return message
 
 
-def test_broken_xml_is_told_with_its_line(
+def test_broken_xml_is_reported_with_its_line(
     command: Callable[..., list[str]], vehicle: Callable[[str, str, str], Path]
 ) -> None:
     message = run_with_vehicle(command, vehicle("structure.xacro", "</robot>", "</robt>"))
     assert re.search(r"structure\.xacro:\d+", message)
 
 
-def test_a_negative_mass_is_told(command: Callable[..., list[str]], vehicle: Callable[[str, str, str], Path]) -> None:
+def test_a_negative_mass_is_reported(
+    command: Callable[..., list[str]], vehicle: Callable[[str, str, str], Path]
+) -> None:
     folder = vehicle("properties.xacro", 'name="wheel_mass" value="', 'name="wheel_mass" value="-')
     message = run_with_vehicle(command, folder)
     assert "mass" in message
 
 
-def test_a_gain_that_is_no_number_is_told(
+def test_a_gain_that_is_not_a_number_is_reported(
     command: Callable[..., list[str]], vehicle: Callable[[str, str, str], Path]
 ) -> None:
     text = (paths.data_root() / "models/bolt/control.yaml").read_text(encoding="utf-8")
@@ -349,7 +351,9 @@ def test_a_gain_that_is_no_number_is_told(
     assert re.search(r"control\.yaml:\d+: .*kp: .*finite", message)
 
 
-def test_a_missing_mesh_is_told(command: Callable[..., list[str]], vehicle: Callable[[str, str, str], Path]) -> None:
+def test_a_missing_mesh_is_reported(
+    command: Callable[..., list[str]], vehicle: Callable[[str, str, str], Path]
+) -> None:
     folder = vehicle("structure.xacro", "body.gltf", "boddy.gltf")
     assert "boddy.gltf" in run_with_vehicle(command, folder)
 
@@ -357,7 +361,7 @@ def test_a_missing_mesh_is_told(command: Callable[..., list[str]], vehicle: Call
 # --- the output folder ---------------------------------------------------------------------------------------------
 
 
-def test_an_output_folder_that_cannot_be_made_is_told(command: Callable[..., list[str]], tmp_path: Path) -> None:
+def test_an_output_folder_that_cannot_be_made_is_reported(command: Callable[..., list[str]], tmp_path: Path) -> None:
     (tmp_path / "drive.yaml").write_text(DRIVE, encoding="utf-8")
     for out in ("drive.yaml/run", "drive.yaml", "/proc/run"):
         message = error_of(command("run", "drive.yaml", "--out", out))
@@ -366,7 +370,7 @@ def test_an_output_folder_that_cannot_be_made_is_told(command: Callable[..., lis
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="file modes do not bind root")
-def test_a_read_only_output_folder_is_told(command: Callable[..., list[str]], tmp_path: Path) -> None:
+def test_a_read_only_output_folder_is_reported(command: Callable[..., list[str]], tmp_path: Path) -> None:
     (tmp_path / "drive.yaml").write_text(DRIVE, encoding="utf-8")
     (tmp_path / "shut").mkdir(mode=stat.S_IRUSR | stat.S_IXUSR)
     assert "--out" in error_of(command("run", "drive.yaml", "--out", "shut/run"))
@@ -379,7 +383,7 @@ def test_an_output_folder_with_something_in_it_is_left_alone(command: Callable[.
     assert "not empty" in error_of(command("run", "drive.yaml", "--out", "runs"))
 
 
-def test_a_picture_is_refused_where_it_cannot_be_written(command: Callable[..., list[str]]) -> None:
+def test_a_picture_is_rejected_where_it_cannot_be_written(command: Callable[..., list[str]]) -> None:
     assert ".svg or .dot" in error_of(command("draw", "bolt_test_track", "--out", "blocks.gif"))
     assert "nowhere" in error_of(command("draw", "bolt_test_track", "--out", "nowhere/blocks.dot"))
     assert "nowhere" in error_of(command("view", "empty", "--out", "nowhere/world.html"))

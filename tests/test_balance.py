@@ -43,7 +43,7 @@ def test_a_centre_of_mass_that_is_not_between_the_axles(made, x, expected):
     assert message.endswith("check mass and origin of link 'base_link', which contributes most")
 
 
-def test_below_the_road_a_car_stands_but_has_no_single_track():
+def test_a_centre_of_mass_below_the_road_has_no_single_track():
     car = unior(0.36, -0.5)
     assert on_the_road(car)
     with pytest.raises(

@@ -212,7 +212,7 @@ def test_the_gap_is_that_of_the_whole_front_edge():
     np.testing.assert_allclose(gap_to(points, BOX), [2.0, 2.0, 5.0, 0.5])
 
 
-def test_the_way_along_a_line():
+def test_arc_length_along_a_line():
     assert headway(np.array([5.0]), np.array([0.0]), 0.0)[0] == pytest.approx(5.0)
     assert headway(np.array([5.0]), np.array([0.0]), 1.0)[0] == pytest.approx(5.0 * math.cos(1.0))
     assert headway(np.array([5.0]), np.array([0.1]), 0.2)[0] == pytest.approx((math.sin(0.7) - math.sin(0.2)) / 0.1)
@@ -268,7 +268,7 @@ def test_it_drives_straight_on_where_nothing_is_in_the_way():
 
 
 @pytest.mark.parametrize("speed", [3.0, 8.0])
-def test_it_stops_where_there_is_no_way_through(speed):
+def test_it_stops_where_no_gap_is_wide_enough(speed):
     run = drive({"kind": "straight_and_avoid", "speed": speed}, [block(30.0, -40.0, 31.0, 40.0)], duration=20.0)
     assert run.speed[-1] < 0.01
     assert 0.8 < run.clearance[-1] < 1.5
@@ -375,7 +375,7 @@ OVAL = Track([Piece(40.0, 0.0, 0.0), Piece(12.0 * math.pi, 1 / 12, 1 / 12)] * 2,
 
 
 @pytest.mark.parametrize("offset", [-2.0, 0.0, 2.0])
-def test_it_holds_its_lane_and_stops_before_what_stands_in_it(offset):
+def test_it_keeps_its_lane_and_stops_before_an_obstacle_in_it(offset):
     position = OVAL.point(95.0, offset)
     beside = OVAL.point(60.0, offset + 2.6)
     run = drive(
@@ -435,7 +435,7 @@ def test_corners_are_rounded_by_arcs_that_touch_both_straights():
         ([(0, 0), (10, 0), (1, 0.1)], "turns back on itself at point 1"),
     ],
 )
-def test_impossible_paths_are_refused(points, message):
+def test_impossible_paths_are_rejected(points, message):
     with pytest.raises(ConfigError, match=message):
         track_through(points, radius=5.0)
 
@@ -472,7 +472,7 @@ def test_every_behaviour_runs_with_its_defaults(kind):
     assert run.speed[-1] > 1.0
 
 
-def test_every_number_says_what_it_is():
+def test_every_number_has_a_description():
     for kind, spec in DRIVERS.items():
         for name, entry in spec.model_fields.items():
             assert entry.description, f"{kind}.{name}"
@@ -508,7 +508,7 @@ SOURCE = parse_tree(_TREE, "lot.yaml")[1]._replace(prefix=("tests", 0, "behaviou
         ("nowhere_at_all:Driver", "lot.yaml:4: tests.0.behaviour: module 'nowhere_at_all' cannot be imported"),
     ],
 )
-def test_wrong_behaviours_are_refused_in_one_line(behaviour, message):
+def test_wrong_behaviours_are_rejected_in_one_line(behaviour, message):
     with pytest.raises(ConfigError) as caught:
         make_driver(behaviour, CAR, WorldStandIn(), source=SOURCE)
     assert str(caught.value).startswith(message)
@@ -538,7 +538,7 @@ class Broken(LeafSystem):
 """
 
 
-def test_a_class_of_the_users_own_drives(tmp_path):
+def test_a_user_class_drives(tmp_path):
     (tmp_path / "my_drivers.py").write_text(OWN, encoding="utf-8")
 
     def make(behaviour):

@@ -67,7 +67,7 @@ def test_all_worlds_with_props_are_tested_here() -> None:
 
 
 @pytest.mark.parametrize("name", COUNTS)
-def test_a_world_has_what_its_name_says(name: str) -> None:
+def test_a_world_has_the_props_of_its_name(name: str) -> None:
     kinds = [placed.prop.name for placed in load_world(name).props]
     for words, count in COUNTS[name].items():
         assert sum(kind in words.split("|") for kind in kinds) == count, words

@@ -423,7 +423,7 @@ def test_labels_name_the_object_at_a_pixel(tmp_path: Path) -> None:
         ({"kind": "stereo_camera", "baseline": 0}, r"mounts\.eye.*baseline"),
     ],
 )
-def test_bad_numbers_of_a_camera_are_refused_with_their_line(change: dict[str, Any], fault: str) -> None:
+def test_bad_numbers_of_a_camera_are_rejected_with_their_line(change: dict[str, Any], fault: str) -> None:
     data = {"kind": "camera", "frame": "eye", "rate": 10, "width": 64, "height": 48, "horizontal_fov": "90 deg"}
     changed = data | change
     rows = [f"{key}: {yaml.safe_dump(changed[key], default_flow_style=True).splitlines()[0]}" for key in change]
@@ -433,13 +433,13 @@ def test_bad_numbers_of_a_camera_are_refused_with_their_line(change: dict[str, A
         parse_yaml(text, SensorsSpec)
 
 
-def test_a_frame_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_frame_that_is_not_there_is_rejected(tmp_path: Path) -> None:
     model = bolt_with(tmp_path, {"eye": make_mount(frame="front_kamera").model_dump(exclude_unset=True)})
     with pytest.raises(ConfigError, match=r"sensors\.yaml:\d+: mounts\.eye\.frame: no link 'front_kamera'; did you"):
         load_vehicle(str(model))
 
 
-def test_more_pixels_than_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_pixels_than_memory_are_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = {
         "world": "empty",
         "vehicles": {"ego": {"model": "bolt"}},
@@ -475,7 +475,7 @@ def test_our_filter_for_edges_is_named_after_the_one_of_this_vtk(tmp_path: Path)
     assert (rendering.SHADERS / names[0]).is_file()
 
 
-def test_the_numbers_of_a_mount_are_what_its_kind_says() -> None:
+def test_the_numbers_of_a_mount_are_those_of_its_kind() -> None:
     assert isinstance(make_mount("depth_camera"), DepthCameraMount)
     assert noise_stream(0, "ego.eye") != noise_stream(0, "ego.other")
     assert radians(180.0) > make_mount().horizontal_fov

@@ -48,12 +48,12 @@ def places(lines: list[str]) -> list[str]:
 # --- check -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_sound_folder_is_said_to_be_sound_by_its_name_and_by_one_of_its_files(here: Call) -> None:
+def test_a_valid_folder_passes_by_its_name_and_by_one_of_its_files(here: Call) -> None:
     for name in ("car/", "car/vehicle.yaml", "car@published"):
         assert here("check", name) == (0, f"{name}: sound\n", [])
 
 
-def test_the_faults_of_all_files_are_told_at_once(here: Call) -> None:
+def test_the_faults_of_all_files_are_reported_at_once(here: Call) -> None:
     wanted = [
         spoil("control.yaml", "rate: 50 ", "rat: 50 "),
         spoil("vehicle.yaml", "front_left: front_left_wheel_joint", "front_left: front_left_weel_joint"),
@@ -71,7 +71,7 @@ def test_the_faults_of_all_files_are_told_at_once(here: Call) -> None:
     assert any("no link 'gsp'; did you mean 'gps'?" in line for line in err)
 
 
-def test_several_faults_of_one_yaml_file_and_the_urdf_beside_it_are_told(here: Call) -> None:
+def test_several_faults_of_one_yaml_file_and_the_urdf_beside_it_are_reported(here: Call) -> None:
     wanted = [spoil("vehicle.yaml", "drive: front", "drive: frnt"), spoil("vehicle.yaml", "licence:", "license:")]
     spoil("structure.xacro", 'mass="${knuckle_mass}"', 'mass="-1"')
     code, _, err = here("check", "car")
@@ -81,7 +81,7 @@ def test_several_faults_of_one_yaml_file_and_the_urdf_beside_it_are_told(here: C
     assert any(re.search(r"structure\.xacro:\d+: link 'front_left_knuckle': mass -1 kg", line) for line in err)
 
 
-def test_every_file_that_is_no_xml_is_told(here: Call) -> None:
+def test_every_file_that_is_not_xml_is_reported(here: Call) -> None:
     wanted = [
         spoil("contact.xacro", "</robot>", "</robt>"),
         spoil("sensors.xacro", "</robot>", "</robt>"),
@@ -92,7 +92,7 @@ def test_every_file_that_is_no_xml_is_told(here: Call) -> None:
     assert all("not valid XML: mismatched tag" in line for line in err)
 
 
-def test_missing_files_are_told_with_those_that_may_be_meant(here: Call) -> None:
+def test_missing_files_are_reported_with_similar_names(here: Call) -> None:
     Path("car/sensors.yaml").rename("car/sensor.yaml")
     Path("car/vehicle.yaml").unlink()
     code, _, err = here("check", "car")
@@ -101,7 +101,7 @@ def test_missing_files_are_told_with_those_that_may_be_meant(here: Call) -> None
     assert "error: car/sensors.yaml: no such file; is it 'sensor.yaml'?" in err
 
 
-def test_a_name_that_is_there_twice_is_told_with_both_places(here: Call) -> None:
+def test_a_name_that_is_there_twice_is_reported_with_both_places(here: Call) -> None:
     first = spoil("structure.xacro", '<link name="base_link">', '<link name="base_link"/>\n  <link name="base_link">')
     code, _, err = here("check", "car")
     name, line = first.rsplit(":", 1)
@@ -144,7 +144,7 @@ def test_a_vehicle_that_does_not_stand_still_fails_with_exit_code_1(
     assert err[0].startswith(f"error: car: {words}"), err
 
 
-def test_a_broken_picture_is_told_before_anything_crashes_on_it(here: Call) -> None:
+def test_a_broken_image_is_reported_before_anything_crashes_on_it(here: Call) -> None:
     spoil("meshes/wheel.gltf", '"POSITION": 3,', '"POSTION": 3,')
     code, _, err = here("check", "car")
     assert code == 2

@@ -157,7 +157,7 @@ def test_everything_that_ships_is_sound(every: int, here: Callable[..., tuple[in
     assert [line for line in out.splitlines() if not line.startswith(" ")] == [f"{name}: sound" for name in names]
 
 
-def test_check_tells_the_faults_of_all_that_are_bad_and_goes_on(
+def test_check_reports_the_faults_of_all_bad_files_and_continues(
     here: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
     (tmp_path / "bad.yaml").write_text(DRIVE.replace("plant", "plnt").replace("speed: 2", "speed: x"), encoding="utf-8")
@@ -229,7 +229,7 @@ def test_draw_writes_the_blocks(here: Callable[..., tuple[int, str, str]], tmp_p
         assert (tmp_path / "drive.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
-def test_without_graphviz_draw_says_what_to_install_and_a_run_goes_on(
+def test_without_graphviz_draw_names_what_to_install_and_a_run_continues(
     here: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -300,7 +300,7 @@ def test_the_version_of_sources_without_installation_is_unknown(
     assert here("list")[0] == 0
 
 
-def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:
+def test_a_closed_pipe_is_not_an_error(tmp_path: Path) -> None:
     command = f"set -o pipefail; {sys.executable} -m mirdrake.cli list | true"
     done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")

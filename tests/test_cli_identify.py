@@ -26,7 +26,7 @@ def test_a_study_is_run_and_its_folder_is_complete(tmp_path, capsys):
     assert "is not empty; choose another folder with --out" in capsys.readouterr().err
 
 
-def test_run_may_be_said(tmp_path, capsys):
+def test_the_word_run_may_be_given(tmp_path, capsys):
     assert main(["identify", "run", str(tmp_path / "none.yaml")]) == 2
     assert "none.yaml'; expected: a .yaml file" in capsys.readouterr().err
     assert main(["identify", str(tmp_path / "none.yaml")]) == 2

@@ -23,7 +23,7 @@ def write(folder: Path, text: str) -> str:
     return str(path)
 
 
-def test_bad_input_is_one_line_and_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_a_one_line_error_and_writes_no_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study = write(tmp_path, SHORT.format(loop="sped"))
     assert main(["tune", study, "--out", str(tmp_path / "out")]) == 2
     assert "study.yaml:3: loop: no loop 'sped'; did you mean 'speed'?" in capsys.readouterr().err

@@ -376,7 +376,7 @@ def test_arrows_reach_from_tail_to_tip_and_short_ones_are_omitted():
 # --- the command line ------------------------------------------------------------------------------------------------
 
 
-def test_the_command_drives_for_a_time_and_says_where(capsys, tmp_path):
+def test_the_command_drives_for_a_time_and_reports_the_run_folder(capsys, tmp_path):
     assert main(["drive", "unior", "empty", "--port", "0", "--duration", "0.3", "--out", str(tmp_path)]) == 0
     assert re.match(r"Cockpit: http://localhost:\d+/[\w-]+/  \(Ctrl-C ends\)\n$", capsys.readouterr().out)
 

@@ -40,7 +40,7 @@ def test_commands_stay_within_the_limits():
     assert drive(ManualCommand(), ManualInput(speed=1e3), 60.0).speed == LIMITS.forward
 
 
-def test_let_go_the_vehicle_rolls_out_and_stands():
+def test_without_pedal_input_the_vehicle_coasts_to_standstill():
     state = drive(ManualCommand(speed=7.0), ManualInput(), 5.0)
     assert state.speed == pytest.approx(7.0 - 0.7 * 5.0)
     assert drive(state, ManualInput(), 30.0).speed == 0.0
@@ -64,7 +64,7 @@ def test_stop_wants_zero_at_once_and_a_slider_its_speed():
     assert drive(ManualCommand(speed=9.0), ManualInput(speed=5.0), 9.0).speed == 5.0
 
 
-def test_before_a_wall_the_wanted_speed_stays_near_the_real_one():
+def test_before_a_wall_the_set_point_stays_near_the_actual_speed():
     assert drive(ManualCommand(), ManualInput(throttle=1.0), 30.0, measured=0.0).speed == LEAD
 
 

@@ -86,7 +86,7 @@ def test_speed_and_steering_are_limited():
     assert after(0.0, speed=-1.0, limits=limits).setpoint.speed == 0.0
 
 
-def test_limits_that_make_no_sense_are_refused():
+def test_limits_that_are_invalid_are_rejected():
     with pytest.raises(ConfigError, match="CommandLimits: minimum_speed must be <= 0"):
         CommandLimits(minimum_speed=1.0)
     with pytest.raises(ConfigError, match="CommandLimits: timeout must be > 0"):
@@ -96,7 +96,7 @@ def test_limits_that_make_no_sense_are_refused():
 # --- systems -------------------------------------------------------------------------------------------------------
 
 
-def test_a_driver_that_falls_silent_at_0_stops_the_vehicle_after_0_2_s():
+def test_a_driver_without_messages_from_0_stops_the_vehicle_after_0_2_s():
     silent = {"command": [5.0, 0.3, 0.0]}  # its stamp stays at 0
     gate = drive(VelocityCommand(period=0.01), inputs=silent, duration=0.3, period=0.005).iloc[1::2]
     alive = (gate.index < 0.21).astype(float)
@@ -105,7 +105,7 @@ def test_a_driver_that_falls_silent_at_0_stops_the_vehicle_after_0_2_s():
     assert_follows(gate["setpoint.steering"], 0.3, atol=1e-12)
 
 
-def test_a_scheduled_driver_stamps_its_messages_so_the_gate_stays_open():
+def test_a_scheduled_driver_stamps_its_messages_which_keeps_the_gate_open():
     builder = DiagramBuilder()
     driver = builder.AddSystem(CommandSchedule(Schedule([(0.0, 0.0, 0.0), (2.0, 4.0, 0.2)]), period=0.05))
     gate = builder.AddSystem(VelocityCommand(period=0.01))
@@ -151,7 +151,7 @@ def test_held_schedule_changes_at_its_rows():
         ([(0.0, math.nan, 0.0)], "schedule row 1: speed must be finite [m/s], got nan m/s"),
     ],
 )
-def test_schedules_that_make_no_sense_are_refused(rows, message):
+def test_schedules_that_are_invalid_are_rejected(rows, message):
     with pytest.raises(ConfigError) as caught:
         Schedule(rows)
     assert str(caught.value) == message
@@ -207,7 +207,7 @@ def test_faults_name_file_line_and_key(entry, message):
 
 
 @pytest.mark.parametrize("schema", [PathTrackingSpec, ConstantSpec, ScheduleSpec])
-def test_every_field_says_what_it_means_and_its_unit(schema):
+def test_every_field_documents_its_meaning_and_unit(schema):
     for name, field in schema.model_fields.items():
         assert "[" in (field.description or ""), name
 

@@ -375,7 +375,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.mark.parametrize("part", range(10))
-def test_a_broken_vehicle_folder_works_or_says_in_one_line_what_is_wrong(part, folders, worker, tmp_path):
+def test_a_broken_vehicle_folder_works_or_gives_a_one_line_error(part, folders, worker, tmp_path):
     cases = [try_case(seed, folders, worker, tmp_path) for seed in range(part, CASES, 10)]
     assert [case for case in cases if case[1]] == []
 

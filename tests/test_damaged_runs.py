@@ -140,7 +140,7 @@ _VALUES = (
 
 
 @pytest.mark.parametrize("name", ["worlds/neighbourhood", "diagrams/bolt_test_track", "models/bolt/vehicle", "track"])
-def test_a_file_with_mutations_is_read_or_refused_in_printable_lines(name: str, tmp_path: Path) -> None:
+def test_a_file_with_mutations_is_read_or_rejected_in_printable_lines(name: str, tmp_path: Path) -> None:
     random_of = random.Random(name)
     track = "x,y\n" + "".join(f"{step},{step * step}\n" for step in range(30))
     text = track if name == "track" else (data_root() / f"{name}.yaml").read_text(encoding="utf-8")

@@ -185,7 +185,7 @@ def test_two_vehicles_do_what_each_of_them_does_alone(tmp_path: Path) -> None:
             np.testing.assert_allclose(values, expected, rtol=0.0, atol=tolerance, err_msg=signal)
 
 
-def test_two_vehicles_at_one_place_are_refused() -> None:
+def test_two_vehicles_at_the_same_position_are_rejected() -> None:
     vehicles = {"one": {"model": "bolt"}, "two": {"model": "bolt"}}
     with pytest.raises(ConfigError, match=r"vehicles\.two\.start: .*'one'"):
         mir.make_diagram(drive(vehicles=vehicles, control={}))
@@ -210,20 +210,20 @@ def test_a_gain_of_one_in_the_steering_line_changes_nothing(own_drive: Path) -> 
         np.testing.assert_allclose(with_block[name], without[name], rtol=0.0, atol=1e-12, err_msg=name)
 
 
-def test_the_parameters_of_an_own_block_are_data(own_drive: Path) -> None:
+def test_the_parameters_of_a_user_block_are_data(own_drive: Path) -> None:
     run = simulate(mir.load_diagram(str(own_drive), overrides=["systems.scale.gain=0.5"]))
     assert run.units["scale.y"] == "rad"
     assert run["scale.y"].iloc[-1] == 0.1
     assert math.isclose(run["ego.steering_setpoint"].iloc[-1], 0.1, abs_tol=1e-9)
 
 
-def test_an_own_block_is_found_again_from_plain_data_alone(own_drive: Path, tmp_path: Path) -> None:
+def test_a_user_block_is_restored_from_plain_data_alone(own_drive: Path, tmp_path: Path) -> None:
     data = mir.load_diagram(str(own_drive)).model_dump(mode="json")
     assert data["folder"] == str(tmp_path)
     assert simulate(data, duration=0.2)["scale.y"].iloc[-1] == 0.2
 
 
-def test_own_blocks_of_one_name_in_two_folders_are_not_mixed_up(own_drive: Path, tmp_path: Path) -> None:
+def test_user_blocks_of_the_same_name_in_two_folders_are_distinct(own_drive: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.mkdir()
     (other / "own_blocks.py").write_text(OWN_BLOCKS.format(gain=0.5), encoding="utf-8")
@@ -233,7 +233,7 @@ def test_own_blocks_of_one_name_in_two_folders_are_not_mixed_up(own_drive: Path,
     assert first.summary["spec_sha256"] != second.summary["spec_sha256"]
 
 
-def test_our_own_blocks_compute_what_they_are_called() -> None:
+def test_library_blocks_compute_what_their_names_state() -> None:
     systems = {
         "half": {"kind": "constant", "value": [0.5]},
         "wave": {"kind": "sine", "amplitude": 2.0, "frequency": 1.0, "phase": math.pi / 2.0},
@@ -271,7 +271,7 @@ def test_our_own_blocks_compute_what_they_are_called() -> None:
     assert by_system["loop"][1] > 1.0  # 3 · 0.5 at first
 
 
-def test_an_own_block_may_stand_in_for_the_driver() -> None:
+def test_a_user_block_may_replace_the_driver() -> None:
     systems = {
         "speed": {"kind": "constant", "value": [2.0]},
         "wave": {"kind": "sine", "frequency": 0.5, "amplitude": 0.1},
@@ -315,7 +315,7 @@ def test_the_drawing_is_an_svg_picture_with_every_block() -> None:
         assert word in svg
 
 
-def test_without_graphviz_the_drawing_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_graphviz_the_drawing_names_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(MissingDependencyError, match="apt install graphviz"):
         draw_svg(assemble(drive()))

@@ -39,13 +39,13 @@ def test_another_kind_replaces_the_whole_entry() -> None:
         ("wheel_speed: {kind: pedals}", "pedals drive tyres of kind brush or magic_formula"),
     ],
 )
-def test_faults_are_told_with_file_and_line(entry: str, expected: str) -> None:
+def test_faults_are_reported_with_file_and_line(entry: str, expected: str) -> None:
     with pytest.raises(ConfigError) as error:
         control(entry)
     assert expected in str(error.value)
 
 
-def test_a_block_stands_between_control_unit_and_joints() -> None:
+def test_a_block_connects_control_unit_and_joints() -> None:
     spec: dict[str, Any] = {
         "world": "empty",
         "vehicles": {"ego": {"model": "bolt", "control": {"wheel_speed": {"kind": "pid", "kp": 400}}}},

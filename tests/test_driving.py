@@ -140,7 +140,7 @@ def test_parked_for_ten_seconds_it_creeps_less_than_a_twentieth_of_a_millimetre(
     assert creep.max() < 5e-5
 
 
-def test_without_brakes_it_rolls_down_a_slope_as_the_closed_form_says(tmp_path):
+def test_without_brakes_it_rolls_down_a_slope_as_in_closed_form(tmp_path):
     # a = g (sin 5° - Crr cos 5°) / (1 + sum of I/R² over m); no driver, wheel loops off
     world = slope_world(tmp_path, 5.0)
     vehicle = free_rolling(load_vehicle("bolt"))

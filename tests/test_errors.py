@@ -23,7 +23,7 @@ def test_the_drawn_tree_lists_exactly_the_classes() -> None:
     assert sorted(drawn) == sorted(_classes())
 
 
-def test_every_error_says_what_it_stands_for() -> None:
+def test_every_error_class_documents_its_meaning() -> None:
     tree = ast.parse(inspect.getsource(errors))
     assert all(ast.get_docstring(node) for node in tree.body if isinstance(node, ast.ClassDef))
 

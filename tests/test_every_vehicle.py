@@ -66,7 +66,7 @@ def test_it_keeps_speed_and_heading_on_the_straight(model, contact):
 
 @pytest.mark.parametrize(("contact", "tolerance"), [("point", 0.005), ("hydroelastic", 0.01)])
 @pytest.mark.parametrize("model", MODELS)
-def test_it_circles_as_its_geometry_says_and_alike_to_both_sides(model, contact, tolerance):
+def test_turning_radius_is_that_of_the_geometry_to_both_sides(model, contact, tolerance):
     geometry, speed = load_vehicle(model).geometry, 0.7 * pace(model)
     rates = []
     for steering in (0.2, -0.2):

@@ -199,7 +199,7 @@ def test_the_eyes_of_a_pair_have_frames_and_calibrations_of_their_own() -> None:
     assert eyes_of("ego.imu", object()) == {}
 
 
-def test_positions_are_where_the_receiver_says(messages: dict[str, Any], run: Run) -> None:
+def test_positions_are_those_of_the_receiver(messages: dict[str, Any], run: Run) -> None:
     fixes = messages["/ego/gps"]
     samples = run.arrays["ego.gps"]
     np.testing.assert_allclose([stamp - START for stamp, _, _ in fixes], 1e8 * np.arange(11), atol=1.0)  # 10 Hz

@@ -129,7 +129,7 @@ def test_staging_that_goes_on_is_left_alone_and_publishes_everything_or_nothing(
     assert {path.name: path.read_text() for path in folder.iterdir()} == {"a.yaml": "a", "b.yaml": "b"}
 
 
-def test_a_folder_that_was_made_for_nothing_goes_again(tmp_path: Path) -> None:
+def test_folders_created_for_a_failed_write_are_removed(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="stop"), staging(tmp_path / "a" / "b"):
         raise ValueError("stop")
     assert list(tmp_path.iterdir()) == []

@@ -98,7 +98,7 @@ def test_the_single_track_model_has_the_same_gains(scheduled: Path) -> None:
     assert force(vehicle, 3.0) != pytest.approx(force(other, 3.0), rel=0.01)
 
 
-def test_gains_on_a_schedule_are_no_knobs(scheduled: Path) -> None:
+def test_scheduled_gains_are_not_tunable_parameters(scheduled: Path) -> None:
     vehicle = load_vehicle(str(scheduled))
     knobs = find_context_parameters({"ego": vehicle}, load_world("empty"))
     assert "ego.speed.kp" in knobs
@@ -168,7 +168,7 @@ def test_the_vehicle_drives_with_it(scheduled: Path) -> None:
         ("{speeds: [1, 3], kq: [1, 2]}", "wheel_speed.schedule.kq: unknown"),
     ],
 )
-def test_a_schedule_that_makes_no_sense_is_refused_with_its_line(schedule: str, message: str) -> None:
+def test_a_schedule_that_is_invalid_is_rejected_with_its_line(schedule: str, message: str) -> None:
     text = f"wheel_speed:\n  kind: pid\n  kp: 1\n  schedule: {schedule}\nsteering: {{kind: pid, kp: 1}}\n"
     with pytest.raises(ConfigError) as caught:
         parse_yaml(text, ControlSpec, name="control.yaml")

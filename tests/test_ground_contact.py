@@ -37,7 +37,7 @@ def test_deflection_on_an_incline(samples: int) -> None:
     assert plane == pytest.approx((0.02, -sin(theta), cos(theta), 0.0), abs=1e-9)
 
 
-def test_tilt_of_a_leaning_wheel_and_of_a_bank() -> None:
+def test_inclination_of_a_cambered_wheel_and_of_a_bank() -> None:
     """A wheel with a camber of 0.1 rad to its right; and an upright one on a bank of 0.1 to the left."""
     leaning = under_wheel(FLAT, x=0.0, z=0.28 * cos(0.1), camber=0.1, samples=0)
     assert (leaning.deflection, leaning.tilt) == pytest.approx((0.02, np.tan(0.1)), abs=1e-9)

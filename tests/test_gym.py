@@ -75,7 +75,7 @@ def test_a_vehicle_does_what_it_does_without_the_environment(env):
     np.testing.assert_allclose(values[10:], plain.iloc[11:], atol=5e-3)  # its first step knows no command
 
 
-def test_progress_adds_up_to_the_way_along_the_track(env):
+def test_progress_adds_up_to_the_distance_along_the_track(env):
     # the left circle of the skidpad has a radius of 9.125 m and is driven at 3 m/s on its centre line
     track = env.assembly.parts.world.tracks["left"]
     s = 10.0

@@ -43,7 +43,7 @@ def test_a_coast_without_losses_keeps_its_energy(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", HANDLING)
-def test_a_turn_takes_the_energy_that_its_tyres_and_dampers_take(tmp_path, name):
+def test_energy_lost_in_a_turn_is_dissipated_by_tyres_and_dampers(tmp_path, name):
     speed, steering = (8.0, 0.06) if name == "unior" else (20.0, 0.03)
     assembly = rolling_car(free_handling(tmp_path, name), speed=speed, steering=steering)
     watch = EnergyWatch(assembly)
@@ -75,7 +75,7 @@ def test_on_a_slope_of_five_degrees_nothing_creeps(tmp_path, name, contact, park
 @pytest.mark.parametrize("name", HANDLING)
 @pytest.mark.parametrize("speed", [0.1, -0.1])
 @pytest.mark.parametrize("grade", [0.0, FIVE_DEGREES], ids=["flat", "slope"])
-def test_at_a_tenth_of_a_metre_a_second_nothing_swings(tmp_path, name, speed, grade):
+def test_there_is_no_oscillation_at_a_tenth_of_a_metre_per_second(tmp_path, name, speed, grade):
     assembly, run = drive(tmp_path, name, [(0, speed, 0), (1, speed, 0)], duration=35.0, grade=grade)
     last = run.loc[25.0:]
     speeds, forces = last["ego.vx"].to_numpy(), last[FX].sum(axis=1).to_numpy()

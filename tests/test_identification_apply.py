@@ -57,7 +57,7 @@ def test_a_second_time_nothing_happens_on_whatever_day(bolt: Path) -> None:
     assert not plan_apply(_fit(DRAG), str(bolt), today=date(2027, 1, 1)).changes
 
 
-def test_a_stiffness_of_an_axle_is_that_of_two_tyres_and_goes_where_the_variant_says(tmp_path: Path) -> None:
+def test_an_axle_stiffness_is_split_over_two_tyres_and_written_as_the_variant_states(tmp_path: Path) -> None:
     folder = Path(shutil.copytree(ROOT / "models" / "mkz", tmp_path / "mkz"))
     base = (folder / "vehicle.yaml").read_bytes()
     fit = _fit(_found("cornering_stiffness_front", "N/rad", 120000.0), _found("steering_ratio", "1", 15.5))
@@ -144,7 +144,7 @@ def test_the_command_shows_writes_and_has_nothing_to_do_the_second_time(
     assert "nothing to write" in capsys.readouterr().out
 
 
-def test_without_a_fit_or_a_vehicle_it_says_what_is_missing(tmp_path: Path) -> None:
+def test_without_a_fit_or_a_vehicle_the_error_names_what_is_missing(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no such folder; give the folder that mirdrake identify has written"):
         read_fit(tmp_path / "nowhere")
     folder = _fit(DRAG).save(tmp_path / "fit")

@@ -50,7 +50,7 @@ def test_the_model_fits_the_lane_change_in_both_directions(do):
     assert np.ptp(measured[good]) > 0.5, "the lane change itself is in it"
 
 
-def test_the_stiffnesses_are_told_to_be_not_identifiable(do):
+def test_the_stiffnesses_are_reported_as_not_identifiable(do):
     code, fit, page = do(LANE)
     assert code == 1
     for name in ("cornering_stiffness_front", "cornering_stiffness_rear"):
@@ -63,7 +63,7 @@ def test_the_stiffnesses_are_told_to_be_not_identifiable(do):
     assert any("step steer" in text for text in fit.advice)
 
 
-def test_what_is_identified_instead_is_told(do):
+def test_identifiable_combinations_are_reported(do):
     _, fit, page = do(LANE)
     assert fit.combinations
     assert all("±" in text for text in fit.combinations)

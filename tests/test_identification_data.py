@@ -127,7 +127,7 @@ def test_a_delay_is_found_within_a_tenth_of_a_sample_and_taken_out(name, samples
     assert max(abs(item.value) for item in again.of("delay")) < 0.15 * STEP
 
 
-def test_an_accelerometer_at_another_place_is_no_delay():
+def test_a_displaced_accelerometer_is_not_taken_for_a_delay():
     log = recorded(1)
     vy = log.channels["vy"] - CAR.rear_length * log.channels["yaw_rate"]
     report = checked(changed(log, vy=vy))
@@ -197,7 +197,7 @@ def test_one_held_channel_is_found_exactly(name, count):
     assert kept.repairs == []
 
 
-def test_coarse_steps_are_no_held_samples():
+def test_coarse_quantisation_is_not_taken_for_held_samples():
     log = recorded(8)
     coarse = np.round(log.channels["vx"] / 0.05) * 0.05
     report = checked(changed(log, vx=coarse))
@@ -225,7 +225,7 @@ def test_all_glitches_are_found_and_no_other_sample(seed, name, count, length, s
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 10_000), rate=st.floats(0.2, 30.0), height=st.floats(-50.0, 50.0), noise=st.floats(0.0, 1.0))
-def test_steps_ramps_and_rests_are_no_glitches(seed, rate, height, noise):
+def test_steps_ramps_and_rests_are_not_glitches(seed, rate, height, noise):
     time = np.arange(1500) * STEP
     step = height * (1.0 - np.exp(-rate * np.clip(time - 4.0, 0.0, None))) * (time < 9.0)
     values = step + np.clip(time - 10.0, 0.0, 3.0) + np.random.default_rng(seed).normal(0.0, noise, len(time))
@@ -359,7 +359,7 @@ def test_a_poor_log_is_checked_without_a_crash(kind):
     assert checked(log).table()
 
 
-def test_no_delay_is_told_of_what_does_not_move():
+def test_no_delay_is_reported_for_a_constant_channel():
     assert estimate_delay(np.zeros(1000), np.ones(1000), STEP) is None
 
 
@@ -642,7 +642,7 @@ def test_unreadable_formats_raise_an_error(tmp_path):
 
 @settings(max_examples=60, deadline=None)
 @given(text=st.text(max_size=300))
-def test_whatever_stands_in_a_log_there_is_no_crash(text, tmp_path_factory):
+def test_no_content_of_a_log_causes_a_crash(text, tmp_path_factory):
     with suppress(ConfigError):
         data = dataset(tmp_path_factory.mktemp("any"), MAPPED, a="time,v\n" + text.encode("utf-8", "ignore").decode())
         assert len(data.logs[0].time) >= 20

@@ -131,7 +131,7 @@ def test_the_time_of_reception_is_used_when_it_is_asked_for(tmp_path):
         ("/imu/data:orientation_covariance.9", "it has the items 0 to 8"),
     ],
 )
-def test_a_wrong_topic_or_field_is_told(tmp_path, column, message):
+def test_a_wrong_topic_or_field_is_reported(tmp_path, column, message):
     text = f'mirdrake: data/1\nchannels: {{yaw_rate: {{column: "{column}", unit: rad/s}}}}\n'
     with pytest.raises(ConfigError, match=message) as caught:
         load(tmp_path, write_ros(tmp_path, "sqlite"), text)

@@ -40,7 +40,7 @@ def shifts(report, name):
     ]
 
 
-def test_a_drive_that_tells_nothing_is_shifted_like_the_others_of_its_recorder():
+def test_a_drive_without_excitation_is_shifted_like_the_others_of_its_recorder():
     """One drive that turns, and one that does not: shifted alone, the second would have another steering delay."""
     late = drive(10, late={"vy": 0.06})
     logs = (late, calm(late, "calm"), part_of(late, "short", 5.0))
@@ -55,7 +55,7 @@ def test_a_drive_that_tells_nothing_is_shifted_like_the_others_of_its_recorder()
         assert not np.array_equal(before.channels["vy"], after.channels["vy"])
 
 
-def test_two_drives_tell_more_than_one():
+def test_two_drives_reduce_the_uncertainty():
     grids = [make_grid(drive(seed, late={"vy": 0.06})) for seed in (11, 12)]
     single, both = (estimate_lateral_delays(some) for some in (grids[:1], grids))
     assert single is not None
@@ -97,7 +97,7 @@ def exact_side(t):
 
 
 @pytest.mark.parametrize("late", [0.0, 0.06])
-def test_an_antenna_on_a_roof_that_sways_is_not_taken_for_a_delay_of_the_accelerometer(late):
+def test_roll_motion_of_a_roof_antenna_is_not_taken_for_a_delay_of_the_accelerometer(late):
     delays = estimate_lateral_delays([make_grid(leaning(15, late=late, height=1.0))])
     assert delays is not None
     assert delays.acceleration == 0.0
@@ -147,7 +147,7 @@ def test_a_log_without_the_channels_does_not_count():
     assert np.array_equal(report.data.logs[1].channels["yaw_rate"], without.channels["yaw_rate"])
 
 
-def test_an_accelerometer_ahead_in_a_car_that_gets_faster_is_no_second_clock():
+def test_an_accelerometer_ahead_in_an_accelerating_car_is_not_a_second_clock():
     """From 8 to 24 m/s within 80 s, 1.5 m are 190 ms at first and 60 ms at last."""
     t = np.arange(0.0, 80.0, STEP)
     speed = 8.0 + 0.2 * t

@@ -44,7 +44,7 @@ def drive(seed, *, late=None, ahead=0.0, noise=1.0):
 
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("ahead", [0.0, -1.9, 1.4])
-def test_what_is_not_late_is_left_alone_wherever_the_accelerometer_sits(seed, ahead):
+def test_a_channel_without_delay_is_unchanged_wherever_the_accelerometer_is(seed, ahead):
     delays = estimate_lateral_delays([make_grid(drive(seed, ahead=ahead))])
     assert delays is not None
     assert (delays.acceleration, delays.velocity) == (0.0, 0.0)
@@ -55,7 +55,7 @@ def test_what_is_not_late_is_left_alone_wherever_the_accelerometer_sits(seed, ah
 
 @pytest.mark.parametrize("ahead", [0.0, -1.9, 1.4])
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
-def test_a_vy_that_changes_too_slowly_for_its_accelerometer_is_told(factor, ahead):
+def test_a_vy_that_changes_too_slowly_for_its_accelerometer_is_reported(factor, ahead):
     log = drive(6, ahead=ahead, noise=0.3)
     finding = checked(replace(log, time=factor * log.time)).of("kinematics", "vy, lateral_acceleration")
     if factor == 1.0:
@@ -66,7 +66,7 @@ def test_a_vy_that_changes_too_slowly_for_its_accelerometer_is_told(factor, ahea
 
 
 @pytest.mark.parametrize("ahead", [0.0, 1.4])
-def test_velocities_of_one_source_are_late_together(ahead):
+def test_velocities_of_one_source_have_the_same_delay(ahead):
     """An inertial unit with both velocities at the rear axle, 100 ms late: the lever arm alone looks like 100 ms."""
     report = checked(drive(2, late={"vx": 0.1, "vy": 0.1}, ahead=ahead))
     (fault,) = report.of("delay", "vy, lateral_acceleration")
@@ -82,7 +82,7 @@ def test_velocities_of_one_source_are_late_together(ahead):
 
 
 @pytest.mark.parametrize("name", ["vy", "lateral_acceleration"])
-def test_a_late_channel_is_found_beside_an_accelerometer_in_another_place(name):
+def test_a_delayed_channel_is_found_beside_a_displaced_accelerometer(name):
     delays = estimate_lateral_delays([make_grid(drive(3, late={name: 0.06}, ahead=1.0))])
     assert delays is not None
     assert delays.velocity == pytest.approx(0.06 if name == "vy" else 0.0, abs=0.01)
@@ -90,7 +90,7 @@ def test_a_late_channel_is_found_beside_an_accelerometer_in_another_place(name):
     assert delays.arm == pytest.approx(1.0, abs=0.25)
 
 
-def test_too_short_a_drive_says_nothing():
+def test_too_short_a_drive_gives_no_estimate():
     log = drive(4)
     short = replace(log, time=log.time[:300], channels={name: values[:300] for name, values in log.channels.items()})
     assert estimate_lateral_delays([make_grid(short)]) is None
@@ -158,7 +158,7 @@ def check(folder, content, capsys, mapping=MAPPING):
         ((HEADER + rows().replace("\n", ",\n").replace(",\n", "\n")).replace("\n", "\r").encode(), ""),
     ],
 )
-def test_text_in_any_code_is_read_and_said(tmp_path, capsys, content, note):
+def test_text_in_any_encoding_is_read_and_its_encoding_reported(tmp_path, capsys, content, note):
     code, out, err = check(tmp_path, content, capsys)
     assert (code, err) == (0, "")
     assert note in out
@@ -176,7 +176,7 @@ def test_text_in_any_code_is_read_and_said(tmp_path, capsys, content, note):
         (rows(), "has no header; name its columns under 'csv: {columns: […]}'"),
     ],
 )
-def test_what_is_no_table_is_one_line_for_each_fault(tmp_path, capsys, content, expected):
+def test_each_fault_of_an_unreadable_table_is_reported_in_one_line(tmp_path, capsys, content, expected):
     code, _, err = check(tmp_path, content, capsys)
     assert code == 2
     assert expected in err
@@ -199,7 +199,7 @@ def test_steering_in_the_wrong_unit_is_a_fault_and_no_fit(tmp_path, capsys, stee
         ({"steer": 0.0}, "is 0 rad all the time", "road_wheel_angle: does not move in any training log"),
     ],
 )
-def test_a_vehicle_that_stands_and_a_steering_that_rests_give_no_fit(tmp_path, capsys, change, finding, expected):
+def test_a_vehicle_at_standstill_or_a_constant_steering_gives_no_fit(tmp_path, capsys, change, finding, expected):
     _, out, _ = check(tmp_path, HEADER + rows(**change), capsys)
     assert finding in out
     assert main(["identify", str(tmp_path / "data.yaml"), "--out", str(tmp_path / "out")]) == 2

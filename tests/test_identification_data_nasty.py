@@ -100,7 +100,7 @@ def test_without_a_lateral_velocity_its_part_is_not_taken_for_a_delay():
     assert report.repairs == []
 
 
-def test_delays_are_as_sure_as_the_noise_allows():
+def test_uncertainty_of_delays_is_that_of_the_noise():
     """The Cramér-Rao bound of an acceleration against a velocity, both with noise, and the sigma that is told."""
     time, channels = clean()
     jerk = np.gradient(channels["longitudinal_acceleration"], time)
@@ -119,7 +119,7 @@ def test_delays_are_as_sure_as_the_noise_allows():
     assert 0.3 < np.mean([finding.sigma for finding in delays]) / np.sqrt(np.mean(errors**2)) < 3.0
 
 
-def test_steering_in_normalised_units_is_told_with_its_scale():
+def test_steering_in_normalised_units_is_reported_with_its_scale():
     log = recorded(22)
     report = checked(changed(log, road_wheel_angle=log.channels["road_wheel_angle"] / 0.05))
     (finding,) = report.of("kinematics", "yaw_rate, road_wheel_angle")
@@ -132,7 +132,7 @@ def test_steering_in_normalised_units_is_told_with_its_scale():
     assert "m: wheelbase times ratio" in finding.text
 
 
-def test_a_yaw_rate_in_degrees_is_told_even_when_little_else_is_logged():
+def test_a_yaw_rate_in_degrees_is_reported_even_when_little_else_is_logged():
     log = robot(3)
     few = {name: log.channels[name] for name in ("vx", "yaw_rate", "steering_command")}
     few["yaw_rate"] = degrees(1.0) * few["yaw_rate"]
@@ -200,7 +200,7 @@ def test_a_long_gap_cuts_a_log_into_parts():
     assert [log.use for log in report.data.logs] == ["train", "train"]
 
 
-def test_positions_in_single_precision_are_told_and_still_used():
+def test_positions_in_single_precision_are_reported_and_still_used():
     log = recorded(28)
     _, channels = clean()
     yaw = np.cumsum(channels["yaw_rate"]) * STEP
@@ -233,7 +233,7 @@ def test_one_relation_a_tenth_off_is_not_taken_for_a_wrong_step():
     assert report.of("kinematics", "longitudinal_acceleration, vx")[0].severity == "warning"
 
 
-def test_biases_at_rest_and_codes_of_gears_are_told():
+def test_biases_at_rest_and_codes_of_gears_are_reported():
     log = recorded(31)
     values = {name: np.concatenate((np.zeros(200), kept)) for name, kept in log.channels.items()}
     values["yaw_rate"] += 0.02
@@ -243,7 +243,7 @@ def test_biases_at_rest_and_codes_of_gears_are_told():
     assert "-3, 2" in report.of("codes", "gear")[0].text
 
 
-def test_the_place_of_the_lateral_velocity_is_told():
+def test_the_position_of_the_lateral_velocity_sensor_is_reported():
     """Of our car's vy at the centre of mass; 1.5 m behind it is the rear axle. Slow and fast bends are needed."""
     time = np.arange(6001.0) * STEP
     speed = 9.0 + 6.0 * np.sin(0.3 * time)

@@ -486,7 +486,7 @@ def test_wheels_of_an_axle_that_differ_by_a_percent_get_the_mean_radius():
         repaired(model)
 
 
-def test_larger_rear_wheels_stand_on_the_same_road():
+def test_larger_rear_wheels_touch_the_same_road():
     model = car()
     for letter, sign in (("a", 1), ("b", -1)):
         model.links[f"w2{letter}"] = wheel_link(f"w2{letter}", 0.36)

@@ -364,7 +364,7 @@ def test_an_l_shape_becomes_two_convex_parts(tmp_path):
         assert volume > 0.3
 
 
-def test_without_coacd_the_l_becomes_its_hull_and_the_report_says_how_much_that_adds(tmp_path, monkeypatch):
+def test_without_coacd_the_l_becomes_its_hull_and_the_report_states_the_added_volume(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "coacd", None)
     path = write_stl(tmp_path / "l.stl", corner_solid())
     (shape,), (change,) = convert_collision(mesh(path), tmp_path, name="l")
@@ -746,7 +746,7 @@ def test_parts_come_from_the_cache_unless_the_entry_is_damaged(tmp_path, monkeyp
         assert [file.read_bytes() == content for file in cache_folder("convex").iterdir()] == [True]
 
 
-def test_another_surface_or_version_is_cut_anew_and_a_cache_that_cannot_be_written_is_no_fault(tmp_path, monkeypatch):
+def test_another_surface_or_version_is_cut_anew_and_an_unwritable_cache_is_not_a_fault(tmp_path, monkeypatch):
     hanging_library(tmp_path / "lib", monkeypatch, ANSWER)
     calls = counted(monkeypatch)
     for number, width in enumerate((0.5, 0.4, 0.5)):

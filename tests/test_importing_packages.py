@@ -89,7 +89,7 @@ def test_it_loads_again_from_its_folder_with_the_dimensions_of_its_source(import
 
 
 @every_good_one
-def test_it_stands_still_drives_ten_metres_straight_and_circles_both_ways(imported):
+def test_it_holds_still_drives_ten_metres_straight_and_circles_to_both_sides(imported):
     result, car = imported
     rows = [
         {"time": 0.0, "speed": 0.0}, {"time": 3.0, "speed": 0.0}, {"time": 4.0, "speed": SPEED},

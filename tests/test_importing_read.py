@@ -280,7 +280,7 @@ def test_a_damaged_file_gives_a_model_or_an_error_of_one_line(data, tmp_path_fac
     assert all(reported)
 
 
-def test_elements_that_stand_several_times_are_all_kept(tmp_path):
+def test_repeated_elements_are_all_kept(tmp_path):
     twice = URDF.replace("<joint>axle</joint></plugin>", "<joint>axle</joint><joint>hub</joint></plugin>")
     model = read_source(written(tmp_path, twice))
     assert model.plugins[0].values == {"joint": "axle", "joint[2]": "hub"}

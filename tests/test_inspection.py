@@ -98,7 +98,7 @@ def test_a_solid_wheel_has_half_the_spin_inertia_of_a_hoop(bolt):
     assert body.size_ratio == pytest.approx(4.0 / 4.166, abs=1e-6)
 
 
-def test_actuators_say_what_they_do(bolt):
+def test_actuators_describe_what_they_move(bolt):
     moves = {actuator.joint: (actuator.moves, actuator.effort) for actuator in bolt.actuators}
     assert moves["front_left_wheel_joint"] == ("drives and brakes the front left wheel", pytest.approx(3869.0))
     assert moves["back_right_wheel_joint"] == ("brakes the rear right wheel", pytest.approx(1400.0))
@@ -114,7 +114,7 @@ def test_a_camera_sees_as_high_as_its_picture_is_and_a_gps_sees_nothing(bolt):
     assert gps.across == gps.reach == ()
 
 
-def test_joints_say_what_they_are_for(bolt):
+def test_joints_have_roles_and_limits(bolt):
     roles = {joint.name: joint.role for joint in bolt.joints}
     assert roles["front_left_wheel_joint"] == "front_left wheel, driven"
     assert roles["back_right_wheel_joint"] == "rear_right wheel"
@@ -261,14 +261,14 @@ def test_the_drawings_are_whole_svg_with_a_picture_in_the_first_two(page):
         assert images[0].get("href", "").startswith("data:image/png;base64,")
 
 
-def test_a_page_without_graphviz_and_without_shapes_says_what_to_install(bolt, tmp_path, monkeypatch):
+def test_a_page_without_graphviz_and_without_shapes_names_what_to_install(bolt, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda _: None)
     monkeypatch.setattr("mirdrake.report.inspection.collect_surfaces", lambda *_, **__: [])
     write_inspection(bolt, tmp_path / "bolt.html", vehicle=load_vehicle("bolt"), portrait=False)
     assert "apt install graphviz" in (tmp_path / "bolt.html").read_text(encoding="utf-8")
 
 
-def test_the_command_refuses_what_it_cannot_do(capsys, tmp_path):
+def test_the_command_rejects_unsupported_requests(capsys, tmp_path):
     assert main(["inspect", "blot"]) == 2
     assert "did you mean 'bolt'?" in capsys.readouterr().err
     assert main(["inspect", "bolt", "--out", str(tmp_path / "bolt.pdf")]) == 2

@@ -17,7 +17,7 @@ def test_a_whole_number_beyond_python_s_limit_is_read_as_a_float() -> None:
     assert parse_json("[" + "9" * 5000 + ", 17]") == [math.inf, 17]
 
 
-def test_a_damaged_text_tells_its_line() -> None:
+def test_a_damaged_text_is_reported_with_its_line() -> None:
     with pytest.raises(json.JSONDecodeError) as caught:
         parse_json('{\n "a": 1\n "b": 2}')
     assert caught.value.lineno == 3

@@ -64,7 +64,7 @@ def test_every_module_has_its_stage() -> None:
     assert parts <= set(STAGES), f"name the stage of {sorted(parts - set(STAGES))} in STAGES, and in the README's table"
 
 
-def test_a_module_imports_only_from_its_own_or_earlier_stages() -> None:
+def test_a_module_imports_only_from_the_same_or_earlier_stages() -> None:
     faults = []
     for file in MODULES:
         own = STAGES[_part(file)]

@@ -401,7 +401,7 @@ def test_rows_run_along_straight_lines():
         make_rows([(1.0, 1.0)], 3, "test")
 
 
-def test_a_small_vehicle_has_the_same_froude_number_unless_the_user_says_otherwise():
+def test_a_small_vehicle_has_the_same_froude_number_by_default():
     car, small = StepSteerSpec(), scaled(StepSteerSpec(), 0.25)
     assert isinstance(small, StepSteerSpec)
     assert small.speed == pytest.approx(0.5 * car.speed)

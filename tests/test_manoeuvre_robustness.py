@@ -133,7 +133,7 @@ def test_the_driver_keeps_the_car_on_its_line_on_split_friction():
     assert (outcome.value("sideways") or 9.0) < 0.6
 
 
-def test_a_driver_is_as_quick_as_the_steering_lets_him_and_looks_where_a_car_points_that_sways():
+def test_driver_bandwidth_follows_steering_lag_and_tyres():
     facts = find_facts(load_vehicle("unior@handling"))
     facts = replace(
         facts,
@@ -156,7 +156,7 @@ def test_a_driver_is_as_quick_as_the_steering_lets_him_and_looks_where_a_car_poi
     assert driver["course"] == pytest.approx(0.5)
 
 
-def test_a_robot_does_not_sway_on_its_tyres_in_a_slalom():
+def test_a_robot_has_no_lateral_oscillation_on_its_tyres_in_a_slalom():
     """With a driver who answers to it, the steering runs to and fro at its highest rate, 8 times a second."""
     rig = _rig("unior@handling").with_step(0.0025)
     spec = scaled(SlalomSpec(), rig.facts.scale)
@@ -268,7 +268,7 @@ def test_a_change_is_measured_by_the_value_or_by_the_scale():
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", ["bolt", "mkz", "catvehicle", "unior"])
 @pytest.mark.parametrize("name", MANOEUVRES)
-def test_every_manoeuvre_gives_figures_or_says_why_not(tmp_path, capsys, name, vehicle):
+def test_every_manoeuvre_gives_figures_or_a_reason(tmp_path, capsys, name, vehicle):
     """Through the command line with default settings: no figure missing without a word, none out of this world."""
     code = main(["manoeuvre", name, vehicle, "--out", str(tmp_path / "out")])
     results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))

@@ -54,7 +54,7 @@ def look(monkeypatch: pytest.MonkeyPatch, *, merged: bool) -> dict[str, np.ndarr
         return Studio(furnish_and_keep, kind="depth_camera", grey=0.3).look()
 
 
-def test_a_picture_of_merged_things_is_the_picture_of_the_things(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_image_of_merged_objects_equals_that_of_the_single_objects(monkeypatch: pytest.MonkeyPatch) -> None:
     apart, merged = (look(monkeypatch, merged=merged) for merged in (False, True))
     differ = np.abs(apart["color"].astype(int) - merged["color"]).max(axis=2)
     assert np.ptp(apart["color"]) > 100
@@ -105,7 +105,7 @@ start: {origin: {at: [0, 0]}}
 """
 
 
-def test_rays_and_labels_tell_merged_things_apart(tmp_path: Any) -> None:
+def test_rays_and_labels_distinguish_merged_objects(tmp_path: Any) -> None:
     path = tmp_path / "obstacles.yaml"
     path.write_text(WORLD, encoding="utf-8")
     mounts = {"front_camera": {"width": 64, "height": 48, "label": True}}

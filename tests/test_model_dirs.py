@@ -68,7 +68,7 @@ def test_a_model_loads_without_a_warning(folder: Path) -> None:
     assert load_vehicle(str(folder)).warnings == ()
 
 
-def test_no_machine_path_stands_in_a_model(folder: Path) -> None:
+def test_models_contain_no_path_of_a_machine(folder: Path) -> None:
     for path in folder.rglob("*"):
         if path.suffix in {".md", ".xacro", ".yaml", ".py", ".gltf"}:
             assert not re.search(r"/(home|root|tmp|work)/", path.read_text(encoding="utf-8")), path

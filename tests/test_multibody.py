@@ -96,7 +96,7 @@ def test_car_has_the_parameters_of_the_package(name, tmp_path):
     assert (sprung.get_mass(), roll, pitch) == pytest.approx((p.m_s, p.I_Phi_s, p.I_y_s))
 
 
-def test_car_stands_as_high_as_the_package_says(tmp_path):
+def test_ride_height_is_that_of_the_package(tmp_path):
     p = car("Ford Escort")
     vehicle = load_vehicle(str(write_car(tmp_path / "car", p)))
     sag = p.m * GRAVITY / (4.0 * p.K_zt)
@@ -112,7 +112,7 @@ def test_what_is_derived_of_the_parameters():
     assert all(0.5 < gain < 1.0 for gain in camber_by_roll(p))
 
 
-def test_tyres_have_spring_and_damper_of_the_axles_where_slip_is_felt_there(tmp_path):
+def test_tyres_have_spring_and_damper_of_the_axles_where_slip_is_taken_there(tmp_path):
     p = car("VW Vanagon")
     results = {}
     for kind in KINDS:

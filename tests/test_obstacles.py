@@ -78,7 +78,7 @@ def test_a_wall_stops_the_car_and_its_name_is_known(tmp_path):
     assert set(assembly.parts.props.owners.values()) == {"wall"}
 
 
-def test_what_is_loose_is_pushed_aside_and_stands_again_in_a_new_context(tmp_path):
+def test_a_movable_prop_is_pushed_aside_and_restored_in_a_new_context(tmp_path):
     assembly = build(
         tmp_path,
         ["{box: [0.4, 0.4, 0.7], name: crate, static: false, mass: 5, at: [6, 0]}"],
@@ -100,7 +100,7 @@ def test_what_is_loose_is_pushed_aside_and_stands_again_in_a_new_context(tmp_pat
         assert signals["car0.vx"].iloc[-1] == pytest.approx(3.0, rel=0.02)
 
 
-def test_a_loose_box_rests_and_slides_as_its_friction_says(tmp_path):
+def test_a_movable_box_rests_and_slides_by_its_friction(tmp_path):
     """A box of 5 kg that is hit leaves with some speed v and comes to rest after v² / (2 mu g)."""
     assembly = build(tmp_path, ["{box: [0.4, 0.4, 0.2], name: crate, static: false, mass: 5, at: [20, 0]}"])
     plant, body = assembly.parts.plant, assembly.parts.props.bodies["crate"]

@@ -92,7 +92,7 @@ def test_lines_arcs_and_spirals_are_read_exactly(tmp_path: Path):
     assert road_read.left_out == ["lanes other than 'driving', unless they are between: sidewalk"]
 
 
-def test_a_spiral_ends_where_the_fresnel_integrals_say(tmp_path: Path):
+def test_a_spiral_ends_as_the_fresnel_integrals_give(tmp_path: Path):
     road_read = read(tmp_path, road(geometry((0.0, 0.0, 0.0), 30.0, '<spiral curvStart="0" curvEnd="0.05"/>')))
     scale = math.sqrt(math.pi * 20.0 * 30.0)
     sine, cosine = fresnel(30.0 / scale)
@@ -205,7 +205,7 @@ def test_a_lane_between_driving_lanes_belongs_to_the_road(tmp_path: Path):
     assert road_read.left_out == ["lanes other than 'driving', unless they are between: median, shoulder"]
 
 
-def test_borders_say_where_a_lane_ends(tmp_path: Path):
+def test_borders_give_the_edges_of_a_lane(tmp_path: Path):
     lanes = widths(
         (1, "driving", width(3.0, 0.01, tag="border")),
         (2, "driving", width(6.0, tag="border")),
@@ -278,7 +278,7 @@ def reverse(pieces: list[Piece], start: Placement) -> tuple[list[Piece], Placeme
     return back, (start[0], start[1], start[2] + math.pi)
 
 
-def test_roads_are_joined_by_their_links_whichever_way_they_run(tmp_path: Path):
+def test_roads_are_joined_by_their_links_in_either_direction(tmp_path: Path):
     middle = (10.0, 0.0, 0.0)
     for piece in BEND:
         middle = advance(middle, piece)
@@ -378,7 +378,7 @@ parts = st.lists(st.builds(Piece, st.floats(1.0, 60.0), curvatures, curvatures),
 
 @settings(max_examples=40, deadline=None)
 @given(parts, st.floats(-1e5, 1e5), st.floats(-3.0, 3.0))
-def test_any_pieces_survive_the_way_through_a_file(
+def test_any_segments_survive_a_round_trip_through_a_file(
     tmp_path_factory: pytest.TempPathFactory, pieces: list[Piece], x: float, yaw: float
 ):
     road_read = read(tmp_path_factory.getbasetemp(), road(plan(pieces, (x, 0.0, yaw))))

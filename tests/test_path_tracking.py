@@ -241,7 +241,7 @@ def test_the_line_stays_within_tolerance_and_within_the_steering_rate(track, spe
     assert line.offset[0] == pytest.approx(line.offset[-1], abs=1e-9)
 
 
-def test_the_points_of_the_line_turn_as_its_curvature_says():
+def test_headings_of_the_line_integrate_its_curvature():
     centre, line = plan(make_rounded_rectangle(), 5.0)
     x = centre.x - line.offset * np.sin(centre.yaw)
     y = centre.y + line.offset * np.cos(centre.yaw)
@@ -266,7 +266,7 @@ def test_without_a_rate_limit_the_line_is_the_centre_line():
     assert np.max(np.abs(line.offset)) < 0.005
 
 
-def test_a_track_too_tight_for_the_vehicle_is_refused():
+def test_a_track_too_tight_for_the_vehicle_is_rejected():
     # tan(0.5192)/2.6: the tightest radius at the rear axle centre is 2.6/tan(0.6) + 0.75 = 4.55 m
     with pytest.raises(ConfigError, match=r"radius 4.00 m at s = .* the vehicle needs at least 4.55 m"):
         PathTracker(make_rounded_rectangle(radius=4.0), BOLT, gains=PathGains(5.0))
@@ -347,7 +347,7 @@ def test_on_a_circle_the_error_goes_to_zero():
     assert log["steer"][-1] == pytest.approx(math.atan(2.6 / 12.0), abs=1e-4)
 
 
-def test_an_offset_on_a_straight_decays_with_distance_as_the_critically_damped_second_order_law_says():
+def test_an_offset_on_a_straight_decays_with_distance_by_the_critically_damped_second_order_law():
     # e(s) = e0 (1 + s/d) exp(-s/d), d = 1.5 m below 2.5 m/s; small enough that the steering rate does not bind
     track = ArcTrack([(100.0, 0.0)], closed=False)
     gains = PathGains(1.0, preview_time=0.0, convergence_distance=3.0)

@@ -50,7 +50,7 @@ def test_a_tilde_in_mirdrake_path_is_the_home_folder(tmp_path: Path, monkeypatch
     assert paths.find("worlds", "~/mine/worlds/oval.yaml") == file
 
 
-def test_a_path_may_stand_for_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_path_may_replace_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file, folder = _world(tmp_path, "oval"), _model(tmp_path, "cart")
     monkeypatch.chdir(tmp_path)
     assert paths.find("worlds", str(file)) == file
@@ -88,7 +88,7 @@ def test_names_are_sorted_and_a_model_needs_its_vehicle_yaml(tmp_path: Path, mon
         ("diagrams", "lap", "drive.yaml:3: world: unknown diagram 'lap'; nothing is available here"),
     ],
 )
-def test_an_unknown_name_says_what_is_there(
+def test_the_error_of_an_unknown_name_lists_the_available_ones(
     kind: str, name: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(paths, "data_root", lambda: tmp_path)
@@ -119,7 +119,9 @@ def test_hidden_vehicles_worlds_and_props_have_no_name(tmp_path: Path, monkeypat
 
 
 @pytest.mark.parametrize(("given", "below"), [("", ".cache"), ("relative", ".cache"), ("{tmp}/own", "own")])
-def test_the_cache_is_where_xdg_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, below: str) -> None:
+def test_the_cache_folder_follows_xdg_cache_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, below: str
+) -> None:
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", given.format(tmp=tmp_path))

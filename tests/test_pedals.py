@@ -65,7 +65,7 @@ def test_the_pedals_give_the_force_that_is_wanted(name, acceleration):
     assert pedals.throttle == 0.0 or pedals.brake == 0.0
 
 
-def test_a_standing_command_holds_the_brake_and_forgets_the_integral():
+def test_a_standstill_command_holds_the_brake_and_resets_the_integral():
     foot, law = foot_of(load_vehicle("bolt@handling"))
     state = PedalState(1.0, PedalState().loop._replace(integral=500.0))
     state, pedals = foot.advance(state, 0.0, 0.0, 0.2, gains=foot.numbers([1.0, 0.5]))
@@ -109,7 +109,7 @@ def steering_of(vehicle: Vehicle, count: int = 12) -> np.ndarray:
     return np.array(angles)
 
 
-def test_the_steering_actuator_stands_between_set_point_and_joints(bolt):
+def test_the_steering_actuator_delays_the_set_point_of_the_joints(bolt):
     plain = steering_of(bolt)
     late = SteeringActuator(delay=0.04)
     actuators = bolt.spec.actuators.model_copy(update={"steering": late})
@@ -119,7 +119,7 @@ def test_the_steering_actuator_stands_between_set_point_and_joints(bolt):
     assert delayed[2:] == pytest.approx(plain[:-2])
 
 
-def test_a_steering_delay_off_the_control_period_is_refused(bolt):
+def test_a_steering_delay_off_the_control_period_is_rejected(bolt):
     actuators = bolt.spec.actuators.model_copy(update={"steering": SteeringActuator(delay=0.03)})
     with pytest.raises(ConfigError, match=r"delay: 0\.03 s is not a multiple of the 0\.02 s"):
         unit_of(replace(bolt, spec=bolt.spec.model_copy(update={"actuators": actuators})))
@@ -143,7 +143,7 @@ def test_pedals_leave_the_wheels_to_the_tyres_and_carry_the_rotor(bolt):
 # --- files and wiring --------------------------------------------------------------------------------------------
 
 
-def test_pedals_on_tyres_that_take_no_torque_are_refused(tmp_path):
+def test_pedals_on_tyres_without_a_torque_input_are_rejected(tmp_path):
     folder = shutil.copytree(load_vehicle("bolt").folder, tmp_path / "car", ignore=shutil.ignore_patterns("variants"))
     text = (folder / "control.yaml").read_text()
     start = text.index("wheel_speed:")
@@ -211,7 +211,7 @@ def test_pedals_can_be_taken_from_any_block_and_read_by_any():
 # --- on the road -------------------------------------------------------------------------------------------------
 
 
-def test_the_bolt_follows_a_schedule_of_speeds_with_its_pedals_and_stands():
+def test_the_bolt_follows_a_speed_schedule_with_its_pedals_and_stops():
     rows = [*STEP_UP, {"time": 9, "speed": 20}, {"time": 9.1, "speed": 0}]
     spec = {
         "world": "empty",

@@ -112,7 +112,7 @@ def test_it_is_made_for_a_scanner_or_from_a_diagram_file() -> None:
         ({"low": 2.0, "high": 3.0}, r"no beam from -1 to 1 rad lies between low \(2\) and high \(3\) rad"),
     ],
 )
-def test_what_cannot_be_is_refused(change: dict[str, float], message: str) -> None:
+def test_impossible_values_are_rejected(change: dict[str, float], message: str) -> None:
     arguments: dict[str, Any] = {"beams": 11, "start_angle": -1.0, "end_angle": 1.0} | change
     with pytest.raises(ConfigError, match=message):
         DistanceEstimator(**arguments)

@@ -185,7 +185,7 @@ def test_without_integral_action_a_new_kp_acts_at_once():
         ),
     ],
 )
-def test_settings_that_make_no_sense_are_refused_in_one_line(make, message):
+def test_settings_that_are_invalid_are_rejected_in_one_line(make, message):
     with pytest.raises(ConfigError) as caught:
         make()
     assert str(caught.value) == message

@@ -142,7 +142,7 @@ def test_overlaps_are_red_where_they_are() -> None:
     assert not Plan(world).shapes("overlap")
 
 
-def test_an_overlap_that_a_rule_allows_and_a_touch_are_none() -> None:
+def test_an_overlap_that_a_rule_allows_and_a_touch_are_not_reported() -> None:
     assert (
         find_overlaps(
             make_world(CRATES | {"rules": [{"allow_overlap": ["a", "b"]}, {"allow_overlap": ["po*", "po*"]}]})

@@ -65,7 +65,7 @@ def test_a_slope_tilts_gravity_against_uphill(tmp_path):
     assert parts.plant.gravity_field().gravity_vector() == pytest.approx([-0.6 * 9.80665, 0.0, -0.8 * 9.80665])
 
 
-def test_at_its_start_the_car_neither_falls_nor_jumps(parked):
+def test_the_car_starts_in_equilibrium(parked):
     builder, parts = parked
     part = parts.vehicles["ego"]
     zeros = builder.AddSystem(ConstantVectorSource(np.zeros(12)))

@@ -45,7 +45,7 @@ class TestPicture:
         assert np.ptp(road) < 12
         assert 30 < road.mean() < 160
 
-    def test_no_pixel_keeps_the_colour_that_stands_for_sky(self, bolt):
+    def test_no_pixel_keeps_the_placeholder_colour_of_the_sky(self, bolt):
         key = (bolt[..., 0] > 200) & (bolt[..., 1] < 60) & (bolt[..., 2] > 200)
         assert not key.any()
 

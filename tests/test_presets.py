@@ -102,7 +102,7 @@ def test_the_vehicles_have_the_sensors_of_their_originals() -> None:
     assert (sonar.far, sonar.cone, sonar.resolution) == (2.5, radians(10), 0.1)
 
 
-def test_an_own_folder_of_models_brings_own_presets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_folder_of_models_brings_user_presets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "models" / "sensors").mkdir(parents=True)
     file = tmp_path / "models" / "sensors" / "mine.yaml"
     text = "presets:\n  my_gps: {name: mine, grade: C, sources: {}, mount: {kind: gps, rate: 7}}\n"
@@ -156,20 +156,20 @@ RTK = "  a:\n    preset: rtk_gps\n    frame: b\n    "  # the next key stands in 
         ("  a: {kind: ground_truth, frame: b, rate: 0}", "mounts.a.rate: 0 is not allowed"),
     ],
 )
-def test_what_makes_no_sense_is_refused_with_file_and_line(text: str, message: str) -> None:
+def test_invalid_values_are_rejected_with_file_and_line(text: str, message: str) -> None:
     lines = refusal(text).splitlines()
     assert len(lines) == 1
     assert lines[0].startswith("sensors.yaml:")
     assert message in lines[0]
 
 
-def test_an_unknown_frame_is_refused_with_file_and_line(tmp_path: Path) -> None:
+def test_an_unknown_frame_is_rejected_with_file_and_line(tmp_path: Path) -> None:
     folder = vehicle_with(tmp_path / "car", "mounts:\n  roof:\n    preset: rtk_gps\n    frame: gsp\n")
     with pytest.raises(ConfigError, match=r"sensors.yaml:4: mounts.roof.frame: no link 'gsp'; did you mean 'gps'\?"):
         load_vehicle(str(folder))
 
 
-def test_an_encoder_that_is_on_no_wheel_is_refused_with_file_and_line(tmp_path: Path) -> None:
+def test_an_encoder_that_is_not_on_a_wheel_is_rejected_with_file_and_line(tmp_path: Path) -> None:
     folder = vehicle_with(tmp_path / "car", "mounts:\n  odo:\n    preset: mkz_wheel_encoder\n    frame: gps\n")
     spec = {"world": "empty", "vehicles": {"ego": {"model": str(folder)}}, "sensors": {"ego": ["odo"]}}
     with pytest.raises(
@@ -226,7 +226,7 @@ def test_a_diagram_changes_keys_of_a_mount():
         ({"front_camera": {"rat": 1}}, "mounts.front_camera.rat: unknown field; did you mean 'rate'"),
     ],
 )  # fmt: skip
-def test_a_change_of_a_mount_is_checked_where_it_stands(tmp_path, mounts, expected):
+def test_a_change_of_a_mount_is_checked_with_its_line(tmp_path, mounts, expected):
     path = tmp_path / "drive.yaml"
     text = f"world: empty\nvehicles:\n  ego:\n    model: bolt\n    mounts: {json.dumps(mounts)}\n"
     path.write_text(text, encoding="utf-8")

@@ -85,7 +85,7 @@ def test_the_props_are_those_of_the_list() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_prop_says_all_it_must_and_nothing_else(name: str) -> None:
+def test_a_prop_has_all_required_fields_and_no_others(name: str) -> None:
     spec = spec_of(name)
     assert set(spec) | {"mu", "paint"} == NEEDED | {"mu", "paint"}
     assert set(spec) >= NEEDED
@@ -131,7 +131,7 @@ def test_what_is_long_is_long_along_x(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_solids_stay_in_the_box_and_stand_on_the_ground(name: str) -> None:
+def test_solids_stay_in_the_box_and_touch_the_ground(name: str) -> None:
     x, y, z = spec_of(name)["size"]
     points = np.concatenate(list(solids_of(name)))
     assert np.all(np.abs(points[:, :2]) <= np.array([x, y]) / 2 + 1e-3)
@@ -200,7 +200,7 @@ def test_meshes_are_sound_files(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_prop_is_read_as_its_file_says(name: str) -> None:
+def test_a_prop_is_read_as_its_file_states(name: str) -> None:
     prop, spec = load_prop(name), spec_of(name)
     assert prop.size == tuple(spec["size"])
     assert (prop.mass, prop.driven_over, len(prop.solids)) == (spec["mass"], spec["driven_over"], len(spec["solids"]))

@@ -107,7 +107,7 @@ def test_beams_may_come_in_any_order_and_beyond_a_turn():
     np.testing.assert_allclose(seen, 5.0 / np.cos(angles), atol=EXACT)
 
 
-def test_a_regular_polygon_is_seen_as_its_edges_say():
+def test_distances_to_a_regular_polygon_follow_from_its_edges():
     """Edges of a regular polygon about C lie at the apothem a: r = (a - n.(o - C)) / (n.b), the largest facing one."""
     count, radius, centre = 48, 0.8, np.array([6.0, 1.0])
     corner = 2.0 * math.pi * np.arange(count + 1) / count
@@ -255,7 +255,7 @@ def test_a_world_without_props_is_free():
         ({"start_angle": 0.5, "end_angle": 0.5}, "beams need an end_angle above"),
     ],
 )
-def test_impossible_scans_are_refused(options, message):
+def test_impossible_scans_are_rejected(options, message):
     with pytest.raises(ConfigError, match=message):
         make_scan(**options)
 

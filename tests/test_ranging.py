@@ -108,7 +108,7 @@ def test_every_ray_is_within_a_millimetre_of_the_formula(shape, formula, far_awa
     assert np.abs(distances[hits] - expected[hits]).max() < 0.001 * MILLIMETRE
 
 
-def test_a_ray_that_grazes_a_cylinder_sees_what_stands_behind_it() -> None:
+def test_a_ray_that_misses_a_cylinder_hits_the_object_behind_it() -> None:
     room = Room()
     room.put(Cylinder(0.5, 2.0), RigidTransform([10.0, 0.0, 0.0]))
     room.put(Cylinder(0.5, 2.0), RigidTransform([20.0, 0.0, 0.0]))
@@ -198,7 +198,7 @@ def test_meshes_are_seen_where_drake_draws_them(kind: str, scale: float, tmp_pat
 # --- ground and slopes -------------------------------------------------------------------------------------------
 
 
-def test_the_ground_is_the_plane_on_which_wheels_stand() -> None:
+def test_the_ground_is_the_plane_under_the_wheels() -> None:
     down = np.radians([-89.9, -30.0, -5.0, -1.0, 0.0, 20.0])
     hits = cast(Room(), [400.0, 7.0, 1.8], beams.grid([0.7], down).reshape(-1, 3), ground=True, far=150.0)
     expected = [1.8 / sin(-angle) for angle in down[:4]] + [np.inf, np.inf]
@@ -230,7 +230,7 @@ def test_a_half_space_that_is_seen_is_left_to_the_ground() -> None:
     assert cast(room, [0.0, 0.0, 1.0], [[0.0, 0.0, -1.0]], ground=True).distance[0, 0] == 1.0
 
 
-def test_roads_and_their_paint_are_no_steps_in_the_ground() -> None:
+def test_roads_and_their_markings_are_not_steps_in_the_ground() -> None:
     spec = {"world": "test_track", "vehicles": {"ego": {"model": "bolt"}}, "sensors": {"ego": []}}
     assembly = assemble(spec)
     world = ray_world(assembly.parts)

@@ -106,7 +106,7 @@ def test_the_ground_gives_a_sonar_an_echo_only_if_asked() -> None:
         assert readings == pytest.approx([expected], abs=0.02)
 
 
-def test_a_radar_tells_objects_apart_and_how_fast_they_go() -> None:
+def test_a_radar_resolves_objects_and_measures_their_speeds() -> None:
     room = Room()
     room.starts[0] = (room.carrier, ABOVE, (10.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     room.body("lead", Box(2.0, 2.0, 2.0), X_WB=RigidTransform([41.0, 0.0, 1.0]), velocity=(4.0, 0.0, 0.0))
@@ -368,14 +368,14 @@ SONAR = "{kind: sonar, frame: s, rate: 10, cone: 0.5, near: 1, far: 5}"
         (RADAR, "near: 1", "targets: 0, near: 1", r"targets: .*"),
     ],
 )
-def test_what_cannot_be_is_refused_with_its_line(text: str, old: str, new: str, message: str) -> None:
+def test_impossible_values_are_rejected_with_their_line(text: str, old: str, new: str, message: str) -> None:
     assert old in text
     parse_yaml(f"mounts:\n  s: {text}\n", SensorsSpec)
     with pytest.raises(ConfigError, match=rf"<text>:2: mounts\.s.*{message}"):
         parse_yaml(f"mounts:\n  s: {text.replace(old, new, 1)}\n", SensorsSpec)
 
 
-def test_a_frame_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_frame_that_is_not_there_is_rejected(tmp_path: Path) -> None:
     shutil.copytree(data_root() / "models" / "bolt", tmp_path / "bolt")
     (tmp_path / "bolt" / "sensors.yaml").unlink()
     (tmp_path / "bolt" / "sensors.yaml").write_text(f"mounts:\n  s: {SONAR.replace('frame: s', 'frame: gsp')}\n")
@@ -383,7 +383,7 @@ def test_a_frame_that_is_not_there_is_refused(tmp_path: Path) -> None:
         load_vehicle(str(tmp_path / "bolt"))
 
 
-def test_without_embreex_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_embreex_the_message_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
     triangle = flat(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), [[0, 1, 2]])
     with pytest.raises(MissingDependencyError, match="pip install embreex"):

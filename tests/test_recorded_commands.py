@@ -133,7 +133,7 @@ def test_a_driving_log_drives(tmp_path: Path, diagram: Path) -> None:
         ("\xff\n1\n", "no column 'time'"),
     ],
 )
-def test_a_log_with_faults_is_refused_with_its_line(tmp_path: Path, text: str, words: str) -> None:
+def test_a_log_with_faults_is_rejected_with_its_line(tmp_path: Path, text: str, words: str) -> None:
     log = tmp_path / "log.csv"
     log.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
@@ -142,7 +142,7 @@ def test_a_log_with_faults_is_refused_with_its_line(tmp_path: Path, text: str, w
     assert "\n" not in str(caught.value)
 
 
-def test_faults_are_told_before_anything_is_written(
+def test_faults_are_reported_before_anything_is_written(
     diagram: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "one.csv").write_text("time,speed,steering\n0,1,0\n", encoding="utf-8")

@@ -330,7 +330,7 @@ def test_a_start_time_that_is_not_a_date_is_rejected(text: str) -> None:
         RecordSpec(start_time=text)
 
 
-def test_a_start_may_say_of_where_it_is() -> None:
+def test_a_start_time_may_have_a_utc_offset() -> None:
     assert parse_start("2026-05-31T12:00+02:00").isoformat() == "2026-05-31T10:00:00+00:00"
     assert picture_time("2026-05-31-10-00-01-500000.jpg", parse_start("2026-05-31T12:00+02:00")) == 1.5
 

@@ -99,7 +99,7 @@ def test_its_wheelbase_and_tracks_are_the_published_ones(name):
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_its_axles_carry_what_mass_and_share_say(name):
+def test_axle_loads_follow_from_mass_and_front_share(name):
     published = PUBLISHED[name]
     weight = published.mass * GRAVITY
     loads = (weight * published.front_share, weight * (1.0 - published.front_share))
@@ -129,7 +129,7 @@ def test_it_is_as_long_as_published_and_its_centre_of_mass_is_between_the_wheels
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_nothing_about_it_looks_wrong(name):
+def test_the_vehicle_has_no_warnings(name):
     assert figures(name).warnings == ()
 
 
@@ -188,7 +188,7 @@ def test_the_published_bolt_tips_over_where_the_real_one_slides():
     assert bend("bolt")["ego.roll"].abs().max() < 0.05
 
 
-def test_the_published_cat_vehicle_leans_into_the_bend():
+def test_the_published_cat_vehicle_rolls_into_the_bend():
     roll = {name: bend(name)["ego.roll"].loc[2.0:].mean() for name in ("catvehicle", "catvehicle@published")}
     assert roll["catvehicle"] > 0.01  # outwards: to the right in a left bend
     assert roll["catvehicle@published"] < 0.0
@@ -251,7 +251,7 @@ def test_the_published_mkz_is_not_slowed_by_its_limit_of_22_rad_per_s():
 
 
 @pytest.mark.parametrize("name", ["unior", "unior@published", "unior@printed_steering"])
-def test_the_unior_is_as_large_and_as_heavy_as_the_paper_says(name):
+def test_size_and_mass_of_the_unior_are_those_of_the_paper(name):
     vehicle_figures = figures(name)
     assert vehicle_figures.mass == pytest.approx(43.5, rel=0.01)
     for size in (vehicle_figures.size, vehicle_figures.visual_size):
@@ -311,7 +311,7 @@ def test_the_printed_steering_of_the_unior_turns_the_outer_wheel_more_and_so_run
     assert moved["ego.vx"].mean() == pytest.approx(1.4, rel=0.005)
 
 
-def test_every_variant_says_what_it_is_in_one_line_and_sources_its_numbers():
+def test_every_variant_has_a_one_line_description_and_sources_its_numbers():
     for name in CARS:
         for variant, path in variants(ROOT / name).items():
             vehicle = load_vehicle(f"{name}@{variant}")

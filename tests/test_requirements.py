@@ -115,7 +115,7 @@ def test_margins_by_hand(text, passed, margin, unit, worst) -> None:
         ("never " + "not " * 500 + "stopped", "too many brackets"),
     ],
 )
-def test_what_is_no_requirement_is_told_on_one_line(text, expected) -> None:
+def test_an_invalid_requirement_is_reported_in_one_line(text, expected) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_requirement(text, where="lot.yaml:7: tests.0.expect.1")
     message = str(caught.value)
@@ -270,7 +270,7 @@ def test_truth_and_sign_agree_with_a_brute_force_evaluation(kind, first, second,
 
 @given(st.lists(st.floats(-5, 5), min_size=3, max_size=9), st.floats(-4, 4), st.floats(0.0, 2.0))
 @settings(max_examples=100, deadline=None)
-def test_the_margin_says_how_far_the_signal_may_move(speeds, bound, share) -> None:
+def test_the_margin_is_the_distance_of_the_signal_to_its_limit(speeds, bound, share) -> None:
     finding = parse_requirement(f"always speed < {bound:.6f}").judge(_seen(speed=speeds))
     moved = parse_requirement(f"always speed < {bound:.6f}").judge(_seen(speed=np.add(speeds, share * finding.margin)))
     assert moved.margin == pytest.approx((1.0 - share) * finding.margin, abs=1e-9)
@@ -279,7 +279,7 @@ def test_the_margin_says_how_far_the_signal_may_move(speeds, bound, share) -> No
 # --- what a run does not have --------------------------------------------------------------------------------------
 
 
-def test_a_missing_signal_goal_or_unit_is_told() -> None:
+def test_a_missing_signal_goal_or_unit_is_reported() -> None:
     seen = _seen(speed=[1.0, 2.0])
     for text, expected in (
         ("always lateral_error < 1 m", "no signal 'lateral_error'"),
@@ -294,7 +294,7 @@ def test_a_missing_signal_goal_or_unit_is_told() -> None:
         parse_requirement("eventually at goal").judge(Observation(TIMES, {}))
 
 
-def test_numbers_that_are_none_and_runs_that_end_early_are_told() -> None:
+def test_missing_numbers_and_runs_that_end_early_are_reported() -> None:
     with pytest.raises(RunError, match=r"not a number at t = 0.5 s"):
         parse_requirement("always speed < 1 m/s").judge(_seen(speed=[1.0, math.nan]))
     with pytest.raises(RunError, match=r"ended at 0.5 s"):

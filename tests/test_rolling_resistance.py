@@ -30,7 +30,7 @@ def test_coast_down_has_the_specified_coefficient(speed, step, contact, approxim
     assert effective_coefficient(speed, spec) == pytest.approx(BOLT_CRR, abs=0.001)
 
 
-def test_without_the_mend_hydroelastic_wheels_brake_several_times_harder():
+def test_without_the_correction_hydroelastic_wheels_brake_several_times_harder():
     # v dt / R = 10 x 0.005 / 0.323 = 0.15 to first order; the finite patch lets through a third of it
     raw = PlantSpec(contact="hydroelastic", rolling_resistance="raw")
     assert effective_coefficient(10.0, raw, coefficient=0.0) > 5 * BOLT_CRR
@@ -41,7 +41,7 @@ def test_without_rolling_resistance_a_car_keeps_its_speed(contact):
     assert effective_coefficient(10.0, PlantSpec(contact=contact), coefficient=0.0) == pytest.approx(0.0, abs=3e-4)
 
 
-def test_what_front_wheels_do_to_each_other_moves_no_car():
+def test_opposing_forces_of_the_front_wheels_do_not_move_the_car():
     # At 25 m/s on patches they push against each other with up to half of their loads; see docs/tyres.md.
     run = drive(2.0, speed=25.0, contact="hydroelastic").signals
     for name in ("y", "vy", "wz"):
@@ -60,7 +60,7 @@ def mean_loads(speed, contact):
 
 
 @pytest.mark.parametrize("contact", ["hydroelastic", "point"])
-def test_wheel_loads_carry_the_weight_and_share_it_as_the_centre_of_mass_says(contact):
+def test_wheel_loads_carry_the_weight_and_follow_the_centre_of_mass(contact):
     loads = mean_loads(5.0, contact)
     assert loads.sum() == pytest.approx(1616.0 * GRAVITY, rel=0.005)
     assert loads[:2].sum() / loads.sum() == pytest.approx(0.56, abs=0.005)

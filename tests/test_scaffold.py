@@ -94,7 +94,7 @@ def cars(folders: dict[str, Path]) -> dict[str, Vehicle]:
 # --- estimates ---------------------------------------------------------------------------------------------------
 
 
-def test_every_estimate_says_how() -> None:
+def test_every_estimate_states_its_method() -> None:
     assert set(HOW) == set(Estimates.__dataclass_fields__)
     assert all(text.startswith("estimated: ") for text in HOW.values())
 
@@ -374,7 +374,7 @@ def test_a_new_vehicle_reaches_its_speed_straight_ahead_within_half_a_percent(
 
 @CONTACT
 @CAR
-def test_a_new_vehicle_circles_as_fast_as_its_geometry_says_within_one_percent(
+def test_the_yaw_rate_of_a_new_vehicle_is_that_of_its_geometry_within_one_percent(
     folders: dict[str, Path], cars: dict[str, Vehicle], name: str, contact: str
 ) -> None:
     """Yaw rate v tan(delta) / L at 2 m/s² to the side, half the steering limit."""
@@ -498,7 +498,7 @@ GOOD: dict[str, Any] = {"wheelbase": 2.6, "track": 1.5, "mass": 1450, "wheel_rad
 
 
 @pytest.mark.parametrize(("change", "message"), BAD)
-def test_what_fits_no_vehicle_is_refused_and_nothing_is_written(
+def test_impossible_dimensions_are_rejected_and_nothing_is_written(
     tmp_path: Path, change: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ConfigError) as caught:
@@ -507,7 +507,7 @@ def test_what_fits_no_vehicle_is_refused_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_several_faults_are_told_together(tmp_path: Path) -> None:
+def test_several_faults_are_reported_together(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         new_vehicle("car", folder=tmp_path, **(GOOD | {"mass": "heavy", "steering_limit": 35}))
     assert [line.split(" ")[0] for line in str(caught.value).splitlines()] == ["mass:", "steering_limit"]
@@ -516,7 +516,7 @@ def test_several_faults_are_told_together(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", ["", "my car", "3car", "../car", "car.yaml", "_car", "wagen-neu", "ä", "a" * 65, "a\n"]
 )
-def test_a_name_that_is_no_word_is_refused(tmp_path: Path, name: str) -> None:
+def test_a_name_that_is_not_a_word_is_rejected(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match="is not allowed; allowed: a letter, then letters, digits and _"):
         new_vehicle(name, folder=tmp_path, **GOOD)
     assert list(tmp_path.iterdir()) == []
@@ -532,7 +532,7 @@ def test_an_existing_vehicle_is_replaced_only_when_asked_for(tmp_path: Path) -> 
     assert [path.name for path in tmp_path.iterdir()] == ["car"]
 
 
-def test_a_folder_that_is_no_vehicle_is_never_replaced(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_a_vehicle_is_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "car").mkdir()
     (tmp_path / "car" / "thesis.txt").write_text("two years", encoding="utf-8")
     with pytest.raises(ConfigError, match="car is not a vehicle folder and is not replaced"):
@@ -583,7 +583,7 @@ def test_any_plausible_input_gives_a_vehicle_of_those_sizes(
 # --- questions and the command line ------------------------------------------------------------------------------
 
 
-def test_what_is_missing_is_asked_for_until_the_answer_makes_sense() -> None:
+def test_missing_values_are_requested_until_the_answer_is_valid() -> None:
     sizes = ["long", "26", "102.4 in", "1.5 m", "1450", "big", "215/50R17", "", "10.8", "4.1", "", ""]
     answers = iter([*sizes, "0.6", "", "", "", "", "front", "tank", "", "lidar, imu"])
     asked: list[str] = []
@@ -610,7 +610,7 @@ def test_what_is_missing_is_asked_for_until_the_answer_makes_sense() -> None:
     ]
 
 
-def test_what_is_known_is_not_asked_for() -> None:
+def test_known_values_are_not_requested() -> None:
     known = dict.fromkeys(QUANTITIES, 1.0) | {"drive": "all", "body": "suv", "sensors": "imu"}
     assert ask(known, input=lambda prompt: pytest.fail(prompt)) == known
 
@@ -629,7 +629,7 @@ def command(*words: str) -> int:
     return cli_new.run(parser.parse_args(words))
 
 
-def test_the_command_writes_a_vehicle_and_a_diagram_and_says_what_to_do_next(
+def test_the_command_writes_a_vehicle_and_a_diagram_and_prints_the_next_steps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

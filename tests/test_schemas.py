@@ -86,7 +86,7 @@ def test_each_kind_of_shipped_file_was_tried():
         ("data", "{mirdrake: data/1}", "logs"),
     ],
 )
-def test_what_readers_refuse_is_not_valid(kind, text, path):
+def test_what_readers_reject_is_not_valid(kind, text, path):
     reported_faults = faults(kind, yaml.safe_load(text))
     assert reported_faults
     assert path in " ".join(reported_faults)
@@ -108,12 +108,12 @@ def test_what_readers_refuse_is_not_valid(kind, text, path):
         ("sensors", "{mounts: {a: {preset: mine_of_my_own, frame: f, rate: 5}}}"),
     ],
 )
-def test_short_forms_and_own_classes_are_valid(kind, text):
+def test_short_forms_and_user_classes_are_valid(kind, text):
     assert faults(kind, yaml.safe_load(text)) == []
 
 
 @pytest.mark.parametrize("kind", ["control", "diagram", "study"])
-def test_numbers_of_a_format_say_their_unit(kind):
+def test_numbers_of_a_format_document_their_unit(kind):
     schema = make_schema(kind)
     bare = [
         f"{name}.{key}"
@@ -139,6 +139,6 @@ def test_the_verb_lists_prints_and_writes(tmp_path, capsys):
     assert "unknown file format 'diagramm'; did you mean 'diagram'?" in capsys.readouterr().err
 
 
-def test_an_unknown_kind_is_told():
+def test_an_unknown_kind_is_reported():
     with pytest.raises(ConfigError, match="did you mean 'world'"):
         make_schema("worlds")

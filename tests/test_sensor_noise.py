@@ -181,7 +181,7 @@ def test_a_stamp_is_the_time_of_the_sample_that_is_shown() -> None:
     assert [float(stamp[0]) for stamp in stamps] == [-inf, 0.0, 0.0, 0.1]
 
 
-def test_what_is_no_vector_takes_the_same_way() -> None:
+def test_text_samples_have_latency_and_dropout() -> None:
     def texts(times: list[float], **more: Any) -> list[Any]:
         return shown(TextClock(rate=10.0, **more), times, "text")
 

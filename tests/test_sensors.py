@@ -69,7 +69,7 @@ def test_sensors_are_outputs_of_a_diagram() -> None:
     assert [diagram.GetOutputPort(name).size() for name in ("ego.gps", "ego.imu")] == [9, 6]
 
 
-def test_a_sensor_that_is_named_twice_is_refused() -> None:
+def test_a_sensor_that_is_named_twice_is_rejected() -> None:
     with pytest.raises(ConfigError, match=r"sensors\.ego\.1: 'imu' is named twice"):
         assemble(parked(["imu", "imu"]))
 
@@ -82,7 +82,7 @@ def test_a_camera_that_nobody_looks_through_is_not_there(monkeypatch: pytest.Mon
     assert assembly.unread == ("ego.front_camera.color_image",)
 
 
-def test_recording_cameras_without_a_camera_is_refused() -> None:
+def test_recording_cameras_without_a_camera_is_rejected() -> None:
     with pytest.raises(ConfigError, match=r"record\.cameras: no camera is in use; name one under sensors"):
         assemble(parked(["imu"], record={"cameras": True}))
 

@@ -28,7 +28,7 @@ TWO: dict[str, Any] = {
 }
 
 
-def test_two_cars_drive_their_own_ways():
+def test_two_cars_drive_separate_paths():
     run = Simulation(assemble(TWO)).run(duration=4.0)
     first, second = run.summary["vehicles"]["first"], run.summary["vehicles"]["second"]
     assert first["distance_m"] > second["distance_m"] > 5.0
@@ -44,7 +44,7 @@ def test_a_car_drives_the_same_whether_or_not_another_one_is_there():
     np.testing.assert_allclose(both["first.x"], single["first.x"], atol=1e-4)
 
 
-def test_a_car_that_runs_into_a_parked_one_pushes_it_and_says_so():
+def test_a_car_that_hits_a_parked_one_pushes_it_and_reports_the_collision():
     spec = {
         "world": "empty",
         "vehicles": {

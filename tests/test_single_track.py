@@ -141,7 +141,7 @@ def test_yaw_rate_and_sideslip_on_a_circle_are_those_of_the_textbook(speed):
     assert steady["drive"] == pytest.approx(1500.0 * against, rel=1e-4)
 
 
-def test_a_rolling_car_leans_out_of_the_turn_and_turns_as_a_flat_one():
+def test_a_car_rolls_out_of_the_turn_and_turns_as_one_without_roll():
     """φ (K - ms g h) = ms h ay, R. Rajamani, section 15.2."""
     steady = find_steady_state(ROLLING, Variant("linear", roll=True), speed=20.0, steering=0.01)
     lateral = steady["lateral_acceleration"]

@@ -223,7 +223,7 @@ def test_the_place_on_the_earth_is_right_to_a_hundredth_of_a_millimetre(point: A
     assert from_geodetic(location, datum) == pytest.approx(np.array(point), abs=1e-5)
 
 
-def test_north_and_east_of_a_datum_are_where_its_heading_says() -> None:
+def test_north_and_east_of_a_datum_follow_its_heading() -> None:
     # x to the east: y is north. One minute of latitude at 45 degrees is 1852.2 m (meridian radius 6 367 382 m).
     datum = DatumSpec(latitude=radians(45), longitude=radians(-81))
     latitude, longitude, altitude = to_geodetic((0.0, 1852.2, 0.0), datum)
@@ -234,7 +234,7 @@ def test_north_and_east_of_a_datum_are_where_its_heading_says() -> None:
     assert to_geodetic((1852.2, 0.0, 0.0), ahead) == pytest.approx([latitude, longitude, altitude], abs=1e-9)
 
 
-def test_a_gps_says_where_on_the_earth_it_is() -> None:
+def test_a_gps_gives_its_geodetic_position() -> None:
     carousel = Carousel([300.0, 100.0, 2.0], angle=0.3)
     carousel.finalize()
     samples = carousel.run(
@@ -272,7 +272,7 @@ def test_the_checksum_of_a_well_known_sentence() -> None:
     assert checksum("GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,") == "47"
 
 
-def test_sentences_say_what_was_put_in() -> None:
+def test_sentences_contain_the_values_given() -> None:
     fix = Fix(3723.456, -33.8568, 151.2153, 12.3456, speed=10.0, course=359.999, quality=4)
     assert gga(fix) == "$GPGGA,010203.46,3351.4080000,S,15112.9180000,E,4,12,0.8,12.346,M,0.0,M,,*" + gga(fix)[-4:]
     fields = read_nmea(rmc(fix))["GPRMC"]
@@ -303,7 +303,7 @@ def test_a_gps_speaks_nmea() -> None:
     assert read_nmea(held(gps, simulator, "nmea"))["GPGGA"][0] == "000000.20"  # of the sample, not of now
 
 
-def test_before_its_first_fix_a_gps_with_latency_says_nothing() -> None:
+def test_a_gps_with_latency_has_no_output_before_its_first_fix() -> None:
     carousel = Carousel([1.0, 2.0, 3.0])
     carousel.finalize()
     gps = gps_on(carousel.mount, rate=10.0, latency=0.25)
@@ -331,7 +331,7 @@ def test_an_encoder_counts_whole_steps_of_the_angle() -> None:
     assert counts.tolist() == [0, 4, 9, 14, 19, 23, 28, 33, 38, 42]
 
 
-def test_an_encoder_counts_down_when_the_wheel_rolls_back_if_it_can_tell() -> None:
+def test_only_a_quadrature_encoder_counts_down_when_the_wheel_rolls_back() -> None:
     back = turning(lambda plant, joint: encoder_of(plant, joint, rate=10.0, counts=125.5), rate=-3.0)[0]
     assert back.tolist() == [np.floor(-0.3 * k * 125.5 / (2 * pi)) for k in range(10)]
     single_channel = turning(

@@ -198,7 +198,7 @@ def test_a_simulation_that_takes_too_long_is_ended() -> None:
     assert set(table["reason"]) == {"no end after 1e-09 s of wall time"}
 
 
-def test_workers_outlive_what_they_are_given() -> None:
+def test_workers_survive_failing_jobs() -> None:
     workers = Workers(1, limit=2.0)
     try:
         crash, hang, rejected, fine = (
@@ -358,7 +358,7 @@ def test_context_parameters_change_the_context_and_nothing_else() -> None:
         assert 2.0 * mu * plane / (mu + plane) == pytest.approx(wanted)
 
 
-def test_half_the_grip_takes_twice_the_way_to_stop() -> None:
+def test_half_the_friction_doubles_the_braking_distance() -> None:
     braking = DIAGRAM | {"vehicles": {"ego": {"model": "bolt", "speed": 10.0}}}
     grip = {"road.friction": {"values": [0.15, 0.3]}}
     given = study(diagram=braking, overrides={"control.ego.speed": 0.0}, parameters=grip, sampling={"kind": "list"})
@@ -370,7 +370,7 @@ def test_half_the_grip_takes_twice_the_way_to_stop() -> None:
 # --- sampling ---
 
 
-def test_ways_of_sampling() -> None:
+def test_sampling_methods() -> None:
     two = {"ego.speed.kp": {"low": 1.0, "high": 100.0, "scale": "log", "count": 3}, "ego.speed.ki": {"values": [1, 2]}}
     grid = sample(make_study(study(parameters=two, sampling={"kind": "grid"})))
     assert grid == [(pytest.approx(kp), ki) for kp in (1.0, 10.0, 100.0) for ki in (1, 2)]
@@ -451,7 +451,7 @@ duration: 1 s
         ),
     ],
 )
-def test_a_faulty_study_is_refused_with_its_line(
+def test_a_faulty_study_is_rejected_with_its_line(
     old: str, new: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -470,7 +470,7 @@ vehicles: {ego: {model: bolt}}
 """
 
 
-def test_a_loop_that_is_not_connected_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loop_that_is_not_connected_is_rejected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("car.yaml").write_text(_UNDRIVEN, encoding="utf-8")
     Path("study.yaml").write_text(
@@ -498,7 +498,7 @@ def test_the_figures_of_a_run_can_be_metrics() -> None:
 # --- the command ---
 
 
-def test_the_command_runs_resumes_and_tells(
+def test_the_command_runs_resumes_and_reports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -519,7 +519,7 @@ def test_the_command_runs_resumes_and_tells(
     assert main(["study", "gains.yaml", "--workers", "1", "--scheduler", "tcp://x:1"]) == 2
 
 
-def test_a_scheduler_that_is_not_there_is_told(
+def test_a_scheduler_that_is_not_there_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("distributed")

@@ -102,7 +102,7 @@ def damaged(tmp_path_factory: pytest.TempPathFactory) -> Suite:
     return run_suite(cases, workers=2, folder=folder / "out", timeout=4.0)
 
 
-def test_whatever_a_case_does_the_others_are_judged(damaged: Suite) -> None:
+def test_a_failing_case_does_not_affect_the_others(damaged: Suite) -> None:
     assert damaged.complete
     verdicts = [result.verdict for result in damaged.results]
     assert verdicts == ["pass", "fail", *["error"] * len(BOMB_REASONS), "error", "pass"]
@@ -142,7 +142,7 @@ def test_a_run_that_passed_is_kept_if_that_is_wanted(tmp_path: Path) -> None:
     assert len(load_run(tmp_path / "out" / "cases" / "straight-1").signals) > 20
 
 
-def test_a_suite_that_was_killed_goes_on(damaged: Suite, tmp_path: Path) -> None:
+def test_a_killed_suite_is_resumed(damaged: Suite, tmp_path: Path) -> None:
     assert damaged.folder is not None
     lines = (damaged.folder / "results.jsonl").read_text().splitlines(keepends=True)
     assert [json.loads(line)["name"] for line in lines] == [case.name for case in damaged.cases]

@@ -232,7 +232,7 @@ def test_one_case_is_replayed_with_other_values_and_a_recording_even_if_it_passe
         (["-p", "blocks=many"], "lot.yaml:8: props.0.scatter.count: 'many' is not a number"),
     ],
 )
-def test_what_is_asked_wrongly_is_told_before_anything_runs(lot: Path, arguments, expected) -> None:
+def test_wrong_arguments_are_reported_before_anything_runs(lot: Path, arguments, expected) -> None:
     with pytest.raises(ConfigError) as caught:
         test(lot, *arguments)
     assert expected in str(caught.value)
@@ -246,7 +246,7 @@ def test_a_value_is_a_name_and_a_number_or_word(lot: Path, text, capsys: pytest.
     assert "is not allowed" in capsys.readouterr().err
 
 
-def test_faults_of_a_file_are_told_with_their_lines(tmp_path: Path) -> None:
+def test_faults_of_a_file_are_reported_with_their_lines(tmp_path: Path) -> None:
     path = _world(tmp_path, WORLD.replace("never collision]\n    search", "never colision]\n    search"))
     with pytest.raises(ConfigError, match=r"lot.yaml:16: tests.0.expect.1: 'never colision' is not a requirement"):
         test(path)

@@ -70,7 +70,7 @@ def test_the_springs_carry_the_axle_loads_less_what_hangs_below_them():
     assert bolt().spring_loads == pytest.approx(loads, rel=1e-9)
 
 
-def test_a_car_on_springs_stands_where_it_is_put():
+def test_a_car_on_springs_rests_at_its_design_height():
     car = pushed_car(bolt())
     car.advance(2.0)
     _, height, pitch, roll = car.pose()
@@ -109,7 +109,7 @@ def test_springs_change_neither_mass_nor_axle_loads_nor_dimensions(model):
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.5, 1.5707963267948966, 3.0])
-def test_a_parked_car_on_a_slope_starts_as_it_stands(heading, sprung, tmp_path):
+def test_a_parked_car_on_a_slope_starts_in_equilibrium(heading, sprung, tmp_path):
     (tmp_path / "hill.yaml").write_text(
         "mirdrake: world/1\nname: hill\nground: {slope: {grade: 0.0875}}\n", encoding="utf-8"
     )
@@ -247,7 +247,7 @@ def test_a_side_force_rolls_the_car_and_the_stiffer_axle_takes_more_of_it(front,
     assert (loads[2] - loads[3]) / 2 == pytest.approx(axles[1] * angle / TRACK, rel=0.02)
 
 
-def test_the_bolt_leans_five_degrees_at_one_g():
+def test_the_bolt_rolls_five_degrees_at_one_g():
     spec = load_vehicle("bolt@handling").spec.suspension
     assert spec is not None
     axles = roll_stiffnesses(spec.front.model_dump(), spec.rear.model_dump())
@@ -395,7 +395,7 @@ def refused(tmp_path, change):
         ),
     ],
 )
-def test_what_is_wrong_is_said_with_file_and_line(tmp_path, change, expected):
+def test_faults_of_a_suspension_are_reported_with_file_and_line(tmp_path, change, expected):
     assert re.search(expected, refused(tmp_path, change)), refused(tmp_path, change)
 
 
@@ -407,7 +407,7 @@ def test_what_is_wrong_is_said_with_file_and_line(tmp_path, change, expected):
         ("suspension.xacro", "${10 if suspension", "${340 if suspension", "carries -"),
     ],
 )
-def test_a_joint_that_cannot_carry_its_wheel_is_refused(tmp_path, name, old, new, expected):
+def test_a_joint_that_cannot_carry_its_wheel_is_rejected(tmp_path, name, old, new, expected):
     text = (data_root() / "models" / "bolt" / name).read_text(encoding="utf-8")
     assert old in text
     change = ARGUMENTS + f"vehicle:\n  suspension: {SECTION}\n  joints: {{suspension: {NAMED}}}"

@@ -251,7 +251,7 @@ def test_the_dead_man_of_a_vehicle_can_be_tested_by_a_stamp_that_stops():
     assert_follows(response["ego.speed_setpoint"], lambda t: 3.0 - slope * (t - 0.7), atol=0.0401 * slope, after=0.7)
 
 
-def test_a_file_with_a_driver_is_driven_as_it_is_and_alike_each_time():
+def test_a_file_with_a_driver_is_driven_unchanged_and_repeatably():
     first = drive("bolt_skidpad", duration=0.5, outputs=["ego.vx", "ego.wz"], period=0.1)
     again = drive("bolt_skidpad", duration=0.5, outputs=["ego.vx", "ego.wz"], period=0.1)
     pd.testing.assert_frame_equal(first, again, check_exact=True)

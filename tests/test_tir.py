@@ -177,7 +177,7 @@ def test_comments_of_older_tools_are_latin_1(tmp_path: Path) -> None:
 
 
 @given(st.text(alphabet="[]=$!'{} \nPKXFNOMI1-.e9ß\x00", max_size=80))
-def test_any_text_is_read_or_refused(noise: str) -> None:
+def test_any_text_is_read_or_rejected(noise: str) -> None:
     for text in (noise, SMALL + noise):
         try:
             parse_tir(text)

@@ -214,7 +214,7 @@ def test_a_tyre_is_the_same_in_every_dialect(tmp_path: Path, name: str) -> None:
         assert list(ours) == pytest.approx(list(theirs), rel=1e-8)
 
 
-def test_nothing_of_a_file_is_lost(tmp_path: Path) -> None:
+def test_unused_keys_and_sections_of_a_file_are_kept(tmp_path: Path) -> None:
     adams, swift = (read(tmp_path, name, TEXTS[name]) for name in ("adams.tir", "swift.tir"))
     assert {"FILE_TYPE", "USE_MODE", "TYRESIDE"} <= set(adams.unused)
     assert {"PDXP1", "PLUS", "TYRESIDE", "MASS", "LGYR"} <= set(swift.unused)
@@ -237,7 +237,9 @@ def test_nothing_of_a_file_is_lost(tmp_path: Path) -> None:
         ("swift.tir", "LGYR", "LMUY", "[SCALING_COEFFICIENTS] LMUY: has another value in line"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, name: str, old: str, new: str, expected: str) -> None:
+def test_faults_of_a_file_are_reported_with_their_line(
+    tmp_path: Path, name: str, old: str, new: str, expected: str
+) -> None:
     before, separator, after = TEXTS[name].partition(old)
     assert separator
     with pytest.raises(ConfigError) as caught:
@@ -253,7 +255,7 @@ def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, name: str, old: str
         ("\ttime", "[model]", "2: [UNITS] TIME: missing"),
     ],
 )
-def test_what_is_missing_is_told(tmp_path: Path, start: str, end: str, expected: str) -> None:
+def test_missing_parameters_are_reported(tmp_path: Path, start: str, end: str, expected: str) -> None:
     before, rest = POUNDS[: POUNDS.index(start)], POUNDS[POUNDS.index(end) :]
     with pytest.raises(ConfigError) as caught:
         read(tmp_path, "pounds.tir", before + rest)

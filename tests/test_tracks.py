@@ -47,7 +47,7 @@ def test_a_clothoid_from_straight_turns_its_length_over_twice_its_radius():
     assert Piece(25.0, 0.0, 1 / 50).turn == pytest.approx(0.25)
 
 
-def test_a_clothoid_from_straight_ends_where_the_fresnel_integrals_say():
+def test_a_clothoid_from_straight_ends_as_the_fresnel_integrals_give():
     length, radius = 30.0, 20.0
     scale = math.sqrt(math.pi * radius * length)  # x = scale C(length / scale), y = scale S(length / scale)
     sine, cosine = fresnel(length / scale)
@@ -183,7 +183,7 @@ def test_projection_undoes_the_pose_along_the_test_track(main_track: Track):
         assert np.abs(lateral - offset).max() < 1e-6
 
 
-def test_one_point_gives_what_arrays_give(main_track: Track):
+def test_a_point_gives_the_result_of_arrays(main_track: Track):
     rng = np.random.default_rng(2)
     x, y = rng.uniform(-140.0, 140.0, 300), rng.uniform(-45.0, 45.0, 300)
     many = np.column_stack(main_track.project(x, y))

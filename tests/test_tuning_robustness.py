@@ -51,7 +51,7 @@ def test_candidates_meet_the_same_conditions_whatever_runs_them() -> None:
     assert alone.table["iae"].fillna(-1).tolist() == hot["iae"].fillna(-1).tolist()
 
 
-def test_a_journal_goes_on_with_more_runs_and_candidates(tmp_path: Path) -> None:
+def test_a_journal_is_continued_with_more_runs_and_candidates(tmp_path: Path) -> None:
     count, store = tmp_path / "count", tmp_path / "journal.jsonl"
     loop = TextbookLoop(count=str(count))
 

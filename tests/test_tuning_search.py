@@ -163,7 +163,7 @@ def test_a_search_begins_with_the_given_candidates() -> None:
         assert len(result.trials) == 10
 
 
-def test_fixed_gains_go_along() -> None:
+def test_fixed_gains_are_passed_to_every_candidate() -> None:
     result = search(LOOP, {"kp": SPACE["kp"]}, trials=12, cost={"iae": 1.0}, fixed={"ki": 0.7}, seed=1)
     assert {trial.gains["ki"] for trial in result.trials} == {0.7}
     assert list(result.table.columns[:3]) == ["number", "ki", "kp"]

@@ -116,7 +116,7 @@ def test_brush_limits_slope_at_zero_and_sliding_at_friction() -> None:
     assert forces.mz == 0.0
 
 
-def test_brush_depends_on_load_as_said() -> None:
+def test_brush_parameters_follow_the_load() -> None:
     loaded = brush_at_load(BRUSH, 8000.0)
     assert loaded.cornering == pytest.approx(54000.0 / math.sin(2.0 * math.atan(0.5)))  # largest at peak_load
     assert loaded.longitudinal == pytest.approx(2.0 * 88000.0)
@@ -144,7 +144,7 @@ def test_brush_force_grows_with_slip(slip_a: float, slip_b: float, load: float) 
     assert brush_forces(BRUSH, high, 0.0, load).fx >= brush_forces(BRUSH, low, 0.0, load).fx - 1e-9
 
 
-def test_brush_refuses_what_is_no_tyre() -> None:
+def test_brush_rejects_invalid_parameters() -> None:
     with pytest.raises(ConfigError, match="BrushTyre: friction must be > 0 and finite, got 0"):
         replace(BRUSH, friction=0.0)
     with pytest.raises(ConfigError, match="BrushTyre: half_length must be > 0 and finite, got nan"):
@@ -456,7 +456,7 @@ def test_relaxation_lengths_are_slip_stiffness_by_stiffness() -> None:
 # --- floats, arrays, derivatives ---------------------------------------------------------------------------------
 
 
-def test_arrays_give_what_floats_give() -> None:
+def test_arrays_give_the_results_of_floats() -> None:
     kappa, slip = np.array([-0.3, 0.0, 0.02, 0.5]), np.array([0.1, 0.02, -0.3, 0.0])
     load, vx = np.array([0.0, 150.0, 4000.0, 12000.0]), np.array([20.0, 0.3, -0.5, -20.0])
     many = magic_formula(FULL, kappa, slip, load, vx=vx, gamma=0.03)
@@ -517,7 +517,7 @@ def test_a_step_of_steer_has_63_percent_after_the_relaxation_length() -> None:
 DAMPED = RelaxationSettings(lateral_damping=5000.0)
 
 
-def test_a_damper_to_the_side_changes_no_steady_slip() -> None:
+def test_lateral_damping_of_a_tyre_does_not_change_steady_slip() -> None:
     for vx in (20.0, -20.0, 3.0):
         motion, state = Motion(vx, 0.0, 0.07 * abs(vx)), Deflection()
         for _ in range(2000):
@@ -526,7 +526,7 @@ def test_a_damper_to_the_side_changes_no_steady_slip() -> None:
 
 
 @pytest.mark.parametrize("frequency", [0.5, 2.0, 8.0])
-def test_a_damper_to_the_side_leads_as_a_body_of_voigt(frequency: float) -> None:
+def test_lateral_damping_of_a_tyre_leads_as_a_kelvin_voigt_body(frequency: float) -> None:
     # Spring k and damper d give F = (k + i w d) v, the tyre F = C tan alpha, rolling i w v = Vy - Vx tan alpha.
     vx, period, omega = 20.0, 1e-3, 2.0 * math.pi * frequency
     spring = CONTACT.stiffness_y / CONTACT.length_y + 1j * omega * DAMPED.lateral_damping

@@ -58,7 +58,7 @@ def trial(vehicle: str = "unior", *, step: float | None = None, delay: float = 0
     return LoopEvaluator(make_loop_spec(spec))(TUNED, Conditions(delay=delay))
 
 
-def test_a_kingpin_feels_the_motor_of_its_data_sheet() -> None:
+def test_the_torque_at_a_kingpin_is_that_of_the_motor_data_sheet() -> None:
     bench = plant_bench(make_loop_spec(load_tuning(STUDY)))
     plant, part = bench.assembly.parts.plant, bench.part
     matrix = plant.CalcMassMatrix(plant.CreateDefaultContext())

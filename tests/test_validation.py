@@ -42,7 +42,7 @@ def _sixty(**changes):
 
 
 @pytest.mark.parametrize("name", ["bolt", "mkz", "catvehicle", "unior"])
-def test_every_reference_vehicle_says_what_is_published(name):
+def test_every_reference_vehicle_lists_its_published_figures(name):
     published = load_published(load_vehicle(name))
     assert bool(published.figures) != bool(published.none_because)
     texts = [(figure.text, figure.source) for figure in published.figures]

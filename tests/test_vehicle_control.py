@@ -64,7 +64,7 @@ def test_wheel_angles_follow_from_the_turning_centre(unit):
     assert angles == pytest.approx([atan(L / (radius + KINGPIN)), atan(L / (radius - KINGPIN))])
 
 
-def test_after_a_fifth_of_a_second_of_silence_the_speed_goes_to_zero_and_the_steering_stays(unit):
+def test_after_0_2_s_without_messages_the_speed_set_point_is_zero_and_the_steering_stays(unit):
     context = context_with(unit, speed=0.3, steering=0.05)
     step(unit, context, times=11)  # the eleventh update is at 0.20 s: still alive
     assert status(unit, context)[:2] == pytest.approx([0.3, 0.05])
@@ -72,7 +72,7 @@ def test_after_a_fifth_of_a_second_of_silence_the_speed_goes_to_zero_and_the_ste
     assert status(unit, context)[:2] == pytest.approx([0.0, 0.05])
 
 
-def test_a_command_that_is_not_a_number_is_no_command(unit):
+def test_a_command_that_is_not_a_number_is_ignored(unit):
     context = context_with(unit, speed=np.nan, steering=0.05)
     step(unit, context, times=3)
     assert status(unit, context)[:2] == pytest.approx([0.0, 0.0])

@@ -41,7 +41,7 @@ def measured(base_link: str = "base", **shapes: str) -> Any:
     return measure_outline(urdf(**shapes), packages={}, base_link=base_link)
 
 
-def test_a_box_has_its_own_sides() -> None:
+def test_the_outline_has_the_sides_of_a_box() -> None:
     box = measured(base=shape('<box size="4 2 1"/>', "1 0.25 0.5"))
     assert box == pytest.approx(Outline(rear=-1.0, front=3.0, right=-0.75, left=1.25, bottom=0.0, top=1.0))
 
@@ -53,7 +53,7 @@ def test_shapes_count_where_the_joints_put_them() -> None:
     assert box == pytest.approx(Outline(-0.5, 2.1, -0.5, 1.7, -0.5, 1.3))
 
 
-def test_a_wheel_is_as_high_as_its_diameter_and_a_leaning_box_as_its_corners() -> None:
+def test_a_wheel_is_as_high_as_its_diameter_and_a_tilted_box_as_its_corners() -> None:
     wheel = measured(base=shape('<cylinder radius="0.3" length="0.2"/>', "0 0 0.3", f"{math.pi / 2} 0 0"))
     assert wheel == pytest.approx(Outline(-0.3, 0.3, -0.1, 0.1, 0.0, 0.6))
     leaning = measured(base=shape('<box size="1 1 1"/>', turn=f"0 {math.pi / 4} 0"))
@@ -72,7 +72,7 @@ def test_what_does_not_collide_has_no_outline() -> None:
     assert measured(base='<visual><geometry><box size="1 1 1"/></geometry></visual>') is None
 
 
-def test_a_text_that_is_no_urdf_is_refused() -> None:
+def test_a_text_that_is_not_urdf_is_rejected() -> None:
     with pytest.raises(ModelError):
         measure_outline("<robot", packages={}, base_link="base")
 

@@ -114,7 +114,7 @@ def test_every_part_of_the_bolt_obeys_the_triangle_inequality(built: Built) -> N
         assert small + middle >= large
 
 
-def test_drake_has_nothing_to_say_about_the_bolt(bolt: Vehicle) -> None:
+def test_drake_reports_no_warnings_about_the_bolt(bolt: Vehicle) -> None:
     assert bolt.warnings == ()
 
 
@@ -239,21 +239,21 @@ def test_the_copy_itself_loads_and_equals_the_original(copy: Path, bolt: Vehicle
     assert vehicle.geometry == bolt.geometry
 
 
-def test_an_unknown_vehicle_is_refused_with_the_place_of_the_name() -> None:
+def test_an_unknown_vehicle_is_rejected_with_the_line_of_the_name() -> None:
     with pytest.raises(
         ConfigError, match=r"^drive\.yaml:3: vehicles\.ego\.model: unknown vehicle 'bollt'; did you mean 'bolt'\?"
     ):
         load_vehicle("bollt", where="drive.yaml:3: vehicles.ego.model")
 
 
-def test_a_misspelt_xacro_argument_is_refused(copy: Path) -> None:
+def test_a_misspelt_xacro_argument_is_rejected(copy: Path) -> None:
     assert message_of(ModelError, driv="rear") == (
         "bolt/main.urdf.xacro: unknown argument 'driv'; did you mean 'drive'? "
         "(allowed: drive, payload, suspension, values)"
     )
 
 
-def test_a_wrong_value_of_drive_is_refused(copy: Path) -> None:
+def test_a_wrong_value_of_drive_is_rejected(copy: Path) -> None:
     assert (
         message_of(ConfigError, drive="raer")
         == "argument drive: 'raer' is not allowed; did you mean 'rear'? (allowed: all, front, rear)"
@@ -292,14 +292,14 @@ def test_a_macro_with_an_unknown_parameter_is_reported_with_its_line(copy: Path)
     assert '"sid"' in message
 
 
-def test_a_ros_package_that_only_ros_finds_is_refused_with_its_line(copy: Path) -> None:
+def test_a_ros_package_that_only_ros_finds_is_rejected_with_its_line(copy: Path) -> None:
     line = replace(copy / "main.urdf.xacro", 'filename="sensors.xacro"', 'filename="$(find bolt)/sensors.xacro"')
     message = message_of(ModelError)
     tail = "$(find bolt): ROS packages are not available; give a path relative to this file"
     assert message == f"bolt/main.urdf.xacro:{line}: {tail}"
 
 
-def test_a_negative_mass_is_refused_with_link_and_number(copy: Path) -> None:
+def test_a_negative_mass_is_rejected_with_link_and_number(copy: Path) -> None:
     replace(copy / "properties.xacro", 'name="wheel_mass" value="20"', 'name="wheel_mass" value="-20"')
     message = message_of(ModelError)
     assert re.fullmatch(
@@ -310,7 +310,7 @@ def test_a_negative_mass_is_refused_with_link_and_number(copy: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["nan", "heavy"])
-def test_a_mass_that_is_no_number_is_refused(copy: Path, text: str) -> None:
+def test_a_mass_that_is_no_number_is_rejected(copy: Path, text: str) -> None:
     replace(
         copy / "properties.xacro",
         '<mass value="${mass}"/>\n      <inertia ixx="${mass',
@@ -319,7 +319,7 @@ def test_a_mass_that_is_no_number_is_refused(copy: Path, text: str) -> None:
     assert "link 'base_link': mass nan kg; it should be above zero" in message_of(ModelError)
 
 
-def test_the_impossible_inertia_of_the_papers_first_body_is_refused(copy: Path) -> None:
+def test_the_impossible_inertia_of_the_papers_first_body_is_rejected(copy: Path) -> None:
     # 63, 1048, 1111 on the diagonal, -31 for xz: (63 + 1111) / 2 ∓ sqrt(524² + 31²) = 62.0838 and 1111.9162
     file = copy / "structure.xacro"
     text = file.read_text(encoding="utf-8")
@@ -335,7 +335,7 @@ def test_the_impossible_inertia_of_the_papers_first_body_is_refused(copy: Path) 
     )
 
 
-def test_a_moving_link_without_mass_is_refused(copy: Path) -> None:
+def test_a_moving_link_without_mass_is_rejected(copy: Path) -> None:
     line = replace(copy / "sensors.xacro", 'type="fixed"', 'type="continuous"')
     assert message_of(ModelError) == (
         f"bolt/sensors.xacro:{line - 1}: link 'front_camera' moves but has no mass; "
@@ -379,7 +379,7 @@ def test_a_moving_link_without_mass_is_refused(copy: Path) -> None:
         ),
     ],
 )
-def test_numbers_at_which_drake_would_abort_are_refused_with_their_line(
+def test_numbers_at_which_drake_would_abort_are_rejected_with_their_line(
     copy: Path, file: str, old: str, new: str, message: str
 ) -> None:
     replace(copy / f"{file}.xacro", old, new)
@@ -394,7 +394,7 @@ def test_a_missing_mesh_is_named_with_its_line(copy: Path) -> None:
     )
 
 
-def test_a_mesh_in_an_unknown_package_is_refused(copy: Path) -> None:
+def test_a_mesh_in_an_unknown_package_is_rejected(copy: Path) -> None:
     line = replace(copy / "structure.xacro", "meshes/body.gltf", "package://mirdake/body.gltf")
     assert message_of(ModelError) == (
         f"bolt/structure.xacro:{line}: visual mesh 'package://mirdake/body.gltf': unknown package 'mirdake'; "
@@ -402,7 +402,7 @@ def test_a_mesh_in_an_unknown_package_is_refused(copy: Path) -> None:
     )
 
 
-def test_a_mesh_whose_texture_is_missing_is_refused(copy: Path) -> None:
+def test_a_mesh_whose_texture_is_missing_is_rejected(copy: Path) -> None:
     (copy / "body.gltf").write_text('{"images": [{"uri": "paint.png"}]}', encoding="utf-8")
     replace(copy / "structure.xacro", "meshes/body.gltf", "body.gltf")
     message = message_of(ModelError)
@@ -422,7 +422,7 @@ def test_a_relative_mesh_of_a_users_vehicle_anywhere_loads(copy: Path, tmp_path:
     assert plant.num_actuators() == 6
 
 
-def test_a_joint_that_does_not_exist_is_refused_with_a_hint(copy: Path) -> None:
+def test_a_joint_that_does_not_exist_is_rejected_with_a_hint(copy: Path) -> None:
     line = replace(copy / "vehicle.yaml", "rear_left: back_left_wheel_joint", "rear_left: rear_left_wheel_joint")
     message = message_of(ConfigError)
     assert message.startswith(
@@ -430,7 +430,7 @@ def test_a_joint_that_does_not_exist_is_refused_with_a_hint(copy: Path) -> None:
     )
 
 
-def test_a_joint_with_two_roles_is_refused(copy: Path) -> None:
+def test_a_joint_with_two_roles_is_rejected(copy: Path) -> None:
     line = replace(copy / "vehicle.yaml", "rear_right: back_right_wheel_joint", "rear_right: back_left_wheel_joint")
     assert message_of(ConfigError) == (
         f"bolt/vehicle.yaml:{line}: joints.wheels.rear_right: joint 'back_left_wheel_joint' "
@@ -447,14 +447,14 @@ def test_exchanged_wheels_are_found_by_measuring(copy: Path) -> None:
     )
 
 
-def test_a_wheel_without_transmission_is_refused(copy: Path) -> None:
+def test_a_wheel_without_transmission_is_rejected(copy: Path) -> None:
     replace(copy / "structure.xacro", '<xacro:transmission joint="${joint}"/>', "")
     assert message_of(ModelError).endswith(
         "joint 'front_left_wheel_joint' has no <transmission>, so nothing can move it; add one"
     )
 
 
-def test_a_steering_joint_without_limit_is_refused(copy: Path) -> None:
+def test_a_steering_joint_without_limit_is_rejected(copy: Path) -> None:
     replace(
         copy / "structure.xacro",
         '"${name}_steering_joint" type="revolute"',
@@ -465,14 +465,14 @@ def test_a_steering_joint_without_limit_is_refused(copy: Path) -> None:
     )
 
 
-def test_an_effort_limit_of_zero_is_refused(copy: Path) -> None:
+def test_an_effort_limit_of_zero_is_rejected(copy: Path) -> None:
     replace(copy / "properties.xacro", 'name="steering_effort" value="1000"', 'name="steering_effort" value="0"')
     assert message_of(ModelError).endswith(
         "joint 'front_left_steering_joint' has effort limit 0 N m; it should be above zero"
     )
 
 
-def test_a_drive_that_the_xacro_does_not_follow_is_refused(copy: Path) -> None:
+def test_a_drive_that_the_xacro_does_not_follow_is_rejected(copy: Path) -> None:
     replace(copy / "vehicle.yaml", "drive: front", "drive: rear")
     replace(copy / "main.urdf.xacro", 'name="drive" default="front"', 'name="driven" default="front"')
     replace(copy / "properties.xacro", "$(arg drive)", "$(arg driven)")
@@ -482,7 +482,7 @@ def test_a_drive_that_the_xacro_does_not_follow_is_refused(copy: Path) -> None:
     )
 
 
-def test_a_brake_beyond_the_joints_limit_is_refused(copy: Path) -> None:
+def test_a_brake_beyond_the_joints_limit_is_rejected(copy: Path) -> None:
     replace(copy / "properties.xacro", "${vehicle.brakes.max_torque}", "1000")
     assert message_of(ModelError).endswith(
         "joint 'front_left_wheel_joint' is limited to 1594 N m; vehicle.yaml asks for 3869 N m at the front_left wheel "
@@ -490,7 +490,7 @@ def test_a_brake_beyond_the_joints_limit_is_refused(copy: Path) -> None:
     )
 
 
-def test_a_car_that_is_not_symmetric_is_refused(copy: Path) -> None:
+def test_a_car_that_is_not_symmetric_is_rejected(copy: Path) -> None:
     replace(copy / "structure.xacro", 'x="0" y="${-track / 2}"', 'x="0" y="${-track / 2 - 0.002}"')
     assert message_of(ModelError).endswith(
         "'back_left_wheel_joint' at 0 0.7505 0.3234 m and 'back_right_wheel_joint' at 0 -0.7525 0.3234 m "
@@ -498,7 +498,7 @@ def test_a_car_that_is_not_symmetric_is_refused(copy: Path) -> None:
     )
 
 
-def test_a_wheel_that_would_roll_backwards_is_refused(copy: Path) -> None:
+def test_a_wheel_that_would_roll_backwards_is_rejected(copy: Path) -> None:
     replace(copy / "structure.xacro", '<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>')
     assert message_of(ModelError).endswith(
         "wheel joint 'front_left_wheel_joint' turns about 0 -1 0 of 'base_link'; it must be 0 1 0, "
@@ -506,7 +506,7 @@ def test_a_wheel_that_would_roll_backwards_is_refused(copy: Path) -> None:
     )
 
 
-def test_a_wheel_of_the_wrong_size_for_its_height_is_refused(copy: Path) -> None:
+def test_a_wheel_of_the_wrong_size_for_its_height_is_rejected(copy: Path) -> None:
     replace(copy / "contact.xacro", '<cylinder radius="${wheel_radius}"', '<cylinder radius="0.356"')
     assert message_of(ModelError).endswith(
         "wheel of 'front_left_wheel_joint' has its centre 0.3234 m above 'base_link' but a radius of 0.3560 m; "
@@ -514,7 +514,7 @@ def test_a_wheel_of_the_wrong_size_for_its_height_is_refused(copy: Path) -> None
     )
 
 
-def test_a_sensor_on_an_unknown_link_is_refused_with_a_hint(copy: Path) -> None:
+def test_a_sensor_on_an_unknown_link_is_rejected_with_a_hint(copy: Path) -> None:
     line = replace(copy / "sensors.yaml", "frame: front_camera", "frame: front_kamera")
     assert message_of(ConfigError).startswith(
         f"bolt/sensors.yaml:{line}: mounts.front_camera.frame: no link 'front_kamera'; did you mean 'front_camera'?"
@@ -531,14 +531,14 @@ def test_a_sensor_on_an_unknown_link_is_refused_with_a_hint(copy: Path) -> None:
         ("rate: 50", "rate: 0", "rate: 0 is not allowed; it should be greater than 0"),
     ],
 )
-def test_a_gain_that_makes_no_sense_is_refused_with_its_line(copy: Path, old: str, new: str, message: str) -> None:
+def test_a_gain_that_is_invalid_is_rejected_with_its_line(copy: Path, old: str, new: str, message: str) -> None:
     line = replace(copy / "control.yaml", old, new)
     with pytest.raises(ConfigError) as caught:
         load_vehicle("bolt")
     assert f"bolt/control.yaml:{line}: {message}" in str(caught.value)
 
 
-def test_an_unknown_key_in_vehicle_yaml_is_refused(copy: Path) -> None:
+def test_an_unknown_key_in_vehicle_yaml_is_rejected(copy: Path) -> None:
     line = replace(copy / "vehicle.yaml", "grade: B", "grad: B")
     with pytest.raises(ConfigError) as caught:
         load_vehicle("bolt")

@@ -96,7 +96,7 @@ def test_a_force_does_no_work_but_against_the_slip_whatever_the_rolling_radius(p
         assert force @ velocities == pytest.approx(1234.0 * motion.slip_x - 2345.0 * motion.vy, rel=1e-9)
 
 
-def test_a_wheel_whose_centre_sinks_says_so(parts):
+def test_the_sink_rate_of_a_wheel_centre_is_that_of_drake(parts):
     plant, part, context = parts.plant, parts.vehicles["ego"], some_state(parts, 7)
     state = plant.GetPositionsAndVelocities(context).tolist()
     for wheel, joint in zip(wheel_places(part), part.wheels, strict=True):

@@ -97,7 +97,7 @@ def test_unplaced_props_are_reported_and_make_the_exit_code_1(yard: Path, capsys
         (["empty", "-p", "mu=3"], "the world has no parameter 'mu'; it has none"),
     ],
 )
-def test_bad_input_is_one_line_and_leaves_nothing(yard: Path, arguments: list[str], message: str) -> None:
+def test_bad_input_is_a_one_line_error_and_writes_no_file(yard: Path, arguments: list[str], message: str) -> None:
     with pytest.raises(MirdrakeError, match=message) as caught:
         _run(*arguments)
     assert "\n" not in str(caught.value)

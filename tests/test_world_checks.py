@@ -501,7 +501,7 @@ def test_a_start_in_a_wall_is_reported_for_the_vehicle_or_else_for_its_centre() 
     assert texts([fault]) == [("start", "w.yaml:3")]
 
 
-def test_a_vehicle_may_stand_below_a_beam_and_on_a_bump_but_not_beyond_the_ground() -> None:
+def test_a_vehicle_may_start_below_a_beam_and_on_a_bump_but_not_beyond_the_ground() -> None:
     world = """
     ground: {size: [40, 40]}
     start:

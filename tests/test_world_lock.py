@@ -148,7 +148,7 @@ def test_every_prop_is_in_its_line_as_it_is_in_the_world(lot: Path) -> None:
     assert {len({e["solids"] for e in entries if e["kind"] == kind}) for kind in ("cone", "tree")} == {1}
 
 
-def test_half_turns_and_zeros_have_one_way_to_be_written() -> None:
+def test_equal_poses_have_equal_lock_text() -> None:
     texts = set()
     for x, yaw in ((0.0, math.pi), (-0.0, -math.pi), (1e-13, math.pi + 1e-13), (-1e-13, -math.pi - 1e-13)):
         world = make_world(_boxes(props=[{"box": [1, 2, 3], "at": [x, 5.0], "yaw": yaw}]))

@@ -155,7 +155,7 @@ def test_what_sdf_cannot_express_is_reported_and_in_a_comment(export: SdfExport)
         assert f"<!-- left out: {line} -->" in export.files["shop.sdf"].decode()
 
 
-def test_gravity_leans_with_the_slope_and_the_sun_shines_down(world: World, export: SdfExport) -> None:
+def test_gravity_tilts_with_the_slope_and_the_sun_shines_down(world: World, export: SdfExport) -> None:
     tree = ElementTree.fromstring(export.files["shop.sdf"]).find("world")
     assert tree is not None
     gravity = [float(x) for x in str(tree.findtext("gravity")).split()]

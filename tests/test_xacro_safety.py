@@ -286,7 +286,7 @@ def hostile_grammar(seed: int) -> str:
 
 
 @pytest.mark.parametrize("block", range(10))
-def test_no_made_expression_reaches_an_attribute_of_python(block, evaluator):
+def test_no_generated_expression_reaches_an_attribute_of_python(block, evaluator):
     for seed in range(100 * block, 100 * block + 100):
         try:
             ast.parse(hostile_grammar(seed))
@@ -654,7 +654,7 @@ def made_expressions(seed: int) -> Iterator[str]:
         )
 
 
-def test_made_expressions_give_what_xacro_gives(tmp_path):
+def test_generated_expressions_evaluate_as_in_xacro(tmp_path):
     (tmp_path / "c.yaml").write_text(CONFIG, encoding="utf-8")
     file = tmp_path / "car.urdf.xacro"
     links = "".join(f'<link name="${{{escape(text)}}}"/>' for text in made_expressions(5))

@@ -33,7 +33,7 @@ def _edited(text: str, *edits: Edit) -> str:
     return edit_yaml(text, edits, name="control.yaml")
 
 
-def test_a_value_is_replaced_where_it_stands() -> None:
+def test_a_value_is_replaced_in_place() -> None:
     assert _edited(LOOPS, Edit("wheel_speed.gain", 63.5)) == LOOPS.replace("200 ", "63.5 ")
 
 
@@ -41,7 +41,7 @@ def test_a_value_in_braces_is_replaced_too() -> None:
     assert _edited(LOOPS, Edit("steering.damping", 70.0)) == LOOPS.replace("1.0e3", "70.0")
 
 
-def test_a_value_that_stands_already_leaves_the_text_alone() -> None:
+def test_an_equal_value_leaves_the_text_unchanged() -> None:
     assert _edited(LOOPS, Edit("steering.stiffness", 50000), Edit("speed.kp", 1)) == LOOPS
 
 
@@ -62,7 +62,7 @@ def test_a_key_is_taken_out_with_its_line() -> None:
     assert _edited("a: 1\nb: 2", Edit("b", REMOVED)) == "a: 1"
 
 
-def test_a_comment_stands_above_its_key_once_and_gives_way_to_the_next() -> None:
+def test_a_comment_is_written_above_its_key_once_and_replaced_by_the_next() -> None:
     first = _edited(LOOPS, Edit("speed.kp", 2.0, comment="tuned on Monday", replaces="tuned "))
     assert first == LOOPS.replace("  kp: 1.0\n", "  # tuned on Monday\n  kp: 2.0\n")
     assert _edited(first, Edit("speed.kp", 2.0, comment="tuned on Monday", replaces="tuned ")) == first
@@ -130,7 +130,7 @@ def test_odd_layouts(before: str, edit: Edit, after: str) -> None:
         ("a: 1", Edit("a", 2, comment="x\ny"), "a: a comment is one line of printable text, not 'x\\ny'"),
     ],
 )
-def test_what_cannot_be_done_is_refused(text: str, edit: Edit, message: str) -> None:
+def test_impossible_edits_are_rejected(text: str, edit: Edit, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
         _edited(text, edit)
     assert str(caught.value) == message

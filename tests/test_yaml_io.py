@@ -152,7 +152,7 @@ TOP = "connect, control, duration, extra, gains, laps, parts, plant, points, rec
         ("record: maybe", "1: record: 'maybe' is not allowed; it should be a valid boolean, unable to interpret input"),
     ],
 )
-def test_a_fault_of_the_data_is_told_in_one_line(text: str, message: str) -> None:
+def test_a_fault_of_the_data_is_reported_in_one_line(text: str, message: str) -> None:
     assert fault(text) == f"drive.yaml:{message}"
 
 
@@ -179,11 +179,11 @@ def test_a_fault_of_the_data_is_told_in_one_line(text: str, message: str) -> Non
         ("extra: " + "{a: " * 100 + "1" + "}" * 100, "1: nested deeper than 60 levels"),
     ],
 )
-def test_a_fault_of_the_yaml_is_told_in_one_line(text: str, message: str) -> None:
+def test_a_fault_of_the_yaml_is_reported_in_one_line(text: str, message: str) -> None:
     assert fault(text) == f"drive.yaml:{message}"
 
 
-def test_all_faults_of_a_file_are_told_together() -> None:
+def test_all_faults_of_a_file_are_reported_together() -> None:
     assert fault("speed: x\nplant:\n  time_step: y\n  contact: z").splitlines() == [
         "drive.yaml:3: plant.time_step: 'y' is not a number",
         "drive.yaml:4: plant.contact: 'z' is not allowed; allowed: 'point' or 'hydroelastic'",
@@ -280,7 +280,7 @@ def test_a_fault_in_a_merged_key_points_to_the_place_where_it_is_written() -> No
     assert fault(text).startswith("drive.yaml:3: plant.contcat: unknown field; did you mean 'contact'?")
 
 
-def test_a_model_that_stands_in_two_places_by_alias_is_two_models() -> None:
+def test_a_model_used_twice_by_alias_is_two_models() -> None:
     spec = parse_yaml("parts: [&a {time_step: 1}, *a]", Drive)
     spec.parts[0].time_step = 2.0
     assert spec.parts[1].time_step == 1.0
@@ -305,13 +305,13 @@ def _laughs(levels: int, merge: bool) -> str:
 
 
 @pytest.mark.parametrize("merge", [False, True])
-def test_a_small_file_that_means_billions_of_values_is_refused_at_once(merge: bool) -> None:
+def test_a_small_file_that_means_billions_of_values_is_rejected_at_once(merge: bool) -> None:
     text = _laughs(12, merge)
     assert "more than 200000 values (with aliases expanded)" in fault(text)
     assert reference_seconds(lambda: fault(text), times=1) < 5.0
 
 
-def test_a_large_honest_file_is_read() -> None:
+def test_a_large_valid_file_is_read() -> None:
     points = parse_yaml(f"points: [{', '.join(['1.5'] * 20_000)}]", Drive).points
     assert len(points) == 20_000
 
@@ -430,7 +430,7 @@ def test_an_override_is_named_instead_of_the_line_it_replaces() -> None:
     assert where(spec.plant, "time_step") == "--set plant={contact: point}: plant.time_step"
 
 
-def test_the_source_is_no_part_of_the_value() -> None:
+def test_the_source_is_not_part_of_the_value() -> None:
     first, second = parse_yaml("speed: 5", Drive, name="a"), parse_yaml("\n\nspeed: 5", Drive, name="b")
     assert first == second
     assert first != parse_yaml("speed: 6", Drive, name="a")
@@ -511,7 +511,7 @@ def test_an_override_changes_one_alias_and_not_the_others() -> None:
     assert drive(text, "parts.0.time_step=2")["parts"] == [{"time_step": 2.0}, {"time_step": 1.0}]
 
 
-def test_an_override_does_not_hide_that_the_file_is_no_mapping() -> None:
+def test_an_override_does_not_hide_that_the_file_is_not_a_mapping() -> None:
     assert fault("[1]", "speed=3") == "drive.yaml:1: a list is not a mapping (key: value)"
 
 
@@ -575,13 +575,13 @@ def _never_fails_otherwise(text: str) -> None:
 
 @settings(max_examples=200)
 @given(st.one_of(st.text(), st.lists(st.one_of(st.sampled_from(PIECES), st.text(max_size=3))).map("".join)))
-def test_any_text_is_read_or_refused_with_a_line(text: str) -> None:
+def test_any_text_is_read_or_rejected_with_a_line(text: str) -> None:
     _never_fails_otherwise(text)
 
 
 @settings(max_examples=200)
 @given(st.data())
-def test_a_damaged_file_is_read_or_refused_with_a_line(data: st.DataObject) -> None:
+def test_a_damaged_file_is_read_or_rejected_with_a_line(data: st.DataObject) -> None:
     text = NESTED
     for _ in range(data.draw(st.integers(1, 4))):
         start = data.draw(st.integers(0, len(text)))
@@ -592,7 +592,7 @@ def test_a_damaged_file_is_read_or_refused_with_a_line(data: st.DataObject) -> N
 
 @settings(max_examples=100)
 @given(st.text(), st.text())
-def test_any_override_is_taken_or_refused_with_its_own_words(key: str, value: str) -> None:
+def test_any_override_is_accepted_or_rejected_with_its_text(key: str, value: str) -> None:
     lines = _refusal(NESTED, f"{key}={value}")
     assert all(line.startswith(("--set ", "drive.yaml:")) for line in lines)
 
