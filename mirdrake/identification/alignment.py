@@ -80,9 +80,9 @@ def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
             passed = np.hypot(passed, rows * step)
             thin = max(1, int(passed / (2.0 * step)))  # smooth signals need few samples
             sides, step = (sides[0][::thin], sides[1][::thin]), step * thin
-            found = _delay_at(*sides, step, passed)
-            if found is not None and (best is None or found.sigma < 0.7 * best.sigma):
-                best = found
+            delay = _delay_at(*sides, step, passed)
+            if delay is not None and (best is None or delay.sigma < 0.7 * best.sigma):
+                best = delay
         width *= 2.0
     return best
 
@@ -98,8 +98,8 @@ def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
     spectrum = np.fft.rfft(np.gradient(a), size) * np.conj(np.fft.rfft(np.gradient(b), size))
     product = np.fft.irfft(spectrum, size)
     lags = np.arange(-reach, reach + 1)
-    at = int(np.argmax(np.abs(product[lags])))
-    delay = float(lags[at])
+    peak = int(np.argmax(np.abs(product[lags])))
+    delay = float(lags[peak])
     if abs(delay) == reach:
         return None
     inner = slice(margin + reach, len(a) - margin - reach)
@@ -153,17 +153,17 @@ def _compared(left: Array, curve: Spline, rows: slice, moved: float) -> tuple[Ar
 
 def pair_delays(grid: Grid) -> list[tuple[Relation, Delay]]:
     """Return the delays of all pairs of a log that are sufficiently correlated."""
-    found = []
+    pairs = []
     for relation in kinematic_relations(grid.channels):
         delay = estimate_delay(relation.left(grid), relation.right(grid), grid.step)
         if delay is not None and abs(delay.correlation) > 0.8:
-            found.append((relation, delay))
-    return found
+            pairs.append((relation, delay))
+    return pairs
 
 
 def check_response(log: Log) -> list[Finding]:
     """Report the delay of the yaw rate against the steering: response of the car plus delays of the channels."""
-    grid, found = make_grid(log), []
+    grid, findings = make_grid(log), []
     for name in STEERING:
         if name in grid.channels and "yaw_rate" in grid.channels:
             delay = estimate_delay(grid.channels["yaw_rate"], grid.channels[name], grid.step)
@@ -171,8 +171,8 @@ def check_response(log: Log) -> list[Finding]:
                 early = delay.is_likely and delay.value < -max(grid.step, 4.0 * delay.sigma)
                 text = statement("response", channel=name, delay=delay.value, early=early)
                 severity: Severity = "warning" if early else "info"
-                found.append(Finding(log.name, "response", f"yaw_rate, {name}", severity, delay.value, "s", text))
-    return found
+                findings.append(Finding(log.name, "response", f"yaw_rate, {name}", severity, delay.value, "s", text))
+    return findings
 
 
 def smooth(grid: Grid, name: str) -> Array:

@@ -50,17 +50,17 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
     logs: list[Log] = []
     sources: list[set[str]] = []
     for log in data.logs:
-        parts, found = _first_checks(log, allowed)
-        findings += found
+        parts, new_findings = _first_checks(log, allowed)
+        findings += new_findings
         for part in parts:
-            repaired, own, found = _check_log(part, allowed)
-            findings += found
+            repaired, own, new_findings = _check_log(part, allowed)
+            findings += new_findings
             sources += [source for source in own if source not in sources]
             logs.append(repaired)
     # With a wrong sign or unit the relations between the channels do not hold, and delays have no meaning.
-    if not any(one.check == "units" for log in logs for one in check_relations(log)):
-        logs, found = check_delays(logs, sources, repair="delays" in allowed)
-        findings += found
+    if not any(finding.check == "units" for log in logs for finding in check_relations(log)):
+        logs, new_findings = check_delays(logs, sources, repair="delays" in allowed)
+        findings += new_findings
     for log in logs:
         findings += (
             check_relations(log)
@@ -75,28 +75,28 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
 
 def _first_checks(log: Log, allowed: Collection[str]) -> tuple[list[Log], list[Finding]]:
     """Check a whole log: time stamps, first rows, and long gaps, at which it is cut."""
-    found = [Finding(log.name, "file", "", "info", 0.0, "", statement("note", text=note)) for note in log.notes]
-    log, seen = check_stamps(log, repair="timestamps" in allowed)
-    found += seen
-    logs, seen = split_at_gaps(log, repair="gaps" in allowed)
-    found += seen
+    findings = [Finding(log.name, "file", "", "info", 0.0, "", statement("note", text=note)) for note in log.notes]
+    log, new_findings = check_stamps(log, repair="timestamps" in allowed)
+    findings += new_findings
+    logs, new_findings = split_at_gaps(log, repair="gaps" in allowed)
+    findings += new_findings
     parts = []
     for part in logs:
-        part, seen = check_first_rows(part, repair="timestamps" in allowed)
-        found += seen
+        part, new_findings = check_first_rows(part, repair="timestamps" in allowed)
+        findings += new_findings
         parts.append(part)
-    return parts, found
+    return parts, findings
 
 
 def _check_log(log: Log, allowed: Collection[str]) -> tuple[Log, list[set[str]], list[Finding]]:
     """Check each log by itself, and return also which of its channels come from one source."""
-    log, found = unwrap_headings(log)
+    log, findings = unwrap_headings(log)
     # Glitches first: after interpolation, a glitch of a held channel would be as wide as its neighbours.
-    log, seen = check_glitches(log, repair="glitches" in allowed)
-    found += seen + check_values(log)
+    log, new_findings = check_glitches(log, repair="glitches" in allowed)
+    findings += new_findings + check_values(log)
     sources = channels_with_common_holds(log)
     # Then the clock, as comparisons between channels count samples.
     for name, check in (("held_values", check_held), ("sample_time", check_step)):
-        log, seen = check(log, repair=name in allowed)
-        found += seen
-    return log, sources, found + check_lateral_velocity(log)
+        log, new_findings = check(log, repair=name in allowed)
+        findings += new_findings
+    return log, sources, findings + check_lateral_velocity(log)

@@ -66,16 +66,16 @@ def check_delays(
         repair: whether to shift them.
     """
     # Drifting clocks first: a delay that changes has no value.
-    found: list[Finding] = []
+    all_findings: list[Finding] = []
     shifted_logs, grids, pairs = [], [], []
     for log in logs:
         grid = make_grid(log)
         own = pair_delays(grid)
         log, drifts = _check_drift(log, grid, own, repair=repair)
-        if any(one.done for one in drifts):
+        if any(drift.done for drift in drifts):
             grid = make_grid(log)
             own = pair_delays(grid)
-        found += drifts
+        all_findings += drifts
         shifted_logs.append(log)
         grids.append(grid)
         pairs.append(own)
@@ -83,18 +83,22 @@ def check_delays(
     # One recorder for all logs, unless a log contradicts the others.
     together = _lateral_delays(grids, sources)
     singles = [together] if len(grids) == 1 else [_lateral_delays([grid], sources) for grid in grids]
-    one_recorder = _agree(pairs) and not any(_contradicts(one, together) for one in singles)
-    groups = [range(len(logs))] if one_recorder else [range(at, at + 1) for at in range(len(logs))]
+    one_recorder = _agree(pairs) and not any(_contradicts(single, together) for single in singles)
+    groups = [range(len(logs))] if one_recorder else [range(index, index + 1) for index in range(len(logs))]
     for group in groups:
         lateral = together if len(group) == len(logs) else singles[group[0]]
-        evidence = _Evidence([grids[at] for at in group], _pooled([pairs[at] for at in group]), lateral, sources)
+        evidence = _Evidence(
+            [grids[index] for index in group], _pooled([pairs[index] for index in group]), lateral, sources
+        )
         shifts, findings = _delays(evidence, repair=repair, together=len(group) > 1)
-        for at in group:
-            log = shifted_logs[at]
-            found += [replace(one, log=log.name) for one in findings if set(one.channels) <= set(log.channels)]
+        for index in group:
+            log = shifted_logs[index]
+            all_findings += [
+                replace(finding, log=log.name) for finding in findings if set(finding.channels) <= set(log.channels)
+            ]
             own_shifts = {name: value for name, value in shifts.items() if name in log.channels}
-            shifted_logs[at] = _shifted(log, own_shifts) if repair else log
-    return shifted_logs, found
+            shifted_logs[index] = _shifted(log, own_shifts) if repair else log
+    return shifted_logs, all_findings
 
 
 def _lateral_delays(grids: Sequence[Grid], sources: Sequence[Collection[str]]) -> LateralDelays | None:
@@ -111,7 +115,7 @@ def _contradicts(own: LateralDelays | None, common: LateralDelays | None) -> boo
     if own is None or common is None or abs(own.arm - common.arm) > 2.0 * np.hypot(own.arm_sigma, common.arm_sigma):
         return False
     pairs = zip((own.acceleration, own.velocity), (common.acceleration, common.velocity), own.sigmas, strict=True)
-    return any(abs(one - other) > max(CONTRADICTS, SIGNIFICANT * sigma) for one, other, sigma in pairs if one)
+    return any(abs(delay - other) > max(CONTRADICTS, SIGNIFICANT * sigma) for delay, other, sigma in pairs if delay)
 
 
 def _agree(pairs: Sequence[Pairs]) -> bool:
@@ -131,31 +135,32 @@ def _pooled(pairs: Sequence[Pairs]) -> Pairs:
     for own in pairs:
         for relation, delay in own:
             by_name.setdefault(str(relation), []).append((relation, delay))
-    found = []
-    for seen in by_name.values():
-        relation, first = seen[0]
-        if len(seen) > 1:
-            precision = np.array([max(delay.sigma, 1e-6) ** -2 for _, delay in seen])
-            values = np.array([delay.value for _, delay in seen])
+    pooled = []
+    for same_relation in by_name.values():
+        relation, first = same_relation[0]
+        if len(same_relation) > 1:
+            precision = np.array([max(delay.sigma, 1e-6) ** -2 for _, delay in same_relation])
+            values = np.array([delay.value for _, delay in same_relation])
             share = precision / precision.sum()
             mean = float(share @ values)
-            between = float(np.sqrt(share @ (values - mean) ** 2 / (len(seen) - 1)))
+            between = float(np.sqrt(share @ (values - mean) ** 2 / (len(same_relation) - 1)))
             # Delays that differ from log to log gain less together than each by itself.
             common = mean**2 / max(float(share @ values**2), 1e-300)
             first = Delay(
                 mean, max(float(precision.sum() ** -0.5), between), 0.0, 0.0,
-                float(share @ np.array([delay.correlation for _, delay in seen])),
-                common * sum(delay.gain for _, delay in seen), sum(delay.effective for _, delay in seen),
+                float(share @ np.array([delay.correlation for _, delay in same_relation])),
+                common * sum(delay.gain for _, delay in same_relation),
+                sum(delay.effective for _, delay in same_relation),
             )  # fmt: skip
-        found.append((relation, first))
-    return found
+        pooled.append((relation, first))
+    return pooled
 
 
 def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[str, float], list[Finding]]:
     """Return the delays of the channels to shift [s], and the findings, not yet assigned to a log."""
     threshold = 0.25 * evidence.step
     timed = [(relation, delay) for relation, delay in evidence.pairs if relation.timed]
-    pairs = [one for one in timed if one[0].measured != "lateral_acceleration"]
+    pairs = [pair for pair in timed if pair[0].measured != "lateral_acceleration"]
 
     # Each channel's delay against most of the others, then that of channels from the same source.
     delays = _balance(_pair_ties(pairs) + _lateral_ties(evidence), threshold, evidence.sources)
@@ -172,12 +177,12 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
         own = {name: shifts[name] for name in names if name in shifts}
         return statement("shifted", shifts=", ".join(texts), together=words, **own) if repair and texts else None
 
-    found = [_ambiguous_finding(relation, delay) for relation, delay in evidence.pairs if not relation.timed]
-    found += [_pair_finding(relation, delay, evidence.step, shifts, shifted) for relation, delay in pairs]
+    findings = [_ambiguous_finding(relation, delay) for relation, delay in evidence.pairs if not relation.timed]
+    findings += [_pair_finding(relation, delay, evidence.step, shifts, shifted) for relation, delay in pairs]
     for name, value in of_source.items():
         text = statement("common_source", channel=name, delay=value)
-        found.append(Finding("", "delay", name, "warning", value, "s", text, shifted([name])))
-    return shifts, found + _lateral_findings(evidence, of_source, shifts, shifted)
+        findings.append(Finding("", "delay", name, "warning", value, "s", text, shifted([name])))
+    return shifts, findings + _lateral_findings(evidence, of_source, shifts, shifted)
 
 
 def _ambiguous_finding(relation: Relation, delay: Delay) -> Finding:
@@ -199,11 +204,11 @@ def _lateral_findings(
     lateral = evidence.lateral
     if lateral is None:
         return []
-    found = []
+    findings = []
     if abs(lateral.arm) > 4.0 * lateral.arm_sigma and not lateral.acceleration:
         text = statement("accelerometer_position", distance=lateral.arm, sigma=lateral.arm_sigma)
         name = "lateral_acceleration"
-        found.append(Finding("", "sensor_position", name, "warning", lateral.arm, "m", text))
+        findings.append(Finding("", "sensor_position", name, "warning", lateral.arm, "m", text))
     delays = (
         ("lateral_acceleration", lateral.acceleration, "yaw_rate"),
         ("vy", lateral.velocity, "lateral_acceleration"),
@@ -218,8 +223,8 @@ def _lateral_findings(
         )  # fmt: skip
         names = {"vy": ("vy", evidence.forward, "yaw_rate", "lateral_acceleration")}.get(channel, (channel, "yaw_rate"))
         done = shifted(names) if {channel, "yaw_rate"} & set(shifts) else None
-        found.append(Finding("", "delay", f"{channel}, {other}", "warning", delay, "s", text, done))
-    return found
+        findings.append(Finding("", "delay", f"{channel}, {other}", "warning", delay, "s", text, done))
+    return findings
 
 
 def _pair_finding(
@@ -262,7 +267,7 @@ def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool) -> tuple[L
     steer = next((name for name in STEERING if name in grid.channels), None)
     if steer is not None and "yaw_rate" in grid.channels:
         response = estimate_delay(grid.channels["yaw_rate"], grid.channels[steer], grid.step)
-        other = max((one[2].drift for one in drifting), key=abs)
+        other = max((pair[2].drift for pair in drifting), key=abs)
         if response is not None and abs(response.correlation) > 0.7:
             # Either the yaw rate drifts away from the steering as those two do, or it stays with it: the nearer one.
             drift = response.drift
@@ -273,15 +278,15 @@ def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool) -> tuple[L
     if "x" in stretched:
         stretched["y"] = stretched["x"]
     words = ", ".join(f"{name} stretched by {-100.0 * rate:+.3g} %" for name, rate in sorted(stretched.items()))
-    found = []
+    findings = []
     for first, second, delay in drifting:
         text = statement("clock_drift", channel=first, other=second, drift=delay.drift)
         done = statement("stretched", channels=words) if repair and {first, second} & set(stretched) else None
-        found.append(Finding(log.name, "clock_drift", f"{first}, {second}", "fault", delay.drift, "s/s", text, done))
+        findings.append(Finding(log.name, "clock_drift", f"{first}, {second}", "fault", delay.drift, "s/s", text, done))
     if not repair:
-        return log, found
+        return log, findings
     begin = log.time - log.time[0]
-    return _shifted(log, {name: rate * begin for name, rate in stretched.items()}), found
+    return _shifted(log, {name: rate * begin for name, rate in stretched.items()}), findings
 
 
 def _drift_by_position(grid: Grid) -> float:
@@ -337,14 +342,14 @@ def _delays_of_sources(
         for group in sources:
             if not ends <= set(group) and (delay.is_likely or SIGNIFICANT * delay.sigma < least):
                 decided |= ends
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for group in sources:
         known = [delays[name] for name in group if name in decided and name in delays]
         if not known or max(known) - min(known) > least or abs(known[0]) <= least:
             continue
         value = float(np.mean(known))
-        found |= dict.fromkeys(sorted(set(group) - decided), value)
-    return found
+        values |= dict.fromkeys(sorted(set(group) - decided), value)
+    return values
 
 
 def _shifted(log: Log, delays: Mapping[str, float | Array]) -> Log:

@@ -11,7 +11,7 @@ from mirdrake.identification.relations import Grid, make_grid
 
 def check_excitation(log: Log) -> list[Excitation]:
     """Return figures and a verdict for each group of parameters that the channels of a log could give."""
-    grid, found = make_grid(log), []
+    grid, ratings = make_grid(log), []
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward not in grid.channels:
         return []
@@ -20,9 +20,9 @@ def check_excitation(log: Log) -> list[Excitation]:
     if "yaw_rate" in grid.channels:
         rate = smooth(grid, "yaw_rate")
         lateral = speed * rate if "lateral_acceleration" not in grid.channels else smooth(grid, "lateral_acceleration")
-        found += _lateral(log.name, grid, speed, lateral, steering)
-    found += _longitudinal(log.name, grid, speed)
-    return found
+        ratings += _lateral(log.name, grid, speed, lateral, steering)
+    ratings += _longitudinal(log.name, grid, speed)
+    return ratings
 
 
 def _rated(good: bool, weak: bool) -> Verdict:
@@ -30,7 +30,7 @@ def _rated(good: bool, weak: bool) -> Verdict:
 
 
 def _lateral(name: str, grid: Grid, speed: Array, lateral: Array, steering: str | None) -> list[Excitation]:
-    found = []
+    ratings = []
     largest = float(np.percentile(np.abs(lateral), 99.5))
     # Stiffness and ratio are separable only if turns are driven at different speeds.
     turning = np.abs(lateral) > 0.3 * max(largest, 0.3)
@@ -44,18 +44,18 @@ def _lateral(name: str, grid: Grid, speed: Array, lateral: Array, steering: str 
         words = {"speed": mean, "spread": 0.5 * spread, "varied": varied}
         verdict = _rated(largest > 2.0 and band > 0.8 and varied, moves and band > 0.3)
         text = statement("lateral", largest=largest, channel=steering, bandwidth=band, moves=moves, **words)
-        found.append(Excitation(name, "cornering stiffness, yaw inertia", verdict, figures, text))
+        ratings.append(Excitation(name, "cornering stiffness, yaw inertia", verdict, figures, text))
         verdict = _rated(largest > 2.0 and varied, moves)
         text = statement("turning", **words)
-        found.append(Excitation(name, "steering ratio, understeer gradient", verdict, figures, text))
+        ratings.append(Excitation(name, "steering ratio, understeer gradient", verdict, figures, text))
     verdict = _rated(largest > 6.0, largest > 4.0)
     text = statement("friction", largest=largest)
-    found.append(Excitation(name, "friction, tyre curve", verdict, {"lateral_acceleration": largest}, text))
-    return found
+    ratings.append(Excitation(name, "friction, tyre curve", verdict, {"lateral_acceleration": largest}, text))
+    return ratings
 
 
 def _longitudinal(name: str, grid: Grid, speed: Array) -> list[Excitation]:
-    found = []
+    ratings = []
     pedals = {pedal: grid.channels[pedal] for pedal in ("throttle", "brake") if pedal in grid.channels}
     straight = np.abs(grid.channels["yaw_rate"] * speed) < 0.5 if "yaw_rate" in grid.channels else speed > -1e9
     if len(pedals) == 2:
@@ -64,7 +64,9 @@ def _longitudinal(name: str, grid: Grid, speed: Array) -> list[Excitation]:
         span = float(np.ptp(speed[coast])) if coast.any() else 0.0
         verdict = _rated(duration > 10.0 and span > 8.0, duration > 2.0 and span > 1.0)
         text = statement("coasting", duration=duration, span=span)
-        found.append(Excitation(name, "drag, rolling resistance", verdict, {"coasting": duration, "span": span}, text))
+        ratings.append(
+            Excitation(name, "drag, rolling resistance", verdict, {"coasting": duration, "span": span}, text)
+        )
     for pedal, values in pedals.items():
         # Steps determine delay and lag, levels the gain.
         change = np.abs(np.diff(values)) > 0.1
@@ -74,8 +76,8 @@ def _longitudinal(name: str, grid: Grid, speed: Array) -> list[Excitation]:
         verdict = _rated(jumps >= 2 and levels >= 3 and duration > 2.0, duration > 0.5)
         figures = {"duration": duration, "steps": float(jumps), "levels": float(levels)}
         text = statement("pedal", pedal=pedal, **figures)
-        found.append(Excitation(name, f"{pedal} gain, lag, delay", verdict, figures, text))
-    return found
+        ratings.append(Excitation(name, f"{pedal} gain, lag, delay", verdict, figures, text))
+    return ratings
 
 
 def bandwidth(values: Array, step: float) -> float:

@@ -116,36 +116,53 @@ class DataReport:
 
     def of(self, check: Check, channel: str | None = None) -> list[Finding]:
         """Return the findings of one check, and of one channel if it is given."""
-        return [one for one in self.findings if one.check == check and (channel is None or one.channel == channel)]
+        return [
+            finding
+            for finding in self.findings
+            if finding.check == check and (channel is None or finding.channel == channel)
+        ]
 
     @property
     def repairs(self) -> list[str]:
         """The repairs, one sentence each."""
-        return [f"{one.log}: {one.channel or 'all channels'}: {one.repair}" for one in self.findings if one.done]
+        return [
+            f"{finding.log}: {finding.channel or 'all channels'}: {finding.repair}"
+            for finding in self.findings
+            if finding.done
+        ]
 
     @property
     def unrepaired_faults(self) -> list[Finding]:
         """Faults that were not repaired and make a fit wrong."""
-        return [one for one in self.findings if one.severity == "fault" and one.done is None]
+        return [finding for finding in self.findings if finding.severity == "fault" and finding.done is None]
 
     def to_pandas(self) -> pd.DataFrame:
         """Return the findings, a row each."""
         columns = ["log", "check", "channel", "severity", "value", "unit", "text", "repair"]
-        return pd.DataFrame([[getattr(one, name) for name in columns] for one in self.findings], columns=columns)
+        return pd.DataFrame(
+            [[getattr(finding, name) for name in columns] for finding in self.findings], columns=columns
+        )
 
     def table(self) -> str:
         """Return findings and excitation as text, a line each."""
         lines = []
         for log in self.data.logs:
             lines.append(f"{log.name} ({log.use}, {len(log.time)} samples, {log.time[-1] - log.time[0]:.4g} s)")
-            found = [one for one in self.findings if one.log == log.name]
+            findings = [finding for finding in self.findings if finding.log == log.name]
             rows = [
-                (one.severity, one.check, one.channel or "-", one.text + (f" -> {one.repair}" if one.done else ""))
-                for one in found
+                (
+                    finding.severity,
+                    finding.check,
+                    finding.channel or "-",
+                    finding.text + (f" -> {finding.repair}" if finding.done else ""),
+                )
+                for finding in findings
             ]
-            offers = [one for one in self.excitation if one.log == log.name]
-            lines += _aligned([*rows, *((one.verdict, "excitation", one.parameters, one.text) for one in offers)])
-            if not found:
+            offers = [rating for rating in self.excitation if rating.log == log.name]
+            lines += _aligned(
+                [*rows, *((rating.verdict, "excitation", rating.parameters, rating.text) for rating in offers)]
+            )
+            if not findings:
                 lines.append("  no findings")
         return "\n".join(lines)
 

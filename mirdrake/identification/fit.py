@@ -153,21 +153,34 @@ class Fit:
         rows: list[tuple[str, ...]] = [(
             "parameter", "value", "95 % interval", "± noise", "± model", "unit", "given", "verdict"
         )]  # fmt: skip
-        for one in self.parameters:
-            span = "" if one.kind == "fixed" else f"{_number(one.low)} … {_number(one.high)}"
-            parts = [half_width(sigma) for sigma in (one.sigma_noise, one.sigma_model)]
-            rows.append((one.name, _number(one.value), span, *parts, one.unit, _number(one.given, ""), one.verdict))
+        for parameter in self.parameters:
+            span = "" if parameter.kind == "fixed" else f"{_number(parameter.low)} … {_number(parameter.high)}"
+            parts = [half_width(sigma) for sigma in (parameter.sigma_noise, parameter.sigma_model)]
+            rows.append(
+                (
+                    parameter.name,
+                    _number(parameter.value),
+                    span,
+                    *parts,
+                    parameter.unit,
+                    _number(parameter.given, ""),
+                    parameter.verdict,
+                )
+            )
         lines = [f"{self.name}: {self.model}, {self.estimator}", "", *_columns(rows), ""]
         lines += [
-            f"{one.name}: {one.explanation}" for one in self.parameters if one.explanation and one.kind != "fixed"
+            f"{parameter.name}: {parameter.explanation}"
+            for parameter in self.parameters
+            if parameter.explanation and parameter.kind != "fixed"
         ]
         if self.channels:
             rows = [("log", "part", "channel", "fit %", "noise limit", "rms", "unit", "white p", "inputs p")]
             rows += [
-                (one.log, one.part, one.channel, f"{one.nrmse_percent:.1f}", f"{one.noise_limit_percent:.0f}",
-                 _number(one.rms), one.unit,
-                 _number(one.whiteness_p, "", 2), _number(one.input_correlation_p, "", 2))
-                for one in self.channels
+                (channel.log, channel.part, channel.channel,
+                 f"{channel.nrmse_percent:.1f}", f"{channel.noise_limit_percent:.0f}",
+                 _number(channel.rms), channel.unit,
+                 _number(channel.whiteness_p, "", 2), _number(channel.input_correlation_p, "", 2))
+                for channel in self.channels
             ]  # fmt: skip
             lines += ["", *_columns(rows)]
         for title, texts in (("Identified:", self.combinations), ("Advice:", self.advice), ("Notes:", self.notes)):
@@ -194,8 +207,8 @@ class Fit:
         for item in fields(self):
             if item.name not in {"traces", "profiles"}:
                 content[item.name] = getattr(self, item.name)
-        content["parameters"] = [asdict(one) for one in self.parameters]
-        content["channels"] = [asdict(one) for one in self.channels]
+        content["parameters"] = [asdict(parameter) for parameter in self.parameters]
+        content["channels"] = [asdict(channel) for channel in self.channels]
         content["correlation"] = self.correlation.tolist()
         content["versions"] = dict(self.versions)
         text = json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False)
@@ -220,8 +233,8 @@ def load_fit(folder: Path | str) -> Fit:
     if not isinstance(content, dict) or content.pop("mirdrake", None) != FORMAT:
         raise ConfigError(f"{file}: is not of format '{FORMAT}'; run the study again")
     try:
-        content["parameters"] = tuple(FittedParameter(**one) for one in content["parameters"])
-        content["channels"] = tuple(_channel_fit(one) for one in content["channels"])
+        content["parameters"] = tuple(FittedParameter(**entry) for entry in content["parameters"])
+        content["channels"] = tuple(_channel_fit(entry) for entry in content["channels"])
         content["correlation"] = np.array(content["correlation"], dtype=np.float64).reshape(
             len(content["correlation"]), -1
         )
@@ -240,10 +253,10 @@ def load_fit(folder: Path | str) -> Fit:
 
 def _apart(table: pd.DataFrame, key: str) -> dict[str, pd.DataFrame]:
     """Return the rows of a table by label, without empty columns."""
-    found = {}
+    tables = {}
     for label, rows in table.groupby(key, sort=False):
-        found[str(label)] = rows.drop(columns=key).dropna(axis="columns", how="all").reset_index(drop=True)
-    return found
+        tables[str(label)] = rows.drop(columns=key).dropna(axis="columns", how="all").reset_index(drop=True)
+    return tables
 
 
 def _plain(value: Any) -> Any:

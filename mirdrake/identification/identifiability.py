@@ -66,12 +66,12 @@ def judge(
         values: estimates.
         uncertainty: uncertainty of the free parameters.
     """
-    names = [one.info.name for one in unknowns if one.kind != "fixed"]
-    found = []
+    names = [unknown.info.name for unknown in unknowns if unknown.kind != "fixed"]
+    judgements = []
     for unknown in unknowns:
         info, value = unknown.info, values[unknown.info.name]
         if unknown.kind == "fixed":
-            found.append(
+            judgements.append(
                 FittedParameter(info.name, info.unit, value, kind="fixed", given=unknown.given, source=unknown.source,
                                 verdict="fixed", explanation=info.source)
             )  # fmt: skip
@@ -81,7 +81,7 @@ def judge(
         low, high = _interval(unknown, value, judgement.sigma)
         finite = math.isfinite(judgement.sigma), math.isfinite(judgement.noise)
         at_bound: Literal["low", "high"] | None = judgement.bound
-        found.append(
+        judgements.append(
             FittedParameter(
                 info.name, info.unit, value, slope * judgement.sigma if finite[0] else None, low, high, unknown.kind,
                 at_bound, unknown.given, unknown.source, judgement.verdict, messages.explanation(judgement),
@@ -89,7 +89,7 @@ def judge(
                 sigma_model=slope * judgement.by_assumptions,
             )
         )  # fmt: skip
-    return tuple(found)
+    return tuple(judgements)
 
 
 def _interval(unknown: FitParameter, value: float, sigma: float) -> tuple[float | None, float | None]:
@@ -173,10 +173,10 @@ def combinations(
         judged: parameters with their verdicts.
         effects: contributions of the assumptions; a combination may be insensitive to them.
     """
-    poor = {one.name for one in judged if one.verdict in {"not identifiable", "weakly identified"}}
+    poor = {judgement.name for judgement in judged if judgement.verdict in {"not identifiable", "weakly identified"}}
     if not poor:
         return ()
-    free = [one for one in unknowns if one.kind != "fixed"]
+    free = [unknown for unknown in unknowns if unknown.kind != "fixed"]
     return (
         *_derived_combinations(model, free, values, covariance, poor, effects),
         *_directions(free, covariance, poor, effects),
@@ -220,7 +220,7 @@ def _directions(
     index = [i for i, unknown in enumerate(free) if unknown.info.name in poor]
     if len(index) < 2:
         return
-    wide = covariance + sum(np.outer(one.shift, one.shift) for one in effects)
+    wide = covariance + sum(np.outer(effect.shift, effect.shift) for effect in effects)
     variances, vectors = np.linalg.eigh(wide[np.ix_(index, index)])
     for variance, vector in zip(variances, vectors.T, strict=True):
         big = np.abs(vector) > 0.2

@@ -199,16 +199,16 @@ def to_number(value: Value, unit: str, path: tuple[str, ...]) -> float:
 
 def _fixed_numbers(spec: StudySpec) -> dict[str, float]:
     """Return the plain numbers that the study fixes, which a model may need before its parameters are known."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for name, entry in spec.parameters.items():
         value = entry.fixed if entry.fixed is not None else entry.given
         if isinstance(value, str):
             value = value.strip().partition(" ")[0]
         try:
-            found |= {} if value is None else {name: float(value)}
+            values |= {} if value is None else {name: float(value)}
         except ValueError:
             continue  # reported by make_settings, where the unit is known
-    return found
+    return values
 
 
 def _load(spec: StudySpec, folder: Path, file: str) -> DataSet:
@@ -227,9 +227,9 @@ def _model_spec(spec: StudySpec, folder: Path) -> tuple[ModelSpec, str | None]:
     if vehicle is not None and "vehicle" in model_class(kind).Options.model_fields:
         options = {"vehicle": vehicle, **options}
     source = spec._source or Source("study", {})
-    found = ModelSpec(kind, options, source._replace(prefix=(*source.prefix, "model")))
-    check_options(found)
-    return found, vehicle
+    model = ModelSpec(kind, options, source._replace(prefix=(*source.prefix, "model")))
+    check_options(model)
+    return model, vehicle
 
 
 def _given(spec: StudySpec, model: ModelSpec, name: str, data: DataSet) -> tuple[str, dict[str, float]]:
@@ -274,13 +274,13 @@ def _check_moves(data: DataSet, model: Model) -> None:
 def reject_poor_fit(found: Fit) -> Fit:
     """Return the fit with all verdicts "not identifiable" if the model does not follow the data it was fitted to."""
     # One well-fitted channel is enough to show that the model describes the vehicle.
-    best = max((one.nrmse_percent for one in found.channels if one.part == "train"), default=100.0)
+    best = max((channel.nrmse_percent for channel in found.channels if channel.part == "train"), default=100.0)
     if best >= MIN_FIT:
         return found
     text = f"the model fits no channel by more than {max(best, 0.0):.0f} %: its values are not valid for the vehicle"
     parameters = tuple(
-        one if one.kind == "fixed" else replace(one, verdict="not identifiable", explanation=text)
-        for one in found.parameters
+        parameter if parameter.kind == "fixed" else replace(parameter, verdict="not identifiable", explanation=text)
+        for parameter in found.parameters
     )
     return replace(found, parameters=parameters, notes=(text, *found.notes))
 
@@ -295,7 +295,7 @@ def _run_stages(
     """Return the fits before the final one; their results become guesses, or fixed values, in `settings`."""
     known = {info.name: info for info in model.parameters}
     names = [log.name for log in data.logs]
-    found: list[Fit] = []
+    fits: list[Fit] = []
     for index, stage in enumerate(spec.stages):
         for name in stage.free:
             if name not in known:
@@ -303,7 +303,7 @@ def _run_stages(
                 raise ConfigError(f"unknown parameter '{name}'; {hint}", path=("stages", index, "free"))
         chosen = names if stage.logs is None else []
         for name in stage.logs or ():
-            parts = [one for one in names if one == name or one.startswith(f"{name}, part ")]
+            parts = [part for part in names if part == name or part.startswith(f"{name}, part ")]
             if not parts:
                 raise ConfigError(f"no log '{name}'; {did_you_mean(name, names)}", path=("stages", index, "logs"))
             chosen = [*chosen, *parts]
@@ -315,12 +315,12 @@ def _run_stages(
         options = replace(_options(spec), bootstrap=0, profile=False)
         own = {name: _in_stage(settings.get(name, Setting()), known[name], free=name in stage.free) for name in known}
         result = fit(part, kind, parameters=own, options=options, name=f"{spec.name}, stage {stage.name}")
-        found.append(result)
+        fits.append(result)
         for name in stage.free:
             settings[name] = _after_stage(
                 settings.get(name, Setting()), result[name].value, stage.name, keep=stage.keep
             )
-    return found
+    return fits
 
 
 def _in_stage(setting: Setting, info: Parameter, *, free: bool) -> Setting:

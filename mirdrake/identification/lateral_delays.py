@@ -123,8 +123,12 @@ def estimate_lateral_delays(grids: Sequence[Grid], *, together: bool | None = No
         return None
     # Of one clock that differs, the one whose restriction contradicts the joint estimates least (Wald's test).
     order = range(len(LATE)) if joint is None else np.argsort(joint.against)
-    found = [one for at in order if (one := logs.estimate_best(LATE[at])) is not None]
-    best = max(found, key=lambda one: one.evidence) if found and joint is None else next(iter(found), plain)
+    estimates = [estimate for index in order if (estimate := logs.estimate_best(LATE[index])) is not None]
+    best = (
+        max(estimates, key=lambda estimate: estimate.evidence)
+        if estimates and joint is None
+        else next(iter(estimates), plain)
+    )
     if best.evidence <= 0.0:
         return plain
     if abs(best.arm) < 2.0 * best.arm_sigma:  # beside each other the delay is more certain
@@ -148,8 +152,8 @@ class _LogSet:
     def estimate_best(self, hypothesis: Hypothesis) -> LateralDelays | None:
         """Estimate with the smoothing that gives the most certain delay, or position if there is none."""
         widths = sorted({max(width, 2.0 * self._coarsest) for width in WIDTHS})
-        tried = [one for width in widths if (one := self.estimate(width, hypothesis)) is not None]
-        return min(tried, key=lambda one: (max(one.sigmas), one.arm_sigma), default=None)
+        tried = [estimate for width in widths if (estimate := self.estimate(width, hypothesis)) is not None]
+        return min(tried, key=lambda estimate: (max(estimate.sigmas), estimate.arm_sigma), default=None)
 
     def estimate(self, width: float, free: Hypothesis) -> LateralDelays | None:
         """Estimate with a smoothing over a width [s]; delays outside of the hypothesis are 0.
@@ -205,8 +209,8 @@ class _LogSet:
         # Wald's statistic takes the place of the likelihood ratio, which instrumental variables do not maximise. An
         # accelerometer that measures a tenth more by roll lags by a tenth of the roll.
         late = [0, 0 if free.of_yaw_rate else 1]
-        delays = [float(unknown[i]) if one else 0.0 for i, one in zip(late, free[:2], strict=True)]
-        sigmas = [float(sigma[i]) if one else 0.0 for i, one in zip(late, free[:2], strict=True)]
+        delays = [float(unknown[i]) if is_free else 0.0 for i, is_free in zip(late, free[:2], strict=True)]
+        sigmas = [float(sigma[i]) if is_free else 0.0 for i, is_free in zip(late, free[:2], strict=True)]
         evidence = 0.0
         against: tuple[float, ...] = ()
         if free.apart:

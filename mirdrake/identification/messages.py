@@ -63,18 +63,18 @@ def combination(found: Combination | Direction) -> str:
 
 def direction(found: Direction) -> str:
     """Return a direction of the scaled parameters: a product of powers, or a sum if one of them may be zero."""
-    plain = [(one, weight) for one, weight in found.parts if not one.logarithmic]
+    plain = [(parameter, weight) for parameter, weight in found.parts if not parameter.logarithmic]
     first, lead = max(plain or found.parts, key=lambda part: abs(part[1]))
-    rest = [(one, weight / lead) for one, weight in found.parts if one is not first]
+    rest = [(parameter, weight / lead) for parameter, weight in found.parts if parameter is not first]
     sigma = found.sigma / abs(lead)
     if not plain:
-        powers = "".join(f" × {one.info.name}^{weight:.2g}" for one, weight in rest)
+        powers = "".join(f" × {parameter.info.name}^{weight:.2g}" for parameter, weight in rest)
         return f"{first.info.name}{powers}: known to ± {196.0 * sigma:.2g} %"
     text, scale, unit = first.info.name, first.info.scale, first.info.unit
-    for one, weight in rest:
-        size = abs(weight) * scale / (1.0 if one.logarithmic else one.info.scale)
-        per = unit if one.logarithmic else _ratio_unit(unit, one.info.unit)
-        name = f"ln({one.info.name})" if one.logarithmic else one.info.name
+    for parameter, weight in rest:
+        size = abs(weight) * scale / (1.0 if parameter.logarithmic else parameter.info.scale)
+        per = unit if parameter.logarithmic else _ratio_unit(unit, parameter.info.unit)
+        name = f"ln({parameter.info.name})" if parameter.logarithmic else parameter.info.name
         text += f" {'+' if weight > 0.0 else '-'} {size:.2g} {per}{' ' if per else ''}{name}"
     return f"{text}: known to ± {_quantity(1.96 * sigma * scale, unit, 2)}"
 

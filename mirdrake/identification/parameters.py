@@ -149,17 +149,17 @@ def resolve_parameters(known: Sequence[Parameter], settings: Mapping[str, Settin
         for name in settings
         if name not in names
     ]
-    found = []
+    resolved = []
     for info in known:
         setting = settings.get(info.name, Setting())
         problem = _problem(info, setting)
         if problem:
             faults.append(ConfigError(problem, path=("parameters", info.name)))
         else:
-            found.append(_resolve(info, setting))
+            resolved.append(_resolve(info, setting))
     if faults:
         raise ConfigError(faults=faults)
-    return tuple(found)
+    return tuple(resolved)
 
 
 def _problem(info: Parameter, setting: Setting) -> str:

@@ -62,13 +62,13 @@ def check_step(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     clock = next((unit for unit, size in _CLOCKS.items() if abs(factor / size - 1.0) < 0.05), "")
     text = statement("true_step", step=factor * step, factor=factor, stated=step, reasons=reasons, clock=clock)
     done = statement("scaled_time", factor=factor) if repair else None
-    found = Finding(log.name, "sample_time", "", "fault", factor * step, "s", text, done)
-    return (replace(log, time=log.time[0] + factor * (log.time - log.time[0])) if repair else log), [found]
+    finding = Finding(log.name, "sample_time", "", "fault", factor * step, "s", text, done)
+    return (replace(log, time=log.time[0] + factor * (log.time - log.time[0])) if repair else log), [finding]
 
 
 def check_relations(log: Log) -> list[Finding]:
     """Check scales and offsets of the relations, and find the mistakes that would explain those that do not hold."""
-    found, gains = [], estimate_gains(log)
+    findings, gains = [], estimate_gains(log)
     for gain in gains:
         off = abs(gain.gain - 1.0) > max(0.1, 4.0 * gain.sigma)
         first, others = gain.relation.measured, ", ".join(gain.relation.others)
@@ -77,28 +77,28 @@ def check_relations(log: Log) -> list[Finding]:
             unit=channel(first).unit,
         )  # fmt: skip
         severity: Severity = "warning" if off else "info"
-        found.append(Finding(log.name, "kinematics", str(gain.relation), severity, gain.gain, "1", text))
+        findings.append(Finding(log.name, "kinematics", str(gain.relation), severity, gain.gain, "1", text))
     mistakes, factor = explain_gains(gains, {name: channel(name).unit for name in log.channels})
     if factor is None and mistakes:
         words = " or by ".join(f"{what} of {name}" for name, what in mistakes)
         text = statement("mistakes", mistakes=words, signs_only=all(what == "wrong sign" for _, what in mistakes))
         names = ", ".join(dict.fromkeys(name for name, _ in mistakes))
-        found.append(Finding(log.name, "units", names, "fault", float(len(mistakes)), "mistakes", text))
-    return found
+        findings.append(Finding(log.name, "units", names, "fault", float(len(mistakes)), "mistakes", text))
+    return findings
 
 
 def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
     """Check sign, scale and bias of the steering against the yaw rate, where the tyres slip little."""
     grid = make_grid(log)
-    found: list[Finding] = []
+    findings: list[Finding] = []
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward not in grid.channels or "yaw_rate" not in grid.channels:
-        return found
+        return findings
     speed, rate = smooth(grid, forward), smooth(grid, "yaw_rate")
     largest = float(np.percentile(np.abs(speed * rate), 99.0))
     if largest > IMPOSSIBLE:
         text = statement("impossible_turn", value=largest)
-        found.append(Finding(log.name, "units", f"{forward}, yaw_rate", "fault", largest, "m/s^2", text))
+        findings.append(Finding(log.name, "units", f"{forward}, yaw_rate", "fault", largest, "m/s^2", text))
     # Slow enough for its size: far below the limit of the tyres.
     calm = (np.abs(speed) > min(1.0, 0.2 * float(np.max(np.abs(speed))))) & (np.abs(speed * rate) < 3.0)
     # At higher speed the tyres slip by more than the steering turns, so the scale is uncertain without slow turns.
@@ -107,8 +107,8 @@ def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
     rows = slow if is_slow else calm
     for name in STEERING:
         if name in grid.channels:
-            found += _check_steering_channel(log, grid, name, (speed[rows], rate[rows], rows), wheelbase, is_slow)
-    return found
+            findings += _check_steering_channel(log, grid, name, (speed[rows], rate[rows], rows), wheelbase, is_slow)
+    return findings
 
 
 def _check_steering_channel(
@@ -120,23 +120,23 @@ def _check_steering_channel(
     is_slow: bool,
 ) -> list[Finding]:
     """Check one steering channel; `calm` are speed, yaw rate and the mask of the rows in which tyres slip little."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     speed, rate, rows = calm
     whole = smooth(grid, name)
     angle = whole[rows]
     if len(angle) < 50 or np.std(angle) == 0.0 or np.std(rate) == 0.0:
-        return found
+        return findings
     correlation = _steering_correlation(speed, angle, rate)
     if correlation is None:
-        return found
+        return findings
     if correlation < -MIN_OPPOSITE:
         text = statement("steering_sign", channel=name, correlation=correlation)
-        found.append(Finding(log.name, "units", name, "fault", correlation, "1", text))
+        findings.append(Finding(log.name, "units", name, "fault", correlation, "1", text))
     unit = channel(name).unit
     bias, spread = _steering_bias(speed, _aligned(grid, name, whole)[rows], rate)
     if abs(bias) > max(0.01 * float(np.ptp(np.percentile(whole, (1, 99)))), 4.0 * spread, 1e-9):
         text = statement("steering_bias", channel=name, bias=bias, sigma=spread, unit=unit)
-        found.append(Finding(log.name, "bias", name, "warning", bias, unit, text))
+        findings.append(Finding(log.name, "bias", name, "warning", bias, unit, text))
 
     # The scale over the wheelbase, or as a length without one.
     base = np.column_stack((speed * angle, speed))
@@ -146,12 +146,12 @@ def _check_steering_channel(
     mistake = None if wheelbase is None else _steering_mistake(name, scale, is_slow)
     if mistake is not None and abs(correlation) > 0.8:
         text = statement("mistakes", mistakes=f"{mistake} of {name}", signs_only=False)
-        found.append(Finding(log.name, "units", name, "fault", scale, "1", text))
+        findings.append(Finding(log.name, "units", name, "fault", scale, "1", text))
     text = statement("steering_scale", channel=name, scale=scale, length=wheelbase is None, odd=is_odd)
     unit = "m" if wheelbase is None else "1"
     severity: Severity = "warning" if is_odd else "info"
-    found.append(Finding(log.name, "kinematics", f"yaw_rate, {name}", severity, scale, unit, text))
-    return found
+    findings.append(Finding(log.name, "kinematics", f"yaw_rate, {name}", severity, scale, unit, text))
+    return findings
 
 
 def _steering_correlation(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> float | None:
@@ -217,7 +217,7 @@ def _steering_bias(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> tu
 
 def check_gyro_bias(log: Log) -> list[Finding]:
     """Find rates that are not zero at standstill: the bias of a gyro."""
-    grid, found = make_grid(log), []
+    grid, findings = make_grid(log), []
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward not in grid.channels:
         return []
@@ -228,8 +228,8 @@ def check_gyro_bias(log: Log) -> list[Finding]:
                 value = float(np.median(grid.channels[name][rest]))
                 if abs(value) > 0.003:
                     text = statement("gyro_bias", value=value)
-                    found.append(Finding(log.name, "bias", name, "warning", value, "rad/s", text))
-    return found
+                    findings.append(Finding(log.name, "bias", name, "warning", value, "rad/s", text))
+    return findings
 
 
 def check_velocity_position(log: Log) -> list[Finding]:
@@ -324,7 +324,7 @@ def check_path_direction(log: Log) -> list[Finding]:
 
 def check_gravity(log: Log) -> list[Finding]:
     """Find gravity in accelerometers: an offset at standstill, or a part that follows roll and pitch."""
-    grid, found = make_grid(log), []
+    grid, findings = make_grid(log), []
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward in grid.channels:
         rest = np.abs(smooth(grid, forward)) < STANDSTILL
@@ -334,7 +334,7 @@ def check_gravity(log: Log) -> list[Finding]:
                 if abs(value) > 0.15:
                     tilt = float(np.degrees(np.arcsin(np.clip(value / GRAVITY, -1.0, 1.0))))
                     text = statement("gravity_at_rest", value=value, tilt=abs(tilt))
-                    found.append(Finding(log.name, "gravity", name, "warning", value, "m/s^2", text))
+                    findings.append(Finding(log.name, "gravity", name, "warning", value, "m/s^2", text))
     for relation in kinematic_relations(grid.channels):
         tilts = {"lateral_acceleration": ("roll", 1.0), "longitudinal_acceleration": ("pitch", -1.0)}
         name, sign = tilts.get(relation.measured, ("", 1.0))
@@ -345,10 +345,10 @@ def check_gravity(log: Log) -> list[Finding]:
             text = statement(
                 "gravity_with_tilt", part=part[0], sigma=part[1], angle=name, opposite=part[0] * sign < 0.0
             )
-            found.append(
+            findings.append(
                 Finding(log.name, "gravity", f"{relation.measured}, {name}", "warning", part[0], "m/s^2", text)
             )
-    return found
+    return findings
 
 
 def _tilt_part(grid: Grid, left: np.ndarray, right: np.ndarray, sine: np.ndarray) -> tuple[float, float] | None:

@@ -20,34 +20,36 @@ def reject_faults(report: DataReport, used: Collection[str]) -> None:
     Raises:
         ConfigError: one line per fault, with what to write.
     """
-    faults = [one for one in report.unrepaired_faults if one.check in {"units", "sample_time"}]
+    faults = [finding for finding in report.unrepaired_faults if finding.check in {"units", "sample_time"}]
     # The steering is compared with speed and yaw rate: if those may be wrong, the steering is not to blame.
-    doubtful = {name for one in faults if len(one.channels) > 1 or "yaw_rate" in one.channels for name in one.channels}
+    doubtful = {
+        name for fault in faults if len(fault.channels) > 1 or "yaw_rate" in fault.channels for name in fault.channels
+    }
     by_channel: dict[tuple[str, str], list[Finding]] = {}
-    for one in faults:
-        if one.channels and not set(one.channels) <= set(used):
+    for fault in faults:
+        if fault.channels and not set(fault.channels) <= set(used):
             continue
-        if one.what.code == "steering_sign" and doubtful & {"yaw_rate", *_SPEED}:
+        if fault.what.code == "steering_sign" and doubtful & {"yaw_rate", *_SPEED}:
             continue
-        by_channel.setdefault((one.check, one.channel), []).append(one)
+        by_channel.setdefault((fault.check, fault.channel), []).append(fault)
     # A fault of one channel explains those of groups that contain it.
     single = {channel for _, channel in by_channel if ", " not in channel}
     lines = []
-    for (_, channel), found in by_channel.items():
-        if channel not in single and not single.isdisjoint(found[0].channels):
+    for (_, channel), same in by_channel.items():
+        if channel not in single and not single.isdisjoint(same[0].channels):
             continue
-        logs = found[0].log + (f" and {len(found) - 1} more" if len(found) > 1 else "")
+        logs = same[0].log + (f" and {len(same) - 1} more" if len(same) > 1 else "")
         what = f"{channel}: " if channel else ""
-        lines.append(f"{logs}: {what}{found[0].text}; {_correction(found[0])}, or set 'force: true' in the study")
+        lines.append(f"{logs}: {what}{same[0].text}; {_correction(same[0])}, or set 'force: true' in the study")
     if lines:
         raise ConfigError("\n".join(lines))
 
 
-def _correction(found: Finding) -> str:
+def _correction(fault: Finding) -> str:
     """Return what to write in the data file."""
-    if found.check == "sample_time":
+    if fault.check == "sample_time":
         return "give 'unit' or 'step' under 'time' of the data file, or allow the repair 'sample_time'"
-    names = " or ".join(found.channels)
-    if found.what.code in {"steering_sign", "velocity_sign", "path_direction"} or found.what.figures.get("signs_only"):
+    names = " or ".join(fault.channels)
+    if fault.what.code in {"steering_sign", "velocity_sign", "path_direction"} or fault.what.figures.get("signs_only"):
         return f"write 'sign: -1' at {names} in 'channels' of the data file"
     return f"correct 'unit' or 'sign' of {names} in 'channels' of the data file"

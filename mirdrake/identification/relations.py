@@ -103,7 +103,7 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
         channels: channels of a log.
         use_vy: whether dvy/dt counts in the lateral acceleration; it should not if the step may be wrong.
     """
-    found: list[Relation] = []
+    relations: list[Relation] = []
     forward = "vx" if "vx" in channels else "speed" if "speed" in channels else None
 
     def get(grid: Grid, name: str) -> Array:
@@ -120,11 +120,11 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
         return grid.rate(get(grid, "vy")) if known else np.zeros(len(get(grid, "yaw_rate")))
 
     if forward and "longitudinal_acceleration" in channels:
-        found.append(
+        relations.append(
             Relation("longitudinal_acceleration", (forward,), (1,), True, lambda g: g.rate(get(g, forward)), known=turn)
         )
     if forward and "lateral_acceleration" in channels and "yaw_rate" in channels:
-        found.append(
+        relations.append(
             Relation(
                 "lateral_acceleration",
                 (forward, "yaw_rate"),
@@ -135,19 +135,19 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
             )
         )
     if "yaw" in channels and "yaw_rate" in channels:
-        found.append(Relation("yaw_rate", ("yaw",), (1,), True, lambda g: g.rate(np.unwrap(get(g, "yaw")))))
+        relations.append(Relation("yaw_rate", ("yaw",), (1,), True, lambda g: g.rate(np.unwrap(get(g, "yaw")))))
     if forward and "x" in channels and "y" in channels:
-        found.append(Relation(forward, ("x", "y"), (1, 0), True, lambda g: _travel(g, str(forward))))
+        relations.append(Relation(forward, ("x", "y"), (1, 0), True, lambda g: _travel(g, str(forward))))
     if forward:
         for wheel in WHEELS:
             name = f"wheel_speed_{wheel}"
             if name in channels:
-                found.append(Relation(name, (forward,), (1,), False, lambda g: get(g, forward)))
+                relations.append(Relation(name, (forward,), (1,), False, lambda g: get(g, forward)))
     for name in channels:
         first = quantity(name)
         if name != first and first in channels:
-            found.append(Relation(name, (first,), (1,), False, lambda g, first=first: get(g, first)))  # type: ignore[misc]
-    return found
+            relations.append(Relation(name, (first,), (1,), False, lambda g, first=first: get(g, first)))  # type: ignore[misc]
+    return relations
 
 
 def _travel(grid: Grid, forward: str) -> Array:

@@ -20,7 +20,7 @@ MAX_HELD = 2 * WINDOW
 
 def unwrap_headings(log: Log) -> tuple[Log, list[Finding]]:
     """Unwrap headings that jump by a whole turn, as from 180 to -180 degrees."""
-    found, repaired = [], {}
+    findings, repaired = [], {}
     for name, values in log.channels.items():
         if quantity(name) != "yaw":
             continue
@@ -32,13 +32,13 @@ def unwrap_headings(log: Log) -> tuple[Log, list[Finding]]:
             repaired[name][good] += 2.0 * np.pi * np.append(0.0, np.cumsum(turns))
             count = int(np.count_nonzero(turns))
             text = statement("wrapped", count=count)
-            found.append(Finding(log.name, "range", name, "info", float(count), "jumps", text))
-    return (replace(log, channels={**log.channels, **repaired}) if repaired else log), found
+            findings.append(Finding(log.name, "range", name, "info", float(count), "jumps", text))
+    return (replace(log, channels={**log.channels, **repaired}) if repaired else log), findings
 
 
 def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Find single samples, or up to four in a row, that differ strongly from their neighbours."""
-    found, repaired = [], {}
+    findings, repaired = [], {}
     for name, values in log.channels.items():
         if not channel(name).moves:
             continue
@@ -46,16 +46,16 @@ def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         if not bad.any():
             continue
         count = int(bad.sum())
-        times = ", ".join(f"{at:.6g}" for at in log.time[bad][:5]) + (", …" if count > 5 else "")
+        times = ", ".join(f"{instant:.6g}" for instant in log.time[bad][:5]) + (", …" if count > 5 else "")
         worst = values[bad][np.argmax(np.abs(values[bad]))]
         unit = channel(name).unit
         text = statement("glitches", count=count, times=times, worst=float(worst), unit=unit)
         done = statement("interpolated") if repair else None
-        found.append(Finding(log.name, "glitches", name, "fault", float(count), "samples", text, done))
+        findings.append(Finding(log.name, "glitches", name, "fault", float(count), "samples", text, done))
         if repair:
             good = ~bad & np.isfinite(values)
             repaired[name] = np.where(bad, np.interp(log.time, log.time[good], values[good]), values)
-    return replace(log, channels={**log.channels, **repaired}), found
+    return replace(log, channels={**log.channels, **repaired}), findings
 
 
 def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
@@ -131,7 +131,7 @@ def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:
 
 def check_values(log: Log) -> list[Finding]:
     """Check resolution, saturation, range, and channels that never change."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     if all(np.nanmax(values) == np.nanmin(values) for values in log.channels.values()):
         text = statement("all_constant")
         return [Finding(log.name, "range", "", "fault", float(len(log.channels)), "channels", text)]
@@ -141,15 +141,15 @@ def check_values(log: Log) -> list[Finding]:
         if low == high:
             at_rest = quantity(name) in {"vx", "speed"} and low == 0.0
             text = statement("constant", value=low, unit=known.unit, at_rest=at_rest)
-            found.append(Finding(log.name, "range", name, "fault" if at_rest else "warning", low, known.unit, text))
+            findings.append(Finding(log.name, "range", name, "fault" if at_rest else "warning", low, known.unit, text))
             continue
         # A magnitude that no vehicle reaches points to another unit.
         if max(-low, high) > known.limit:
             text = statement("out_of_range", value=max(-low, high), unit=known.unit, limit=known.limit)
-            found.append(Finding(log.name, "range", name, "fault", max(-low, high), known.unit, text))
+            findings.append(Finding(log.name, "range", name, "fault", max(-low, high), known.unit, text))
         if name == "gear" and (codes := np.unique(good)).size < 40 and (codes.min() < 0 or codes.max() > 10):
             text = statement("gear_codes", codes=", ".join(f"{code:g}" for code in codes))
-            found.append(Finding(log.name, "codes", name, "info", float(codes.size), "codes", text))
+            findings.append(Finding(log.name, "codes", name, "info", float(codes.size), "codes", text))
         if not known.moves:
             continue
         # Positions far from the origin lose digits in single precision, which shows as coarse steps.
@@ -168,14 +168,14 @@ def check_values(log: Log) -> list[Finding]:
                 single_precision=single,
             )
             severity: Severity = "warning" if levels < 30 or coarse else "info"
-            found.append(Finding(log.name, "quantisation", name, severity, quantum, known.unit, text))
+            findings.append(Finding(log.name, "quantisation", name, severity, quantum, known.unit, text))
         # Clipping shows as repeated visits at an extreme.
         for extreme in (low, high):
             count = clipped(good, extreme)
             if count:
                 text = statement("clipped", value=extreme, unit=known.unit, count=count)
-                found.append(Finding(log.name, "saturation", name, "warning", extreme, known.unit, text))
-    return found
+                findings.append(Finding(log.name, "saturation", name, "warning", extreme, known.unit, text))
+    return findings
 
 
 def clipped(values: Array, extreme: float) -> int:

@@ -37,7 +37,7 @@ def median_step(time: Array) -> float:
 
 def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Check time stamps that go back, repeat or are coarse, gaps and missing values."""
-    log, found = _check_resolution(log, repair=repair)
+    log, findings = _check_resolution(log, repair=repair)
     # Reversed rows lie before an earlier one; repeated rows hardly advance.
     latest = np.maximum.accumulate(log.time)
     back = np.append(False, log.time[1:] < latest[:-1])
@@ -49,17 +49,17 @@ def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         done = statement("rows_removed", rows=int(bad.sum())) if repair else None
         if back.any():
             text = statement("reversed_time", rows=int(back.sum()), time=float(latest[np.argmax(back)]))
-            found.append(Finding(log.name, "timestamps", "", "fault", float(back.sum()), "rows", text, done))
+            findings.append(Finding(log.name, "timestamps", "", "fault", float(back.sum()), "rows", text, done))
         if again.any():
             text = statement("repeated_time", rows=int(again.sum()), time=float(log.time[np.argmax(again)]))
-            found.append(Finding(log.name, "timestamps", "", "warning", float(again.sum()), "rows", text, done))
+            findings.append(Finding(log.name, "timestamps", "", "warning", float(again.sum()), "rows", text, done))
         if repair:
             log = replace(log, time=log.time[~bad], channels={name: v[~bad] for name, v in log.channels.items()})
     steps = np.diff(log.time)
     jitter = float(np.percentile(np.abs(steps - step), 90)) / step
     text = statement("step", step=step, rate=1.0 / step, jitter=max(100 * jitter, 1e-3))
-    found.append(Finding(log.name, "timestamps", "", "warning" if jitter > 0.2 else "info", step, "s", text))
-    return log, found + _check_gaps(log, step, jitter) + _check_missing(log, step)
+    findings.append(Finding(log.name, "timestamps", "", "warning" if jitter > 0.2 else "info", step, "s", text))
+    return log, findings + _check_gaps(log, step, jitter) + _check_missing(log, step)
 
 
 def _check_gaps(log: Log, step: float, jitter: float) -> list[Finding]:
@@ -78,20 +78,20 @@ def _check_gaps(log: Log, step: float, jitter: float) -> list[Finding]:
 
 def _check_missing(log: Log, step: float) -> list[Finding]:
     """Find missing values; a channel with values at even distances has a rate of its own."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for name, values in log.channels.items():
         missing = int(np.isnan(values).sum())
         every = sparse_factor(values) if missing else None
         if every is not None:
             text = statement("sparse", every=every, rate=1.0 / (every * step))
-            found.append(Finding(log.name, "missing", name, "info", float(missing), "rows", text))
+            findings.append(Finding(log.name, "missing", name, "info", float(missing), "rows", text))
         elif missing:
             part = missing / len(values)
             text = statement("missing", missing=missing, rows=len(values), percent=100 * part)
-            found.append(
+            findings.append(
                 Finding(log.name, "missing", name, "fault" if part > 0.2 else "warning", float(missing), "rows", text)
             )
-    return found
+    return findings
 
 
 def _check_resolution(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
@@ -110,14 +110,14 @@ def _check_resolution(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     step = float(np.sum(ticks[1:]) / np.sum(rows[1:]))
     text = statement("coarse_clock", tick=tick, rows=usual, step=step)
     done = statement("rows_spread") if repair else None
-    found = [Finding(log.name, "timestamps", "", "fault", step, "s", text, done)]
+    findings = [Finding(log.name, "timestamps", "", "fault", step, "s", text, done)]
     if repair:
-        at = np.arange(float(len(log.time)))
-        time = np.interp(at, starts[1:], log.time[starts[1:]])
-        time[: starts[1]] = log.time[starts[1]] + (at[: starts[1]] - starts[1]) * step
-        time[starts[-1] :] = log.time[starts[-1]] + (at[starts[-1] :] - starts[-1]) * step
+        numbers = np.arange(float(len(log.time)))
+        time = np.interp(numbers, starts[1:], log.time[starts[1:]])
+        time[: starts[1]] = log.time[starts[1]] + (numbers[: starts[1]] - starts[1]) * step
+        time[starts[-1] :] = log.time[starts[-1]] + (numbers[starts[-1] :] - starts[-1]) * step
         log = replace(log, time=time)
-    return log, found
+    return log, findings
 
 
 def sparse_factor(values: Array) -> int | None:
@@ -150,10 +150,10 @@ def check_first_rows(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     if text is None:
         return log, []
     done = statement("rows_removed", rows=dummy) if repair else None
-    found = Finding(log.name, "first_rows", "", "warning", float(dummy), "rows", text, done)
+    finding = Finding(log.name, "first_rows", "", "warning", float(dummy), "rows", text, done)
     if repair:
         log = replace(log, time=log.time[dummy:], channels={key: v[dummy:] for key, v in log.channels.items()})
-    return log, [found]
+    return log, [finding]
 
 
 def split_at_gaps(log: Log, *, repair: bool) -> tuple[list[Log], list[Finding]]:
@@ -169,9 +169,9 @@ def split_at_gaps(log: Log, *, repair: bool) -> tuple[list[Log], list[Finding]]:
     lost = len(log.time) - sum(end - start for start, end in parts)
     text = statement("long_gaps", gaps=len(cuts), limit=longest, stretches=len(bounds))
     done = statement("cut", parts=len(parts), lost=lost) if repair else None
-    found = [Finding(log.name, "gaps", "", "fault", float(len(bounds)), "stretches", text, done)]
+    findings = [Finding(log.name, "gaps", "", "fault", float(len(bounds)), "stretches", text, done)]
     if not repair:
-        return [log], found
+        return [log], findings
     logs = [
         replace(
             log,
@@ -182,7 +182,7 @@ def split_at_gaps(log: Log, *, repair: bool) -> tuple[list[Log], list[Finding]]:
         )
         for number, (start, end) in enumerate(parts, start=1)
     ]
-    return logs, found
+    return logs, findings
 
 
 def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
@@ -203,13 +203,13 @@ def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         least, most = int(holds.min()), int(holds.max())
         text = statement("copied", least=least, most=most, factor=count, step=count * step)
         done = statement("rows_kept", rows=len(log.time), kept=len(keep)) if repair else None
-        found = [Finding(log.name, "held_values", "", "fault", count, "rows", text, done)]
+        findings = [Finding(log.name, "held_values", "", "fault", count, "rows", text, done)]
         if repair:
             channels = {name: values[keep] for name, values in log.channels.items()}
             log = replace(log, time=log.time[keep], channels=channels)
             log, more = _check_slow(log, repair=repair)
-            found += more
-        return log, found
+            findings += more
+        return log, findings
     return _check_slow(log, repair=repair)
 
 
@@ -219,19 +219,19 @@ def _check_slow(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     seen = {name: factor for name, factor in factors.items() if factor is not None}
     step = median_step(log.time)
     fresh = {name: changed_rows(log.channels[name]) for name in seen}
-    found: list[Finding] = []
+    findings: list[Finding] = []
     repaired: dict[str, Array] = {}
     for name, (factor, part) in seen.items():
         if factor < 1.15:
             if part > 0.1:
                 text = statement("repeated_by_chance", percent=100 * part)
-                found.append(Finding(log.name, "held_values", name, "info", 1.0, "rows", text))
+                findings.append(Finding(log.name, "held_values", name, "info", 1.0, "rows", text))
             continue
         rate = 1.0 / (factor * step)
         exact = factor == int(factor)
         text = statement("held", factor=factor, exact=exact, rate=rate, percent=100 * part)
         done = statement("interpolated_holds") if repair else None
-        found.append(Finding(log.name, "held_values", name, "warning", float(factor), "rows", text, done))
+        findings.append(Finding(log.name, "held_values", name, "warning", float(factor), "rows", text, done))
         if repair:
             values = log.channels[name].copy()
             rows = np.flatnonzero(fresh[name])
@@ -244,7 +244,7 @@ def _check_slow(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
             short = np.repeat(hold <= 2 * np.ceil(factor), hold)
             values[rows[0] :][short & inner[rows[0] :]] = between[rows[0] :][short & inner[rows[0] :]]
             repaired[name] = values
-    return replace(log, channels={**log.channels, **repaired}), found
+    return replace(log, channels={**log.channels, **repaired}), findings
 
 
 def channels_with_common_holds(log: Log) -> list[set[str]]:
@@ -254,16 +254,16 @@ def channels_with_common_holds(log: Log) -> list[set[str]]:
         hold = hold_factor(values) if channel(name).moves else None
         if hold is not None and hold[0] >= 1.3:
             fresh[name] = changed_rows(values)
-    found: list[set[str]] = []
+    groups: list[set[str]] = []
     for name, rows in fresh.items():
-        for group in found:
+        for group in groups:
             other = fresh[next(iter(group))]
             if np.mean(other[rows]) > 0.9 and np.mean(rows[other]) > 0.8:
                 group.add(name)
                 break
         else:
-            found.append({name})
-    return [group for group in found if len(group) > 1]
+            groups.append({name})
+    return [group for group in groups if len(group) > 1]
 
 
 def _copied_rows(fresh: dict[str, NDArray[np.bool_]], seen: dict[str, tuple[float, float]]) -> NDArray[np.int64] | None:

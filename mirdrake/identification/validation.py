@@ -58,7 +58,7 @@ def input_correlation(residual: Array, inputs: list[Array], lags: int = _LAGS) -
     square over the lags is compared with it, with Bonferroni's factor for lags and inputs.
     """
     series = _clean(residual)
-    n, found = len(series), 1.0
+    n, probability = len(series), 1.0
     if n <= 3 * lags or not inputs:
         return float("nan")
     many = min(n - 1, max(lags, n // 10))
@@ -73,8 +73,8 @@ def input_correlation(residual: Array, inputs: list[Array], lags: int = _LAGS) -
         variance = max(1.0 + 2.0 * float(np.sum((taper * own * theirs)[1:])), 1.0) / n
         cross = _correlation(series, other, lags) / np.sqrt(max(float(series @ series), 1e-300) * power)
         worst = float(np.max(cross**2) / variance)
-        found = min(found, float(chi2.sf(worst, 1)) * (lags + 1) * len(inputs))
-    return min(found, 1.0)
+        probability = min(probability, float(chi2.sf(worst, 1)) * (lags + 1) * len(inputs))
+    return min(probability, 1.0)
 
 
 def _clean(values: Array) -> Array:

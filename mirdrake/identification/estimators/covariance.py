@@ -52,7 +52,9 @@ def score_covariance(stretches: Sequence[Stretch]) -> tuple[Array, Array]:
     Different stretches are independent. Samples on both sides of a missing value count as neighbours.
     """
     outputs = stretches[0].residuals.shape[1]
-    models = [autoregression([one.residuals[one.measured[:, k], k] for one in stretches]) for k in range(outputs)]
+    models = [
+        autoregression([stretch.residuals[stretch.measured[:, k], k] for stretch in stretches]) for k in range(outputs)
+    ]
     coloured, white = [_Sums(stretches[0].slopes.shape[2]) for _ in range(2)]
     for slopes, residuals, measured in stretches:
         sums = np.zeros((len(slopes), slopes.shape[2]))
@@ -73,16 +75,16 @@ def autoregression(series: Sequence[Array]) -> Array:
 
     Burg's method; order by the Akaike information criterion, at most 10 log10 n.
     """
-    ahead = [one for one in series if len(one)]
-    count = sum(len(one) for one in ahead)
+    ahead = [part for part in series if len(part)]
+    count = sum(len(part) for part in ahead)
     model = best = np.ones(1)
     if count == 0:
         return model
-    power = sum(float(one @ one) for one in ahead) / count
-    most = min(int(10.0 * np.log10(count)), max(len(one) for one in ahead) // _MIN_SAMPLES)
+    power = sum(float(part @ part) for part in ahead) / count
+    most = min(int(10.0 * np.log10(count)), max(len(part) for part in ahead) // _MIN_SAMPLES)
     behind, least = ahead, count * np.log(max(power, 1e-300))
     for order in range(1, most + 1):
-        ahead, behind = [one[1:] for one in ahead], [one[:-1] for one in behind]
+        ahead, behind = [part[1:] for part in ahead], [part[:-1] for part in behind]
         top = sum(float(f @ b) for f, b in zip(ahead, behind, strict=True))
         size = sum(float(f @ f + b @ b) for f, b in zip(ahead, behind, strict=True))
         if size <= 1e-12 * power * count:
@@ -138,10 +140,10 @@ def block_bootstrap(information: list[Array], scores: list[Array], prior: Array,
     random = np.random.default_rng(seed)
     blocks, right = np.array(information), np.array(scores)
     centre = right.mean(axis=0)
-    found = np.empty((count, right.shape[1]))
+    draws = np.empty((count, right.shape[1]))
     for k in range(count):
         drawn = random.integers(0, len(blocks), len(blocks))
         weights = np.bincount(drawn, minlength=len(blocks)).astype(float)
         inside = np.tensordot(weights, blocks, axes=1) + prior
-        found[k] = -np.linalg.lstsq(inside, weights @ (right - centre), rcond=None)[0]
-    return found
+        draws[k] = -np.linalg.lstsq(inside, weights @ (right - centre), rcond=None)[0]
+    return draws

@@ -54,11 +54,11 @@ def rank_manoeuvres(
         candidates: channels by manoeuvre; None for those of the model.
         speed: highest speed that may be driven [m/s].
     """
-    free = [one for one in unknowns if one.kind != "fixed"]
-    base = np.diag([1.0 / one.info.usual**2 if one.info.usual > 0.0 else 1e-6 for one in free])
+    free = [unknown for unknown in unknowns if unknown.kind != "fixed"]
+    base = np.diag([1.0 / parameter.info.usual**2 if parameter.info.usual > 0.0 else 1e-6 for parameter in free])
     now = base if known is None else known + 1e-9 * np.eye(len(free))
     before = np.linalg.inv(now)
-    found = []
+    ranking = []
     plans = candidates or model.candidate_manoeuvres(values, speed)
     for name, drive in zip(plans, _driven(model, values, list(plans.values())), strict=True):
         gained = information(model, unknowns, values, sigmas, drive)
@@ -66,13 +66,13 @@ def rank_manoeuvres(
             continue
         after = np.linalg.inv(now + gained)
         signs = [np.linalg.slogdet(matrix)[1] for matrix in (before, after)]
-        found.append(
+        ranking.append(
             Candidate(
                 name, np.sqrt(np.diag(after)), float(np.exp(0.5 * (signs[1] - signs[0]) / len(free))),
                 float(np.sqrt(np.trace(after) / np.trace(before))),
             )
         )  # fmt: skip
-    return tuple(sorted(found, key=lambda one: one.d_gain))
+    return tuple(sorted(ranking, key=lambda candidate: candidate.d_gain))
 
 
 def information(
@@ -103,7 +103,7 @@ def _driven(model: Model, values: Mapping[str, float], plans: Sequence[Mapping[s
     # All plans are simulated side by side, padded to the longest.
     longest = max(drive.size for drive in drives)
     inputs_of = [model.input_signals(values, drive, drive.time) for drive in drives]
-    u = np.stack([np.pad(one, ((0, 0), (0, longest - one.shape[1])), "edge") for one in inputs_of], axis=-1)
+    u = np.stack([np.pad(inputs, ((0, 0), (0, longest - inputs.shape[1])), "edge") for inputs in inputs_of], axis=-1)
     first = np.zeros(1, dtype=np.intp)
     x = np.concatenate([model.initial_states(values, drive, first) for drive in drives], axis=1)
     seen = np.empty((len(model.outputs), longest, len(drives)))

@@ -55,7 +55,7 @@ def fit(
     known = known_values(parameters)
     made = make_model(model, data, known)
     unknowns = resolve_parameters(made.parameters, parameters)
-    if all(one.kind == "fixed" for one in unknowns):
+    if all(unknown.kind == "fixed" for unknown in unknowns):
         raise ConfigError(f"all of model {made.kind} are fixed; there is nothing to fit, free one", path=["parameters"])
     drives, notes = make_segments(made, data.train, options.shooting)
     problem = Problem(made, drives, unknowns, initial_noise(made, drives), options.offsets, options.continuity)
@@ -96,12 +96,12 @@ def check_logs(data: DataSet) -> None:
 
 def initial_noise(model: Model, drives: Sequence[Segment]) -> dict[str, float]:
     """Return a share of the range of each output, without glitches, as noise before the first fit."""
-    found = {}
+    noise = {}
     for name in model.outputs:
         values = np.concatenate([drive.outputs[name] for drive in drives])
         low, high = np.nanpercentile(values, (5.0, 95.0))
-        found[name] = max(0.03 * float(high - low), 1e-3 * float(np.nanstd(values)), 1e-9)
-    return found
+        noise[name] = max(0.03 * float(high - low), 1e-3 * float(np.nanstd(values)), 1e-9)
+    return noise
 
 
 def summarise(
@@ -134,22 +134,25 @@ def summarise(
     condition = float(values_[-1] / values_[0]) if values_[0] > 1e-14 else float("inf")
     # Residuals that are far from white show an error of the model.
     channels, traces = evaluate_logs(data, solution)
-    error = any(one.part == "train" and one.whiteness_p is not None and one.whiteness_p < 1e-3 for one in channels)
+    error = any(
+        channel.part == "train" and channel.whiteness_p is not None and channel.whiteness_p < 1e-3
+        for channel in channels
+    )
     judged = judge(model, unknowns, values, Uncertainty(sigmas, correlation, solution.bound, effects, error))
 
     # Notes and advice.
     lines = [*notes]
     if error:
         lines.append(messages.not_white(float(np.max(solution.inflation))))
-    assumed = [one.info.name for one in unknowns if one.is_assumed]
+    assumed = [unknown.info.name for unknown in unknowns if unknown.is_assumed]
     if {"front_length", "rear_length", "mass"} & set(assumed):
         lines.append(f"assumed: {', '.join(assumed)}; give them if you know them, the others depend on them")
-    lines += [one.info.source for one in unknowns if one.info.source.startswith("not given")]
+    lines += [unknown.info.source for unknown in unknowns if unknown.info.source.startswith("not given")]
     advice = dict.fromkeys(
-        model.suggest_experiment(frozenset({one.name}))
-        for one in judged
-        if one.verdict in {"not identifiable", "weakly identified"}
-        and not (one.sigma_model or 0.0) > (one.sigma_noise or 0.0)
+        model.suggest_experiment(frozenset({parameter.name}))
+        for parameter in judged
+        if parameter.verdict in {"not identifiable", "weakly identified"}
+        and not (parameter.sigma_model or 0.0) > (parameter.sigma_noise or 0.0)
     )
     if advice and (best := recommend_manoeuvre(solution)) is not None:
         advice[messages.recommendation(*best)] = None
@@ -159,7 +162,7 @@ def summarise(
         how += f", pieces of {options.shooting:g} s" + (" joined" if options.continuity is not None else "")
     return Fit(
         name, model.title, how, judged, correlation, condition, channels, traces, profiles,
-        tuple(messages.combination(one) for one in combinations(model, unknowns, values, wide, judged, effects)),
+        tuple(map(messages.combination, combinations(model, unknowns, values, wide, judged, effects))),
         tuple(advice), tuple(lines), data.digest,
         versions={package: version(package) for package in ("numpy", "scipy")},
     )  # fmt: skip
@@ -180,7 +183,7 @@ def recommend_manoeuvre(solution: Solution) -> tuple[Candidate, float] | None:
     except np.linalg.LinAlgError:
         return None
     ranked = rank_manoeuvres(model, problem.unknowns, values, problem.sigmas, known=known, speed=top)
-    best = next((one for one in ranked if np.isfinite(one.d_gain)), None)
+    best = next((candidate for candidate in ranked if np.isfinite(candidate.d_gain)), None)
     return None if best is None else (best, top)
 
 
@@ -191,8 +194,8 @@ def evaluate_logs(data: DataSet, solution: Solution) -> tuple[tuple[ChannelFit, 
     traces: dict[str, pd.DataFrame] = {}
     values = problem.values(solution.z)
     fixed = [
-        replace(one, kind="fixed", prior=None, info=replace(one.info, guess=values[one.info.name]))
-        for one in problem.unknowns
+        replace(unknown, kind="fixed", prior=None, info=replace(unknown.info, guess=values[unknown.info.name]))
+        for unknown in problem.unknowns
     ]
     for log in data.logs:
         if log.use == "train":
@@ -220,20 +223,20 @@ def simulate_validation(
 
 
 def _fits(model: Model, log: Log, pairs: Sequence[tuple[Segment, Array]]) -> list[ChannelFit]:
-    found = []
+    fits = []
     for i, name in enumerate(model.outputs):
         seen = np.concatenate([drive.outputs[name] for drive, _ in pairs])
         shown = np.concatenate([run[i] for _, run in pairs])
         off = seen - shown
         inputs = [np.concatenate([drive.inputs[key] for drive, _ in pairs]) for key in model.inputs]
-        found.append(
+        fits.append(
             ChannelFit(
                 log.name, log.use, name, channel(name).unit, nrmse(seen, shown), noise_limit_nrmse(seen),  # type: ignore[arg-type]
                 float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan"),
                 whiteness(off), input_correlation(off, inputs),
             )
         )  # fmt: skip
-    return found
+    return fits
 
 
 def _trace(model: Model, pairs: Sequence[tuple[Segment, Array]]) -> pd.DataFrame:

@@ -43,8 +43,8 @@ class Problem:
     _closed: bytes = field(default=b"", init=False, repr=False)
 
     def __post_init__(self) -> None:
-        self.free = [one for one in self.unknowns if one.kind != "fixed"]
-        guess = {one.info.name: one.info.guess for one in self.unknowns}
+        self.free = [unknown for unknown in self.unknowns if unknown.kind != "fixed"]
+        guess = {unknown.info.name: unknown.info.guess for unknown in self.unknowns}
         self._guess = guess
         self._shots = [make_shots(self.model, drive, guess) for drive in self.drives]
         self._starts = [shots.nodes[:, 0].copy() for shots in self._shots]
@@ -80,22 +80,22 @@ class Problem:
     def bounds(self) -> tuple[Array, Array]:
         """Return the bounds of the unknowns."""
         low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        for i, one in enumerate(self.free):
-            low[i], high[i] = one.to_scaled(one.info.low), one.to_scaled(one.info.high)
+        for i, parameter in enumerate(self.free):
+            low[i], high[i] = parameter.to_scaled(parameter.info.low), parameter.to_scaled(parameter.info.high)
         return low, high
 
     def values(self, z: Array) -> dict[str, float]:
         """Return all parameters for given unknowns."""
-        found = dict(self._guess)
-        for one, scaled in zip(self.free, z, strict=False):
-            found[one.info.name] = one.to_value(float(scaled))
-        return found
+        values = dict(self._guess)
+        for parameter, scaled in zip(self.free, z, strict=False):
+            values[parameter.info.name] = parameter.to_value(float(scaled))
+        return values
 
     def scaled(self, values: Mapping[str, float]) -> Array:
         """Return the unknowns for given parameters, without offsets and with guessed initial states."""
         z = np.zeros(self.size)
-        for i, one in enumerate(self.free):
-            z[i] = one.to_scaled(values[one.info.name])
+        for i, parameter in enumerate(self.free):
+            z[i] = parameter.to_scaled(values[parameter.info.name])
         return z
 
     def _run(self, z: Array, *, derivatives: bool) -> list[Sensitivity] | None:
@@ -106,13 +106,15 @@ class Problem:
         base = self.values(z)
         columns = [base]
         if derivatives:
-            for one, scaled in zip(self.free, z, strict=False):
-                columns.append({**base, one.info.name: one.to_value(float(scaled) + self.model.difference_step)})
-        found = []
+            for parameter, scaled in zip(self.free, z, strict=False):
+                columns.append(
+                    {**base, parameter.info.name: parameter.to_value(float(scaled) + self.model.difference_step)}
+                )
+        runs = []
         scales, size = np.array(self.model.state_scales), len(self.model.states)
         for k, (shots, start) in enumerate(zip(self._shots, self._starts, strict=True)):
-            at = len(self.free) + len(self.sensors) + k * size
-            first = start + scales * z[at : at + size]
+            offset = len(self.free) + len(self.sensors) + k * size
+            first = start + scales * z[offset : offset + size]
             run = simulate(
                 self.model,
                 shots,
@@ -129,11 +131,11 @@ class Problem:
                 )
             if run is None:
                 return None
-            found.append(run)
+            runs.append(run)
         self._closed = z.tobytes()
         if derivatives:
-            self._last = (z.tobytes(), found)
-        return found
+            self._last = (z.tobytes(), runs)
+        return runs
 
     def traces(self, z: Array) -> list[Array]:
         """Return the model outputs with offsets (outputs, n), by segment.
@@ -147,11 +149,11 @@ class Problem:
         return [run.y + self._offsets_of(z, drive)[:, None] for run, drive in zip(runs, self.drives, strict=True)]
 
     def _offsets_of(self, z: Array, drive: Segment) -> Array:
-        found = np.zeros(len(self.model.outputs))
+        offsets = np.zeros(len(self.model.outputs))
         for k, (log, i) in enumerate(self.sensors):
             if log == drive.log:
-                found[i] = z[len(self.free) + k] * self.model.offset_scale(self.model.outputs[i])
-        return found
+                offsets[i] = z[len(self.free) + k] * self.model.offset_scale(self.model.outputs[i])
+        return offsets
 
     def residuals(self, z: Array) -> Array:
         """Return the residuals at given unknowns; NaN if the model diverges."""
@@ -174,15 +176,15 @@ class Problem:
     def jacobian(self, z: Array) -> Array:
         """Return the derivatives of the residuals (rows, unknowns)."""
         runs = self._run(z, derivatives=True)
-        found = np.zeros((self.rows, self.size))
+        jacobian = np.zeros((self.rows, self.size))
         if runs is None:
-            return found * np.nan
+            return jacobian * np.nan
         # Measurements: by parameters, initial states and offsets.
-        free, size, at = len(self.free), len(self.model.states), 0
+        free, size, row = len(self.free), len(self.model.states), 0
         noise = np.array([self.sigmas[name] for name in self.model.outputs])
         for k, (run, drive, mask) in enumerate(zip(runs, self.drives, self.masks, strict=True)):
             shown = mask.T.ravel()[:, None]
-            block = found[at : at + mask.size]
+            block = jacobian[row : row + mask.size]
             block[:, :free] = np.moveaxis(run.by_parameters / noise[:, None, None], 0, 1).reshape(mask.size, free)
             start = free + len(self.sensors) + k * size
             by_start = run.by_start / noise[:, None, None] * np.array(self.model.state_scales)
@@ -191,30 +193,30 @@ class Problem:
                 if log == drive.log:
                     block[i :: len(noise), free + j] = self.model.offset_scale(self.model.outputs[i]) / noise[i]
             block *= shown
-            at += mask.size
+            row += mask.size
         # Gaps between joined pieces.
         for k in self._joints():
-            rows = slice(at, at + size)
+            rows = slice(row, row + size)
             assert self.joined is not None
             by = runs[k].last_by / (np.array(self.model.state_scales)[:, None] * self.joined)
-            found[rows, :free] = by[:, :free]
+            jacobian[rows, :free] = by[:, :free]
             start = free + len(self.sensors) + k * size
-            found[rows, start : start + size] = by[:, free:] * np.array(self.model.state_scales)
-            found[rows, start + size : start + 2 * size] = -np.eye(size) / self.joined
-            at += size
+            jacobian[rows, start : start + size] = by[:, free:] * np.array(self.model.state_scales)
+            jacobian[rows, start + size : start + 2 * size] = -np.eye(size) / self.joined
+            row += size
         # Priors.
-        for i, one in enumerate(self.free):
-            if one.prior is not None:
-                found[at, i] = one.slope(one.to_value(float(z[i]))) / one.prior[1]
-                at += 1
-            elif one.info.usual > 0.0:
-                found[at, i] = 1.0 / one.info.usual
-                at += 1
+        for i, parameter in enumerate(self.free):
+            if parameter.prior is not None:
+                jacobian[row, i] = parameter.slope(parameter.to_value(float(z[i]))) / parameter.prior[1]
+                row += 1
+            elif parameter.info.usual > 0.0:
+                jacobian[row, i] = 1.0 / parameter.info.usual
+                row += 1
         rest = self.size - free
         weights = np.ones(rest)
         weights[len(self.sensors) :] = 1.0 / _START
-        found[at:, free:] = np.diag(weights)
-        return found
+        jacobian[row:, free:] = np.diag(weights)
+        return jacobian
 
     def _joints(self) -> list[int]:
         """Return the indices of segments that the next one continues."""
@@ -223,34 +225,34 @@ class Problem:
         return [k for k in range(len(self.drives) - 1) if is_continuation(self.drives[k], self.drives[k + 1])]
 
     def _gaps(self, z: Array, runs: Sequence[Sensitivity]) -> list[Array]:
-        size, found = len(self.model.states), []
+        size, gaps = len(self.model.states), []
         scales = np.array(self.model.state_scales)
         for k in self._joints():
-            at = len(self.free) + len(self.sensors) + (k + 1) * size
-            after = self._starts[k + 1] + scales * z[at : at + size]
-            found.append((runs[k].last - after) / (scales * (self.joined or 1.0)))
-        return found
+            offset = len(self.free) + len(self.sensors) + (k + 1) * size
+            after = self._starts[k + 1] + scales * z[offset : offset + size]
+            gaps.append((runs[k].last - after) / (scales * (self.joined or 1.0)))
+        return gaps
 
     @property
     def _prior_rows(self) -> int:
         """Number of residuals of priors: parameters with a prior or a usual size, sensors and initial states."""
-        held = sum(one.prior is not None or one.info.usual > 0.0 for one in self.free)
-        return held + self.size - len(self.free)
+        priors = sum(parameter.prior is not None or parameter.info.usual > 0.0 for parameter in self.free)
+        return priors + self.size - len(self.free)
 
     def _priors(self, z: Array) -> Array:
-        found = []
-        for one, scaled in zip(self.free, z, strict=False):
-            if one.prior is not None:
-                found.append((one.to_value(float(scaled)) - one.prior[0]) / one.prior[1])
-            elif one.info.usual > 0.0:
-                found.append(float(scaled) / one.info.usual)
+        residuals = []
+        for parameter, scaled in zip(self.free, z, strict=False):
+            if parameter.prior is not None:
+                residuals.append((parameter.to_value(float(scaled)) - parameter.prior[0]) / parameter.prior[1])
+            elif parameter.info.usual > 0.0:
+                residuals.append(float(scaled) / parameter.info.usual)
         rest = z[len(self.free) :].copy()
         rest[len(self.sensors) :] /= _START
-        return np.concatenate((np.array(found), rest))
+        return np.concatenate((np.array(residuals), rest))
 
     def spread(self, z: Array) -> dict[str, float]:
         """Return the root mean square of the residuals by output [unit], with outliers limited."""
-        traces, found = self.traces(z), {}
+        traces, spread = self.traces(z), {}
         for i, name in enumerate(self.model.outputs):
             off = np.concatenate([
                 (trace[i] - seen[i])[mask[i]]
@@ -259,8 +261,8 @@ class Problem:
             # Outliers are limited, so that glitches do not inflate the noise.
             away = np.abs(off)
             most = 6.0 * float(np.median(away)) if len(off) else 1.0
-            found[name] = float(np.sqrt(np.mean(np.minimum(away, most) ** 2))) or 1e-9
-        return found
+            spread[name] = float(np.sqrt(np.mean(np.minimum(away, most) ** 2))) or 1e-9
+        return spread
 
 
 def is_continuation(one: Segment, other: Segment) -> bool:
@@ -273,8 +275,8 @@ def transfer_states(z: Array, before: Problem, now: Problem) -> Array:
     """Return offsets and initial states of one problem for another of the same segments; new states are as guessed."""
     offsets, starts = np.split(z[len(before.free) :], [len(before.sensors)])
     had, have = before.model.states, now.model.states
-    found = np.zeros((len(now.drives), len(have)))
+    states = np.zeros((len(now.drives), len(have)))
     for i, name in enumerate(have):
         if name in had:
-            found[:, i] = starts.reshape(-1, len(had))[:, had.index(name)]
-    return np.concatenate((offsets, found.ravel()))
+            states[:, i] = starts.reshape(-1, len(had))[:, had.index(name)]
+    return np.concatenate((offsets, states.ravel()))

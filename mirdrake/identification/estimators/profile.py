@@ -20,16 +20,16 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
     The rise is divided by the factor by which the autocorrelation of the residuals widens the variance, so that 3.84 is
     the end of the 95 % interval.
     """
-    found = {}
+    profiles = {}
     problem = solution.problem
     quick = replace(options, iterations=15)
     least = minimise(problem, quick, solution.z).cost
     close = max(_CLOSE / max(least, 1e-9), 1e-8)
-    for i, one in enumerate(problem.free):
-        name = one.info.name
+    for i, parameter in enumerate(problem.free):
+        name = parameter.info.name
         sigma = min(float(np.sqrt(solution.covariance[i, i])), _WIDEST)
         centre = float(solution.z[i])
-        rows = [(one.to_value(centre), 0.0)]
+        rows = [(parameter.to_value(centre), 0.0)]
         widened = float(solution.covariance[i, i] / max(solution.white[i, i], 1e-300)) or 1.0
         # The other unknowns start on the tangent of the profile, then from the neighbouring point.
         follow = np.delete(solution.white[:, i], i) / max(solution.white[i, i], 1e-300)
@@ -37,8 +37,8 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
         for side in _SIDES:
             rest, last = np.delete(solution.z, i), 0.0
             for step in side:
-                value = one.to_value(centre + step * sigma)
-                if not one.info.low <= value <= one.info.high:
+                value = parameter.to_value(centre + step * sigma)
+                if not parameter.info.low <= value <= parameter.info.high:
                     break
                 held = [
                     replace(other, kind="fixed", prior=None, info=replace(other.info, guess=value))
@@ -54,5 +54,5 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
                     break
                 rest, last = other.z, step
                 rows.append((value, 2.0 * max(other.cost - least, 0.0) / widened))
-        found[name] = pd.DataFrame(sorted(rows), columns=["value", "cost"])
-    return found
+        profiles[name] = pd.DataFrame(sorted(rows), columns=["value", "cost"])
+    return profiles

@@ -96,12 +96,12 @@ def coast_down(data: DataSet, *, mass: float | None = None, linear: bool = False
     Raises:
         ConfigError: not enough coasting.
     """
-    rows, groups, at = [], [], 0
+    rows, groups, row = [], [], 0
     for log in data.train:
         part = _coasting(log, window)
         rows.append(part)
-        groups.append(slice(at, at + len(part)))
-        at += len(part)
+        groups.append(slice(row, row + len(part)))
+        row += len(part)
     table = np.concatenate(rows) if rows else np.zeros((0, 3))
     if len(table) < _LEAST_ROWS:
         raise ConfigError(
@@ -111,14 +111,14 @@ def coast_down(data: DataSet, *, mass: float | None = None, linear: bool = False
     factor = mass or 1.0
     unit = "N" if mass else "N/kg"
     columns = [np.ones(len(speed)), speed, square] if linear else [np.ones(len(speed)), square]
-    found = regress(-change * factor, np.column_stack(columns), groups)
+    regression = regress(-change * factor, np.column_stack(columns), groups)
     names = (
         [("A", unit), ("B", f"{unit} s/m"), ("C", f"{unit} s^2/m^2")]
         if linear
         else [("A", unit), ("C", f"{unit} s^2/m^2")]
     )
     text = f"over {window:g} s windows from {speed.min():.3g} to {speed.max():.3g} m/s"
-    return _fit(data, "coast-down, F = A + B v + C v²", f"regression {text}", names, found)
+    return _fit(data, "coast-down, F = A + B v + C v²", f"regression {text}", names, regression)
 
 
 def _coasting(log: Log, window: float) -> Array:
@@ -131,13 +131,13 @@ def _coasting(log: Log, window: float) -> Array:
         if pedal in grid.channels:
             free &= grid.channels[pedal] < 0.01
     many = max(round(window / grid.step), 4)
-    found = []
+    samples = []
     x = (np.arange(many) - 0.5 * (many - 1)) * grid.step
     for first in range(0, len(v) - many + 1, many):
         if free[first : first + many].all():
             part = v[first : first + many]
-            found.append((float(x @ part) / float(x @ x), float(part.mean()), float(np.mean(part**2))))
-    return np.array(found).reshape(-1, 3)
+            samples.append((float(x @ part) / float(x @ x), float(part.mean()), float(np.mean(part**2))))
+    return np.array(samples).reshape(-1, 3)
 
 
 def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float = 4.0) -> Fit:
@@ -153,7 +153,7 @@ def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float 
         ConfigError: a channel is missing, or too few turns.
     """
     length = wheelbase or data.wheelbase or 1.0
-    ys, xs, groups, at = [], [], [], 0
+    ys, xs, groups, row = [], [], [], 0
     for log in data.train:
         steer = find_channel(set(log.channels), STEERING, "the steering", "understeer")
         forward = find_channel(set(log.channels), SPEED, "the speed", "understeer")
@@ -167,32 +167,32 @@ def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float 
         rows = np.flatnonzero(good)[::many]
         ys.append(angle[rows])
         xs.append(np.column_stack((length * r[rows] / v[rows], v[rows] * r[rows], np.ones(len(rows)))))
-        groups.append(slice(at, at + len(rows)))
-        at += len(rows)
-    found = regress(np.concatenate(ys), np.concatenate(xs), groups)
-    ratio = found.values[0]
+        groups.append(slice(row, row + len(rows)))
+        row += len(rows)
+    regression = regress(np.concatenate(ys), np.concatenate(xs), groups)
+    ratio = regression.values[0]
     # K = b1 / b0 and the bias at the wheels = b2 / b0 follow by the delta method.
     turn = np.array(
         [
             [1.0, 0.0, 0.0],
-            [-found.values[1] / ratio**2, 1.0 / ratio, 0.0],
-            [-found.values[2] / ratio**2, 0.0, 1.0 / ratio],
+            [-regression.values[1] / ratio**2, 1.0 / ratio, 0.0],
+            [-regression.values[2] / ratio**2, 0.0, 1.0 / ratio],
         ]
     )
-    values = np.array([ratio, found.values[1] / ratio, found.values[2] / ratio])
-    found = Regression(values, turn @ found.covariance @ turn.T, found.residual, found.condition)
+    values = np.array([ratio, regression.values[1] / ratio, regression.values[2] / ratio])
+    regression = Regression(values, turn @ regression.covariance @ turn.T, regression.residual, regression.condition)
     names = [("steering_ratio", "1"), ("understeer_gradient", "rad s^2/m"), ("steering_bias", "rad")]
     return _fit(
-        data, "steady turns, δ = ratio (L r / v + K ay + bias)", "regression of quasi-steady samples", names, found
+        data, "steady turns, δ = ratio (L r / v + K ay + bias)", "regression of quasi-steady samples", names, regression
     )
 
 
-def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], found: Regression) -> Fit:
-    sigmas = np.sqrt(np.diag(found.covariance))
-    correlation = found.covariance / np.outer(sigmas, sigmas)
+def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], regression: Regression) -> Fit:
+    sigmas, residual = np.sqrt(np.diag(regression.covariance)), regression.residual
+    correlation = regression.covariance / np.outer(sigmas, sigmas)
     parameters = []
     for i, (name, unit) in enumerate(names):
-        value, sigma = float(found.values[i]), float(sigmas[i])
+        value, sigma = float(regression.values[i]), float(sigmas[i])
         size = abs(value) if name not in {"steering_bias", "understeer_gradient"} else 0.01
         span = sigma / max(size, 1e-300)
         verdict = "identified" if span < 0.06 else "weakly identified" if span < 0.15 else "not identifiable"
@@ -201,8 +201,8 @@ def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], 
                             verdict=verdict, explanation=f"known to ± {1.96 * sigma:.2g} {unit}")  # type: ignore[arg-type]
         )  # fmt: skip
     return Fit(
-        "regression", model, how, tuple(parameters), correlation, found.condition, data_sha256=data.digest,
-        notes=(f"{len(found.residual)} rows, rms of the residual {float(np.sqrt(np.mean(found.residual**2))):.3g}",),
+        "regression", model, how, tuple(parameters), correlation, regression.condition, data_sha256=data.digest,
+        notes=(f"{len(residual)} rows, rms of the residual {float(np.sqrt(np.mean(residual**2))):.3g}",),
     )  # fmt: skip
 
 

@@ -37,7 +37,7 @@ def make_segments(model: Model, logs: tuple[Log, ...], piece: float | None = Non
     Raises:
         ConfigError: a log lacks a channel or its values, or a channel is constant.
     """
-    found, notes, faults = [], [], []
+    pieces, notes, faults = [], [], []
     total = sum(len(log.time) for log in logs)
     for log in logs:
         try:
@@ -46,11 +46,11 @@ def make_segments(model: Model, logs: tuple[Log, ...], piece: float | None = Non
             faults.append(error)
             continue
         for segment in segments:
-            found += _pieces(segment, piece)
+            pieces += _pieces(segment, piece)
         notes += more
     if faults:
         raise ConfigError(faults=faults)
-    return found, notes
+    return pieces, notes
 
 
 def _check_channels(model: Model, log: Log) -> None:
@@ -128,11 +128,11 @@ def _resampled(time: Array, values: Array, even: Array, gap: float) -> tuple[Arr
     """Return values at even times, and where the samples on both sides are near enough."""
     good = np.isfinite(values)
     known = time[good]
-    found = np.interp(even, known, values[good])
+    interpolated = np.interp(even, known, values[good])
     after = np.clip(np.searchsorted(known, even - 1e-9), 0, len(known) - 1)
     before = np.clip(np.searchsorted(known, even + 1e-9) - 1, 0, len(known) - 1)
     near = (known[after] - known[before] <= gap) & (even >= known[0] - gap) & (even <= known[-1] + gap)
-    return found, near
+    return interpolated, near
 
 
 def _pieces(drive: Segment, length: float | None) -> list[Segment]:

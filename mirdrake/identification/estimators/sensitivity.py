@@ -68,9 +68,9 @@ class SensitivityAnalysis:
         self._inverse = inverse(self._slopes.T @ (self._weights[:, None] * self._slopes))
 
     def _weights_of(self, residuals: Array) -> Array:
-        found = loss_weights(residuals, self._loss)
-        found[self._problem.measured :] = 1.0
-        return found
+        weights = loss_weights(residuals, self._loss)
+        weights[self._problem.measured :] = 1.0
+        return weights
 
     def evidence(self, assumption: Assumption) -> AssumptionEvidence | None:
         """Return the evidence; None if the model diverges or the log carries no information about the assumption."""
@@ -90,13 +90,13 @@ class SensitivityAnalysis:
 
     def variance(self, evidence: AssumptionEvidence) -> float:
         """Return the variance of the estimate, allowing for autocorrelated residuals."""
-        problem, at, stretches = self._problem, 0, []
+        problem, row, stretches = self._problem, 0, []
         left = self._residuals + evidence.estimate * evidence.rest
         pulls = self._weights_of(left) * left
         for drive, mask in zip(problem.drives, problem.masks, strict=True):
-            rows, shape = slice(at, at + mask.size), (drive.size, len(mask))
+            rows, shape = slice(row, row + mask.size), (drive.size, len(mask))
             stretches.append(Stretch(evidence.rest[rows].reshape(*shape, 1), pulls[rows].reshape(shape), mask.T))
-            at += mask.size
+            row += mask.size
         return float(score_covariance(stretches)[0][0, 0]) / evidence.information**2
 
 
@@ -105,7 +105,7 @@ def assumption_effects(solution: Solution, options: EstimatorOptions, remake: Re
     assumptions = list_assumptions(solution.problem, solution.z)
     if not assumptions:
         return ()
-    analysis, found = SensitivityAnalysis(solution.problem, solution.z, options, remake), []
+    analysis, effects = SensitivityAnalysis(solution.problem, solution.z, options, remake), []
     for assumption in assumptions:
         evidence = analysis.evidence(assumption)
         if evidence is not None:
@@ -114,8 +114,8 @@ def assumption_effects(solution: Solution, options: EstimatorOptions, remake: Re
             if assumption.is_omitted:
                 size = expected_square(evidence.estimate, analysis.variance(evidence)) ** 0.5
             size = min(size, assumption.max_size)
-            found.append(AssumptionEffect(assumption, size * evidence.shift[: len(solution.problem.free)], size))
-    return tuple(found)
+            effects.append(AssumptionEffect(assumption, size * evidence.shift[: len(solution.problem.free)], size))
+    return tuple(effects)
 
 
 def expected_square(estimate: float, variance: float) -> float:
@@ -134,17 +134,17 @@ def expected_square(estimate: float, variance: float) -> float:
 def list_assumptions(problem: Problem, z: Array) -> tuple[Assumption, ...]:
     """Return the fixed values whose standard deviation the study states, and the assumptions of the model."""
     values = problem.values(z)
-    fixed = [one for one in problem.unknowns if one.kind == "fixed"]
-    free = {one.info.name for one in problem.free}
-    own = problem.model.assumptions(values, frozenset(one.info.name for one in fixed if one.is_assumed))
+    fixed = [unknown for unknown in problem.unknowns if unknown.kind == "fixed"]
+    free = {parameter.info.name for parameter in problem.free}
+    own = problem.model.assumptions(values, frozenset(unknown.info.name for unknown in fixed if unknown.is_assumed))
     stated = [
-        Assumption(f"{one.info.name}, which is fixed to ± {1.96 * one.sigma:.2g} {one.info.unit}".rstrip(),
-                   f"measure {one.info.name} more accurately",
-                   {one.info.name: values[one.info.name] + SMALL_FRACTION * one.sigma}, SMALL_FRACTION)
-        for one in fixed
-        if one.sigma is not None
+        Assumption(f"{unknown.info.name}, which is fixed to ± {1.96 * unknown.sigma:.2g} {unknown.info.unit}".rstrip(),
+                   f"measure {unknown.info.name} more accurately",
+                   {unknown.info.name: values[unknown.info.name] + SMALL_FRACTION * unknown.sigma}, SMALL_FRACTION)
+        for unknown in fixed
+        if unknown.sigma is not None
     ]  # fmt: skip
-    return (*stated, *(one for one in own if not set(one.changes) & free))
+    return (*stated, *(assumption for assumption in own if not set(assumption.changes) & free))
 
 
 def _residuals_without(problem: Problem, z: Array, assumption: Assumption, remake: Remake) -> Array | None:
@@ -152,7 +152,7 @@ def _residuals_without(problem: Problem, z: Array, assumption: Assumption, remak
     model = problem.model
     if assumption.options:
         model = remake({**assumption.options, "outputs": list(model.outputs)})
-    known = {one.info.name: one for one in problem.unknowns}
+    known = {unknown.info.name: unknown for unknown in problem.unknowns}
     unknowns = []
     for info in model.parameters:
         parameter = known.get(info.name, FitParameter(info, "fixed"))
@@ -161,5 +161,5 @@ def _residuals_without(problem: Problem, z: Array, assumption: Assumption, remak
             parameter = replace(parameter, info=replace(parameter.info, guess=value))
         unknowns.append(parameter)
     other = Problem(model, problem.drives, unknowns, problem.sigmas, problem.offsets, problem.joined)
-    found = other.residuals(np.concatenate((z[: len(problem.free)], transfer_states(z, problem, other))))
-    return found[: problem.measured] if np.isfinite(found).all() else None
+    residuals = other.residuals(np.concatenate((z[: len(problem.free)], transfer_states(z, problem, other))))
+    return residuals[: problem.measured] if np.isfinite(residuals).all() else None

@@ -97,29 +97,29 @@ def _inputs(model: Model, shots: Shots, columns: Sequence[Mapping[str, float]], 
     first = np.moveaxis(base[:, index], 0, 1)  # times, inputs, shots
     if all(same):
         return np.asarray(first[:, :, None, :])
-    found = np.repeat(first[:, :, None, :], len(columns), axis=2)
+    inputs = np.repeat(first[:, :, None, :], len(columns), axis=2)
     for i, (p, equal) in enumerate(zip(columns, same, strict=True)):
         if not equal:
-            found[:, :, i] = np.moveaxis(model.input_signals(p, shots.drive, shots.times)[:, index], 0, 1)
-    return found
+            inputs[:, :, i] = np.moveaxis(model.input_signals(p, shots.drive, shots.times)[:, index], 0, 1)
+    return inputs
 
 
 def _integrate(model: Model, shots: Shots, x: Array, u: Array, p: Mapping[str, Array]) -> Array:
     """Return the states at all samples and at the end of each shot (length + 1, states, columns, shots)."""
     h = shots.drive.step / shots.substeps
-    found = np.empty((shots.length + 1, *x.shape))
-    found[0] = x
-    at = 0
+    states = np.empty((shots.length + 1, *x.shape))
+    states[0] = x
+    half_step = 0
     for sample in range(shots.length):
         for _ in range(shots.substeps):
-            k1 = model.rates(x, u[at], p)
-            k2 = model.rates(x + 0.5 * h * k1, u[at + 1], p)
-            k3 = model.rates(x + 0.5 * h * k2, u[at + 1], p)
-            k4 = model.rates(x + h * k3, u[at + 2], p)
+            k1 = model.rates(x, u[half_step], p)
+            k2 = model.rates(x + 0.5 * h * k1, u[half_step + 1], p)
+            k3 = model.rates(x + 0.5 * h * k2, u[half_step + 1], p)
+            k4 = model.rates(x + h * k3, u[half_step + 2], p)
             x = x + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
-            at += 2
-        found[sample + 1] = x
-    return found
+            half_step += 2
+        states[sample + 1] = x
+    return states
 
 
 def simulate(
@@ -160,7 +160,7 @@ def simulate(
         x = np.repeat(nodes[:, None, :], len(all_sets), axis=1)
         for i in range(size):
             x[i, 1 + i] += _DIFFERENCE * scales[i]
-        p = {name: np.array([[one[name]] for one in all_sets]) for name in names}
+        p = {name: np.array([[values[name]] for values in all_sets]) for name in names}
         return x, _inputs(model, shots, all_sets, [True] * (1 + size) + list(same)), p
 
     closed = closed and derivatives
@@ -197,7 +197,8 @@ def simulate(
             return None
         shots.nodes = nodes
         same = [
-            not any(one.get(name) != columns[0].get(name) for name in model.input_parameters) for one in columns[1:]
+            not any(column.get(name) != columns[0].get(name) for name in model.input_parameters)
+            for column in columns[1:]
         ]
         if derivatives:
             x, u, p = batch(columns, same)

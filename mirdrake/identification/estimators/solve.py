@@ -132,22 +132,22 @@ def robust(loss: str, measured: int) -> Callable[[Array], Array]:
     width = _ROBUST[loss] ** 2
 
     def rho(squares: Array) -> Array:
-        found = np.stack((squares, np.ones_like(squares), np.zeros_like(squares)))
+        loss_values = np.stack((squares, np.ones_like(squares), np.zeros_like(squares)))
         if loss == "linear":
-            return found
+            return loss_values
         z = squares[:measured] / width
         if loss == "huber":
             far = z > 1.0
             root = np.sqrt(np.where(far, z, 1.0))
-            found[0, :measured] = width * np.where(far, 2.0 * root - 1.0, z)
-            found[1, :measured] = np.where(far, 1.0 / root, 1.0)
-            found[2, :measured] = np.where(far, -0.5 / root**3, 0.0) / width
+            loss_values[0, :measured] = width * np.where(far, 2.0 * root - 1.0, z)
+            loss_values[1, :measured] = np.where(far, 1.0 / root, 1.0)
+            loss_values[2, :measured] = np.where(far, -0.5 / root**3, 0.0) / width
         else:
             root = np.sqrt(1.0 + z)
-            found[0, :measured] = 2.0 * width * (root - 1.0)
-            found[1, :measured] = 1.0 / root
-            found[2, :measured] = -0.5 / root**3 / width
-        return found
+            loss_values[0, :measured] = 2.0 * width * (root - 1.0)
+            loss_values[1, :measured] = 1.0 / root
+            loss_values[2, :measured] = -0.5 / root**3 / width
+        return loss_values
 
     return rho
 
@@ -185,8 +185,10 @@ def assess(found: Minimum, options: EstimatorOptions) -> Solution:
     # Parameters at a bound.
     low, high = problem.bounds()
     bound: list[str | None] = []
-    for i, one in enumerate(problem.free):
-        near = 1e-3 * max(min(one.to_scaled(one.info.high) - one.to_scaled(one.info.low), 2.0), 1e-6)
+    for i, parameter in enumerate(problem.free):
+        near = 1e-3 * max(
+            min(parameter.to_scaled(parameter.info.high) - parameter.to_scaled(parameter.info.low), 2.0), 1e-6
+        )
         bound.append("low" if z[i] - low[i] < near else "high" if high[i] - z[i] < near else None)
 
     # Information of the measurements with their robust weights, and of the priors.
@@ -199,25 +201,25 @@ def assess(found: Minimum, options: EstimatorOptions) -> Solution:
     whole = inverse(information)
 
     # Scores sample by sample for the covariance, and by blocks for the bootstrap.
-    stretches, blocks, rights, at = [], [], [], 0
+    stretches, blocks, rights, row = [], [], [], 0
     for drive, mask in zip(problem.drives, problem.masks, strict=True):
-        part, shape = slice(at, at + mask.size), (drive.size, len(mask))
+        part, shape = slice(row, row + mask.size), (drive.size, len(mask))
         slopes, pulls = jacobian[part].reshape(*shape, -1), (weights[part] * residuals[part]).reshape(shape)
         stretches.append(Stretch(slopes, pulls, mask.T))
         each = np.einsum("nop,no->np", slopes, pulls)
         length = max(int(np.ceil(max(2.0, drive.size * drive.step / 40.0) / drive.step)), 10)
         count = max(drive.size // length, 1)
         for rows_ in np.array_split(np.arange(drive.size), count):
-            block = slice(at + int(rows_[0]) * len(mask), at + (int(rows_[-1]) + 1) * len(mask))
+            block = slice(row + int(rows_[0]) * len(mask), row + (int(rows_[-1]) + 1) * len(mask))
             blocks.append(inner[block].T @ inner[block])
             rights.append(each[rows_].sum(axis=0))
-        at += mask.size
+        row += mask.size
 
     # Information of the data weighted by the covariance of the scores, plus that of the priors.
     measured = inner[:data].T @ inner[:data]
     size = np.sqrt(np.maximum(np.diag(measured), 1e-300))
     inside = measured / np.outer(size, size)
-    noise, memoryless = (one / np.outer(size, size) for one in score_covariance(stretches))
+    noise, memoryless = (matrix / np.outer(size, size) for matrix in score_covariance(stretches))
     noise *= problem.samples / max(problem.samples - problem.size, 1)
     effective = inside @ np.linalg.pinv(noise, rcond=1e-12, hermitian=True) @ inside * np.outer(size, size)
     spread = inverse(effective + prior)[:p, :p]

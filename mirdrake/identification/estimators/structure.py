@@ -87,46 +87,48 @@ def choose_structure(
         tried_on[added.description] = best
         if not _promises(data, best, least, added, options):
             continue
-        additions = [*(one for one in kept if not {*one.options} & {*added.options}), added]
+        additions = [*(addition for addition in kept if not {*addition.options} & {*added.options}), added]
         try:
-            found = _minimise(data, _with_additions(model, settings, additions), few, least)
-            faded = {one.description for one in kept if _has_faded(found, one)}
+            minimum = _minimise(data, _with_additions(model, settings, additions), few, least)
+            faded = {addition.description for addition in kept if _has_faded(minimum, addition)}
             if faded:
-                additions = [one for one in additions if one.description not in faded]
-                found = _minimise(data, _with_additions(model, settings, additions), few, least)
+                additions = [addition for addition in additions if addition.description not in faded]
+                minimum = _minimise(data, _with_additions(model, settings, additions), few, least)
         except RunError:  # the model diverges with this effect
             continue
-        saves = found.cost < (1.0 - added.min_saving) * least.cost
-        if saves and _is_plausible(found, first) and _frictions_are_certain(found, options):
+        saves = minimum.cost < (1.0 - added.min_saving) * least.cost
+        if saves and _is_plausible(minimum, first) and _frictions_are_certain(minimum, options):
             notes = {name: note for name, note in notes.items() if name not in faded}
             notes.pop(added.description, None)
-            saved = 100.0 * (1.0 - found.cost / least.cost)
+            saved = 100.0 * (1.0 - minimum.cost / least.cost)
             notes[added.description] = (
                 f"left open by the study, supported by the training logs: {added.description} ({saved:.2g} % less cost)"
             )
             kept = additions
-            best, least = _with_additions(model, settings, additions), found
+            best, least = _with_additions(model, settings, additions), minimum
     return best._replace(start=least, notes=tuple(notes.values()))
 
 
 def _with_additions(model: ModelSpec, settings: Mapping[str, Setting], additions: Sequence[Addition]) -> Structure:
     options, more = dict(model.options), dict(settings)
-    for one in additions:
-        options |= one.options
-        more |= one.settings
+    for addition in additions:
+        options |= addition.options
+        more |= addition.settings
     return Structure(replace(model, options=options), more)
 
 
-def _has_faded(found: Minimum, added: Addition) -> bool:
+def _has_faded(minimum: Minimum, added: Addition) -> bool:
     """Whether another addition has driven the parameter of this one out of its plausible range."""
     name = added.fading_parameter
-    return bool(name) and found.values[name] <= found.problem.model.plausible_range(name, found.values)[0]
+    return bool(name) and minimum.values[name] <= minimum.problem.model.plausible_range(name, minimum.values)[0]
 
 
 def _has(best: Structure, added: Addition) -> bool:
     """Whether a structure contains an addition."""
     options = best.model.options
-    return {*added.settings} <= {*best.settings} and all(options.get(key) == one for key, one in added.options.items())
+    return {*added.settings} <= {*best.settings} and all(
+        options.get(key) == value for key, value in added.options.items()
+    )
 
 
 def _promises(data: DataSet, best: Structure, least: Minimum, added: Addition, options: EstimatorOptions) -> bool:
@@ -147,33 +149,33 @@ def _promises(data: DataSet, best: Structure, least: Minimum, added: Addition, o
         return True
     analysis = SensitivityAnalysis(least.problem, least.z, options, remake)
     threshold = MIN_PROMISE * added.min_saving * least.cost
-    found = [analysis.evidence(assumption) for assumption in assumptions]
-    return any(one is None or 0.5 * one.estimate**2 * one.information > threshold for one in found)
+    evidence = [analysis.evidence(assumption) for assumption in assumptions]
+    return any(entry is None or 0.5 * entry.estimate**2 * entry.information > threshold for entry in evidence)
 
 
-def _is_plausible(found: Minimum, first: Minimum) -> bool:
+def _is_plausible(minimum: Minimum, first: Minimum) -> bool:
     """Whether the added parameters have values that a vehicle can have."""
-    plain, now = ({one.info.name for one in each.problem.free} for each in (first, found))
-    values = found.values
+    plain, now = ({parameter.info.name for parameter in each.problem.free} for each in (first, minimum))
+    values = minimum.values
     for name in now - plain:
-        least, most = LAG_RANGE if name == "steering_lag" else found.problem.model.plausible_range(name, values)
+        least, most = LAG_RANGE if name == "steering_lag" else minimum.problem.model.plausible_range(name, values)
         if not least < values[name] < most:
             return False
     return "steering_lag" not in now - plain or values["steering_delay"] > MIN_DELAY
 
 
-def _frictions_are_certain(found: Minimum, options: EstimatorOptions) -> bool:
+def _frictions_are_certain(minimum: Minimum, options: EstimatorOptions) -> bool:
     """Whether friction, if it is a free parameter, is known well enough to simulate with."""
-    names = [one.info.name for one in found.problem.free]
-    at = [i for i, name in enumerate(names) if name.startswith("friction")]
-    if not at:
+    names = [parameter.info.name for parameter in minimum.problem.free]
+    frictions = [i for i, name in enumerate(names) if name.startswith("friction")]
+    if not frictions:
         return True
-    sigmas = np.sqrt(np.diag(assess(found, options).covariance))
-    for i in at:
-        shift = np.zeros_like(found.z)
+    sigmas = np.sqrt(np.diag(assess(minimum, options).covariance))
+    for i in frictions:
+        shift = np.zeros_like(minimum.z)
         shift[i] = 2.0 * sigmas[i]
-        low, high = (found.problem.values(found.z + sign * shift)[names[i]] for sign in (-1.0, 1.0))
-        if not high - low < 2.0 * MAX_FRICTION_WIDTH * found.values[names[i]]:
+        low, high = (minimum.problem.values(minimum.z + sign * shift)[names[i]] for sign in (-1.0, 1.0))
+        if not high - low < 2.0 * MAX_FRICTION_WIDTH * minimum.values[names[i]]:
             return False
     return True
 
@@ -188,10 +190,10 @@ def _minimise(data: DataSet, structure: Structure, options: EstimatorOptions, fi
     if first is None:
         begun = minimise(problem, options, passes=2, close=1e-4)
         return minimise(begun.problem, options, begun.z, close=1e-4)
-    values = {one.info.name: one.info.guess for one in unknowns}
-    same = {one.info.name for one in first.problem.free}
+    values = {unknown.info.name: unknown.info.guess for unknown in unknowns}
+    same = {parameter.info.name for parameter in first.problem.free}
     values |= {name: value for name, value in first.values.items() if name in same}
-    if "steering_lag" not in same and "steering_lag" in {one.info.name for one in problem.free}:
+    if "steering_lag" not in same and "steering_lag" in {parameter.info.name for parameter in problem.free}:
         part = 0.3 * max(values["steering_delay"], 0.02)  # without a lag, the delay contained a part of it
         values |= {"steering_lag": part, "steering_delay": values["steering_delay"] - part}
     z = problem.scaled(values)

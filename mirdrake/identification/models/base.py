@@ -348,9 +348,9 @@ def select_outputs(channels: set[str], possible: list[str], requested: list[str]
             raise ConfigError(f"{kind} has no output '{name}'; {hint}", path=("model", "outputs"))
         if name not in channels:
             raise ConfigError(f"no log has '{name}'; map its column in 'channels'", path=("model", "outputs"))
-    found = tuple(name for name in possible if name in channels and (requested is None or name in requested))
-    if not found:
+    outputs = tuple(name for name in possible if name in channels and (requested is None or name in requested))
+    if not outputs:
         raise ConfigError(
             f"{kind}: needs at least one of {', '.join(possible)} to compare with; map its column", path=("model",)
         )
-    return found
+    return outputs

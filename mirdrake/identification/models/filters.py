@@ -22,14 +22,14 @@ def smooth_between(values: Array, places: Array) -> Array:
     """
     last = len(values) - 1
     places = np.clip(places, 0.0, float(last))
-    at = np.minimum(places.astype(np.intp), max(last - 1, 0))
-    part = places - at
-    one, two = values[at], values[np.minimum(at + 1, last)]
-    before, behind = values[np.maximum(at - 1, 0)], values[np.minimum(at + 2, last)]
-    cubic = 3.0 * (one - two) + behind - before
-    square = 2.0 * before - 5.0 * one + 4.0 * two - behind
-    found = one + 0.5 * part * (two - before + part * (square + part * cubic))
-    return np.where(one == two, one, found)
+    first = np.minimum(places.astype(np.intp), max(last - 1, 0))
+    part = places - first
+    left, right = values[first], values[np.minimum(first + 1, last)]
+    before, behind = values[np.maximum(first - 1, 0)], values[np.minimum(first + 2, last)]
+    cubic = 3.0 * (left - right) + behind - before
+    square = 2.0 * before - 5.0 * left + 4.0 * right - behind
+    interpolated = left + 0.5 * part * (right - before + part * (square + part * cubic))
+    return np.where(left == right, left, interpolated)
 
 
 def first_order(values: Array, step: float, lag: float) -> Array:
@@ -75,8 +75,8 @@ def second_order(values: Array, step: float, frequency: float, damping: float) -
 
 def backlash(values: Array, width: float) -> Array:
     """Return the signal behind a backlash of a width from end to end, which starts in its middle."""
-    half, now, found = 0.5 * width, float(values[0]), np.empty(len(values))
+    half, now, filtered = 0.5 * width, float(values[0]), np.empty(len(values))
     for i, value in enumerate(values.tolist()):
         now = min(max(now, value - half), value + half)
-        found[i] = now
-    return found
+        filtered[i] = now
+    return filtered

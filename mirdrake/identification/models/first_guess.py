@@ -79,12 +79,12 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
     """
     rows, delays, tightest = [], [], 0.0
     for log in logs:
-        found = _rows_of(make_grid(log), steer)
-        if found is None:
+        estimate = _rows_of(make_grid(log), steer)
+        if estimate is None:
             continue
-        rows.append(found[0])
-        delays.append(found[1])
-        tightest = max(tightest, found[2])
+        rows.append(estimate[0])
+        delays.append(estimate[1])
+        tightest = max(tightest, estimate[2])
     if not rows:
         return None
     # The model is linear in gain, zero, understeer and gyro bias.
@@ -92,8 +92,8 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
     if len(v) < FEWEST or np.ptp(c) == 0.0 or np.ptp(r) == 0.0:
         return None
     middle = float(np.median(c))  # a command of about 1500 is nearly collinear with the speed
-    top, one = float(np.max(v)), np.ones(len(v))
-    base = np.column_stack((v * (c - middle), v, one, -((v / top) ** 2) * v * (c - middle)))
+    top, ones = float(np.max(v)), np.ones(len(v))
+    base = np.column_stack((v * (c - middle), v, ones, -((v / top) ** 2) * v * (c - middle)))
     # K v² and r0 are kept near zero where they are not separable from the rest, as at one speed.
     plain = _robust(base[:, :3], r, np.array([0.0, 0.0, 1.0 / _BIAS]))
     if plain[0] <= 0.0:
@@ -132,19 +132,19 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
 
 def _robust(base: Array, values: Array, held: Array) -> Array:
     """Solve least squares with Huber's weights, then Tukey's; `held` weighs unknowns towards zero, over the noise."""
-    weights, found = np.ones(len(values)), np.zeros(base.shape[1])
+    weights, unknowns = np.ones(len(values)), np.zeros(base.shape[1])
     noise = float(np.std(values))
     for turn in range(20):
         rows = np.vstack((base * weights[:, None], np.diag(held) * noise))
         size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-        found = np.linalg.lstsq(rows / size, np.append(values * weights, np.zeros(len(held))), rcond=None)[0] / size
-        away = np.abs(values - base @ found)
+        unknowns = np.linalg.lstsq(rows / size, np.append(values * weights, np.zeros(len(held))), rcond=None)[0] / size
+        away = np.abs(values - base @ unknowns)
         noise = max(1.4826 * float(np.median(away)), 1e-9)
         ratio = away / noise
         # Huber's loss is convex and finds the neighbourhood; Tukey's then ignores outliers altogether.
         late = turn > 9
         weights = np.maximum(1.0 - (ratio / 4.685) ** 2, 0.0) if late else 1.0 / np.sqrt(np.maximum(ratio / 1.345, 1.0))
-    return np.asarray(found)
+    return np.asarray(unknowns)
 
 
 def with_guess(
@@ -158,18 +158,20 @@ def with_guess(
         guess: estimate for that channel.
         wheelbase: wheelbase of the model [m].
     """
-    found = []
-    for one in parameters:
-        if one.name == "steering_ratio" and one.free:
+    guesses = []
+    for parameter in parameters:
+        if parameter.name == "steering_ratio" and parameter.free:
             ratio = 1.0 / (guess.gain * wheelbase)
-            one = replace(one, guess=ratio, low=0.1 * ratio, high=10.0 * ratio)
-        elif one.name == "steering_offset":
+            parameter = replace(parameter, guess=ratio, low=0.1 * ratio, high=10.0 * ratio)
+        elif parameter.name == "steering_offset":
             # An angle sensor is zeroed to a few degrees; a command may have its zero anywhere.
             offset, room = guess.curvature * wheelbase, 0.2 if steer != "steering_command" else 1.0
             low, high = min(-room, offset - room), max(room, offset + room)
-            one = replace(one, guess=offset, low=low, high=high, usual=one.usual if room < 1.0 else 30.0)
-        elif one.name == "steering_delay" and guess.delay > 0.15:
+            parameter = replace(
+                parameter, guess=offset, low=low, high=high, usual=parameter.usual if room < 1.0 else 30.0
+            )
+        elif parameter.name == "steering_delay" and guess.delay > 0.15:
             late = guess.delay - 0.1  # the vehicle's response accounts for a part
-            one = replace(one, guess=late, high=max(one.high, 2.0 * late))
-        found.append(one)
-    return tuple(found)
+            parameter = replace(parameter, guess=late, high=max(parameter.high, 2.0 * late))
+        guesses.append(parameter)
+    return tuple(guesses)

@@ -96,7 +96,7 @@ class LongitudinalModel(Model):
         m = known.get("mass", 1.0)
         force, mass, per = ("N/kg", "1", " per kg") if bare else ("N", "kg", "")
         source = "not given: forces are per kilogram" if bare else ""
-        found = [
+        parameters = [
             Parameter("mass", mass, "mass of the vehicle", m, 1e-3, 1e6, source=source),
             Parameter("rotating_mass", mass, "equivalent mass of rotating parts" + per, 0.0, 0.0, m, scale=0.05 * m),
             Parameter("rolling_resistance", "1", "rolling resistance over weight", 0.01, 0.0, 0.5, True, 0.005,
@@ -109,38 +109,38 @@ class LongitudinalModel(Model):
                       usual=4.0),
         ]  # fmt: skip
         if self._drive == "throttle":
-            found += [
+            parameters += [
                 Parameter("drive_force", force, "drive force at full throttle and low speed", 4.0 * m, 0.01 * m,
                           50.0 * m, True, usual=1.0),
                 Parameter("drive_power", force.replace("N", "W"), "drive power at full throttle and high speed",
                           80.0 * m, 0.01 * m, 5e3 * m, True, usual=1.5),
             ]  # fmt: skip
         if self._brake == "pedal":
-            found.append(
+            parameters.append(
                 Parameter("brake_force", force, "force at full pedal", 8.0 * m, 0.05 * m, 50.0 * m, True, usual=1.0)
             )
         if "torque" in {self._drive, self._brake}:
             wheels = "radius of the driven wheels" if self._drive == "torque" else "radius of the wheels"
-            found.append(Parameter("wheel_radius", "m", wheels, 0.33, 0.01, 2.0, usual=0.3))
+            parameters.append(Parameter("wheel_radius", "m", wheels, 0.33, 0.01, 2.0, usual=0.3))
         for name, kind in (("drive", self._drive), ("brake", self._brake)):
             if kind != "none":
                 pedal = kind in {"throttle", "pedal"}
                 delay, lag = (0.05, 0.1) if pedal else (0.0, 0.0)
-                found += [
+                parameters += [
                     Parameter(f"{name}_delay", "s", f"dead time of the {name}", delay, -0.1, 1.0, pedal, 0.05,
                               usual=4.0),
                     Parameter(f"{name}_lag", "s", f"time constant of the {name}", lag, 0.0, 2.0, pedal, 0.05,
                               usual=6.0),
                 ]  # fmt: skip
-        return tuple(found)
+        return tuple(parameters)
 
     def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
         """Return throttle position or drive force [N], brake force [N] and sine of the grade."""
-        step, found = float(times[1] - times[0]), []
+        step, signals = float(times[1] - times[0]), []
         zero = np.zeros(len(times))
         for name, kind, channels in (("drive", self._drive, _DRIVE), ("brake", self._brake, _BRAKE)):
             if kind == "none":
-                found.append(zero)
+                signals.append(zero)
                 continue
             wide, early = drive.with_history(times)
             values = drive.at(channels[kind], wide, p[f"{name}_delay"])
@@ -148,9 +148,9 @@ class LongitudinalModel(Model):
                 values = (values if name == "drive" else np.abs(values)) / p["wheel_radius"]
             elif kind == "pedal":
                 values = values * p["brake_force"]
-            found.append(first_order(values, step, p[f"{name}_lag"])[early:])
-        found.append(np.sin(drive.at("grade", times)) if self._grade else zero)
-        return np.stack(found)
+            signals.append(first_order(values, step, p[f"{name}_lag"])[early:])
+        signals.append(np.sin(drive.at("grade", times)) if self._grade else zero)
+        return np.stack(signals)
 
     def _acceleration(self, x: Array, u: Array, p: Values) -> Array:
         v, m = x[0], p["mass"]
@@ -188,12 +188,12 @@ class LongitudinalModel(Model):
         mass = p["mass"] + p["rotating_mass"]
         rolling = (p["rolling_resistance"] + p["slope"]) * p["mass"] * GRAVITY
         coasting = rolling + 400.0 * p["drag"] + 20.0 * p["viscous_resistance"]
-        found = {"deceleration without pedals at 20 m/s": (coasting / mass, "m/s^2")}
+        quantities = {"deceleration without pedals at 20 m/s": (coasting / mass, "m/s^2")}
         if "brake_force" in p:
             braking = "deceleration at full pedal, with rolling resistance"
-            found[braking] = ((p["brake_force"] + rolling) / mass, "m/s^2")
-            found["brake delay plus lag"] = (p["brake_delay"] + p["brake_lag"], "s")
-        return found
+            quantities[braking] = ((p["brake_force"] + rolling) / mass, "m/s^2")
+            quantities["brake delay plus lag"] = (p["brake_delay"] + p["brake_lag"], "s")
+        return quantities
 
     def plausible_range(self, name: str, p: Mapping[str, float]) -> tuple[float, float]:
         """Return the usual range of rolling resistance, and of drag over mass."""
@@ -211,7 +211,7 @@ class LongitudinalModel(Model):
             ("rotating_mass", _ROTATING * p["mass"], "the mass of rotating parts", "give rotating_mass"),
             ("slope", _SLOPE, "the slope of the road", "drive in both directions, or give the slope"),
         ]
-        found = [
+        assumptions = [
             Assumption(description, remedy, {name: p[name] + SMALL_FRACTION * size}, SMALL_FRACTION)
             for name, size, description, remedy in (sizes[:1] if self._grade else sizes)
             if name in assumed
@@ -220,8 +220,8 @@ class LongitudinalModel(Model):
             size = _VISCOUS * p["rolling_resistance"] * p["mass"] * GRAVITY
             changes = {"viscous_resistance": p["viscous_resistance"] + OMITTED_FRACTION * size}
             words = "whether resistance grows with speed", "free viscous_resistance"
-            found.append(Assumption(*words, changes, OMITTED_FRACTION, is_omitted=True))
-        return tuple(found)
+            assumptions.append(Assumption(*words, changes, OMITTED_FRACTION, is_omitted=True))
+        return tuple(assumptions)
 
     def suggest_experiment(self, names: frozenset[str]) -> str:
         """Return which drive would identify these parameters."""

@@ -45,11 +45,11 @@ def steering_manoeuvres(speed: float, wheelbase: float, *, lateral: float = 3.0)
 def lateral_manoeuvres(p: Mapping[str, float], speed: float) -> dict[str, dict[str, Array]]:
     """Return the channels of the lateral manoeuvres, whichever steering and speed channel a model uses."""
     wheelbase = p.get("wheelbase") or p["front_length"] + p["rear_length"]
-    found = {}
+    manoeuvres = {}
     for name, (angle, v) in steering_manoeuvres(speed, wheelbase).items():
         channels = {"vx": v, "speed": v, "y": cumulative_trapezoid(v, dx=STEP, initial=0.0)}
-        found[name] = channels | dict.fromkeys(STEERING, angle * p["steering_ratio"])
-    return found
+        manoeuvres[name] = channels | dict.fromkeys(STEERING, angle * p["steering_ratio"])
+    return manoeuvres
 
 
 def longitudinal_manoeuvres(speed: float) -> dict[str, dict[str, Array]]:

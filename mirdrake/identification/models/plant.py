@@ -277,16 +277,16 @@ class PlantModel(SimulatedModel):
     def _torques(self, drive: Segment) -> Array:
         """Return drive and brake torques of the wheels (8, n) [N m]; zero if the log has none."""
         times = _sample_times(drive)
-        found = np.zeros((8, len(times)))
+        torques = np.zeros((8, len(times)))
         if self._way != "torque":
-            return found
+            return torques
         driven = [WHEELS.index(wheel) for wheel in self._vehicle.spec.driven_wheels()]
-        found[driven] = drive.at("drive_torque", times) / len(driven)
+        torques[driven] = drive.at("drive_torque", times) / len(driven)
         if "brake_torque" in drive.inputs:
             share = self._vehicle.spec.brakes.front_share
             brake = np.abs(drive.at("brake_torque", times))
-            found[4:6], found[6:8] = 0.5 * share * brake, 0.5 * (1.0 - share) * brake
-        return found
+            torques[4:6], torques[6:8] = 0.5 * share * brake, 0.5 * (1.0 - share) * brake
+        return torques
 
     def _set_speeds(self, context: Context, drive: Segment, speed: float) -> None:
         """Set the initial speeds of the log for a settled car: forward, lateral and yaw."""
@@ -295,9 +295,9 @@ class PlantModel(SimulatedModel):
         x = plant.GetPositionsAndVelocities(plant_context)
         positions = plant.num_positions()
         pose = x[part.base.floating_positions_start() :][:7, None]
-        place = positions + part.base.floating_velocities_start_in_v()
+        start = positions + part.base.floating_velocities_start_in_v()
         # The settled pose gives the directions; wheels spin up with the vehicle.
-        state = vehicle_states(pose, x[place : place + 6, None])[:, 0]
+        state = vehicle_states(pose, x[start : start + 6, None])[:, 0]
         yaw, now = state[5], state[6]
         turn, side = state[11], state[7]
         if "yaw_rate" in drive.outputs:
@@ -305,10 +305,10 @@ class PlantModel(SimulatedModel):
         if "vy" in drive.outputs:
             side = _first(drive.outputs["vy"], drive.step, 0) - turn * float(self._whole.com[0])
         velocities = plant.GetVelocities(plant_context).copy()
-        at = part.base.floating_velocities_start_in_v()
-        velocities[at + 2] = turn
-        velocities[at + 3] = speed * math.cos(yaw) - side * math.sin(yaw)
-        velocities[at + 4] = speed * math.sin(yaw) + side * math.cos(yaw)
+        first = part.base.floating_velocities_start_in_v()
+        velocities[first + 2] = turn
+        velocities[first + 3] = speed * math.cos(yaw) - side * math.sin(yaw)
+        velocities[first + 4] = speed * math.sin(yaw) + side * math.cos(yaw)
         ratio = speed / now if abs(now) > 0.1 else 1.0
         for joint in part.wheels:
             velocities[joint.velocity_start()] *= ratio
@@ -317,19 +317,19 @@ class PlantModel(SimulatedModel):
     def _sensor_readings(self, p: Mapping[str, float], x: Array) -> dict[str, Array]:
         """Return the sensor readings by channel, from states of the plant (states, n)."""
         part = self._part
-        place = self.assembly.parts.plant.num_positions() + part.base.floating_velocities_start_in_v()
-        state = vehicle_states(x[part.base.floating_positions_start() :][:7], x[place:][:6])
+        start = self.assembly.parts.plant.num_positions() + part.base.floating_velocities_start_in_v()
+        state = vehicle_states(x[part.base.floating_positions_start() :][:7], x[start:][:6])
         vx, vy, turn = state[6], state[7], state[11]
         ahead = float(self._whole.com[0])
         slopes = [np.gradient(values, self._step) for values in (vx, vy, turn)]
         # Sensor positions are relative to the file's centre of mass, states to the rear axle.
-        there, tilt = ahead + p["accelerometer_ahead"], p["accelerometer_tilt"]
+        position, tilt = ahead + p["accelerometer_ahead"], p["accelerometer_tilt"]
         return {
             "vx": vx,
             "vy": vy + (ahead + p["velocity_ahead"]) * turn,
             "yaw_rate": turn,
-            "longitudinal_acceleration": slopes[0] - vy * turn - there * turn**2 - tilt * GRAVITY * state[4],
-            "lateral_acceleration": slopes[1] + vx * turn + there * slopes[2] + tilt * GRAVITY * state[3],
+            "longitudinal_acceleration": slopes[0] - vy * turn - position * turn**2 - tilt * GRAVITY * state[4],
+            "lateral_acceleration": slopes[1] + vx * turn + position * slopes[2] + tilt * GRAVITY * state[3],
             "roll": state[3],
             "roll_rate": state[9],
         }

@@ -33,7 +33,7 @@ def plant_parameters(
             guess = -late if steer == "steering_wheel_angle" else 0.0
             one = Parameter(one.name, one.unit, one.meaning, guess, -0.2, 0.5, True, 0.05, usual=2.0)
         steering.append(one)
-    found = [
+    parameters = [
         Parameter("mass", "kg", "mass of the vehicle", mass, 1.05 * rest.mass, 10.0 * mass, True, source=name),
         Parameter("rear_length", "m", "centre of mass ahead of the rear axle", ahead, 0.1 * base, 0.9 * base,
                   source=name),
@@ -47,10 +47,12 @@ def plant_parameters(
         *steering,
     ]  # fmt: skip
     if friction is not None:
-        found.append(Parameter("friction", "1", "friction of the road", friction, 0.05, 1.8 * friction, source="world"))
+        parameters.append(
+            Parameter("friction", "1", "friction of the road", friction, 0.05, 1.8 * friction, source="world")
+        )
     if vehicle.spec.tyres.has_law:
         rolling = vehicle.spec.tyres.rolling_resistance
-        found.append(
+        parameters.append(
             Parameter("rolling_resistance", "1", "of the tyres", rolling, 0.0, 0.2, scale=0.005, usual=5.0, source=name)
         )
-    return tuple(found)
+    return tuple(parameters)

@@ -37,8 +37,8 @@ def model_class(kind: str) -> type[Model]:
         raise ConfigError(f"unknown model '{kind}'; {did_you_mean(kind, MODELS)}", path=("model",))
     if isinstance(entry, str):
         module, _, name = entry.partition(":")
-        found: type[Model] = getattr(import_module(module), name)
-        return found
+        model_class: type[Model] = getattr(import_module(module), name)
+        return model_class
     return entry
 
 

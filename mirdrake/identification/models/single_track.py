@@ -326,27 +326,27 @@ class SingleTrackModel(Model):
         forces = self._forces(x, u, slips, p)
         side, turn, roll_acceleration = self._motion(x, u, p, forces)
         least = _MIN_TIME * self.max_step  # shorter time constants would make the integration unstable
-        found = [side - self._state(x, "yaw_rate") * u[1], turn]
+        rates = [side - self._state(x, "yaw_rate") * u[1], turn]
         if self._roll:
-            found[0] = found[0] + p["roll_arm"] * roll_acceleration
-            found += [self._state(x, "roll_rate"), roll_acceleration]
+            rates[0] = rates[0] + p["roll_arm"] * roll_acceleration
+            rates += [self._state(x, "roll_rate"), roll_acceleration]
         if self._has_damper_lag:
             difference = self._state(x, "roll_rate") - self._state(x, "damper_rate")
-            found.append(difference / np.maximum(p["roll_damper_time"], least))
+            rates.append(difference / np.maximum(p["roll_damper_time"], least))
         if self._relaxation:
             v = np.maximum(u[1], self._v1)
             for length, slip, axle in zip(self._lengths, slips, AXLES, strict=True):
                 # A smooth maximum: a search would stop at a corner.
                 time = least * (1.0 + (p[length] / (v * least)) ** 8) ** 0.125
-                found.append((slip - self._state(x, f"slip_{axle}")) / time)
+                rates.append((slip - self._state(x, f"slip_{axle}")) / time)
         if self._is_compliant:
             moment = -p["trail_front"] * forces[0] - p["steering_inertia"] * (u[4] + turn)
             if self._roll:
                 gyroscopic = 0.5 * p["wheel_momentum"] * u[1] * self._state(x, "roll_rate")
                 moment = moment + p["camber_moment"] * self._state(x, "roll") - gyroscopic
             time = np.maximum(p["steering_compliance_time"], least)
-            found.append((p["steering_compliance"] * moment - self._state(x, "steering_deflection")) / time)
-        return np.stack(found)
+            rates.append((p["steering_compliance"] * moment - self._state(x, "steering_deflection")) / time)
+        return np.stack(rates)
 
     def _roll_acceleration(self, x: Array, u: Array, side: Array, p: Values) -> Array:
         """Return the roll acceleration [rad/s²]; the gyroscopic moment of the wheels adds to the excitation."""
@@ -359,23 +359,23 @@ class SingleTrackModel(Model):
 
     def observe(self, x: Array, u: Array, p: Values) -> Array:
         """Return the outputs in their order."""
-        found, now = [], (x, u)
+        outputs, now = [], (x, u)
         for name in self.outputs:
             x, u = self._earlier(*now, p, _DELAY_PARAMETERS.get(name))
             if name == "vy":
                 # The state is that of the roll axis; a point above it moves to the left as the body rolls to the left.
                 above = p["velocity_height"] * self._state(x, "roll_rate") if self._roll else 0.0
-                found.append(self._state(x, "vy") + p["velocity_ahead"] * self._state(x, "yaw_rate") - above)
+                outputs.append(self._state(x, "vy") + p["velocity_ahead"] * self._state(x, "yaw_rate") - above)
             elif name in self._row:
-                found.append(self._state(x, name))
+                outputs.append(self._state(x, name))
             else:
                 side, turn, roll_acceleration = self._accelerations(x, u, p)
                 seen = side + p["accelerometer_ahead"] * turn
                 if self._roll:
                     arm, tilt = p["roll_arm"] - p["accelerometer_height"], p["accelerometer_tilt"] * GRAVITY
                     seen = seen + arm * roll_acceleration + tilt * self._state(x, "roll")
-                found.append(seen)
-        return np.stack(found)
+                outputs.append(seen)
+        return np.stack(outputs)
 
     def _earlier(self, x: Array, u: Array, p: Values, delay: str | None) -> tuple[Array, Array]:
         """Return states and inputs a delay ago, by the midpoint rule; its error is (delay times frequency)³ / 6."""
@@ -404,15 +404,15 @@ class SingleTrackModel(Model):
                 middle = np.nanmedian(seen[near], axis=1)
             spin = np.where(np.isfinite(middle), middle, spin)
         side = b * spin - m * a * v * v * spin / ((a + b) * p["cornering_stiffness_rear"])
-        found = [side, spin]
+        states = [side, spin]
         if self._roll:
-            found += [p["roll_gain"] * v * spin, *np.zeros((1 + self._has_damper_lag, len(rows)))]
+            states += [p["roll_gain"] * v * spin, *np.zeros((1 + self._has_damper_lag, len(rows)))]
         if self._relaxation:
-            held = m * v * spin / (a + b)
-            found += [-held * b / p["cornering_stiffness_front"], -held * a / p["cornering_stiffness_rear"]]
+            force = m * v * spin / (a + b)
+            states += [-force * b / p["cornering_stiffness_front"], -force * a / p["cornering_stiffness_rear"]]
             if self._is_compliant:
-                found.append(-p["steering_compliance"] * p["trail_front"] * held * b)
-        return np.stack(found)
+                states.append(-p["steering_compliance"] * p["trail_front"] * force * b)
+        return np.stack(states)
 
     def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Return the understeer gradient and other combinations that quasi-steady driving identifies."""
@@ -468,19 +468,19 @@ class SingleTrackModel(Model):
         be off by half its value; the pneumatic trail is a third of half a contact patch of 0.2 m (H. B. Pacejka, Tyre
         and Vehicle Dynamics, 3rd ed., section 3.2). Roll shows in the lateral acceleration and in vy.
         """
-        length, found = p["front_length"] + p["rear_length"], []
+        length, assumptions = p["front_length"] + p["rear_length"], []
 
         def assume(names: Collection[str], sizes: Mapping[str, float], description: str, remedy: str) -> None:
             if set(names) <= assumed and any(sizes.values()):
                 moved = {name: p[name] + SMALL_FRACTION * size for name, size in sizes.items()}
-                found.append(Assumption(description, remedy, moved, SMALL_FRACTION))
+                assumptions.append(Assumption(description, remedy, moved, SMALL_FRACTION))
 
         def omit(
             description: str, remedy: str, moved: Mapping[str, float], options: Mapping[str, Any],
             max_size: float = math.inf,
         ) -> None:  # fmt: skip
             if not set(options) - self._open:
-                found.append(
+                assumptions.append(
                     Assumption(description, remedy, moved, OMITTED_FRACTION, options, is_omitted=True,
                                max_size=max_size)
                 )  # fmt: skip
@@ -547,7 +547,7 @@ class SingleTrackModel(Model):
                 "record road_wheel_angle" if is_setpoint else "record the actual road wheel angle, not its set-point"
             )
             omit("a lag of the steering", remedy, {"steering_lag": OMITTED_FRACTION * _LAG}, {})
-        return tuple(found)
+        return tuple(assumptions)
 
     def suggest_experiment(self, names: frozenset[str]) -> str:
         """Return which drive would identify these parameters."""

@@ -73,29 +73,29 @@ def single_track_parameters(
         damper_lag: whether the roll dampers act in series with the tyres.
     """
     size = _size(known, wheelbase)
-    found = _rigid_parameters(size, known, outputs, steer)
+    parameters = _rigid_parameters(size, known, outputs, steer)
     if tyres != "linear":
-        found += [
+        parameters += [
             Parameter(f"friction_{axle}", "1", f"largest force over load, {axle}", 0.9, 0.05, 3.0, True, usual=0.7)
             for axle in ("front", "rear")
         ]
     if tyres == "magic_formula":
         for axle in ("front", "rear"):
-            found += [
+            parameters += [
                 Parameter(f"shape_{axle}", "1", f"shape factor C, {axle}", 1.4, 1.0, 2.5, usual=0.3),
                 Parameter(f"curvature_{axle}", "1", f"curvature factor E, {axle}", 0.0, -10.0, 0.99, scale=0.5,
                           usual=2.0),
             ]  # fmt: skip
     if relaxation:
-        found += _relaxation_parameters(size, known, relaxation)
+        parameters += _relaxation_parameters(size, known, relaxation)
     if compliant:
-        found += _compliance_parameters(size, roll=roll)
+        parameters += _compliance_parameters(size, roll=roll)
     if damper_lag:
-        found.append(
+        parameters.append(
             Parameter("roll_damper_time", "s", "lag of the dampers in series with the tyres", 0.0, 0.0, 1.0,
                       scale=0.01, usual=2.0)
         )  # fmt: skip
-    return (*found, *(_roll_parameters(known, outputs, size) if roll else ()))
+    return (*parameters, *(_roll_parameters(known, outputs, size) if roll else ()))
 
 
 def _size(known: Mapping[str, float], wheelbase: float | None) -> _Size:
@@ -119,17 +119,17 @@ def _rigid_parameters(size: _Size, known: Mapping[str, float], outputs: Collecti
     stiffness, inertia = size.unit("N/rad", "N/(rad kg)"), size.unit("kg m^2", "m^2")
     gyration = m * size.front * size.rear  # yaw inertia of a car, nearly
     source = "not given: stiffness and inertia are per kilogram" if size.bare else ""
-    found = [
+    parameters = [
         Parameter("mass", size.unit("kg", "1"), "mass of the vehicle", m, 1e-3, 1e6, source=source),
         Parameter("front_length", "m", "centre of mass to front axle", size.front, 0.01, 20.0, source=size.sources[0]),
         Parameter("rear_length", "m", "centre of mass to rear axle", size.rear, 0.01, 20.0, source=size.sources[1]),
     ]
-    found += [
+    parameters += [
         Parameter(f"cornering_stiffness_{axle}", stiffness, f"cornering stiffness of the {axle} axle, both tyres{per}",
                   _CORNERING * load, 0.3 * load, 500.0 * load, True, usual=1.0)
         for axle, load in loads.items()
     ]  # fmt: skip
-    found += [
+    parameters += [
         Parameter("yaw_inertia", inertia, "yaw inertia" + per, gyration, 0.05 * gyration, 20.0 * gyration, True,
                   usual=0.7),
         Parameter("spin_inertia", inertia, "additional yaw inertia of the spinning wheels" + per, 0.0, 0.0, gyration,
@@ -142,19 +142,19 @@ def _rigid_parameters(size: _Size, known: Mapping[str, float], outputs: Collecti
         Parameter("velocity_ahead", "m", "position of the measured vy ahead of the centre of mass", 0.0, -10.0, 10.0,
                   "vy" in outputs, 0.2 * length, usual=1.5),
     ]  # fmt: skip
-    found += [
+    parameters += [
         Parameter(name, "s", f"delay of the measured {words} against the yaw rate", 0.0, -0.1, 0.1, scale=0.01,
                   usual=2.0)
         for channel, name, words in DELAYS
         if channel in outputs
     ]  # fmt: skip
-    found += [
+    parameters += [
         Parameter("load_transfer", "m", "height of the centre of mass, if tyre forces are proportional to the load",
                   0.0, -0.6 * length, 0.6 * length, scale=0.2 * length, usual=2.0),
         Parameter("drag", size.unit("N s^2/m^2", "1/m"), "drag over speed squared, which unloads the front axle" + per,
                   0.0, 0.0, m, scale=1e-4 * m, usual=2.0),
     ]  # fmt: skip
-    return found + [
+    return parameters + [
         Parameter(name, "1", f"front axle's share of the {words} force", share, 0.0, 1.0, scale=0.5, usual=1.0,
                   source="" if name in known else f"assumed: {share:g}")
         for name, words, share in (("front_drive", "drive", 0.5), ("front_brake", "braking", 0.6))
@@ -163,13 +163,13 @@ def _rigid_parameters(size: _Size, known: Mapping[str, float], outputs: Collecti
 
 def _relaxation_parameters(size: _Size, known: Mapping[str, float], lengths: Sequence[str]) -> list[Parameter]:
     total = size.length
-    found = [
+    parameters = [
         Parameter(key, "m", f"relaxation length of the tyres, {_AXLES[key]}", RELAXATION * total, 0.0, 2.0 * total,
                   key == "relaxation", scale=0.1 * total, usual=2.0,
                   source="" if key in known else "assumed: 0.15 of the wheelbase")
         for key in dict.fromkeys(lengths)
     ]  # fmt: skip
-    return found + [
+    return parameters + [
         Parameter(f"trail_{axle}", "m", f"pneumatic trail, {axle}: distance of the force behind the wheel centre",
                   0.0, -0.5, 0.5, scale=0.02, usual=2.0)
         for axle in ("front", "rear")
@@ -177,19 +177,19 @@ def _relaxation_parameters(size: _Size, known: Mapping[str, float], lengths: Seq
 
 
 def _compliance_parameters(size: _Size, *, roll: bool) -> list[Parameter]:
-    found = [
+    parameters = [
         Parameter("steering_compliance", size.unit("rad/(N m)", "rad kg/(N m)"),
                   "deflection of the front wheels over the moment on both", 0.0, 0.0, 1.0, scale=1e-5, usual=2.0),
         Parameter("steering_compliance_time", "s", "time constant of the deflection", 0.0, 0.0, 1.0, scale=0.02,
                   usual=2.0),
     ]  # fmt: skip
     if roll:
-        found.append(
+        parameters.append(
             Parameter("camber_moment", size.unit("N m/rad", "N m/(rad kg)"),
                       "steering moment of the front wheels over roll, beside that of their force", 0.0,
                       -10.0 * size.mass, 10.0 * size.mass, scale=0.5 * size.mass, usual=2.0)
         )  # fmt: skip
-    return found
+    return parameters
 
 
 def _roll_parameters(known: Mapping[str, float], outputs: Collection[str], size: _Size) -> tuple[Parameter, ...]:

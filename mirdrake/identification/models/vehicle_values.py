@@ -47,7 +47,7 @@ def common_values(vehicle: Vehicle, *, measured: bool) -> dict[str, float]:
         ConfigError: a .tir file is missing or wrong.
     """
     p = estimate_parameters(vehicle)
-    found: dict[str, float] = {
+    values: dict[str, float] = {
         "mass": p.mass,
         "yaw_inertia": p.yaw_inertia,
         "front_length": p.front_length,
@@ -64,8 +64,8 @@ def common_values(vehicle: Vehicle, *, measured: bool) -> dict[str, float]:
     }
     lag = vehicle.spec.actuators.steering.time_constant
     if not measured and lag > 0.0:
-        found["steering_lag"] = lag
-    return found
+        values["steering_lag"] = lag
+    return values
 
 
 def single_track_values(
@@ -82,22 +82,24 @@ def single_track_values(
     Raises:
         ConfigError: a .tir file is missing or wrong.
     """
-    found = common_values(vehicle, measured=measured)
+    values = common_values(vehicle, measured=measured)
     wheels = _wheel_values(vehicle)
     roll_values = {} if vehicle.spec.suspension is None else _roll_values(vehicle, wheels["wheel_momentum"])
     has_roll = roll and bool(roll_values)
-    found |= (roll_values | wheels) if has_roll else {one: wheels[one] for one in ("spin_inertia", "steering_inertia")}
+    values |= (
+        (roll_values | wheels) if has_roll else {name: wheels[name] for name in ("spin_inertia", "steering_inertia")}
+    )
     tyres = vehicle.spec.tyres
     if isinstance(tyres, SlipTyres) and relaxation:
         laws = tyres.axle_laws(vehicle.folder)
         p, gain = estimate_parameters(vehicle), roll_values.get("roll_gain", 0.0)
         if not measured:
-            found |= _steering_compliance(vehicle)
-        found |= _tyre_values(laws, p, gain, upright=roll)
+            values |= _steering_compliance(vehicle)
+        values |= _tyre_values(laws, p, gain, upright=roll)
         if has_roll:
             front, rear = _camber_moments(laws, p, gain)
-            found |= {"camber_moment": front, "roll_moment": found["roll_moment"] + front + rear}
-    return found
+            values |= {"camber_moment": front, "roll_moment": values["roll_moment"] + front + rear}
+    return values
 
 
 def _roll_values(vehicle: Vehicle, momentum: float) -> dict[str, float]:
@@ -121,8 +123,8 @@ def _roll_values(vehicle: Vehicle, momentum: float) -> dict[str, float]:
     rates = frequency * np.linspace(*_ROLL_FREQUENCIES)
     swings = [estimate_parameters(vehicle, roll=True, roll_frequency=float(rate)) for rate in rates]
     resisting = np.array([
-        complex(one.roll_stiffness - arm * GRAVITY - inertia * rate**2, rate * one.roll_damping)
-        for one, rate in zip(swings, rates, strict=True)
+        complex(car.roll_stiffness - arm * GRAVITY - inertia * rate**2, rate * car.roll_damping)
+        for car, rate in zip(swings, rates, strict=True)
     ])  # fmt: skip
     target = rates * righting / resisting  # roll rate over the static roll angle under the same force
 
@@ -132,8 +134,8 @@ def _roll_values(vehicle: Vehicle, momentum: float) -> dict[str, float]:
         missed = rates * gain * natural**2 / (natural**2 - rates**2 + damped) - target
         return np.concatenate((missed.real, missed.imag)) / frequency
 
-    found = least_squares(errors, np.ones(4)).x * (1.0, frequency, damping, _DAMPER_LAG)
-    gain, natural, ratio, late = found.tolist()
+    solution = least_squares(errors, np.ones(4)).x * (1.0, frequency, damping, _DAMPER_LAG)
+    gain, natural, ratio, late = solution.tolist()
     return {
         "roll_gain": gain * (arm + momentum) / righting,
         "roll_frequency": natural,
@@ -198,31 +200,31 @@ def _tyre_values(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float,
         gain: roll angle over lateral acceleration [rad s²/m].
         upright: whether the stiffness is that of upright wheels.
     """
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     growths = []
     for axle, law, (force, load) in zip(_AXLES, laws, _turn(p), strict=True):
         less, more = (_slip(law(factor * load, 0.0, 1.0), force) for factor in (1.0 - _LOAD_CHANGE, 1.0 + _LOAD_CHANGE))
         growths.append(math.log(less / more) / math.log((1.0 + _LOAD_CHANGE) / (1.0 - _LOAD_CHANGE)))
         tyre = law(load, 0.0 if upright else gain * _LATERAL, 1.0)
         slip = _slip(tyre, force)
-        found |= {
+        values |= {
             f"cornering_stiffness_{axle}": -2.0 * force / slip,
             f"relaxation_{axle}": tyre.contact.length_y,
             f"trail_{axle}": abs(_moment(tyre, slip)) / force,
         }
     # Stiffness grows more slowly than the load.
-    return found | {"load_transfer": p.com_height * sum(growths) / len(growths)}
+    return values | {"load_transfer": p.com_height * sum(growths) / len(growths)}
 
 
 def _camber_moments(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float) -> tuple[float, float]:
     """Return the moment of both wheels of an axle over roll beside that of their force, front and rear [N m/rad]."""
-    found = []
+    moments = []
     for law, (force, load) in zip(laws, _turn(p), strict=True):
         upright, cambered = (
             _moment(tyre, _slip(tyre, force)) for tyre in (law(load, roll, 1.0) for roll in (0.0, gain * _LATERAL))
         )
-        found.append(2.0 * (cambered - upright) / (gain * _LATERAL))
-    return found[0], found[1]
+        moments.append(2.0 * (cambered - upright) / (gain * _LATERAL))
+    return moments[0], moments[1]
 
 
 def _turn(p: SingleTrackParameters) -> list[tuple[float, float]]:
