@@ -148,10 +148,10 @@ def drive(
             angle = _true_angle(steering_law, setups[0].steering, true_steering[0], memory[i, last_output])
 
             # Delay: a ring with a place for each control period. The oldest output acts.
-            at, acting = now % ring, (now + 1) % ring
-            delayed[i, at, 0], delayed[i, at, 1] = angle, torques[0] * unit.force_per_torque
-            delayed[i, at, 2], delayed[i, at, 3] = 0.0, (angle - before) / period
-            delayed[i, at, 4] = trimmed * unit.true_over_believed
+            slot, acting = now % ring, (now + 1) % ring
+            delayed[i, slot, 0], delayed[i, slot, 1] = angle, torques[0] * unit.force_per_torque
+            delayed[i, slot, 2], delayed[i, slot, 3] = 0.0, (angle - before) / period
+            delayed[i, slot, 4] = trimmed * unit.true_over_believed
             u = Inputs(
                 delayed[i, acting, 0], delayed[i, acting, 1], delayed[i, acting, 2], delayed[i, acting, 3],
                 delayed[i, acting, 4],

@@ -156,9 +156,9 @@ def drive_on_track(
         write_state(states[i], positions, x)
         if dead[i]:
             continue
-        place = project(lane, tables, x.x, x.y, progress[i] + x.vx * periods * lane.period)
-        progress[i] = place.s
-        _write_signals(lane, tables, distances, parameters[i].rear_length, x, memory[i], trim, place, signals[i])
+        projection = project(lane, tables, x.x, x.y, progress[i] + x.vx * periods * lane.period)
+        progress[i] = projection.s
+        _write_signals(lane, tables, distances, parameters[i].rear_length, x, memory[i], trim, projection, signals[i])
 
 
 def _control(

@@ -131,15 +131,15 @@ def _check_files(folder: Path, variant: str | None, missing: Findings) -> None:
         load_part(folder, "control", ControlSpec, change)
     with missing.caught():
         sensors = load_part(folder, "sensors", SensorsSpec, change)
-    at = where(change, "arguments") if variant is not None else ""
+    location = where(change, "arguments") if variant is not None else ""
     if spec is not None and "drive" in change.arguments:
         with missing.caught():
-            spec = with_drive(spec, change.arguments["drive"], at)
+            spec = with_drive(spec, change.arguments["drive"], location)
     if next(_not_xml(folder), None) is not None:
         return
     with missing.caught():
         defaults = {"drive": spec.drive} if spec is not None else {}
-        urdf = render_xacro(folder / MAIN_FILE, arguments=change.arguments, defaults=defaults, where=at)
+        urdf = render_xacro(folder / MAIN_FILE, arguments=change.arguments, defaults=defaults, where=location)
     if urdf is not None:
         missing.note(
             [line for fault in find_faults(urdf, spec=spec, sensors=sensors) for line in str(fault).splitlines()]

@@ -168,7 +168,7 @@ class _Editor:
                 return self._add(node, keys[depth:], written)
             node = found[1]
             if depth + 1 < len(keys) and node.kind == "scalar" and value_at(self.data, keys[: depth + 1]) is None:
-                inner = "".join(f"{{{scalar_text(one)}: " for one in keys[depth + 1 :])
+                inner = "".join(f"{{{scalar_text(key)}: " for key in keys[depth + 1 :])
                 return self._put(node, f"{inner}{written}{'}' * (len(keys) - depth - 1)}")
         if isinstance(value, tuple) and node.kind == "list":
             if not node.flow:
@@ -190,13 +190,13 @@ class _Editor:
         if node.flow:
             inner = "".join(f"{scalar_text(key)}: {{" for key in keys[:-1])
             entry = f"{inner}{scalar_text(keys[-1])}: {written}{'}' * (len(keys) - 1)}"
-            at = node.values[-1].end if node.values else node.start + 1
-            return f"{self.text[:at]}{', ' if node.values else ''}{entry}{self.text[at:]}"
+            end = node.values[-1].end if node.values else node.start + 1
+            return f"{self.text[:end]}{', ' if node.values else ''}{entry}{self.text[end:]}"
         lines = _block(keys, written, " " * node.column, self.newline)
-        at = line_end(self.text, node.end)
-        if not self.text[:at]:
+        end = line_end(self.text, node.end)
+        if not self.text[:end]:
             return f"{lines}{self.newline}{self.text}"
-        return f"{self.text[:at]}{self.newline}{lines}{self.text[at:]}"
+        return f"{self.text[:end]}{self.newline}{lines}{self.text[end:]}"
 
     def _remove(self, keys: Sequence[str]) -> str:
         node, parent, place = self.root, None, 0
@@ -247,7 +247,7 @@ def _typed(data: Any, keys: Sequence[str]) -> Iterator[str | int]:
 def _same(before: Any, value: Any) -> bool:
     if isinstance(before, list) and isinstance(value, tuple):
         return len(before) == len(value) and all(map(_same, before, value))
-    numbers = all(isinstance(one, int | float) and not isinstance(one, bool) for one in (before, value))
+    numbers = all(isinstance(number, int | float) and not isinstance(number, bool) for number in (before, value))
     return (numbers and before == value) or (type(before) is type(value) and before == value)
 
 
@@ -255,7 +255,7 @@ def _with(data: Any, keys: Sequence[str], value: Any) -> Any:
     """Return the data with a value set or removed; containers are copied, so that aliases are independent."""
     key, rest = keys[0], keys[1:]
     if isinstance(data, list):
-        return [_into(item, rest, value) if str(place) == key else item for place, item in enumerate(data)]
+        return [_into(item, rest, value) if str(index) == key else item for index, item in enumerate(data)]
     data = dict(data or {})
     if not rest and isinstance(value, _Removed):
         data.pop(key, None)
@@ -289,15 +289,15 @@ def _commented(text: str, edit: Edit) -> str:
         raise ConfigError(f"{dotted(edit.keys)}: a comment is one line of printable text, not {edit.comment[:60]!r}")
     root = read_nodes(text)
     assert root is not None
-    node, at = root, root.start
+    node, position = root, root.start
     for key in edit.keys:
         found = child_of(node, key)
         if found is None:
             break
         if node.kind == "mapping" and not node.flow:
-            at = node.keys[found[0]].start
+            position = node.keys[found[0]].start
         node = found[1]
-    begin = line_start(text, at)
+    begin = line_start(text, position)
     line = text[begin : line_end(text, begin)]
     indent = line[: len(line) - len(line.lstrip(" "))]
     breaks = list(LINE_BREAK.finditer(text, 0, begin))

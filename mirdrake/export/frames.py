@@ -105,9 +105,9 @@ class Frames:
             for time, *values in zip(*(group[name].to_pylist() for name in ("time", *columns)), strict=True):
                 entries = []
                 for index, name in enumerate(names):
-                    place = values[6 * index : 6 * index + 6]
-                    if all(map(isfinite, place)):  # a run that diverged
-                        entries.append((WORLD, name, pose_of(RigidTransform(RollPitchYaw(place[3:]), place[:3]))))
+                    position = values[6 * index : 6 * index + 6]
+                    if all(map(isfinite, position)):  # a run that diverged
+                        entries.append((WORLD, name, pose_of(RigidTransform(RollPitchYaw(position[3:]), position[:3]))))
                 angles = values[6 * len(names) :]
                 for (joint, _, _), value in zip(joints, angles, strict=True):
                     if isfinite(value):

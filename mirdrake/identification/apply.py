@@ -104,34 +104,34 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
         if reason:
             left.append(f"{parameter.name}: not written: {reason}")
             continue
-        place = find_entry(parameter.name, folder.tyres)
-        assert place is not None  # or there would be a reason
+        entry = find_entry(parameter.name, folder.tyres)
+        assert entry is not None  # or there would be a reason
         # Controllers apply delays in whole periods.
-        value = place.factor * parameter.value
-        if place.periods:
+        value = entry.factor * parameter.value
+        if entry.periods:
             rounded = round(value * folder.rate) / folder.rate
             period = 1.0 / folder.rate
             notes.append(f"{parameter.name}: {value:.4g} s is rounded to {rounded:g} s, whole periods of {period:g} s")
             value = rounded
         value = float(f"{value:.{DIGITS}g}")
-        path, prefix, current = folder.find(place.path)
+        path, prefix, current = folder.find(entry.path)
         if isinstance(current, int | float) and math.isclose(current, value, rel_tol=1e-12):
             continue
         if parameter.verdict != "identified":
             notes.append(
                 f"{parameter.name}: {parameter.verdict}{f' ({parameter.explanation})' if parameter.explanation else ''}"
             )
-        keys = place.path.split(".")
+        keys = entry.path.split(".")
         edits.setdefault(path, []).extend(
             [
                 Edit((*prefix, *keys), value),
                 Edit(
-                    (*prefix, "sources", place.path),
-                    source_text(fit, parameter, place, today or datetime.now(UTC).date()),
+                    (*prefix, "sources", entry.path),
+                    source_text(fit, parameter, entry, today or datetime.now(UTC).date()),
                 ),
             ]
         )
-    changes = [change_file(path, found, check=folder.checker(path)) for path, found in edits.items()]
+    changes = [change_file(path, file_edits, check=folder.checker(path)) for path, file_edits in edits.items()]
     return FitChange(tuple(changes), tuple(left), tuple(notes))
 
 
@@ -171,17 +171,17 @@ def _skip_reason(one: FittedParameter, folder: "_Folder") -> str:
         return f"the estimate is at its {'lower' if one.at_bound == 'low' else 'upper'} bound"
     if one.name in URDF_PARAMETERS:
         return URDF_PARAMETERS[one.name]
-    place = find_entry(one.name, folder.tyres)
-    if place is None:
+    entry = find_entry(one.name, folder.tyres)
+    if entry is None:
         return "vehicle.yaml has no entry for it"
-    if _unit(one.unit) != _unit(place.unit):
-        return f"its unit is {one.unit or '1'}, that of {place.path} is {place.unit}; fit with a known mass"
-    if place.tyres and folder.tyres not in place.tyres:
-        return f"the tyres are of kind {folder.tyres}; only {' and '.join(place.tyres)} has {place.path}"
-    if not math.isfinite(one.value) or (place.periods and one.value < 0.0):
+    if _unit(one.unit) != _unit(entry.unit):
+        return f"its unit is {one.unit or '1'}, that of {entry.path} is {entry.unit}; fit with a known mass"
+    if entry.tyres and folder.tyres not in entry.tyres:
+        return f"the tyres are of kind {folder.tyres}; only {' and '.join(entry.tyres)} has {entry.path}"
+    if not math.isfinite(one.value) or (entry.periods and one.value < 0.0):
         return f"{one.value:g} is not possible there"
-    if folder.find(place.path.rpartition(".")[0])[2] is None and place.tyres:
-        return f"{place.path.rpartition('.')[0]} is missing in the file and needs further values"
+    if folder.find(entry.path.rpartition(".")[0])[2] is None and entry.tyres:
+        return f"{entry.path.rpartition('.')[0]} is missing in the file and needs further values"
     return ""
 
 

@@ -145,9 +145,9 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
         raise ConfigError(f"{where(spec, 'logs', index, 'file')}: {shown(file)}: no such file")
     table = read_table(file, columns, entry.csv or spec.csv)
     values, faults = {}, []
-    for name, (column, place) in channels.items():
+    for name, (column, location) in channels.items():
         try:
-            values[name] = _values(table, name, column, place)
+            values[name] = _values(table, name, column, location)
         except ConfigError as error:
             faults.append(str(error))
     if faults:
@@ -165,8 +165,8 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
         time = np.cumsum(time) - time[0]
     for name, numbers in values.items():
         if len(numbers) != len(time):
-            place = channels[name][1]
-            raise ConfigError(f"{place}: {table.name} has {len(numbers)} values, but {len(time)} times")
+            location = channels[name][1]
+            raise ConfigError(f"{location}: {table.name} has {len(numbers)} values, but {len(time)} times")
         if np.isnan(numbers).all():
             raise ConfigError(
                 f"{channels[name][1]}: column '{channels[name][0].column}' of {table.name} has no numbers"
@@ -178,8 +178,8 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
         time <= (np.inf if entry.end is None else entry.end)
     )
     if keep.sum() < MIN_ROWS:
-        place = where(spec, "logs", index)
-        raise ConfigError(f"{place}: {table.name} has {int(keep.sum())} rows to use; at least {MIN_ROWS} are needed")
+        location = where(spec, "logs", index)
+        raise ConfigError(f"{location}: {table.name} has {int(keep.sum())} rows to use; at least {MIN_ROWS} are needed")
     if np.isnan(time).any():
         notes.append(f"{int(np.isnan(time).sum())} rows without a time are skipped")
     _check_forward(table, time, keep)
@@ -232,8 +232,8 @@ def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
         hint = f"; if that is the step of its rows, write time: {{step: {used[0]:g} s}}" if 0 < used[0] < 1 else ""
         raise ConfigError(f"{shown(Path(table.name))}: time is constant at {used[0]:g} s{hint}")
     if back.mean() > MAX_BACKWARD_SHARE:
-        at = int(np.argmax(back))
+        row = int(np.argmax(back))
         raise ConfigError(
-            f"{table.row(int(rows[at]))}: time goes back from {latest[at]:g} s to {used[at]:g} s, "
+            f"{table.row(int(rows[row]))}: time goes back from {latest[row]:g} s to {used[row]:g} s, "
             f"and {int(back.sum())} of {len(used)} rows lie before an earlier one; put each drive into a file"
         )

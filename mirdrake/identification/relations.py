@@ -156,9 +156,11 @@ def _travel(grid: Grid, forward: str) -> Array:
     The positions are smoothed over enough rows to suppress noise and resolution; longer smoothing would cut turns.
     """
     places = [grid.channels[a] for a in ("x", "y")]
-    noise = max(float(np.median(np.abs(np.diff(place, 3)))) / 3.0 for place in places)  # smooth motion has little
-    quantum = max((resolution(place) or 0.0) for place in places)
-    way = np.hypot(*(np.diff(place[::5]) for place in places)) / 5.0
+    noise = max(
+        float(np.median(np.abs(np.diff(coordinate, 3)))) / 3.0 for coordinate in places
+    )  # smooth motion has little
+    quantum = max((resolution(coordinate) or 0.0) for coordinate in places)
+    way = np.hypot(*(np.diff(coordinate[::5]) for coordinate in places)) / 5.0
     width = max(3, int(min(max(20.0 * noise, 10.0 * quantum) / max(float(np.percentile(way, 75.0)), 1e-9), 401)) | 1)
     box = np.ones(width) / width
     parts = [grid.rate(np.convolve(np.pad(grid.channels[a], width // 2, "edge"), box, "valid")) for a in ("x", "y")]

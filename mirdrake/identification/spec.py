@@ -68,16 +68,16 @@ Mapped = Annotated[Column, BeforeValidator(_short)]
 
 def _checked(channels: dict[str, Column]) -> dict[str, Column]:
     used: dict[str, str] = {}
-    for name, place in channels.items():
+    for name, column in channels.items():
         si = channel(name).unit
-        if place.unit is not None:
+        if column.unit is not None:
             try:
-                unit_factor(place.unit, si)
+                unit_factor(column.unit, si)
             except ValueError as error:
                 raise ValueError(f"{name}: {error}") from None
-        if place.column in used:
-            raise ValueError(f"column '{place.column}' is given twice, as {used[place.column]} and as {name}")
-        used[place.column] = name
+        if column.column in used:
+            raise ValueError(f"column '{column.column}' is given twice, as {used[column.column]} and as {name}")
+        used[column.column] = name
     return channels
 
 

@@ -182,13 +182,13 @@ class SineWithDwellSpec(ManoeuvreSpec):
 
     def _fault(self, response: DwellResponse, amplitude: float, angle: float, side: str) -> str | None:
         """Return the reason why an amplitude fails; None if it passes."""
-        place = f"{side}, {math.degrees(amplitude):.0f} deg"
+        title = f"{side}, {math.degrees(amplitude):.0f} deg"
         for ratio, share, wait in zip(response.ratios, self.shares, self.waits, strict=True):
             if not ratio <= share:
-                return f"{place}: yaw rate {100 * ratio:.0f} % of its peak {wait:.3g} s after completion of steer"
+                return f"{title}: yaw rate {100 * ratio:.0f} % of its peak {wait:.3g} s after completion of steer"
         if self._is_large(amplitude, angle) and not response.displacement >= self.displacement:
             return (
-                f"{place}: lateral displacement {response.displacement:.2f} m, required are {self.displacement:.3g} m"
+                f"{title}: lateral displacement {response.displacement:.2f} m, required are {self.displacement:.3g} m"
             )
         return None
 

@@ -90,14 +90,14 @@ def check_balance(
 
     def contribution(body: RigidBody) -> float:
         centre = body.CalcCenterOfMassInBodyFrame(context)
-        place = plant.EvalBodyPoseInWorld(context, body).multiply(centre)
-        return float(sign * body.get_mass(context) * (place[axis] - start))
+        position = plant.EvalBodyPoseInWorld(context, body).multiply(centre)
+        return float(sign * body.get_mass(context) * (position[axis] - start))
 
     worst = max(bodies, key=contribution).name()
-    at = vehicle.link_places.get(worst, "")
+    location = vehicle.link_places.get(worst, "")
     raise ConfigError(
-        f"{at}{': ' if at else ''}the centre of mass of '{vehicle.name}' is {reason}; check mass and origin of link "
-        f"'{worst}', which contributes most"
+        f"{location}{': ' if location else ''}the centre of mass of '{vehicle.name}' is {reason}; "
+        f"check mass and origin of link '{worst}', which contributes most"
     )
 
 
@@ -133,15 +133,15 @@ def find_rest_pose(
     def travel(loads: NDArray[np.float64]) -> NDArray[np.float64]:
         if springs is None:
             return np.zeros(4)
-        found = []
+        spring_loads = []
         for axle, spring in ((0, springs.front), (2, springs.rear)):
             left, right = (loads - carried)[axle : axle + 2]
             both, apart = (
                 (left + right) / spring.stiffness,
                 (left - right) / (spring.stiffness + 2.0 * spring.anti_roll),
             )
-            found += [0.5 * (both + apart), 0.5 * (both - apart)]
-        return np.array(found)
+            spring_loads += [0.5 * (both + apart), 0.5 * (both - apart)]
+        return np.array(spring_loads)
 
     # Residuals of the seven equations.
     def residual(unknown: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -123,8 +123,8 @@ def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
             raise MissingDependencyError(
                 f"{shown(path)}: needs packages for Protobuf: pip install 'mirdrake[bags]'"
             ) from None
-        found: Callable[[bytes], Any] = factory.decoder_for("protobuf", schema)
-        return found
+        decoder: Callable[[bytes], Any] = factory.decoder_for("protobuf", schema)
+        return decoder
 
     def messages(topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
         for schema, channel, message in reader.iter_messages(topics=list(topics)):
@@ -196,15 +196,15 @@ def _get(item: Any, key: str) -> Any:
 
 def _value(path: Path, name: str, message: Any, keys: tuple[str, ...]) -> Any:
     item = message
-    for at, key in enumerate(keys):
+    for depth, key in enumerate(keys):
         inner = _get(item, key)
         if inner is None and key in {"roll", "pitch", "yaw"} and (angle := _angle(item, key)) is not None:
             return angle
         if inner is None:
             if isinstance(item, Mapping) and key in item:  # JSON's null
                 return np.nan
-            place = ".".join(keys[:at]) or "the message"
-            raise ConfigError(f"{shown(path)}: '{name}': {place} has no field '{key}'; {_fields(item, key)}")
+            parent = ".".join(keys[:depth]) or "the message"
+            raise ConfigError(f"{shown(path)}: '{name}': {parent} has no field '{key}'; {_fields(item, key)}")
         item = inner
     if isinstance(item, bool | int | float | np.number | np.bool_):
         return item
@@ -251,8 +251,8 @@ def _resampled(time: NDArray[np.int64], own: NDArray[np.int64], values: NDArray[
     order = np.argsort(own, kind="stable")
     own, numbers = own[order], numbers[order]
     if values.dtype.kind in "bui":
-        at = np.searchsorted(own, time, side="right") - 1
-        return np.where(at >= 0, numbers[np.maximum(at, 0)], np.nan)
+        rows = np.searchsorted(own, time, side="right") - 1
+        return np.where(rows >= 0, numbers[np.maximum(rows, 0)], np.nan)
     start = own[0]
     clock, target = (own - start).astype(float), (time - start).astype(float)
     result = np.interp(target, clock, numbers, left=np.nan, right=np.nan)

@@ -94,12 +94,12 @@ def read_csv(request: Request) -> Table:
     name, notes = request.name, list[str]()
     lines = decode_text(read_bytes(request.path), name, notes).splitlines()
     comments = tuple(request.layout.comment)
-    kept = [at for at, line in enumerate(lines) if (bare := line.strip()) and not bare.startswith(comments)]
+    kept = [index for index, line in enumerate(lines) if (bare := line.strip()) and not bare.startswith(comments)]
     if not kept:
         raise ConfigError(f"{name}: is empty; a header and rows of numbers are expected")
     text = _Text(request, lines, kept, notes)
     if len(kept) <= _MAX_TRANSPOSED_LINES:
-        rows = [text.cells(at) for at in kept]
+        rows = [text.cells(index) for index in kept]
         if _is_transposed(rows):
             return _transpose(name, rows, request.layout.columns, notes)
     header = _with_units(text, _find_header(text))
@@ -144,26 +144,28 @@ def _with_units(text: _Text, header: _Header) -> _Header:
 def _check_widths(text: _Text, header: _Header) -> None:
     """Reject rows with more cells than there are names."""
     count = len(header.names)
-    for at in header.rows[:_SAMPLE]:
-        cells = text.cells(at, header.delimiter)
+    for index in header.rows[:_SAMPLE]:
+        cells = text.cells(index, header.delimiter)
         if len(cells) > count and any(cells[count:]):
             source = "names in 'csv: {columns: […]}'"
             if header.line is not None:
                 source = f"names in the header in line {header.line + 1}"
-            raise ConfigError(f"{text.request.name}:{at + 1}: has {len(cells)} cells, but there are {count} {source}")
+            raise ConfigError(
+                f"{text.request.name}:{index + 1}: has {len(cells)} cells, but there are {count} {source}"
+            )
 
 
 def _parse_rows(text: _Text, header: _Header) -> Table:
     """Parse the rows."""
     name, layout, rows = text.request.name, text.request.layout, header.rows
-    sample = [text.cells(at, header.delimiter) for at in rows[:_SAMPLE]]
+    sample = [text.cells(index, header.delimiter) for index in rows[:_SAMPLE]]
     decimal = layout.decimal or _find_decimal(sample, header.delimiter)
     if decimal == "," and layout.decimal is None:
         text.notes.append("has decimal commas")
     numbers = np.array(rows) + 1
     try:
         frame = pd.read_csv(
-            StringIO("\n".join(text.lines[at] for at in rows)),
+            StringIO("\n".join(text.lines[index] for index in rows)),
             sep=r"\s+" if header.delimiter == "space" else header.delimiter,
             header=None,
             names=range(len(header.names)),
@@ -176,7 +178,9 @@ def _parse_rows(text: _Text, header: _Header) -> Table:
             engine="c",
         )
     except (pd.errors.ParserError, ValueError):
-        line = next((f":{at + 1}" for at in rows if len(text.cells(at, header.delimiter)) > len(header.names)), "")
+        line = next(
+            (f":{index + 1}" for index in rows if len(text.cells(index, header.delimiter)) > len(header.names)), ""
+        )
         raise ConfigError(f"{name}{line}: does not have the {len(header.names)} cells of the header") from None
     columns = {title: frame[index] for index, title in enumerate(header.names)}
     return Table(name, header.names, columns, header.units, numbers, text.notes)
@@ -193,7 +197,7 @@ def _is_transposed(rows: list[list[str]]) -> bool:
 def _transpose(name: str, rows: list[list[str]], columns: list[str] | None, notes: list[str]) -> Table:
     """Return the table of lines that are channels; without names they are numbered from 1."""
     named = not all(_NUMBER.fullmatch(row[0]) for row in rows)
-    names = columns or [row[0] if named else str(at) for at, row in enumerate(rows, start=1)]
+    names = columns or [row[0] if named else str(number) for number, row in enumerate(rows, start=1)]
     if len(names) != len(rows):
         raise ConfigError(
             f"{name}: has {len(rows)} lines, each a channel, but 'csv: {{columns: […]}}' has {len(names)} names"
@@ -220,7 +224,7 @@ def decode_text(raw: bytes, name: str, notes: list[str]) -> str:
     known = next((what for head, what in _OTHER_FORMATS.items() if raw.startswith(head)), None)
     if known is not None:
         raise ConfigError(f"{name}: is {known}, not text; export it as CSV")
-    encoding = next((one for head, one in _ENCODINGS.items() if raw.startswith(head)), None)
+    encoding = next((known_encoding for head, known_encoding in _ENCODINGS.items() if raw.startswith(head)), None)
     if encoding is None and b"\0" in raw[:4000]:  # UTF-16 without a byte order mark
         even, odd = raw[0:4000:2].count(0), raw[1:4000:2].count(0)
         encoding = "utf-16-le" if odd > 0.4 * len(raw[1:4000:2]) > even else "utf-16-be" if even > odd else None
@@ -254,8 +258,8 @@ def _find_delimiter(line: str) -> str:
 
 def _header_index(text: _Text) -> int:
     """Return the position among the kept lines of the first one that names a requested column; 0 for none."""
-    for index, at in enumerate(text.kept[:100]):
-        cells = text.cells(at)
+    for index, line in enumerate(text.kept[:100]):
+        cells = text.cells(line)
         bare = {match.group(1) if (match := _UNIT.fullmatch(cell)) else cell for cell in cells}
         if len(cells) > 1 and (bare | set(cells)) & set(text.request.columns):
             return index
@@ -269,10 +273,10 @@ def _commented_header(text: _Text) -> int | None:
     numbers = text.cells(first, delimiter)
     if len(numbers) < 2 or np.mean([bool(_NUMBER.fullmatch(cell)) for cell in numbers]) < 0.5:
         return None
-    for at in reversed(range(first)):
-        names = _without_comment_mark(_split(text.lines[at].strip(), delimiter), text.request, ())
+    for index in reversed(range(first)):
+        names = _without_comment_mark(_split(text.lines[index].strip(), delimiter), text.request, ())
         if len(names) == len(numbers) and not any(_NUMBER.fullmatch(name) for name in names):
-            return at
+            return index
     return None
 
 

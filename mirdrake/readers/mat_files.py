@@ -32,7 +32,7 @@ def read_mat(request: Request) -> Table:
                 columns[prefix] = value.ravel()
             elif value.ndim == 2:  # columns of a matrix, counted from 1 as in MATLAB
                 tall = value if value.shape[0] >= value.shape[1] else value.T
-                columns.update({f"{prefix}.{at + 1}": tall[:, at] for at in range(tall.shape[1])})
+                columns.update({f"{prefix}.{index + 1}": tall[:, index] for index in range(tall.shape[1])})
 
     content = (_read_hdf5 if raw[:10] == b"MATLAB 7.3" else _read_mat5)(path, raw)
     collect("", {key: value for key, value in content.items() if not key.startswith(("__", "#"))})

@@ -53,6 +53,6 @@ def seconds_of_day(clock: Array) -> Array:
     """
     hours, rest = np.divmod(clock, 1e4)
     minutes, seconds = np.divmod(rest, 1e2)
-    found = 3600.0 * hours + 60.0 * minutes + seconds
-    midnights = np.append(0.0, np.cumsum(np.diff(found) < -43200.0))
-    return np.asarray(found + 86400.0 * midnights)
+    seconds_of_day = 3600.0 * hours + 60.0 * minutes + seconds
+    midnights = np.append(0.0, np.cumsum(np.diff(seconds_of_day) < -43200.0))
+    return np.asarray(seconds_of_day + 86400.0 * midnights)

@@ -30,21 +30,23 @@ def read_vbo(request: Request) -> Table:
     name, notes = request.name, list[str]()
     lines = decode_text(read_bytes(path), name, notes).splitlines()
     marks = [
-        (at, match.group(1).strip().lower()) for at, line in enumerate(lines) if (match := _SECTION.fullmatch(line))
+        (index, match.group(1).strip().lower())
+        for index, line in enumerate(lines)
+        if (match := _SECTION.fullmatch(line))
     ]
-    ends = [at for at, _ in marks[1:]] + [len(lines)]
-    sections = {title: (at + 1, end) for (at, title), end in zip(marks, ends, strict=False)}
+    ends = [index for index, _ in marks[1:]] + [len(lines)]
+    sections = {title: (index + 1, end) for (index, title), end in zip(marks, ends, strict=False)}
     for needed in ("column names", "data"):
         if needed not in sections:
             raise ConfigError(f"{name}: has no section [{needed}]; a VBO file of a VBOX is expected")
     titles = [line.strip() for line in lines[slice(*sections.get("header", (0, 0)))] if line.strip()]
     names = " ".join(lines[slice(*sections["column names"])]).split()
-    rows = [at for at in range(*sections["data"]) if lines[at].strip()]
+    rows = [index for index in range(*sections["data"]) if lines[index].strip()]
     if not rows or not names:
         raise ConfigError(f"{name}: has no {'rows' if names else 'column names'}")
-    for at in rows:
-        if len(cells := lines[at].split()) != len(names):
-            raise ConfigError(f"{name}:{at + 1}: has {len(cells)} cells, but there are {len(names)} column names")
+    for row in rows:
+        if len(cells := lines[row].split()) != len(names):
+            raise ConfigError(f"{name}:{row + 1}: has {len(cells)} cells, but there are {len(names)} column names")
     units: dict[str, str] = {}
     # The header of some files has further lines, which are not titles.
     if len(titles) == len(names):
@@ -54,7 +56,9 @@ def read_vbo(request: Request) -> Table:
             for called, title in zip(names, titles, strict=True)
             if (match := _UNIT.fullmatch(title)) is not None
         }
-    frame = pd.read_csv(StringIO("\n".join(lines[at] for at in rows)), sep=r"\s+", header=None, names=range(len(names)))
+    frame = pd.read_csv(
+        StringIO("\n".join(lines[index] for index in rows)), sep=r"\s+", header=None, names=range(len(names))
+    )
     columns = {called: frame[index] for index, called in enumerate(names)}
     if "time" in columns:
         columns["time"] = pd.Series(seconds_of_day(pd.to_numeric(columns["time"], errors="coerce").to_numpy(float)))

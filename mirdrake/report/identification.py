@@ -71,8 +71,8 @@ def write_identification(result: Identification, folder: Path) -> Path:
 def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
     """Return the page; see :func:`write_data_check`."""
     left = len(report.unrepaired_faults)
-    faults = sum(one.severity == "fault" for one in report.findings)
-    warnings = sum(one.severity == "warning" for one in report.findings)
+    faults = sum(finding.severity == "fault" for finding in report.findings)
+    warnings = sum(finding.severity == "warning" for finding in report.findings)
     rows = sum(len(log.time) for log in data.logs)
     length = sum(float(log.time[-1] - log.time[0]) for log in report.data.logs)
     tiles = [
@@ -98,11 +98,11 @@ def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
 def render_identification(result: Identification) -> str:
     """Return the page; see :func:`write_identification`."""
     fit, check = result.fit, result.check
-    free = [one for one in fit.parameters if one.kind != "fixed"]
-    against = sum(one.verdict == "contradicts the given value" for one in free)
-    good = sum(one.verdict == "identified" for one in free) + against
-    held = [one for one in fit.channels if one.part == "validation"]
-    trained = [one for one in fit.channels if one.part == "train"]
+    free = [parameter for parameter in fit.parameters if parameter.kind != "fixed"]
+    against = sum(parameter.verdict == "contradicts the given value" for parameter in free)
+    good = sum(parameter.verdict == "identified" for parameter in free) + against
+    held = [channel for channel in fit.channels if channel.part == "validation"]
+    trained = [channel for channel in fit.channels if channel.part == "train"]
     condition = "∞" if not math.isfinite(fit.condition_number) else f"{fit.condition_number:.3g}"
     tiles = [
         ("Parameters", f"{good} of {len(free)}", f"identified; {against} contradict the given value"),
@@ -119,13 +119,15 @@ def render_identification(result: Identification) -> str:
             sections=_data_sections(check, None, pictures=False),
             result=result,
             fit=fit,
-            parameters=[_parameter(one) for one in free],
-            fixed=[_parameter(one) for one in fit.parameters if one.kind == "fixed"],
+            parameters=[_parameter(parameter) for parameter in free],
+            fixed=[_parameter(parameter) for parameter in fit.parameters if parameter.kind == "fixed"],
             correlation=_correlation(fit, free),
             overlays=[_overlay(fit, log, number) for number, log in enumerate(fit.traces)],
             profiles=[_profile(fit, name, number) for number, name in enumerate(fit.profiles)],
             stages=[
-                Stage(stage.name, [_parameter(one) for one in stage.parameters if one.kind != "fixed"])
+                Stage(
+                    stage.name, [_parameter(parameter) for parameter in stage.parameters if parameter.kind != "fixed"]
+                )
                 for stage in result.stages
             ],
             chosen=[(log.name, log.use, len(log.time), _span(log), ", ".join(log.channels)) for log in check.data.logs],
@@ -299,7 +301,7 @@ def _parameter(one: FittedParameter) -> ParameterRow:
 def _correlation(fit: Fit, free: Sequence[FittedParameter]) -> list[CorrelationRow]:
     """Return the rows of the heat map: blue above zero, orange below."""
     rows = []
-    for index, one in enumerate(free):
+    for index, parameter in enumerate(free):
         if index >= len(fit.correlation):
             break
         cells = []
@@ -308,19 +310,19 @@ def _correlation(fit: Fit, free: Sequence[FittedParameter]) -> list[CorrelationR
             colour = "main" if value > 0.0 else "own1"
             share = round(85.0 * min(abs(float(value)), 1.0)) if good else 0
             cells.append(Cell(f"{value:.2f}".replace("-", "−") if good else "–", colour, share))
-        rows.append(CorrelationRow(one.name, cells))
+        rows.append(CorrelationRow(parameter.name, cells))
     return rows
 
 
 def _overlay(fit: Fit, log: str, number: int) -> Overlay:
     """Draw measured and modelled channels of a log, each with its residual."""
     frame = fit.traces[log]
-    fits = [one for one in fit.channels if one.log == log]
+    fits = [channel for channel in fit.channels if channel.log == log]
     time = frame["t"].to_numpy(dtype=float)
     panels = []
     for name in [str(column) for column in frame if f"{column}_model" in frame]:
         measured, model = frame[name].to_numpy(dtype=float), frame[f"{name}_model"].to_numpy(dtype=float)
-        own = next((one for one in fits if one.channel == name), None)
+        own = next((channel for channel in fits if channel.channel == name), None)
         unit = own.unit if own is not None else known_channel(quantity(name)).unit
         label = name if own is None else f"{name}, fit {own.nrmse_percent:.1f} %"
         panels.append(
@@ -349,7 +351,7 @@ def _profile(fit: Fit, name: str, number: int) -> Profile:
     axes.grid(color=THEME["grid"], linewidth=1.0)
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.yaxis.set_major_locator(MaxNLocator(4))
-    known = next((one for one in fit.parameters if one.name == name), None)
+    known = next((parameter for parameter in fit.parameters if parameter.name == name), None)
     axes.set_xlabel(f"{name} [{format_unit(known.unit) if known else ''}]", labelpad=3.0)
     if known is not None and known.given is not None and value.min() <= known.given <= value.max():
         axes.axvline(known.given, color=THEME["muted"], linewidth=1.0)
@@ -362,7 +364,7 @@ def _profile(fit: Fit, name: str, number: int) -> Profile:
 
 
 def _least(fits: Sequence[ChannelFit]) -> str:
-    return f"{min(one.nrmse_percent for one in fits):.1f} %" if fits else "–"
+    return f"{min(channel.nrmse_percent for channel in fits):.1f} %" if fits else "–"
 
 
 def _least_of(fits: Sequence[ChannelFit]) -> str:

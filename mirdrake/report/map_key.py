@@ -95,5 +95,5 @@ def _draw_row(row: _Row, x: float, y: float, width: float) -> str:
             f'<rect x="{x + number * part:.2f}" y="{y + 4.0:.2f}" width="{part:.2f}" height="12" fill="{fill}" '
             f'stroke="{DOCUMENT.edge(fill)}"{dash}/>'
         )
-    place = f'x="{x + 24.0:.2f}" y="{y + 10.0:.2f}" dy="0.35em"'
-    return f'{swatch}<text {place} font-size="12" fill="{INK}">{escape(text)}</text>'
+    attributes = f'x="{x + 24.0:.2f}" y="{y + 10.0:.2f}" dy="0.35em"'
+    return f'{swatch}<text {attributes} font-size="12" fill="{INK}">{escape(text)}</text>'

@@ -183,7 +183,9 @@ def _ticks(sheet: Sheet, axis: int) -> list[tuple[float, str]]:
     low, size = (sheet.x, sheet.width) if axis == 0 else (sheet.y, sheet.height)
     marks = np.arange(math.ceil(low / step), math.floor((low + size / sheet.scale) / step) + 1) * step
     placed = sheet.place(np.column_stack((marks, marks)))[:, axis]
-    return [(place, f"{mark + 0.0:g}".replace("-", "−")) for place, mark in zip(placed.tolist(), marks, strict=True)]
+    return [
+        (position, f"{mark + 0.0:g}".replace("-", "−")) for position, mark in zip(placed.tolist(), marks, strict=True)
+    ]
 
 
 def _scale_length(sheet: Sheet) -> float:

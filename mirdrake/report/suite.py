@@ -185,8 +185,8 @@ def _detail(suite: Suite, case: Case, result: Result, row: Row, largest: dict[st
         if trace is not None and index < len(trace.curves):
             curve = draw_curve(trace.curves[index], unit=finding.unit, margin=finding.margin, passed=finding.passed)
         bar = draw_bar(finding.margin, largest.get(finding.text, 0.0), passed=finding.passed)
-        at = f"at {finding.worst_time:.2f} s" if finding.margin is not None else ""
-        lines.append(Line(finding.text, finding.passed, _margin(finding), at, bar, curve))
+        time_text = f"at {finding.worst_time:.2f} s" if finding.margin is not None else ""
+        lines.append(Line(finding.text, finding.passed, _margin(finding), time_text, bar, curve))
     worst = result.findings.index(result.worst) if result.worst is not None and trace is not None else None
     if trace is not None and worst is not None and worst >= len(trace.curves):
         worst = None

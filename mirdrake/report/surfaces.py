@@ -255,11 +255,11 @@ def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: 
         second = (u * (y[which, 2] - y[which, 0]) - v * (x[which, 2] - x[which, 0])) / twice[which]
         third = (v * (x[which, 1] - x[which, 0]) - u * (y[which, 1] - y[which, 0])) / twice[which]
         z = depth[which, 0] + second * (depth[which, 1] - depth[which, 0]) + third * (depth[which, 2] - depth[which, 0])
-        place = row * columns + column
-        seen = (second >= -1e-9) & (third >= -1e-9) & (second + third <= 1.0 + 1e-9) & (z > nearest[place])
-        which, place, z = which[seen], place[seen], z[seen]
+        pixel = row * columns + column
+        seen = (second >= -1e-9) & (third >= -1e-9) & (second + third <= 1.0 + 1e-9) & (z > nearest[pixel])
+        which, pixel, z = which[seen], pixel[seen], z[seen]
         order = np.argsort(z, kind="stable")  # the last one written stays
-        place, which = place[order], which[order]
-        nearest[place] = z[order]
-        picture[place, :3] = colours[which]
-        picture[place, 3] = 255
+        pixel, which = pixel[order], which[order]
+        nearest[pixel] = z[order]
+        picture[pixel, :3] = colours[which]
+        picture[pixel, 3] = 255

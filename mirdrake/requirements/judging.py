@@ -79,8 +79,8 @@ class Requirement:
             RunError: a signal is not a number, or the run ended before it counts.
         """
         prefix = f"{self.where}: '{self.text}': " if self.where else f"'{self.text}': "
-        for one in self.atoms:
-            one.check(seen, prefix)
+        for atom in self.atoms:
+            atom.check(seen, prefix)
         counts = (seen.times >= self.after - 1e-9) & (seen.times <= self.after + self.within + 1e-9)
         if not counts.any():
             end = seen.times[-1] if seen.times.size else 0.0

@@ -198,8 +198,8 @@ class Simulation:
             table = blocks.frame()
             summary = figures(table)
         if stop.reason is StopReason.FAILED:
-            place = f"{writer.folder}: " if writer is not None else ""
-            raise RunError(f"{place}the run failed at t = {simulated:.3f} s: {stop.detail}")
+            prefix = f"{writer.folder}: " if writer is not None else ""
+            raise RunError(f"{prefix}the run failed at t = {simulated:.3f} s: {stop.detail}")
         written = writer.folder if writer else None
         return Run(written, data, summary, telemetry.units, events.entries, table, assembly.scene)
 
@@ -224,9 +224,9 @@ class Simulation:
         ports = [diagram.get_input_port(index) for index in range(diagram.num_input_ports())]
         open_ports = [port.get_name() for port in ports if not port.HasValue(context)]
         if open_ports:
-            place, name = where(spec, "control"), open_ports[0].split(".")[0]
+            location, name = where(spec, "control"), open_ports[0].split(".")[0]
             raise ConfigError(
-                f"{place}: '{name}' has no driver (open inputs: {', '.join(open_ports)}); "
+                f"{location}: '{name}' has no driver (open inputs: {', '.join(open_ports)}); "
                 f"add control.{name}, for example {{kind: constant, speed: 5}}, or connect your own blocks to them"
             )
 

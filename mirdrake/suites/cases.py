@@ -349,9 +349,9 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
     named += [(key, where(spec, "params")) for key in values]
     if test.search is not None:
         named += [(key, where(test.search, "over", key)) for key in test.search.over]
-    for key, place in named:
+    for key, location in named:
         if key != "seed" and key not in spec.params:
-            yield f"{place}: unknown parameter '{key}'; {did_you_mean(key, ['seed', *spec.params])}"
+            yield f"{location}: unknown parameter '{key}'; {did_you_mean(key, ['seed', *spec.params])}"
     try:
         find_vehicle(test.vehicle, where=where(test, "vehicle"))
     except MirdrakeError as error:
@@ -378,20 +378,22 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
 
 def _unfit(requirement: Requirement, world: World, test: CaseSpec) -> Iterator[str]:
     """Yield what a requirement needs that the world or the test does not have."""
-    place = f"{requirement.where}: '{requirement}'"
+    location = f"{requirement.where}: '{requirement}'"
     for goal in requirement.goals:
         if goal == "goal" and test.goal is None and "goal" not in world.goals:
-            yield f"{place}: the test has no goal; add goal: NAME to it, or write the name after 'at'"
+            yield f"{location}: the test has no goal; add goal: NAME to it, or write the name after 'at'"
         elif goal != "goal" and goal not in world.goals:
             hint = did_you_mean(goal, world.goals) if world.goals else "the world has none; add them under goals"
-            yield f"{place}: unknown goal '{goal}'; {hint}"
+            yield f"{location}: unknown goal '{goal}'; {hint}"
     for signal in requirement.signals:
         if signal in TRACK_SIGNALS and not world.tracks:
-            yield f"{place}: '{signal}' needs a track, and the world has none"
+            yield f"{location}: '{signal}' needs a track, and the world has none"
         elif signal in LAP_SIGNALS and not any(track.closed for track in world.tracks.values()):
-            yield f"{place}: '{signal}' needs a closed track, and the world has none"
+            yield f"{location}: '{signal}' needs a closed track, and the world has none"
     if requirement.after >= test.duration:
-        yield f"{place}: nothing is after {requirement.after:g} s; the test lasts {test.duration:g} s"
+        yield f"{location}: nothing is after {requirement.after:g} s; the test lasts {test.duration:g} s"
     elif math.isfinite(requirement.within) and requirement.after + requirement.within > test.duration + 1e-9:
         late = requirement.after + requirement.within
-        yield f"{place}: it may take until {late:g} s, but the test lasts {test.duration:g} s; make its duration longer"
+        yield (
+            f"{location}: it may take until {late:g} s, but the test lasts {test.duration:g} s; make its duration longer"
+        )

@@ -102,19 +102,19 @@ def run_case(case: Case, *, folder: Path | None = None, keep_all: bool = False) 
     began = time.perf_counter()
     random.seed(0)
     np.random.seed(0)
-    place = folder / CASES / case.slug if folder is not None else None
+    case_folder = folder / CASES / case.slug if folder is not None else None
     try:
-        if place is not None:
-            shutil.rmtree(place, ignore_errors=True)  # of a suite that was killed
-        result = _judge(case, folder, place)
+        if case_folder is not None:
+            shutil.rmtree(case_folder, ignore_errors=True)  # of a suite that was killed
+        result = _judge(case, folder, case_folder)
     except WorldError as error:
         result = Result(case.name, "invalid", _line(error))
     except MirdrakeError as error:
-        result = Result(case.name, "error", _line(error).removeprefix(f"{place}: "))
+        result = Result(case.name, "error", _line(error).removeprefix(f"{case_folder}: "))
     except BaseException as error:  # also SystemExit, and a KeyboardInterrupt that a behaviour raises
         result = Result(case.name, "error", f"{type(error).__name__}: {_line(error)}".removesuffix(": "))
-    if place is not None and result.verdict == "pass" and not keep_all:
-        shutil.rmtree(place, ignore_errors=True)
+    if case_folder is not None and result.verdict == "pass" and not keep_all:
+        shutil.rmtree(case_folder, ignore_errors=True)
     wall = round(time.perf_counter() - began, 3)
     return replace(result, wall=wall, digest=case.digest(), folder=run_folder(case, folder))
 
@@ -127,7 +127,7 @@ def run_folder(case: Case, folder: Path | None) -> str | None:
 
 
 def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
-    requirements = [parse_requirement(text, where=place) for text, place in case.expect]
+    requirements = [parse_requirement(text, where=location) for text, location in case.expect]
     trace = folder / TRACES / f"{case.slug}.json" if folder is not None else None
     assembly = assemble(make_spec(case.diagram))
     world, vehicles = assembly.parts.world, {name: part.vehicle for name, part in assembly.parts.vehicles.items()}

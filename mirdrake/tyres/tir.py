@@ -178,16 +178,16 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
         if known not in _FIELDS:
             unused.append(key)
             continue
-        place = f"{name}:{entry.line}: [{section}] {key}"
+        location = f"{name}:{entry.line}: [{section}] {key}"
         if isinstance(entry.value, str):
-            faults.append(f"{place}: expected a finite number, got '{_short(entry.value)}'")
+            faults.append(f"{location}: expected a finite number, got '{_short(entry.value)}'")
         elif known in seen:
             if values.get(known.lower(), 0.0) != entry.value * _scale(known, scales):
-                faults.append(f"{place}: has another value in line {seen[known]}; keep one of them")
+                faults.append(f"{location}: has another value in line {seen[known]}; keep one of them")
             continue
         else:
             values[known.lower()] = entry.value * _scale(known, scales)
-            faults += _range_fault(place, known, entry.value)
+            faults += _range_fault(location, known, entry.value)
         seen[known] = entry.line
     # Coefficients without a default must be in the file.
     if not missing:
@@ -239,7 +239,7 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
         line = _without_comment(raw).strip()
         if not line:
             continue
-        place = f"{name}:{number}"
+        location = f"{name}:{number}"
         if header := _HEADER.match(line):
             section, table = header[1].upper(), False
             sections.setdefault(section, {})
@@ -247,15 +247,17 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
         elif line[0] in "{(":
             table = True  # rows of numbers or text follow: shapes, load curves, comments
         elif not section:
-            faults.append(f"{place}: '{_short(line)}' is before the first [SECTION]")
+            faults.append(f"{location}: '{_short(line)}' is before the first [SECTION]")
         elif entry := _ENTRY.match(line):
-            key, found = entry[1].upper(), Entry(_value(entry[2].strip()), number)
-            first = sections[section].setdefault(key, found)
+            key, new_entry = entry[1].upper(), Entry(_value(entry[2].strip()), number)
+            first = sections[section].setdefault(key, new_entry)
             used = key in _FIELDS or section in {"UNITS", "MODEL"}
-            if used and str(first.value) != str(found.value):
-                faults.append(f"{place}: [{section}] {key}: has another value in line {first.line}; keep one of them")
+            if used and str(first.value) != str(new_entry.value):
+                faults.append(
+                    f"{location}: [{section}] {key}: has another value in line {first.line}; keep one of them"
+                )
         elif not table and not _NUMBERS.match(line):
-            faults.append(f"{place}: expected NAME = value, got '{_short(line)}'")
+            faults.append(f"{location}: expected NAME = value, got '{_short(line)}'")
     return sections, lines
 
 

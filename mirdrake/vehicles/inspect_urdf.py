@@ -61,8 +61,8 @@ def find_faults(urdf: Urdf, *, spec: VehicleSpec | None, sensors: SensorsSpec | 
     frames = [*links, *(frame.get("name", "") for frame in urdf.root.findall("frame"))]
     for name, mount in (sensors.mounts if sensors is not None else {}).items():
         if mount.frame not in frames:
-            place = where_in(sensors, "mounts", name, "frame") if sensors is not None else ""
-            yield ConfigError(f"{place}: no link '{mount.frame}'; {did_you_mean(mount.frame, frames)}")
+            location = where_in(sensors, "mounts", name, "frame") if sensors is not None else ""
+            yield ConfigError(f"{location}: no link '{mount.frame}'; {did_you_mean(mount.frame, frames)}")
 
 
 def _raised(check: Callable[..., None], *arguments: Any) -> Iterator[MirdrakeError]:
@@ -109,18 +109,18 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
     for role, formats in (("visual", VISUAL_FORMATS), ("collision", COLLISION_FORMATS)):
         for mesh in urdf.root.findall(f"link/{role}/geometry/mesh"):
             address = mesh.get("filename", "")
-            place = f"{urdf.where(mesh)}: {role} mesh '{address}'"
+            location = f"{urdf.where(mesh)}: {role} mesh '{address}'"
             try:
-                package, path = _mesh_file(address, folder, packages, place)
+                package, path = _mesh_file(address, folder, packages, location)
                 if not path.is_file():
-                    raise ModelError(f"{place}: no such file: {path}")
+                    raise ModelError(f"{location}: no such file: {path}")
                 if path.suffix == ".gltf" and path not in seen:
                     seen.add(path)
-                    check_gltf(path, place)
+                    check_gltf(path, location)
                 if path.suffix.lower() not in formats:
                     if role == "collision":
-                        raise ModelError(f"{place}: Drake reads {', '.join(formats)}; convert it")
-                    warnings.append(f"{place}: cameras see {' and '.join(formats)} only; convert it")
+                        raise ModelError(f"{location}: Drake reads {', '.join(formats)}; convert it")
+                    warnings.append(f"{location}: cameras see {' and '.join(formats)} only; convert it")
             except ModelError as fault:
                 faults.append(str(fault))
                 continue
@@ -171,19 +171,19 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
     inertial = link.find("inertial")
     if inertial is None:
         return
-    place = f"{urdf.where(link)}: link '{link.get('name')}'"
+    location = f"{urdf.where(link)}: link '{link.get('name')}'"
     mass = _mass(link)
     if mass is None or not 0.0 < mass < math.inf:
         given = "no mass" if mass is None else f"mass {mass:g} kg"
         raise ModelError(
-            f"{place}: {given}; it should be above zero (leave <inertial> out for a frame on a fixed joint)"
+            f"{location}: {given}; it should be above zero (leave <inertial> out for a frame on a fixed joint)"
         )
     inertia = inertial.find("inertia")
     values = {key: number(None if inertia is None else inertia.get(key)) for key in ("ixx", "iyy", "izz")}
     products = {key: number("0" if inertia is None else inertia.get(key, "0")) for key in ("ixy", "ixz", "iyz")}
     for key, value in (values | products).items():
         if not math.isfinite(value):
-            raise ModelError(f"{place}: {key} is not a number")
+            raise ModelError(f"{location}: {key} is not a number")
     tensor = np.array(
         [
             [values["ixx"], products["ixy"], products["ixz"]],
@@ -195,10 +195,10 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
     small, middle, large = np.linalg.eigvalsh(tensor)
     shown = f"{small:.6g}, {middle:.6g}, {large:.6g} kg m²"
     if small <= 0.0:
-        raise ModelError(f"{place}: principal moments of inertia {shown}; all should be above zero")
+        raise ModelError(f"{location}: principal moments of inertia {shown}; all should be above zero")
     if small + middle < large * (1.0 - 1e-9):
         raise ModelError(
-            f"{place}: principal moments of inertia {shown} break the triangle inequality "
+            f"{location}: principal moments of inertia {shown} break the triangle inequality "
             f"({small:.6g} + {middle:.6g} < {large:.6g}); no body has them"
         )
 
@@ -262,13 +262,13 @@ def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
         roles += [(("joints", "suspension", wheel), name, "prismatic") for wheel, name in springs]
     used: dict[str, str] = {}
     for path, name, kind in roles:
-        place = where_in(spec, *path)
+        location = where_in(spec, *path)
         if name not in joints:
             movable = [other for other, joint in joints.items() if joint.get("type") != "fixed"]
             given = name if len(name) <= 60 else f"{name[:59]}…"
-            yield ConfigError(f"{place}: no joint '{given}'; {did_you_mean(name, movable)}")
+            yield ConfigError(f"{location}: no joint '{given}'; {did_you_mean(name, movable)}")
         elif name in used:
-            yield ConfigError(f"{place}: joint '{name}' is already {used[name]}")
+            yield ConfigError(f"{location}: joint '{name}' is already {used[name]}")
         else:
             used[name] = ".".join(path)
             joint = joints[name]
@@ -276,11 +276,11 @@ def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
                 yield ModelError(f"{urdf.where(joint)}: joint '{name}' is {given}; as {used[name]} it should be {kind}")
     actuated = {joint.get("name") for joint in urdf.root.findall("transmission/joint")}
     for name in (name for name in used if not used[name].startswith("joints.suspension")):
-        place, effort = urdf.where(joints[name]), _effort(joints[name])
+        location, effort = urdf.where(joints[name]), _effort(joints[name])
         if name not in actuated:
-            yield ModelError(f"{place}: joint '{name}' has no <transmission>, so nothing can move it; add one")
+            yield ModelError(f"{location}: joint '{name}' has no <transmission>, so nothing can move it; add one")
         if effort is not None and not effort > 0.0:
-            yield ModelError(f"{place}: joint '{name}' has effort limit {effort:g} N m; it should be above zero")
+            yield ModelError(f"{location}: joint '{name}' has effort limit {effort:g} N m; it should be above zero")
 
 
 def check_actuators(

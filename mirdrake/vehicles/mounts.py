@@ -57,12 +57,12 @@ def change_mounts(sensors: SensorsSpec, changes: Mapping[str, Mapping[str, Any]]
         if name not in mounts:
             raise ConfigError(f"{source.where(name)}: no sensor '{name}' is mounted; {did_you_mean(name, mounts)}")
         data = below_preset(mounts[name].model_dump(exclude_unset=True), keys) | dict(keys)
-        place = source._replace(prefix=(*source.prefix, name))
+        location = source._replace(prefix=(*source.prefix, name))
         try:
             data = with_preset(data)
         except ValueError as error:
-            raise ConfigError(f"{place.where('preset')}: {error}") from None
+            raise ConfigError(f"{location.where('preset')}: {error}") from None
         # A preset may be of another kind than the sensor that it replaces.
         kind = str(data.get("kind"))
-        mounts[name] = validate(data, SENSOR_KINDS[kind] if kind in SENSORS else type(mounts[name]), place)
+        mounts[name] = validate(data, SENSOR_KINDS[kind] if kind in SENSORS else type(mounts[name]), location)
     return SensorsSpec(mounts=mounts)

@@ -50,9 +50,9 @@ def parse_urdf(
 
     def placed(message: str) -> str:
         match = _LINE.search(message)
-        place = where_line(int(match.group(1)) if match else 0)
+        location = where_line(int(match.group(1)) if match else 0)
         what = re.sub(r"^(warning|error):\s*", "", _LINE.sub("", message))
-        return f"{place}: {' '.join(what.split())}"
+        return f"{location}: {' '.join(what.split())}"
 
     with drake_log() as messages:
         try:

@@ -282,10 +282,10 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
     # The tree of templates is the tree of the folder.
     environment = _templates()
     for template in sorted((TEMPLATES / "vehicle").rglob("*.jinja")):
-        place = template.relative_to(TEMPLATES / "vehicle")
-        text = environment.get_template(f"vehicle/{place.as_posix()}").render(words)
-        (folder / place.parent).mkdir(exist_ok=True)
-        (folder / place.with_suffix("")).write_text(text, encoding="utf-8")
+        relative = template.relative_to(TEMPLATES / "vehicle")
+        text = environment.get_template(f"vehicle/{relative.as_posix()}").render(words)
+        (folder / relative.parent).mkdir(exist_ok=True)
+        (folder / relative.with_suffix("")).write_text(text, encoding="utf-8")
     write_visuals(folder, plan)
 
 

@@ -62,9 +62,9 @@ def find_suspension_faults(
                     f"name it in vehicle.yaml under joints.suspension.{wheel}, or make it fixed"
                 )
         if spring is not None and spring in joints and joints[spring] not in chain:
-            place = where_in(spec, "joints", "suspension", wheel)
+            location = where_in(spec, "joints", "suspension", wheel)
             yield ConfigError(
-                f"{place}: joint '{spring}' does not carry the {wheel} wheel; name the one above '{roles[0]}'"
+                f"{location}: joint '{spring}' does not carry the {wheel} wheel; name the one above '{roles[0]}'"
             )
 
 
@@ -103,19 +103,19 @@ def measure_spring_loads(
     mean_track = share * geometry.front_track + (1.0 - share) * geometry.rear_track
     loads = []
     for i, name in enumerate(spec.joints.suspension.names()):
-        joint, place = plant.GetJointByName(name), where(name)
+        joint, location = plant.GetJointByName(name), where(name)
         X_BJ = plant.CalcRelativeTransform(context, base.body_frame(), joint.frame_on_parent())
         axis = X_BJ.rotation().multiply(joint.translation_axis())
         if abs(axis[2] - 1.0) > TOLERANCE:
             shown = " ".join(f"{value:.4g}" for value in np.where(np.abs(axis) < 1e-9, 0.0, axis))
             raise ModelError(
-                f"{place}: suspension joint '{name}' moves along {shown} of '{spec.base_link}'; "
+                f"{location}: suspension joint '{name}' moves along {shown} of '{spec.base_link}'; "
                 "it should be 0 0 1, so that a positive travel lifts the wheel"
             )
         low, high = joint.position_lower_limit(), joint.position_upper_limit()
         if not -math.inf < low < 0.0 < high < math.inf:
             raise ModelError(
-                f"{place}: suspension joint '{name}' is limited to {low:g} … {high:g} m; "
+                f"{location}: suspension joint '{name}' is limited to {low:g} … {high:g} m; "
                 "it needs the rebound travel below zero and the bump travel above"
             )
         below = plant.GetBodiesKinematicallyAffectedBy([joint.index()])
@@ -125,7 +125,7 @@ def measure_spring_loads(
         load = axle * side - unsprung
         if load <= 0.0:
             raise ModelError(
-                f"{place}: the spring of '{name}' carries {load:.4g} N: {axle * side:.4g} N on the wheel less "
+                f"{location}: the spring of '{name}' carries {load:.4g} N: {axle * side:.4g} N on the wheel less "
                 f"{unsprung:.4g} N of unsprung weight; move the centre of mass, or make the wheel lighter"
             )
         loads.append(load)

@@ -81,8 +81,8 @@ def load_vehicle(name: str, *, arguments: Mapping[str, str] | None = None, where
     values = change.arguments | given
     if "drive" in values:
         spec = with_drive(spec, values["drive"], where if "drive" in given else where_in(change, "arguments"))
-    place = where if given or variant is None else where_in(change, "arguments")
-    urdf = render_xacro(folder / MAIN_FILE, arguments=values, defaults={"drive": spec.drive}, where=place)
+    location = where if given or variant is None else where_in(change, "arguments")
+    urdf = render_xacro(folder / MAIN_FILE, arguments=values, defaults={"drive": spec.drive}, where=location)
     label = folder.name if variant is None else f"{folder.name}{VARIANT_MARK}{variant}"
     return make_vehicle(urdf, folder=folder, spec=spec, control=control, sensors=sensors, name=label)
 

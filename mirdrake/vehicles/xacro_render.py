@@ -137,7 +137,9 @@ class _Expansion:
     def missing(self) -> dict[str, Place]:
         """Return arguments with neither a value nor a default, declared or only used."""
         undeclared = {
-            name: place for name, place in self.used.items() if name not in self.arguments and name not in self.given
+            name: location
+            for name, location in self.used.items()
+            if name not in self.arguments and name not in self.given
         }
         return self.required | undeclared
 
@@ -194,7 +196,7 @@ class _Expansion:
         """
         path = Path(xacro.abs_filename_spec(str(filename)))
         # a file that is a link belongs to the package of the link and to that of its target
-        roots = {_package_of(place) for file in self.files for place in (file, file.resolve())} | set(self.packages)
+        roots = {_package_of(path) for file in self.files for path in (file, file.resolve())} | set(self.packages)
         resolved = path.resolve()
         if not any(resolved.is_relative_to(root) for root in roots):
             raise xacro.XacroException(
@@ -296,7 +298,7 @@ class MissingArgumentsError(ModelError):
     def __init__(self, arguments: Mapping[str, Place]) -> None:
         self.arguments = {name: f"{file}:{line}" for name, (file, line) in arguments.items()}
         first = next(iter(self.arguments.values()))
-        names = ", ".join(f"{name} ({place})" for name, place in self.arguments.items())
+        names = ", ".join(f"{name} ({location})" for name, location in self.arguments.items())
         options = " ".join(f"--argument {name}=VALUE" for name in self.arguments)
         super().__init__(f"{first}: xacro arguments without value: {names}; give them with {options}")
 

@@ -220,8 +220,8 @@ def _place(corners: Array, aspect: float) -> tuple[RigidTransform, float]:
                 (np.abs(seen[:, 1]) * _MARGIN / (slope / aspect) - seen[:, 2]).max(),
             )
         )
-        place = seen[:, :2] / (seen[:, 2] + distance)[:, None]
-        middle = 0.5 * (place.min(axis=0) + place.max(axis=0)) * distance
+        projected = seen[:, :2] / (seen[:, 2] + distance)[:, None]
+        middle = 0.5 * (projected.min(axis=0) + projected.max(axis=0)) * distance
         target = target + R_WC.matrix()[:, :2] @ middle
     return RigidTransform(R_WC, target + distance * back), distance
 

@@ -254,17 +254,17 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(400)
             return
         try:
-            there, first = _open_socket(self._site.upstream)
+            upstream_socket, first = _open_socket(self._site.upstream)
         except OSError:
             self.send_error(502)
             return
-        with there:
+        with upstream_socket:
             self.send_response(101)
             for key, value in (("Upgrade", "websocket"), ("Connection", "Upgrade"), ("Sec-WebSocket-Accept", answer)):
                 self.send_header(key, value)
             self.end_headers()
             self.wfile.write(first)
-            _pump(self.connection, there)
+            _pump(self.connection, upstream_socket)
 
     def log_message(self, format: str, *values: Any) -> None:  # noqa: A002
         """Print nothing."""
@@ -276,26 +276,26 @@ def _open_socket(upstream: Upstream) -> tuple[socket.socket, bytes]:
     Raises:
         OSError: Meshcat has ended.
     """
-    there = upstream.connect()
+    upstream_socket = upstream.connect()
     try:
-        there.sendall(
+        upstream_socket.sendall(
             b"GET / HTTP/1.1\r\nHost: meshcat\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
             b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
         )
         head = b""
         while b"\r\n\r\n" not in head:
-            data = there.recv(65536)
+            data = upstream_socket.recv(65536)
             if not data or len(head) > MOST:
                 raise OSError("Meshcat did not accept the web socket")
             head += data
     except OSError:
-        there.close()
+        upstream_socket.close()
         raise
     head, _, first = head.partition(b"\r\n\r\n")
     if b" 101 " not in head.split(b"\r\n")[0]:
-        there.close()
+        upstream_socket.close()
         raise OSError("Meshcat did not accept the web socket")
-    return there, first
+    return upstream_socket, first
 
 
 def _pump(here: socket.socket, there: socket.socket) -> None:

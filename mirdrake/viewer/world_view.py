@@ -114,10 +114,10 @@ class WorldView:
         for placed in self.world.props[:_MOST_NAMES]:
             xmin, ymin, xmax, ymax = placed.footprint.bounds
             height = min(max(0.15 * max(xmax - xmin, ymax - ymin), 0.018 * self._size), 0.03 * self._size)
-            place = [0.5 * (xmin + xmax), 0.5 * (ymin + ymax), max(placed.top, 0.0) + 0.7 * height]
+            position = [0.5 * (xmin + xmax), 0.5 * (ymin + ymax), max(placed.top, 0.0) + 0.7 * height]
             path = _path("names", placed.name)
             self._meshcat.SetObject(path, Mesh(_label(placed.name), height))
-            self._meshcat.SetTransform(path, RigidTransform(RollPitchYaw(math.radians(-35.0), 0.0, 0.0), place))
+            self._meshcat.SetTransform(path, RigidTransform(RollPitchYaw(math.radians(-35.0), 0.0, 0.0), position))
 
     def _draw_fault(self, number: int, fault: Fault) -> None:
         """Draw a fault in red: the overlapping area at its height, and a needle that is visible from far away."""

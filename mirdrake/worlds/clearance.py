@@ -163,11 +163,11 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
             hit, area = tree.query(shapes[row[inside]], predicate="intersects")
             touched |= set(zip(index[row[inside][hit]].tolist(), owners[area].tolist(), strict=True))
     known: dict[tuple[int, ...], float] = {}
-    for at, number in sorted(touched):
-        key = (number, *np.round(poses[at] / _ALIKE).astype(np.int64).tolist())
+    for pose, number in sorted(touched):
+        key = (number, *np.round(poses[pose] / _ALIKE).astype(np.int64).tolist())
         if key not in known:
-            known[key] = depth(_pairs_with_prop(volume, poses[at], solid[number]))
-        result[at] = min(result[at], -known[key])
+            known[key] = depth(_pairs_with_prop(volume, poses[pose], solid[number]))
+        result[pose] = min(result[pose], -known[key])
     return result
 
 

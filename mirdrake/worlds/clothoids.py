@@ -136,13 +136,13 @@ def _jacobian(k: Array, length: Array, arcs: _Arcs, size: float, closed: bool) -
 
     # The ends of an open curve have equal changes of curvature in their first two and last two pieces.
     if not closed:
-        for at, (a, b, c, first, second) in enumerate(_ends(nodes), start=3 * parts):
+        for equation, (a, b, c, first, second) in enumerate(_ends(nodes), start=3 * parts):
             put(
-                [at] * 3,
+                [equation] * 3,
                 [nodes + a, nodes + b, nodes + c],
                 np.array([-length[second], length[first] + length[second], -length[first]]) / size,
             )
-            put([at] * 2, [2 * nodes + second, 2 * nodes + first], np.array([k[b] - k[a], k[b] - k[c]]) * size)
+            put([equation] * 2, [2 * nodes + second, 2 * nodes + first], np.array([k[b] - k[a], k[b] - k[c]]) * size)
     shape = (2 * nodes + parts,) * 2
     return scipy.sparse.coo_array(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape

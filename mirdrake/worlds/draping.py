@@ -75,12 +75,12 @@ def _long_edges(corners: Array, terrain: Terrain, roads: BaseGeometry) -> NDArra
     away = np.zeros_like(length)
     if not roads.is_empty:  # a long edge may come nearer to the road than its middle
         away = np.maximum(shapely.distance(roads, shapely.points(middle)) - length, 0.0)
-    heights = [terrain.height(place[..., 0], place[..., 1]) for place in (begin, end)]
+    heights = [terrain.height(point[..., 0], point[..., 1]) for point in (begin, end)]
     error = np.zeros_like(length)
     for t in _PROBES:
-        place = begin + t * (end - begin)
+        position = begin + t * (end - begin)
         line = heights[0] + t * (heights[1] - heights[0])
-        error = np.maximum(error, np.abs(terrain.height(place[..., 0], place[..., 1]) - line))
+        error = np.maximum(error, np.abs(terrain.height(position[..., 0], position[..., 1]) - line))
     rough = (error > TOLERANCE + _GROWTH * away) & (length > _SHORTEST + _GROWTH * away)
     return np.asarray(rough | (length > _LONGEST + 0.5 * away), dtype=bool)
 

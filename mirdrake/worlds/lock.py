@@ -227,13 +227,13 @@ def _files(world: World) -> dict[str, str]:
     """Return the SHA-256 of the files that a world uses, without world files."""
     folder = world.path.parent if world.path is not None else Path.cwd()
     library = prop_names()
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for spec in world.spec.tracks.values():
         for value in dict(spec).values():
             if isinstance(name := getattr(value, "file", None), str):
-                found[_named(folder / name, folder)] = folder / name
+                files[_named(folder / name, folder)] = folder / name
     for mesh in world.spec.scenery:
-        found |= {_named(path, folder): path for path in mesh_files(folder / mesh.file)}
+        files |= {_named(path, folder): path for path in mesh_files(folder / mesh.file)}
     for prop in dict.fromkeys(placed.prop for placed in world.props):
         meshes = [solid.mesh for solid in prop.solids if solid.mesh is not None]
         meshes += [prop.visual] if prop.visual is not None else []
@@ -242,12 +242,12 @@ def _files(world: World) -> dict[str, str]:
             for path in sorted(library_path.rglob("*")):
                 inner = path.relative_to(library_path)
                 if path.is_file() and not any(part.startswith((".", "__")) for part in inner.parts):
-                    found[str(PurePosixPath("props", library_path.name, inner))] = path
+                    files[str(PurePosixPath("props", library_path.name, inner))] = path
             continue
         paths = [path for mesh in meshes for path in mesh_files(mesh)]
         paths += {mesh.parent / "prop.yaml" for mesh in meshes if (mesh.parent / "prop.yaml").is_file()}
-        found |= {_named(path, folder): path for path in paths}
-    return {name: digest(read_bytes(found[name])) for name in sorted(found)}
+        files |= {_named(path, folder): path for path in paths}
+    return {name: digest(read_bytes(files[name])) for name in sorted(files)}
 
 
 def _named(path: Path, folder: Path) -> str:

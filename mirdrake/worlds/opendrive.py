@@ -160,7 +160,7 @@ def _choose(road: str | None, roads: Mapping[str, Element], name: str) -> list[s
     while following and following not in chain:
         chain.append(following)
         following = next((key for key in beside[following] if key not in chain), "")
-    if len(chain) < len(free) or any(len(found) > 2 for found in beside.values()):
+    if len(chain) < len(free) or any(len(neighbours) > 2 for neighbours in beside.values()):
         raise ConfigError(
             f"{name}: its {len(free)} roads do not form one chain; select one, or several as '1, 7, 2': "
             f"{did_you_mean('', free)}"
@@ -282,10 +282,10 @@ def _sample(legs: Sequence[Leg], closed: bool, s: Array, middle: Array) -> tuple
         points.append(np.column_stack((x - t * np.sin(yaw), y + t * np.cos(yaw))))
         stations.append(travelled + u)
         travelled += leg.length
-    places, at = np.vstack(points), np.concatenate(stations)
+    places, station = np.vstack(points), np.concatenate(stations)
     far = np.concatenate(([True], np.hypot(*np.diff(places, axis=0).T) > 0.1 * step))
     far[-1] &= not closed or math.dist(places[-1], places[0]) > 0.1 * step
-    return places[far], at[far]
+    return places[far], station[far]
 
 
 # --- omissions ---------------------------------------------------------------------------------------------------

@@ -84,7 +84,7 @@ class RoadPart:
         for section in sections:
             begin = number_of(section, "s", self._places)
             breaks.add(begin)
-            for side, found in sides.items():
+            for side, side_lanes in sides.items():
                 if section.get("singleSide") == "true" and section.find(side) is None:
                     continue
                 lanes = sorted(section.iterfind(f"{side}/lane"), key=lambda e: abs(number_of(e, "id", self._places)))
@@ -97,7 +97,7 @@ class RoadPart:
                     for element in lanes
                 ]
                 breaks.update(float(s) for row in rows for s in (*row.widths[:, 0], *row.borders[:, 0]))
-                found.append((begin, rows))
+                side_lanes.append((begin, rows))
         stations: list[Array] = []
         tops: list[Array] = []
         bottoms: list[Array] = []

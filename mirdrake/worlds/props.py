@@ -285,7 +285,7 @@ def make_primitive(kind: str, sides: tuple[float, ...], *, scale: float = 1.0, w
     """
     sides = tuple(scale * side for side in sides)
     _check_sides(sides, kind, where)
-    maker = next(one for one in SOLID_KINDS if one.key == kind)
+    maker = next(kind_class for kind_class in SOLID_KINDS if kind_class.key == kind)
     shape, size = maker.make(sides), maker.extent(sides)
     solid = Solid(shape, RigidTransform([0.0, 0.0, size[2] / 2.0]))
     return Prop(kind, (solid,), size, DENSITY * solid.volume)

@@ -56,8 +56,8 @@ def exactly_one(spec: Schema, names: tuple[str, ...]) -> None:
     given = [name for name in names if getattr(spec, name) is not None]
     if len(given) != 1:
         allowed = ", ".join(name.rstrip("_") for name in names[:-1])
-        found = f"; given are {' and '.join(given)}" if given else ""
-        raise ValueError(f"give exactly one of {allowed} and {names[-1]}{found}")
+        hint = f"; given are {' and '.join(given)}" if given else ""
+        raise ValueError(f"give exactly one of {allowed} and {names[-1]}{hint}")
 
 
 def given_one(spec: Schema, names: tuple[str, ...]) -> Any:

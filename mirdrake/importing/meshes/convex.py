@@ -120,9 +120,9 @@ def make_hull(points: Array) -> Hull:
         corners = points[hull.vertices]
     # Sorted corners and faces give the same bytes for the same mesh.
     order = np.lexsort(corners.T[::-1])
-    place = np.full(len(points), -1)
-    place[hull.vertices[order]] = np.arange(len(order))
-    faces = place[hull.simplices]
+    new_index = np.full(len(points), -1)
+    new_index[hull.vertices[order]] = np.arange(len(order))
+    faces = new_index[hull.simplices]
     corners = corners[order]
     a, b, c = (corners[faces[:, k]] for k in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0

@@ -178,15 +178,15 @@ def _triangulate(polygons: list[tuple[_Part, list[Corner]]], points: Array) -> N
     """Add polygons of the same number of corners to their parts: as a fan if convex, else as triangles inside."""
     # Polygons of one size are checked together: a negative turn along the normal means a concave corner.
     index = np.array([[corner[0] for corner in corners] for _, corners in polygons])
-    place = _take(points, index)
-    place = place - place[:, :1]
-    edges = np.roll(place, -1, axis=1) - place
+    positions = _take(points, index)
+    positions = positions - positions[:, :1]
+    edges = np.roll(positions, -1, axis=1) - positions
     turns = np.cross(np.roll(edges, 1, axis=1), edges)
-    normals = 0.5 * np.cross(place, np.roll(place, -1, axis=1)).sum(axis=1)
+    normals = 0.5 * np.cross(positions, np.roll(positions, -1, axis=1)).sum(axis=1)
     along = np.einsum("nkj,nj->nk", turns, normals)
     hollow = along.min(axis=1) < -1e-6 * np.einsum("nj,nj->n", normals, normals)
     for number, (part, corners) in enumerate(polygons):
-        inside = _triangles_inside(place[number], normals[number]) if hollow[number] else []
+        inside = _triangles_inside(positions[number], normals[number]) if hollow[number] else []
         fan = [(0, k, k + 1) for k in range(1, len(corners) - 1)]
         part.triangles += [(corners[a], corners[b], corners[c]) for a, b, c in inside or fan]
 

@@ -313,7 +313,7 @@ class TextureFolder(trimesh.resolvers.Resolver):  # type: ignore[misc, unused-ig
         if not name:
             return None
         near = (".", "textures", "../textures", "../materials/textures", "../../materials/textures", "../images")
-        for candidate in (words.lstrip("/"), words, *(f"{place}/{name}" for place in near)):
+        for candidate in (words.lstrip("/"), words, *(f"{subfolder}/{name}" for subfolder in near)):
             path = _find_any_case(self.folder, candidate)
             if path is not None:
                 return path
@@ -363,21 +363,21 @@ def _find_any_case(folder: Path, address: str) -> Path | None:
     direct = folder / address
     if direct.is_file():
         return direct
-    place = Path("/") if address.startswith("/") else folder
+    base = Path("/") if address.startswith("/") else folder
     for part in (part for part in address.split("/") if part not in ("", ".")):
         if part == "..":
-            place = place.resolve().parent
+            base = base.resolve().parent
             continue
-        exact = place / part
+        exact = base / part
         if not exact.exists():
-            if not place.is_dir():
+            if not base.is_dir():
                 return None
-            same = sorted(entry for entry in place.iterdir() if entry.name.lower() == part.lower())
+            same = sorted(entry for entry in base.iterdir() if entry.name.lower() == part.lower())
             if not same:
                 return None
             exact = same[0]
-        place = exact
-    return place if place.is_file() else None
+        base = exact
+    return base if base.is_file() else None
 
 
 def _plain(image: Image.Image, *, alpha: bool = False) -> Image.Image:

@@ -109,7 +109,7 @@ class Parts:
         items += [(self.knuckles[0].mass, places["left_knuckle"]), (self.knuckles[1].mass, places["right_knuckle"])]
         items += [(part.mass, places[name]) for name, part in self.wheels.items()]
         total = sum(mass.mass for mass, _ in items)
-        com: Vector = sum((mass.mass * (place + mass.com) for mass, place in items), np.zeros(3)) / total
+        com: Vector = sum((mass.mass * (position + mass.com) for mass, position in items), np.zeros(3)) / total
         return com
 
 

@@ -32,7 +32,7 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
     """
     name = element.get("reference", "")
     link, joint = model.links.get(name), model.joints.get(name)
-    place = where(element)
+    location = where(element)
     for child in element:
         tag, text = child.tag, (child.get("value") or child.text or "").strip()  # Gazebo takes either
         # Tags without effect on a vehicle are ignored; all others are read or reported.
@@ -42,10 +42,10 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
             plugin = Plugin(child.get("name", ""), child.get("filename", ""), leaves(child), where(child))
             take_plugin(plugin, name, model)
         elif link is not None and tag in _SURFACE:
-            link.surface = link.surface or Surface(where=place)
+            link.surface = link.surface or Surface(where=location)
             setattr(link.surface, _SURFACE[tag], read_number(text, where=where(child), what=f"<{tag}>"))
         elif link is not None and tag in {"minDepth", "maxVel", "min_depth", "max_vel"}:
-            link.surface = link.surface or Surface(where=place)
+            link.surface = link.surface or Surface(where=location)
             link.surface.others[tag] = text
         elif link is not None and tag == "material":
             named = text or _script_name(child)
@@ -89,12 +89,12 @@ def read_sensor(element: ElementTree.Element, link: str, where: Where, model: So
     name = element.get("name", "") or element.get("type", "sensor")
     values = leaves(element)
 
-    place, rate = np.zeros(6), None
+    pose, rate = np.zeros(6), None
     rates = (values.get(key) for key in ("update_rate", "updateRate", "plugin.updateRate"))
     try:
-        place = read_numbers(values.get("pose"), count=6, default=[0.0] * 6, where=where(element), what="<pose>")
+        pose = read_numbers(values.get("pose"), count=6, default=[0.0] * 6, where=where(element), what="<pose>")
         if values.get("pose.degrees") in ("1", "true"):
-            place[3:] = np.radians(place[3:])
+            pose[3:] = np.radians(pose[3:])
     except ModelError as error:
         model.changes.add(
             Code.SENSOR, where(element), f"sensor '{name}': place", _after(error), "at the link", "no pose"
@@ -107,7 +107,7 @@ def read_sensor(element: ElementTree.Element, link: str, where: Where, model: So
         name=name,
         kind=element.get("type", "").lower(),
         link=link,
-        X_LS=make_pose(place[:3], place[3:]),
+        X_LS=make_pose(pose[:3], pose[3:]),
         rate=rate,
         values=values,
         plugins=tuple(plugin.get("filename", "") for plugin in element.iter("plugin")),

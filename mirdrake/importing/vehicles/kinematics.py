@@ -69,9 +69,9 @@ def make_tree(model: SourceModel) -> tuple[Tree, Changes]:
     Raises:
         ModelError: there is none.
     """
-    place = source_name(model)
+    location = source_name(model)
     if not model.links:
-        raise ModelError(f"{place}: no links in it; give the file that describes the vehicle")
+        raise ModelError(f"{location}: no links in it; give the file that describes the vehicle")
     # Each link has one parent: a second joint would close a loop.
     changes = Changes()
     above: dict[str, Joint] = {}
@@ -91,7 +91,7 @@ def make_tree(model: SourceModel) -> tuple[Tree, Changes]:
     # Files may contain several trees, for example a ground link; the vehicle is the largest.
     roots = [name for name in model.links if name not in above and name != "world"]
     if not roots:
-        raise ModelError(f"{place}: the joints form a loop; no link is the root")
+        raise ModelError(f"{location}: the joints form a loop; no link is the root")
     trees = [_grow(model, root, above) for root in roots]
     tree = max(trees, key=lambda tree: len(tree.poses))  # the first of equals
     for name, link in model.links.items():

@@ -63,9 +63,9 @@ def gather_masses(tree: Tree, layout: Layout, parts: Parts, bounds: Bounds) -> l
         if max(part.mass.mass for part in pair) <= 0.0:
             mass = min(283.0 * np.pi * radius**2 * width, 0.025 * body.mass.mass)  # as in estimates.HOW
             _set_wheels(pair, mass, cylinder_inertia(mass, radius=radius, length=width, axis=1))
-            place = tree.model.links[pair[0].links[0]].where
+            location = tree.model.links[pair[0].links[0]].where
             changes.add(
-                Code.MASS, place, f"{end} wheels: mass", "none", f"{mass:.4g} kg", "estimated as for a new vehicle"
+                Code.MASS, location, f"{end} wheels: mass", "none", f"{mass:.4g} kg", "estimated as for a new vehicle"
             )
             continue
         _mirror(f"{end} wheels", pair, tree, changes)
@@ -77,9 +77,9 @@ def gather_masses(tree: Tree, layout: Layout, parts: Parts, bounds: Bounds) -> l
     elif max(part.mass.mass for part in knuckles) <= 0.0:
         mass = 0.5 * front[0].mass.mass
         _set_knuckles(knuckles, mass, layout.radii[0])
-        place = tree.model.links[knuckles[0].links[0]].where
+        location = tree.model.links[knuckles[0].links[0]].where
         why = "a moving link needs a mass; estimated as half a wheel's"
-        changes.add(Code.MASS, place, "steering knuckles: mass", "none", f"{mass:.4g} kg", why)
+        changes.add(Code.MASS, location, "steering knuckles: mass", "none", f"{mass:.4g} kg", why)
     else:
         _mirror("steering knuckles", knuckles, tree, changes)
     for end in ("front", "rear") if parts.carriers else ():
@@ -108,8 +108,10 @@ def _weigh_carriers(end: str, parts: Parts, layout: Layout, tree: Tree, changes:
     scale = 1.0 - 2.0 * mass / body.mass.mass
     body.mass = Mass(scale * body.mass.mass, body.mass.com, scale * body.mass.inertia)
     became = f"{mass:.4g} kg each, of the body's"
-    place = tree.model.links[tree.root].where
-    changes.add(Code.MASS, place, f"{end} carriers: mass", "none", became, "half a wheel's; a moving link needs a mass")
+    location = tree.model.links[tree.root].where
+    changes.add(
+        Code.MASS, location, f"{end} carriers: mass", "none", became, "half a wheel's; a moving link needs a mass"
+    )
 
 
 def check_balance(parts: Parts, layout: Layout, bounds: Bounds, where: str) -> list[Change]:
@@ -184,9 +186,9 @@ def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: Changes) ->
         mean, com = 0.5 * (left.mass + right.mass), 0.5 * (left.com + MIRROR @ right.com)
         inertia = 0.5 * (left.inertia + MIRROR @ right.inertia @ MIRROR)
     if abs(left.mass - right.mass) > 1e-3 * mean:
-        place = tree.model.links[pair[0].links[0]].where
+        location = tree.model.links[pair[0].links[0]].where
         was = f"{left.mass:.4g} and {right.mass:.4g} kg"
-        changes.add(Code.MASS, place, f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are equal")
+        changes.add(Code.MASS, location, f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are equal")
     pair[0].mass = Mass(mean, com, inertia)
     pair[1].mass = Mass(mean, MIRROR @ com, MIRROR @ inertia @ MIRROR)
 
@@ -205,12 +207,12 @@ def _set_knuckles(pair: tuple[Part, Part], mass: float, radius: float) -> None:
 def _repair_wheel(pair: tuple[Part, Part], end: str, radius: float, width: float, tree: Tree, changes: Changes) -> None:
     """Balance a wheel, and make its spin axis the axis with the largest moment of inertia."""
     mass = pair[0].mass
-    place = tree.model.links[pair[0].links[0]].where
+    location = tree.model.links[pair[0].links[0]].where
     what = f"{end} wheels"
     offset = float(np.linalg.norm(mass.com))
     if offset > max(1e-3, 0.02 * radius):
         was = f"{offset:.3g} m from the wheel's centre"
-        changes.add(Code.MASS, place, f"{what}: centre of mass", was, "in it", "wheels are balanced")
+        changes.add(Code.MASS, location, f"{what}: centre of mass", was, "in it", "wheels are balanced")
     # The largest moment of a wheel is about its axis; files often have it in another slot.
     moments = mass.inertia.diagonal()
     order = np.argsort(moments)
@@ -220,7 +222,7 @@ def _repair_wheel(pair: tuple[Part, Part], end: str, radius: float, width: float
         moments = np.array([moments[others].mean(), moments[top], moments[others].mean()])
         was = f"{'xyz'[top]} axis has the largest moment, {moments_text(mass.inertia)}"
         changes.add(
-            Code.INERTIA, place, f"{what}: inertia", was, "about the wheel's own axis", "the wheel spins about y"
+            Code.INERTIA, location, f"{what}: inertia", was, "about the wheel's own axis", "the wheel spins about y"
         )
     spin, across = float(moments[1]), 0.5 * float(moments[0] + moments[2])
     relative = spin / (mass.mass * radius**2)
@@ -229,7 +231,7 @@ def _repair_wheel(pair: tuple[Part, Part], end: str, radius: float, width: float
         was = f"spin {spin:.4g}, across {across:.4g} kg m²"
         became = f"solid cylinder: spin {inertia[1, 1]:.4g}, across {inertia[0, 0]:.4g} kg m²"
         why = f"spin is {relative:.3g} m r²; wheels have 0.5 to 1"
-        changes.add(Code.INERTIA, place, f"{what}: inertia", was, became, why)
+        changes.add(Code.INERTIA, location, f"{what}: inertia", was, became, why)
     else:
         inertia = np.diag([across, spin, across])
     _set_wheels(pair, mass.mass, inertia)
@@ -241,7 +243,7 @@ def _split(knuckles: tuple[Part, Part], wheels: tuple[Part, Part], radius: float
     mass = UNION_SHARE * whole.mass
     _set_wheels(wheels, whole.mass - mass, whole.inertia * (1.0 - UNION_SHARE))
     _set_knuckles(knuckles, mass, radius)
-    place = tree.model.links[wheels[0].links[0]].where
+    location = tree.model.links[wheels[0].links[0]].where
     became = f"wheel of {whole.mass - mass:.4g} kg and steering knuckle of {mass:.4g} kg"
     why = "mirdrake has separate joints for steering and spin"
-    changes.add(Code.MASS, place, "front wheels: mass", f"{whole.mass:.4g} kg", became, why)
+    changes.add(Code.MASS, location, "front wheels: mass", f"{whole.mass:.4g} kg", became, why)

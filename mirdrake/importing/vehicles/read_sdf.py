@@ -79,8 +79,8 @@ def _choose_model(root: Element, model: SourceModel, files: XmlFiles) -> Element
         names = ", ".join(element.get("name", "") for element in models[:8])
         raise ModelError(f"{files.where(models[0])}: static model '{names}': a prop, not a vehicle")
     names = ", ".join(element.get("name", "") for element in moving[:8]) or "none"
-    place = f"{shown(model.files[0])}:1"
-    raise ModelError(f"{place}: one model is expected in the file; there are {len(moving)} ({names})")
+    location = f"{shown(model.files[0])}:1"
+    raise ModelError(f"{location}: one model is expected in the file; there are {len(moving)} ({names})")
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,9 @@ def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urd
         try:
             urdf = render_xacro(path, arguments={**dict.fromkeys(missing, "0"), **arguments}, find=packages.find)
         except MissingArgumentsError as error:
-            places = {name: place.rpartition(":") for name, place in error.arguments.items() if name not in missing}
+            places = {
+                name: location.rpartition(":") for name, location in error.arguments.items() if name not in missing
+            }
             if not places:
                 raise MissingArgumentsError(missing) from None
             missing |= {name: (file, int(line)) for name, (file, _, line) in places.items()}
@@ -98,8 +100,8 @@ def _missing_prefixes(urdf: Urdf) -> Iterator[str]:
 
 
 def _warning(text: str) -> Change:
-    place, _, words = text.partition(": ")
-    return Change(Code.ELEMENT, place, "xacro", words, "as xacro expanded it", "xacro warned about it")
+    location, _, words = text.partition(": ")
+    return Change(Code.ELEMENT, location, "xacro", words, "as xacro expanded it", "xacro warned about it")
 
 
 class _Reader:

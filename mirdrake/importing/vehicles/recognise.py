@@ -321,9 +321,9 @@ def _rejection(tree: Tree, summary: str, wheels: Sequence[Wheel]) -> ModelError:
     if steering:
         summary = summary.replace("no steering joint", "no usable steering joint")
     hints = "".join(f"; {hint}" for hint in tree.model.hints)
-    place = source_name(tree.model)
+    location = source_name(tree.model)
     what = "not a car with four wheels on two axles, two of them steered"
-    return ModelError(f"{place}: {what}; found {summary}{faults}{hints}")
+    return ModelError(f"{location}: {what}; found {summary}{faults}{hints}")
 
 
 def _inventory(tree: Tree) -> str:

@@ -179,8 +179,10 @@ class _Reader:
             values = [float(word) for word in self._sensor.values.get(f"{camera}.pose", "").split()]
         except ValueError:
             values = []
-        place = np.array(values[:3]) if len(values) == 6 else np.zeros(3)
-        return RigidTransform(place if np.isfinite(place).all() and np.abs(place).max() <= REACH else np.zeros(3))
+        position = np.array(values[:3]) if len(values) == 6 else np.zeros(3)
+        return RigidTransform(
+            position if np.isfinite(position).all() and np.abs(position).max() <= REACH else np.zeros(3)
+        )
 
     def _noise(self, mount: MountData, **keys: tuple[str, ...]) -> MountData:
         """Return the standard deviations of the source."""

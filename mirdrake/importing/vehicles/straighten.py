@@ -46,18 +46,20 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     """
     tree, wheels = roles.tree, roles.wheels
     changes = Changes()
-    place = source_name(tree.model)
+    location = source_name(tree.model)
     radii, widths = [], []
     for end in ("front", "rear"):
         pair = [wheels[f"{end}_{side}"] for side in SIDES]
-        radii.append(_mean(place, f"radii of the {end} wheels", [wheel.shape.radius for wheel in pair], pair, changes))
+        radii.append(
+            _mean(location, f"radii of the {end} wheels", [wheel.shape.radius for wheel in pair], pair, changes)
+        )
         sizes = [wheel.shape.width for wheel in pair]
-        widths.append(_mean(place, f"widths of the {end} wheels", sizes, pair, changes, strict=False))
+        widths.append(_mean(location, f"widths of the {end} wheels", sizes, pair, changes, strict=False))
     # Base frame from the contact points, then each wheel and steering axis relative to it.
     contact = {
         name: wheel.point - np.array([0.0, 0.0, radii[name.startswith("rear")]]) for name, wheel in wheels.items()
     }
-    X_MB = _base_frame(place, contact, changes)
+    X_MB = _base_frame(location, contact, changes)
     X_BM = X_MB.inverse()
     points = {name: X_BM.multiply(point) for name, point in contact.items()}
     wheelbase = float(points["front_left"][0] + points["front_right"][0]) / 2.0
@@ -66,7 +68,7 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     for name, wheel in wheels.items():
         front, left = name.startswith("front"), name.endswith("left")
         ideal = np.array([wheelbase * front, (0.5 if left else -0.5) * tracks[not front], 0.0])
-        _report_moved(place, wheel, points[name] - ideal, wheelbase, changes)
+        _report_moved(location, wheel, points[name] - ideal, wheelbase, changes)
         parts[name] = _wheel_frame(wheel, X_MB, changes)
     # Steering axes: left and right must not be exchanged, and are made mirror images.
     kingpins = [_kingpin(tree, joint, X_BM, changes) for joint in roles.steering]
@@ -74,12 +76,12 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     if kingpin_track <= 0.0:
         names = " and ".join(f"'{joint.name}'" for joint in roles.steering)
         raise ModelError(
-            f"{place}: steering axes {names} cross: the left one is {-kingpin_track:.4g} m to the right of the other"
+            f"{location}: steering axes {names} cross: the left one is {-kingpin_track:.4g} m to the right of the other"
         )
     skew = float(np.abs(kingpins[0] - kingpins[1] * np.array([1.0, -1.0])).max())
     if skew > max(SLACK, ALIKE * wheelbase):
         raise ModelError(
-            f"{place}: steering axes at {_shown(kingpins[0])} and {_shown(kingpins[1])} m are not mirror images "
+            f"{location}: steering axes at {_shown(kingpins[0])} and {_shown(kingpins[1])} m are not mirror images "
             f"within {max(SLACK, ALIKE * wheelbase):.2g} m"
         )
     middle = 0.5 * (kingpins[0] + kingpins[1] * np.array([1.0, -1.0]))

@@ -117,9 +117,9 @@ class ModelReader:
             self._inside(element, inner, draft)
         except ModelError as error:
             draft.obj.broken.append(str(error))
-            place, _, fault = str(error).partition(": ")
+            location, _, fault = str(error).partition(": ")
             became = "left out with all its following elements"
-            self._changes.add(Code.MODEL, place, f"model '{draft.obj.name}': a part of it", "…", became, fault)
+            self._changes.add(Code.MODEL, location, f"model '{draft.obj.name}': a part of it", "…", became, fault)
 
     def include(self, element: Element, scope: Scope, *, draft: Draft | None = None) -> None:
         """Read an ``<include>``; see :meth:`model`."""
@@ -254,9 +254,9 @@ class ModelReader:
                 except ModelError as error:
                     if child.tag == "collision":
                         obj.broken.append(str(error))
-                    place, _, fault = str(error).partition(": ")
+                    location, _, fault = str(error).partition(": ")
                     what = f"model '{obj.name}': {child.tag}"
-                    self._changes.add(Code.SHAPE, place, what, child.get("name", ""), None, fault)
+                    self._changes.add(Code.SHAPE, location, what, child.get("name", ""), None, fault)
             elif child.tag == "light":
                 what, why = f"model '{obj.name}': <light>", "only the sun is supported"
                 self._changes.add(Code.LIGHT, self._tree.where(child), what, child.get("name", ""), None, why)

@@ -126,7 +126,7 @@ class _Reader:
         try:
             self._known_child(child, where)
         except ModelError as error:
-            place, _, fault = str(error).partition(": ")
+            location, _, fault = str(error).partition(": ")
             if child.tag in {"model", "include", "population"}:
                 name = child.get("name", "") or text_of(child, "name") or model_name(text_of(child, "uri"))
                 self._world.objects.append(
@@ -135,7 +135,7 @@ class _Reader:
                     )
                 )
             else:
-                self._world.changes.add(Code.ELEMENT, place, f"<{child.tag}>", child.get("name", ""), None, fault)
+                self._world.changes.add(Code.ELEMENT, location, f"<{child.tag}>", child.get("name", ""), None, fault)
 
     def _known_child(self, child: Element, where: str) -> None:
         tag, name = child.tag, child.get("name", "")
@@ -221,8 +221,8 @@ class _Reader:
             try:
                 moved += self._state_of(child, "")
             except ModelError as error:
-                place, _, fault = str(error).partition(": ")
-                self._world.changes.add(Code.MODEL, place, "<state> of a model", child.get("name", ""), None, fault)
+                location, _, fault = str(error).partition(": ")
+                self._world.changes.add(Code.MODEL, location, "<state> of a model", child.get("name", ""), None, fault)
         why = "the poses of the saved state are used"
         became = f"{moved} moved"
         self._world.changes.add(
@@ -309,8 +309,8 @@ class _Reader:
             direction = read_numbers(text, count=3, default=[0, 0, -1], where=where, what="<direction>")
             X = self._frames.pose(frame)
         except ModelError as error:
-            place, _, fault = str(error).partition(": ")
-            self._world.changes.add(Code.LIGHT, place, f"{kind} light '{name}'", "…", None, fault)
+            location, _, fault = str(error).partition(": ")
+            self._world.changes.add(Code.LIGHT, location, f"{kind} light '{name}'", "…", None, fault)
             return
         self._world.suns.append(Sun(name, X.rotation().multiply(direction), where))
 

@@ -123,8 +123,8 @@ def report_text(
             )
             names = [entry.obj.name, *entry.others]
             source = names[0] if len(names) == 1 else f"{names[0]} … {names[-1]} ({len(names)})"
-            here = entry.name + ("[]" if entry.layout else "")
-            row = (source, places.short(entry.obj.where), here, what)
+            element = entry.name + ("[]" if entry.layout else "")
+            row = (source, places.short(entry.obj.where), element, what)
             lines.append("| " + " | ".join(map(table_cell, row)) + " |")
         lines.append("")
     lines += ["## Changes", ""]

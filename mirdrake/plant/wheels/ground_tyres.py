@@ -65,7 +65,7 @@ def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Grou
     share = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / geometry.wheelbase
     half = 0.5 * plant.CalcTotalMass(context, [part.instance]) * GRAVITY
     wheels = []
-    for index, (place, joint, actuator) in enumerate(
+    for index, (wheel_place, joint, actuator) in enumerate(
         zip(wheel_places(part), part.wheels, part.wheel_actuators, strict=True)
     ):
         rear = index >= 2
@@ -77,7 +77,7 @@ def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Grou
         assert isinstance(vertical, VerticalTyre)
         lateral_damping = tyres.lateral_damping if isinstance(tyres, SlipTyres) else 0.0
         spinning = SpinningWheel(
-            place,
+            wheel_place,
             float(tensor[1, 1] + actuator.default_reflected_inertia()),
             float(gain + joint.default_damping()),
             part.parked,

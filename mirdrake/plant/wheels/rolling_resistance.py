@@ -297,7 +297,7 @@ class RollingResistance(LeafSystem):
         if self._machine_code:
             self._step(x, np.reshape(touches, (-1, len(Touch._fields))), *self._known, *changed)
         else:  # lists are faster in Python
-            changed = tuple(one.tolist() for one in changed)
+            changed = tuple(column.tolist() for column in changed)
             self._step(x.tolist(), touches, *self._known, *changed)
         places = (self._filters, self._force, self._load, self._torque)
         for place, values in zip(places, changed, strict=True):

@@ -60,7 +60,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
     share = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / part.vehicle.geometry.wheelbase
     half = 0.5 * plant.CalcTotalMass(context, [part.instance]) * GRAVITY
     wheels = []
-    for index, (place, joint, actuator) in enumerate(
+    for index, (wheel_place, joint, actuator) in enumerate(
         zip(wheel_places(part), part.wheels, part.wheel_actuators, strict=True)
     ):
         rear = index >= 2
@@ -73,7 +73,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
         static_load = float(half * ((1.0 - share) if rear else share))
         wheels.append(
             SpinningWheel(
-                place,
+                wheel_place,
                 float(tensor[1, 1] + actuator.default_reflected_inertia()),
                 float(gain + joint.default_damping()),
                 part.parked,

@@ -57,17 +57,17 @@ def merge_still_things(
         how many things are in the mesh; with less than two, nothing is changed.
     """
     inspector = scene_graph.model_inspector()
-    found: dict[Color, list[Faces]] = {}
+    faces_by_color: dict[Color, list[Faces]] = {}
     merged: list[GeometryId] = []
     for geometry in plant.GetVisualGeometriesForBody(plant.world_body()):
         shape, color = inspector.GetShape(geometry), _plain_color(inspector.GetPerceptionProperties(geometry))
         if color is not None and type(shape) in (Box, Cylinder):
             faces = _box(shape) if isinstance(shape, Box) else _cylinder(shape)
-            found.setdefault(color, []).append(_moved(faces, inspector.GetPoseInFrame(geometry)))
+            faces_by_color.setdefault(color, []).append(_moved(faces, inspector.GetPoseInFrame(geometry)))
             merged.append(geometry)
     if len(merged) < 2:
         return 0
-    surfaces = [_surface(color, parts) for color, parts in found.items()]
+    surfaces = [_surface(color, parts) for color, parts in faces_by_color.items()]
     mesh = Mesh(InMemoryMesh(mesh_file=MemoryFile(make_gltf(surfaces), ".gltf", "merged")))
     source = plant.get_source_id()
     whole = scene_graph.RegisterAnchoredGeometry(source, GeometryInstance(RigidTransform(), mesh, NAME))

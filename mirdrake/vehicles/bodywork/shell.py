@@ -167,8 +167,8 @@ class Shell:
         sections = {float(v): self._section(float(v)) for v in stations}
         rows = [np.column_stack((np.full(len(s), v), s)) for v, s in sections.items()]
         caps = []
-        for place, sign, sweep, bulge in ((0, -1.0, c.sweep[0], c.bulge[0]), (-1, 1.0, c.sweep[1], c.bulge[1])):
-            base = rows[place]
+        for index, sign, sweep, bulge in ((0, -1.0, c.sweep[0], c.bulge[0]), (-1, 1.0, c.sweep[1], c.bulge[1])):
+            base = rows[index]
             middle = (base[:, 2].min() + base[:, 2].max()) / 2.0
             half = np.array([base[:, 1].max(), np.ptp(base[:, 2]) / 2.0])
             # The edge is a quarter of a circle; the face within it is filled with shrinking sections.

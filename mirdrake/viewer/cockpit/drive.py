@@ -307,19 +307,19 @@ class Cockpit:
 
     def _measure(self, now: float) -> None:
         """Update the readings of the gauges."""
-        at = self._context.get_time()
-        if self._rates and at < self._rates[-1][1]:
+        time = self._context.get_time()
+        if self._rates and time < self._rates[-1][1]:
             self._rates.clear()
-        self._rates.append((now, at))
+        self._rates.append((now, time))
         while now - self._rates[0][0] > 1.0:
             self._rates.popleft()
         (since, before) = self._rates[0]
         if now - since > 0.3:
-            self._factor = (at - before) / (now - since)
+            self._factor = (time - before) / (now - since)
         x = self._state()
         status = self._control.GetOutputPort("status").Eval(self._control.GetMyContextFromRoot(self._context)).tolist()
         readings: dict[str, object] = {
-            "time": at,
+            "time": time,
             "x": x[0],
             "y": x[1],
             "yaw": x[5],
