@@ -395,5 +395,6 @@ def _unfit(requirement: Requirement, world: World, test: CaseSpec) -> Iterator[s
     elif math.isfinite(requirement.within) and requirement.after + requirement.within > test.duration + 1e-9:
         late = requirement.after + requirement.within
         yield (
-            f"{location}: it may take until {late:g} s, but the test lasts {test.duration:g} s; make its duration longer"
+            f"{location}: it may take until {late:g} s, but the test lasts {test.duration:g} s; "
+            "make its duration longer"
         )
