@@ -80,7 +80,7 @@ def resident_mb() -> float:
 
 
 def tidy(value: Any) -> Any:
-    """The value with floats of five significant digits: what a benchmark can tell."""
+    """Round the floats of a value to five significant digits, the resolution of a benchmark."""
     if isinstance(value, Mapping):
         return {key: tidy(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Job W1: the car drives a straight and a circle, and stands parked; the whole diagram and the bare plant."""
+"""Job W1: the car drives a straight and a circle, and is parked; the whole diagram and the bare plant."""
 
 from collections.abc import Mapping, Sequence
 from statistics import median

@@ -23,7 +23,7 @@ SPEED, TURN = 5.0, 0.4  # of the sensor in the moving case [m/s, rad/s]
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A box, or a cylinder if it has no yaw; it stands on the ground at x, y."""
+    """A box, or a cylinder if it has no yaw; its base is on the ground at x, y."""
 
     x: float
     y: float
@@ -33,7 +33,7 @@ class Obstacle:
 
 
 def obstacles() -> list[Obstacle]:
-    """The 24 boxes and 12 cylinders around the sensor, which stands at the origin."""
+    """The 24 boxes and 12 cylinders around the sensor at the origin."""
     generator = np.random.default_rng(3)
     shapes = []
     for index in range(36):

@@ -49,8 +49,10 @@ NOISE = {
     "vx": 0.02, "vy": 0.02, "yaw_rate": 0.002, "roll_rate": 0.002, "lateral_acceleration": 0.05,
     "road_wheel_angle": 1e-4, "steering_command": 0.0,
 }  # fmt: skip
-"""Of each sample: twice and more what the preset automotive_imu has at 100 Hz, for a car shakes; the speeds are those
-of an optical sensor, the angle that of a hand wheel in steps of 0.1 degrees."""
+"""Standard deviation of the noise of each sample.
+
+At least twice that of the preset automotive_imu at 100 Hz, because a car vibrates; speeds are those of an optical
+sensor, the angle is that of a hand wheel in steps of 0.1 degrees."""
 
 OFFSET = {"vy": 0.01, "yaw_rate": 0.002, "roll_rate": -0.003, "lateral_acceleration": 0.05}
 
@@ -156,7 +158,8 @@ class Truth:
         spin_inertia: what wheels and motor add to it, since wheels outside turn faster in a bend [kg m²].
         rotating_mass: what turns with the wheels, reduced to the road [kg].
         stiffness: of both tyres of front and rear axle at their static load [N/rad].
-        driven_stiffness: the same with what rolling moves, and with the pull of the front wheels [N/rad].
+        driven_stiffness: the same with the load transfer of rolling resistance and the longitudinal force of the front
+            axle [N/rad].
     """
 
     mass: float

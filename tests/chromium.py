@@ -39,7 +39,7 @@ def take_picture(driver: Any, name: str) -> NDArray[np.uint8]:
 
 
 def assert_not_blank(picture: NDArray[np.uint8]) -> None:
-    """Refuse a picture that shows nothing: one grey value nearly everywhere, or hardly any that differ."""
+    """Reject a blank picture: the same grey value nearly everywhere, or hardly any pixel that differs."""
     grey = picture.astype(float).mean(axis=2)
     counts = np.bincount(grey.astype(int).ravel(), minlength=256)
     assert grey.std() > 8.0, f"the picture is blank: its grey values differ by {grey.std():.1f} only"

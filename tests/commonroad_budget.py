@@ -1,9 +1,9 @@
-"""What the axles of the multi-body cars of commonroad-vehicle-models are worth to a single track, in closed form.
+"""Effective axle stiffnesses of the multi-body cars of commonroad-vehicle-models, in closed form.
 
 The understeer budget (W. F. and D. L. Milliken, Race Car Vehicle Dynamics, 1995, sections 5 and 7; T. D. Gillespie,
 Fundamentals of Vehicle Dynamics, 1992, chapter 6) from the package's published parameters, without its equations of
-motion. In a slow turn of lateral acceleration ay the body leans by φ, all of it about a line on the road since the
-package has its roll centres there, and the wheels lean by a part of it::
+motion. In a slow turn of lateral acceleration ay the roll angle of the body is φ about an axis on the road, where
+the package has its roll centres, and the camber of the wheels is a part of it::
 
     φ = ms h ay / (Kf + Kr - ms g h)        γ = (1 + D T Δφ / 2 φ) φ
 
@@ -12,10 +12,11 @@ rear; its tyres, loaded with N = g (ms b / L + mu), do so at the slip α that th
 
     F / N = D sin(C atan(x - E (x - atan x))) - SV,    x = K (α + SH) / (C D)
 
-SH and SV are camber thrust and, in the package, ply-steer: all of them push the car into the turn. The force goes with
-the load, so that its transfer from wheel to wheel changes nothing, and the axles' give to the side is no slip. F / α is
-the effective stiffness; it falls with ay since ply-steer is a constant and since tyres saturate. One number for a drive
-is the slope of the straight line through the origin that fits F over α best at the accelerations of its samples.
+SH and SV are camber thrust and, in the package, ply-steer: all of them push the car into the turn. The force is
+proportional to the load; load transfer has therefore no effect, and the lateral compliance of the axles is not slip.
+F / α is the effective stiffness; it decreases with ay since ply-steer is a constant and since tyres saturate. The
+stiffness of a drive is the slope of the straight line through the origin that fits F over α best at the accelerations
+of its samples.
 """
 
 from typing import Any

@@ -27,7 +27,7 @@ LINEAR_LOAD = 1e4
 """PKY2: with it sin(2 atan(load / (PKY2 FNOMIN))) is a straight line; the package has cornering stiffness over load."""
 
 STIFF = 1e9
-"""Stiffness of a carcass that does not give way [N/m]."""
+"""Stiffness of a practically rigid carcass [N/m]."""
 
 
 def tyre(p: Any, *, camber: float = 1.0, lateral: float = STIFF) -> MagicFormulaParameters:
@@ -82,9 +82,10 @@ def camber_by_roll(p: Any) -> tuple[float, float]:
 
 
 def centre_of_sprung_mass(p: Any) -> tuple[float, float]:
-    """Where the reference has it in the frame of our car, whose origin is below the rear axle [m], [m].
+    """Return x and z of the reference's centre of sprung mass in the frame of our car [m].
 
-    Its height is over the road when the car stands, and the tyres give way by their load over their stiffness.
+    The origin is below the rear axle. The height is over the road at standstill, with the tyres deflected by their load
+    over their stiffness.
     """
     length = p.a + p.b
     return p.b, p.h_s + p.m * GRAVITY * 2.0 * p.a * p.b / length**2 / (2.0 * p.K_zt)
@@ -99,11 +100,11 @@ def write_car(folder: Path, p: Any, *, kind: Reference = "published", mapped: bo
         kind: what it will be compared with.
         mapped: False: camber with the sign that it has in ISO axes, and no scale factors for the loads.
 
-    Each wheel has half of the mass of its axle, shared by carrier, knuckle and wheel. Our wheels lean with the body,
-    the package's by what :func:`camber_by_roll` says: a factor on the coefficients of camber. Its axles give way to the
-    side, on a spring and a damper between axle and body; ours do not. Spring and damper in series with a tyre are what
-    our tyres have as lateral stiffness and damping, and from there they have them if slip is felt at the axle. What is
-    lost is the mass of the axle's own motion, 6 % of the dynamic stiffness at 2 Hz.
+    Each wheel has half of the mass of its axle, shared by carrier, knuckle and wheel. The camber of our wheels
+    is the roll angle; that of the package is the roll angle times :func:`camber_by_roll`, hence a factor on the
+    coefficients of camber. The axles of the package are laterally compliant, with a spring and a damper between axle
+    and body; ours are not. If slip is taken at the axle, that spring and damper become the lateral stiffness and damping of
+    our tyres. The inertia of the axle's own motion is neglected: 6 % of the dynamic stiffness at 2 Hz.
     """
     folder.mkdir(parents=True)
     length, ratios = p.a + p.b, load_ratios(p) if mapped else (1.0, 1.0)

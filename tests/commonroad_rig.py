@@ -11,17 +11,17 @@ Both cars get the same road-wheel angle over time, the same on both front wheels
 Yaw rate: of the body. Lateral acceleration: of the centre of the sprung mass, horizontal, across the heading: dvy/dt +
 r vx with the velocities of that point along and across the heading.
 
-What the reference does that a car does not, and what is made of it:
+Peculiarities of the reference, and how they are treated:
 
 - Its slip angles take the lateral velocity of the sprung mass, at the height of its centre, although the axles have
-  velocities of their own (states 16 and 21), and the roll rate in the same slip angles is that of the axle: a body that
-  rolls sways, but its tyres do not feel it.
+  velocities of their own (states 16 and 21), and the roll rate in the same slip angles is that of the axle: the
+  lateral motion of a body due to roll has no effect on its tyres.
   `slip_only` puts the axles' velocities there, in four lines; nothing else is changed.
 - Ply-steer and conicity (PHY1, PVY1) have the sign of the camber angle: the lateral force of each tyre jumps by 2 % of
   the load when the body rolls through zero, and a car that runs straight ahead starts to turn by itself, to the side
   of its rounding errors. No car and no .tir file does that. `wheel_slip` is `slip_only` without them.
-- The coefficients of camber are those of axes with y left, but are used with y right: a wheel that leans to the right
-  is pushed to the left. Our .tir file gets these coefficients with the other sign, to have the same tyre.
+- The coefficients of camber are those of axes with y left, but are used with y right: a wheel with camber to
+  the right is pushed to the left. Our .tir file gets these coefficients with the other sign, to have the same tyre.
 - Yaw moments are taken about the centre of the sprung mass, loads are those of the sprung mass and of the axles, and
   the total mass has its weight at the former: lateral forces and loads are shared differently by up to 4 %. Our car has
   its centre of mass where the yaw moments want it, and the tyres' scale factors LKY and LMUY hold the ratio of loads.

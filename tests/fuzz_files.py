@@ -476,7 +476,7 @@ VALUES: tuple[Any, ...] = (
 
 
 def _change_node(content: bytes, suffix: str, chance: random.Random) -> bytes | None:
-    """Replace, remove, rename or copy values of a YAML or JSON tree; None if there is no tree."""
+    """Replace, remove, rename or copy values of a YAML or JSON tree; None without a tree."""
     try:
         tree = json.loads(content) if suffix == ".json" else yaml.safe_load(content)
     except (ValueError, yaml.YAMLError):
@@ -568,7 +568,7 @@ def run_case(name: str, seed: int, number: int, folder: Path) -> tuple[str, str]
 
 
 def _filled(command: tuple[str, ...], work: Path, chance: random.Random) -> tuple[str, ...]:
-    """A command line with the file that a placeholder stands for."""
+    """Return a command line with its placeholder replaced by a file."""
 
     def find(kind: str) -> str:
         found = [path for path in work.rglob("*") if path.name.endswith((f".{kind}", f".{kind}.xacro"))]

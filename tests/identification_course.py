@@ -1,11 +1,11 @@
-"""Made logs of a front-driven car on a sideslip course, with the equations of two tracks written out once more.
+"""Synthetic logs of a front-driven car on a sideslip course, from an independent two-track model.
 
-Four wheels with Magic Formula tyres that know their load, share their friction between along and across and relax, a
-body that rolls, a hand wheel with a lag; what is recorded is what a satellite receiver with an inertial unit and the
-bus of the car give: a vy that is late, an accelerometer that leans, hand-wheel angles at half the rate with spikes.
+Four wheels with Magic Formula tyres (load dependence, combined slip, relaxation), a body that rolls, a hand wheel
+with a lag. The channels are those of a satellite receiver with an inertial unit and of the vehicle bus: a delayed vy,
+an accelerometer that rolls with the body, hand-wheel angles at half the rate with spikes.
 
-Mass, track, yaw inertia and place of the sensor are those that the sideslip course SD2231 of KTH gives for a Volvo V40;
-the rest is made up, as is usual for a car of this size.
+Mass, track, yaw inertia and sensor position are those that the sideslip course SD2231 of KTH gives for a Volvo V40;
+the rest is assumed, with values usual for a car of this size.
 """
 
 import math

@@ -36,7 +36,7 @@ class Room:
         self.carrier = self.body("carrier", X_WB=ABOVE)
 
     def put(self, shape: Shape, X_WG: RigidTransform, name: str | None = None) -> None:
-        """A shape that stands in the world."""
+        """A shape fixed in the world."""
         count = len(self.plant.GetVisualGeometriesForBody(self.plant.world_body()))
         self.plant.RegisterVisualGeometry(self.plant.world_body(), X_WG, shape, name or f"prop/{count}", GREY)
 

@@ -1,4 +1,4 @@
-"""Sensors for tests of recording: quick, without a renderer, with samples that tell their number."""
+"""Sensors for tests of recording: quick, without a renderer, with the sample number as data."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

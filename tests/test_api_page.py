@@ -1,4 +1,4 @@
-"""docs/api.md lists what there is, and says it as the docstrings do."""
+"""docs/api.md lists every public name with the first line of its docstring."""
 
 from importlib import import_module
 

@@ -1,4 +1,4 @@
-"""Bad input: one line that says what, where, what is allowed and what to do; exit code 2; nothing half-written."""
+"""Bad input: a one-line error with the value, its place, what is allowed and what to do; exit code 2; no partial files."""
 
 import os
 import re
@@ -96,7 +96,7 @@ def error_of(lines: list[str]) -> str:
 # --- the diagram file ----------------------------------------------------------------------------------------------
 
 FAULTS = {
-    # what: (old text, new text, line, what the message must say)
+    # what: (old text, new text, line, parts of the message)
     "unknown world": ("world: empty", "world: emty", 1, ["world", "'emty'", "did you mean 'empty'", "test_track"]),
     "unknown vehicle": ("model: bolt", "model: blot", 3, ["vehicles.ego.model", "'blot'", "did you mean 'bolt'"]),
     "unknown key": ("duration: 0.1", "durration: 0.1", 8, ["durration", "did you mean 'duration'"]),
@@ -152,7 +152,7 @@ FAULTS = {
         8,
         ["systems.a.kind", "'Noch'", "did you mean 'Notch'"],
     ),
-    "class that is no system": (
+    "class that is not a system": (
         "duration: 0.1",
         "systems: {a: {kind: 'blocks:Plain'}}",
         8,
@@ -194,7 +194,7 @@ def test_a_fault_in_the_diagram_file_is_one_line_with_file_and_line(
 
 
 WIRES = {
-    # what: (pairs of connect, number of the faulty one, what the message must say)
+    # what: (pairs of connect, number of the faulty one, parts of the message)
     "unknown output": (["[ego.steering_comand, a.u]"], 0, ["unknown output", "did you mean 'ego.steering_command'"]),
     "unknown input": (["[ego.steering_command, a.v]"], 0, ["unknown input", "did you mean 'a.u'"]),
     "two outputs": (["[a.y, ego.steering_command]"], 0, ["'ego.steering_command' is an output; write it first"]),

@@ -1,4 +1,4 @@
-"""A vehicle that would tip over is told so with the place of the link to blame, before anything is simulated."""
+"""A vehicle that would tip over is rejected before the simulation, with the line of the link that causes it."""
 
 from dataclasses import replace
 

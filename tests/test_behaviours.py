@@ -335,7 +335,7 @@ def test_the_published_stopper_is_in_time_only_when_slow(speed):
 
 
 def test_the_published_stopper_does_not_see_beside_its_tenth_of_a_radian():
-    """A corner that the car's side hits stands out of the fan of 0.1 rad in the last 8 m."""
+    """A corner that the car's side hits is outside the fan of 0.1 rad for the last 8 m."""
     corner = block(30.0, 0.8, 31.0, 5.0)
     assert HALF > 0.8
     run = drive({"kind": "obstacle_stopper", "speed": 3.0, "as_published": True}, [corner], duration=20.0)

@@ -165,7 +165,7 @@ def test_the_camera_is_content_with_very_short_runs(tmp_path: Path) -> None:
 
 
 class Recorder:
-    """Stands in for a Meshcat and keeps where things were put."""
+    """A replacement of Meshcat that records the poses of objects."""
 
     def __init__(self) -> None:
         self.poses: dict[str, list[RigidTransform]] = {}

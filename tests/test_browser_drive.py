@@ -124,7 +124,7 @@ def address(process: "subprocess.Popen[str]") -> str:
 
 
 def finish(process: "subprocess.Popen[str]") -> None:
-    """End a drive as Ctrl-C does; it says nothing bad."""
+    """End a drive as Ctrl-C does and check that it prints no error."""
     process.send_signal(signal.SIGINT)
     out, _ = process.communicate(timeout=60)
     assert process.returncode == 0, out

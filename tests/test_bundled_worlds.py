@@ -18,7 +18,7 @@ from mirdrake.worlds import PlacedProp, World, load_world, make_world
 from mirdrake.worlds.spec import WorldSpec
 
 GROUPS = sorted(path.stem for path in (data_root() / "worlds" / "groups").glob("*.yaml"))
-COUNTS = {  # props of each kind that a world must have to be what its name says
+COUNTS = {  # props of each kind that the name of a world promises
     "parking_lot": {"sedan|van": 12, "pedestrian": 1},
     "city_block_grid": {"building": 27, "thrift_store": 9, "jersey_barrier": 36, "cone|barrel": 12, "traffic_light": 2},
     "thrift_store": {"thrift_store": 1, "jersey_barrier": 12, "lamp_post": 10, "sedan|van": 16},
@@ -48,7 +48,7 @@ def car_at(x: float, y: float, yaw: float) -> BaseGeometry:
 
 
 def too_close(world: World) -> list[str]:
-    """Pairs of props that overlap or are nearer to each other than the rule `min_gap` says."""
+    """Return the pairs of props that overlap or whose gap is less than the rule `min_gap`."""
     assert world.rules is not None
     gap = world.rules.min_gap
     areas = [prop.footprint for prop in world.props]

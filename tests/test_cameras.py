@@ -395,7 +395,7 @@ def test_labels_name_the_object_at_a_pixel(tmp_path: Path) -> None:
         x, y, z = X_SW.multiply(np.array(point))
         row, column = round(119.5 - FOCAL * z / x), round(159.5 - FOCAL * y / x)
         assert camera.labels[int(pictures["label"][row, column])] == name
-        assert pictures["depth"][row, column] == pytest.approx(x, abs=0.4)  # nothing stands before it
+        assert pictures["depth"][row, column] == pytest.approx(x, abs=0.4)  # without anything in front of it
     assert camera.labels[int(pictures["label"][5, 160])] == "sky"
     assert set(np.unique(pictures["label"])) <= set(camera.labels)
     assert "vehicle/ego" in camera.labels.values()
@@ -404,7 +404,7 @@ def test_labels_name_the_object_at_a_pixel(tmp_path: Path) -> None:
     assert np.array_equal(shown, pictures["label"])
 
 
-# --- what is refused ---------------------------------------------------------------------------------------------
+# --- rejected input ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

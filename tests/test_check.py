@@ -32,10 +32,10 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 
 
 def spoil(name: str, old: str, new: str) -> str:
-    """Replace a text that stands once in a file of the car; "car/file:line" of it."""
+    """Replace a text that occurs once in a file of the car; return its "car/file:line"."""
     path = Path("car", name)
     text = path.read_text(encoding="utf-8")
-    assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in {name}"
+    assert text.count(old) == 1, f"{old!r} occurs {text.count(old)} times in {name}"
     path.write_text(text.replace(old, new), encoding="utf-8")
     return f"car/{name}:{text[: text.index(old)].count(chr(10)) + 1}"
 

@@ -316,7 +316,7 @@ def test_in_a_terminal_a_run_shows_its_progress_and_the_meshcat_address(tmp_path
     process = subprocess.Popen(command, cwd=tmp_path, stdin=slave, stdout=slave, stderr=slave)
     os.close(slave)
     text = b""
-    with contextlib.suppress(OSError):  # Linux says so when the other side has closed
+    with contextlib.suppress(OSError):  # Linux raises it when the other side has closed
         while block := os.read(master, 4096):
             text += block
     os.close(master)

@@ -66,7 +66,7 @@ class Fingers:
         self._hands = {"active": True, **hands}
 
     def fall_silent(self) -> None:
-        """Say nothing more."""
+        """Send no more messages."""
         self._stop.set()
         self._speak.join()
 

@@ -42,7 +42,7 @@ print(received[0])
 
 
 def busy() -> float:
-    """Processor time that the whole machine has used up, and what its host has taken [s]; 0 where nobody tells."""
+    """Return the processor time used by the whole machine, and that taken by its host [s]; 0 where it is unknown."""
     try:
         columns = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()[1:]
     except OSError:

@@ -1,4 +1,4 @@
-"""The pace of a drive on a clock that the tests turn: what is late is made good, pictures do not hold up the drive."""
+"""The pace of a drive on a clock set by the tests: delays are caught up, pictures do not block the drive."""
 
 import pytest
 

@@ -113,7 +113,7 @@ def test_a_scheduled_driver_stamps_its_messages_which_keeps_the_gate_open():
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(1.005)
     context = gate.GetMyContextFromRoot(simulator.get_context())
-    # At t = 1.00 the gate reads the message made at 1.00, which says 4 m/s x 1/2.
+    # At t = 1.00 the gate reads the message sent at 1.00, with 4 m/s x 1/2.
     np.testing.assert_allclose(gate.setpoint.Eval(context), [2.0, 0.1], atol=1e-12)
     assert gate.alive.Eval(context)[0] == 1.0
     simulator.AdvanceTo(5.0)

@@ -222,7 +222,7 @@ def nested(random: Random, text: str) -> str:
 
 
 def multiplied(random: Random, text: str) -> str:
-    """A small text that stands for billions of words."""
+    """A small text that expands to billions of words."""
     if "<robot" in text:
         lines = ['<!ENTITY a0 "lol">', *(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 12))]
         text = re.sub(r"(<robot)", "<!DOCTYPE robot [" + "".join(lines) + r"]>\1", text, count=1)
@@ -392,7 +392,7 @@ def test_a_missing_or_unreadable_file_is_named(name, fault, worker, tmp_path):
     elif fault != "gone":
         path.write_bytes(b"" if fault == "empty" else bytes(range(256)))
     result = worker.try_out(str(folder))
-    if result != "drives":  # an empty sensors.yaml is no fault
+    if result != "drives":  # an empty sensors.yaml is valid
         assert result.startswith("error: "), result
         assert Path(name).name in result or fault == "gone", result
 

@@ -1,4 +1,4 @@
-"""The Bolt drives as geometry says: circles, lines, laps, and standing still."""
+"""Driving of the Bolt against geometry: circles, lines, laps, and standstill."""
 
 from math import atan, radians, tan
 
@@ -50,7 +50,7 @@ def test_yaw_rate_on_a_circle_is_speed_times_tangent_of_steering_over_wheelbase(
 
 @pytest.mark.parametrize(("contact", "speed"), [("point", 5.0), ("point", 25.0), ("hydroelastic", 5.0)])
 def test_straight_ahead_the_wheels_do_not_push_against_each_other(contact, speed):
-    # a steering that gives way by 1e-4 rad makes it 3.9 kN, all the friction of a wheel
+    # a steering deflection of 1e-4 rad increases the force to 3.9 kN, all the friction of a wheel
     spec = {
         "world": "empty",
         "vehicles": {"ego": {"model": "bolt", "speed": speed}},

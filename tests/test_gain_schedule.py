@@ -100,9 +100,9 @@ def test_the_single_track_model_has_the_same_gains(scheduled: Path) -> None:
 
 def test_scheduled_gains_are_not_tunable_parameters(scheduled: Path) -> None:
     vehicle = load_vehicle(str(scheduled))
-    knobs = find_context_parameters({"ego": vehicle}, load_world("empty"))
-    assert "ego.speed.kp" in knobs
-    assert not any(".wheel_speed." in name for name in knobs)
+    parameters = find_context_parameters({"ego": vehicle}, load_world("empty"))
+    assert "ego.speed.kp" in parameters
+    assert not any(".wheel_speed." in name for name in parameters)
     assert [gain.path for gain in vehicle.control.gains()] == ["speed.kp", "speed.ki"]
 
 

@@ -96,7 +96,7 @@ def test_a_bump_of_75_millimetres(tmp_path: Path) -> None:
 
 
 def test_a_jump_is_a_parabola_and_ends_with_a_landing(tmp_path: Path) -> None:
-    """Without load on any wheel, the vehicle falls with g within 1 % at its centre of mass, and it lands."""
+    """Without load on any wheel, the centre of mass accelerates downwards with g within 1 %, and the vehicle lands."""
     ramp = [{"ramp": {"at": [6.0, 0.0], "length": 6.0, "height": 0.8, "width": 6.0}}]
     signals = drive(tmp_path, relief=ramp, model="bolt", speed=12.0, step=0.0025, duration=3.0)
     assert np.isfinite(signals.to_numpy()).all()

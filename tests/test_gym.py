@@ -1,4 +1,4 @@
-"""The Gymnasium environment: its contract, its physics and what it says about wrong names."""
+"""The Gymnasium environment: its contract, its physics and its errors for wrong names."""
 
 import math
 from pathlib import Path

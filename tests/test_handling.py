@@ -66,7 +66,7 @@ def test_on_a_slope_of_five_degrees_nothing_creeps(tmp_path, name, contact, park
         tmp_path, name, [(0, 0, 0), (1, 0, 0)], duration=14.0, grade=FIVE_DEGREES, contact=contact, parked=parked
     )
     x, y = run["ego.x"].to_numpy(), run["ego.y"].to_numpy()
-    assert -0.01 < x[200] - x[0] < 0.0  # leans on its tyres, and until the brakes have come
+    assert -0.01 < x[200] - x[0] < 0.0  # tyre deflection, and motion until the brakes act
     assert np.abs(x[200:] - x[200]).max() < 1e-4
     assert np.abs(y[200:] - y[200]).max() < 1e-4
 

@@ -78,7 +78,7 @@ def test_scale_offset_and_delay_of_the_steering_are_those_that_are_known(do):
     assert ratio.low < 1.0 / 1.40 < ratio.high  # of the authors; 1.37 from slow turns
     assert ratio.low < 1.0 / 1.37 < ratio.high
     assert abs(fit["steering_offset"].value) < 0.005
-    # 40 ms with the response of the car. Relaxing tyres are a part of them, which a log at 19 m/s does not tell apart.
+    # 40 ms including the response of the car. Tyre relaxation is a part of it; a log at 19 m/s cannot separate the two.
     relaxed = [parameter.value for parameter in fit.parameters if parameter.name == "relaxation"]
     late = fit["steering_delay"].value + sum(relaxed) / 19.0
     assert 0.0 < late < 0.04
@@ -93,13 +93,13 @@ def test_the_braking_gives_deceleration_lag_and_resistance_with_intervals(do):
         assert parameter.kind == "free"
         assert parameter.low < parameter.value < parameter.high
         assert parameter.at_bound is None
-    # A force is a mass times a deceleration, and nobody said what turns with the wheels; the deceleration is sure.
+    # A force is a mass times a deceleration, and the rotating mass is unknown; the deceleration is certain.
     assert "depends on the mass of rotating parts" in fit["brake_force"].explanation
     (text,) = (text for text in fit.combinations if "deceleration at full pedal" in text)
     value, _, error, _ = text.split(": ")[1].split(" ")
     assert float(error) < 0.02 * float(value)
     assert fit.channel("vx", part="train").nrmse_percent > 98.0
-    # The slope of the recorded speed at full brake, and before it, says the same.
+    # The slope of the recorded speed at full brake, and before it, is the same.
     table = pd.read_csv(str(LOG).format("braking"))
     for first, last, pedal in ((5.2, 6.7, 0.0), (7.5, 8.4, 1.0)):
         rows = table[table["t_s"].between(first, last)]

@@ -1,4 +1,4 @@
-"""A made car on a sideslip course, and a mapping of its columns."""
+"""A synthetic car on a sideslip course, and a mapping of its columns."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ CHANNELS = {
 
 @pytest.mark.slow
 def test_a_sideslip_course_and_a_mapping_give_the_car_and_foretell_a_step(tmp_path):
-    """The drive that turns in most quickly, the sine with dwell, is trained on; the next one, the step, is held out."""
+    """The drive with the highest lateral jerk, sine with dwell, is for training; the next, the step, for validation."""
     random = np.random.default_rng(1)
     for name, course in COURSES.items():
         pd.DataFrame(recorded(course, random)).to_csv(tmp_path / f"{name}.csv", index=False)

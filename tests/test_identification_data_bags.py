@@ -1,4 +1,4 @@
-"""Bags, MCAP and MAT files of version 7.3: what is written is read back, and faults are told in one line."""
+"""Bags, MCAP and MAT files of version 7.3: written data is read back, and faults are reported in one line."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Delays of one recorder in all of its drives, sensors on a body that leans, and channels of a slower source."""
+"""Delays of one recorder in all of its drives, sensors on a body that rolls, and channels of a slower source."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ def part_of(log, name, seconds):
 
 
 def calm(log, name):
-    """A log that hardly turns: nothing of it tells how late vy is."""
+    """Return a log with hardly any yaw motion, from which the delay of vy cannot be determined."""
     quiet = {key: values - log.channels[key].mean() for key, values in log.channels.items() if key != "vx"}
     random = np.random.default_rng(0)
     noise = {"vy": 0.02, "yaw_rate": 0.004, "lateral_acceleration": 0.1}

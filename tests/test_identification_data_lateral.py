@@ -1,4 +1,4 @@
-"""A late vy, a late lateral acceleration, a sensor in another place, and two clocks: each told from the others."""
+"""A delayed vy, a delayed lateral acceleration, a displaced sensor and two clocks are distinguished from each other."""
 
 import gzip
 import re
@@ -97,7 +97,7 @@ def test_too_short_a_drive_gives_no_estimate():
 
 
 def test_a_clock_that_goes_slower_is_stretched_to_that_of_the_steering():
-    """An inertial unit, 0.2 % slow, beside a vehicle bus: 80 ms after 40 s, and none when it is mended."""
+    """An inertial unit, 0.2 % slow, beside a vehicle bus: 80 ms after 40 s, and none after the correction."""
     log = recorded(5)
     slow = log.time * 1.002
     channels = dict(log.channels)
@@ -230,7 +230,7 @@ def test_no_parameter_is_identified_from_noise(tmp_path):
     try:
         fit = identify(default_study(tmp_path / "data.yaml", overrides=plain), tmp_path).fit
     except ConfigError:
-        return  # refused is as good
+        return  # a rejection is correct too
     assert all(parameter.verdict != "identified" for parameter in fit.parameters if parameter.kind != "fixed")
     assert "the model fits no channel" in fit.notes[0]
     assert reject_poor_fit(fit).parameters == fit.parameters

@@ -101,7 +101,7 @@ def test_without_a_lateral_velocity_its_part_is_not_taken_for_a_delay():
 
 
 def test_uncertainty_of_delays_is_that_of_the_noise():
-    """The Cramér-Rao bound of an acceleration against a velocity, both with noise, and the sigma that is told."""
+    """Compare the reported sigma with the Cramér-Rao bound of an acceleration against a velocity, both with noise."""
     time, channels = clean()
     jerk = np.gradient(channels["longitudinal_acceleration"], time)
     bound = 0.05 / np.sqrt(np.sum(jerk**2))
@@ -225,7 +225,7 @@ def test_positions_that_are_held_and_coarse_are_found_held():
 
 
 def test_one_relation_a_tenth_off_is_not_taken_for_a_wrong_step():
-    """Gravity in a pitching car: a tenth more acceleration than the speed says, in one channel only."""
+    """Gravity in a pitching car: a tenth more acceleration than the derivative of the speed, in one channel only."""
     log = recorded(30, without=("yaw",))
     report = checked(changed(log, longitudinal_acceleration=1.12 * log.channels["longitudinal_acceleration"]))
     assert not report.of("sample_time")

@@ -1,4 +1,4 @@
-"""Estimators: known truth from short noisy drives, honest intervals, regressions, clear refusals."""
+"""Estimators: known truth from short noisy drives, coverage of intervals, regressions, clear rejections."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""A mapping and nothing else: first guesses of the steering, refused signs, default studies, held-out ends."""
+"""Identification from a mapping alone: first guesses of the steering, rejected signs, default studies, validation."""
 
 import math
 from dataclasses import replace
@@ -59,7 +59,7 @@ def test_slow_turns_determine_scale_and_zero_of_a_command(ratio, straight, wheel
 
 
 def test_skids_do_not_change_the_guess():
-    """Three seconds of every minute in which the vehicle turns as it likes; single glitches are mended before."""
+    """Three seconds of skidding in every minute, with an arbitrary yaw rate; single glitches are repaired before."""
     log = steady()
     rate = log.channels["yaw_rate"].copy()
     rate[(TIME > 20.0) & (TIME < 23.0)] = 2.5
@@ -104,7 +104,7 @@ def test_a_model_starts_at_the_guess_and_its_bounds_hold_it():
 
 
 def test_without_a_wheelbase_the_turns_determine_the_size():
-    """A measured angle of the wheels gives the wheelbase; a command only says that no car makes such bends."""
+    """A measured angle of the wheels gives the wheelbase; a command only shows that no car drives such curves."""
     lengths = ("front_length", "rear_length")
     for channel, ratio, straight, about in (("road_wheel_angle", 1.0, 0.0, 0.08), ("steering_command", 1.2, 0.53, 0.6)):
         log = steady(ratio=ratio, straight=straight, channel=channel)
@@ -278,7 +278,7 @@ def test_settings_of_a_study_are_not_changed(monkeypatch):
 
 
 def test_advice_is_left_out_where_no_manoeuvre_can_be_followed(monkeypatch):
-    """The figures of a manoeuvre that runs away are no numbers: no sentence is made of them."""
+    """The figures of a diverging manoeuvre are not numbers: no sentence is written about them."""
     from mirdrake.identification.estimators import output_error
 
     empty = SimpleNamespace(

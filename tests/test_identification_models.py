@@ -86,7 +86,7 @@ def test_derivatives_of_the_residuals_equal_differences(tyres):
 
 
 def test_relaxation_and_roll_are_those_of_the_reduced_model():
-    """The same car in both, quick enough for slip that builds up and a body that sways."""
+    """Return the same car in both models, fast enough for tyre relaxation and roll to matter."""
     p = SingleTrackParameters(
         mass=MASS, yaw_inertia=2400.0, front_length=FRONT, rear_length=REAR, front_stiffness=9e4, rear_stiffness=1.1e5,
         front_relaxation=0.5, rear_relaxation=0.4, roll_mass=1300.0, roll_height=0.45, roll_inertia=500.0,

@@ -67,7 +67,7 @@ def effects(model, bend, settings, seed=0):
 def test_the_sigma_of_a_fixed_value_widens_the_slope_by_9_over_5_of_it():
     _, computed = effects(Line(), 0.0, {"bend": Setting(fixed=0.0, sigma=0.05)})
     assert computed[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
-    # Whatever the log says: with a bend that is really there it is no other.
+    # It does not depend on the log: a real bend gives the same shift.
     _, bent = effects(Line(), 0.3, {"bend": Setting(fixed=0.0, sigma=0.05)})
     assert bent[0].shift[0] == pytest.approx(-1.8 * 0.05, rel=1e-3)
 
@@ -105,7 +105,7 @@ def test_mean_square_is_that_of_a_spike_and_a_slab(estimate, variance):
 
 
 def test_an_uncertain_mass_widens_the_stiffness_but_not_the_delay():
-    """Motion tells force over mass: a mass of ± 2 % leaves stiffness and inertia as unsure."""
+    """Motion determines force over mass: a mass of ± 2 % makes stiffness and inertia uncertain by 2 %."""
     known = {"front_length": Setting(fixed=FRONT), "rear_length": Setting(fixed=REAR)}
     spec = ModelSpec("single_track", {"relaxation": False, "roll": False, "tyres": "linear"})
     rest = {

@@ -227,8 +227,8 @@ def test_a_log_of_a_full_plant_and_a_mapping_give_its_yaw_inertia(bolt, steer):
     turn = fitted_model["yaw_inertia"]
     assert turn.value == pytest.approx(so.yaw_inertia, rel=0.05)
     assert turn.low < so.yaw_inertia < turn.high
-    # Leaning wheels are in the stiffness of an axle that has no camber thrust of its own, and so is a steering that
-    # gives way where its command is all that is known.
+    # The stiffness of an axle without a camber thrust parameter includes the camber of its wheels, and the compliance
+    # of the steering where only the command is known.
     values = single_track_values(load_vehicle("bolt@handling"), measured=steer == "road_wheel_angle")
     for axle in ("front", "rear"):
         estimate, stiffness = fitted_model[f"cornering_stiffness_{axle}"], values[f"cornering_stiffness_{axle}"]
@@ -241,7 +241,7 @@ def test_a_log_of_a_full_plant_and_a_mapping_give_its_yaw_inertia(bolt, steer):
 
 @pytest.mark.slow
 def test_a_steering_that_is_ten_times_as_firm_has_the_same_lag_and_delay(tmp_path):
-    """As it is shipped it gives way to the moments of its wheels, by 4 % of their slip."""
+    """As shipped, its compliance to the moments of its wheels is 4 % of their slip."""
     model = Bolt.copy(tmp_path, firm=10).model
     drives = Bolt(model).lateral()
     for seed in range(4):
@@ -290,7 +290,7 @@ def test_roll_of_a_vehicle_is_that_of_body_and_wheels_on_springs_and_tyres():
     )
     values = single_track_values(load_vehicle("bolt@handling"), roll=True)
     height, half, gravity = values["roll_arm"], 0.5 * 1.501, 9.80665
-    # Bodies lean about their common centre; wheels, knuckles and carriers do not go up and down with their side.
+    # Bodies roll about their common centre; wheels, knuckles and carriers do not move vertically with the body.
     roll_inertia = 0.0
     for number in range(1, plant.num_bodies()):
         body = plant.get_body(BodyIndex(number))
@@ -309,7 +309,7 @@ def test_roll_of_a_vehicle_is_that_of_body_and_wheels_on_springs_and_tyres():
     damped = 2.0 * values["roll_damping"] * natural * s / (1.0 + late * s)
     response = values["roll_gain"] * natural**2 / (s**2 + natural**2 + damped)
     assert np.abs(s * (response - moment / resisting)).max() < 2e-3 * np.abs(s * moment / resisting).max()
-    # Without wheels that swing it would be c / (k + kt), 7 and 8 ms.
+    # Without moving wheels it would be c / (k + kt), 7 and 8 ms.
     assert 0.010 < late < 0.014
 
 
@@ -328,15 +328,15 @@ def test_values_of_a_vehicle_are_those_of_its_tyres():
         trail = load * 0.3234 / 4000.0 * (0.1 - 0.001 * (load / 4000.0 - 1.0))
         assert values[f"trail_{axle}"] == pytest.approx(trail, rel=1e-3)
     assert values["spin_inertia"] == pytest.approx(so.spin_inertia)
-    # In a slow turn of ay the outer wheels carry m ay h and what the body leans by more, over the track.
+    # In a slow turn of ay the load transfer is m ay h plus the moment of the body's roll angle, over the track.
     mass, gain = values["mass"], values["roll_gain"]
     moved = mass * values["com_height"] + mass * values["roll_arm"] * 9.80665 * gain  # over ay
     soft = single_track_values(vehicle, roll=True, measured=False)
     rolling = values["roll_moment"] + 0.0079 * moved / gain
-    # What the plant's tyres were seen to have in the sweep, beside their trail: regression on force and roll.
+    # Aligning moments of the plant's tyres in the sweep, apart from their trail: regression on force and roll.
     assert soft["camber_moment"] == pytest.approx(-1285.0, rel=0.07)
     assert rolling - soft["camber_moment"] == pytest.approx(-893.0, rel=0.07)
-    # Trail and camber together are the trail of wheels that lean, in a turn: both front wheels have 2 M.
+    # Trail and camber together are the effective trail of cambered wheels in a turn: both front wheels have 2 M.
     flat = single_track_values(vehicle)
     force = mass * values["rear_length"] / (values["front_length"] + values["rear_length"])  # over ay
     whole = values["trail_front"] * force - soft["camber_moment"] * gain
@@ -346,7 +346,7 @@ def test_values_of_a_vehicle_are_those_of_its_tyres():
     assert soft["steering_compliance_time"] == pytest.approx(0.02)
     assert soft["cornering_stiffness_front"] == values["cornering_stiffness_front"]
     assert "steering_compliance" not in values
-    # Leaning wheels are in the stiffness where the model does not lean.
+    # Without roll in the model, the stiffness includes the camber of the wheels.
     slip = (values["mass"] * values["rear_length"] / (values["front_length"] + values["rear_length"])) / so.stiffness[0]
     assert flat["cornering_stiffness_front"] == pytest.approx(
         so.stiffness[0] / (1.0 - values["roll_steer"] * values["roll_gain"] / slip), rel=0.01

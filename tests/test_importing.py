@@ -76,7 +76,7 @@ def add(model, *parts):
 
 
 def car():
-    """Root in the middle of the car at axle height; names that say nothing."""
+    """Root in the middle of the car at axle height; names without meaning."""
     model = add(SourceModel("car"), body_link())
     half, side = WHEELBASE / 2, TRACK / 2
     for sign, letter in ((1, "a"), (-1, "b")):
@@ -453,8 +453,8 @@ def test_reversed_axes_and_their_limits_are_corrected():
 def test_inclined_steering_axes_and_camber_are_removed_and_reported_in_degrees():
     model = car()
     for letter, sign in (("a", 1), ("b", -1)):
-        lean = np.radians(10.0)
-        model.joints[f"k{letter}"].axis = np.array([0.0, -sign * sin(lean), cos(lean)])
+        inclination = np.radians(10.0)
+        model.joints[f"k{letter}"].axis = np.array([0.0, -sign * sin(inclination), cos(inclination)])
         camber = np.radians(2.0)
         model.joints[f"j2{letter}"].axis = np.array([0.0, cos(camber), sign * sin(camber)])
     result = repaired(model)

@@ -1,4 +1,4 @@
-"""What `mirdrake inspect` says of a vehicle, against numbers worked by hand."""
+"""The report of `mirdrake inspect` on a vehicle, against numbers computed by hand."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""JSON that a user has edited or a disk has damaged is read, or refused with ValueError."""
+"""JSON that a user has edited or a disk has damaged is read, or rejected with ValueError."""
 
 import json
 import math

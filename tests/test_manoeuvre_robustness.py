@@ -146,8 +146,8 @@ def test_driver_bandwidth_follows_steering_lag_and_tyres():
             rear_stiffness=3000.0,
         ),
     )
-    # At 5 m/s the tyres take 0.04 s, the servo 0.02, driver and control unit 0.02; tyres of 25 kN/m under 40 kg sway
-    # with 25 rad/s, and their slip relaxes with 25 1/s.
+    # At 5 m/s the tyres take 0.04 s, the servo 0.02, driver and control unit 0.02; tyres of 25 kN/m under 40 kg have a
+    # natural frequency of 25 rad/s, and their slip relaxes with 25 1/s.
     assert facts.quickest(5.0) == pytest.approx(0.4 / 0.08)
     assert facts.steadiness(2.5) == pytest.approx(0.5)
     assert facts.steadiness(5.5) == 1.0
@@ -269,7 +269,7 @@ def test_a_change_is_measured_by_the_value_or_by_the_scale():
 @pytest.mark.parametrize("vehicle", ["bolt", "mkz", "catvehicle", "unior"])
 @pytest.mark.parametrize("name", MANOEUVRES)
 def test_every_manoeuvre_gives_figures_or_a_reason(tmp_path, capsys, name, vehicle):
-    """Through the command line with default settings: no figure missing without a word, none out of this world."""
+    """Through the command line with default settings: each figure has a plausible value or a reason for its absence."""
     code = main(["manoeuvre", name, vehicle, "--out", str(tmp_path / "out")])
     results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
     (outcome,) = results["manoeuvres"]

@@ -1,4 +1,4 @@
-"""What stands still and is drawn as one mesh looks as it did, and everything else knows it one by one."""
+"""Fixed objects merged into one mesh look unchanged, and remain separate objects for everything but drawing."""
 
 from math import pi
 from typing import Any

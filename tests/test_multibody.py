@@ -184,9 +184,9 @@ def test_full_model_follows_the_package(name, steering, tmp_path):
 @pytest.mark.parametrize("steering", ["step", "low_sweep", "ramp"])
 @pytest.mark.parametrize("name", CARS)
 def test_full_model_follows_the_package_as_published_up_to_0_7_hz(name, steering, tmp_path):
-    """Lateral acceleration where the tyres feel it: on the road in ours, at the sprung mass in the package's slips.
+    """Lateral acceleration at the point of the slip angles: on the road in ours, at the sprung mass in the package.
 
-    At the sprung mass of ours, which sways, the fit is less by up to 4 points.
+    At our sprung mass, with its lateral motion due to roll, the fit is up to 4 percentage points lower.
     """
     p = car(name)
     steer, (ahead, height) = manoeuvre(steering, p.a + p.b), centre_of_sprung_mass(p)

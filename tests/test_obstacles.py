@@ -1,4 +1,4 @@
-"""Props in the plant: what stands, what falls over, and the ground between many of them."""
+"""Props in the plant: fixed and movable ones, and the ground between many of them."""
 
 import time
 
@@ -116,7 +116,7 @@ def test_a_movable_box_rests_and_slides_by_its_friction(tmp_path):
     mu = inspector.GetProximityProperties(crate).GetProperty("material", "coulomb_friction").dynamic_friction()
     road = assembly.parts.world.road_mu
     assert slid == pytest.approx(2.0**2 / (2.0 * (2 * mu * road / (mu + road)) * GRAVITY), rel=0.03)
-    assert len(feet) == 8  # without them it rattles from corner to corner, up to 1 m/s, for ever
+    assert len(feet) == 8  # without them it rattles between its corners, up to 1 m/s, and never settles
     assert np.abs(plant.GetVelocities(own)[body.floating_velocities_start_in_v() :][:6]).max() < 1e-3
 
 

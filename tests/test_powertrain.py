@@ -489,7 +489,7 @@ def test_stability_control_brakes_the_wheel_that_turns_the_car_back():
 
 
 def test_stability_control_keeps_a_loose_car_from_spinning():
-    # linear single track with a rear axle that gives way: unstable above its critical speed
+    # linear single track with a compliant rear axle: unstable above its critical speed
     mass, inertia, front, rear, length = 1600.0, 2500.0, 90e3, 60e3, 2.6
     a, b, speed, step, steering = 1.3, 1.3, 30.0, 1e-3, 0.01
     options = Stability(understeer=0.001)

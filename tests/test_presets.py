@@ -1,4 +1,4 @@
-"""Sensors by product name, and what is refused in a sensors.yaml."""
+"""Sensors by product name, and rejected entries of a sensors.yaml."""
 
 import json
 from math import radians
@@ -36,7 +36,7 @@ def mounts(text: str) -> SensorsSpec:
     return parse_yaml(f"mounts:\n{text}", SensorsSpec, name="sensors.yaml")
 
 
-def refusal(text: str) -> str:
+def rejection(text: str) -> str:
     with pytest.raises(ConfigError) as caught:
         mounts(text)
     return str(caught.value)
@@ -119,10 +119,10 @@ def test_the_file_of_presets_is_shipped() -> None:
     assert (data_root() / "models" / "sensors" / "presets.yaml").is_file()
 
 
-# --- refused, with file and line ---------------------------------------------------------------------------------
+# --- rejected, with file and line --------------------------------------------------------------------------------
 
 
-RTK = "  a:\n    preset: rtk_gps\n    frame: b\n    "  # the next key stands in line 5
+RTK = "  a:\n    preset: rtk_gps\n    frame: b\n    "  # the next key is in line 5
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ RTK = "  a:\n    preset: rtk_gps\n    frame: b\n    "  # the next key stands in 
     ],
 )
 def test_invalid_values_are_rejected_with_file_and_line(text: str, message: str) -> None:
-    lines = refusal(text).splitlines()
+    lines = rejection(text).splitlines()
     assert len(lines) == 1
     assert lines[0].startswith("sensors.yaml:")
     assert message in lines[0]

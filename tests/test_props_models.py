@@ -1,4 +1,4 @@
-"""The bundled props: what their files say, solids that agree with what is seen, files that are the generator's."""
+"""The bundled props: their files, collision solids against visual meshes, and files against the generator."""
 
 import json
 import math
@@ -26,7 +26,7 @@ EXPECTED = {
 }  # fmt: skip
 TRIANGLES = {"cone": 1000, "sedan": 15000, "van": 15000, "tree": 15000, "pedestrian": 15000}
 LONG_ALONG_X = {"jersey_barrier", "wall", "building", "sedan", "van"}
-PUBLISHED = {  # [m]; None where no regulation says
+PUBLISHED = {  # [m]; None without a regulation
     "cone": (None, None, 28 * 0.0254),
     "barrel": (None, None, 36 * 0.0254),
     "jersey_barrier": (3.05, 24 * 0.0254, 32 * 0.0254),

@@ -1,4 +1,4 @@
-"""Laser scanner, lidar, sonar and radar: time, motion, noise, limits, and what is refused."""
+"""Laser scanner, lidar, sonar and radar: time, motion, noise, limits, and rejected input."""
 
 import shutil
 import sys
@@ -339,7 +339,7 @@ def test_a_scan_that_was_never_taken_has_no_points() -> None:
     assert len(scan.points_in_world()) == 0
 
 
-# --- what is refused ---------------------------------------------------------------------------------------------
+# --- rejected input ----------------------------------------------------------------------------------------------
 
 LASER = "{kind: laser_scanner, frame: s, rate: 10, beams: 5, start_angle: -1, end_angle: 1, near: 1, far: 5}"
 LIDAR = (

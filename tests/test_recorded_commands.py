@@ -1,4 +1,4 @@
-"""Driving from recorded commands: a run once more, a table with units, a driving log, and what is refused."""
+"""Driving from recorded commands: a run repeated, a table with units, a driving log, and rejected files."""
 
 from pathlib import Path
 from typing import Any

@@ -267,9 +267,7 @@ def test_the_sensors_of_the_unior_are_drawn_at_their_frames():
     places = {sensor.name: sensor.place for sensor in figures("unior").sensors}
     for name in ("kinect", "gps", "front_sonar", "rear_sonar"):  # frames on the surface
         assert np.linalg.norm(seen - places[name], axis=1).min() < 0.06
-    x, y, z = places[
-        "hokuyo"
-    ]  # a frame inside: the head of 2 x 0.026 m goes around it, and nothing stands in its plane
+    x, y, z = places["hokuyo"]  # a frame inside: the head of 2 x 0.026 m goes around it, and nothing is in its plane
     around = np.hypot(seen[:, 0] - x, seen[:, 1] - y)
     level = np.abs(seen[:, 2] - z) < 0.008
     assert around[np.abs(seen[:, 2] - z) < 0.03].min() < 0.03

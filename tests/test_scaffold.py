@@ -158,7 +158,9 @@ def test_the_whole_vehicles_mass_and_inertia_in_the_plant_are_the_planned_ones(c
         bodies = plant.GetBodyIndices(plant.GetBodyByName("base_link").model_instance())
         inertia = plant.CalcSpatialInertia(context, plant.world_frame(), bodies)
         about = inertia.Shift(com).CalcRotationalInertia().CopyToFullMatrix3()
-        assert about[2, 2] == pytest.approx(planned["yaw_inertia"], rel=0.02)  # wheels and knuckles are no points
+        assert about[2, 2] == pytest.approx(
+            planned["yaw_inertia"], rel=0.02
+        )  # wheels and knuckles are not point masses
         assert about[0, 0] == pytest.approx(planned["roll_inertia"], rel=0.03)
         assert about[1, 1] == pytest.approx(planned["pitch_inertia"], rel=0.03)
 

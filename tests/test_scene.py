@@ -131,7 +131,7 @@ def test_a_run_carries_its_scene_and_the_lock_of_its_world(run: Run, place: Path
 def closed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is found by name, and no xacro is rendered, while this is in use."""
 
-    def refuse(*arguments: Any, **_: Any) -> Any:
+    def fail(*arguments: Any, **_: Any) -> Any:
         raise AssertionError(f"read again: {arguments}")
 
     for name in (
@@ -142,7 +142,7 @@ def closed(monkeypatch: pytest.MonkeyPatch) -> None:
         "mirdrake.worlds.props.load_yaml",
         "mirdrake.vehicles.presets.load_yaml",
     ):
-        monkeypatch.setattr(name, refuse)
+        monkeypatch.setattr(name, fail)
 
 
 @pytest.mark.usefixtures("closed")

@@ -1,4 +1,4 @@
-"""JSON Schemas: what is shipped is valid, what readers refuse is not, every number says its unit."""
+"""JSON Schemas: shipped files are valid, files that readers reject are not, every number states its unit."""
 
 import json
 import re

@@ -37,7 +37,7 @@ def allan_deviation(samples: np.ndarray, rate: float, tau: float) -> float:
     return sqrt(float((second**2).mean()) / (2.0 * tau**2))
 
 
-# --- what data sheets say ----------------------------------------------------------------------------------------
+# --- figures of data sheets --------------------------------------------------------------------------------------
 
 
 def test_white_noise_has_the_allan_deviation_of_its_density() -> None:

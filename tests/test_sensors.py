@@ -26,7 +26,7 @@ needs_egl = pytest.mark.skipif(FAULT is not None, reason=f"cameras cannot be dra
 
 
 def parked(sensors: Sequence[str], **more: Any) -> dict[str, Any]:
-    """A Bolt that stands on an empty plane, with sensors."""
+    """A parked Bolt on an empty plane, with sensors."""
     return {
         "world": "empty",
         "vehicles": {"ego": {"model": "bolt"}},

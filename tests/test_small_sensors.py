@@ -71,7 +71,7 @@ def test_an_imu_on_a_circle_reads_the_centripetal_force_of_its_own_place() -> No
 
 
 def test_an_imu_on_a_banked_circle_reads_gravity_in_its_own_frame() -> None:
-    # The plane of the circle falls by 20 degrees towards x of the world. At angle 0 the arm points down the slope:
+    # The plane of the circle slopes down by 20 degrees towards world x. At angle 0 the arm points down the slope:
     # f = g (-sin 20, 0, cos 20) in its frame, less the centripetal -w² r along the arm; at 90 degrees across it.
     slope, w, r = radians(20), 0.5, 8.0
     down, normal = GRAVITY * sin(slope), GRAVITY * cos(slope)
@@ -241,7 +241,9 @@ def test_a_gps_gives_its_geodetic_position() -> None:
         gps_on(carousel.mount, rate=10.0, noise=0.5, vertical_noise=0.5, stream=3, datum=RICE), 0.3, rate=10.0
     )
     for sample in samples.T:
-        assert in_world(sample[6:], RICE) == pytest.approx(sample[:3], abs=1e-4)  # of what it says of itself, noise too
+        assert in_world(sample[6:], RICE) == pytest.approx(
+            sample[:3], abs=1e-4
+        )  # its own geodetic position, with noise
 
 
 # --- NMEA --------------------------------------------------------------------------------------------------------
@@ -404,7 +406,7 @@ def test_the_encoders_of_a_vehicle_count_its_wheels_turns() -> None:
 
 
 def test_an_imu_of_a_parked_car_on_a_slope_reads_the_slope(tmp_path: Path) -> None:
-    # 15 % uphill along x: g (sin, 0, cos) of atan 0.15 in the frame of the road, on which the car stands flat
+    # 15 % uphill along x: g (sin, 0, cos) of atan 0.15 in the frame of the road, on which the car is level
     world = tmp_path / "hill.yaml"
     text = "mirdrake: world/1\nname: hill\nground: {surface: asphalt, slope: {grade: 0.15}}\n"
     world.write_text(text, encoding="utf-8")

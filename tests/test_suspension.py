@@ -1,4 +1,4 @@
-"""Springs, dampers and anti-roll bars: the car stands as designed, and moves as the textbook's car does.
+"""Springs, dampers and anti-roll bars: static position as designed, and motion as in the textbook.
 
 Formulas: quarter car and half car with wheels and tyres as further masses and springs; roll and pitch under a force at
 the centre of mass at the height h over the road, with springs and tyres in series and the weight that moves along.
@@ -319,7 +319,7 @@ def lane_change(model, step):
 def test_a_lane_change_rolls_outwards_and_does_not_depend_on_the_step(sprung):
     fine, coarse = lane_change(sprung, 0.0025), lane_change(sprung, 0.005)
     first = fine["ego.roll"].loc[0.5:1.4]
-    assert first.max() > 0.01  # steered to the left, it leans to the right
+    assert first.max() > 0.01  # steered to the left, it rolls to the right
     assert fine["ego.roll"].abs().max() < np.deg2rad(5.0)
     for name in ("roll", "wz"):  # not vy, in which contact creeps by the step with and without springs
         size = fine[f"ego.{name}"].abs().max()
@@ -339,8 +339,8 @@ def test_the_travel_of_the_wheels_is_logged(sprung):
 # --- bad values --------------------------------------------------------------------------------------------------
 
 
-def refused(tmp_path, change):
-    """What is said about a variant of the Bolt."""
+def rejection(tmp_path, change):
+    """Return the error message of an invalid variant of the Bolt."""
     model = bolt_variant(tmp_path / "car", change)
     with pytest.raises((ConfigError, ModelError)) as caught:
         load_vehicle(model)
@@ -396,7 +396,7 @@ def refused(tmp_path, change):
     ],
 )
 def test_faults_of_a_suspension_are_reported_with_file_and_line(tmp_path, change, expected):
-    assert re.search(expected, refused(tmp_path, change)), refused(tmp_path, change)
+    assert re.search(expected, rejection(tmp_path, change)), rejection(tmp_path, change)
 
 
 @pytest.mark.parametrize(
@@ -414,7 +414,7 @@ def test_a_joint_that_cannot_carry_its_wheel_is_rejected(tmp_path, name, old, ne
     bolt_variant(tmp_path / "car", change)
     (tmp_path / "car" / name).unlink()
     (tmp_path / "car" / name).write_text(text.replace(old, new, 1), encoding="utf-8")
-    assert expected in refused(tmp_path, change)
+    assert expected in rejection(tmp_path, change)
 
 
 def test_the_air_and_the_wind_of_a_plant_are_checked():

@@ -1,4 +1,4 @@
-"""What users test their own systems with, on systems whose answer is known."""
+"""Test helpers for user systems, on systems with a known response."""
 
 import re
 from math import cos, exp, sin

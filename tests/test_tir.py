@@ -1,4 +1,4 @@
-"""Tyre property files: what is read, what is refused and how it is said."""
+"""Tyre property files: accepted content, rejected content and the error messages."""
 
 from dataclasses import fields, replace
 from pathlib import Path

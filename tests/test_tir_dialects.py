@@ -1,7 +1,7 @@
 """Tyre property files as other programs write them: one tyre in three dialects, and what is wrong in them.
 
 The texts follow the descriptions of the formats (TeimOrbit of Adams/Tire, and the MF-Tyre/MF-Swift manual), not files
-of mirdrake; every number of them stands here a second time, in SI units.
+of mirdrake; every number is repeated here in SI units.
 """
 
 import math

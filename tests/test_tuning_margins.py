@@ -143,10 +143,10 @@ def test_systems_of_python_control_are_converted_both_ways() -> None:
 
 
 def test_without_python_control_the_message_states_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(name: str) -> None:
+    def fail(name: str) -> None:
         raise ImportError(name)
 
-    monkeypatch.setattr("mirdrake.tuning.control_library.import_module", refuse)
+    monkeypatch.setattr("mirdrake.tuning.control_library.import_module", fail)
     with pytest.raises(MissingDependencyError, match=r"pip install 'mirdrake\[tuning\]'"):
         lags(1.0).to_control()
     # Margins need nothing of it.

@@ -191,11 +191,11 @@ def test_a_sampler_gets_finite_numbers_only(method: str, monkeypatch: pytest.Mon
     import optuna
 
     reported: list[float] = []
-    original_tell = optuna.study.Study.tell
+    report_trial = optuna.study.Study.tell
 
     def spy(self: Any, trial: Any, values: Any) -> Any:
         reported.extend(values)
-        return original_tell(self, trial, values)
+        return report_trial(self, trial, values)
 
     monkeypatch.setattr(optuna.study.Study, "tell", spy)
     proposer = make_proposer(method, SPACE, trials=40, objectives=1, seed=0, batch=8, start=[])

@@ -85,7 +85,7 @@ def test_the_bolt_climbs_up_to_the_limit_of_its_front_axle(bolt: LoopSpec) -> No
 
 
 def test_a_run_with_wheels_that_keep_slipping_is_unstable(bolt: LoopSpec) -> None:
-    """The tyres could give 1.5 times what is asked; the loop spins the wheels to and fro until the car stands still."""
+    """The tyres can transmit 1.5 times the demand; the loop spins the wheels to and fro until standstill."""
     lost = Conditions(mass=0.810571, friction=0.387201, delay=0.080918, grade=0.074670)
     assert grip_use(axles_of(plant_bench(bolt)), bolt, lost) < 0.7
     evaluate = LoopEvaluator(bolt)
@@ -164,7 +164,7 @@ class _Stages:
 
 
 def made(name: str, kp: float, *, kind: Any = "rule") -> Candidate:
-    """A candidate whose cost falls with its gain."""
+    """A candidate whose cost decreases with its gain."""
     return Candidate(Design(name, kind, {"kp": kp}), Trial(0, {"kp": kp}, "ok", {"iae": 1.0 / kp}, 1.0 / kp, 0.0))
 
 

@@ -18,7 +18,7 @@ from tests.test_browser import browser, colours, picture, severe  # noqa: F401
 
 
 class Remote:
-    """Stands in for a Meshcat and lets a test press its buttons; the scene goes to a real one."""
+    """A wrapper of Meshcat whose buttons a test can press; the scene goes to a real Meshcat."""
 
     def __init__(self, meshcat: Meshcat) -> None:
         self._meshcat = meshcat

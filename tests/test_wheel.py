@@ -46,7 +46,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _run(*command: str | Path, cwd: Path) -> str:
-    """Standard output of a command that runs outside the checkout and succeeds without a word on standard error."""
+    """Return the standard output of a command outside the checkout, which must leave standard error empty."""
     environment = {key: value for key, value in os.environ.items() if key not in {"PYTHONPATH", "MIRDRAKE_PATH"}}
     done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")

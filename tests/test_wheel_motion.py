@@ -1,4 +1,4 @@
-"""Motion of the wheels and generalised forces on them: the plant's own Jacobians say the same."""
+"""Motion of the wheels and generalised forces on them: compared with the Jacobians of the plant."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def parts(request):
 
 
 def some_state(parts, seed):
-    """A car that leans, steers, bounces and slides, somewhere on the road."""
+    """Return a context with a car that rolls, steers, bounces and slides on the road."""
     random = np.random.default_rng(seed)
     plant, part = parts.plant, parts.vehicles["ego"]
     context = plant.CreateDefaultContext()
@@ -104,5 +104,5 @@ def test_the_sink_rate_of_a_wheel_centre_is_that_of_drake(parts):
             state, wheel, base_motion(state, wheel.base, plant.num_positions()), plant.num_positions()
         )
         fall = -plant.EvalBodySpatialVelocityInWorld(context, joint.child_body()).translational()[2]
-        # steering a leaning wheel lifts it a little, which is left out
+        # steering an inclined wheel lifts it slightly, which is neglected
         assert motion.sink == pytest.approx(fall, abs=5.0 * abs(wheel.offset) * 0.2 + 1e-9)

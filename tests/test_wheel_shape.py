@@ -128,7 +128,7 @@ def test_roll_and_lateral_acceleration_of_a_fast_turn_do_not_depend_on_the_step(
         run = rig.run("turn", driver, duration=1.7, speed=100.0 / 3.6)
         late = run.time > 1.4
         loads = [run.others[f"wheel_load.{wheel}"][late] for wheel in WHEELS]
-        assert max(float(np.std(load) / np.mean(load)) for load in loads) < 0.01  # nor do the loads shake
+        assert max(float(np.std(load) / np.mean(load)) for load in loads) < 0.01  # the loads do not oscillate
         ratios.append([run.roll[late].mean(), run.roll.max(), run.lateral_acceleration[late].mean()])
     assert ratios[0][0] > 0.02
     assert ratios[0] == pytest.approx(ratios[1], rel=0.003)

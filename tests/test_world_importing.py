@@ -236,7 +236,7 @@ def test_populations_of_the_old_form(tmp_path):
         assert inside[prop.name.partition("[")[0]], (prop.name, x, y)
 
 
-# --- nothing is dropped without a word ----------------------------------------------------------------------------
+# --- every omission is reported -----------------------------------------------------------------------------------
 
 
 def test_elements_without_counterpart_are_reported(tmp_path):
@@ -276,10 +276,10 @@ def test_a_faulty_model_is_left_out_with_the_reason(tmp_path, fault):
     omitted = [change for change in result.changes if word in change.reason]
     assert omitted, result.changes
     assert omitted[0].place == "trap.world:5"
-    with pytest.raises(ModelError) as refusal:
+    with pytest.raises(ModelError) as rejection:
         import_world(path, folder=tmp_path / "strict", strict=True)
-    assert "\n" not in str(refusal.value)
-    assert word in str(refusal.value)
+    assert "\n" not in str(rejection.value)
+    assert word in str(rejection.value)
     assert not (tmp_path / "strict").exists()
 
 
@@ -329,13 +329,13 @@ def test_models_are_found(tmp_path, monkeypatch, way):
     np.testing.assert_allclose(box_of(world.props[0]), [2.0, 3.5, 0.0, 4.0, 4.5, 1.0], atol=MILLIMETRE)
 
 
-# --- refusals -----------------------------------------------------------------------------------------------------
+# --- rejections ---------------------------------------------------------------------------------------------------
 
 BOMB = '<!DOCTYPE sdf [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>\n<sdf version="1.6">&b;</sdf>'
 OUTSIDE = (
     '<!DOCTYPE sdf [\n<!ENTITY x SYSTEM "file:///etc/hostname">]>\n<sdf version="1.6"><world name="w">&x;</world></sdf>'
 )
-REFUSED = {
+REJECTED = {
     "bomb": (BOMB, ":1: declares an XML entity"),
     "external entity": (OUTSIDE, ":2: declares an XML entity"),
     "no XML": ("mirdrake: world/1\n", "not valid XML"),
@@ -351,16 +351,16 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("case", REFUSED)
+@pytest.mark.parametrize("case", REJECTED)
 def test_rejections_are_one_line_and_write_nothing(tmp_path, case):
-    text, words = REFUSED[case]
+    text, words = REJECTED[case]
     path = tmp_path / "bad.world"
     path.write_text(text)
-    with pytest.raises(MirdrakeError) as refusal:
+    with pytest.raises(MirdrakeError) as rejection:
         import_world(path, folder=tmp_path / "worlds")
-    assert words in str(refusal.value)
-    assert "bad.world" in str(refusal.value)
-    assert "\n" not in str(refusal.value)
+    assert words in str(rejection.value)
+    assert "bad.world" in str(rejection.value)
+    assert "\n" not in str(rejection.value)
     assert not (tmp_path / "worlds").exists()
 
 
@@ -442,7 +442,7 @@ def test_a_damaged_world_gives_a_world_or_an_error_of_one_line(tmp_path, block):
         except MirdrakeError as error:
             fault = str(error)
         if result is None:
-            outcome["refused"] += 1
+            outcome["rejected"] += 1
             assert re.fullmatch(r"[^\n]*rich\.world:\d+: [^\n]+", fault), (seed, fault)
             assert not target.exists(), seed
         else:
@@ -450,7 +450,7 @@ def test_a_damaged_world_gives_a_world_or_an_error_of_one_line(tmp_path, block):
             load_world(str(result.path))
             assert (target / "w.md").read_text(encoding="utf-8").startswith("# Import of w")
             assert {entry.name for entry in target.iterdir()} <= {"w", "w.md", "w.yaml"}, seed
-    assert min(outcome["refused"], outcome["world"]) > 2, outcome
+    assert min(outcome["rejected"], outcome["world"]) > 2, outcome
 
 
 @pytest.mark.parametrize("gap", [8.0, 10.0, 14.0, 18.0])

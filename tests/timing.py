@@ -1,4 +1,4 @@
-"""Processor time that means the same on a slow and on a busy machine: told in seconds of a reference machine."""
+"""Processor time in seconds of a reference machine, comparable between slow and busy machines."""
 
 import time
 from collections.abc import Callable

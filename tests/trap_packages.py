@@ -324,8 +324,8 @@ def odd_words(folder):
     """Words that only some readers know.
 
     An axis of zero at a fixed joint, four factors of a mesh's scale, a colour inside the geometry, numbers as
-    attributes of Gazebo tags, Bullet's contact, continuous steering joints with limits, a plugin that says which axle
-    has torque, a pedal, and a material of a script.
+    attributes of Gazebo tags, Bullet's contact, continuous steering joints with limits, a plugin that selects the axle
+    with torque, a pedal, and a material of a script.
     """
     car = Car()
     solid = mesh("../meshes/body.STL", "1 1 1 1").replace("</geometry>", '<material name="paint"/></geometry>')
@@ -487,7 +487,7 @@ def two_axis_joints(folder, kind):
     return model(folder / kind, f"{kind}_car", text)
 
 
-# ---- what must be refused
+# ---- models that must be rejected
 
 
 def skid_steer(folder):

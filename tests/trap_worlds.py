@@ -209,7 +209,7 @@ def old_crowds(folder):
 
 
 def outlines(folder):
-    """Buildings as outlines that are pulled up, one like an L, one with a yard, on ground 5 m up that roads tell of."""
+    """Write extruded buildings, one L-shaped, one with a yard, on ground whose height of 5 m follows from the roads."""
 
     def ring(*points):
         return "<polyline><height>6</height>" + "".join(f"<point>{p}</point>" for p in points) + "</polyline>"

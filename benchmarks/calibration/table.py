@@ -81,7 +81,7 @@ def make_table(rows: Sequence["Row"]) -> str:
     checked = [row for row in fitted if row["fault"] not in bad]
     add("false delays", _share(sum(bool(row["false_delays"]) for row in checked), len(checked)), "2 %")
     add("false repairs", _share(sum(bool(row["false_repairs"]) for row in checked), len(checked)), "2 %")
-    add("false refusals", _share(sum(row["status"] == "rejected" for row in clean), len(clean)), "1 %")
+    add("false rejections", _share(sum(row["status"] == "rejected" for row in clean), len(clean)), "1 %")
     late = [row for row in fitted if row["fault"] == "late"]
     add("delays missed", _share(sum(row["missed"] for row in late), len(late)), "")
     add("wrong signs and units missed", _share(sum(row["status"] == "fitted" for row in wrong), len(wrong)), "0")

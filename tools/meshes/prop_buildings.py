@@ -110,7 +110,7 @@ def make_house() -> Mesh:
 # --- shop --------------------------------------------------------------------------------------------------------
 
 SHOP = (9.0, 12.0, 4.6)  # [m] along x without the awning, along y, high
-AWNING = (1.1, 2.72, 3.22)  # [m] how far it stands out, its lower and its upper edge
+AWNING = (1.1, 2.72, 3.22)  # [m] its projection, its lower and its upper edge
 
 
 def make_thrift_store() -> Mesh:
@@ -221,7 +221,7 @@ def _inside(hole: BaseGeometry, depth: float, material: str = "shop_dark") -> Me
 
 
 def _parapet(mesh: Mesh, hx: float, hy: float, high: float, depth: float, roof: str, cap: str, inner: str) -> None:
-    """A flat roof behind a parapet whose coping stands out by nothing: the walls' box is the building's."""
+    """A flat roof behind a parapet whose coping is flush: the walls' box is that of the building."""
     t = 0.25
     mesh.add_mesh(_slab(roof, (-hx + t, hx - t), (-hy + t, hy - t), high - depth))
     ring = shapely.box(-hx, -hy, hx, hy).difference(shapely.box(-hx + t, -hy + t, hx - t, hy - t))

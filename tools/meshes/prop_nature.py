@@ -15,7 +15,7 @@ def _pair(field: Field) -> Field:
 
 
 def make_pedestrian() -> Mesh:
-    """A person who stands still and looks along x: jacket over a shirt, trousers, shoes; 1.75 m tall."""
+    """Return a standing person who looks along x: jacket over a shirt, trousers, shoes; 1.75 m tall."""
     mesh = Mesh()
     jacket = joined([
         joined([

@@ -1,4 +1,4 @@
-"""What stands along a road: cone, drum, barrier, sign, signal, lamp, wall, bump."""
+"""Street furniture: cone, drum, barrier, sign, signal, lamp, wall, bump."""
 
 from __future__ import annotations
 

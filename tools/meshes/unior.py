@@ -135,7 +135,7 @@ def ring(*half: tuple[float, float, float]) -> Loop:
 
 
 def can(material: str, radius: float, height: float, bevel: float, *, count: int = 32) -> Mesh:
-    """Return an upright cylinder that stands on its origin."""
+    """Return an upright cylinder with its base at the origin."""
     b = bevel
     profile = [(0.0, 0.0), (0.0, radius - b), (0.3 * b, radius - 0.3 * b), (b, radius), (height - b, radius),
                (height - 0.3 * b, radius - 0.3 * b), (height, radius - b), (height, 0.0)]  # fmt: skip

@@ -150,7 +150,7 @@ def write_outline(folder: Path, car: CarOutline, *, generator: str = "mirdrake",
     Args:
         folder: where to; it is made if it is missing.
         car: the car.
-        generator: what the files say of their origin.
+        generator: the origin that is written into the files.
         scale: factor on everything, applied last.
 
     Returns:

@@ -61,7 +61,7 @@ class Drawing:
         Args:
             belt: lower edge from front to rear, (x, z).
             rail: upper edge from rear to front.
-            panes: (rear end, front end, lean) of each pane: its front and rear edges move by ``-lean`` over 0.5 m.
+            panes: (rear end, front end, slant) of each pane: its front and rear edges move by ``-slant`` over 0.5 m.
             frame: width of the frame.
             frame_material: of the frame.
             surround: material of a bright line around it, "" for none.

@@ -169,7 +169,7 @@ def fit(style: Style, sizes: dict[str, float], *, points: Array) -> CarOutline:
     front = sizes["wheelbase"] + sizes["front_overhang"]
     low, high = points.min(axis=0), points.max(axis=0)
     top = max([high[2], *(float(p.mesh.corners()[:, 2].max()) + p.at[2] for p in style.parts if p.on is None)])
-    # The wings must be above the wheel openings; the proportions give way where the wheels are large.
+    # The wings must be above the wheel openings; the proportions are adapted where the wheels are large.
     tall = (height - clearance) / (top - low[2])
     wing = clearance + (style.shoulder - low[2]) * tall
     room = clearance + 0.78 * (height - clearance)

@@ -34,7 +34,7 @@ class Form:
         corner: distance from the middle plane where nose, tail and deck reach the sweeps given below.
         nose_sweep: how far the nose lies back there, power of that over y, slope for scaling.
         tail_sweep: the same of the tail.
-        deck_crown: how far the deck falls there.
+        deck_crown: drop of the deck there.
         ridge: height, y and width of a crease along the bonnet; x where it starts and over which length it grows.
         roof_sweep: how far [m/m²] the roof's profile is moved back over y²; roof_crown: its fall at y = 0.65.
         roof_slope: scaling of the windscreen: square of its slope, x where it starts and its length.
