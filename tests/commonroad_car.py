@@ -100,11 +100,11 @@ def write_car(folder: Path, p: Any, *, kind: Reference = "published", mapped: bo
         kind: what it will be compared with.
         mapped: False: camber with the sign that it has in ISO axes, and no scale factors for the loads.
 
-    Each wheel has half of the mass of its axle, shared by carrier, knuckle and wheel. The camber of our wheels
-    is the roll angle; that of the package is the roll angle times :func:`camber_by_roll`, hence a factor on the
-    coefficients of camber. The axles of the package are laterally compliant, with a spring and a damper between axle
-    and body; ours are not. If slip is taken at the axle, that spring and damper become the lateral stiffness and damping of
-    our tyres. The inertia of the axle's own motion is neglected: 6 % of the dynamic stiffness at 2 Hz.
+    Each wheel has half of the mass of its axle, shared by carrier, knuckle and wheel. The camber of our wheels is the
+    roll angle; that of the package is the roll angle times :func:`camber_by_roll`, hence a factor on the coefficients
+    of camber. The axles of the package are laterally compliant, with a spring and a damper between axle and body; ours
+    are not. If slip is taken at the axle, that spring and damper become the lateral stiffness and damping of our tyres.
+    The inertia of the axle's own motion is neglected: 6 % of the dynamic stiffness at 2 Hz.
     """
     folder.mkdir(parents=True)
     length, ratios = p.a + p.b, load_ratios(p) if mapped else (1.0, 1.0)

@@ -1,4 +1,4 @@
-"""Bad input: a one-line error with the value, its place, what is allowed and what to do; exit code 2; no partial files."""
+"""Bad input: a one-line error with value, line, what is allowed and what to do; exit code 2; no partial files."""
 
 import os
 import re
