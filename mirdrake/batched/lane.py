@@ -215,7 +215,7 @@ def project(lane: Any, tables: Floats, x: float, y: float, near: float) -> LaneP
 
 
 def wrapped(lane: Any, s: float) -> float:
-    """Return an arc length in [0, length) on a closed track; on an open one as it is [m]."""
+    """Return an arc length [m]; on a closed track, it is wrapped to [0, length)."""
     return s - lane.length * math.floor(s / lane.length) if lane.closed else s
 
 

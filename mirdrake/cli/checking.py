@@ -37,22 +37,22 @@ from mirdrake.vehicles.xacro_render import render_xacro
 from mirdrake.worlds import load_world
 
 STANDING = 1.0
-"""How long a vehicle has to stand still [s]."""
+"""Duration of the test at rest [s]."""
 
 MOST_TRAVEL, MOST_TILT = 0.02, math.radians(3.0)
-"""How far it may go meanwhile, in wheelbases, and how far it may tip [rad]: springs settle."""
+"""Largest displacement during that test, in wheelbases, and largest tilt [rad]; springs may settle."""
 
 _NAMES = re.compile(r"'[^']*'|\(allowed: .*\)")
 
 
 @dataclass
 class Findings:
-    """What a check found.
+    """Findings of a check, each a line of text.
 
     Attributes:
-        faults: one line each, with file and line: bad input.
-        failures: one line each: the files are sound, but the vehicle does not do what it should.
-        remarks: no faults.
+        faults: invalid input, with file and line.
+        failures: defects of a vehicle whose files are valid, for example that it does not stay at rest.
+        remarks: warnings, which are not faults.
     """
 
     faults: list[str] = field(default_factory=list)

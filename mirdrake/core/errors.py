@@ -36,7 +36,7 @@ FaultCode = Literal[
     "unknown_key", "missing_key", "repeated_key", "unknown_kind", "missing_kind",
     "wrong_type", "not_a_number", "not_finite", "wrong_length", "not_allowed", "bad_value", "too_many",
 ]  # fmt: skip
-"""What is wrong with an entry of a file, for programs; the text is for people."""
+"""Code of a fault in an entry of a file, for programs; the message of the error is for people."""
 
 
 class ConfigError(MirdrakeError):

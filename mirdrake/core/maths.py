@@ -98,4 +98,4 @@ COMPILED_FORMS: dict[Callable[..., Any], Callable[..., Any]] = {
     larger: lambda x, y: lambda x, y: y if y > x else x,
     choose: lambda condition, yes, no: lambda condition, yes, no: yes if condition else no,
 }
-"""What :mod:`mirdrake.core.compiled` compiles in place of each function: Numba's overload with its form for floats."""
+"""Numba overload of each function for floats, which :mod:`mirdrake.core.compiled` compiles in its place."""

@@ -47,7 +47,7 @@ class Edit:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """The keys one by one."""
+        """Keys from the outermost to the innermost mapping."""
         return tuple(self.path.split(".")) if isinstance(self.path, str) else self.path
 
 

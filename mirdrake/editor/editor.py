@@ -209,7 +209,7 @@ class Editor:
         return self._read_again()
 
     def _read_again(self) -> Reply:
-        """Show the present text; one that was typed with faults leaves the map as it is."""
+        """Show the present text; the map is unchanged if the text has faults."""
         try:
             return self._show(read_scene(self.document.text, self.document.path))
         except MirdrakeError as error:

@@ -84,7 +84,7 @@ class Element:
 
 
 class Shape:
-    """What a layout or region means under the mouse.
+    """Handles and movements of a layout or region in the editor.
 
     Args:
         path: path of the value of the layout's key.

@@ -60,7 +60,7 @@ def sensor_mounts(run: Run) -> Mapping[str, Any]:
 
 
 def joint_columns(run: Run, part: VehicleInPlant) -> list[tuple[Joint, str, str | None]]:
-    """Return the recorded joints of a vehicle, with the columns of position and velocity; the latter may be None."""
+    """Return the recorded joints of a vehicle, with the columns of their positions and, if recorded, velocities."""
     joints = [
         (joint, f"wheel_angle.{wheel}", f"wheel_speed.{wheel}")
         for wheel, joint in zip(WHEELS, part.wheels, strict=True)

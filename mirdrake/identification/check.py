@@ -89,7 +89,7 @@ def _first_checks(log: Log, allowed: Collection[str]) -> tuple[list[Log], list[F
 
 
 def _check_log(log: Log, allowed: Collection[str]) -> tuple[Log, list[set[str]], list[Finding]]:
-    """Check each log by itself, and return also which of its channels come from one source."""
+    """Check a log by itself; return the repaired log, groups of channels from one source, and findings."""
     log, findings = unwrap_headings(log)
     # Glitches first: after interpolation, a glitch of a held channel would be as wide as its neighbours.
     log, new_findings = check_glitches(log, repair="glitches" in allowed)

@@ -1,4 +1,4 @@
-"""Which channels of a data set have a delay, estimated from all its logs together, and clocks of different rates."""
+"""Delays of channels, estimated from all logs of a data set together, and clocks of different rates."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace

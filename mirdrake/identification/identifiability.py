@@ -1,4 +1,4 @@
-"""Which parameters the logs determine, and which combinations instead of those that they do not."""
+"""Identifiability: parameters that the logs determine, and combinations in place of those that they do not."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence

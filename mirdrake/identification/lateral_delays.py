@@ -49,14 +49,14 @@ POSITION_TIME, MAX_POSITION = 0.05, 1.0
 deviation of a sensor's position [m]."""
 
 BLOCKS, MIN_ROWS = 20, 150
-"""Parts of the logs whose scatter gives the uncertainty; and the least number of smoothed rows."""
+"""Number of parts of the logs whose scatter gives the uncertainty, and smallest number of smoothed rows."""
 
 MAX_ROWS = 50_000
 """Largest number of rows of a long log that are used."""
 
 
 class Hypothesis(NamedTuple):
-    """Which channels have a delay; that of the yaw rate is one of both others, with the other sign."""
+    """Set of delayed channels. A delay of the yaw rate equals a delay of both others with the opposite sign."""
 
     acceleration: bool = False
     velocity: bool = False

@@ -41,7 +41,7 @@ def explanation(judgement: Judgement) -> str:
 
 
 def _width(parameter: FitParameter, sigma: float) -> str:
-    """Return half of a 95 % interval in words."""
+    """Return half of a 95 % interval as text with its unit."""
     if parameter.logarithmic:
         if 1.96 * sigma > FACTOR:
             return f"a factor of {math.exp(1.96 * sigma):.2g}" if sigma < 3.0 else "no better than a factor of 300"

@@ -110,7 +110,7 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
         return grid.channels[name]
 
     def turn(grid: Grid) -> Array:
-        """Return -r vy, as far as it is known."""
+        """Return -r vy if it is measured, else zero."""
         if "vy" in grid.channels and "yaw_rate" in grid.channels:
             return -get(grid, "yaw_rate") * get(grid, "vy")
         return np.zeros(len(next(iter(grid.channels.values()))))

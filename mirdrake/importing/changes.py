@@ -13,7 +13,7 @@ _PLACE = re.compile(r"(.*?):(\d+(?:-\d+)?)$")
 
 
 class Code(StrEnum):
-    """What a change is about."""
+    """Subject of a change."""
 
     ELEMENT = "element"
     """An element, attribute or file of the source without counterpart, or read in another way."""
@@ -26,7 +26,7 @@ class Code(StrEnum):
     FRAME = "frame"
     """Base frame and names of frames."""
     DIRECTION = "direction"
-    """Which end is the front."""
+    """Front end of the vehicle."""
     GEOMETRY = "geometry"
     """Wheels and steering axes that were aligned."""
     JOINT = "joint"

@@ -120,7 +120,7 @@ def format_setting(used: SettingRecord) -> str:
 
 
 def format_status(used: SettingRecord) -> str:
-    """Return the reliability of a setting in words, with its source."""
+    """Return a phrase about the reliability of a setting, with its source."""
     word = "given" if used.given else STATUS.get(used.status, used.status)
     return f"{word}: {used.source}" if used.source and not used.given else word
 

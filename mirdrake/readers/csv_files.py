@@ -210,7 +210,7 @@ def _transpose(name: str, rows: list[list[str]], columns: list[str] | None, note
 
 
 def decode_text(raw: bytes, name: str, notes: list[str]) -> str:
-    """Return the text of a file in whatever encoding; assumptions are noted.
+    """Return the text of a file; its encoding is detected, and assumptions are noted.
 
     Raises:
         ConfigError: it is not text.

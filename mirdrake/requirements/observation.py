@@ -91,7 +91,7 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True)
 class Observation:
-    """What happened to one vehicle in one run.
+    """Signals and events of one vehicle in one run.
 
     Attributes:
         times: since the start of the run [s] (n), rising.

@@ -87,7 +87,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Judgement of a requirement, as it is written.
+    """Judgement of a requirement, as stored in the results.
 
     Attributes:
         text: text of the requirement.

@@ -23,7 +23,7 @@ with √(g C / (N σ)) = 77 rad/s, for which steps of 20 ms are stable."""
 
 
 class CoulombTyres(Tyres):
-    """Tyre forces come from the contact's Coulomb friction alone; plus rolling resistance."""
+    """Tyres with Coulomb friction of the contact and rolling resistance only."""
 
     kind: Literal["coulomb"] = "coulomb"
 

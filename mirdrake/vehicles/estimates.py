@@ -274,7 +274,7 @@ class Estimates:
 
 
 HOW: dict[str, str] = {item.name: item.metadata["how"] for item in fields(Estimates)}
-"""How each field of :class:`Estimates` is estimated; the text of ``sources`` in vehicle.yaml and of the README."""
+"""Rule of estimation of each field of :class:`Estimates`, for ``sources`` in vehicle.yaml and the README."""
 
 LABELS: dict[str, tuple[str, str]] = {
     item.name: (item.metadata["label"], item.metadata["unit"]) for item in fields(Estimates)

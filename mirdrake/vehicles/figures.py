@@ -1,4 +1,4 @@
-"""What an inspection of a vehicle finds, as plain data; :mod:`mirdrake.vehicles.inspection` measures it."""
+"""Results of the inspection of a vehicle, as plain data; :mod:`mirdrake.vehicles.inspection` computes them."""
 
 import math
 from dataclasses import asdict, dataclass

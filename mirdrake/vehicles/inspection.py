@@ -1,4 +1,4 @@
-"""What a vehicle is, in figures: mass, loads, dimensions, turning circle, inertia, joints, and what looks wrong.
+"""Inspection of a vehicle: mass, loads, dimensions, turning circle, inertia, joints, and implausible values.
 
 Everything is measured on the expanded model at its design position, with Drake's own kinematics and masses; nothing is
 read twice from a file. The plant here is rigid and uncompressed: tyres sit as drawn.

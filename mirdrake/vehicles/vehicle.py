@@ -20,7 +20,7 @@ from mirdrake.vehicles.xacro_render import Urdf, render_xacro
 
 MAIN_FILE = "main.urdf.xacro"
 FILES = ("vehicle.yaml", "control.yaml", "sensors.yaml", MAIN_FILE)
-"""What every vehicle folder holds; more .xacro files, meshes/ and variants/ may come along."""
+"""Files of every vehicle folder; further .xacro files, meshes/ and variants/ are optional."""
 
 VARIANT_MARK = "@"
 """Between the name of a vehicle and that of its variant: ``bolt@published``."""

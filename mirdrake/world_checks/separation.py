@@ -45,11 +45,11 @@ _POLISHED = 16  # rays per level after which another one is cast along the norma
 
 @dataclass(frozen=True)
 class Separation:
-    """How two sets of solids can be separated.
+    """Translation that separates two sets of solids, and a lower bound of all such translations.
 
     Attributes:
         translation: translation of the first set, which separates them [m] (3).
-        least: no translation shorter than this separates them [m].
+        least: lower bound: no shorter translation separates them [m].
     """
 
     translation: Array

@@ -104,19 +104,19 @@ class PropEntry(Schema):
 
     @property
     def shape(self) -> PropShape:
-        """What is placed, of an entry that is not a group."""
+        """Shape of the placed prop; only for entries that are not a group."""
         shape: PropShape = given_one(self, _SHAPES)
         return shape
 
     @property
     def layout(self) -> Layout:
-        """Where it is placed."""
+        """Layout of the positions."""
         layout: Layout = given_one(self, _LAYOUTS)
         return layout
 
     @property
     def label(self) -> str:
-        """The name, or what is placed."""
+        """Name of the entry, or of its group or shape."""
         if self.name:
             return self.name
         if self.group is not None:
@@ -140,7 +140,7 @@ _LAYOUTS = kinds_of(PropEntry, Layout)
 
 
 class GroupSpec(Schema):
-    """Props that belong together, with their own origin."""
+    """Group of props that is placed as a unit, with its own origin."""
 
     params: dict[str, Value] = Field(default_factory=dict, description="parameters and their defaults [-]")
     props: Annotated[list[PropEntry], Field(min_length=1, max_length=1000)] = Field(description="its props [-]")

@@ -316,7 +316,7 @@ def _sides(slab: BaseGeometry, surface: str, thickness: float) -> list[Surface]:
 
 
 def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeometry], Surface]) -> list[Surface]:
-    """Return the dry and the wet part of a polygon as surfaces, as far as they are not empty."""
+    """Return the dry and the wet part of a polygon as surfaces, without empty ones."""
     dry, damp = _polygons(polygon), shapely.MultiPolygon()
     if not wet.is_empty:  # in this order, because GEOS cannot cut some collections of polygons and lines
         dry, damp = _polygons(shapely.difference(dry, wet)), _polygons(shapely.intersection(dry, wet))

@@ -74,7 +74,7 @@ class ArcSpec(Schema, Segment):
         return self
 
     def pieces(self) -> list[Piece]:
-        """Return the arc between its clothoids, as far as there are any."""
+        """Return the arc and its optional clothoids."""
         k = math.copysign(1.0 / self.radius, self.angle)
         clothoid = 2.0 * self.radius * self.transition  # length over which 0 -> 1/R turns `transition`
         rest = max(0.0, abs(self.angle) - 2.0 * self.transition)

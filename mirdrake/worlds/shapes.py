@@ -1,4 +1,4 @@
-"""What an entry of `props` places: a prop by name, a primitive, or a file.
+"""Shapes of the entries of `props`: a prop by name, a primitive, or a file.
 
 A new kind is a class derived from :class:`PropShape` and a field of :class:`mirdrake.worlds.props_spec.PropEntry`.
 """
@@ -25,7 +25,7 @@ MESH_SUFFIXES = {".gltf", ".glb", ".obj"}
 
 
 class PropShape:
-    """A kind of thing that is placed."""
+    """Kind of shape of a placed prop."""
 
     resizable: ClassVar[bool] = False
     """whether `size` is allowed"""

@@ -30,7 +30,7 @@ from mirdrake.importing.shape import Shape
 Array = NDArray[np.float64]
 
 WHOLE = "the whole mesh"
-"""What a submesh that does not exist becomes."""
+"""Replacement of a submesh that does not exist, in reports."""
 
 __all__ = [
     "WHOLE",

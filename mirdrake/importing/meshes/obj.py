@@ -29,7 +29,7 @@ class _Part:
 
 @dataclass
 class _Content:
-    """What the lines of a file hold."""
+    """Contents of an OBJ file."""
 
     points: list[list[float]] = field(default_factory=list)
     uv: list[list[float]] = field(default_factory=list)

@@ -133,7 +133,7 @@ def _cofactors(linear: Array) -> Array:
 
 
 class ReadMesh(NamedTuple):
-    """What a file holds."""
+    """Contents of a mesh file."""
 
     pieces: tuple[Piece, ...]
     notes: tuple[Note, ...]

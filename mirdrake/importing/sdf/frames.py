@@ -87,7 +87,7 @@ class Frames:
         self._frames[name] = frame
 
     def set(self, name: str, X_WA: RigidTransform) -> None:
-        """Set the pose of a frame in the world, whatever it was relative to."""
+        """Set the pose of a frame relative to the world."""
         where = self._frames[name].where if name in self._frames else ""
         self._frames[name] = Frame(X_WA, WORLD, where)
         self._poses = {WORLD: RigidTransform()}

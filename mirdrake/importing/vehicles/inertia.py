@@ -24,7 +24,7 @@ OUTSIDE = 1.2
 """Root mean square distance of the mass along an axis over the reach of the shapes: above this, axes are exchanged."""
 
 FLAT = 2e-5
-"""How far a flat plate is kept from breaking the triangle inequality, so that six digits of it do not break it."""
+"""Relative margin of a flat plate to the triangle inequality, which six printed digits then satisfy."""
 
 
 def link_bounds(link: Link, X_FL: RigidTransform) -> Bounds | None:

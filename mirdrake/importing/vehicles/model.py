@@ -148,7 +148,7 @@ class Transmission:
 
     joint: str
     interfaces: tuple[str, ...] = ()
-    """What may be commanded, in lower case, without package and "JointInterface": effort, velocity, position."""
+    """Command interfaces in lower case, without package and "JointInterface": effort, velocity, position."""
     reduction: float = 1.0
     where: str = ""
 

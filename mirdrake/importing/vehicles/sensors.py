@@ -23,7 +23,7 @@ RATES = {
     "gps": 10.0,
     "sonar": 10.0,
 }
-"""Where a sensor has no rate, or zero, which means "in every step" [Hz]."""
+"""Default rates [Hz] of sensors without a rate or with rate zero, which means "in every step"."""
 
 REACH = 100.0
 """Distance from its link [m] beyond which the place of a sensor is a mistake."""
