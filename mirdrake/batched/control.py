@@ -212,7 +212,7 @@ def _check_vehicle(cars: Batch, vehicle: Vehicle) -> None:
     """Check that the control unit of a vehicle can run in a batch.
 
     Raises:
-        ConfigError: it cannot.
+        ConfigError: the control unit cannot run in a batch.
     """
     control = vehicle.control
     if not cars.variant.actuators:

@@ -133,7 +133,7 @@ class _Editor:
         """Return the text with the edit made.
 
         Raises:
-            ConfigError: it cannot be made.
+            ConfigError: the edit is not possible.
         """
         keys, value = self.edit.keys, self.edit.value
         if not keys or not all(keys):

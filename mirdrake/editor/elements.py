@@ -75,7 +75,7 @@ class Element:
         """Return the handle of a name.
 
         Raises:
-            LockedError: there is none.
+            LockedError: the name is unknown.
         """
         for handle in self.handles:
             if handle.name == name:

@@ -178,7 +178,7 @@ def read_gesture(message: Mapping[str, Any]) -> Gesture:
     """Return the gesture of a JSON object.
 
     Raises:
-        ConfigError: it is not a gesture.
+        ConfigError: the object is not a valid gesture.
     """
     try:
         return _ADAPTER.validate_python(dict(message))

@@ -29,7 +29,7 @@ class Scene:
         """Return the element of a key.
 
         Raises:
-            LockedError: there is none any more.
+            LockedError: the element was deleted.
         """
         if key not in self.elements:
             raise LockedError(f"'{key}' is not in the world any more")

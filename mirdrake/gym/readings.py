@@ -212,7 +212,7 @@ def check_bounds(bounds: Sequence[float], name: str) -> tuple[float, float]:
     """Return a range as two finite numbers, of which the second is larger.
 
     Raises:
-        ConfigError: it is not such a range.
+        ConfigError: the bounds are not such a range.
     """
     try:
         low, high = (float(value) for value in bounds)

@@ -242,7 +242,7 @@ def read_fit(path: Path | str) -> Fit:
     """Load a saved fit from its folder or the fit.json in it.
 
     Raises:
-        ConfigError: there is none, or it is damaged.
+        ConfigError: the file does not exist, or is invalid.
     """
     from mirdrake.identification.fit import load_fit
 

@@ -220,7 +220,7 @@ def load_fit(folder: Path | str) -> Fit:
     """Load a saved fit.
 
     Raises:
-        ConfigError: there is none, or it is of another format.
+        ConfigError: the fit does not exist, or has another format.
     """
     file = Path(folder) / "fit.json"
     try:

@@ -60,7 +60,7 @@ class Identification:
         """Write fit.json, traces.parquet, profiles.parquet, data_check.csv, and a folder for each stage.
 
         Raises:
-            RunError: it cannot be written.
+            RunError: the file cannot be written.
         """
         self.fit.save(folder)
         for number, stage in enumerate(self.stages, start=1):
@@ -179,7 +179,7 @@ def to_number(value: Value, unit: str, path: tuple[str, ...]) -> float:
         path: keys of the value in the study.
 
     Raises:
-        ConfigError: it is not a number, or has another unit.
+        ConfigError: the value is not a number, or has another unit.
     """
     if not isinstance(value, str):
         return float(value)

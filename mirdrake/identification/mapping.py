@@ -39,7 +39,7 @@ def map_log(
         wheelbase: [m]; None if unknown.
 
     Raises:
-        ConfigError: it cannot be read, or no column is mapped.
+        ConfigError: the file cannot be read, or no column is mapped.
     """
     channels: dict[str, Any] = {}
     for text in mapped:

@@ -121,7 +121,7 @@ def load_identification(path: Path | str, *, overrides: Iterable[str] = ()) -> S
         overrides: ``"dotted.path=value"`` texts, applied over the file.
 
     Raises:
-        ConfigError: it cannot be read, or has faults; one line per fault.
+        ConfigError: the file cannot be read, or has faults; one line per fault.
     """
     path, overrides = Path(path), list(overrides)
     if any(text.strip().startswith("model.") for text in overrides):
@@ -138,7 +138,7 @@ def embedded_data(spec: StudySpec) -> DataSpec:
     """Return the data set embedded in the study.
 
     Raises:
-        ConfigError: it has faults; one line per fault.
+        ConfigError: the data set has faults; one line per fault.
     """
     assert isinstance(spec.data, dict)
     source = spec._source or Source("study", {})

@@ -34,7 +34,7 @@ def read_number(text: str | None, *, where: str, what: str) -> float | None:
     """Return a number, which may be infinite; None if the text is missing.
 
     Raises:
-        ModelError: it is not a number.
+        ModelError: the text is not a number.
     """
     if text is None or not text.strip():
         return None

@@ -72,8 +72,8 @@ def check_balance(
         above: also reject a centre of mass below the road, where load transfer has the wrong sign.
 
     Raises:
-        ConfigError: it tips over, or its centre of mass is below the road; with the place of the link that contributes
-            most.
+        ConfigError: the vehicle tips over, or its centre of mass is below the road; with the place of the link that
+            contributes most.
     """
     x, _, z = plant.CalcCenterOfMassPositionInWorld(context, [instance]).tolist()
     length = vehicle.geometry.wheelbase

@@ -48,7 +48,7 @@ def read_bag(request: Request) -> Table:
     """Read the requested columns of a bag.
 
     Raises:
-        ConfigError: it cannot be read, or has no such topic or field.
+        ConfigError: the file cannot be read, or has no such topic or field.
         MissingDependencyError: the packages for bags are not installed.
     """
     path, requested = request.path, request.columns

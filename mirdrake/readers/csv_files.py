@@ -213,7 +213,7 @@ def decode_text(raw: bytes, name: str, notes: list[str]) -> str:
     """Return the text of a file; its encoding is detected, and assumptions are noted.
 
     Raises:
-        ConfigError: it is not text.
+        ConfigError: the file is not text.
     """
     if raw[:2] == b"\x1f\x8b":
         try:

@@ -30,7 +30,7 @@ def read_table(path: Path, columns: Collection[str] = (), layout: CsvLayout | No
         layout: layout of a CSV file.
 
     Raises:
-        ConfigError: it cannot be read, or its format is unknown.
+        ConfigError: the file cannot be read, or its format is unknown.
     """
     request = Request(path, columns, layout or CsvLayout())
     if path.is_dir():

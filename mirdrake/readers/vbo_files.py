@@ -24,7 +24,7 @@ def read_vbo(request: Request) -> Table:
     """Read a VBO file as a table; ``time`` in seconds of its day.
 
     Raises:
-        ConfigError: it has no column names or no data, or a row has another number of cells.
+        ConfigError: the file has no column names or no data, or a row has another number of cells.
     """
     path, requested = request.path, request.columns
     name, notes = request.name, list[str]()

@@ -51,7 +51,7 @@ def write_handling(results: HandlingResults) -> Path:
     """Write handling.html, and the figures of each manoeuvre as SVG, into the folder of the results.
 
     Raises:
-        RunError: it cannot be written.
+        RunError: the file cannot be written.
     """
     assert results.folder is not None
     path = results.folder / "handling.html"

@@ -61,7 +61,7 @@ def write_identification(result: Identification, folder: Path) -> Path:
     """Write the report of a study, report.html.
 
     Raises:
-        RunError: it cannot be written.
+        RunError: the file cannot be written.
     """
     path = folder / "report.html"
     write_file(path, render_identification(result))

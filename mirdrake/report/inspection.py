@@ -38,7 +38,7 @@ def write_inspection(figures: Inspection, path: Path, *, vehicle: Vehicle, portr
         portrait: begin with a rendered picture, if there is a renderer.
 
     Raises:
-        RunError: it cannot be written.
+        RunError: the file cannot be written.
     """
     write_file(path, render_inspection(figures, vehicle, portrait=portrait))
 

@@ -26,7 +26,7 @@ def write_junit(suite: Suite, path: Path) -> Path:
         path: file to write.
 
     Raises:
-        RunError: it cannot be written.
+        RunError: the file cannot be written.
     """
     write_file(path, render_junit(suite))
     return path

@@ -91,7 +91,7 @@ def write_suite_report(suite: Suite) -> Path:
         the path of the file. The same suite gives the same bytes.
 
     Raises:
-        RunError: it cannot be written.
+        RunError: the file cannot be written.
     """
     assert suite.folder is not None
     path = suite.folder / "report.html"

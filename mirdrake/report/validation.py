@@ -21,7 +21,7 @@ def write_validation(results: ValidationResults) -> Path:
     """Write validation.html into the folder of the results.
 
     Raises:
-        RunError: it cannot be written.
+        RunError: the file cannot be written.
     """
     assert results.folder is not None
     path = results.folder / "validation.html"

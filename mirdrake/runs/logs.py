@@ -169,7 +169,7 @@ def load_run(folder: Path | str) -> Run:
     """Load a run folder, also one whose run was killed.
 
     Raises:
-        ConfigError: it is not a run folder, or it is damaged.
+        ConfigError: the path is not a run folder, or its files are invalid.
     """
     folder = Path(folder)
     if not (folder / SPEC).is_file():

@@ -83,7 +83,7 @@ class WheelEncoderMount(SensorMount):
         """Return the encoder.
 
         Raises:
-            ConfigError: it is not mounted on a wheel.
+            ConfigError: the encoder is not mounted on a wheel.
         """
         plant = parts.plant
         body = plant.GetFrameByName(self.frame, part.instance).body()

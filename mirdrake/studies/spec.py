@@ -105,7 +105,7 @@ def load_study(path: Path | str, *, overrides: Iterable[str] = ()) -> StudySpec:
         overrides: ``"dotted.path=value"`` texts, applied over the file.
 
     Raises:
-        ConfigError: it cannot be read, or has faults.
+        ConfigError: the file cannot be read, or has faults.
     """
     path = Path(path)
     spec = load_yaml(path, StudySpec, overrides=overrides)
@@ -122,7 +122,7 @@ def make_study(study: StudySpec | Mapping[str, Any] | Path | str) -> StudySpec:
     """Return a study spec from a spec, its data or its file.
 
     Raises:
-        ConfigError: it has faults.
+        ConfigError: the study has faults.
     """
     if isinstance(study, StudySpec):
         return study

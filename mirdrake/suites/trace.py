@@ -80,7 +80,7 @@ def write_trace(path: Path, trace: Trace) -> None:
     """Write a trace; its folder is made.
 
     Raises:
-        RunError: it cannot be written.
+        RunError: the file cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     write_file(path, json.dumps(asdict(trace), separators=(",", ":"), allow_nan=False))

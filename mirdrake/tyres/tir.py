@@ -142,7 +142,7 @@ def read_tir(path: Path) -> TirFile:
     """Read and check a .tir file.
 
     Raises:
-        ConfigError: it cannot be read, or has errors; one line for each, ``file:line: [SECTION]
+        ConfigError: the file cannot be read, or has errors; one line for each, ``file:line: [SECTION]
             NAME: what is wrong``.
     """
     name = shown(path)

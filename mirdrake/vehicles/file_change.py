@@ -45,7 +45,7 @@ class FileChange:
         """Write the file atomically, with its mode; a link remains a link.
 
         Raises:
-            RunError: it cannot be written, or has changed since it was read.
+            RunError: the file cannot be written, or has changed since it was read.
         """
         if not self.changes:
             return

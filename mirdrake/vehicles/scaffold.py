@@ -157,7 +157,7 @@ def check_name(name: str) -> None:
     """Check that a name can be used for a folder, a robot and a package.
 
     Raises:
-        ConfigError: it cannot.
+        ConfigError: the name is not allowed.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,63}", name):
         raise ConfigError(

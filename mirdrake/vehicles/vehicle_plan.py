@@ -283,7 +283,7 @@ def _check_power(values: Mapping[str, Any]) -> None:
     """Check that the power is sufficient for the top speed on a level road.
 
     Raises:
-        ConfigError: it is not.
+        ConfigError: the power is too low.
     """
     if "top_speed" not in values or "power" not in values:
         return

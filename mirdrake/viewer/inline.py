@@ -54,7 +54,7 @@ class InlineView:
         """Write the page to a file that opens offline.
 
         Raises:
-            RunError: it cannot be written.
+            RunError: the file cannot be written.
         """
         write_file(Path(path), self.page)
         return Path(path)

@@ -60,7 +60,7 @@ class Draw:
         """Return a whole number, 0 or more; a random one is rounded down.
 
         Raises:
-            ConfigError: it is negative, too large, or not a whole number.
+            ConfigError: the value is negative, too large, or not a whole number.
         """
         number = self.number(value, "", name, spec)
         location = where(spec, *name.partition("[")[0].split("."))

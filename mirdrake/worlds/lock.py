@@ -154,7 +154,7 @@ def read_bytes(path: Path) -> bytes:
     """Return the bytes of a file.
 
     Raises:
-        WorldError: it cannot be read.
+        WorldError: the file cannot be read.
     """
     try:
         return path.read_bytes()

@@ -182,7 +182,7 @@ def _parts(source: Path | io.BytesIO, name: str) -> list[_Part]:
     """Return the parts of a glTF mesh.
 
     Raises:
-        WorldError: it is not a mesh.
+        WorldError: the file is not a mesh.
     """
     kind = source.suffix.lower().lstrip(".") if isinstance(source, Path) else "gltf"
     try:

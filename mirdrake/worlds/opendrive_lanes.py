@@ -37,7 +37,7 @@ class RoadPart:
         places: line of each element, for messages.
 
     Raises:
-        ConfigError: it has no length, no lanes, or none of them is used.
+        ConfigError: the road has no length, no lanes, or none that is used.
 
     Attributes:
         where: ``file:line`` of the road.

@@ -32,7 +32,7 @@ def parse_opendrive(path: Path) -> tuple[Element, Places]:
     """Return a file as a tree without name spaces, with ``file:line`` of every element.
 
     Raises:
-        ConfigError: it cannot be read, is not XML or not OpenDRIVE, or declares entities.
+        ConfigError: the file cannot be read, is not XML or not OpenDRIVE, or declares entities.
     """
     data = read_xml_bytes(path, largest=_LARGEST, error=ConfigError, advice="cut out the roads that are needed")
     document = parse_xml(data, shown(path), error=ConfigError, prefixes=False)
@@ -46,7 +46,7 @@ def number_of(element: Element, key: str, places: Places, default: float | None 
     """Return an attribute as a number within ±1e8.
 
     Raises:
-        ConfigError: it is not such a number, or is missing without a default.
+        ConfigError: the attribute is not such a number, or is missing and has no default.
     """
     text = element.get(key)
     if text is None and default is not None:

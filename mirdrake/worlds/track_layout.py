@@ -51,8 +51,8 @@ def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = No
 
     Raises:
         ConfigError: a file is missing or has faults.
-        WorldError: it does not close, it crosses itself, its inner edge folds, its length is wrong, or auto lines have
-            no solution.
+        WorldError: the track does not close, it crosses itself, its inner edge folds, its length is wrong, or auto
+            lines have no solution.
     """
     if spec.points is not None:
         line = _from_points(spec)
@@ -278,7 +278,7 @@ def _check(spec: TrackSpec, track: Track, line: _CentreLine) -> None:
     """Check that a track closes, that its inner edge does not fold, that it does not cross itself, and its length.
 
     Raises:
-        WorldError: it does not.
+        WorldError: the track violates one of these conditions.
     """
     is_varying, (gap, angle) = track.edges is not None, track.gap
     if track.closed and (gap > _GAP_LENGTH or abs(angle) > _GAP_ANGLE):

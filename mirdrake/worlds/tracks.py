@@ -185,7 +185,7 @@ class Track(Curve):
         """Return stations and widths on both sides as arrays; the last station is exactly the length.
 
         Raises:
-            WorldError: they do not fit the centre line.
+            WorldError: the edges do not fit the centre line.
         """
         s, left, right = (np.array(values, dtype=float) for values in edges)
         where = f"track '{self.name}': edges"

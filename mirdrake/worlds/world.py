@@ -91,7 +91,7 @@ class Ground:
         """Check that a start is on the ground.
 
         Raises:
-            WorldError: it is outside; `where` is the prefix of the message.
+            WorldError: the position is off the ground; `where` is the prefix of the message.
         """
         xmin, ymin, xmax, ymax = self.extent
         if not (xmin <= x <= xmax and ymin <= y <= ymax):

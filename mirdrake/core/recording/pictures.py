@@ -44,7 +44,7 @@ def parse_start(text: str | None) -> datetime:
         text: for example ``2026-05-31 12:00``; None: 1970-01-01.
 
     Raises:
-        ValueError: it is not a date and time.
+        ValueError: the text is not a date and time.
     """
     try:
         moment = EPOCH if text is None else datetime.fromisoformat(text)
@@ -62,7 +62,7 @@ def picture_time(name: str, start: datetime = EPOCH) -> float:
     """Return the simulated time [s] of a picture's name, with or without a suffix.
 
     Raises:
-        ValueError: it is not such a name.
+        ValueError: the text is not the name of a picture.
     """
     moment = datetime.strptime(name.partition(".")[0], _NAME).replace(tzinfo=UTC)
     return (moment - start) / timedelta(microseconds=1) * 1e-6

@@ -340,7 +340,7 @@ def select_outputs(channels: set[str], possible: list[str], requested: list[str]
     """Return the channels to compare.
 
     Raises:
-        ConfigError: a requested output is missing or unknown, or there is none at all.
+        ConfigError: a requested output is missing or unknown, or the logs have no output of the model.
     """
     for name in requested or []:
         if name not in possible:

@@ -191,7 +191,7 @@ def select_submesh(mesh: ReadMesh, path: Path, name: str) -> tuple[Piece, ...]:
     """Return the pieces of the node or geometry of a name; all pieces for "".
 
     Raises:
-        MeshError: there is none.
+        MeshError: the name is unknown.
     """
     if not name:
         return mesh.pieces

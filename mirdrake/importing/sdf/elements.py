@@ -55,7 +55,7 @@ def read_pose(element: Element | None, files: XmlFiles, version: tuple[int, ...]
     """Return a ``<pose>`` and the name of the frame it is relative to; "" if it names none.
 
     Raises:
-        ModelError: it does not consist of finite numbers, its quaternion is zero, or it is more than 45 km away.
+        ModelError: the pose does not consist of finite numbers, its quaternion is zero, or it is more than 45 km away.
     """
     if element is None:
         return RigidTransform(), ""
@@ -232,7 +232,7 @@ def read_mu(element: Element, files: XmlFiles) -> float | None:
     """Return the friction coefficient of a ``<collision>``; None if it states none.
 
     Raises:
-        ModelError: it is not a number.
+        ModelError: the coefficient is not a number.
     """
     for path in ("surface/friction/ode/mu", "surface/friction/bullet/friction"):
         value = read_number(element.findtext(path), where=files.where(element), what="<mu>")

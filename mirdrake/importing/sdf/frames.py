@@ -100,7 +100,7 @@ class Frames:
             where: ``file:line`` for the message if the frame does not exist.
 
         Raises:
-            ModelError: it does not exist, or is relative to itself.
+            ModelError: the frame does not exist, or is relative to itself.
         """
         if name not in self._poses:
             # Follow the bases up to a frame with a known pose, then compute the poses on the way back.

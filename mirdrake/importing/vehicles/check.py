@@ -16,7 +16,7 @@ def check_loads(folder: Path) -> None:
     """Load a vehicle folder in another process.
 
     Raises:
-        ModelError: it cannot be loaded, or Drake crashed on it.
+        ModelError: the vehicle cannot be loaded, or Drake crashed on it.
     """
     code, words = run_module(__name__, folder, seconds=SLOWEST)
     if code is None:

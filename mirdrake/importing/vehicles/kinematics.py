@@ -67,7 +67,7 @@ def make_tree(model: SourceModel) -> tuple[Tree, Changes]:
     """Return the largest tree of a model, and what was left out of it.
 
     Raises:
-        ModelError: there is none.
+        ModelError: the model has no links, or its joints form a loop.
     """
     location = source_name(model)
     if not model.links:

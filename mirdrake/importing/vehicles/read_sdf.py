@@ -51,7 +51,7 @@ def read_sdf(path: Path, *, models: Models) -> SourceModel:
     """Read an SDF file with one model.
 
     Raises:
-        ModelError: it is not SDF, holds several models or a static one, or contains invalid values.
+        ModelError: the file is not SDF, holds several models or a static one, or contains invalid values.
     """
     files = XmlFiles()
     root = files.parse(path)

@@ -42,7 +42,7 @@ def read_urdf(path: Path, *, packages: Packages, arguments: Mapping[str, str]) -
 
     Raises:
         MissingArgumentsError: xacro arguments need values.
-        ModelError: it is not URDF, or contains invalid values.
+        ModelError: the file is not URDF, or contains invalid values.
     """
     urdf = _render(path, packages, arguments)
     if urdf.root.tag != "robot":

@@ -94,7 +94,7 @@ def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
         drive: driven axle, if the caller knows it.
 
     Raises:
-        ModelError: it is not a car with four wheels, two of them steered; the message states what it is.
+        ModelError: the model is not a car with four wheels, two of them steered; the message states what it is.
     """
     tree, changes = make_tree(model)
     wheels_found, blank = find_wheels(tree)

@@ -42,7 +42,7 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     """Measure a recognised car, and straighten it.
 
     Raises:
-        ModelError: it is too crooked.
+        ModelError: wheels or axes are too far from those of a straight car.
     """
     tree, wheels = roles.tree, roles.wheels
     changes = Changes()

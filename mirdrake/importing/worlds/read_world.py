@@ -46,7 +46,7 @@ def read_world(path: Path, *, models: Models) -> SourceWorld:
     """Read a world file.
 
     Raises:
-        ModelError: it cannot be read, is not XML, or contains no world.
+        ModelError: the file cannot be read, is not XML, or contains no world.
     """
     tree = XmlFiles()
     root = tree.parse(path)

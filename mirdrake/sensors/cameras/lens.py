@@ -99,7 +99,7 @@ def check_lens(lens: LensSpec, *, width: int, height: int, horizontal_fov: float
     """Check that a picture [pixel] can be rendered with a lens.
 
     Raises:
-        ValueError: it cannot; the message has the reason.
+        ValueError: the lens cannot be rendered; the message has the reason.
     """
     if max(view_of(lens, width=width, height=height, horizontal_fov=horizontal_fov)) > tan(WIDEST):
         raise ValueError("the lens covers more than 170 deg; use smaller distortion coefficients")

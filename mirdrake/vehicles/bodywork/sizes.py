@@ -47,7 +47,7 @@ class BodySize:
         """Check that the dimensions make a vehicle.
 
         Raises:
-            ModelError: they do not.
+            ModelError: the dimensions contradict each other.
         """
         for item in fields(self):
             value = getattr(self, item.name)

@@ -27,7 +27,7 @@ def drive_spec(data: Mapping[str, Any], *, overrides: Sequence[str] = ()) -> Dia
         overrides: ``"dotted.path=value"`` texts, applied over it.
 
     Raises:
-        ConfigError: it has faults.
+        ConfigError: the data have faults.
     """
     given = dict(data)
     given["control"] = {**given.get("control", {}), NAME: {"kind": KIND}}
