@@ -35,8 +35,8 @@ def run_diagram(
         scene: scene of the spec, if it is made already.
         folder: run folder; ``runs/<name>-<UTC time>`` if left out.
         duration: simulated time [s]; the spec's if left out.
-        meshcat: shows the run while it goes on.
-        realtime_rate: 1 for real time, 0 for as fast as it goes.
+        meshcat: Meshcat instance that shows the run.
+        realtime_rate: 1 for real time, 0 for as fast as possible.
         progress: see :func:`mirdrake.runs.simulation.simulate`.
         say: prints a progress message of one line.
         report: see :meth:`mirdrake.runs.simulation.Simulation.run`.

@@ -48,8 +48,9 @@ STATES = signals(
 class Batch:
     """Cars of one variant of the single-track model, each with its own parameters, which step together.
 
-    A car whose state is not finite is dead: it keeps its last finite state and the others continue. Every car has the
-    same bits as the single model with the same Runge-Kutta steps, whatever the other cars or the number of threads.
+    A car whose state is not finite has diverged: it keeps its last finite state and the others continue. The result
+    of each car is bit-identical to that of the single model with the same Runge-Kutta steps, and independent of the
+    other cars and the number of threads.
 
     Attributes:
         variant: equations.
@@ -60,7 +61,7 @@ class Batch:
         time: time since the start [s].
         state: states (n, states) in the order of :attr:`state_names`; may be written.
         parameters: a record per car with the fields of :class:`SingleTrackParameters`; may be written.
-        dead: flags of the cars that have died (n).
+        dead: flags of the diverged cars (n).
 
     Args:
         parameters: parameters that the cars share.
@@ -106,7 +107,7 @@ class Batch:
 
     @property
     def dead_cars(self) -> Integers:
-        """Indices of the cars that have died."""
+        """Indices of the diverged cars."""
         return np.flatnonzero(self.dead)
 
     def __getitem__(self, name: str) -> Floats:

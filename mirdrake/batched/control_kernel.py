@@ -110,12 +110,12 @@ def drive(
         first: first car.
         last: car after the last one.
         states: states (n, states), updated.
-        dead: flags of the cars that have died (n), updated.
+        dead: flags of the diverged cars (n), updated.
         memory: memory of each unit (n, memory), updated.
         delayed: outputs of each unit that do not act yet (n, longest delay + 1, 5), a ring, updated; the present ones
             are at the place of the last control instant.
         delays: delay of each car in control periods (n).
-        outputs: rows (n, rows, columns), overwritten; not a number from the row on in which a car died.
+        outputs: rows (n, rows, columns), overwritten; not a number from the row on in which a car diverged.
     """
     unit, periods = units[0], commands.shape[1]
     states_of_variant = states.shape[1]

@@ -108,7 +108,7 @@ def advance_over_time(
         states: see there.
         dead: see there.
         outputs: states and motion (n, times + 1, states + motion), at the start and after each row; overwritten,
-            not a number from the row on in which a car died.
+            not a number from the row on in which a car diverged.
     """
     states_of_variant = states.shape[1]
     for i in range(first, last):

@@ -133,7 +133,7 @@ def drive_on_track(
         first: first car.
         last: car after the last one.
         states: states (n, states), updated.
-        dead: flags of the cars that have died (n), updated.
+        dead: flags of the diverged cars (n), updated.
         memory: memory of each control unit (n, memory), updated.
         progress: arc length of each car (n) [m], updated.
         signals: :data:`SIGNALS`, then the curvatures ahead (n, signals), overwritten.

@@ -19,9 +19,9 @@ class BatchRun:
 
     Attributes:
         time: times of the rows [s] (t).
-        values: signals (n, t, signals); not a number after a car has died.
+        values: signals (n, t, signals); NaN after a car has diverged.
         signals: name, unit and description of each signal.
-        dead: indices of the cars that have died.
+        dead: indices of the diverged cars.
     """
 
     time: Floats

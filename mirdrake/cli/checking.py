@@ -173,6 +173,6 @@ def _restless(vehicle: Vehicle) -> Iterator[str]:
     travel = float(np.linalg.norm(X_WB.translation()))
     tilt = math.acos(min(max(float(X_WB.rotation().matrix()[2, 2]), -1.0), 1.0))
     if not travel <= MOST_TRAVEL * vehicle.geometry.wheelbase:
-        yield f"does not stand still: it goes {travel:.3g} m in {STANDING:g} s"
+        yield f"does not stay at rest: it moves by {travel:.3g} m in {STANDING:g} s"
     if not tilt <= MOST_TILT:
-        yield f"does not stand upright: it tips by {math.degrees(tilt):.3g} degrees in {STANDING:g} s"
+        yield f"does not stay upright: it tilts by {math.degrees(tilt):.3g} degrees in {STANDING:g} s"

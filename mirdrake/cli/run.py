@@ -152,7 +152,7 @@ def _use_recorded_commands(spec: "DiagramSpec", texts: Sequence[str]) -> float:
 
     Args:
         spec: its control is replaced.
-        texts: ``[VEHICLE=]LOG``; without a vehicle the first one is meant.
+        texts: ``[VEHICLE=]LOG``; the first vehicle by default.
     """
     from mirdrake.controllers.command_log import read_commands
     from mirdrake.controllers.schedule import ScheduleSpec

@@ -110,7 +110,7 @@ class Progress:
         self._quiet = True
 
     def _make_bar(self) -> Any:
-        from tqdm import tqdm  # its import takes 30 ms, which short commands need not pay
+        from tqdm import tqdm  # its import takes 30 ms, which delays short commands
 
         return tqdm(
             total=self._total,

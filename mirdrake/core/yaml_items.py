@@ -144,7 +144,7 @@ def insert_item(text: str, path: Path, item: str, *, name: str = "<text>") -> st
 def remove_item(text: str, path: Path, *, name: str = "<text>") -> str:
     """Return the text without a list item or key and the comments that belong to it.
 
-    The key of a list that would be empty goes with its last item.
+    The key of a list is removed with the last item.
 
     Raises:
         ConfigError: the item does not exist, or other parts of the text depend on it.
@@ -272,7 +272,7 @@ def _without(data: Any, path: Path) -> Any:
 
 
 def _verified(changed: str, wanted: Any, name: str, path: Path) -> str:
-    """Return a changed text if it means what is wanted."""
+    """Return a changed text if it has the intended meaning."""
     try:
         after: Any = parse_tree(changed, name)[0]
     except ConfigError:

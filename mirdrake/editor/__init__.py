@@ -7,7 +7,7 @@
     gesture + text ── apply_gesture ──► text                          gestures.py
     World ── make_picture ──► JSON for the page                       picture.py
     moved props ── mark_overlaps ──► overlaps while dragging          marks.py
-    text ── Checker ──► faults, in a process of its own               checker.py
+    text ── Checker ──► faults, in a separate process               checker.py
     all of it ── Editor ──► answers to the page                       editor.py, page/
 
 The page holds no state of the world: each gesture becomes a change of the text, from which the world is made again.

@@ -1,4 +1,4 @@
-"""Tests of the saved world, run by the command line's own verb in a process of its own."""
+"""Tests of the saved world, run by the command line's own verb in a separate process."""
 
 import subprocess
 import sys
@@ -47,7 +47,7 @@ class CaseRunner:
     close = stop
 
     def state(self) -> dict[str, Any]:
-        """Return name, output and exit code of the last run; its code is None while it goes on."""
+        """Return name, output and exit code of the last run; its code is None while it runs."""
         return {"name": self._name, "lines": self._lines[-60:], "code": self._code}
 
     def _read(self, process: "subprocess.Popen[str]") -> None:

@@ -1,4 +1,4 @@
-"""The complete check of a text in a process of its own, so that the page answers meanwhile.
+"""The complete check of a text in a separate process, so that the page answers meanwhile.
 
 As a program, this module reads a JSON object with ``text`` and ``path`` and writes the faults as JSON.
 """

@@ -17,7 +17,7 @@ class View:
     """Draws worlds into a Meshcat that the page shows in a frame.
 
     Attributes:
-        upstream: the way to it for the server of the page; None before the first drawing.
+        upstream: connection to it for the server of the page; None before the first drawing.
     """
 
     def __init__(self) -> None:

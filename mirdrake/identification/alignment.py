@@ -57,7 +57,7 @@ class Delay(NamedTuple):
 
 
 def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
-    """Return the delay of the first signal against the second, whatever scale and offset; None if too little moves.
+    """Return the delay of the first signal against the second, for any scale and offset; None without variation.
 
     It is the maximum of the cross-correlation, which is unbiased if the noise of both sides is independent.
 

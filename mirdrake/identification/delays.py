@@ -250,7 +250,7 @@ def _pair_finding(
 
 
 def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool) -> tuple[Log, list[Finding]]:
-    """Find clocks of different rates; the repair stretches the channels that do not go with the steering."""
+    """Find clocks of different rates; the repair stretches channels with another clock than the steering."""
     span, hidden = float(np.ptp(log.time)), _drift_by_position(grid)
     seen = [(relation.measured, _timing_channel(relation), delay) for relation, delay in pairs if relation.timed]
     drifting = [

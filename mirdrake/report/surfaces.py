@@ -220,7 +220,7 @@ def picture_of(surfaces: Sequence[Surface], *, view: str, box: tuple[float, floa
 
 
 def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: NDArray[np.uint8]) -> None:
-    """Fill triangles; of several in one pixel the nearest is seen.
+    """Fill triangles; the nearest triangle of a pixel is visible.
 
     Args:
         pixels: picture (rows, columns, 4), red, green, blue, opacity; changed.

@@ -16,7 +16,7 @@ from mirdrake.report.words import format_quantity, format_time
 _AXLES = ("front", "rear")
 _NO_ERROR = 1e-3  # [m]: below this a lateral error is not worth a close look
 _SIDES = ("left", "right")
-_WIDTHS = {"left": 2.1, "right": 1.3}  # [px]: where both coincide, both are seen
+_WIDTHS = {"left": 2.1, "right": 1.3}  # [px]: both are visible where they coincide
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,8 @@ Signals (:data:`~mirdrake.requirements.observation.DERIVED`, :data:`~mirdrake.re
     accel               m/s^2   forward, without gravity
     lateral_accel       m/s^2   to the left, without gravity
     yaw_rate            rad/s   positive to the left
-    slip                        largest of a wheel: its rim's speed less its speed over the ground, over the latter
-    clearance           m       to the nearest prop or vehicle on what can be touched; negative: the way out
+    slip                        largest of all wheels: (rim speed - ground speed) / ground speed
+    clearance           m       to the nearest prop or vehicle (collision shapes); negative: depth of overlap
     laps                        along the track since the start
     lap_time            s       since the current lap began
     time                s       since the start

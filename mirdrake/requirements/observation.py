@@ -44,11 +44,11 @@ DERIVED = {
     "accel": ("m/s^2", "forward, without gravity"),
     "lateral_accel": ("m/s^2", "to the left, without gravity"),
     "yaw_rate": ("rad/s", "positive to the left"),
-    "slip": ("", "largest of a wheel: its rim's speed less its speed over the ground, over the latter"),
+    "slip": ("", "largest of all wheels: (rim speed - ground speed) / ground speed"),
     "clearance": (
         "m",
-        "in the plane from the vehicle's collision shapes to the nearest prop where it was placed, or vehicle, on what "
-        "it can touch at their heights; negative: the shortest way out of it",
+        "horizontal distance of the vehicle's collision shapes to the nearest prop, in its initial pose, or vehicle; only "
+        "shapes at the same height count; negative: depth of overlap",
     ),
     "laps": ("", "along the track since the start"),
     "lap_time": ("s", "since the current lap began"),

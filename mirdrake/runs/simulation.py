@@ -66,7 +66,7 @@ def simulate(
         duration: simulated time [s]; by default that of the spec.
         folder: run folder to write; None keeps the run in memory.
         meshcat: shows the run live.
-        realtime_rate: 1 for real time, 0 for as fast as it goes.
+        realtime_rate: 1 for real time, 0 for as fast as possible.
         progress: called with simulated time and duration [s] every simulated second.
 
     Returns:

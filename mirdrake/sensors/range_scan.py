@@ -147,16 +147,16 @@ class RangeScan(LeafSystem):
 
     Input ports:
         state (12) [m, rad, m/s, rad/s]: of the vehicle, :data:`~mirdrake.core.vectors.STATE`.
-        prop_poses (3 k) [m, m, rad]: x, y, yaw of each of :attr:`movable`, in this order; only when there are any. Left
-            open, props stand where they were placed, and vehicles are not seen. :class:`PropPoses` gives them from the
-            plant.
+        prop_poses (3 k) [m, m, rad]: x, y, yaw of each of :attr:`movable`, in this order; only with movable props.
+            Without connection, props have their initial poses, and vehicles are not detected. :class:`PropPoses`
+            outputs the poses of the plant.
 
     Output ports:
         ranges (n) [m]: distance along each beam to the nearest outline, inf beyond the reach; all 0 when the origin
             is within an outline. It is computed only when it is read: a driver reads it once per update.
 
     A movable prop has the outline and the height with which it was placed, turned by its yaw, also after it was knocked
-    over. Props that vehicles drive over are not seen.
+    over. Props that vehicles drive over are not detected.
 
     Args:
         world: world with the props.
@@ -165,13 +165,13 @@ class RangeScan(LeafSystem):
         start_angle: angle of the first [rad].
         end_angle: angle of the last [rad].
         reach: largest distance [m].
-        height: height above which objects are seen [m]; default: the height that the vehicle rolls over, see
+        height: height above which objects are detected [m]; default: the height that the vehicle rolls over, see
             :class:`mirdrake.worlds.clearance.Volume`.
         front: distance of the origin ahead of the vehicle frame B [m]; default: the front of its collision shapes.
         vehicles: other vehicles by name.
 
     Attributes:
-        movable: names of the movable props that are seen, then of the vehicles.
+        movable: names of the movable props that are detected, then of the vehicles.
         angles: angles of the beams (n) [rad].
 
     Raises:
@@ -261,7 +261,7 @@ class RangeScan(LeafSystem):
         return _cut(px, py, edge, self.angles, self.reach, step=self._step)
 
     def _in_view(self, x: Array, y: Array, radius: Array) -> tuple[Any, Any]:
-        """Return which circles in the frame of the scan may be seen, and which contain its origin (m)."""
+        """Return which circles in the frame of the scan may be hit by a beam, and which contain its origin (m)."""
         square = x * x + y * y
         seen = square <= (self.reach + radius) ** 2
         if self._ahead_only:

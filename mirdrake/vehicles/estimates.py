@@ -545,7 +545,7 @@ def _inertia(
     Wheels and knuckles count as points at the wheel centres, but for the yaw inertia.
 
     Args:
-        yaw: wanted yaw inertia of the whole vehicle [kg m²].
+        yaw: required yaw inertia of the whole vehicle [kg m²].
         given: whether it was given, and must be met.
         mass: mass of the whole vehicle [kg].
         wheelbase: [m].

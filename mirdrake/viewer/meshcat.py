@@ -76,7 +76,7 @@ def offline_meshcat(*, world: World | None = None) -> Iterator[Meshcat]:
 
 
 def make_meshcat_behind(*, world: World) -> tuple[Meshcat, Upstream]:
-    """Return a Meshcat without a page, and the way to it for a server with a page of its own.
+    """Return a Meshcat without a page, and the connection to it for a server with another page.
 
     Args:
         world: defines sky and sun.

@@ -129,7 +129,7 @@ def release(meshcat: Meshcat) -> None:
 
     To be called on the thread that made it, when no diagram draws in it any more.
     """
-    gc.collect()  # diagrams are reference cycles: those that drew in it go now, on this thread
+    gc.collect()  # diagrams are reference cycles: those that drew in it are freed now, on this thread
     _MADE[:] = [made for made in _MADE if made is not meshcat]
 
 

@@ -254,7 +254,7 @@ def load_prop(name: str, *, size: Size | None = None, scale: float = 1.0, where:
 
     Args:
         name: a folder below models/props/, or its path.
-        size: wanted size along x, y, z [m], of a resizable prop.
+        size: requested size along x, y, z [m], of a resizable prop.
         scale: factor of all lengths [-].
         where: prefix of messages.
 

@@ -38,7 +38,7 @@ class PropShape:
             entry: entry of the file, for messages.
             draw: evaluates values.
             folder: folder of the world file.
-            size: wanted size along x, y, z [m], of a resizable kind.
+            size: requested size along x, y, z [m], of a resizable kind.
             scale: factor of all lengths.
 
         Raises:

@@ -93,7 +93,7 @@ def import_vehicle(
     Args:
         path: the file, or the folder of a package or model.
         name: name of the vehicle; that of the model if left out.
-        folder: where the vehicle's folder goes; ``models`` in the working directory if left out.
+        folder: parent of the new vehicle folder; ``models`` in the working directory if left out.
         packages: ROS package name -> folder, besides those found around the file.
         arguments: values of xacro arguments.
         drive: driven axle: front, rear or all; what the files state if left out.

@@ -28,7 +28,7 @@ def check_loads(folder: Path) -> None:
 
 
 def run_module(module: str, folder: Path, *, seconds: float) -> tuple[int | None, str]:
-    """Run a module with a vehicle folder as its argument in a process of its own, which may crash or hang.
+    """Run a module with a vehicle folder as its argument in a separate process, which may crash or hang.
 
     Returns:
         the exit code, None if it was killed after so many seconds, and the last line of its errors, with files named

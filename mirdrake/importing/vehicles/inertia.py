@@ -18,7 +18,7 @@ DENSITY = 140.0
 """Mass over the volume of the box around it [kg/m³]: cars 1600 kg in 4.2 x 1.8 x 1.5 m, models 3.5 kg in 0.03 m³."""
 
 FARTHEST, NEAREST = 3.0, 0.01
-"""Radius of gyration over half the diagonal of the link's shapes: beyond these no such body is meant."""
+"""Radius of gyration over half the diagonal of the link's shapes: an inertia outside of this range is wrong."""
 
 OUTSIDE = 1.2
 """Root mean square distance of the mass along an axis over the reach of the shapes: above this, axes are exchanged."""
