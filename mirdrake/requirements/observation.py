@@ -47,8 +47,8 @@ DERIVED = {
     "slip": ("", "largest of all wheels: (rim speed - ground speed) / ground speed"),
     "clearance": (
         "m",
-        "horizontal distance of the vehicle's collision shapes to the nearest prop, in its initial pose, or vehicle; only "
-        "shapes at the same height count; negative: depth of overlap",
+        "horizontal distance of the vehicle's collision shapes to the nearest prop, in its initial pose, or vehicle; "
+        "only shapes at the same height count; negative: depth of overlap",
     ),
     "laps": ("", "along the track since the start"),
     "lap_time": ("s", "since the current lap began"),
