@@ -1,4 +1,4 @@
-"""Job candidates: many gains of one loop tried on the plant, on all cores, start of the processes included."""
+"""Job candidates: evaluation of many gains of a loop on the plant, on all cores, start of the processes included."""
 
 import json
 import os
@@ -42,7 +42,7 @@ def run_candidates(*, count: int = COUNT, duration: float = DURATION, repeat: in
 
 
 def _fresh(what: str, count: int, duration: float) -> dict[str, Any]:
-    """What a function of this module gives in a fresh process."""
+    """Return the result of a function of this module in a fresh process."""
     command = [sys.executable, "-c", "import benchmarks.candidates as job; job.main()", what, str(count), str(duration)]
     began = time.perf_counter()
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, cwd=ROOT.parent)
@@ -77,7 +77,7 @@ def _evaluator(duration: float, **plant: Any) -> Any:
 
 
 def search(count: int, duration: float) -> dict[str, Any]:
-    """All of them on all cores; processor time of the candidates, and of this process, which imports and hands out."""
+    """Evaluate all candidates on all cores; return the processor time of the candidates and of this process."""
     start_server(LOOP)  # as `mirdrake tune` does; then the rest is imported
     from mirdrake.studies.spec import ParameterSpec
     from mirdrake.tuning.search import search as find
@@ -130,6 +130,6 @@ def step(_: int, duration: float) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Of a process of the job: what to do, how many candidates, and for how long each [s]."""
+    """Run a process of the job: task, number of candidates, duration of each [s]."""
     call = {"search": search, "alone": alone, "step": step}[sys.argv[1]]
     print(json.dumps(call(int(sys.argv[2]), float(sys.argv[3]))))

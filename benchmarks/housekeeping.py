@@ -1,4 +1,4 @@
-"""Jobs memory and start-up: what grows, and what one waits for."""
+"""Jobs memory and start-up: growth of the memory, import time and time to the first step."""
 
 import gc
 import os
@@ -26,7 +26,7 @@ FIRST_FOLDER = 60.0
 
 
 def run_memory(*, runs: int, run_duration: float, hour: float) -> dict[str, Any]:
-    """Growth of the memory in RAM over many runs of one Simulation, and over one long drive.
+    """Return the growth of the memory in RAM over many runs of one Simulation, and over one long drive.
 
     The long drive goes into a run folder. A short one into a folder comes before it and is given by itself, because the
     libraries that write are loaded there once. The same drive of the diagram alone shows what the simulation leaks.
@@ -70,7 +70,7 @@ def run_memory(*, runs: int, run_duration: float, hour: float) -> dict[str, Any]
 
 
 def _drive_without_run(seconds: float) -> float:
-    """Growth over a long drive of the diagram alone, its logs emptied as they fill [MB]."""
+    """Return the growth over a long drive of the diagram alone, its logs emptied as they fill [MB]."""
     assembly = assemble(make_spec("point", 0.010))
     context = assembly.make_context()
     simulator = Simulator(assembly.diagram, context)
@@ -89,7 +89,7 @@ def _drive_without_run(seconds: float) -> float:
 
 
 def run_startup(*, repeat: int = 5) -> dict[str, Any]:
-    """Time to import, and from the start of ``mirdrake run`` to its first step; fresh processes each time.
+    """Return the time to import, and from the start of ``mirdrake run`` to its first step; fresh processes each time.
 
     The first step: a process runs the command's own code for a diagram whose duration is one step of the plant, into a
     run folder, without recording and report, and prints the clock when the simulation reports that step as done. The
@@ -109,7 +109,7 @@ def run_startup(*, repeat: int = 5) -> dict[str, Any]:
 
 
 def _process(code: str) -> float:
-    """Wall time of a Python process [s]."""
+    """Return the wall time of a Python process [s]."""
     began = time.perf_counter()
     subprocess.run([sys.executable, "-c", code], check=True, env=os.environ)
     return time.perf_counter() - began

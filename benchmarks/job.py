@@ -18,7 +18,7 @@ SETTLING, PARKED = 2.0, 10.0
 
 
 def circle_figures(vx: Array, wz: Array) -> dict[str, float]:
-    """Accuracy in the steady circle.
+    """Return the accuracy in the steady circle.
 
     Args:
         vx: speed of the rear axle's centre along the car [m/s] (n).

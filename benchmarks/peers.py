@@ -31,7 +31,7 @@ CORNERS = (("fl", WHEELBASE, TRACK / 2), ("fr", WHEELBASE, -TRACK / 2), ("rl", 0
 
 
 class Command(NamedTuple):
-    """What the joints shall do: angles of the steering joints [rad], spin rates of the rear wheels [rad/s]."""
+    """Command of the joints: angles of the steering joints [rad], spin rates of the rear wheels [rad/s]."""
 
     left: float
     right: float
@@ -52,7 +52,7 @@ class Driver:
         self._period, self._kp, self._parked, self._integral = period, kp, parked, 0.0
 
     def command(self, time: float, speed: float) -> Command:
-        """Command at a time [s], from the speed of the rear axle's centre [m/s]."""
+        """Return the command at a time [s], from the speed of the rear axle's centre [m/s]."""
         if self._parked:
             return Command(0.0, 0.0, 0.0, 0.0)
         wanted, t = min(time, SPEED), tan(STEERING * min(max(time - 5.0, 0.0), 1.0))
@@ -64,7 +64,7 @@ class Driver:
 
 
 def write_mjcf(*, wheels: str, step: float, slope: float = 0.0, held: bool = False) -> str:
-    """The car and the road for MuJoCo.
+    """Return the car and the road for MuJoCo.
 
     Args:
         wheels: "cylinder" or "sphere".
@@ -138,7 +138,7 @@ class MujocoCar:
 
 
 def write_urdf() -> str:
-    """The car for PyBullet; the origin of a URDF's base in PyBullet is its centre of mass."""
+    """Return the car for PyBullet; the origin of a URDF's base in PyBullet is its centre of mass."""
 
     def inertia(values: tuple[float, ...]) -> str:
         return f'<inertia ixx="{values[0]}" iyy="{values[1]}" izz="{values[2]}" ixy="0" ixz="0" iyz="0"/>'
@@ -230,7 +230,7 @@ class BulletCar:
 
 
 def peers() -> dict[str, tuple[Callable[..., Any], float, float]]:
-    """What is installed: name -> (maker of the car, step [s], control period [s])."""
+    """Return the installed peers: name -> (factory of the car, step [s], control period [s])."""
     peers_found: dict[str, tuple[Callable[..., Any], float, float]] = {}
     try:
         import mujoco  # noqa: F401

@@ -25,7 +25,7 @@ VERTICAL = 2.0 * atan(tan(0.5 * FIELD) * HEIGHT / WIDTH)
 
 
 def obstacles() -> list[dict[str, Any]]:
-    """Those of the world ``obstacles_36``: sides, or radius and height [m]; the middle [m], the heading, the colour."""
+    """Return the obstacles of ``obstacles_36``: sides, or radius and height [m]; centre [m], heading, colour."""
     from pydrake.geometry import Box
     from pydrake.math import RollPitchYaw
 
@@ -43,7 +43,7 @@ def obstacles() -> list[dict[str, Any]]:
 
 
 def run_in_turn(*, duration: float, repeat: int) -> dict[str, Any]:
-    """Time of a frame here and of every peer that is installed and can draw, each in a process of its own.
+    """Return the time of a frame here and of every peer that is installed and can draw, each in a process of its own.
 
     They draw in turn, so that a machine that is slow for a while is slow for all of them.
 
@@ -83,7 +83,7 @@ def run_in_turn(*, duration: float, repeat: int) -> dict[str, Any]:
 
 
 class Drawn(NamedTuple):
-    """What drawing took, how many frames, and the nearest depth of the last one [m]."""
+    """Time of drawing, number of frames, and the nearest depth of the last one [m]."""
 
     times: Times
     frames: int

@@ -53,7 +53,7 @@ def prepare() -> None:
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:
-    """The document: machine, jobs, targets."""
+    """Return the document: machine, jobs, targets."""
     from benchmarks.timing import machine, tidy
 
     jobs: dict[str, Any] = {}
@@ -148,7 +148,7 @@ DEFAULT_STEP_MS = 5.0
 
 
 def targets(jobs: dict[str, Any]) -> dict[str, Any]:
-    """What must be reached and what is aimed at, against what was measured."""
+    """Return required and desired targets beside the measured values."""
     targets_: dict[str, Any] = {}
     if "w1" in jobs:
         targets_ |= _w1_targets(jobs["w1"])

@@ -1,4 +1,4 @@
-"""What all jobs share: stopwatch, statistics, the machine."""
+"""Common parts of all jobs: stopwatch, statistics, description of the machine."""
 
 import os
 import platform
@@ -15,21 +15,21 @@ ROOT = Path(__file__).resolve().parent
 
 
 class Times(NamedTuple):
-    """What a call took: wall and processor time of this process [s]. On a busy machine only the second means much."""
+    """Wall and processor time of this process in a call [s]; on a busy machine only the second is meaningful."""
 
     wall: float
     cpu: float
 
 
 def timed(call: Callable[[], object]) -> Times:
-    """Wall and processor time [s] of a call."""
+    """Return the wall and processor time [s] of a call."""
     wall, cpu = time.perf_counter(), time.process_time()
     call()
     return Times(time.perf_counter() - wall, time.process_time() - cpu)
 
 
 def rates(times: Sequence[Times], *, duration: float, step: float) -> dict[str, float]:
-    """Figures of speed, medians over repetitions.
+    """Return figures of speed, medians over repetitions.
 
     Args:
         times: what each repetition took [s].
@@ -66,7 +66,7 @@ def machine() -> dict[str, Any]:
 
 
 def installed(package: str) -> str | None:
-    """Version of a package, None if it is not there."""
+    """Return the version of a package, None if it is not there."""
     try:
         return version(package) if find_spec(package) is not None or package == "drake" else None
     except PackageNotFoundError:
@@ -74,7 +74,7 @@ def installed(package: str) -> str | None:
 
 
 def resident_mb() -> float:
-    """Memory of this process that is in RAM [MB]."""
+    """Return the memory of this process that is in RAM [MB]."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 

@@ -1,4 +1,4 @@
-"""Job tyres: what tyre models cost in the drive of W1, and how fast the single-track model is."""
+"""Job tyres: processor time of tyre models in the drive of W1, and speed of the single-track model."""
 
 from functools import partial
 from statistics import median
@@ -25,7 +25,7 @@ LOG_PERIOD = 0.02
 
 
 def drive(contact: str, *, step: float = 0.005, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
-    """The drive of W1 with every kind of tyre, by turns in this process.
+    """Return the drive of W1 with every kind of tyre, by turns in this process.
 
     Args:
         contact: "hydroelastic" or "point".
@@ -61,7 +61,7 @@ def drive(contact: str, *, step: float = 0.005, duration: float = DURATION, repe
 
 
 def _model(period: float | None = None) -> tuple[Diagram, Any, dict[str, list[float]]]:
-    """The single-track model of the car, with brush tyres and relaxation; a constant steering angle, no force.
+    """Return the single-track model of the car, with brush tyres and relaxation; a constant steering angle, no force.
 
     Fixed in the Context: Drake takes what a ConstantVectorSource gives to change with time, and asks again each time.
 
@@ -78,7 +78,7 @@ def _model(period: float | None = None) -> tuple[Diagram, Any, dict[str, list[fl
 
 
 def _vehicle() -> tuple[Diagram, Any, dict[str, list[float]]]:
-    """The same behind the control unit of the vehicle, which works at 50 Hz."""
+    """Return the single-track model behind the control unit of the vehicle, which works at 50 Hz."""
     builder, car = DiagramBuilder(), load_vehicle(KINDS["brush"])
     vehicle = builder.AddSystem(make_single_track_vehicle(car, tyres="brush", relaxation=True))
     command = builder.AddSystem(ConstantCommand(SPEED, STEERING, period=LOG_PERIOD))
@@ -88,7 +88,7 @@ def _vehicle() -> tuple[Diagram, Any, dict[str, list[float]]]:
 
 
 def reduced(make: Any, *, scheme: str | None = None, duration: float = DURATION, repeat: int = 3) -> dict[str, float]:
-    """Real-time factor of a diagram with the single-track model, and how far it ends from where it would.
+    """Return the real-time factor of a diagram with the single-track model, and the error of its final position.
 
     Args:
         make: builds it; gives the diagram, the model in it, and what its input ports are fixed to.
@@ -122,7 +122,7 @@ def reduced(make: Any, *, scheme: str | None = None, duration: float = DURATION,
 
 
 def run_tyres(*, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
-    """All of it."""
+    """Run all parts of the job."""
     return {
         "drives": {contact: drive(contact, duration=duration, repeat=repeat) for contact in ("point", "hydroelastic")},
         "single_track": {

@@ -28,7 +28,7 @@ APPROXIMATIONS = {"point": ("similar", "sap"), "hydroelastic": ("similar",)}
 
 
 def make_spec(contact: str, step: float, *, approximation: str = "similar", left: bool = True) -> DiagramSpec:
-    """The diagram of the job with contact settings, a plant step [s] and a direction of the circle."""
+    """Return the diagram of the job with contact settings, a plant step [s] and a direction of the circle."""
     overrides = [f"plant.contact={contact}", f"plant.time_step={step}", f"plant.approximation={approximation}"]
     spec = load_diagram("w1", overrides=overrides)
     if not left:
@@ -39,7 +39,7 @@ def make_spec(contact: str, step: float, *, approximation: str = "similar", left
 
 
 class BarePlant:
-    """The plant of a diagram, driven by C++ blocks alone, with the motion that the diagram wants.
+    """The plant of a diagram, driven by C++ blocks alone, with the set-point of the diagram.
 
     Wheel speeds and steering angles come from a trajectory and go to the joints' servos; there is no speed loop, no
     driver, no rolling resistance, no log.
@@ -90,7 +90,7 @@ class BarePlant:
         return context
 
     def steady(self, duration: float, *, last: float = STEADY) -> dict[str, float]:
-        """Accuracy of the bare drive, from samples of its last seconds."""
+        """Return the accuracy of the bare drive, from samples of its last seconds."""
         context = self.run(max(duration - last, 0.01))
         plant, base = self.parts.plant, self._part.base
         vx, wz = [], []
@@ -105,7 +105,7 @@ class BarePlant:
 
 
 def _rolling_radius(signals: Any) -> float:
-    """Speed over spin rate of the rear wheels at the end of a drive [m]."""
+    """Return the speed over spin rate of the rear wheels at the end of a drive [m]."""
     last = signals.iloc[-1]
     return float(2.0 * last["ego.vx"] / (last["ego.wheel_speed.rear_left"] + last["ego.wheel_speed.rear_right"]))
 

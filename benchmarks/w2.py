@@ -32,7 +32,7 @@ COLLECTED_RATE = 25.0
 
 
 class Scene:
-    """A camera that moves slowly towards 36 obstacles on asphalt; nobody touches anything.
+    """A camera that moves slowly towards 36 obstacles on asphalt, without contact.
 
     Args:
         color: colours as well as depths.
@@ -59,7 +59,7 @@ class Scene:
         self._plant, self._diagram = plant, builder.Build()
 
     def run(self, duration: float) -> list[dict[str, Any]]:
-        """The pictures of a run, taken as the recorder takes them."""
+        """Return the pictures of a run, taken as the recorder takes them."""
         context = self._diagram.CreateDefaultContext()
         self._rail.set_translation_rate(self._plant.GetMyMutableContextFromRoot(context), SPEED)
         simulator = Simulator(self._diagram, context)
@@ -76,7 +76,7 @@ class Scene:
 
 
 def collect(*, duration: float, repeat: int) -> dict[str, Any]:
-    """The diagram ``collect_driving_data``, with the driving log and every picture on disk.
+    """Return the diagram ``collect_driving_data``, with the driving log and every picture on disk.
 
     Args:
         duration: simulated time [s].

@@ -33,7 +33,7 @@ class Obstacle:
 
 
 def obstacles() -> list[Obstacle]:
-    """The 24 boxes and 12 cylinders around the sensor at the origin."""
+    """Return the 24 boxes and 12 cylinders around the sensor at the origin."""
     generator = np.random.default_rng(3)
     shapes = []
     for index in range(36):
@@ -49,7 +49,7 @@ def obstacles() -> list[Obstacle]:
 
 
 def beams(rows: int, columns: int) -> Array:
-    """Directions (columns, rows, 3); rays are in the order in which the sensor has them."""
+    """Return directions (columns, rows, 3); rays are in the order in which the sensor has them."""
     azimuth = np.linspace(-pi, pi, columns)[:, None]
     elevation = np.linspace(-UPWARD, UPWARD, rows)[None, :] if rows > 1 else np.zeros((1, 1))
     parts = (np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation))
@@ -57,9 +57,9 @@ def beams(rows: int, columns: int) -> Array:
 
 
 def analytic(directions: Array, *, start: Array | None = None) -> Array:
-    """Distances (n) [m] of rays (n, 3) from a place, by the formulas of slab, cylinder and plane; inf: nothing.
+    """Distances (n) [m] of rays (n, 3) from a point, by the formulas of slab, cylinder and plane; inf without a hit.
 
-    No use is made of what is measured: this is the reference.
+    It is independent of the measurements and serves as their reference.
     """
     o = np.array([0.0, 0.0, HEIGHT]) if start is None else start
     nearest = np.full(len(directions), np.inf)
@@ -89,7 +89,7 @@ def analytic(directions: Array, *, start: Array | None = None) -> Array:
 
 
 def run_w3(*, scans: int = 200) -> dict[str, Any]:
-    """Time of a scan at rest, moving and with noise, the worst error, and MuJoCo beside it [ms, mm].
+    """Return the time of a scan at rest, moving and with noise, the worst error, and MuJoCo beside it [ms, mm].
 
     Args:
         scans: of each kind; the median counts.
@@ -112,7 +112,7 @@ def run_w3(*, scans: int = 200) -> dict[str, Any]:
 
 
 def _errors(distance: Array, truth: Array) -> dict[str, float]:
-    """Worst error [mm] of rays that hit in both, and how many hit in one of them only."""
+    """Return the worst error [mm] of rays that hit in both, and how many hit in one of them only."""
     both = np.isfinite(distance) & np.isfinite(truth)
     return {
         "worst_error_mm": 1e3 * float(np.abs(distance - truth)[both].max()),
@@ -123,7 +123,7 @@ def _errors(distance: Array, truth: Array) -> dict[str, float]:
 
 
 def _clock(call: Callable[[], object], count: int) -> float:
-    """Median time of a call [ms]."""
+    """Return the median time of a call [ms]."""
     times = []
     for _ in range(count):
         began = time.perf_counter()
@@ -133,7 +133,7 @@ def _clock(call: Callable[[], object], count: int) -> float:
 
 
 def _ours(rows: int, columns: int, scans: int) -> tuple[float, float, float, Array]:
-    """Median times [ms] of a scan at rest, moving and with noise, and the distances at rest (n) [m].
+    """Return the median times [ms] of a scan at rest, moving and with noise, and the distances at rest (n) [m].
 
     A scan is all that the sensor does at a sample: poses from the plant, rays, readings.
     """
@@ -210,7 +210,7 @@ def _put_obstacles(plant: Any) -> None:
 
 
 def _mujoco(directions: Array, truth: Array, scans: int) -> dict[str, float]:
-    """The same rays by mj_multiRay; directions are in the world already, which ours are not."""
+    """Return the same rays by mj_multiRay; directions are in the world already, which ours are not."""
     import mujoco
 
     geoms = "".join(_mujoco_geom(thing) for thing in obstacles())

@@ -24,7 +24,7 @@ _worker: dict[str, Any] = {}
 
 
 def run_w4(*, runs: int = RUNS, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
-    """Wall time per simulated second of the sweep, of mirdrake and of MuJoCo.
+    """Return the wall time per simulated second of the sweep, of mirdrake and of MuJoCo.
 
     Every run has its own gain of the speed loop. `spawn`: the first study of a process; its workers start, import and
     build. `fork`: the second one; the workers fork from a server that has imported everything, and build. `plain_pool`:
@@ -84,7 +84,7 @@ def _study(step: float, runs: int, duration: float) -> dict[str, Any]:
 
 
 def _measure(study: Mapping[str, Any]) -> dict[str, Any]:
-    """A study in a process of its own, twice, and a few of its runs in that process alone."""
+    """Return a study in a process of its own, twice, and a few of its runs in that process alone."""
     root = Path(__file__).resolve().parents[1]
     path = os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])
     command = [sys.executable, "-m", "benchmarks.w4", json.dumps(study)]
@@ -94,7 +94,7 @@ def _measure(study: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _time_study(study: Mapping[str, Any]) -> dict[str, Any]:
-    """What :func:`_measure` gives; imports of this process do not count, those of the workers do."""
+    """Return the result of :func:`_measure`; it includes imports of the workers, but not of this process."""
     from mirdrake.studies import run_study
 
     results: dict[str, Any] = {}
@@ -134,7 +134,7 @@ def _sweep(
     duration: float,
     repeat: int,
 ) -> dict[str, float | int]:
-    """The sweep in a pool of fresh processes: ms of wall time per simulated second, best of several."""
+    """Return the sweep in a pool of fresh processes: ms of wall time per simulated second, best of several."""
     workers = os.cpu_count() or 1
     walls = []
     jobs = [(gain, duration) for gain in gains]

@@ -24,7 +24,7 @@ SPEEDS = (5.0, 8.0)
 
 
 def run_w5(*, candidates: int = CANDIDATES, duration: float = DURATION, repeat: int = 3) -> dict[str, Any]:
-    """Wall and processor time per simulated second of the sweep, of mirdrake and of MuJoCo.
+    """Return the wall and processor time per simulated second of the sweep, of mirdrake and of MuJoCo.
 
     The batch has brush tyres, relaxation and actuators behind the vehicle's control unit. Its figure is the integral of
     the absolute speed error of each candidate. The vehicle is loaded and the machine code is there before the clock

@@ -33,7 +33,7 @@ STEP = 0.005
 
 
 def random_columns(count, seed=0):
-    """Every parameter of each car, between 0.8 and 1.2 of the car's; shares and signs stay allowed."""
+    """Return every parameter of each car, between 0.8 and 1.2 of the car's; shares and signs stay allowed."""
     rng = np.random.default_rng(seed)
     nominal = replace(
         CAR, gravity_x=0.1, gravity_y=-0.1, front_roll_slip=0.05, front_curvature=-1.0, rear_curvature=-0.5, wind_x=-4.0

@@ -1,4 +1,4 @@
-"""Drives of the full plant of the Bolt on its springs, with a steering actuator, and what sensors make of them.
+"""Drives of the full plant of the Bolt on its springs, with a steering actuator, and their sensor signals.
 
 What the plant is worth to a single track is worked out here from its files, without the code under test: mass, centre
 and inertia of its bodies by Drake, the tyre's cornering stiffness by the formula of its .tir file, and the chain of the
@@ -59,7 +59,7 @@ OFFSET = {"vy": 0.01, "yaw_rate": 0.002, "roll_rate": -0.003, "lateral_accelerat
 
 @dataclass
 class Bolt:
-    """A copy of the Bolt's folder whose steering is late.
+    """A copy of the Bolt's folder whose steering has a delay and a lag.
 
     Attributes:
         model: path and variant.
@@ -69,7 +69,7 @@ class Bolt:
 
     @classmethod
     def copy(cls, folder, *, firm=1):
-        """Into a folder; its steering is `firm` times as stiff and as damped."""
+        """Copy the vehicle into a folder; its steering is `firm` times as stiff and as damped."""
         target = folder / "bolt"
         shutil.copytree(data_root() / "models" / "bolt", target)
         file = target / "variants" / "handling.yaml"
@@ -84,7 +84,7 @@ class Bolt:
         return cls(f"{target}@handling")
 
     def drive(self, profile, speed, duration, *, pedals=None, rate=RATE):
-        """Channels (n) by name; vy and lateral acceleration are those of the frame's origin."""
+        """Return channels (n) by name; vy and lateral acceleration are those of the frame's origin."""
         driver: dict[str, Any] = {"kind": "mirdrake.manoeuvres.drivers:OpenLoopDriver"}
         driver |= {"speeds": [[0.0, speed]]} if pedals is None else {"pedals": pedals}
         driver |= {"profile": profile, "period": 1.0 / rate}
@@ -110,21 +110,21 @@ class Bolt:
         return time, channels
 
     def lateral(self):
-        """The drives of :data:`DRIVES`, exact."""
+        """Return the drives of :data:`DRIVES`, exact."""
         return {
             name: self.drive({**profile, "start": 1.0}, speed, duration)
             for name, (speed, duration, profile) in DRIVES.items()
         }
 
     def coast(self, start=30.0, duration=70.0):
-        """A coast-down in neutral, exact."""
+        """Return a coast-down in neutral, exact."""
         pedals = [[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
         still = {"kind": "step", "amplitude": 0.0}
         return self.drive(still, start, duration, pedals=pedals, rate=COASTING_RATE)
 
 
 def noisy(exact, names, seed, *, name="drive", use="train", begin=0.5):
-    """What sensors with noise and offsets have of an exact drive, at 100 Hz."""
+    """Return an exact drive as measured by sensors with noise and offsets, at 100 Hz."""
     time, channels = exact
     rate = 1.0 / (time[1] - time[0])
     random = np.random.default_rng(seed)
@@ -137,7 +137,7 @@ def noisy(exact, names, seed, *, name="drive", use="train", begin=0.5):
 
 
 def lateral_data(drives, names, seed=0):
-    """A data set of them; the step is held out."""
+    """Return a data set of the lateral drives; the step is for validation."""
     return DataSet(
         tuple(
             noisy(exact, names, 10 * seed + k, name=name, use="validation" if name == "step" else "train")
@@ -148,7 +148,7 @@ def lateral_data(drives, names, seed=0):
 
 @dataclass
 class Truth:
-    """What is so.
+    """True parameters.
 
     Attributes:
         mass: [kg].
@@ -173,7 +173,7 @@ class Truth:
 
 
 def truth():
-    """Of the Bolt by its files, see the head of the module."""
+    """Return the true parameters of the Bolt from its files, see the module's docstring."""
     vehicle = load_vehicle("bolt@handling")
     plant, _, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
     context = plant.CreateDefaultContext()

@@ -25,7 +25,7 @@ PICTURES = Path(__file__).parents[1] / "build" / "test_pictures"
 
 
 def take_picture(driver: Any, name: str) -> NDArray[np.uint8]:
-    """A picture of the page as rows of red, green, blue, kept as a file.
+    """Return a picture of the page as rows of red, green, blue, kept as a file.
 
     Args:
         driver: of :func:`open_browser`.

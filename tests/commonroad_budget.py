@@ -29,7 +29,7 @@ from tests.commonroad_rig import GRAVITY, Array
 
 
 def roll_gain(p: Any) -> float:
-    """Roll angle over lateral acceleration [rad s²/m]."""
+    """Return the roll angle over lateral acceleration [rad s²/m]."""
     stiffness = 0.0
     for track, spring, bar in ((p.T_f, p.K_sf, p.K_tsf), (p.T_r, p.K_sr, p.K_tsr)):
         springs, tyres = 0.5 * spring * track**2 - bar, 0.5 * p.K_zt * track**2
@@ -38,19 +38,19 @@ def roll_gain(p: Any) -> float:
 
 
 def axle_loads(p: Any) -> tuple[float, float]:
-    """Front and rear [N]."""
+    """Return the static load of the front and rear axle [N]."""
     length = p.a + p.b
     return GRAVITY * (p.m_s * p.b / length + p.m_uf), GRAVITY * (p.m_s * p.a / length + p.m_ur)
 
 
 def tyre_stiffnesses(p: Any) -> tuple[float, float]:
-    """Cornering stiffness of the bare tyres of each axle [N/rad]."""
+    """Return the cornering stiffness of the bare tyres of each axle [N/rad]."""
     front, rear = axle_loads(p)
     return -p.tire.p_ky1 * front, -p.tire.p_ky1 * rear
 
 
 def _slip(p: Any, wanted: float, camber: float) -> float:
-    """Slip angle [rad] at which a tyre has a lateral force over its load [1]; camber [rad] is to the outside."""
+    """Return the slip angle [rad] at which a tyre has a lateral force over its load [1]; camber [rad] is to the outside."""
     t = p.tire
     side = np.sign(camber)
     shift, push = side * t.p_hy1 + t.p_hy3 * camber, side * t.p_vy1 + t.p_vy3 * camber
@@ -64,7 +64,7 @@ def _slip(p: Any, wanted: float, camber: float) -> float:
 
 
 def effective_stiffnesses(p: Any, accelerations: Array) -> tuple[float, float]:
-    """Of front and rear axle [N/rad] for a drive.
+    """Return the effective stiffness of front and rear axle in a drive [N/rad].
 
     Args:
         p: parameters of a car.

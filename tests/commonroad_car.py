@@ -1,4 +1,4 @@
-"""A vehicle folder of ours with the parameters of commonroad-vehicle-models, and what our models make of it."""
+"""A vehicle folder with the parameters of commonroad-vehicle-models, and simulations of our models with it."""
 
 import math
 from collections.abc import Callable
@@ -31,7 +31,7 @@ STIFF = 1e9
 
 
 def tyre(p: Any, *, camber: float = 1.0, lateral: float = STIFF) -> MagicFormulaParameters:
-    """The package's tyre as Magic Formula 6.1; where PAC2002 writes PHY3, it has PKY6.
+    """Return the package's tyre as Magic Formula 6.1; where PAC2002 writes PHY3, it has PKY6.
 
     PDY1 is negative in .tir files, so what is multiplied by it, RVY1 and RVY3, changes its sign, too. The shifts PHX1,
     PVX1, PHY1 and PVY1 are left out, see the head of :mod:`tests.commonroad_rig`.
@@ -92,7 +92,7 @@ def centre_of_sprung_mass(p: Any) -> tuple[float, float]:
 
 
 def write_car(folder: Path, p: Any, *, kind: Reference = "published", mapped: bool = True) -> Path:
-    """Write a vehicle folder with the package's parameters, and nothing that is not in them.
+    """Write a vehicle folder with the package's parameters and no others.
 
     Args:
         folder: is made.
@@ -229,7 +229,7 @@ def _corner(corner: str, *, mass: float, at: tuple[float, float, float], steered
 
 
 class _Steering(LeafSystem):
-    """Desired state of the actuators: both steering joints at the angle that is wanted at the end of the step."""
+    """Desired state of the actuators: both steering joints at the set-point at the end of the step."""
 
     def __init__(self, steer: Manoeuvre, *, joints: list[int], count: int, step: float) -> None:
         super().__init__()
@@ -293,7 +293,7 @@ def plant_trace(vehicle: Vehicle, steer: Manoeuvre, point: tuple[float, float], 
 
 
 def _trace_of_body(q: Array, v: Array, point: tuple[float, float]) -> Trace:
-    """From poses (quaternion, position) and velocities (angular, linear) of the vehicle frame in the world."""
+    """Return the trace of poses (quaternion, position) and velocities (angular, linear) of the vehicle frame."""
     w, i, j, k = q[:4] / np.linalg.norm(q[:4], axis=0)
     x_axis = np.array([1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j + w * k), 2.0 * (i * k - w * j)])
     z_axis = np.array([2.0 * (i * k + w * j), 2.0 * (j * k - w * i), 1.0 - 2.0 * (i * i + j * j)])
@@ -309,7 +309,7 @@ def _trace_of_body(q: Array, v: Array, point: tuple[float, float]) -> Trace:
 
 
 def single_track_trace(vehicle: Vehicle, steer: Manoeuvre, *, relaxation: bool = False, roll: bool = False) -> Trace:
-    """Our reduced model with brush tyres, its parameters read off the vehicle folder; acceleration of its own point.
+    """Return the trace of our reduced model with brush tyres; acceleration at its reference point.
 
     Args:
         vehicle: of :func:`write_car`.

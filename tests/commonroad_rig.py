@@ -64,7 +64,7 @@ Array = NDArray[np.floating[Any]]
 
 
 def car(name: str) -> Any:
-    """The package's parameters of a car."""
+    """Return the package's parameters of a car."""
     return setup_vehicle_parameters(CARS[name])
 
 
@@ -91,7 +91,7 @@ class Manoeuvre:
 
 
 def manoeuvre(name: str, wheelbase: float) -> Manoeuvre:
-    """A manoeuvre for a wheelbase [m]; amplitudes are those of a neutral car at :data:`SPEED`.
+    """Return a manoeuvre for a wheelbase [m]; amplitudes are those of a neutral car at :data:`SPEED`.
 
     - step: 0.4 g at 1 s, within 0.2 s; held for 2.8 s.
     - sweep: 0.3 g, 0.2 to 2 Hz, frequency linear in time over 15 s.
@@ -129,7 +129,7 @@ def manoeuvre(name: str, wheelbase: float) -> Manoeuvre:
 
 @dataclass(frozen=True)
 class Trace:
-    """What a car did, at multiples of :data:`SAMPLE`.
+    """Motion of a car, at multiples of :data:`SAMPLE`.
 
     Attributes:
         time: (n) [s].
@@ -145,12 +145,12 @@ class Trace:
 
 
 def fit(measured: Array, model: Array) -> float:
-    """NRMSE fit [%]: 100 (1 - |y - ŷ| / |y - mean y|)."""
+    """Return NRMSE fit [%]: 100 (1 - |y - ŷ| / |y - mean y|)."""
     return float(100.0 * (1.0 - np.linalg.norm(measured - model) / np.linalg.norm(measured - measured.mean())))
 
 
 def fits(reference: Trace, model: Trace) -> tuple[float, float]:
-    """Fits of yaw rate and lateral acceleration [%]."""
+    """Return fits of yaw rate and lateral acceleration [%]."""
     return (
         fit(reference.yaw_rate, model.yaw_rate),
         fit(reference.lateral_acceleration, model.lateral_acceleration),
@@ -167,7 +167,7 @@ _ON_WHEELS = (
 
 @cache
 def _dynamics(kind: Reference) -> Callable[[list[float], list[float], Any], list[float]]:
-    """The package's right-hand side, but for "published" with the four slip angles taken at the axles."""
+    """Return the package's right-hand side, but for "published" with the four slip angles taken at the axles."""
     text, known = inspect.getsource(package.vehicle_dynamics_mb), dict(vars(package))
     if kind == "published":
         return package.vehicle_dynamics_mb  # type: ignore[no-any-return]
@@ -179,7 +179,7 @@ def _dynamics(kind: Reference) -> Callable[[list[float], list[float], Any], list
 
 
 def reference_trace(name: str, steer: Manoeuvre, *, kind: Reference = "published") -> Trace:
-    """The package's multi-body model, integrated with relative errors of 1e-7."""
+    """Return the package's multi-body model, integrated with relative errors of 1e-7."""
     p, dynamics = car(name), _dynamics(kind)
     if kind == "wheel_slip":
         p.tire.p_hy1 = p.tire.p_vy1 = 0.0

@@ -1,4 +1,4 @@
-"""What all tests share: each leaves the process as it found it, plots stay headless, data files can be damaged.
+"""Common fixtures: the process state is restored after each test, plots are headless, data files can be damaged.
 
 ``--times FILE`` records the processor time of the tests; ``--quick`` runs only the files that took at most
 :data:`QUICK_FILE` in ``tests/times.json``.
@@ -94,7 +94,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _private_caches(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Caches of its own: the home folder may be read-only, and several processes may write there at once."""
+    """Use private caches: the home folder may be read-only, and several processes may write there at once."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MPLCONFIGDIR", str(tmp_path_factory.mktemp("matplotlib")))
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
@@ -103,7 +103,7 @@ def _private_caches(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _process_as_found() -> Iterator[None]:
-    """Environment, working directory and sys.path are after each test what they were before it.
+    """Check that each test restores environment, working directory and sys.path.
 
     This fixture is set up first and torn down last, so what `monkeypatch` changes is undone before the check.
     """

@@ -1,4 +1,4 @@
-"""Mutate valid files of every format and run the commands that read them; count what ends otherwise than it should.
+"""Mutate valid files of every format and run the commands that read them; count unexpected outcomes.
 
     python -m tests.fuzz_files --cases 10000 --seed 0            all formats, one process at low priority
     python -m tests.fuzz_files --cases 200 --format run_folder   one of them
@@ -463,7 +463,7 @@ def _change_text(content: bytes, kind: str, chance: random.Random) -> bytes:
 
 
 def _places(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Every place below the top of a tree."""
+    """Return every path below the root of a tree."""
     items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
     return [place for key, value in items for place in ((*path, key), *_places(value, (*path, key)))]
 
@@ -612,7 +612,7 @@ def run_command(command: tuple[str, ...], work: Path) -> tuple[str, str]:
 
 
 def _work(pipe: Connection, seed: int) -> None:
-    """Run the cases that arrive, until none does; what compiled code prints is dropped."""
+    """Run the cases that arrive until there are no more; discard the output of compiled code."""
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     os.dup2(null, 2)

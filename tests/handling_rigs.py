@@ -1,4 +1,4 @@
-"""The reference vehicles as they drive, rolling freely, for the tests of energy: no motor, no brake, no air."""
+"""Freely rolling reference vehicles for the tests of energy: no motor, no brake, no aerodynamic forces."""
 
 import shutil
 from pathlib import Path
@@ -32,7 +32,7 @@ def free_handling(folder: Path, name: str) -> str:
 
 
 def rolling_car(model: str, *, speed: float, steering: float) -> Assembly:
-    """A diagram with one car on a plane of dry asphalt, without air."""
+    """Return a diagram with one car on a plane of dry asphalt, without air."""
     world = Path(model).parent / "asphalt.yaml"
     world.write_text("mirdrake: world/1\nground: {surface: asphalt}\n", encoding="utf-8")
     spec: dict[str, Any] = {

@@ -31,7 +31,7 @@ def ramp(t: float, start: float, end: float) -> float:
 
 
 def dwell(t: float) -> float:
-    """A sine of 0.7 Hz that rests for half a second behind its third quarter [1]."""
+    """Return a sine of 0.7 Hz that rests for half a second behind its third quarter [1]."""
     three = 0.75 / 0.7
     if not 14.0 < t < 14.5 + 1.0 / 0.7:
         return 0.0
@@ -73,7 +73,7 @@ def tyre(slip: float, load: float, usual: float, stiffness: float) -> float:
 
 
 def rates(x: np.ndarray, asked: float, along: float) -> tuple[np.ndarray, float]:
-    """Of vx, vy of the roll axis, yaw rate, roll, its rate, wheel angle, four slips, late ay; and ay of the mass."""
+    """Return the derivatives of vx, vy, yaw rate, roll, its rate, wheel angle, slips and lagged ay; and ay."""
     c, (vx, vy, turn, roll, roll_rate, angle) = CAR, x[:6]
     m, length, ahead = c["mass"], c["wheelbase"], c["front"]
     behind, half = length - ahead, 0.5 * c["track"]

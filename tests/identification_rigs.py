@@ -1,4 +1,4 @@
-"""Drives of a known single track, simulated by scipy with the equations written out once more, with sensor noise."""
+"""Drives of a known single track with sensor noise, simulated by SciPy with an independent implementation."""
 
 from functools import cache
 from math import pi
@@ -31,7 +31,7 @@ def speed(t):
 
 
 def pull(push, angle, drive=0.5):
-    """What front wheels pull to the side: 0.6 of the braking is theirs.
+    """Return the lateral part of the longitudinal force of the front wheels, which have 0.6 of the braking.
 
     Args:
         push: force along the vehicle, or acceleration.
@@ -42,17 +42,17 @@ def pull(push, angle, drive=0.5):
 
 
 def steps(t):
-    """Steps to both sides, each within 0.1 s: 4 m/s² at 25 m/s, as in ISO 7401 [rad]."""
+    """Return steps to both sides, each within 0.1 s: 4 m/s² at 25 m/s, as in ISO 7401 [rad]."""
     return 0.024 * np.tanh(50.0 * np.sin(2.0 * pi * t / 5.0) / (2.0 * pi))
 
 
 def sweep(t):
-    """0.2 to 4 Hz within 30 s, of 4 m/s² where it is slow [rad]."""
+    """Return a sweep from 0.2 to 4 Hz within 30 s, with 4 m/s² at low frequencies [rad]."""
     return 0.024 * np.sin(2.0 * pi * (0.2 + 0.5 * (3.8 / 30.0) * t) * t)
 
 
 def ramp(t):
-    """Up to 4 m/s² and back, to the left and to the right [rad]."""
+    """Return a ramp up to 4 m/s² and back, to the left and to the right [rad]."""
     return 0.024 * np.sin(2.0 * pi * t / 30.0)
 
 
@@ -62,7 +62,7 @@ STANDARD = {"step": (steps, 25.0), "sweep": (sweep, 25.0), "ramp": (ramp, 25.0)}
 
 @cache
 def exact(duration=30.0, step=0.01, manoeuvre=None):
-    """Time and exact channels; the recorded steering is what goes into delay and lag.
+    """Return the time and exact channels; the recorded steering is the input of delay and lag.
 
     Args:
         duration: [s].
@@ -112,7 +112,7 @@ def exact(duration=30.0, step=0.01, manoeuvre=None):
 def lateral_log(
     seed=0, *, name="drive", use="train", duration=30.0, channels=("yaw_rate", "lateral_acceleration"), manoeuvre=None
 ):
-    """A log with noise and offsets of the sensors."""
+    """Return a log with noise and offsets of the sensors."""
     time, clean = exact(duration, manoeuvre=manoeuvre)
     random = np.random.default_rng(seed)
     seen = {"road_wheel_angle": clean["road_wheel_angle"]}
@@ -126,7 +126,7 @@ def lateral_data(seed=0, **options):
 
 
 def standard_data(seed=0):
-    """The standard set of manoeuvres, 90 s together."""
+    """Return the standard set of manoeuvres, 90 s together."""
     logs = [lateral_log(10 * seed + k, name=name, manoeuvre=name) for k, name in enumerate(STANDARD)]
     return DataSet(tuple(logs), wheelbase=FRONT + REAR)
 
@@ -135,7 +135,7 @@ COAST = {"rolling_resistance": 0.009, "drag": 0.45}
 
 
 def coast_data(seed=0, *, duration=120.0, start=32.0):
-    """A coast-down of the same mass, by closed form: v = √(A/D) tan(φ - √(A D) t / m)."""
+    """Return a coast-down of the same mass, by closed form: v = √(A/D) tan(φ - √(A D) t / m)."""
     time = np.arange(0.0, duration, 0.02)
     a, d = COAST["rolling_resistance"] * MASS * 9.80665, COAST["drag"]
     size = np.sqrt(a / d)

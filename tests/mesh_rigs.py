@@ -22,14 +22,14 @@ QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 
 
 def box(low, high):
-    """Triangles (12, 3, 3) of a box between two corners."""
+    """Return triangles (12, 3, 3) of a box between two corners."""
     low, high = np.array(low, dtype=float), np.array(high, dtype=float)
     corners = low + CORNERS * (high - low)
     return np.array([corners[list(t)] for q in QUADS for t in ((q[0], q[1], q[2]), (q[0], q[2], q[3]))])
 
 
 def write_stl(path, triangles):
-    """A binary STL."""
+    """Return a binary STL."""
     record = np.zeros(len(triangles), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
     record["v"] = triangles
     path.write_bytes(b"made by a test".ljust(80) + struct.pack("<I", len(triangles)) + record.tobytes())
@@ -72,7 +72,7 @@ def write_dae(
     name="body",
     transparent="",
 ):
-    """A box from `at` on; the second of two materials is on its upper face."""
+    """Return a box from `at` on; the second of two materials is on its upper face."""
     looks = looks or [("paint", flat(1, 0, 0))]
     points = " ".join(f"{value:g}" for value in (at + CORNERS * size).ravel())
     groups = {looks[0][0]: QUADS[: 6 if len(looks) == 1 else 5]}

@@ -1,4 +1,4 @@
-"""Drives of the full plant with cargo, written into its Context, with what sensors add."""
+"""Drives of the full plant with cargo, set in its Context, with sensor noise."""
 
 from functools import cache
 
@@ -46,7 +46,7 @@ def _diagram(step, contact):
 
 @cache
 def drive_with_cargo(duration=6.0, step=0.005, contact="point", cargo=CARGO):
-    """Exact channels at 200 Hz, and the true mass, centre of mass before the rear axle, and yaw inertia."""
+    """Return exact channels at 200 Hz, and the true mass, centre of mass before the rear axle, and yaw inertia."""
     assembly = assemble(make_spec(_diagram(step, contact)))
     plant, part = assembly.parts.plant, assembly.parts.vehicles["ego"]
     context = assembly.make_context()
@@ -116,7 +116,7 @@ def _unloaded(plant, part):
 
 
 def noisy(exact, seed=0, names=None, every=2, use="train"):
-    """The exact drive as sensors of a car would have it, at 100 Hz."""
+    """Return the exact drive as measured by the sensors of a car, at 100 Hz."""
     time, channels, _ = exact
     random = np.random.default_rng(seed)
     noisy_channels = {

@@ -1,4 +1,4 @@
-"""Rooms for sensors that measure distances: shapes that stand, bodies that fly, a body that carries the sensor."""
+"""Rooms for sensors that measure distances: fixed shapes, moving bodies, a body that carries the sensor."""
 
 from collections.abc import Sequence
 from math import pi
@@ -49,7 +49,7 @@ class Room:
         velocity: Sequence[float] = (0.0, 0.0, 0.0),
         turn: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> RigidBody:
-        """A body that flies, with a shape."""
+        """Return a body that flies, with a shape."""
         instance = self.plant.AddModelInstance(name)
         body = self.plant.AddRigidBody(name, instance, SpatialInertia.SolidSphereWithMass(1.0, 1.0))
         if shape is not None:
@@ -58,13 +58,13 @@ class Room:
         return body
 
     def world(self, *, ground: bool = True) -> RayWorld:
-        """What rays can meet; nothing can be added any more."""
+        """Return the shapes that rays can hit; no more can be added."""
         if not self.plant.is_finalized():
             self.plant.Finalize()
         return RayWorld(self.plant, self.scene_graph, ground=ground)
 
     def start(self, *sensors: Any) -> Simulator:
-        """A simulator with sensors in it."""
+        """Return a simulator with sensors in it."""
         for sensor in sensors:
             self.builder.AddSystem(sensor)
             for name in ("body_poses", "body_spatial_velocities"):
@@ -78,14 +78,14 @@ class Room:
         return simulator
 
     def measure(self, sensor: Any) -> Any:
-        """What a sensor that is alone in the room measures at the start."""
+        """Return the measurement of a sensor that is alone in the room, at the start."""
         simulator = self.start(sensor)
         context = sensor.GetMyContextFromRoot(simulator.get_context())
         return sensor.look(context) if hasattr(sensor, "look") else sensor.measure(context)
 
 
 def cast(room: Room, start: Any, directions: Any, *, ground: bool = False, far: float = 200.0) -> Hits:
-    """What rays from a place meet that leave all at once, before anything moves."""
+    """Return the hits of simultaneous rays from a point, before anything moves."""
     world = room.world(ground=ground)
     ways = np.asarray(directions, dtype=float).reshape(1, -1, 3)
     ways = ways / np.linalg.norm(ways, axis=2, keepdims=True)
@@ -95,26 +95,26 @@ def cast(room: Room, start: Any, directions: Any, *, ground: bool = False, far: 
 
 
 def scanner(**more: Any) -> LaserScannerMount:
-    """A scanner of 361 beams over half a turn."""
+    """Return a scanner of 361 beams over half a turn."""
     data: dict[str, Any] = {"frame": "carrier", "rate": 10.0, "beams": 361, "start_angle": -pi / 2}
     data |= {"end_angle": pi / 2, "near": 0.1, "far": 100.0}
     return LaserScannerMount(kind="laser_scanner", **(data | more))
 
 
 def lidar(**more: Any) -> LidarMount:
-    """A lidar of 8 planes and 90 columns."""
+    """Return a lidar of 8 planes and 90 columns."""
     data: dict[str, Any] = {"frame": "carrier", "rate": 10.0, "columns": 90, "rows": 8, "near": 0.1, "far": 100.0}
     data |= {"horizontal_start": -pi, "horizontal_end": pi, "vertical_start": -0.3, "vertical_end": 0.1}
     return LidarMount(kind="lidar", **(data | more))
 
 
 def sonar(**more: Any) -> SonarMount:
-    """A sonar with a cone of 30 degrees."""
+    """Return a sonar with a cone of 30 degrees."""
     data: dict[str, Any] = {"frame": "carrier", "rate": 10.0, "cone": pi / 6, "near": 0.2, "far": 5.0}
     return SonarMount(kind="sonar", **(data | more))
 
 
 def radar(**more: Any) -> RadarMount:
-    """A radar with a field of view of 60 x 10 degrees."""
+    """Return a radar with a field of view of 60 x 10 degrees."""
     data: dict[str, Any] = {"frame": "carrier", "rate": 10.0, "horizontal_fov": pi / 3, "vertical_fov": pi / 18}
     return RadarMount(kind="radar", **(data | {"near": 0.5, "far": 150.0, "targets": 4} | more))

@@ -17,7 +17,7 @@ ROWS, COLUMNS, BEAMS = 4, 30, 180
 
 @dataclass
 class Scan:
-    """Of a lidar that counts: all ranges of sample k are k, but the first is inf."""
+    """Scan of a counting lidar: all ranges of sample k are k, but the first is inf."""
 
     time: float
     ranges: np.ndarray
@@ -89,14 +89,14 @@ class StillCamera(LeafSystem):
 
 
 class Pictures:
-    """What a :class:`LateCamera` shows."""
+    """Images of a :class:`LateCamera`."""
 
     def __init__(self, level: int) -> None:
         self.pictures = {"color": np.full((8, 8, 3), level, dtype=np.uint8)}
 
 
 class LateCamera(SampledValue):
-    """A camera whose pictures need time to arrive, and of which some get lost; each one level brighter."""
+    """A camera whose images arrive with latency, and some of which are lost; each is one level brighter."""
 
     record = "pictures"
 

@@ -21,7 +21,7 @@ GRAVITY = 9.80665
 
 
 def free_rolling(vehicle: Vehicle) -> Vehicle:
-    """The vehicle without wheel servos: nothing drives or brakes it."""
+    """Return the vehicle without wheel servos: nothing drives or brakes it."""
     control = vehicle.control.model_copy(update={"wheel_speed": WheelPid(kind="pid", kp=0.0)})
     return replace(vehicle, control=control)
 
@@ -54,7 +54,7 @@ class CoastingCar:
 
 
 def coasting_car(speed: float, spec: PlantSpec, *, coefficient: float | None = None) -> CoastingCar:
-    """A car that coasts from a speed [m/s], with the tyre's own rolling resistance or another coefficient."""
+    """Return a car that coasts from a speed [m/s], with the tyre's own rolling resistance or another coefficient."""
     builder = DiagramBuilder()
     parts = make_plant(builder, load_world("empty"), {"ego": free_rolling(load_vehicle("bolt"))}, spec=spec)
     plant, part = parts.plant, parts.vehicles["ego"]
@@ -83,7 +83,7 @@ def coasting_car(speed: float, spec: PlantSpec, *, coefficient: float | None = N
 
 
 def drive(duration: float, *, speed: float = 0.0, world: str = "empty", control: Any = None, **plant: Any) -> Run:
-    """A Bolt on a world under a driver from data; in memory."""
+    """Return a Bolt on a world under a driver from data; in memory."""
     spec = {
         "world": world,
         "vehicles": {"ego": {"model": "bolt", "speed": speed}},

@@ -51,12 +51,12 @@ class Carousel:
         self.angle, self.rate = angle, rate
 
     def finalize(self) -> MultibodyPlant:
-        """The plant, ready for sensors."""
+        """Return the plant, ready for sensors."""
         self.plant.Finalize()
         return self.plant
 
     def start(self, sensor: System) -> Simulator:
-        """A simulator of the arm and a sensor on it, at the start."""
+        """Return a simulator of the arm and a sensor on it, at the start."""
         plant = self.plant
         feeds = {
             "plant_state": plant.get_state_output_port(),
@@ -75,7 +75,7 @@ class Carousel:
         return simulator
 
     def run(self, sensor: Any, duration: float, *, rate: float) -> np.ndarray:
-        """Samples of the sensor, n x time; looked at midway between two of them."""
+        """Return the samples of the sensor, n x time, taken midway between two updates."""
         simulator = self.start(sensor)
         seen = []
         for step in range(round(duration * rate)):
@@ -85,7 +85,7 @@ class Carousel:
 
 
 def vehicle_with(folder: Path, sensors: str, *, model: str = "mkz") -> Path:
-    """A copy of a vehicle with other sensors, in a new folder."""
+    """Return a copy of a vehicle with other sensors, in a new folder."""
     folder.mkdir()
     for path in (data_root() / "models" / model).iterdir():
         if path.name != "sensors.yaml":
@@ -95,7 +95,7 @@ def vehicle_with(folder: Path, sensors: str, *, model: str = "mkz") -> Path:
 
 
 def held(sensor: Any, simulator: Simulator, port: str = "sample") -> Any:
-    """What a sensor shows now."""
+    """Return the present output of a sensor."""
     output = sensor.GetOutputPort(port)
     return output.Eval(sensor.GetMyContextFromRoot(simulator.get_context()))
 
@@ -124,7 +124,7 @@ class TextClock(SampledValue):
 
 
 def shown(sensor: Any, times: Sequence[float], port: str = "sample") -> list[Any]:
-    """What a sensor without inputs shows just before each of these times, before the updates of that time."""
+    """Return the output of a sensor without inputs just before the updates of each time."""
     builder = DiagramBuilder()
     builder.AddSystem(sensor)
     simulator = Simulator(builder.Build())

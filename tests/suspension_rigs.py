@@ -1,4 +1,4 @@
-"""Cars on springs with numbers of the test's own, on point contact, and what pushes them."""
+"""Cars on springs with the parameters of the tests, on point contact, under constant forces."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ JOINTS = {
 def on_springs(
     model: str = "bolt", *, front: Mapping[str, float] = FRONT, rear: Mapping[str, float] = REAR, **arguments: str
 ) -> Vehicle:
-    """A reference vehicle on these springs; nothing drives or brakes its wheels."""
+    """Return a reference vehicle on these springs; nothing drives or brakes its wheels."""
     springs = {"front": dict(front), "rear": dict(rear)}
     changed: dict[str, Any] = {"joints": {"suspension": JOINTS}, "suspension": springs}
     values = {"suspension": "true", **arguments}
@@ -77,7 +77,7 @@ class PushedCar:
 
     @property
     def travel(self) -> np.ndarray:
-        """Of the four wheels [m]."""
+        """Return the travel of the four wheels [m]."""
         return self.state[[joint.position_start() for joint in self.part.suspension]]
 
     def lift(self, heave: float, pitch: float = 0.0) -> None:
@@ -96,7 +96,7 @@ class PushedCar:
         plant.SetFreeBodyPose(context, self.part.base, X_WB)
 
     def pose(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Times [s], height of the vehicle frame [m], pitch and roll [rad] of what was logged."""
+        """Return times [s], height of the vehicle frame [m], pitch and roll [rad] of the log."""
         log = self.log.FindLog(self.simulator.get_context())
         start = self.part.base.floating_positions_start()
         states = vehicle_states(log.data()[start : start + 7], np.zeros((6, log.num_samples())))
@@ -111,7 +111,7 @@ def pushed_car(
     parked: bool = True,
     world: str | World = "empty",
 ) -> PushedCar:
-    """A car at rest; the force [N], in world axes, acts at its centre of mass from the start."""
+    """Return a car at rest; the force [N], in world axes, acts at its centre of mass from the start."""
     builder = DiagramBuilder()
     spec = PlantSpec(time_step=step, contact="point")
     world = load_world(world) if isinstance(world, str) else world

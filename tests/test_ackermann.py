@@ -23,12 +23,12 @@ def cross(a, b):
 
 
 def meet(p, direction, q, other):
-    """Where the line through p along `direction` meets that through q along `other`."""
+    """Return the intersection of the line through p along `direction` and that through q along `other`."""
     return p + direction * cross(q - p, other) / cross(direction, other)
 
 
 def draw_wheels(geometry, left, right):
-    """Centre and left-pointing axle direction of each wheel; the front ones turn about their kingpins."""
+    """Return the centre and left-pointing axle direction of each wheel; the front ones turn about their kingpins."""
     wheels = []
     for side, angle in ((1.0, left), (-1.0, right)):
         axle = np.array([-math.sin(angle), math.cos(angle)])

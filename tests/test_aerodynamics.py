@@ -1,4 +1,4 @@
-"""The air against closed forms: drag, wind, lift, where they act, and a coast-down.
+"""Aerodynamic forces against closed forms: drag, wind, lift, their points of action, and a coast-down.
 
 With k = ½ ρ A and the inertia m' = m + 4 I / R² of a car on rolling wheels, a coast-down without other losses is
 v(t) = v0 / (1 + k v0 t / m'); in a wind along the road the same holds of the speed past the air.
@@ -26,7 +26,7 @@ MASS = 1616.0 + 4 * 0.5 * 20.0  # with the spin of four cylinders of 20 kg
 
 
 def in_air(*, density=DENSITY, wind=(0.0, 0.0), **shape):
-    """A Bolt with some of its aerodynamics changed, in a plant, and the air around it."""
+    """Return a Bolt with some of its aerodynamics changed, in a plant, and the air around it."""
     vehicle = free_rolling(load_vehicle("bolt"))
     air = vehicle.spec.aerodynamics.model_copy(update={"drag_area": AREA} | shape)
     vehicle = replace(vehicle, spec=vehicle.spec.model_copy(update={"aerodynamics": air}))

@@ -87,7 +87,7 @@ def command(
 
 
 def error_of(lines: list[str]) -> str:
-    """The text of the one line there is."""
+    """Return the text of the single line."""
     assert len(lines) == 1, lines
     assert lines[0].startswith("error: ")
     return lines[0].removeprefix("error: ")

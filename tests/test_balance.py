@@ -16,7 +16,7 @@ BODY = '<origin xyz="0.36146153846153845 0 0.2202346153846154"/>'
 
 
 def unior(x: float, z: float) -> Vehicle:
-    """The Unior with the centre of mass of its body elsewhere [m]."""
+    """Return the Unior with the centre of mass of its body elsewhere [m]."""
     vehicle = load_vehicle("unior@handling")
     assert vehicle.urdf.count(BODY) == 1
     return replace(vehicle, urdf=vehicle.urdf.replace(BODY, f'<origin xyz="{x} 0 {z}"/>'))

@@ -19,12 +19,12 @@ from tests.batch_rigs import BRUSH, CAR, LINEAR, MAGIC, RICH, STEP, random_colum
 
 
 def car_of(cars, index):
-    """Parameters of one car of a batch."""
+    """Return parameters of one car of a batch."""
     return SingleTrackParameters(**{name: float(cars.parameters[name][index]) for name in PARAMETERS})
 
 
 def inputs_of(variant):
-    """Steering, drive force and, with actuators, a set-point of the speed."""
+    """Return steering, drive force and, with actuators, a set-point of the speed."""
     return [0.03, 400.0, 0.0, 0.0, 25.0][: len(variant.input_names)]
 
 

@@ -34,14 +34,14 @@ def make_control(
 
 
 def course(duration):
-    """Steps of the speed and a slalom; speed [m/s] and steering [rad] per control period."""
+    """Return steps of the speed and a slalom; speed [m/s] and steering [rad] per control period."""
     t = np.arange(round(duration / PERIOD)) * PERIOD
     speed = np.select([t < duration / 3, t < 2 * duration / 3], [8.0, 3.0], 12.0)
     return np.column_stack([speed, 0.1 * np.sin(0.3 * t)])
 
 
 def drive_in_drake(bolt, parameters, commands, delay):
-    """Position, speed and yaw rate at the control instants, with Drake's integrator."""
+    """Return the position, speed and yaw rate at the control instants, with Drake's integrator."""
     diagram = make_single_track_vehicle(bolt, tyres="brush", relaxation=True, parameters=parameters, delay=delay)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()

@@ -1,4 +1,4 @@
-"""Behaviours: their arithmetic in closed form, and each of them driving a kinematic car of the test's own."""
+"""Behaviours: their arithmetic in closed form, and each of them driving a kinematic car."""
 
 import math
 from dataclasses import dataclass, field
@@ -96,7 +96,7 @@ class KinematicCar(LeafSystem):
 
 @dataclass
 class Drive:
-    """What a drive was like, a row every 20 ms: t, x, y, yaw, speed, clearance to the footprints."""
+    """Samples of a drive every 20 ms: t, x, y, yaw, speed, clearance to the footprints."""
 
     rows: np.ndarray
 
@@ -108,7 +108,7 @@ class Drive:
 
 
 def drive(behaviour, props=(), *, duration, tracks=None, **car):
-    """A kinematic car driven by a behaviour until the time is over or it touches a prop."""
+    """Return a kinematic car driven by a behaviour until the time is over or it touches a prop."""
     world: Any = WorldStandIn(list(props), tracks or {})
     driver = behaviour if isinstance(behaviour, LeafSystem) else make_driver(behaviour, CAR, world)
     builder = DiagramBuilder()
@@ -160,7 +160,7 @@ def test_the_braking_profile_stops_within_its_gap():
 
 
 def first_contact(point, curvature, box, reach, step=0.002):
-    """The free distance by trying."""
+    """Return the free distance by sampling poses along the path."""
     way = np.arange(0.0, reach, step)
     turn = curvature * way
     dx = point[0] - (np.sin(turn) / curvature if curvature else way)

@@ -1,4 +1,4 @@
-"""Every benchmark runs, and its JSON has the figures that its README explains; their values mean nothing here."""
+"""Every benchmark runs, and its JSON has the figures that its README explains; their values are not checked."""
 
 import json
 import os

@@ -74,7 +74,7 @@ def shell_of(model: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triangles_of(path: Path, *, without: tuple[str, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """The triangles (n, 3, 3) of a written mesh in the car's frame, and the normals at their corners."""
+    """Return the triangles (n, 3, 3) of a written mesh in the car's frame, and the normals at their corners."""
     document = json.loads(path.read_text(encoding="utf-8"))
     blob = path.with_suffix(".bin").read_bytes()
 
@@ -96,14 +96,14 @@ def triangles_of(path: Path, *, without: tuple[str, ...] = ()) -> tuple[np.ndarr
 
 
 def samples_of(triangles: np.ndarray) -> np.ndarray:
-    """Points (n, 3) spread over triangles."""
+    """Return points (n, 3) spread over triangles."""
     weights = np.array([(i, j, 4 - i - j) for i in range(5) for j in range(5 - i)]) / 4
     points: np.ndarray = np.einsum("wk,tkc->twc", weights, triangles).reshape(-1, 3)
     return points
 
 
 def deepest_in_tyre(points: np.ndarray, centre: tuple[float, float, float], wheel: WheelDesign, angle: float) -> float:
-    """How far [m] points reach into a steered tyre, a cylinder; negative outside."""
+    """Return the depth [m] of points inside a steered tyre, a cylinder; negative outside."""
     p = points[np.abs(points - centre).max(axis=1) < wheel.radius + wheel.width] - centre
     x, y = np.cos(angle) * p[:, 0] + np.sin(angle) * p[:, 1], -np.sin(angle) * p[:, 0] + np.cos(angle) * p[:, 1]
     depth = np.minimum(wheel.radius - np.hypot(x, p[:, 2]), wheel.width / 2 - np.abs(y))
@@ -269,7 +269,7 @@ def area(triangles: np.ndarray) -> float:
 
 
 def new_corners(triangles: np.ndarray, others: np.ndarray) -> int:
-    """How many corners of triangles are not, to a tenth of a millimetre, corners of others."""
+    """Return the number of triangle corners that are not, to a tenth of a millimetre, corners of other triangles."""
     distance, _ = cKDTree(others.reshape(-1, 3)).query(triangles.reshape(-1, 3))
     return int(np.count_nonzero(distance > 1e-4))
 

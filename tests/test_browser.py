@@ -1,4 +1,4 @@
-"""What a person sees: recording.html and report.html, opened offline in a browser without a screen."""
+"""recording.html and report.html, opened offline in a headless browser."""
 
 import io
 import shutil
@@ -48,17 +48,17 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 def picture(browser: Any) -> Picture:
-    """What the browser shows, as rows of red, green, blue."""
+    """Return a screenshot of the browser, as rows of red, green, blue."""
     return np.asarray(Image.open(io.BytesIO(browser.get_screenshot_as_png())).convert("RGB"))
 
 
 def colours(image: Picture) -> int:
-    """How many different colours a picture has, with 32 steps a channel."""
+    """Return the number of colours of an image, with 32 steps a channel."""
     return len(np.unique((image // 8).reshape(-1, 3), axis=0))
 
 
 def severe(browser: Any) -> list[str]:
-    """Errors in the browser's console."""
+    """Return errors in the browser's console."""
     return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
 
 

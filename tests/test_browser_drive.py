@@ -1,4 +1,4 @@
-"""The page of a drive in a real browser without a screen: it loads, the car is seen, keys and sliders do something.
+"""The page of a drive in a headless browser: it loads, the car is visible, keys and sliders have an effect.
 
 The tests wait for the readings of the page, never for a time: beside others the browser is slow, and the car gets far.
 """
@@ -53,12 +53,12 @@ class Page:
         self.until(lambda readings: "speed" in readings)
 
     def readings(self) -> Readings:
-        """The latest readings of the page."""
+        """Return the latest readings of the page."""
         result: Readings = self.browser.execute_script(_READINGS)
         return result
 
     def until(self, true: Callable[[Readings], bool], *, seconds: float = 60.0) -> Readings:
-        """The first readings for which a condition is true."""
+        """Return the first readings for which a condition is true."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             readings = self.readings()
@@ -69,7 +69,7 @@ class Page:
 
     @contextmanager
     def held(self, code: str) -> Iterator[None]:
-        """A key that is held, as the browser's own protocol does it."""
+        """Hold a key by the browser's protocol."""
         key = {"code": code, "key": code}
         self.browser.execute_cdp_cmd("Input.dispatchKeyEvent", {"type": "rawKeyDown", **key})
         try:
@@ -78,13 +78,13 @@ class Page:
             self.browser.execute_cdp_cmd("Input.dispatchKeyEvent", {"type": "keyUp", **key})
 
     def click(self, name: str) -> None:
-        """Click what has this id."""
+        """Click the element with this id."""
         from selenium.webdriver.common.by import By
 
         self.browser.find_element(By.ID, name).click()
 
     def text(self, name: str) -> str:
-        """What is written in what has this id."""
+        """Return the text of the element with this id."""
         result: str = self.browser.execute_script("return document.getElementById(arguments[0]).textContent", name)
         return result
 
@@ -94,7 +94,7 @@ class Page:
             return self.until(lambda readings: abs(readings["speed"]) < 0.1 and readings["speed_command"] == 0.0)
 
     def look(self, name: str) -> Picture:
-        """A picture of the page after two more were drawn, kept as a file; what lies between the panels."""
+        """Save an image of the page after two more frames; return the part between the panels."""
         self.browser.execute_async_script(_TWO_MORE)
         picture = take_picture(self.browser, f"drive/{name}")
         width, height = self.browser.execute_script(
@@ -105,14 +105,14 @@ class Page:
 
 
 def start(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
-    """A drive in a process of its own."""
+    """Return a drive in a process of its own."""
     command = [sys.executable, "-m", "mirdrake.cli", "drive", *arguments, "--port", "0", "--out", str(folder / "runs")]
     root = Path(__file__).parents[1]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=root)
 
 
 def address(process: "subprocess.Popen[str]") -> str:
-    """The address that a drive prints."""
+    """Return the address that a drive prints."""
     assert process.stdout is not None
     lines = []
     for line in process.stdout:
@@ -153,19 +153,19 @@ def page(browser: Any, drive: "subprocess.Popen[str]") -> Page:
 
 
 def paint(image: Picture) -> NDArray[np.bool_]:
-    """Where the picture has the car's blue."""
+    """Return the mask of the pixels with the blue of the car."""
     part = image.astype(int)
     mask: NDArray[np.bool_] = (part[..., 2] > part[..., 0] + 60) & (part[..., 2] > part[..., 1] + 25)
     return mask
 
 
 def turned(readings: Readings, before: Readings) -> float:
-    """How far the car has turned to the left, -π to π [rad]."""
+    """Return the heading change of the car to the left, -π to π [rad]."""
     return float((readings["yaw"] - before["yaw"] + pi) % (2.0 * pi) - pi)
 
 
 def apart(image: Picture, other: Picture) -> float:
-    """How much two pictures differ, of 255."""
+    """Return the difference of two images, of 255."""
     return float(np.abs(image.astype(int) - other.astype(int)).max(axis=2).mean())
 
 

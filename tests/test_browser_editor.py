@@ -1,4 +1,4 @@
-"""The page of the world editor in a real browser without a screen: drag, turn, insert, type, undo, save."""
+"""The page of the world editor in a headless browser: drag, turn, insert, type, undo, save."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -85,7 +85,7 @@ class Page:
 
 
 class _Change:
-    """Waits until the page has the state of the text that the editor has after the block."""
+    """Wait until the page has the state of the editor's text after the block."""
 
     def __init__(self, page: Page) -> None:
         self.page, self.before = page, page.editor.document.text

@@ -22,7 +22,7 @@ FAST_BAD = {"stops_before_the_pedestrian", "one_lap", "circle"}
 
 
 def marked(fast):
-    """All cases as parameters; those not named are slow."""
+    """Return all cases as parameters; those not named are slow."""
     return [
         pytest.param(key, id=CASES[key].test, marks=[] if CASES[key].test in fast else [pytest.mark.slow])
         for key in sorted(CASES)

@@ -1,4 +1,4 @@
-"""Cameras against numbers worked by hand: where a point is seen, how far it is, what it belongs to, when."""
+"""Cameras against numbers computed by hand: pixel, depth, label and time of known points."""
 
 import os
 import subprocess
@@ -85,7 +85,7 @@ def plate(ahead: float, left: float, up: float) -> Furnish:
 
 
 def block(size: tuple[float, float, float], ahead: float, left: float, up: float) -> Furnish:
-    """A block (size along ahead, left, up) around a point of the camera's mounting frame."""
+    """Return a block (size along ahead, left, up) around a point of the camera's mounting frame."""
 
     def furnish(plant: MultibodyPlant) -> None:
         pose, shape = RigidTransform([1.0 - left, 2.0 + ahead, 3.0 + up]), Box(size[1], size[0], size[2])
@@ -95,7 +95,7 @@ def block(size: tuple[float, float, float], ahead: float, left: float, up: float
 
 
 def middle_of_red(picture: np.ndarray) -> tuple[float, float]:
-    """Column and row of the middle of what is red, weighted by how red: a border pixel is mixed."""
+    """Return the column and row of the middle of what is red, weighted by how red: a border pixel is mixed."""
     weight = picture[:, :, 0].astype(float)
     rows, columns = np.indices(weight.shape)
     return float((columns * weight).sum() / weight.sum()), float((rows * weight).sum() / weight.sum())
@@ -355,7 +355,7 @@ start:
 
 
 def bolt_with(folder: Path, sensors: dict[str, Any]) -> Path:
-    """A Bolt with other sensors."""
+    """Return a Bolt with other sensors."""
     model = folder / "bolt"
     model.mkdir()
     for path in find("models", "bolt").iterdir():

@@ -19,7 +19,7 @@ from tests.timing import reference_seconds
 
 
 def make(points: np.ndarray, *, closed: bool, smooth: float = 0.0, tolerance: float = 1e-3) -> Track:
-    """A track through points, after a look at what holds for every one of them."""
+    """Return a track through points, after checks that every track must pass."""
     pieces, start = pieces_through(points, closed=closed, smooth=smooth, tolerance=tolerance)
     pairs = list(itertools.pairwise(pieces)) + ([(pieces[-1], pieces[0])] if closed else [])
     assert all(a.end_curvature == b.start_curvature for a, b in pairs)
@@ -36,7 +36,7 @@ def make(points: np.ndarray, *, closed: bool, smooth: float = 0.0, tolerance: fl
 
 
 def circuit(length: float, spacing: float) -> np.ndarray:
-    """Points of a closed circuit with bends both ways, at equal distances [m]."""
+    """Return points of a closed circuit with bends both ways, at equal distances [m]."""
     angle = np.linspace(0.0, 2 * np.pi, 200_001)
     radius = 1.0 + 0.25 * np.sin(3 * angle) + 0.1 * np.cos(7 * angle + 1.0)
     x, y = radius * np.cos(angle), radius * np.sin(angle)

@@ -26,13 +26,13 @@ BOLT = volume_of(load_vehicle("bolt"))
 
 
 def place(*solids: tuple[Any, RigidTransform], x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> PlacedProp:
-    """A prop of some solids."""
+    """Return a prop of some solids."""
     prop = Prop("thing", tuple(Solid(*solid) for solid in solids), (1.0, 1.0, 1.0), 100.0)
     return PlacedProp("thing", prop, RigidTransform(RollPitchYaw(0.0, 0.0, yaw), [x, y, 0.0]))
 
 
 def box(size: tuple[float, float, float], at: tuple[float, float, float]) -> tuple[Any, RigidTransform]:
-    """A box; `at` is the middle of its lower face."""
+    """Return a box; `at` is the middle of its lower face."""
     return Box(*size), RigidTransform([at[0], at[1], at[2] + 0.5 * size[2]])
 
 
@@ -108,7 +108,7 @@ def test_a_volume_begins_where_wheels_roll_over_a_step() -> None:
 
 
 def _random_prop(rng: np.random.Generator) -> PlacedProp:
-    """A prop of one to four leaning boxes, upright cylinders and balls at all heights around a car."""
+    """Return a prop of one to four leaning boxes, upright cylinders and balls at all heights around a car."""
     solids = []
     for _ in range(rng.integers(1, 5)):
         middle = RigidTransform(
@@ -127,7 +127,7 @@ def _random_prop(rng: np.random.Generator) -> PlacedProp:
 
 
 def _layers(prop: PlacedProp, low: float, high: float) -> list[Any]:
-    """What the solids of a prop cover between two heights, from thin layers of their own formulas."""
+    """Return the areas covered by a prop between two heights, from thin layers of independent formulas."""
     layers: list[Any] = []
     for solid in prop.prop.solids:
         X = prop.X_WP @ solid.X_PS
@@ -150,7 +150,7 @@ def _layers(prop: PlacedProp, low: float, high: float) -> list[Any]:
 
 
 def _free(car: list[tuple[Any, Any]], move: Any) -> bool:
-    """Whether parts of a car, each with what is at its heights, are free after a move."""
+    """Return whether the parts of a car are free after a translation, each against the shapes at its heights."""
     return not any(shapely.intersects(affinity.translate(shape, *move), solid) for shape, solid in car)
 
 

@@ -31,7 +31,7 @@ DRIVE = dedent(
 
 
 def mirdrake(*arguments: str, folder: Path, code: int = 0) -> tuple[str, str]:
-    """What a command prints on stdout and stderr, run as a process of its own."""
+    """Return stdout and stderr of a command in a separate process."""
     command = [sys.executable, "-m", "mirdrake.cli", *arguments]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == code, done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""A drive without a browser: what hands and buttons do to the simulation, and what is recorded."""
+"""A drive without a browser: effects of manual input and buttons on the simulation, and the recording."""
 
 import http.client
 import json
@@ -39,7 +39,7 @@ def spec(**more: Any) -> Any:
 
 
 class Fingers:
-    """Drives a cockpit from another thread, as a page does.
+    """Manual input to a cockpit from another thread, as from a page.
 
     Args:
         cockpit: to drive.
@@ -62,7 +62,7 @@ class Fingers:
         self._drive.join()
 
     def press(self, **hands: Any) -> None:
-        """Do this from now on."""
+        """Send this input from now on."""
         self._hands = {"active": True, **hands}
 
     def fall_silent(self) -> None:
@@ -71,7 +71,7 @@ class Fingers:
         self._speak.join()
 
     def until(self, true: Callable[[Readings], bool], *, seconds: float = 15.0) -> Readings:
-        """The first readings for which a condition is true."""
+        """Return the first readings for which a condition is true."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             readings = self._cockpit.readings
@@ -88,7 +88,7 @@ class Fingers:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
-    """A drive of a few seconds, recorded from its midst, with a gain changed and an input that is lost."""
+    """A drive of a few seconds, recorded with a changed gain and a lost input."""
     folder = tmp_path_factory.mktemp("drive") / "run"
     messages: list[str] = []
     cockpit = Cockpit(
@@ -244,7 +244,7 @@ def site() -> Iterator[OpenCockpit]:
 
 
 def ask(site: OpenCockpit, method: str, path: str, body: bytes = b"", **headers: str) -> tuple[int, bytes]:
-    """Status and body of an answer; a path without slash at its beginning is below the page."""
+    """Return the status and body of an answer; a path without slash at its beginning is below the page."""
     path = path if path.startswith("/") else urlsplit(site.url).path + path
     port = urlsplit(site.url).port
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)

@@ -1,4 +1,4 @@
-"""ManualInput to commands: speeds, steering, reversing, and the dead-man, without a simulation."""
+"""ManualInput to commands: speeds, steering, reversing, and the watchdog, without a simulation."""
 
 import math
 from typing import Any
@@ -22,7 +22,7 @@ PERIOD = 0.02
 
 
 def drive(state: ManualCommand, manual: ManualInput, seconds: float, *, measured: float | None = None) -> ManualCommand:
-    """The state after a time in which hands do the same; a vehicle that follows at once, or one that has a speed."""
+    """Return the state after a time of constant input; the vehicle follows at once, or has the given speed."""
     for _ in range(round(seconds / PERIOD)):
         speed = state.speed if measured is None else measured
         state = command_step(state, manual, measured=speed, period=PERIOD, limits=LIMITS)
@@ -105,7 +105,7 @@ def test_without_a_driver_the_vehicle_brakes_to_standstill_and_holds_the_steerin
 
 
 class Clock:
-    """Time that a test turns on."""
+    """A clock that a test sets."""
 
     def __init__(self) -> None:
         self.now = 0.0

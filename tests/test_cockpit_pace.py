@@ -1,4 +1,4 @@
-"""A drive keeps real time with everything switched on, the page being open on another machine.
+"""A drive keeps real time with all features on and the page open on another machine.
 
 A minute of real time needs a machine that nothing else keeps busy; alone on it:
 

@@ -8,7 +8,7 @@ PERIOD = 1.0 / 64.0
 
 
 class Clock:
-    """A clock that goes on when somebody works or sleeps."""
+    """A clock that advances with simulated work and sleep."""
 
     def __init__(self, *, oversleeps: float = 0.0) -> None:
         self.now, self.slept, self._oversleeps = 100.0, 0.0, oversleeps

@@ -1,4 +1,4 @@
-"""Velocity command with its dead-man, scheduled drivers, and their file formats."""
+"""Velocity command with its watchdog, scheduled drivers, and their file formats."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Machine code: records of numbers, functions that call others, and when the code is made anew."""
+"""Machine code: records of numbers, functions that call others, and conditions of recompilation."""
 
 import runpy
 from dataclasses import dataclass

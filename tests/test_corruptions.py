@@ -1,4 +1,4 @@
-"""Vehicle folders that somebody has broken: a working vehicle or a one-line error, never a crash, hang or traceback.
+"""Damaged vehicle folders: a working vehicle or a one-line error, never a crash, hang or traceback.
 
 Every broken folder is loaded and driven for a moment in a process of its own, so that a crash of Drake would be seen.
 A fault is drawn from a seed; ``python tests/test_corruptions.py 200 2200`` tries as many more as you like.
@@ -39,7 +39,7 @@ class Worker:
         self.pipe: Connection | None = None
 
     def try_out(self, name: str) -> str:
-        """What became of a vehicle: "drives", "error: ...", or how the process failed."""
+        """Return the outcome of a vehicle: "drives", "error: ...", or the failure of the process."""
         if self.process is None or not self.process.is_alive():
             context = multiprocessing.get_context("spawn")
             self.pipe, far = context.Pipe()
@@ -107,7 +107,7 @@ def serve(pipe: Connection) -> None:
 
 
 def complaint(result: str, folder: Path) -> str:
-    """What is wrong with the answer of a worker; empty if nothing is."""
+    """Return the fault of a worker's result; empty without a fault."""
     if result == "drives":
         return ""
     if not result.startswith("error: "):
@@ -150,7 +150,7 @@ Fault = Callable[[Random, str], str]
 
 
 def replaced(pattern: re.Pattern[str], change: Callable[[Random, str], str]) -> Fault:
-    """A fault that changes one match of a pattern."""
+    """Return a fault that changes one match of a pattern."""
 
     def fault(random: Random, text: str) -> str:
         places = [match.span() for match in pattern.finditer(text)]
@@ -163,7 +163,7 @@ def replaced(pattern: re.Pattern[str], change: Callable[[Random, str], str]) -> 
 
 
 def exchanged(pattern: re.Pattern[str], *, copy: bool) -> Fault:
-    """A fault that exchanges two matches of a pattern, or writes one over the other."""
+    """Return a fault that exchanges two matches of a pattern, or writes one over the other."""
 
     def fault(random: Random, text: str) -> str:
         places = [match.span() for match in pattern.finditer(text)]
@@ -179,7 +179,7 @@ def exchanged(pattern: re.Pattern[str], *, copy: bool) -> Fault:
 
 
 def misspelt(random: Random, word: str) -> str:
-    """A word with two letters exchanged, one missing, or one too many."""
+    """Return a word with two letters exchanged, one missing, or one too many."""
     index = random.randrange(len(word))
     return (
         word[:index]
@@ -210,7 +210,7 @@ def cut_off(random: Random, text: str) -> str:
 
 
 def nested(random: Random, text: str) -> str:
-    """Thousands of levels, below what is there or in its place."""
+    """Nest a value thousands of levels deep, below the present one or instead of it."""
     depth = random.choice([70, 500, 5000, 100_000])
     if "</robot>" in text:
         tag = random.choice(["link", "group", "xacro:if value='1'"])
@@ -222,7 +222,7 @@ def nested(random: Random, text: str) -> str:
 
 
 def multiplied(random: Random, text: str) -> str:
-    """A small text that expands to billions of words."""
+    """Return a small text that expands to billions of words."""
     if "<robot" in text:
         lines = ['<!ENTITY a0 "lol">', *(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 12))]
         text = re.sub(r"(<robot)", "<!DOCTYPE robot [" + "".join(lines) + r"]>\1", text, count=1)
@@ -232,7 +232,7 @@ def multiplied(random: Random, text: str) -> str:
 
 
 def circular(random: Random, text: str) -> str:
-    """Something that contains itself."""
+    """Return a structure that contains itself."""
     macro = "<xacro:macro name='m'><xacro:m/></xacro:macro><xacro:m/>"
     loops = [
         "<xacro:include filename='main.urdf.xacro'/>",
@@ -300,7 +300,7 @@ def rewritten(random: Random, path: Path) -> None:
 
 
 def misplaced(random: Random, path: Path) -> None:
-    """Something else in place of a file."""
+    """Another object in place of a file."""
     path.unlink()
     kind = random.choice(["gone", "loop", "long loop", "folder", "pipe", "zero", "parent"])
     if kind == "loop":
@@ -336,7 +336,7 @@ def corrupt(random: Random, folder: Path) -> str:
 
 
 def collect(scratch: Path) -> list[Path]:
-    """The folders to break: the reference vehicles, a new one, and an imported one."""
+    """Return the folders to break: the reference vehicles, a new one, and an imported one."""
     from mirdrake.importing.vehicles import import_vehicle
     from mirdrake.vehicles.scaffold import new_vehicle
     from tests.trap_packages import golf_cart
@@ -351,7 +351,7 @@ def collect(scratch: Path) -> list[Path]:
 
 
 def try_case(seed: int, folders: list[Path], worker: Worker, scratch: Path) -> tuple[str, str]:
-    """Break a copy of a vehicle; what was broken, and what is wrong with the answer."""
+    """Damage a copy of a vehicle; return the damage and the fault of the result."""
     random = Random(seed)
     source = folders[seed % len(folders)]
     folder = scratch / str(seed) / source.name

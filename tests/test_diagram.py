@@ -1,4 +1,4 @@
-"""Diagrams: a file and its Python twin, named ports, a user's own blocks, two vehicles, the drawing."""
+"""Diagrams: a file and its Python equivalent, named ports, user blocks, two vehicles, the drawing."""
 
 import math
 import shutil
@@ -57,7 +57,7 @@ OWN_DRIVE = dedent(
 
 
 def drive(**changes: Any) -> dict[str, Any]:
-    """A Bolt that is asked for 3 m/s and 0.2 rad for two seconds, as plain data."""
+    """Return a Bolt with set-points of 3 m/s and 0.2 rad for two seconds, as plain data."""
     return {
         "world": "empty",
         "vehicles": {"ego": {"model": "bolt"}},
@@ -68,7 +68,7 @@ def drive(**changes: Any) -> dict[str, Any]:
 
 
 def port_names(diagram: Diagram) -> tuple[list[str], list[str]]:
-    """Names of a diagram's inputs and outputs."""
+    """Return names of a diagram's inputs and outputs."""
     inputs = [diagram.get_input_port(i).get_name() for i in range(diagram.num_input_ports())]
     return inputs, [diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())]
 
@@ -196,7 +196,7 @@ def test_two_vehicles_at_the_same_position_are_rejected() -> None:
 
 @pytest.fixture
 def own_drive(tmp_path: Path) -> Path:
-    """A diagram file with a block of the user's beside it, in a folder that is not the working directory."""
+    """Return a diagram file with a user block beside it, outside the working directory."""
     (tmp_path / "own_blocks.py").write_text(OWN_BLOCKS.format(gain=1.0), encoding="utf-8")
     (tmp_path / "own.yaml").write_text(OWN_DRIVE, encoding="utf-8")
     return tmp_path / "own.yaml"

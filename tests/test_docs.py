@@ -52,7 +52,7 @@ def test_links_have_targets(page):
 
 
 def _bolt_with(folder: Path, part: dict[str, object]) -> str:
-    """A copy of the Bolt's folder with a variant in which a part of vehicle.yaml or control.yaml is another one."""
+    """Return a copy of the Bolt's folder with a variant that changes a part of vehicle.yaml or control.yaml."""
     source = ROOT / "models" / "bolt"
     shutil.copytree(source, folder / "bolt")
     variant = yaml.safe_load((source / "variants" / "handling.yaml").read_text("utf-8"))

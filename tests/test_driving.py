@@ -153,7 +153,7 @@ def test_without_brakes_it_rolls_down_a_slope_as_in_closed_form(tmp_path):
 
 
 def coast_on(world, vehicle, duration):
-    """Forward speed [m/s] by time [s] of a free-rolling vehicle."""
+    """Return the forward speed [m/s] by time [s] of a free-rolling vehicle."""
     builder = DiagramBuilder()
     parts = make_plant(builder, load_world(world), {"ego": vehicle}, spec=PlantSpec(contact="point"))
     plant, part = parts.plant, parts.vehicles["ego"]

@@ -1,4 +1,4 @@
-"""The world editor without a browser: what a gesture changes in the file, and what is marked on the map."""
+"""The world editor without a browser: changes of the file by gestures, and marks on the map."""
 
 import json
 import random

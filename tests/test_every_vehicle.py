@@ -1,4 +1,4 @@
-"""What every bundled vehicle can do: rest, a straight run, circles to both sides, a figure eight, random commands."""
+"""Every bundled vehicle at rest, straight ahead, on circles to both sides, in a figure eight, under random commands."""
 
 from itertools import product
 
@@ -35,7 +35,7 @@ def run(model, control, *, duration, world="empty", contact="point", start=None,
 
 
 def pace(model):
-    """A speed that is brisk for the size of a vehicle: Froude number 0.4 on its wheelbase [m/s]."""
+    """Return a speed that is brisk for the size of a vehicle: Froude number 0.4 on its wheelbase [m/s]."""
     return round(float(np.sqrt(0.4 * 9.80665 * load_vehicle(model).geometry.wheelbase)), 1)
 
 

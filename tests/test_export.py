@@ -1,4 +1,4 @@
-"""Exports, read back by readers that know nothing of mirdrake."""
+"""Exports, read back by independent readers."""
 
 import csv
 import io
@@ -50,7 +50,7 @@ def run(folder: Path) -> Run:
 
 
 def decode_ros2(schema: Any, data: bytes) -> Any:
-    """A ROS 2 message by rosbags, which knows its type; the definition in the file is that type."""
+    """Return a ROS 2 message by rosbags, which knows its type; the definition in the file is that type."""
     typesys = pytest.importorskip("rosbags.typesys")
     assert schema.encoding == "ros2msg"
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

@@ -35,7 +35,7 @@ def _rig(name: str) -> Rig:
 
 
 def _reduced(name: str, profile, *, speed: float, duration: float) -> Record:
-    """The same command given to the single-track model behind the vehicle's control unit."""
+    """Return the response of the single-track model behind the vehicle's control unit to the same command."""
     rig, builder = _rig(name), DiagramBuilder()
     model = builder.AddNamedSystem(
         "reduced",
@@ -72,7 +72,7 @@ def _angle(name: str, lateral: float, speed: float) -> float:
 
 
 def _error(full, reduced, name: str) -> float:
-    """Root mean square of the difference from the beginning of the steering on, over the largest value."""
+    """Return the root mean square of the difference from the beginning of the steering on, over the largest value."""
     wanted = getattr(full, name)
     late = full.time > START
     got = np.interp(full.time, reduced.time, getattr(reduced, name))

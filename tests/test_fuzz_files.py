@@ -1,4 +1,4 @@
-"""A seeded slice of ``make fuzz``: mutated files of every format are read or rejected, and nothing else happens."""
+"""A seeded slice of ``make fuzz``: mutated files of every format are read or rejected, without crash or hang."""
 
 from pathlib import Path
 

@@ -29,7 +29,7 @@ def env() -> DriveEnv:
 
 
 def act(env: DriveEnv, **values: float) -> np.ndarray:
-    """An action from SI values by the last word of its name."""
+    """Return an action from SI values by the last word of its name."""
     low, high = env.action_bounds.T
     si = np.array([values[name.rpartition(".")[2]] for name in env.action_names])
     action: np.ndarray = (2.0 * (si - low) / (high - low) - 1.0).astype(np.float32)

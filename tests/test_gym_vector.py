@@ -32,7 +32,7 @@ def single():
 
 
 def actions(env, speed, steering):
-    """Actions for a speed [m/s] and steering angles [rad]."""
+    """Return actions for a speed [m/s] and steering angles [rad]."""
     low, high = env.action_bounds.T
     values = np.column_stack([np.full(env.num_envs, speed), np.broadcast_to(steering, env.num_envs)])
     return (2.0 * (values - low) / (high - low) - 1.0).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Every reference vehicle as it drives, on its own tyres, springs and pedals: standstill, walking pace, energy."""
+"""Every reference vehicle on its tyres, springs and pedals: standstill, walking pace, energy."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ FX = [f"ego.tyre_fx.{wheel}" for wheel in ("front_left", "front_right", "rear_le
 
 
 def drive(folder: Path, name: str, rows, *, duration, grade=0.0, contact="point", parked=False):
-    """Assembly and signals of a vehicle that follows rows of time [s], speed [m/s] and steering angle [rad]."""
+    """Return assembly and signals of a vehicle that follows rows of time [s], speed [m/s] and steering angle [rad]."""
     spec = {
         "world": str(make_slope(folder, grade)),
         "vehicles": {

@@ -1,4 +1,4 @@
-"""Fitted parameters into vehicle.yaml: what is written, what is left out and why."""
+"""Fitted parameters into vehicle.yaml: written values, omitted values and the reasons."""
 
 import argparse
 import shutil

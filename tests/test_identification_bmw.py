@@ -1,4 +1,4 @@
-"""The shipped logs of a real car through the command line: what they give, and what they cannot give."""
+"""The shipped logs of a real car through the command line: identifiable and not identifiable parameters."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +23,7 @@ Done = tuple[int, Fit, str]
 
 @pytest.fixture(scope="module")
 def do(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Done]:
-    """Do a study once: exit code, fit, report."""
+    """Return a function that runs a study once: exit code, fit, report."""
     known: dict[Path, Done] = {}
 
     def done(study: Path) -> Done:

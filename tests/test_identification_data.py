@@ -1,4 +1,4 @@
-"""Recorded drives and their check: each oddity of real logs is put into a clean one, and found with its number."""
+"""Recorded drives and their check: each fault of real logs is added to a clean one, and found with its size."""
 
 import re
 from contextlib import suppress
@@ -43,7 +43,7 @@ NOISE = {
 
 @cache
 def clean():
-    """Time and channels of a drive of 40 s with steering and pedals that swing, without noise."""
+    """Return the time and channels of a drive of 40 s with steering and pedals that swing, without noise."""
     time = np.arange(4001) * STEP
     angle = 0.03 * (np.sin(2.0 * time) + 0.7 * np.sin(2.0 * pi * (0.3 + 0.02 * time) * time))
     force = 3500.0 * np.sin(0.8 * time) + 1500.0 * np.sin(2.3 * time)
@@ -68,7 +68,7 @@ def clean():
 
 
 def recorded(seed=0, *, late=None, without=()):
-    """A log of the drive with noise; channels of `late` are so many samples late."""
+    """Return a log of the drive with noise; channels of `late` are delayed by so many samples."""
     time, channels = clean()
     random = np.random.default_rng(seed)
     values = {}

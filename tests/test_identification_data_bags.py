@@ -65,7 +65,7 @@ def ros_messages(store, ros1):
 
 
 def write_ros(folder, kind):
-    """A bag with the messages; its name."""
+    """Return a bag with the messages; its name."""
     store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     messages = ros_messages(store, ros1=kind == "ros1")
     if kind == "ros1":

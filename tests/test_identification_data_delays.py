@@ -16,7 +16,7 @@ from tests.test_identification_data_lateral import drive
 
 
 def part_of(log, name, seconds):
-    """The first seconds of a log."""
+    """Return the first seconds of a log."""
     rows = int(seconds / STEP)
     channels = {key: values[:rows] for key, values in log.channels.items()}
     return replace(log, name=name, time=log.time[:rows], channels=channels)
@@ -32,7 +32,7 @@ def calm(log, name):
 
 
 def shifts(report, name):
-    """What was done to vy in a log."""
+    """Return the repairs of vy in a log."""
     return [
         finding.repair
         for finding in report.findings
@@ -92,7 +92,7 @@ def leaning(seed, *, late, height):
 
 
 def exact_side(t):
-    """The lateral acceleration of :func:`drive`, nearly: that of the yaw rate and the speed."""
+    """Return the lateral acceleration of :func:`drive`, nearly: that of the yaw rate and the speed."""
     return (15.0 + 7.0 * np.sin(0.23 * t)) * (0.12 * np.sin(0.9 * t) + 0.08 * np.sin(2.9 * t + 1.0))
 
 

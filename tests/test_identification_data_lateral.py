@@ -19,7 +19,7 @@ NOISE = {"vx": 0.02, "vy": 0.02, "yaw_rate": 0.004, "lateral_acceleration": 0.1}
 
 
 def drive(seed, *, late=None, ahead=0.0, noise=1.0):
-    """Rigid-body motion at 8 to 22 m/s with noise, 80 s; channels of `late` are so late [s].
+    """Return rigid-body motion at 8 to 22 m/s with noise, 80 s; channels of `late` are delayed [s].
 
     Args:
         seed: of the noise.
@@ -132,7 +132,7 @@ logs: [{file: log.csv}]
 
 
 def rows(steer=1.0, speed=1.0, lock=0.04):
-    """Text of a car in bends that it takes without slip."""
+    """Return the log of a car in curves without slip, as text."""
     t = np.arange(0.0, 30.0, 0.02)
     v, angle = 6.0 + 2.0 * np.sin(0.3 * t), lock * np.sin(t)
     table = np.column_stack((t, speed * v, 0.1 * angle, v * angle / 2.7, v * v * angle / 2.7, steer * angle))
@@ -140,7 +140,7 @@ def rows(steer=1.0, speed=1.0, lock=0.04):
 
 
 def check(folder, content, capsys, mapping=MAPPING):
-    """Exit code, output and error of the check of a file."""
+    """Return the exit code, output and error of the check of a file."""
     (folder / "log.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
     (folder / "data.yaml").write_text(mapping, encoding="utf-8")
     code = main(["identify", "check", str(folder / "data.yaml")])

@@ -1,4 +1,4 @@
-"""Logs as real cars and small robots write them: each trap is set in a simulated drive, and found with its number."""
+"""Logs with the faults of real cars and small robots: each is added to a simulated drive, and found with its size."""
 
 from dataclasses import replace
 from math import degrees
@@ -39,7 +39,7 @@ def robot(seed=0, *, rate=50.0):
 
 
 def copied(log, counts, *, step):
-    """A log in which each row is repeated so many times, with a clock of even steps."""
+    """Return a log in which each row is repeated so many times, with a clock of even steps."""
     channels = {name: np.repeat(values, counts) for name, values in log.channels.items()}
     return replace(log, time=np.arange(int(np.sum(counts))) * step, channels=channels)
 

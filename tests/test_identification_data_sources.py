@@ -1,4 +1,4 @@
-"""Logs of several sources: cameras and buses of their own rate and clock, coarse stamps, headings, units."""
+"""Logs of several sources: cameras and buses with separate rates and clocks, coarse stamps, headings, units."""
 
 from dataclasses import replace
 from math import pi
@@ -18,7 +18,7 @@ CAMERA = ("vx", "yaw", "x", "y")
 
 
 def watched(seed=0, *, late=0.0):
-    """The robot at 100 Hz, seen by a camera of 40 Hz whose values are held, and so much late [s]."""
+    """Return the robot at 100 Hz, observed by a camera of 40 Hz whose values are held and delayed [s]."""
     log = robot(seed, rate=100.0)
     own = np.arange(0.0, log.time[-1], 0.025)
     channels = dict(log.channels)

@@ -25,7 +25,7 @@ from tests.identification_rigs import COAST, FRONT, MASS, REAR, TRUTH, coast_dat
 
 
 def fitted(*arguments: Any, **options: Any) -> Any:
-    """A fit, of which the tests know that its numbers are there."""
+    """Return a fit, typed as one whose numbers are available."""
     return fit(*arguments, **options)
 
 

@@ -244,7 +244,7 @@ def test_logs_without_turns_are_for_validation_from_the_last():
 
 
 def lagging(lag):
-    """Steady bends behind a steering of first order; nothing else is late."""
+    """Return steady curves behind a first-order steering, without other delays."""
     log = steady(top=2.0, lock=0.2)
     command = log.channels["steering_command"] + 0.1 * np.sign(np.sin(2.1 * TIME))
     angle = np.empty(len(TIME))

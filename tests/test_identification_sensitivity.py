@@ -1,4 +1,4 @@
-"""What a fit takes for granted, in its intervals: numbers worked by hand on a line."""
+"""Assumptions of a fit in its intervals: numbers computed by hand on a line."""
 
 import math
 from dataclasses import replace

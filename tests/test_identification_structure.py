@@ -1,4 +1,4 @@
-"""What is added to a model where a study leaves it open: relaxation of the tyres, by drives with and without it."""
+"""Choice of the model structure where a study leaves it open: tyre relaxation, by drives with and without it."""
 
 from functools import cache
 from typing import Any
@@ -21,7 +21,7 @@ SPEC = ModelSpec("single_track", {"roll": False, "tyres": "linear"})
 
 @cache
 def relaxing(length, seed=0, duration=20.0):
-    """Drive of a single track whose slips follow within a length [m], the equations written out once more."""
+    """Drive of a single track whose slip angles relax over a length [m], from an independent implementation."""
     p = TRUTH
 
     def rates(t, x):

@@ -44,7 +44,7 @@ CLOSED += [f"parameters.{name}.fixed=0" for name in ("steering_lag", "load_trans
 
 @cache
 def tables():
-    """Two drives as tables, a sample each 20 ms."""
+    """Return two drives as tables, a sample each 20 ms."""
     tables_by_name = {}
     for name, seed, rows in (("a", 1, slice(0, 2000, 2)), ("b", 2, slice(2000, 4001, 2))):
         log = recorded(seed)
@@ -54,7 +54,7 @@ def tables():
 
 
 def write(folder, text=STUDY, change=None):
-    """A study with its logs; `change` alters the tables."""
+    """Return a study with its logs; `change` alters the tables."""
     for name, table in tables().items():
         (change(table.copy()) if change else table).to_csv(folder / f"{name}.csv", index=False)
     (folder / "study.yaml").write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Identification held against truths: many noise seeds, other people's multi-body cars."""
+"""Identification against known truth: many noise seeds, independent multi-body cars."""
 
 from dataclasses import replace
 from typing import Any
@@ -62,7 +62,7 @@ CRITERION = ("cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inert
 
 
 def cramer_rao(data):
-    """Least standard deviations that an estimator without bias can have, over the values, by parameter.
+    """Return the least standard deviations that an estimator without bias can have, over the values, by parameter.
 
     Inverse of the Fisher information of the drives at the truth, with white noise of the sensors' size; offsets of the
     sensors and first states are not known either (H. Cramér, Mathematical Methods of Statistics, 1946, section 32.3).
@@ -161,7 +161,7 @@ def bolt(tmp_path_factory):
 
 
 def fit_bolt(drives, seed, steer, model="bolt@handling", **more):
-    """The fit of a seed's noise to the drives of the plant; stiffness and inertia start where all cars start."""
+    """Return the fit of a seed's noise to the drives of the plant; stiffness and inertia start where all cars start."""
     measured = steer == "road_wheel_angle"
     values = single_track_values(load_vehicle(model), roll=True, measured=measured)
     places = dict.fromkeys(("velocity_ahead", "accelerometer_ahead"), Setting(fixed=-values["rear_length"]))
@@ -173,7 +173,7 @@ def fit_bolt(drives, seed, steer, model="bolt@handling", **more):
 
 
 def tyres_and_inertia():
-    """What is so, by name of the parameter."""
+    """Return the true values by parameter name."""
     so = truth()
     front, rear = so.driven_stiffness
     return {"cornering_stiffness_front": front, "cornering_stiffness_rear": rear, "yaw_inertia": so.yaw_inertia}

@@ -1,4 +1,4 @@
-"""``import mirdrake`` is quick and silent: no Drake, no plotting, no network, no text."""
+"""``import mirdrake`` is fast and prints nothing: no Drake, no plotting, no network, no text."""
 
 import json
 import statistics
@@ -24,7 +24,7 @@ json.dump({"seconds": seconds, "modules": sorted(sys.modules), "events": events}
 
 @pytest.fixture(scope="module")
 def looks() -> list[dict[str, object]]:
-    """What three fresh interpreters saw; each must print nothing on its standard output."""
+    """Return the modules of three fresh interpreters; each must print nothing on its standard output."""
     results = []
     for _ in range(3):
         done = subprocess.run([sys.executable, "-W", "error", "-c", LOOK], cwd=ROOT, capture_output=True, text=True)

@@ -76,7 +76,7 @@ def add(model, *parts):
 
 
 def car():
-    """Root in the middle of the car at axle height; names without meaning."""
+    """Return root in the middle of the car at axle height; names without meaning."""
     model = add(SourceModel("car"), body_link())
     half, side = WHEELBASE / 2, TRACK / 2
     for sign, letter in ((1, "a"), (-1, "b")):
@@ -327,7 +327,7 @@ def test_wheels_with_missing_meshes_are_named():
 
 
 def unusable(change):
-    """The car whose left steering joint is not usable, with the reason."""
+    """Return the car whose left steering joint is not usable, with the reason."""
 
     def build():
         model = car()
@@ -689,7 +689,7 @@ NONSENSE = (0.0, -1.0, float("nan"), float("inf"), 1e16, -1e16, 1e-12, 1e6, 3.0,
 
 
 def corrupt(model, chance):
-    """Spoil one thing of a model."""
+    """Damage one element of a model."""
     link = model.links[chance.choice(list(model.links))]
     joint = model.joints[chance.choice(list(model.joints))]
     value = chance.choice(NONSENSE)
@@ -864,7 +864,7 @@ def test_friction_of_a_tyre_is_kept_and_that_of_a_solver_is_not(mu, became):
 
 
 def urdf(scale=1.0, mass=1500.0, extra="", body="", name="buggy"):
-    """A car in URDF whose root lies between the axles on the road."""
+    """Return a car in URDF whose root lies between the axles on the road."""
     length, side, radius, width = 2.6 * scale, 0.75 * scale, 0.3 * scale, 0.2 * scale
     wheel = 0.013 * mass
     hub = wheel / 2
@@ -919,7 +919,7 @@ SIZES = {"full size": ({}, 5.0), "1:10": ({"scale": 1 / 6, "mass": 3.5}, 2.0)}  
 
 @pytest.fixture
 def same_process(monkeypatch):
-    """Without the process that Drake may crash in: these folders are known to load."""
+    """Check in this process instead of a child process: these folders are known to load."""
     monkeypatch.setattr("mirdrake.importing.vehicles.check_loads", lambda folder: None)
 
 
@@ -1052,7 +1052,7 @@ def test_a_body_without_visuals_is_drawn_by_its_collision_shapes_or_a_box(tmp_pa
 
 
 def outline_boxes(result):
-    """Sizes of the boxes of the body in the written URDF."""
+    """Return sizes of the boxes of the body in the written URDF."""
     root = ElementTree.fromstring(result.vehicle.urdf)
     link = next(link for link in root.iter("link") if link.get("name") == "base_link")
     return {
@@ -1064,7 +1064,7 @@ def outline_boxes(result):
 
 
 def frame_of_tubes():
-    """A space frame: 1.2 m wide, ten tubes that meet, which cover a tenth of its plan."""
+    """Return a space frame: 1.2 m wide, ten tubes that meet, which cover a tenth of its plan."""
     lengthwise = [shape_text("visual", box_text(3.0, 0.05, 0.05), f"0 {y} 0") for y in (-0.6, 0.6)]
     across = [shape_text("visual", box_text(0.05, 1.2, 0.05), f"{x} 0 0") for x in np.linspace(-1.5, 1.5, 8)]
     return "".join(lengthwise + across)
@@ -1225,7 +1225,7 @@ K, C = 30_000.0, 2500.0
 
 
 def sprung(dialect: str, kind: str = "prismatic"):
-    """The car with a joint between the body and each wheel, whose spring is written in one of the dialects."""
+    """Return the car with a joint between the body and each wheel, whose spring is written in one of the dialects."""
     model = car()
     for name in ("ka", "kb", "j2a", "j2b"):
         joint = model.joints[name]

@@ -336,7 +336,7 @@ def test_without_pycollada_the_error_names_what_to_install_and_stl_still_works(t
 
 
 def corner_solid(width=0.5):
-    """An L from above: 2 along x and 3 along y, 0.5 wide and high; 1.125 m³, and its hull 2.0625 m³."""
+    """Return an L from above: 2 along x and 3 along y, 0.5 wide and high; 1.125 m³, and its hull 2.0625 m³."""
     outline = np.array([(0, 0), (2, 0), (2, width), (width, width), (width, 3), (0, 3)])
     floor = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
     low, high = np.c_[outline, np.zeros(6)], np.c_[outline, np.full(6, 0.5)]
@@ -512,7 +512,7 @@ def test_meshcat_takes_the_gltf_with_its_texture(tmp_path):
 
 
 def random_map(rng):
-    """An affine map with a random sign of its determinant."""
+    """Return an affine map with a random sign of its determinant."""
     frame, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     matrix = np.eye(4)
     matrix[:3, :3] = frame @ np.diag(rng.uniform(0.5, 2.0, 3) * rng.choice([-1.0, 1.0], 3)) @ frame.T
@@ -521,7 +521,7 @@ def random_map(rng):
 
 
 def faces_of_a_cube(rng, wrong):
-    """Corners (12, 3, 3) and normals (12, 3); a share of the triangles is wound against its normals."""
+    """Return corners (12, 3, 3) and normals (12, 3); a share of the triangles is wound against its normals."""
     triangles = box((0, 0, 0), (1, 2, 3))
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     against = rng.random(12) < wrong
@@ -540,7 +540,7 @@ def as_obj(path, triangles, normals, matrix):
 
 
 def as_dae(path, triangles, normals, matrix):
-    """The map is that of a node."""
+    """Return the map is that of a node."""
 
     def source(name, rows):
         values = " ".join(f"{value:.9g}" for value in rows.ravel())
@@ -576,7 +576,7 @@ def as_glb(path, triangles, normals, matrix):
 
 
 def against_normals(written):
-    """Share of the area of a glTF that is wound against its normals, and its volume."""
+    """Return the share of the area of a glTF that is wound against its normals, and its volume."""
     document = json.loads(written.mesh.read_text())
     blob = written.mesh.with_suffix(".bin").read_bytes()
 
@@ -697,7 +697,7 @@ def test_a_decomposition_that_hangs_is_killed_at_the_time_limit(tmp_path, monkey
 
 
 def counted(monkeypatch):
-    """Number of processes that were started to cut."""
+    """Return the number of processes that were started to cut."""
     real, calls = subprocess.run, []
 
     def run(*args, **options):

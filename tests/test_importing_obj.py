@@ -31,7 +31,7 @@ def area(pieces):
 
 
 def cube(rng, first, offset, materials, heading):
-    """Lines of a cube whose faces are in random materials, quads or triangles, absolute or relative."""
+    """Return lines of a cube whose faces are in random materials, quads or triangles, absolute or relative."""
     lines = [f"v {x + offset:g} {y:g} {z:g}" for x, y, z in CORNERS]
     lines += heading if rng.random() < 0.5 or not materials else [f"usemtl {materials[0]}", *heading]
     relative = rng.random() < 0.5

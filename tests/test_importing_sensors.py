@@ -17,7 +17,7 @@ from tests.test_importing import reports, write
 
 
 def car_with(folder, extra: str) -> Car:
-    """The car with `extra` in its URDF, up to the step before meshes are converted."""
+    """Return the car with `extra` in its URDF, up to the step before meshes are converted."""
     model = read_source(write(folder, extra=extra))
     car = repair(model, recognise(model), name="car")
     SensorsSpec.model_validate({"mounts": car.mounts})
@@ -125,7 +125,7 @@ def nest(path: str, text: str) -> str:
 
 
 def nonsense(random: Random, number: int) -> str:
-    """A sensor whose values are each sound, nonsense, or absent."""
+    """Return a sensor whose values are each sound, nonsense, or absent."""
     kind = random.choice(list(LEAVES))
     tree: dict[str, Any] = {}
     for path in LEAVES[kind]:

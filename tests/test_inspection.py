@@ -229,7 +229,7 @@ def test_a_mesh_that_is_drawn_as_its_hull_is_reported_once(caplog, monkeypatch):
 
 @pytest.fixture(scope="module")
 def page(bolt, tmp_path_factory):
-    """The page of a Bolt that has something wrong with it, in a name that HTML must not take for its own."""
+    """Return the page of a faulty Bolt whose name needs escaping in HTML."""
     path = tmp_path_factory.mktemp("page") / "bolt.html"
     odd = dataclasses.replace(bolt, warnings=("tyres of <rubber> & air",))
     write_inspection(odd, path, vehicle=load_vehicle("bolt"), portrait=False)

@@ -47,7 +47,7 @@ def _read_imports(file: Path) -> Iterator[tuple[int, str]]:
 
 
 def _part(file: Path) -> str:
-    """The module or package directly below mirdrake/ that a file belongs to."""
+    """Return the module or package directly below mirdrake/ that a file belongs to."""
     return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 

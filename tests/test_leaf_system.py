@@ -69,7 +69,7 @@ def _systems(diagram: Diagram) -> Iterator[System]:
 
 
 def _left(make: Callable[[], Diagram]) -> list[str]:
-    """Names of the systems that remain after the diagram was run and deleted."""
+    """Return names of the systems that remain after the diagram was run and deleted."""
     diagram = make()
     alive = {system.get_name(): weakref.ref(system) for system in _systems(diagram)}
     alive["the diagram"] = weakref.ref(diagram)

@@ -1,4 +1,4 @@
-"""Figures of handling on signals whose answers are known in closed form."""
+"""Handling metrics of signals with known results in closed form."""
 
 import math
 

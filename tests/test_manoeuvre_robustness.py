@@ -192,7 +192,7 @@ def _outcome(
 def _check_steps(
     note: Callable[[str, object], None], name: str, vehicle: str, contact: str, overrides: tuple[str, ...] = ()
 ) -> None:
-    """Half of the step that a manoeuvre has by itself changes each figure by less than 1 %, and no verdict.
+    """Check that half of a manoeuvre's default step changes each figure by less than 1 %, and no verdict.
 
     Args:
         note: keeps the figures for the report of the tests.

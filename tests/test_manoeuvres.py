@@ -18,7 +18,7 @@ from mirdrake.vehicles import load_vehicle
 
 
 def _drive(tmp_path, *arguments):
-    """Exit code, and results.json if there is one."""
+    """Return the exit code, and results.json if there is one."""
     code = main(["manoeuvre", *arguments, "--out", str(tmp_path / "out")])
     file = tmp_path / "out" / "results.json"
     return code, json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None

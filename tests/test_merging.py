@@ -33,7 +33,7 @@ def furnish(plant: MultibodyPlant) -> None:
 
 
 def look(monkeypatch: pytest.MonkeyPatch, *, merged: bool) -> dict[str, np.ndarray]:
-    """Colours and depths of the furniture, drawn as one mesh or not."""
+    """Return colours and depths of the furniture, drawn as one mesh or not."""
     add_renderer = rendering.add_renderer
 
     def add(scene_graph: Any, name: str, params: Any) -> None:

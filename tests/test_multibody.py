@@ -1,4 +1,4 @@
-"""Our models beside the multi-body cars of commonroad-vehicle-models: tyre value by value, car as built, manoeuvres."""
+"""Our models against the multi-body cars of commonroad-vehicle-models: tyre forces, mass properties, manoeuvres."""
 
 import math
 from pathlib import Path
@@ -198,7 +198,7 @@ def test_full_model_follows_the_package_as_published_up_to_0_7_hz(name, steering
 
 
 def _reduced(folder: Path, name: str, steering: str) -> tuple[float, float]:
-    """Fits of our single track, yaw rate and lateral acceleration, to the package as published [%]."""
+    """Return fits of our single track, yaw rate and lateral acceleration, to the package as published [%]."""
     p = car(name)
     steer = manoeuvre(steering, p.a + p.b)
     vehicle = load_vehicle(str(write_car(folder / "car", p)))

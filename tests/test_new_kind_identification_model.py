@@ -69,7 +69,7 @@ def registered(monkeypatch):
 
 
 def write(folder, text=STUDY):
-    """Two logs of a cart with a gain of 8 m/s and a time constant of 0.7 s, and their study."""
+    """Return two logs of a cart with a gain of 8 m/s and a time constant of 0.7 s, and their study."""
     for name, seed in (("a", 1), ("b", 2)):
         random, time = np.random.default_rng(seed), 0.05 * np.arange(400)
         throttle = np.repeat(random.uniform(0.0, 1.0, 20), 20)

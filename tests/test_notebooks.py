@@ -41,7 +41,7 @@ def _marked(path: Path) -> Any:
 
 
 def run_notebook(path: Path, folder: Path) -> Any:
-    """The notebook with its outputs; its kernel works in a folder of its own."""
+    """Return the notebook with its outputs; its kernel works in a folder of its own."""
     notebook = nbformat.read(path, as_version=4)
     notebook.cells.insert(0, nbformat.v4.new_code_cell(STRICT))
     client = nbclient.NotebookClient(

@@ -69,7 +69,7 @@ def shape_of(piece: Piece) -> str:
 
 
 def plan(pieces: list[Piece], start: Placement = (0.0, 0.0, 0.0)) -> str:
-    """A plan view of pieces."""
+    """Return a plan view of pieces."""
     text, s = "", 0.0
     for piece in pieces:
         text += geometry(start, piece.length, shape_of(piece), s=s)
@@ -162,7 +162,7 @@ def test_geometries_of_zero_length_are_skipped(tmp_path: Path):
 
 
 def widths(*lanes: tuple[int, str, str], s: float = 0.0, single: str = "") -> str:
-    """A lane section of (id, type, records)."""
+    """Return a lane section of (id, type, records)."""
     left = "".join(f'<lane id="{i}" type="{t}">{r}</lane>' for i, t, r in lanes if i > 0)
     right = "".join(f'<lane id="{i}" type="{t}">{r}</lane>' for i, t, r in lanes if i < 0)
     sides = (f"<left>{left}</left>" if left else "") + (f"<right>{right}</right>" if right else "")

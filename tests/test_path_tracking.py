@@ -1,4 +1,4 @@
-"""Path tracking: speed profile, drivable line, and a kinematic car of the test's own on tracks of the test's own."""
+"""Path tracking: speed profile, drivable line, and a kinematic car on the tracks of these tests."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Vehicles that are driven by pedals: the foot's law, the wiring, and cars on the road."""
+"""Vehicles driven by pedals: the pedal controller, the connections, and cars on the road."""
 
 import shutil
 from dataclasses import replace
@@ -95,7 +95,7 @@ def unit_of(vehicle: Vehicle) -> tuple[MultibodyPlant, VehicleControl]:
 
 
 def steering_of(vehicle: Vehicle, count: int = 12) -> np.ndarray:
-    """Set-points of the left steering joint over the first updates of a step command."""
+    """Return set-points of the left steering joint over the first updates of a step command."""
     plant, control = unit_of(vehicle)
     context = control.CreateDefaultContext()
     control.plant_state.FixValue(context, plant.GetPositionsAndVelocities(plant.CreateDefaultContext()).copy())

@@ -1,4 +1,4 @@
-"""The distance to what is ahead, and clouds in Meshcat."""
+"""The distance to the object ahead, and point clouds in Meshcat."""
 
 from typing import Any
 

@@ -36,7 +36,7 @@ def run_law(gains, references, measurements, *, limits=None, feedforward=0.0):
 
 
 def close_loop(gains, *, steps, limits=None, pole=0.95, gain=0.1, reference=1.0):
-    """First-order plant y+ = pole y + gain u under the controller; returns outputs and controls."""
+    """Return first-order plant y+ = pole y + gain u under the controller; returns outputs and controls."""
     y, state, outputs, controls = 0.0, PidState(), [], []
     for _ in range(steps):
         outputs.append(y)

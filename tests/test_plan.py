@@ -1,4 +1,4 @@
-"""The plan of a world: everything at its place, names that can be read, overlaps in red."""
+"""The plan of a world: positions of all elements, legible names, overlaps in red."""
 
 import re
 import xml.etree.ElementTree as ElementTree
@@ -57,7 +57,7 @@ CRATES: dict[str, Any] = {
 
 
 class Plan:
-    """What is in a plan."""
+    """Content of a plan."""
 
     def __init__(self, world: World, **options: Any) -> None:
         self.text = draw_plan(world, **options)
@@ -68,14 +68,14 @@ class Plan:
         return ["".join(element.itertext()) for element in self.root.iter(f"{SVG}text")]
 
     def names(self) -> list[str]:
-        """The texts on the map."""
+        """Return the texts on the map."""
         return ["".join(element.itertext()) for element in self.map.iter(f"{SVG}text")]
 
     def shapes(self, kind: str) -> list[ElementTree.Element]:
         return [element for element in self.map if element.get("class") == kind]
 
     def in_world(self, element: ElementTree.Element) -> shapely.Polygon:
-        """The polygon of a path in W [m]."""
+        """Return the polygon of a path in W [m]."""
         x, y, scale, left, bottom = (
             float(str(self.map.get(f"data-{key}"))) for key in ("x", "y", "scale", "left", "bottom")
         )

@@ -24,7 +24,7 @@ def bolt():
 
 @needs_egl
 class TestPicture:
-    """What is in it."""
+    """Content of the image."""
 
     def test_it_has_the_size_asked_for(self, bolt):
         assert bolt.shape == (180, 320, 3)

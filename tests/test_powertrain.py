@@ -371,13 +371,13 @@ TYRE = BrushTyre(
 
 
 def road_force(slip: float, friction: float, falling: bool) -> float:
-    """The brush tyre, whose friction does not fall, or one that loses a quarter of its grip when it slides."""
+    """Return the brush tyre, whose friction does not fall, or one that loses a quarter of its grip when it slides."""
     force = float(brush_forces(TYRE, slip, 0.0, LOAD, friction=friction).fx)
     return force * (1.0 - 0.25 * max(abs(slip) - 0.1, 0.0) / 0.9) if falling else force
 
 
 def quarter_car(speed, torque, options, *, friction=1.0, falling=True, sign=BRAKING, until=3.0):
-    """Distance [m], and slips above 3 m/s, of a quarter of a car that is braked or driven as hard as it can."""
+    """Return the distance [m], and slips above 3 m/s, of a quarter of a car that is braked or driven as hard as it can."""
     inertia, step, relaxation = 1.2, 2e-4, 0.3
     rate, slip, distance, slips, applied, state = speed / RADIUS, 0.0, 0.0, [], 0.0, SlipState()
     for count in range(round(20.0 / step)):

@@ -242,7 +242,7 @@ RECEIVERS = ["rtk_gps", "consumer_gps"]
 
 
 def product_of(mount: Any) -> dict[str, Any]:
-    """All keys of a mount but those of its place."""
+    """Return all keys of a mount except those of its pose."""
     return {key: value for key, value in mount.model_dump().items() if key not in {"frame", "datum"}}
 
 

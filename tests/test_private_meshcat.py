@@ -1,4 +1,4 @@
-"""A Meshcat outlives what draws in it, whichever thread collects the garbage."""
+"""A Meshcat outlives the objects that draw in it, whichever thread collects the garbage."""
 
 import gc
 import os

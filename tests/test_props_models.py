@@ -46,7 +46,7 @@ def spec_of(name: str) -> dict[str, Any]:
 
 @cache
 def visual_of(name: str) -> trimesh.Trimesh:
-    """The mesh in the prop's frame, z up."""
+    """Return the mesh in the prop's frame, z up."""
     mesh = trimesh.load(ROOT / name / spec_of(name)["visual"], force="scene").to_geometry()
     mesh.apply_transform([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     return mesh
@@ -60,7 +60,7 @@ def angle_of(value: float | str) -> float:
 
 
 def points_of(name: str, solid: dict[str, Any]) -> np.ndarray:
-    """Corners (n, 3) of a solid in the prop's frame; a cylinder's are those of a prism of 64 sides."""
+    """Return corners (n, 3) of a solid in the prop's frame; a cylinder's are those of a prism of 64 sides."""
     if "convex" in solid:
         return np.asarray(trimesh.load(ROOT / name / solid["convex"], process=False).vertices)
     if "box" in solid:
@@ -140,7 +140,7 @@ def test_solids_stay_in_the_box_and_touch_the_ground(name: str) -> None:
 
 
 def depth_outside(name: str, points: np.ndarray) -> np.ndarray:
-    """How far points (n, 3) are outside all solids [m], at least; below 0 inside."""
+    """Return the lower bound of the distance of points (n, 3) to all solids [m]; negative inside."""
     outside = np.full(len(points), np.inf)
     for corners in solids_of(name):
         equations = ConvexHull(corners).equations

@@ -66,7 +66,7 @@ def edges_of(shape):
 
 
 def cut_all(shapes, x, y, angles):
-    """Every beam with every edge, without any of the shortcuts."""
+    """Return the ranges by brute force, every beam with every edge."""
     edges = np.vstack([edges_of(shape) for shape in shapes]) - (x, y, x, y)
     cos, sin = np.cos(angles)[:, None], np.sin(angles)[:, None]
     px, py = edges[:, 0], edges[:, 1]

@@ -35,7 +35,7 @@ TILTED = RigidTransform(RollPitchYaw(0.3, -0.4, 1.1), [6.0, -2.0, 1.5])
 
 
 def _towards(target: np.ndarray, spread: float, count: int = 3000) -> tuple[np.ndarray, np.ndarray]:
-    """A start (3) and directions (n, 3) around the one to a place."""
+    """Return a start (3) and directions (n, 3) around the one to a place."""
     generator, start = np.random.default_rng(5), np.array([-3.0, 1.0, 0.5])
     directions = target - start + spread * generator.uniform(-1.0, 1.0, (count, 3))
     return start, directions / np.linalg.norm(directions, axis=1)[:, None]
@@ -68,7 +68,7 @@ def _ellipsoid(o: np.ndarray, d: np.ndarray, radii: np.ndarray) -> np.ndarray:
 
 
 def _capsule(o: np.ndarray, d: np.ndarray, radius: float, half: float) -> np.ndarray:
-    """By walking along the ray as far as the shape is away (sphere tracing), down to a nanometre."""
+    """Return the distance by sphere tracing, down to a nanometre."""
     along = np.zeros(len(d))
     for _ in range(600):
         p = o + along[:, None] * d
@@ -266,7 +266,7 @@ def test_a_turning_sensor_takes_the_whole_period_for_a_whole_turn() -> None:
 
 
 def _on_a_spiral(t: float) -> BodyState:
-    """Exact state on a path with growing speed and turn rate."""
+    """Return exact state on a path with growing speed and turn rate."""
     yaw, rate = 0.3 + 0.5 * t + 0.4 * t * t, 0.5 + 0.8 * t
     c, s = cos(yaw), sin(yaw)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

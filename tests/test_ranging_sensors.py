@@ -33,7 +33,7 @@ MILLIMETRE = 1e-3
 
 
 def make(kind: Any, room: Room, mount: Any, *, stream: int = 1, ground: bool = True, **more: Any) -> Any:
-    """A sensor at the origin of the room's carrier."""
+    """Return a sensor at the origin of the room's carrier."""
     return kind(room.world(ground=ground), room.carrier.body_frame(), mount, stream=stream, **more)
 
 
@@ -181,7 +181,7 @@ def test_every_beam_leaves_from_where_the_sensor_was_at_its_time(rate: float) ->
 
 
 def _in_the_room(yaw: np.ndarray, azimuths: np.ndarray) -> np.ndarray:
-    """Level distances to the walls of the square room from the arm's end at its yaws."""
+    """Return level distances to the walls of the square room from the arm's end at its yaws."""
     x, y, heading = 3.0 * np.cos(yaw), 3.0 * np.sin(yaw), yaw + azimuths
     c, s = np.cos(heading), np.sin(heading)
     with np.errstate(divide="ignore"):

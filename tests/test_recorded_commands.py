@@ -36,7 +36,7 @@ def call(*arguments: object) -> int:
 
 
 def apart(folder: Path, other: Path) -> float:
-    """Largest distance between the ways of two runs [m]."""
+    """Return the largest distance between the paths of two runs [m]."""
     a, b = load_run(folder).signals, load_run(other).signals
     assert len(a) == len(b)
     return float(np.hypot(a["ego.x"] - b["ego.x"], a["ego.y"] - b["ego.y"]).max())

@@ -1,4 +1,4 @@
-"""What a run records: every picture and every scan, once, in order, on disk whatever ends the run."""
+"""Recording of a run: every image and every scan, once, in order, on disk however the run ends."""
 
 import contextlib
 import io
@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def drive(**changes: Any) -> dict[str, Any]:
-    """A CAT Vehicle that drives straight ahead, with a camera and two lasers, as plain data."""
+    """Return a CAT Vehicle that drives straight ahead, with a camera and two lasers, as plain data."""
     return {
         "world": "empty",
         "vehicles": {"ego": {"model": "catvehicle"}},
@@ -410,7 +410,7 @@ def test_a_run_that_fails_keeps_its_pictures_and_scans(tmp_path: Path, monkeypat
 
 
 def resident() -> int:
-    """Memory of this process [bytes]."""
+    """Return the memory of this process [bytes]."""
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 

@@ -1,4 +1,4 @@
-"""The reference vehicles against published figures, written by hand with their sources; and what their variants are.
+"""The reference vehicles against published figures, entered by hand with their sources; and their variants.
 
 Static figures are measured on the expanded model: mass and centre of mass with Drake's own, dimensions on the joints.
 Turning circles are those of the middle of the outer front wheel, kerb to kerb; half a tyre's width is left out.
@@ -77,7 +77,7 @@ def run(model, *, speed, duration, start=0.0, control=None):
 
 
 def bend(model):
-    """Into a bend that would need 1.8 g, at 14 m/s."""
+    """Return the signals of a curve that would need 1.8 g, at 14 m/s."""
     rows = [{"time": t, "speed": 14.0, "steering": angle} for t, angle in ((0.0, 0.0), (0.5, 0.0), (1.0, 0.25))]
     return run(model, speed=14.0, duration=4.0, start=14.0, control={"kind": "schedule", "rows": rows})
 

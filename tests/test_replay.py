@@ -1,4 +1,4 @@
-"""`mirdrake replay`: the Meshcat recording with the pictures of the cameras in step with it."""
+"""`mirdrake replay`: the Meshcat recording with synchronised camera images."""
 
 import io
 import json

@@ -40,7 +40,7 @@ def scene(world: str = "test_track") -> Scene:
 def drive_track(
     name: str, *, duration: float, rate: float, speed: float = 5.0, seed: int = 1, delay: float = 0.0
 ) -> pandas.DataFrame:
-    """Signals of a car that follows the test track with a lateral error that grows with curvature."""
+    """Return signals of a car that follows the test track with a lateral error that grows with curvature."""
     track = load_world("test_track").tracks["main"]
     random = np.random.default_rng(seed)
     t = np.arange(0.0, duration + 0.5 / rate, 1.0 / rate)

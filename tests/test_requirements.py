@@ -26,7 +26,7 @@ TIMES = np.arange(0.0, 5.0, 0.5)
 
 
 def _seen(**signals) -> Observation:
-    """An observation of signals that are given sample by sample."""
+    """Return an observation of signals that are given sample by sample."""
     units = {"speed": "m/s", "clearance": "m", "heading_error": "rad", "time": "s"}
     arrays = {name.replace("__", "."): np.asarray(values, dtype=float) for name, values in signals.items()}
     size = len(next(iter(arrays.values())))
@@ -173,7 +173,7 @@ def test_the_documentation_lists_every_signal_with_its_unit_and_every_event() ->
 
 @dataclass
 class _Case:
-    """A requirement as text, and what it means, written down anew."""
+    """A requirement as text, and an independent implementation of its meaning."""
 
     text: str
     holds: Any = None  # f(signals, i) -> bool
@@ -317,7 +317,7 @@ def test_names_of_signals_and_goals() -> None:
 
 
 def _run(x, y, yaw, speed, **more) -> Run:
-    """A run of the bolt on a given path, as if it had been simulated."""
+    """Return a run of the bolt on a given path, as if it had been simulated."""
     n = len(x)
     zero = np.zeros(n)
     columns = {"x": x, "y": y, "z": zero, "roll": zero, "pitch": zero, "yaw": yaw, "vx": speed, "vy": zero, "vz": zero}
@@ -398,7 +398,7 @@ def test_motion_signals_follow_from_the_velocity() -> None:
 
 
 def _with(world, **attributes) -> Any:
-    """A world with other props or goals."""
+    """Return a world with other props or goals."""
     return SimpleNamespace(**({"tracks": world.tracks, "roads": world.roads, "props": (), "goals": {}} | attributes))
 
 

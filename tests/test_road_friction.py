@@ -1,4 +1,4 @@
-"""Friction that changes with the place: a car with locked wheels slides as a plane body with four rubbing points."""
+"""Friction that depends on the position: a car with locked wheels slides as a plane body with four contact points."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ CONTACTS = ("point", "hydroelastic")
 
 @dataclass
 class Body:
-    """What the closed form needs of a car: mass [kg], place and height [m] of its centre, yaw inertia [kg m²]."""
+    """Parameters of a car in the closed form: mass [kg], place and height [m] of its centre, yaw inertia [kg m²]."""
 
     mass: float
     ahead: float

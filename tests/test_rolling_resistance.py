@@ -1,4 +1,4 @@
-"""A car that coasts loses what its tyres are specified to lose, whatever the step, speed and solver."""
+"""Rolling resistance of a coasting car is that of its tyres at any step, speed and solver."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ SETTLE, COAST = 0.6, 2.0
 
 
 def effective_coefficient(speed, spec, *, coefficient=None):
-    """Deceleration times the car's inertia, wheels included, over its weight."""
+    """Return the deceleration times the car's inertia, wheels included, over its weight."""
     car = coasting_car(speed, spec, coefficient=coefficient)
     car.advance(SETTLE)
     before = car.speed
@@ -49,7 +49,7 @@ def test_opposing_forces_of_the_front_wheels_do_not_move_the_car():
 
 
 def mean_loads(speed, contact):
-    """Wheel loads [N] over a second, in which the car bounces some times on its undamped tyres."""
+    """Return wheel loads [N] over a second, in which the car bounces some times on its undamped tyres."""
     car = coasting_car(speed, PlantSpec(contact=contact))
     car.advance(1.0)
     samples = []

@@ -1,4 +1,4 @@
-"""The run folder: complete, repeatable to the last bit, with units, and readable whatever ends the run."""
+"""The run folder: complete, repeatable to the last bit, with units, and readable however the run ends."""
 
 import json
 import os
@@ -70,7 +70,7 @@ FAULTY_DRIVE = dedent(
 
 
 def drive(**changes: Any) -> dict[str, Any]:
-    """A Bolt on the test track for two seconds, as plain data."""
+    """Return a Bolt on the test track for two seconds, as plain data."""
     return {
         "world": "test_track",
         "vehicles": {"ego": {"model": "bolt", "start": "line"}},
@@ -327,7 +327,7 @@ def test_ctrl_c_while_building_leaves_nothing(tmp_path: Path) -> None:
 
 @pytest.fixture
 def faulty_drive(tmp_path: Path) -> Path:
-    """A diagram file with a block in the steering line that goes wrong after 0.8 s."""
+    """Return a diagram file with a block in the steering line that fails after 0.8 s."""
     (tmp_path / "own_faulty.py").write_text(OWN, encoding="utf-8")
     (tmp_path / "faulty.yaml").write_text(FAULTY_DRIVE, encoding="utf-8")
     return tmp_path / "faulty.yaml"

@@ -1,4 +1,4 @@
-"""A new vehicle from a few dimensions: its files, its estimates, and that it drives at once."""
+"""A new vehicle from a few dimensions: its files, its estimates, and its drives without tuning."""
 
 import argparse
 import csv
@@ -166,7 +166,7 @@ def test_the_whole_vehicles_mass_and_inertia_in_the_plant_are_the_planned_ones(c
 
 
 def table(name: str) -> list[dict[str, str]]:
-    """Rows of a table of tests/data."""
+    """Return rows of a table of tests/data."""
     lines = (Path(__file__).parent / "data" / name).read_text(encoding="utf-8").splitlines()
     return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 

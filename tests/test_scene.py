@@ -1,4 +1,4 @@
-"""A run folder carries its scene, and what reads a run reads that: not models/ and worlds/ as they are today."""
+"""A run folder contains its scene; readers of a run use it instead of the current models/ and worlds/."""
 
 import json
 import math
@@ -41,7 +41,7 @@ RECORD = {"meshcat": False, "report": False, "cameras": False}
 
 
 def copy_vehicle(name: str, folder: Path, **changes: Any) -> Path:
-    """A copy of a shipped vehicle under another name, with some text of its main file replaced."""
+    """Return a copy of a shipped vehicle under another name, with some text of its main file replaced."""
     shutil.copytree(data_root() / "models" / name, folder)
     for old, new in changes.items():
         for path in folder.glob("*.xacro"):
@@ -129,7 +129,7 @@ def test_a_run_carries_its_scene_and_the_lock_of_its_world(run: Run, place: Path
 
 @pytest.fixture
 def closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is found by name, and no xacro is rendered, while this is in use."""
+    """Forbid the search for files by name and the rendering of xacro."""
 
     def fail(*arguments: Any, **_: Any) -> Any:
         raise AssertionError(f"read again: {arguments}")

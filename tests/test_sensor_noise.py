@@ -1,4 +1,4 @@
-"""Noise and its way through time: Allan deviation, repeatability, latency, dropout."""
+"""Noise and timing of sensors: Allan deviation, repeatability, latency, dropout."""
 
 from math import exp, inf, sqrt
 from typing import Any
@@ -19,7 +19,7 @@ RATE = 100.0
 
 
 def series(specs: list[NoiseSpec], count: int, *, stream: int = 5, rate: float = RATE) -> np.ndarray:
-    """Errors of a sensor that measures nothing (count x n)."""
+    """Return errors of a sensor that measures nothing (count x n)."""
     noise = Noise.of(specs, rate)
     state, constant = noise.start(stream), noise.constant(stream)
     errors = np.empty((count, len(specs)))

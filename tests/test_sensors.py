@@ -1,4 +1,4 @@
-"""Sensors in a diagram; what a camera is to a run."""
+"""Sensors in a diagram; effects of cameras on a run."""
 
 import sys
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ needs_egl = pytest.mark.skipif(FAULT is not None, reason=f"cameras cannot be dra
 
 
 def parked(sensors: Sequence[str], **more: Any) -> dict[str, Any]:
-    """A parked Bolt on an empty plane, with sensors."""
+    """Return a parked Bolt on an empty plane, with sensors."""
     return {
         "world": "empty",
         "vehicles": {"ego": {"model": "bolt"}},

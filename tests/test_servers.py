@@ -1,4 +1,4 @@
-"""Pages on this machine: who can connect, what reaches Meshcat, and that a run survives all of it."""
+"""Pages on this machine: allowed connections, messages that reach Meshcat, and runs that survive hostile ones."""
 
 import base64
 import contextlib
@@ -39,7 +39,7 @@ def meshcat() -> Meshcat:
 
 
 def connect(url: str, *, key: str = KEY, path: str | None = None, **headers: str) -> socket.socket:
-    """A socket that has asked for a web socket; the answer is not read yet."""
+    """Return a socket that has asked for a web socket; the answer is not read yet."""
     address = urlsplit(url)
     there = socket.create_connection(("127.0.0.1", int(address.port or 0)), timeout=5.0)
     lines = {
@@ -55,7 +55,7 @@ def connect(url: str, *, key: str = KEY, path: str | None = None, **headers: str
 
 
 def status(there: socket.socket) -> int:
-    """Status of the answer to a request."""
+    """Return the status of the answer to a request."""
     text = b""
     while b"\r\n\r\n" not in text:
         block = there.recv(4096)
@@ -77,7 +77,7 @@ def get(url: str, path: str | None = None, **headers: str) -> tuple[int, bytes]:
 
 
 def ports() -> set[int]:
-    """Ports of TCP that this process listens on."""
+    """Return the TCP ports that this process listens on."""
     ports_found = set()
     for name in os.listdir("/proc/self/fd"):
         with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(name))) as duplicate:
@@ -87,7 +87,7 @@ def ports() -> set[int]:
 
 
 def pack(value: Any) -> bytes:
-    """A value in MessagePack."""
+    """Return a value in MessagePack."""
     if isinstance(value, str):
         return b"\xd9" + bytes([len(value.encode())]) + value.encode()
     if isinstance(value, float):

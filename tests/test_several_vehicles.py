@@ -1,4 +1,4 @@
-"""Several vehicles in one diagram: each with its own name, start and controllers, all in one contact problem."""
+"""Several vehicles in one diagram: each with its name, start and controllers, all in one contact problem."""
 
 from pathlib import Path
 from typing import Any

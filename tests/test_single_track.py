@@ -1,4 +1,4 @@
-"""The single-track model: closed forms, an exact solution, its derivatives, and the full Bolt beside it."""
+"""The single-track model: closed forms, an exact solution, its derivatives, and comparison with the full Bolt."""
 
 from dataclasses import replace
 from math import atan, cos, hypot, pi, sin, sqrt, tan
@@ -61,7 +61,7 @@ ROLLING = replace(CAR, roll_mass=1300.0, roll_height=0.45, roll_inertia=400.0, r
 
 
 def names_of(port):
-    """Names of a port's signals, in order."""
+    """Return names of a port's signals, in order."""
     contents = signals_of(port)
     assert contents is not None
     return [signal.name for signal in contents]
@@ -264,7 +264,7 @@ def test_the_friction_of_brush_tyres_limits_turning_and_braking():
 
 
 def _rajamani(p, speed):
-    """Matrices of the states y, y', ψ, ψ' (section 2.3), from its equations with 2 Cf = front_stiffness."""
+    """Return matrices of the states y, y', ψ, ψ' (section 2.3), from its equations with 2 Cf = front_stiffness."""
     cf, cr, a, b, m, i = p.front_stiffness, p.rear_stiffness, p.front_length, p.rear_length, p.mass, p.yaw_inertia
     matrix = [
         [0.0, 1.0, 0.0, 0.0],
@@ -602,7 +602,7 @@ def test_the_ports_are_those_of_the_docstring(variant):
 
 
 def _reduced(name, duration, *, speed=0.0, wanted, steering=0.0, **options):
-    """Log of the state of a vehicle under a constant command: rows are those of the state, columns times."""
+    """Return the log of the state of a vehicle under a constant command: rows are those of the state, columns times."""
     builder = DiagramBuilder()
     vehicle = builder.AddSystem(make_single_track_vehicle(load_vehicle(name), **options))
     driver = builder.AddSystem(ConstantCommand(wanted, steering, period=0.02))

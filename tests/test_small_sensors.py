@@ -1,4 +1,4 @@
-"""IMU, GPS, wheel encoder, steering angle sensor and ground truth against numbers worked by hand."""
+"""IMU, GPS, wheel encoder, steering angle sensor and ground truth against numbers computed by hand."""
 
 from math import cos, pi, radians, sin, sqrt
 from pathlib import Path
@@ -193,7 +193,7 @@ A, F = 6378137.0, 1.0 / 298.257223563  # WGS 84: semi-major axis [m] and flatten
 
 
 def earth_centred(latitude: float, longitude: float, altitude: float) -> np.ndarray:
-    """Earth-centred coordinates [m] of a place [deg, deg, m], from the definition of the ellipsoid."""
+    """Return the earth-centred coordinates [m] of a place [deg, deg, m], from the definition of the ellipsoid."""
     phi, lam, e2 = radians(latitude), radians(longitude), F * (2.0 - F)
     n = A / sqrt(1.0 - e2 * sin(phi) ** 2)
     radius = (n + altitude) * cos(phi)
@@ -201,7 +201,7 @@ def earth_centred(latitude: float, longitude: float, altitude: float) -> np.ndar
 
 
 def in_world(location: np.ndarray, datum: DatumSpec) -> np.ndarray:
-    """World coordinates [m] of a place by rotating the difference of earth-centred ones: an oracle."""
+    """Return world coordinates [m] of a place by rotating the difference of earth-centred ones: an oracle."""
     origin = earth_centred(datum.latitude * 180 / pi, datum.longitude * 180 / pi, datum.altitude)
     phi, lam = datum.latitude, datum.longitude
     east = np.array([-sin(lam), cos(lam), 0.0])
@@ -250,7 +250,7 @@ def test_a_gps_gives_its_geodetic_position() -> None:
 
 
 def read_nmea(text: str) -> dict[str, list[str]]:
-    """Sentences by their names, checksums tested: a reader of its own, from the standard."""
+    """Return sentences by their names, checksums tested: a reader of its own, from the standard."""
     sentences = {}
     for line in text.split("\r\n")[:-1]:
         assert len(line) + 2 <= 82
@@ -321,7 +321,7 @@ def test_a_gps_with_latency_has_no_output_before_its_first_fix() -> None:
 
 
 def turning(sensor_of: Any, *, rate: float, angle: float = 0.0, duration: float = 1.0) -> np.ndarray:
-    """Samples at 10 Hz of a sensor of the angle of a joint that turns at a rate [rad/s]."""
+    """Return samples at 10 Hz of a sensor of the angle of a joint that turns at a rate [rad/s]."""
     carousel = Carousel(rate=rate, angle=angle, axis=(0.0, 1.0, 0.0))
     plant = carousel.finalize()
     return carousel.run(sensor_of(plant, carousel.joint), duration, rate=10.0)

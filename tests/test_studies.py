@@ -1,4 +1,4 @@
-"""Studies: rows do not depend on what runs them or crashes; context parameters; faults of a study file."""
+"""Studies: rows do not depend on the scheduler or on crashes; context parameters; faults of a study file."""
 
 import gc
 import json
@@ -38,7 +38,7 @@ DIAGRAM = {
 
 
 def study(**changes: Any) -> dict[str, Any]:
-    """A small study of eight short runs: context parameters and a path of the diagram."""
+    """Return a small study of eight short runs: context parameters and a path of the diagram."""
     return {
         "diagram": DIAGRAM,
         "parameters": {
@@ -55,7 +55,7 @@ def study(**changes: Any) -> dict[str, Any]:
 
 
 def write_metrics(folder: Path, text: str) -> str:
-    """A module of metrics in a folder; its name, which no other test uses."""
+    """Return a module of metrics in a folder; its name, which no other test uses."""
     name = f"metrics_{folder.name.replace('-', '_')}"
     (folder / f"{name}.py").write_text(textwrap.dedent(text), encoding="utf-8")
     return name
@@ -273,7 +273,7 @@ def _kill(given: Path, out: Path, *, after: float) -> None:
 
 
 def _check(tmp_path: Path, given: dict[str, Any], kills: list[float]) -> list[int]:
-    """Kill a study again and again, resume it, and compare with one that nobody disturbed; rows after each kill."""
+    """Kill and resume a study repeatedly, compare it with an uninterrupted one; return the rows after each kill."""
     (tmp_path / "study.json").write_text(json.dumps(given), encoding="utf-8")
     out, counts = tmp_path / "killed", []
     for after in kills:

@@ -1,4 +1,4 @@
-"""Suites: whatever a case does, the others are judged; resuming, ranking, search, reports."""
+"""Suites: independence of cases, resuming, ranking, search, reports."""
 
 import json
 import os
@@ -57,7 +57,7 @@ BOMBS = dedent(
 
 
 def _case(number: int, *, speed: float = 5.0, expect: tuple[str, ...] = ("always speed < 12 m/s",), **more) -> Case:
-    """A Bolt that drives straight ahead in an empty world."""
+    """Return a Bolt that drives straight ahead in an empty world."""
     diagram = {
         "name": "straight",
         "world": EMPTY,
@@ -90,7 +90,7 @@ BOMB_REASONS = {
 
 @pytest.fixture(scope="module")
 def damaged(tmp_path_factory: pytest.TempPathFactory) -> Suite:
-    """A suite in which many things go wrong."""
+    """Return the result of a suite with many failing cases."""
     folder = tmp_path_factory.mktemp("suite")
     cases = [
         _case(1),

@@ -139,7 +139,7 @@ def lot(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def printed(lot: Path) -> list[str]:
-    """What a suite that was not disturbed printed."""
+    """Return the output of an uninterrupted suite."""
     with redirect_stdout(io.StringIO()) as text:
         assert test(lot, "-j", 2, "--out", lot.parent / "done") == 2
     return text.getvalue().splitlines()
@@ -147,7 +147,7 @@ def printed(lot: Path) -> list[str]:
 
 @pytest.fixture(scope="module")
 def done(lot: Path, printed: list[str]) -> Path:
-    """The folder of that suite."""
+    """Return the folder of that suite."""
     assert printed
     return lot.parent / "done"
 

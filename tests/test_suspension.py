@@ -36,7 +36,7 @@ SECTION = "{front: {stiffness: 28000, damping: 2000}, rear: {stiffness: 27000, d
 
 
 def bolt_variant(folder, change):
-    """The Bolt in a folder of its own with one variant; its name."""
+    """Return the Bolt in a folder of its own with one variant; its name."""
     folder.mkdir(exist_ok=True)
     (folder / "variants").mkdir(exist_ok=True)
     for path in (data_root() / "models" / "bolt").iterdir():
@@ -152,13 +152,13 @@ def half_car(front=FRONT, rear=REAR):
 
 
 def response(A, x0, times):
-    """Free response (states x times) of x' = A x."""
+    """Return the free response (states x times) of x' = A x."""
     values, vectors = np.linalg.eig(A)
     return (vectors @ (np.exp(np.outer(values, times)) * np.linalg.solve(vectors, x0.astype(complex))[:, None])).real
 
 
 def slow_pole(times, values):
-    """Natural frequency [Hz] and damping ratio of the slower of the two oscillations in a free response."""
+    """Return the natural frequency [Hz] and damping ratio of the slower of the two oscillations in a free response."""
     step = 4
     y = values[::step]
     rows = np.array([y[i : i + 4] for i in range(len(y) - 4)])
@@ -221,7 +221,7 @@ def test_the_car_bounces_and_pitches_like_a_half_car(heave, pitch, step):
 
 
 def roll_stiffnesses(front, rear):
-    """Of both axles, tyres in series [N m/rad]."""
+    """Return the roll stiffness of both axles, with tyres in series [N m/rad]."""
     stiffnesses = []
     for axle in (front, rear):
         own = (axle["stiffness"] / 2 + axle.get("anti_roll", 0.0)) * TRACK**2

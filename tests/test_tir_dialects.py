@@ -1,4 +1,4 @@
-"""Tyre property files as other programs write them: one tyre in three dialects, and what is wrong in them.
+"""Tyre property files of other programs: one tyre in three dialects, and faults in them.
 
 The texts follow the descriptions of the formats (TeimOrbit of Adams/Tire, and the MF-Tyre/MF-Swift manual), not files
 of mirdrake; every number is repeated here in SI units.

@@ -72,7 +72,7 @@ ALIGNING = {
 
 
 def file_of(seed: int) -> str:
-    """A file with random coefficients."""
+    """Return a file with random coefficients."""
     random_of = random.Random(seed)
     text = HEAD
     for section, table in (("LONGITUDINAL", LONGITUDINAL), ("LATERAL", LATERAL), ("ALIGNING", ALIGNING)):

@@ -31,7 +31,7 @@ CIRCUIT_LENGTH = 4000.0
 
 
 def write(folder: Path, text: str, **files: str) -> Path:
-    """A world file with a track, and files beside it; `csv` becomes track.csv."""
+    """Return a world file with a track, and files beside it; `csv` becomes track.csv."""
     for suffix, content in files.items():
         (folder / f"track.{suffix}").write_text(content)
     path = folder / "w.yaml"
@@ -53,7 +53,7 @@ def message(folder: Path, monkeypatch: pytest.MonkeyPatch, text: str, **files: s
 
 
 def circuit_csv(spacing: float = 1.0) -> str:
-    """A circuit of 4 km whose width goes from 7 to 11 m."""
+    """Return a circuit of 4 km whose width goes from 7 to 11 m."""
     points = circuit(CIRCUIT_LENGTH, spacing)
     angles = 2 * np.pi * np.arange(len(points)) / len(points)
     rows = np.column_stack((points, 4.0 + np.sin(angles), 5.0 + np.cos(3 * angles)))
@@ -344,7 +344,7 @@ def vertices(item: Any) -> np.ndarray:
 
 
 def seen_from_above(corners: np.ndarray) -> np.ndarray:
-    """Areas of triangles [m²]; 0 for upright ones."""
+    """Return areas of triangles [m²]; 0 for upright ones."""
     return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] / 2)
 
 

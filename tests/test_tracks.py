@@ -285,7 +285,7 @@ def test_neighbouring_points_of_any_track_are_as_far_apart_as_their_s(parts: lis
 
 
 def wavy(length: float, *, closed: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Edges from 1.5 to 3.5 m to the left and from 1 to 2 m to the right."""
+    """Return edges from 1.5 to 3.5 m to the left and from 1 to 2 m to the right."""
     s = np.linspace(0.0, length, 121)
     left, right = 2.5 + np.sin(2 * np.pi * 3 * s / length), 1.5 + 0.5 * np.cos(2 * np.pi * 2 * s / length)
     if closed:

@@ -1,4 +1,4 @@
-"""Gains of a tuning result in control.yaml: what changes, what is rejected, and that a file is written whole or not."""
+"""Gains of a tuning result in control.yaml: changes, rejections, and atomic writing of files."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Margins of a model that the plant does not have are not claimed."""
+"""Stability margins of a model are not reported if the plant does not confirm them."""
 
 from collections.abc import Mapping
 
@@ -21,7 +21,7 @@ def plant(added: float = 0.0) -> TransferFunction:
 
 
 def drive(gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant") -> Evaluation:
-    """An integrator with dead time under PI control, a step at time 0."""
+    """Return an integrator with dead time under PI control, a step at time 0."""
     added = 0.0 if conditions.delay is None else conditions.delay - DEAD_TIME
     given = simulate_loop(
         LinearProcess(plant(added), PERIOD), PidGains(**gains), period=PERIOD, reference=np.ones(1000)

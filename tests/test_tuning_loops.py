@@ -33,7 +33,7 @@ def speed_loop(**test: Any) -> LoopSpec:
 
 
 def with_model(spec: LoopSpec) -> LoopSpec:
-    """The Bolt's loop with the model that its mass gives: torque on two wheels to wheel speed."""
+    """Return the Bolt's loop with the model that its mass gives: torque on two wheels to wheel speed."""
     mass, radius = 1616.0, 0.3012
     model = LoopModel(
         {"main": TransferFunction((2.0 / (mass * radius**2),), (1.0, 0.006), 0.06)},

@@ -1,4 +1,4 @@
-"""Margins and stability: equal to python-control's where it can, to closed forms where there is dead time."""
+"""Stability margins: compared with python-control where possible, with closed forms where there is dead time."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The controllers that a vehicle has now are the baseline, and a loop that is not tuned keeps its gains."""
+"""The present controllers of a vehicle are the baseline, and a loop that is not tuned keeps its gains."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Search for gains: the same outcome whatever runs it and however often it is killed; fronts, knees, maps, faults."""
+"""Search for gains: the same outcome with any number of workers and interruptions; fronts, knees, maps, faults."""
 
 import json
 import math
@@ -33,13 +33,13 @@ LEARNING = ("tpe", "cma", "nsga2")
 
 
 def look(evaluate: Any = LOOP, **changes: Any) -> Any:
-    """A small search."""
+    """Return a small search."""
     given: dict[str, Any] = {"trials": 40, "cost": {"iae": 1.0}, "constraints": {"ms": 1.6}, "seed": 3, "method": "tpe"}
     return search(evaluate, SPACE, **(given | changes))
 
 
 def same(first: Any, second: Any) -> bool:
-    """Whether two searches gave the same bits; nan equals nan."""
+    """Return whether two searches gave the same bits; nan equals nan."""
     return bool(first.table.equals(second.table)) and first.complete == second.complete
 
 
@@ -135,7 +135,7 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
 
 
 def _best_pi() -> float:
-    """The least IAE with Ms at most 1.6, by a simplex from outside the search."""
+    """Return the least IAE with Ms at most 1.6, by a simplex from outside the search."""
 
     def total(x: Any) -> float:
         given = LOOP({"kp": math.exp(x[0]), "ki": math.exp(x[1])})

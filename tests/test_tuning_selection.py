@@ -164,7 +164,7 @@ class _Stages:
 
 
 def made(name: str, kp: float, *, kind: Any = "rule") -> Candidate:
-    """A candidate whose cost decreases with its gain."""
+    """Return a candidate whose cost decreases with its gain."""
     return Candidate(Design(name, kind, {"kp": kp}), Trial(0, {"kp": kp}, "ok", {"iae": 1.0 / kp}, 1.0 / kp, 0.0))
 
 

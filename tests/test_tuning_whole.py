@@ -1,4 +1,4 @@
-"""Whole studies of every kind of loop, with tiny budgets; killed ones; one on a vehicle that was imported."""
+"""Whole studies of every kind of loop, with small budgets; interrupted ones; one on an imported vehicle."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""Tyre laws against closed forms, integration along the patch, published values and the symmetries they must have."""
+"""Tyre laws against closed forms, integration along the patch, published values and symmetries."""
 
 import math
 from dataclasses import replace
@@ -73,7 +73,7 @@ SPEED = st.floats(-60.0, 60.0)
 
 
 def integrated(tyre: BrushTyre, kappa: float, tan_alpha: float, load: float) -> tuple[float, float, float]:
-    """Fx, Fy, Mz of bristles that stick until the pressure lets them go, summed over the patch."""
+    """Fx, Fy, Mz of bristles that adhere up to the friction limit, summed over the patch."""
     loaded = brush_at_load(tyre, load)
     a, count = loaded.half_length, 200_000
     behind = (np.arange(count) + 0.5) * 2.0 * a / count  # way from the leading edge
@@ -228,7 +228,7 @@ def test_magic_formula_equals_commonroad() -> None:
 
 
 def written_again(p: MagicFormulaParameters, k: float, t: float, n: float, g: float, v: float) -> list[float]:
-    """The formulas a second time, in the order of the manual, one line each: ahead, from the low speed on.
+    """Return forces by an independent implementation in the order of the manual, forwards, above the low speed.
 
     MF 6.1, and where its own manual differs MF 5.2. Rolling resistance is against the spin of the tread, also where
     the wheel is locked or turns backwards.

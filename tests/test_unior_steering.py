@@ -1,4 +1,4 @@
-"""The steering of the Unior: its motor, what the road asks of it, and a tuned loop that does not hinge on the step."""
+"""The steering of the Unior: its motor, the road torque, and a tuned loop that is insensitive to the time step."""
 
 from pathlib import Path
 
@@ -21,9 +21,9 @@ STALL, FREE_SPEED, GEAR = 11.2, 48.0 * 2.0 * np.pi / 60.0, 260.6  # data sheet o
 
 
 def turn(step: float, *, contact: str = "point", rate: float = 0.1, speed: float = 1.6) -> dict[str, np.ndarray]:
-    """Road torque on both kingpins [N m]: as they begin to turn, turning at a steady rate [rad/s], and held; means.
+    """Return the mean road torque on both kingpins [N m]: at breakaway, at a steady rate [rad/s], and held.
 
-    The wheels are held by a servo ten times as stiff as the model's; what the motor's damping takes is subtracted.
+    The wheels are held by a servo ten times as stiff as the model's; the torque of the motor's damping is subtracted.
     """
     servo = {"kind": "servo", "stiffness": 5407.0, "damping": 108.1}
     car = {"model": "unior", "speed": speed, "control": {"dead_man": 1e6, "steering": servo}}
@@ -49,7 +49,7 @@ def turn(step: float, *, contact: str = "point", rate: float = 0.1, speed: float
 
 
 def trial(vehicle: str = "unior", *, step: float | None = None, delay: float = 0.05) -> Evaluation:
-    """The study's trial with the tuned gains."""
+    """Return the study's trial with the tuned gains."""
     spec = load_tuning(STUDY)
     spec.vehicle = vehicle
     if step is not None:

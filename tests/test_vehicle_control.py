@@ -1,4 +1,4 @@
-"""The control unit of a vehicle, alone in a small diagram: numbers worked by hand."""
+"""The control unit of a vehicle in a small diagram, against numbers computed by hand."""
 
 from math import atan, tan
 

@@ -1,4 +1,4 @@
-"""The box around a vehicle's collision shapes, against boxes worked out by hand."""
+"""The box around a vehicle's collision shapes, against boxes computed by hand."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Loading vehicles: the Bolt's figures by hand, and one line for everything that can be wrong with a folder."""
+"""Loading vehicles: the Bolt's figures by hand, and one-line errors for faults of a folder."""
 
 import math
 import re
@@ -33,7 +33,7 @@ Built = tuple[MultibodyPlant, Diagram]
 
 
 def build(vehicle: Vehicle, *, urdf: str = "", contact_model: str = "point") -> Built:
-    """The vehicle on a stiff half space."""
+    """Return the vehicle on a stiff half space."""
     builder = DiagramBuilder()
     config = MultibodyPlantConfig(time_step=0.005, contact_model=contact_model)
     plant, _ = AddMultibodyPlant(config, builder)
@@ -217,7 +217,7 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def replace(file: Path, old: str, new: str) -> int:
-    """Replace a text that occurs once; gives the line on which it stood."""
+    """Replace a text that occurs once; return its line number."""
     text = file.read_text(encoding="utf-8")
     assert text.count(old) == 1, f"{old!r} occurs {text.count(old)} times in {file.name}"
     file.write_text(text.replace(old, new), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What `mirdrake view VEHICLE` shows: sliders of the vehicle's own joints, and layers that buttons and keys switch."""
+"""The view of `mirdrake view VEHICLE`: sliders of the joints of the vehicle, and layers with buttons and keys."""
 
 import time
 from dataclasses import replace
@@ -205,7 +205,7 @@ def _blue(image):
 
 
 def _settled(driver, condition, *, patience=30.0):
-    """Whether the picture comes to fulfil a condition within some seconds."""
+    """Return whether the image fulfils a condition within some seconds."""
     end = time.monotonic() + patience
     while time.monotonic() < end:
         if condition(picture(driver)):

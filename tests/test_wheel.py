@@ -1,4 +1,4 @@
-"""The wheel holds the models and worlds, is small, and works far from the checkout."""
+"""The wheel contains the models and worlds, is small, and works outside the checkout."""
 
 import os
 import subprocess

@@ -17,7 +17,7 @@ from mirdrake.worlds import load_world
 
 
 def read(vtk):
-    """Points and tetrahedra of a legacy VTK text."""
+    """Return points and tetrahedra of a legacy VTK text."""
     lines = vtk.splitlines()
     count = int(lines[4].split()[1])
     points = np.array([[float(word) for word in line.split()] for line in lines[5 : 5 + count]])
@@ -66,7 +66,7 @@ def test_hydroelastic_contact_gets_the_mesh_and_points_an_ellipsoid():
 
 
 def one_car(model):
-    """A Bolt in a plant on patches: (plant parts, its inspector, the car)."""
+    """Return a Bolt in a plant on patches: (plant parts, its inspector, the car)."""
     builder = DiagramBuilder()
     parts = make_plant(builder, load_world("empty"), {"ego": load_vehicle(model)})
     return parts, parts.scene_graph.model_inspector(), parts.vehicles["ego"]

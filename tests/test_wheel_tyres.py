@@ -52,7 +52,7 @@ def bolt(tmp_path_factory):
 
 
 def sliding_state(assembly, *, vx=15.0, vy=0.0, slip=0.0, steering=0.0, roll=0.0):
-    """A car at the height of rest that moves ahead and to the left, all wheels with one slip Vsx / -vx."""
+    """Return a car at the height of rest that moves ahead and to the left, all wheels with one slip Vsx / -vx."""
     plant, part = assembly.parts.plant, assembly.parts.vehicles["ego"]
     state = plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(assembly.make_context())).copy()
     q, v = part.base.floating_positions_start(), plant.num_positions() + part.base.floating_velocities_start_in_v()
@@ -215,7 +215,7 @@ def test_a_wheel_without_torque_rolls_without_force(bolt, kind, contact):
 
 
 def locked_share(kind, friction=1.0):
-    """Deceleration of the car with locked wheels over g, without load transfer."""
+    """Return the deceleration of the car with locked wheels over g, without load transfer."""
     loads = [1616.0 * GRAVITY * part / 2.0 for part in (0.56, 0.44)]
     return -sum(expected(kind, -1.0, 0.0, load, 5.0, 0.0, friction)[0] for load in loads) / (0.5 * 1616.0 * GRAVITY)
 

@@ -1,4 +1,4 @@
-"""How workers start: what a Ctrl-C at that moment does."""
+"""Start of workers: effect of Ctrl-C at that moment."""
 
 import signal
 import subprocess

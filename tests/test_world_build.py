@@ -1,4 +1,4 @@
-"""`mirdrake world build`: three files and meshes, or nothing and one line."""
+"""`mirdrake world build`: three files and meshes, or a one-line error and no file."""
 
 import argparse
 from pathlib import Path

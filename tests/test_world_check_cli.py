@@ -103,6 +103,6 @@ def test_the_view_has_all_layers_and_buttons_toggle_them(call: Call) -> None:
 
 
 def _click(name: str) -> bytes:
-    """What a browser sends when a button is pressed: a map of two texts, in MessagePack."""
+    """Return the message of a browser for a pressed button: a map of two texts, in MessagePack."""
     words = ("type", "button", "name", name)
     return b"\x82" + b"".join(bytes([0xA0 + len(word)]) + word.encode() for word in words)

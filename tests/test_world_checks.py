@@ -34,7 +34,7 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def write(text: str) -> str:
-    """A world file w.yaml; its first line is 2 of the file."""
+    """Return a world file w.yaml; its first line is 2 of the file."""
     Path("w.yaml").write_text("mirdrake: world/1\n" + dedent(text).lstrip("\n"), encoding="utf-8")
     return "w.yaml"
 
@@ -44,7 +44,7 @@ def check(text: str, **more) -> list[Fault]:
 
 
 def texts(faults: list[Fault]) -> list[tuple[str, str]]:
-    """Kind, and place in the file."""
+    """Return kind, and place in the file."""
     return [(fault.kind, fault.text.split(": ")[0]) for fault in faults]
 
 
@@ -130,7 +130,7 @@ props:
 
 
 def pair(gap: float, *, other: str = "box: [2, 1, 1]", yaw: float = 0.5, half: float = 1.0) -> list[Fault]:
-    """A box and something else behind it, along the box's x."""
+    """Return a box and something else behind it, along the box's x."""
     far = 1.0 + half + gap
     return check(PAIR.format(yaw=yaw, other=other, x=100.0 + far * math.cos(yaw), y=50.0 + far * math.sin(yaw)))
 
@@ -250,7 +250,7 @@ def test_the_total_number_of_draws_of_a_world_is_limited(monkeypatch: pytest.Mon
 
 
 def placed(*solids: tuple[Shape, tuple[float, float, float]], X_WP: RigidTransform | None = None) -> PlacedProp:
-    """A prop of shapes at places in its own frame [m]."""
+    """Return a prop of shapes at places in its own frame [m]."""
     parts = tuple(Solid(shape, RigidTransform(list(position))) for shape, position in solids)
     return PlacedProp("p", Prop("p", parts, (1.0,) * 3, 1.0), X_WP or RigidTransform(), where="w:1: p")
 
@@ -303,7 +303,7 @@ def test_the_bounds_of_the_depth_of_unions_contain_the_exact_depth(seed: int) ->
     reach = halves[1][None] + halves[0][:, None]
 
     def is_free(t: np.ndarray) -> np.ndarray:
-        """Whether no two boxes along the axes overlap after translations (n, 3)."""
+        """Return whether no two boxes along the axes overlap after translations (n, 3)."""
         return np.asarray((np.abs(apart - t[:, None, None]) >= reach - 1e-5).any(axis=-1).all(axis=(1, 2)))
 
     # The nearest free translation has each coordinate at 0 or at a side of a difference of two boxes.

@@ -33,7 +33,7 @@ MILLIMETRE = 1e-3
 
 @pytest.fixture(autouse=True)
 def _bare_environment(monkeypatch):
-    """Models are looked for in the folder of the test alone, whatever else lies on the machine."""
+    """Search for models in the folder of the test only."""
     monkeypatch.setattr(packages, "LEVELS_UP", 2)
     for variable in ("GAZEBO_MODEL_PATH", "GAZEBO_RESOURCE_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH"):
         monkeypatch.delenv(variable, raising=False)
@@ -53,7 +53,7 @@ def first_steps():
 
 
 def imported(path, folder, **options):
-    """The import and the world that comes of it."""
+    """Return the import and the resulting world."""
     result = import_world(path, folder=folder, **options)
     return result, load_world(str(result.path))
 
@@ -63,12 +63,12 @@ def placed(world):
 
 
 def changes_of(result, what):
-    """Changes whose part has that text in it."""
+    """Return changes whose part has that text in it."""
     return [change for change in result.changes if what in change.part]
 
 
 def box_of(prop):
-    """Lowest and highest corner in W [m]."""
+    """Return the lowest and highest corner in W [m]."""
     return np.array([*prop.footprint.bounds[:2], prop.bottom, *prop.footprint.bounds[2:], prop.top])
 
 
@@ -76,7 +76,7 @@ def box_of(prop):
 
 
 def drake_solids(path):
-    """Shapes that collide and their poses in W, as Drake reads a world: (kind, sizes, X_WG)."""
+    """Return shapes that collide and their poses in W, as Drake reads a world: (kind, sizes, X_WG)."""
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     Parser(plant).AddModels(str(path))
@@ -398,7 +398,7 @@ ODD = ["nan", "1e400", "-1", "0", "x", "", "1 2", "../..", "&lt;", "é", "1e9", 
 
 
 def damage(text, chance):
-    """A text with one to three faults."""
+    """Return a text with one to three faults."""
     for _ in range(chance.randint(1, 3)):
         kind = chance.randrange(6)
         numbers = list(re.finditer(r"-?\d+\.?\d*", text))

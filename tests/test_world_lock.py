@@ -1,4 +1,4 @@
-"""The lock of a world: the same bytes everywhere, a line for each prop, a hash that means something."""
+"""The lock of a world: the same bytes everywhere, a line for each prop, a hash of the content."""
 
 import dataclasses
 import math
@@ -51,7 +51,7 @@ def lot(tmp_path: Path) -> Path:
 
 
 def _lines(text: str) -> list[str]:
-    """The lines of the props."""
+    """Return the lines of the props."""
     return text.partition("\nprops:\n")[2].splitlines()
 
 

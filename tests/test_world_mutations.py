@@ -1,4 +1,4 @@
-"""Broken world files: a world or a fault in one line each, never anything else."""
+"""Broken world files: each gives a world or a one-line error."""
 
 import copy
 import random
@@ -48,7 +48,7 @@ def places(node, path=()):
 
 
 def spoil(tree, chance):
-    """One change somewhere: a value replaced, removed, doubled, renamed or swapped with another one."""
+    """Replace, remove, double, rename or swap one value."""
     where = chance.choice([path for path in places(tree) if path])
     parent = tree
     for key in where[:-1]:

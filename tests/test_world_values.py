@@ -1,4 +1,4 @@
-"""The little language of values in world files: numbers, ranges, spreads, choices, parameters."""
+"""The expressions of values in world files: numbers, ranges, spreads, choices, parameters."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Hostile xacro files do nothing, and what ordinary ones use works as in xacro itself."""
+"""Hostile xacro files have no effect, and the features of ordinary ones work as in xacro."""
 
 import ast
 import copy
@@ -33,7 +33,7 @@ def render(folder: Path, body: str, **options: Any) -> str:
 
 
 def value(folder: Path, expression: str) -> str:
-    """What an expression becomes."""
+    """Return the value of an expression."""
     text = render(folder, f'<link name="${{{escape(expression)}}}"/>')
     return text.partition('name="')[2].partition('<link name="')[2].partition('"')[0]
 
@@ -271,7 +271,7 @@ def test_a_hostile_expression_is_an_error_in_time(expression, tmp_path):
 
 
 def hostile_grammar(seed: int) -> str:
-    """An expression of the parts that escapes are made of."""
+    """Return an expression of the building blocks of sandbox escapes."""
     source = random.Random(seed)
     atoms = ["()", "''", "[]", "{}", "(1)", "math", "xacro", "python", "str", "len", "xacro.load_yaml", "range", "0.5"]
     dunders = ["__class__", "__globals__", "__subclasses__()", "__mro__", "__dict__", "gi_frame", "f_back", "__init__"]

@@ -1,4 +1,4 @@
-"""Setting values in YAML texts: the wanted values change, and not a byte besides."""
+"""Setting values in YAML texts: only the selected values change, and no other byte."""
 
 import math
 from pathlib import Path
@@ -175,7 +175,7 @@ Pieces = list[str | tuple[tuple[str, ...], str]]
 
 @st.composite
 def _texts(draw: st.DrawFn) -> Pieces:
-    """A YAML text of nested mappings with comments, odd spaces, braces and both line ends, in pieces.
+    """Return a YAML text of nested mappings with comments, odd spaces, braces and both line ends, in pieces.
 
     A piece is text that must stay, or the path of a scalar and how it is written.
     """

@@ -53,7 +53,7 @@ Control = Annotated[Pid | Off, Field(discriminator="kind")]
 
 
 class Drive(Schema):
-    """A format with one of everything."""
+    """A format with a field of every type."""
 
     plant: Plant = Plant()
     control: dict[str, Control] = Field(default={})
@@ -560,7 +560,7 @@ PIECES = [
 
 
 def _refusal(text: str, *overrides: str) -> list[str]:
-    """The lines of the ConfigError, none when the text is accepted; any other error fails the test."""
+    """Return the lines of the ConfigError, none when the text is accepted; any other error fails the test."""
     try:
         parse_yaml(text, Drive, name="drive.yaml", overrides=overrides)
     except ConfigError as error:

@@ -1,4 +1,4 @@
-"""Edits of list items and scalars in YAML texts: each changes what it is meant to and keeps every other byte."""
+"""Edits of list items and scalars in YAML texts: each changes its target and keeps every other byte."""
 
 import random
 
@@ -102,7 +102,7 @@ def test_the_lines_of_an_item_are_found() -> None:
 
 
 def _random_text(rng: random.Random) -> str:
-    """A list of items in several layouts with comments and blank lines between them."""
+    """Return a list of items in several layouts with comments and blank lines between them."""
     lines = ["# head", "a: 1", "p:"] if rng.random() < 0.5 else ["p:"]
     for index in range(rng.randint(1, 6)):
         lines += [f"  # about {index}"] * rng.randint(0, 2)

@@ -11,7 +11,7 @@ _REFERENCE = 0.05
 def reference_seconds(
     job: Callable[[], object], *, times: int = 3, clock: Callable[[], float] = time.process_time
 ) -> float:
-    """The least time of `times` runs of `job` [s], as the reference machine would have taken it.
+    """Return the least time of `times` runs of `job` [s], as the reference machine would have taken it.
 
     Each run is compared with a yardstick of plain Python right before and right after it: a machine that is slower
     at this moment, by its make or by what else runs on it, is slower at both. A faster machine is not slowed down.

@@ -135,7 +135,7 @@ def car_urdf(
 
 
 def package(folder, name, main, text, *, inside="urdf"):
-    """A ROS package with one description file."""
+    """Return a ROS package with one description file."""
     for part in (inside, "meshes"):
         (folder / part).mkdir(parents=True, exist_ok=True)
     (folder / "package.xml").write_text(
@@ -171,7 +171,7 @@ def body_dae(car, path, *, unit=0.01, up="Y_UP"):
 
 
 def city_car(folder):
-    """A xacro package: $(find), macros in a second file, DAE and STL, Gazebo tags, transmissions, controllers.
+    """Return a xacro package: $(find), macros in a second file, DAE and STL, Gazebo tags, transmissions, controllers.
 
     Its folder is not called as the package.
     """
@@ -255,7 +255,7 @@ def mini_racer(folder):
 
 
 def golf_cart(folder):
-    """Meshes .STL in millimetres for what is seen and what collides."""
+    """Write a package with visual and collision meshes .STL in millimetres."""
     wheel = mesh("package://golf_cart/meshes/WHEEL.STL", "0.001 0.001 0.001")
     text = car_urdf(
         "golf_cart", GOLF, wheel_visual=wheel, wheel_collision=wheel,
@@ -282,14 +282,14 @@ def loose_limits(folder):
 
 
 def ball_wheels(folder):
-    """Wheels collide as spheres and are seen as cylinders."""
+    """Write a package whose wheels have spheres as collision and cylinders as visual geometry."""
     ball = '<geometry><sphere radius="0.3"/></geometry>'
     text = car_urdf("ball_wheels", Car(), wheel_collision=ball)
     return package(folder / "ball_wheels", "ball_wheels", "car.urdf", text)
 
 
 def shocks(folder):
-    """Prismatic suspension whose springs stand in attributes that no standard knows."""
+    """Prismatic suspension whose springs are given in non-standard attributes."""
     spring = (
         '<limit lower="-0.1" upper="0.1" effort="100000" velocity="10"/>'
         '<dynamics damping="2500" friction="0" spring_stiffness="30000" spring_reference="0"/>'
@@ -309,19 +309,19 @@ def wheels_in_the_box(folder):
 
 
 def lost_pictures(folder):
-    """No picture of any part is there."""
+    """Write a package whose textures are missing."""
     text = car_urdf("unseen", Car(), visual=mesh("../meshes/body.dae"), wheel_visual=mesh("../meshes/wheel.dae"))
     return package(folder / "unseen", "unseen", "car.urdf", text)
 
 
 def uneven_steering(folder):
-    """The left steering joint is revolute, the right one continuous, so that its limits do not count."""
+    """Return the left steering joint is revolute, the right one continuous, so that its limits do not count."""
     text = car_urdf("uneven", Car(), kinds=("revolute", "continuous"))
     return package(folder / "uneven", "uneven", "car.urdf", text)
 
 
 def odd_words(folder):
-    """Words that only some readers know.
+    """Write elements that only some readers support.
 
     An axis of zero at a fixed joint, four factors of a mesh's scale, a colour inside the geometry, numbers as
     attributes of Gazebo tags, Bullet's contact, continuous steering joints with limits, a plugin that selects the axle
@@ -360,7 +360,7 @@ def odd_words(folder):
 
 
 def controllers_beside(folder):
-    """The description in one package, its controllers in a neighbouring one, a stranger's in a third."""
+    """Return the description in one package, its controllers in a neighbouring one, a stranger's in a third."""
     path = package(
         folder / "rover_description", "rover_description", "rover.urdf", car_urdf("rover", Car(), transmissions=False)
     )
@@ -379,7 +379,7 @@ def controllers_beside(folder):
 
 
 def lost_meshes(folder, *, how):
-    """The picture of the body is missing, packed in an archive, or only a pointer."""
+    """Return the picture of the body is missing, packed in an archive, or only a pointer."""
     text = car_urdf("lost", Car(), visual=mesh("package://lost/meshes/body.dae"))
     path = package(folder / "lost", "lost", "car.urdf", text)
     meshes = path.parents[1] / "meshes"
@@ -424,7 +424,7 @@ def sdf_joint(name, kind, parent, child, *axes, limit=""):
 
 
 def model(folder, name, body):
-    """A Gazebo model: model.config and model.sdf."""
+    """Return a Gazebo model: model.config and model.sdf."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "model.config").write_text(
         f"<?xml version='1.0'?>\n<model><name>{name}</name><version>1.0</version><sdf version='1.6'>model.sdf</sdf>"
@@ -448,7 +448,7 @@ def sdf_body(car, visual=""):
 
 
 def sdf_cart(folder):
-    """An SDF cart: four nested includes of a wheel model, meshes by model://, one of them a submesh."""
+    """Return an SDF cart: four nested includes of a wheel model, meshes by model://, one of them a submesh."""
     car, models = GOLF, folder / "models"
     limit = f"<limit><lower>-{car.limit}</lower><upper>{car.limit}</upper><effort>500</effort></limit>"
     seen = "<geometry><mesh><uri>model://yard_cart/meshes/cart.dae</uri><submesh><name>hood</name><center>false</center></submesh></mesh></geometry>"
@@ -520,7 +520,7 @@ def tricycle(folder):
 
 
 def six_wheeler(folder):
-    """A car with a second rear axle."""
+    """Return a car with a second rear axle."""
     car = Car()
     more = ""
     for side, y in (("left", 0.75), ("right", -0.75)):
@@ -550,7 +550,7 @@ def arm(folder):
 
 
 def drone(folder):
-    """A frame with four rotors."""
+    """Return a frame with four rotors."""
     plate = '<geometry><box size="0.3 0.3 0.05"/></geometry>'
     blade = '<geometry><cylinder radius="0.1" length="0.01"/></geometry>'
     text = link("base_link", box_inertial(1.5, (0.3, 0.3, 0.05)), plate, plate)
@@ -561,7 +561,7 @@ def drone(folder):
 
 
 def missing_include(folder):
-    """A xacro that includes a package which is not there."""
+    """Return a xacro that includes a package which is not there."""
     text = (
         '<robot name="bad" xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
         '<xacro:include filename="$(find sensors_nobody_has)/urdf/all.xacro"/>\n<link name="base_link"/></robot>\n'
@@ -570,12 +570,12 @@ def missing_include(folder):
 
 
 def lost_wheels(folder):
-    """The only shape of the wheels is a mesh that is not there."""
+    """Return the only shape of the wheels is a mesh that is not there."""
     gone = mesh("package://gone/meshes/wheel.dae")
     text = car_urdf("gone", Car(), wheel_visual=gone, wheel_collision=gone)
     return package(folder / "gone", "gone", "car.urdf", text)
 
 
 def names_below(folder):
-    """All files and folders, hidden ones too."""
+    """Return all files and folders, hidden ones too."""
     return sorted(str(path.relative_to(folder)) for path in Path(folder).rglob("*"))

@@ -57,7 +57,7 @@ def include(uri, *, pose="", name="", more=""):
 
 
 def model_folder(folder, name, sdf, *, config=True, version="1.6"):
-    """A model of a model database."""
+    """Return a model of a model database."""
     (folder / name).mkdir(parents=True, exist_ok=True)
     (folder / name / "model.sdf").write_text(f'<sdf version="{version}">{sdf}</sdf>', encoding="utf-8")
     if config:
@@ -147,7 +147,7 @@ def ground(folder):
 
 
 def leftovers(folder):
-    """Everything that has no place here."""
+    """Write a world with elements that cannot be converted."""
     inside = """
 <physics type="ode"><gravity>0 0 -1.62</gravity></physics><scene><ambient>1 1 1 1</ambient></scene><gui/><wind/>
 <spherical_coordinates/><plugin name="p" filename="libp.so"/><magnetic_field>1 1 1</magnetic_field><audio/>
@@ -245,7 +245,7 @@ def tilted(folder, *, plane=PLANE):
 
 
 def rich(folder):
-    """A bit of everything, for damage."""
+    """Write a world with elements of every kind, as input of mutations."""
     models = folder / "models"
     arch = model_folder(models, "arch", model("arch", "mesh", "model://arch/arch.stl"))
     write_stl(arch / "arch.stl", box((-2, -0.2, 0), (-1.6, 0.2, 3)))
@@ -276,7 +276,7 @@ def rich(folder):
 
 
 def meshes(folder):
-    """A road, walls around a place, a small room without ceiling, and hills, as meshes."""
+    """Return a road, walls around a place, a small room without ceiling, and hills, as meshes."""
     poses = {"asphalt_road": "", "maze": "", "hills": "", "room": "5 5 0 0 0 0.4"}
     path = world(folder, "".join(model(name, "mesh", f"{name}.stl", pose=pose) for name, pose in poses.items()))
     sides = [box((-2, -2, 0), (2, -1.9, 1)), box((-2, 1.9, 0), (2, 2, 1)), box((1.9, -1.8, 0), (2, 1.8, 1))]
@@ -333,7 +333,7 @@ def broken():
 
 
 def circuit(folder, height, *, with_plane=True, seen_only=False):
-    """Two straights of 100 m and two bends of radius 30 m out of slabs 8 m wide whose top is at a height [m]."""
+    """Return two straights of 100 m and two bends of radius 30 m out of slabs 8 m wide whose top is at a height [m]."""
     thick = min(0.05, 2.0 * height)
     z = height - thick / 2.0
     slab = {"visual": True, "more": ""}
@@ -354,7 +354,7 @@ def circuit(folder, height, *, with_plane=True, seen_only=False):
 
 
 def mesh_circuit(folder, radius, width, *, seen_only=False, walls=0.0, rise=0.0, height=0.0):
-    """A ring of triangles as a track, with walls along its edges, or rising and falling by `rise` [m]."""
+    """Return a ring of triangles as a track, with walls along its edges, or rising and falling by `rise` [m]."""
     count = 120
     turn = 2.0 * np.pi * np.arange(count) / count
     z = height + 0.5 * rise * (1.0 - np.cos(turn))

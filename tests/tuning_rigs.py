@@ -1,4 +1,4 @@
-"""A textbook loop that can be tried as the loops of a vehicle are, and sent to worker processes; a short study."""
+"""A textbook loop with the interface of vehicle loops, which can be sent to worker processes; a short study."""
 
 import os
 import signal
@@ -25,7 +25,7 @@ PERIOD, STEPS = 0.05, 160
 
 
 def short_study(**changes: Any) -> dict[str, Any]:
-    """A study of the Bolt's speed loop that takes seconds, with other entries where they are given."""
+    """Return a study of the Bolt's speed loop that takes seconds, with other entries where they are given."""
     return {
         "vehicle": "bolt",
         "loop": "speed",

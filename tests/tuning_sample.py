@@ -57,7 +57,7 @@ def _gains(values: Mapping[str, float]) -> PidGains:
 
 
 def _held(plant: FirstOrder) -> FirstOrder:
-    """The plant with half a period of delay for the hold."""
+    """Return the plant with half a period of delay for the hold."""
     return FirstOrder(plant.gain, plant.time_constant, plant.delay + 0.5 * PERIOD)
 
 
@@ -225,7 +225,7 @@ def write_sample(
 
 
 def short_result(vehicle: str, folder: Path = Path()) -> TuningResult:
-    """A short result: three candidates of the loop above, for tests that need no tables."""
+    """Return a short result: three candidates of the loop above, for tests that need no tables."""
     rows = {
         "cautious": ("baseline", 0.46, 0.46, 2.17),
         "lambda": ("rule", 1.42857, 1.42857, 1.0512),
@@ -253,6 +253,6 @@ def short_result(vehicle: str, folder: Path = Path()) -> TuningResult:
 
 
 def result_data(vehicle: str) -> dict[str, Any]:
-    """The short result as the data of tuning.json."""
+    """Return the short result as the data of tuning.json."""
     data: dict[str, Any] = json.loads(result_text(short_result(vehicle)))
     return data

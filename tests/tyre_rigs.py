@@ -31,7 +31,7 @@ VARIANTS = {
 
 
 def make_bolts(folder: Path) -> Path:
-    """A copy of the Bolt with :data:`VARIANTS`; rolling resistance zero. Beside it a plane of dry asphalt."""
+    """Return a copy of the Bolt with :data:`VARIANTS`; rolling resistance zero. Beside it a plane of dry asphalt."""
     model = folder / "bolt"
     shutil.copytree(data_root() / "models" / "bolt", model)
     for name, (tyres, rest) in VARIANTS.items():
@@ -42,7 +42,7 @@ def make_bolts(folder: Path) -> Path:
 
 
 def make_slope(folder: Path, grade: float) -> Path:
-    """An asphalt plane that rises ahead."""
+    """Return an asphalt plane that rises ahead."""
     path = folder / "slope.yaml"
     path.write_text(f"mirdrake: world/1\nground: {{slope: {{grade: {grade}, heading: 0 deg}}}}\n", encoding="utf-8")
     return path
@@ -60,7 +60,7 @@ def on_tyres(
     rate: float = 50.0,
     **plant: Any,
 ) -> Assembly:
-    """A diagram with one car.
+    """Return a diagram with one car.
 
     Args:
         model: the vehicle.
@@ -105,12 +105,12 @@ class Watch:
         self.forces.append(np.array(self._tyres.tyre_forces.Eval(own)).reshape(4, 5))
 
     def motions(self, index: int) -> list[WheelMotion]:
-        """The wheels' motions after a step."""
+        """Return the wheels' motions after a step."""
         return motions(self._plant.num_positions(), self.states[index], self._places)
 
 
 def motions(positions: int, state: Sequence[float], places: Sequence[Any]) -> list[WheelMotion]:
-    """Motions of the wheels of one vehicle in a state of the plant."""
+    """Return motions of the wheels of one vehicle in a state of the plant."""
     base = base_motion(state, places[0].base, positions)
     return [wheel_motion(state, wheel_place, base, positions) for wheel_place in places]
 
@@ -118,7 +118,7 @@ def motions(positions: int, state: Sequence[float], places: Sequence[Any]) -> li
 def steady_forces(
     tyres: WheelTyres, state: Sequence[float], loads: Sequence[float], *, steps: int = 4000
 ) -> np.ndarray:
-    """Tyre forces (4, 5) of a car that goes on and on as in one state."""
+    """Return tyre forces (4, 5) of a car held in one state."""
     context = tyres.CreateDefaultContext()
     tyres.plant_state.FixValue(context, np.array(state))
     tyres.wheel_load.FixValue(context, np.array(loads))

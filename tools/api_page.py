@@ -29,7 +29,7 @@ MODULES = (
 
 
 def public_names(module: str) -> list[tuple[str, str]]:
-    """(name, first sentence of its docstring) of what a module offers: ``__all__``, or what it defines itself."""
+    """(name, first sentence of its docstring) of the public names of a module: ``__all__``, or the names it defines."""
     path = _file(module)
     tree = ast.parse(path.read_text(encoding="utf-8"))
     listed: list[str] | None = None
@@ -42,7 +42,7 @@ def public_names(module: str) -> list[tuple[str, str]]:
 
 
 def summary(module: str) -> str:
-    """The first sentence of a module's docstring."""
+    """Return the first sentence of a module's docstring."""
     return _first(ast.get_docstring(ast.parse(_file(module).read_text(encoding="utf-8"))) or "")
 
 
@@ -52,7 +52,7 @@ def names_of_mirdrake() -> dict[str, str]:
 
 
 def write_page(text: str) -> str:
-    """A page with both lists filled in."""
+    """Return a page with both lists filled in."""
     rows = ["| name | stage | module | what |", "|---|---|---|---|"]
     for name, module in sorted(names_of_mirdrake().items(), key=lambda item: (_stage(item[1]), item[0])):
         words = dict(public_names(module)).get(name, "")
@@ -81,7 +81,7 @@ def _file(module: str) -> Path:
 
 
 def _sentence(name: str, own: dict[str, ast.ClassDef | ast.FunctionDef], tree: ast.Module, module: str) -> str:
-    """What a name is, also one that the module takes from another of ours."""
+    """Return the first sentence of a name, also of one imported from another module of the package."""
     if name in own:
         return _first(ast.get_docstring(own[name]) or "")
     for node in tree.body:
@@ -95,7 +95,7 @@ def _sentence(name: str, own: dict[str, ast.ClassDef | ast.FunctionDef], tree: a
 
 
 def _first(docstring: str) -> str:
-    """The first paragraph on one line, its references as code, without the bar that ends a cell of a table."""
+    """Return the first paragraph on one line, its references as code, without the bar that ends a cell of a table."""
     paragraph = " ".join(docstring.split("\n\n")[0].split())
     paragraph = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", paragraph).replace("``", "`").replace("|", "\\|")
     return paragraph.partition(". ")[0].rstrip(".:")

@@ -41,7 +41,7 @@ class Case(NamedTuple):
     reduced: Trace
 
     def fits(self) -> tuple[tuple[float, float], ...]:
-        """Of yaw rate and lateral acceleration [%], in the order of :data:`HEADS`."""
+        """Return the fits of yaw rate and lateral acceleration [%], in the order of :data:`HEADS`."""
         return (
             fits(self.wheel_slip, self.ours),
             fits(self.slip_only, self.ours),
@@ -53,7 +53,7 @@ class Case(NamedTuple):
 
 
 def run(name: str, steering: str) -> Case:
-    """Everything of a car in a manoeuvre."""
+    """Return all traces of a car in a manoeuvre."""
     p = car(name)
     steer = manoeuvre(steering, p.a + p.b)
 
@@ -81,7 +81,7 @@ def run(name: str, steering: str) -> Case:
 
 
 def table(cases: dict[tuple[str, str], Case]) -> str:
-    """All fits as a table in Markdown."""
+    """Return all fits as a table in Markdown."""
     rows = ["| car | manoeuvre | " + " | ".join(HEADS) + " |", "|---" * (2 + len(HEADS)) + "|"]
     for (name, steering), case in cases.items():
         numbers = " | ".join(f"{yaw:.1f} / {side:.1f}" for yaw, side in case.fits())

@@ -27,7 +27,7 @@ SPEED = 16.67
 
 
 def main(file: Path) -> None:
-    """Curves of the longitudinal and the lateral force, and what is possible of both at once."""
+    """Draw the longitudinal and the lateral force over slip, and the combined force limit."""
     tyre = read_tir(data_root() / "models" / "tyres" / TYRE).parameters
     figure, (along, across, both) = plt.subplots(
         1, 3, figsize=(12.0, 4.0), layout="constrained", width_ratios=(1.0, 1.0, 1.35)

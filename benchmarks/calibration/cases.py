@@ -200,7 +200,7 @@ def _knowledge(random: Generator, v: Vehicle, knowledge: str) -> dict[str, tuple
 
 
 def courses(case: Case, random: Generator) -> list[tuple[Array, Array]]:
-    """Return speed [m/s] and steering command of each log."""
+    """Return the speed [m/s] and steering command of each log."""
     return [_course(case, name, random) for name in case.manoeuvres]
 
 

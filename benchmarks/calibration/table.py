@@ -26,7 +26,7 @@ VERDICTS = ("identified", "weakly identified", "not identifiable")
 
 
 def is_covered(parameter: "ParameterRow") -> bool:
-    """Whether the interval contains the truth; an open end does."""
+    """Return whether the interval contains the truth; an open end does."""
     low, high = parameter["low"], parameter["high"]
     return (low is None or low <= parameter["truth"]) and (high is None or parameter["truth"] <= high)
 
@@ -39,7 +39,7 @@ def relative_error(parameter: "ParameterRow") -> float:
 
 
 def is_false_not_identifiable(parameter: "ParameterRow") -> bool:
-    """Whether the noise and the error are small although the parameter is called not identifiable."""
+    """Return whether the noise and the error are small although the parameter is called not identifiable."""
     noise = parameter["noise"]
     is_small = noise is not None and noise < CLOSE * abs(parameter["value"])
     return parameter["verdict"] == "not identifiable" and is_small and relative_error(parameter) < CLOSE

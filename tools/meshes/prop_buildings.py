@@ -14,7 +14,7 @@ Rect = tuple[float, float, float, float]
 
 
 def _slab(material: str, x: tuple[float, float], y: tuple[float, float], z: float, up: float = 1.0) -> Mesh:
-    """A level rectangle that faces up or down."""
+    """Return a level rectangle that faces up or down."""
     mesh = Mesh()
     p = np.array([[x[0], y[0], z], [x[1], y[0], z], [x[1], y[1], z], [x[0], y[1], z]])
     mesh.add_flat(material, p[[[0, 1, 2], [0, 2, 3]]], (0, 0, up))
@@ -28,7 +28,7 @@ OVERHANG = 0.45  # [m] of the roof
 
 
 def make_house() -> Mesh:
-    """A two-storey family house with a gable roof, door and porch in front, a chimney."""
+    """Return a two-storey family house with a gable roof, door and porch in front, a chimney."""
     mesh = Mesh()
     deep, wide, eaves, ridge = HOUSE
     hx, hy = deep / 2, wide / 2
@@ -114,7 +114,7 @@ AWNING = (1.1, 2.72, 3.22)  # [m] its projection, its lower and its upper edge
 
 
 def make_thrift_store() -> Mesh:
-    """A shop on one floor: two wide windows with goods behind them, a door, an awning, a board with its name."""
+    """Return a shop on one floor: two wide windows with goods behind them, a door, an awning, a board with its name."""
     mesh = Mesh()
     deep, wide, high = SHOP
     hx, hy = deep / 2, wide / 2
@@ -215,7 +215,7 @@ def make_thrift_store() -> Mesh:
 
 
 def _inside(hole: BaseGeometry, depth: float, material: str = "shop_dark") -> Mesh:
-    """The sides of an opening, seen from within."""
+    """Return the sides of an opening, seen from within."""
     sides = extrude(material, hole, -depth, 0.0, ends="none")
     return sides.transformed(lambda p: p, lambda _, n: -n)
 
@@ -239,7 +239,7 @@ BUILDING = (20.0, 12.0, 13.0)  # [m]
 
 
 def make_building() -> Mesh:
-    """A plain block of four storeys, alike from front and rear: shops below, windows in rows, a parapet."""
+    """Return a plain block of four storeys, alike from front and rear: shops below, windows in rows, a parapet."""
     mesh = Mesh()
     length, width, high = BUILDING
     ground, storey = 3.6, 2.9

@@ -41,7 +41,7 @@ def parked_wheel(radius: float, width: float, spokes: int) -> Mesh:
 
 
 def _car(outline: CarOutline, shell: tuple[np.ndarray, np.ndarray], track: float, spokes: int) -> Mesh:
-    """A car on its wheels, origin on the ground below the middle of the axles."""
+    """Return a car on its wheels, origin on the ground below the middle of the axles."""
     mesh = Mesh()
     body = build_body(outline, shell=shell)
     wheel = parked_wheel(outline.wheel.radius, outline.wheel.width, spokes)
@@ -55,7 +55,7 @@ def _car(outline: CarOutline, shell: tuple[np.ndarray, np.ndarray], track: float
 
 
 def make_sedan() -> Mesh:
-    """A four-door sedan, 4.5 m x 1.8 m x 1.45 m without the mirrors."""
+    """Return a four-door sedan, 4.5 m x 1.8 m x 1.45 m without the mirrors."""
     style = sedan()
     regions = tuple(r for r in style.regions if not (r.material == "chrome" and r.view == LEFT))  # too fine for it
     style = replace(style, form=replace(style.form, mesh=(19, 7, 16)), regions=regions)
@@ -99,7 +99,7 @@ def _van_form() -> Form:
 
 
 def make_van() -> Mesh:
-    """A panel van with windows in front, 5.0 m x 2.0 m x 2.0 m without the mirrors."""
+    """Return a panel van with windows in front, 5.0 m x 2.0 m x 2.0 m without the mirrors."""
     d = Drawing()
     d.underbody([(-1.3, 0.44), (-0.40, 0.44), (0.42, 0.36), (2.5, 0.36), (3.35, 0.42), (4.2, 0.42)], front=0.42,
                 rear=0.50, arch=0.035)  # fmt: skip

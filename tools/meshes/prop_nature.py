@@ -10,7 +10,7 @@ from tools.meshes.prop_shapes import Field, ball, joined, limb, soft
 
 
 def _pair(field: Field) -> Field:
-    """A field and its mirror image at y = 0."""
+    """Return a field and its mirror image at y = 0."""
     return lambda p: field(np.stack([p[..., 0], np.abs(p[..., 1]), p[..., 2]], axis=-1))
 
 
@@ -61,7 +61,7 @@ def make_pedestrian() -> Mesh:
     mesh.add_mesh(soft("skin", _pair(hand), (-0.03, -0.33, 0.72), (0.12, 0.33, 0.93), 0.020))
 
     def grown(part: Field) -> Field:
-        """A part of the head, a little larger about the crown."""
+        """Return a part of the head, a little larger about the crown."""
         crown = np.array([0.0, 0.0, 1.751])
         return lambda p: 1.07 * part((p - crown) / 1.07 + crown)
 

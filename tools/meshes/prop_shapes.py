@@ -146,7 +146,7 @@ def window(
     rect: tuple[float, float, float, float], depth: float, *, wall: str, frame: str, glass: str, border: float = 0.07,
     panes: tuple[int, int] = (1, 1), bar: float = 0.05, sill: str = ""
 ) -> Mesh:  # fmt: skip
-    """Return what fills an opening (y, z, y, z) of a wall that faces +x at x = 0: reveals, frame, panes, a sill."""
+    """Return the filling of an opening (y, z, y, z) of a wall that faces +x at x = 0: reveals, frame, panes, a sill."""
     mesh = Mesh()
     y0, z0, y1, z1 = rect
     hole = shapely.box(*rect)
@@ -183,7 +183,7 @@ def _arc(y: float, z: float, ry: float, rz: float, start: float, end: float) -> 
 
 
 def _letter(name: str, w: float, h: float) -> list[list[tuple[float, float]]]:
-    """The pen's way of a letter in a box w × h."""
+    """Return the pen's way of a letter in a box w × h."""
     q, m = h / 4, h / 2
     r = min(w / 2, q)
     bowl = [(0.0, h), (w - r, h), *_arc(w - r, h - q, r, q, 90, -90), (0.0, m)]

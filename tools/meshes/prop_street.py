@@ -27,7 +27,7 @@ INCH = 0.0254  # [m]
 
 
 def make_cone() -> Mesh:
-    """A cone of 28 in with collars of 6 in and 4 in on a square base."""
+    """Return a cone of 28 in with collars of 6 in and 4 in on a square base."""
     mesh = Mesh()
     height, foot, tip = 28 * INCH, 0.129, 0.030
 
@@ -115,7 +115,7 @@ def make_jersey_barrier() -> Mesh:
 
 
 def octagon(across: float) -> Polygon:
-    """An octagon about the origin, its sides ``across`` apart."""
+    """Return an octagon about the origin, its sides ``across`` apart."""
     a = np.deg2rad(22.5 + 45.0 * np.arange(8))
     r = across / 2 / np.cos(np.deg2rad(22.5))
     return Polygon(np.stack([r * np.cos(a), r * np.sin(a)], axis=1))
@@ -126,7 +126,7 @@ STOP = (0.0285, 0.0255, 1.0 * INCH, 84 * INCH + 30 * INCH - 0.05, 84 * INCH + 15
 
 
 def make_stop_sign() -> Mesh:
-    """An R1-1 of 30 in on a square tube with holes, its lower edge 7 ft above the ground."""
+    """Return an R1-1 of 30 in on a square tube with holes, its lower edge 7 ft above the ground."""
     mesh = Mesh()
     across, low = 30 * INCH, 84 * INCH
     x, rear, half, top, middle = STOP
@@ -189,13 +189,13 @@ def make_traffic_light() -> Mesh:
 
 
 def lamp_arm() -> Array:
-    """Points (9, 3) along the left arm."""
+    """Return points (9, 3) along the left arm."""
     t = np.linspace(0.0, 1.0, 9)
     return np.stack([np.zeros_like(t), 0.03 + 0.85 * t, 7.20 + 0.66 * np.sin(t * np.pi / 2) ** 0.9], axis=1)
 
 
 def make_lamp_post() -> Mesh:
-    """A tapered column of 8 m with two arms and flat LED heads, to the left and to the right."""
+    """Return a tapered column of 8 m with two arms and flat LED heads, to the left and to the right."""
     mesh = Mesh()
     mesh.add_mesh(box("concrete", (0.42, 0.42, 0.10), (0, 0, 0.05), 0.02))
     mesh.add_mesh(lathe("paint", [(0.15, 0.10), (0.15, 0.125), (0.105, 0.135), (0.100, 0.90), (0.092, 0.95)], 20,
@@ -221,7 +221,7 @@ def make_lamp_post() -> Mesh:
 
 
 def make_wall() -> Mesh:
-    """A wall of concrete blocks, 16 in x 8 in x 8 in with their joints, in running bond; 4 m long, 2 m high."""
+    """Return a wall of concrete blocks, 16 in x 8 in x 8 in with their joints, in running bond; 4 m long, 2 m high."""
     mesh = Mesh()
     wide, tall, deep, joint = 0.4, 0.2, 0.2, 0.010
     recess, slope = 0.008, 0.012
@@ -272,7 +272,7 @@ _RAMP = 0.15  # [m] by which its ends fall to the ground
 
 
 def bump_section(count: int = 13) -> Array:
-    """Points (x, z) of the bump's section, an arc of a circle."""
+    """Return points (x, z) of the bump's section, an arc of a circle."""
     half, height = BUMP[0] / 2, BUMP[2]
     radius = (half**2 + height**2) / (2 * height)
     a = np.linspace(-1.0, 1.0, count) * np.arcsin(half / radius)
@@ -282,7 +282,7 @@ def bump_section(count: int = 13) -> Array:
 
 
 def bump_corners() -> Array:
-    """Points (n, 3) whose hull is the bump."""
+    """Return points (n, 3) whose hull is the bump."""
     s = bump_section()
     side = BUMP[1] / 2
     ends = ((-side, 0.8, 0.0), (-side + _RAMP, 1.0, 1.0), (side - _RAMP, 1.0, 1.0), (side, 0.8, 0.0))
@@ -290,7 +290,7 @@ def bump_corners() -> Array:
 
 
 def make_speed_bump() -> Mesh:
-    """A bump of rubber with yellow arrows across, flat ramps at its ends."""
+    """Return a bump of rubber with yellow arrows across, flat ramps at its ends."""
     mesh = Mesh()
     s = bump_section()
     n = s + np.array([0.0, (BUMP[0] / 2) ** 2 / (2 * BUMP[2]) - BUMP[2] / 2])

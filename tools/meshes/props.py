@@ -99,7 +99,7 @@ class Solid:
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def moved(self, shift: Array) -> Solid:
-        """The same elsewhere."""
+        """Return the solid at another position."""
         x, y, z = (np.array(self.at) + shift).tolist()
         return Solid(self.kind, self.sizes, (x, y, z), self.roll, self.pitch, self.file, self.points + shift)
 
@@ -211,7 +211,7 @@ class Prop:
 
 
 def cone_solids(_: Mesh) -> list[Solid]:
-    """The base, and the cone itself."""
+    """Return the base, and the cone itself."""
     return [
         block((-0.185, -0.185, 0.0), (0.185, 0.185, 0.029)),
         hull("cone.obj", np.concatenate([ring(0.131, 0.029), ring(0.030, 0.7112)])),
@@ -219,12 +219,12 @@ def cone_solids(_: Mesh) -> list[Solid]:
 
 
 def barrel_solids(_: Mesh) -> list[Solid]:
-    """The ring of rubber, and the drum in two steps."""
+    """Return the ring of rubber, and the drum in two steps."""
     return [column(0.305, 0.0, 0.08), column(0.257, 0.08, 0.45), column(0.240, 0.45, 0.87)]
 
 
 def jersey_solids(_: Mesh) -> list[Solid]:
-    """The foot and the stem."""
+    """Return the foot and the stem."""
     p = street.JERSEY
     return [
         hull("foot.obj", drawn_along([p[0], p[1], p[2], p[3], p[6], p[7]], 0, 1.525)),
@@ -233,7 +233,7 @@ def jersey_solids(_: Mesh) -> list[Solid]:
 
 
 def stop_solids(_: Mesh) -> list[Solid]:
-    """The post and the plate."""
+    """Return the post and the plate."""
     face, rear, half, top, middle = street.STOP
     corners = np.array(street.octagon(30 * street.INCH).exterior.coords)[:-1]
     plate = [[x, y, z + middle] for x in (face - 0.006, face) for y, z in corners]
@@ -241,7 +241,7 @@ def stop_solids(_: Mesh) -> list[Solid]:
 
 
 def signal_solids(_: Mesh) -> list[Solid]:
-    """The foot, the post, the head, the back plate, three visors."""
+    """Return the foot, the post, the head, the back plate, three visors."""
     low, section, deep, wide = street.SIGNAL
     high = low + 3 * section
     return [
@@ -289,12 +289,12 @@ def _car_solids(wheel: tuple[float, float, float, float], belt: float, half: flo
 
 
 def tree_solids(_: Mesh) -> list[Solid]:
-    """The trunk, and the crown in three steps."""
+    """Return the trunk, and the crown in three steps."""
     return [column(0.20, 0.0, 3.0), column(2.15, 3.0, 5.0), column(1.70, 5.0, 6.15), column(0.85, 6.15, 6.85)]
 
 
 def house_solids(_: Mesh) -> list[Solid]:
-    """The walls, the roof, the chimney, the steps, the porch."""
+    """Return the walls, the roof, the chimney, the steps, the porch."""
     deep, wide, eaves, ridge = buildings.HOUSE
     over = buildings.OVERHANG
     reach = deep / 2 + over
@@ -314,7 +314,7 @@ def house_solids(_: Mesh) -> list[Solid]:
 
 
 def shop_solids(_: Mesh) -> list[Solid]:
-    """The walls, the awning, the air conditioner on the roof."""
+    """Return the walls, the awning, the air conditioner on the roof."""
     deep, wide, high = buildings.SHOP
     out, low, up = buildings.AWNING
     return [
@@ -326,7 +326,7 @@ def shop_solids(_: Mesh) -> list[Solid]:
 
 
 def lamp_solids(_: Mesh) -> list[Solid]:
-    """The footing, the column in steps, the arms in two pieces each, the heads."""
+    """Return the footing, the column in steps, the arms in two pieces each, the heads."""
     solids = [
         block((-0.21, -0.21, 0.0), (0.21, 0.21, 0.10)),
         column(0.100, 0.10, 0.95), column(0.082, 0.95, 3.2), column(0.070, 3.2, 5.5), column(0.058, 5.5, 7.76),
@@ -342,7 +342,7 @@ def lamp_solids(_: Mesh) -> list[Solid]:
 
 
 def whole(mesh: Mesh) -> list[Solid]:
-    """The box around it."""
+    """Return the box around it."""
     corners = mesh.corners()
     return [block(corners.min(axis=0), corners.max(axis=0))]
 

@@ -71,7 +71,7 @@ def loft(material: str, loops: Sequence[Loop], bevel: float) -> Mesh:
 
 
 def _rounded(material: str, points: Array, faces: list[list[int]], bevel: float) -> Mesh:
-    """A convex solid: every face moved inwards by the bevel, then all of it swept with a ball of that radius."""
+    """Return a convex solid: every face moved inwards by the bevel, then all of it swept with a ball of that radius."""
     mesh = Mesh()
     middle = points.mean(axis=0)
     normals = []
@@ -156,7 +156,7 @@ def both(mesh: Mesh) -> Mesh:
 
 
 def build_chassis() -> Mesh:
-    """Return what is below the shell: a tub between the wheels, skid plates, axles, bumpers."""
+    """Return the parts below the shell: a tub between the wheels, skid plates, axles, bumpers."""
     mesh = Mesh()
     tub = [
         (REAR + 0.030, 0.145),
@@ -186,7 +186,7 @@ def build_chassis() -> Mesh:
 
 
 def _sonar_eye(end: float, sign: float) -> Mesh:
-    """The left one of a pair of ultrasonic transducers; its face lies at the end of the robot."""
+    """Return the left one of a pair of ultrasonic transducers; its face lies at the end of the robot."""
     eye = Mesh()
     rim = [(0.0, 0.0205), (0.0115, 0.0205), (0.012, 0.020), (0.012, 0.0160), (0.009, 0.0155)]
     eye.add_mesh(revolve("alloy", rim, 32, smooth=False))
@@ -220,7 +220,7 @@ def build_shell() -> Mesh:
 
 
 def _side_marks() -> Mesh:
-    """A stripe along the left shoulder, and on the pod a name and three slots."""
+    """Return a stripe along the left shoulder, and on the pod a name and three slots."""
     mesh = Mesh()
     name = Mesh()
     name.add_mesh(plate("UNIOR").scaled(0.44), rot_z(np.pi / 2))
@@ -332,7 +332,7 @@ def build_body() -> Mesh:
 
 
 def _lug(corners: Sequence[tuple[float, float]], low: float, high: Sequence[float]) -> Mesh:
-    """A block of the tread: corners (angle [deg], y), from one radius up to that of each corner."""
+    """Return a block of the tread: corners (angle [deg], y), from one radius up to that of each corner."""
     mesh = Mesh()
     foot, head = (
         np.array(
@@ -366,7 +366,7 @@ def _tread() -> Iterator[Mesh]:
 
 
 def _rim_side() -> Mesh:
-    """The rim as seen from the left, with marks on the tyre's flank that show its turning."""
+    """Return the rim as seen from the left, with marks on the tyre's flank that show its turning."""
     side = Mesh()
     lip = [
         (0.0465, RIM + 0.001),

@@ -1,4 +1,4 @@
-"""A car as data: its form, what is drawn on it, its small parts and its wheels; and the meshes made of them."""
+"""A car as data: its form, drawn regions, small parts and wheels; and the meshes of them."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def _opening(car: CarOutline) -> tuple[float, float, float]:
 
 
 def _arch(car: CarOutline, axle: float, radius: float) -> BaseGeometry:
-    """The outline of a wheel opening seen from the left, as drawn: a semicircle with straight ends."""
+    """Return the outline of a wheel opening seen from the left, as drawn: a semicircle with straight ends."""
     height = car.wheel.radius
     circle = Point(axle, height).buffer(radius, quad_segs=16)
     shape: BaseGeometry = circle.union(shapely.box(axle - radius, -0.1, axle + radius, height))
@@ -195,7 +195,7 @@ def _arch(car: CarOutline, axle: float, radius: float) -> BaseGeometry:
 
 
 def _drawn(warp: Warp, shape: BaseGeometry, axes: Sequence[int]) -> BaseGeometry:
-    """A true plane shape in the frame of the drawing."""
+    """Return a true plane shape in the frame of the drawing."""
 
     def back(flat: Array) -> Array:
         p = np.zeros((len(flat), 3))
@@ -207,7 +207,7 @@ def _drawn(warp: Warp, shape: BaseGeometry, axes: Sequence[int]) -> BaseGeometry
 
 
 def _regions(car: CarOutline) -> list[Region]:
-    """All regions, with the wheel openings at the places of the wheels."""
+    """Return all regions, with the wheel openings at the places of the wheels."""
     regions: list[Region] = []
     axles = (0.0, car.wheelbase)
     for region in car.regions:

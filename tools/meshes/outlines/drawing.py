@@ -1,4 +1,4 @@
-"""What most cars have drawn on them, in short: underbody, side windows, screens, lamps, grilles, shut lines."""
+"""Regions that most cars have: underbody, side windows, screens, lamps, grilles, shut lines."""
 
 from __future__ import annotations
 
@@ -109,5 +109,5 @@ class Drawing:
             self.draw("gap", view, stroke(line, width), facing=0.25, only=("paint",))
 
     def result(self) -> tuple[Region, ...]:
-        """Return what was drawn."""
+        """Return the drawn regions."""
         return tuple(self.regions)

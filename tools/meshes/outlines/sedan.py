@@ -65,7 +65,7 @@ _INSET = (
 
 
 def sedan() -> Style:
-    """A four-door sedan: 4.75 m long, 1.82 m wide, 1.45 m high, wheelbase 2.75 m."""
+    """Return a four-door sedan: 4.75 m long, 1.82 m wide, 1.45 m high, wheelbase 2.75 m."""
     form = Form(
         plan=curve((-1.10, 0.80), (-0.8, 0.862), (-0.4, 0.900), (0.2, 0.910), (2.4, 0.910), (2.8, 0.908), (3.05, 0.895),
                    (3.3, 0.855), (3.52, 0.785), (3.72, 0.68)),

@@ -188,7 +188,7 @@ def half_shell(skin: Skin) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _sample(skin: Skin) -> Array:
-    """Points (m, n, 3) of the left half: half rings about the spine, a fan of them at either end."""
+    """Return points (m, n, 3) of the left half: half rings about the spine, a fan of them at either end."""
     x_rear, x_front = skin.form.spine
     along_count, fan_count, count = skin.form.mesh
     fan = np.linspace(np.pi / 2, 0.0, fan_count)

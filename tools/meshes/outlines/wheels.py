@@ -1,4 +1,4 @@
-"""Wheels: a tyre and a rim with spokes, so that one sees it turn."""
+"""Wheels: a tyre and a rim with spokes, which make its rotation visible."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def _tyre() -> Mesh:
 
 
 def _cleats(count: int) -> Mesh:
-    """The tread of an off-road tyre: two staggered rows of blocks on a tyre of the reference size."""
+    """Return the tread of an off-road tyre: two staggered rows of blocks on a tyre of the reference size."""
     mesh = Mesh()
     for k in range(2 * count):
         a = np.pi * k / count
@@ -164,7 +164,7 @@ def _cleats(count: int) -> Mesh:
 
 
 def _rim_side(rim: Rim) -> Mesh:
-    """The rim as seen from +y, with the marks on the tyre's flank."""
+    """Return the rim as seen from +y, with the marks on the tyre's flank."""
     side = Mesh()
     flange = [(0.040, 0.196), (0.082, 0.203), (0.094, 0.2075), (0.0955, 0.2145), (0.086, 0.2185)]
     side.add_mesh(revolve(rim.bright, flange[1:][::-1], 48))
@@ -221,7 +221,7 @@ def build_wheel(design: WheelDesign) -> Mesh:
 
 
 def _stretch(radii: Sequence[float], to: Sequence[float], across: float) -> Callable[[Array], Array]:
-    """A map of points: radii about y by straight pieces from ``at`` to ``to``, y by a factor."""
+    """Return a map of points: radii about y by straight pieces from ``at`` to ``to``, y by a factor."""
 
     def move(p: Array) -> Array:
         radius = np.hypot(p[..., 0], p[..., 2])
@@ -232,5 +232,5 @@ def _stretch(radii: Sequence[float], to: Sequence[float], across: float) -> Call
 
 
 def _keep(_: Array, normals: Array) -> Array:
-    """The normals as they are: a wheel is stretched but little."""
+    """Return the normals as they are: a wheel is stretched but little."""
     return normals
