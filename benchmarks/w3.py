@@ -210,7 +210,7 @@ def _put_obstacles(plant: Any) -> None:
 
 
 def _mujoco(directions: Array, truth: Array, scans: int) -> dict[str, float]:
-    """Return the same rays by mj_multiRay; directions are in the world already, which ours are not."""
+    """Return the distances of the same rays by mj_multiRay, whose directions are in the world frame."""
     import mujoco
 
     geoms = "".join(_mujoco_geom(thing) for thing in obstacles())

@@ -50,7 +50,7 @@ def tyre_stiffnesses(p: Any) -> tuple[float, float]:
 
 
 def _slip(p: Any, wanted: float, camber: float) -> float:
-    """Return the slip angle [rad] at which a tyre has a lateral force over its load [1]; camber [rad] is to the outside."""
+    """Return the slip angle [rad] of a tyre for a lateral force over load [1]; camber [rad] is to the outside."""
     t = p.tire
     side = np.sign(camber)
     shift, push = side * t.p_hy1 + t.p_hy3 * camber, side * t.p_vy1 + t.p_vy3 * camber

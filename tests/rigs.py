@@ -21,7 +21,7 @@ GRAVITY = 9.80665
 
 
 def free_rolling(vehicle: Vehicle) -> Vehicle:
-    """Return the vehicle without wheel servos: nothing drives or brakes it."""
+    """Return a vehicle without wheel servos, which nothing drives or brakes."""
     control = vehicle.control.model_copy(update={"wheel_speed": WheelPid(kind="pid", kp=0.0)})
     return replace(vehicle, control=control)
 

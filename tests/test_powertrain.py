@@ -377,7 +377,7 @@ def road_force(slip: float, friction: float, falling: bool) -> float:
 
 
 def quarter_car(speed, torque, options, *, friction=1.0, falling=True, sign=BRAKING, until=3.0):
-    """Return the distance [m], and slips above 3 m/s, of a quarter of a car that is braked or driven as hard as it can."""
+    """Return the distance [m], and slips above 3 m/s, of a quarter car at maximum braking or drive torque."""
     inertia, step, relaxation = 1.2, 2e-4, 0.3
     rate, slip, distance, slips, applied, state = speed / RADIUS, 0.0, 0.0, [], 0.0, SlipState()
     for count in range(round(20.0 / step)):

@@ -379,7 +379,7 @@ def controllers_beside(folder):
 
 
 def lost_meshes(folder, *, how):
-    """Return the picture of the body is missing, packed in an archive, or only a pointer."""
+    """Write a package whose body mesh is missing, packed in an archive, or only a pointer."""
     text = car_urdf("lost", Car(), visual=mesh("package://lost/meshes/body.dae"))
     path = package(folder / "lost", "lost", "car.urdf", text)
     meshes = path.parents[1] / "meshes"
@@ -570,7 +570,7 @@ def missing_include(folder):
 
 
 def lost_wheels(folder):
-    """Return the only shape of the wheels is a mesh that is not there."""
+    """Write a package whose wheels have a missing mesh as their only shape."""
     gone = mesh("package://gone/meshes/wheel.dae")
     text = car_urdf("gone", Car(), wheel_visual=gone, wheel_collision=gone)
     return package(folder / "gone", "gone", "car.urdf", text)

@@ -232,5 +232,5 @@ def _stretch(radii: Sequence[float], to: Sequence[float], across: float) -> Call
 
 
 def _keep(_: Array, normals: Array) -> Array:
-    """Return the normals as they are: a wheel is stretched but little."""
+    """Return the normals unchanged, because a wheel is stretched only slightly."""
     return normals
