@@ -98,9 +98,9 @@ class Staging:
         self.path.mkdir()
 
     def publish(self, replaced: Iterable[Path] = (), *, merge: bool = False) -> None:
-        """Move what was made into its folder, YAML files last.
+        """Move the new files into their folder, YAML files last.
 
-        What it replaces is removed when all of it is in place; if a move fails, everything is as before. If the process
+        Replaced files are removed when all new ones are in place; if a move fails, everything is as before. If the process
         is killed meanwhile, the next :func:`staging` in the folder puts back what was replaced.
 
         Args:

@@ -1,4 +1,4 @@
-"""A worker process seen from the main process: its start, its end, and the reason why it was lost."""
+"""Worker process as managed by the main process: start, end, and the reason of a loss."""
 
 import faulthandler
 import os
@@ -56,7 +56,7 @@ class WorkerProcess:
         self.process.close()
 
     def why_lost(self) -> str:
-        """Return why the process does not answer, in one line: where it hangs, or how it ended."""
+        """Return the reason why the process does not answer, in one line: where it hangs, or how it ended."""
         late = time.monotonic() >= self.deadline
         if not late:
             self.process.join(timeout=5.0)

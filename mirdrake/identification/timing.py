@@ -121,7 +121,7 @@ def _check_resolution(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
 
 
 def sparse_factor(values: Array) -> int | None:
-    """Return the rows from one value of a slow channel to the next, with empty rows between; None for others."""
+    """Return the number of rows per value of a slow channel with empty rows; None for other channels."""
     rows = np.flatnonzero(np.isfinite(values))
     if len(rows) < MIN_PART:
         return None

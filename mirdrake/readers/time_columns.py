@@ -16,7 +16,7 @@ MAX_BACKWARD_SHARE = 0.01
 
 
 def has_step_durations(time: Array) -> bool:
-    """Whether a column contains the duration of each row: short, and as often shorter than the one before as longer.
+    """Whether a column contains the duration of each row: small values that decrease about as often as they increase.
 
     Args:
         time: the column (n) [s].

@@ -152,7 +152,7 @@ class Run:
         return plot_runs({"": self}, patterns)
 
     def compare(self, other: "Run", *patterns: str, labels: tuple[str, str] = ("this", "other")) -> Any:
-        """Return a figure of the same signals of two runs.
+        """Return a plot of the same signals of two runs.
 
         Args:
             other: the other run.

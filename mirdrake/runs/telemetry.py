@@ -21,7 +21,7 @@ from mirdrake.worlds.tracks import Track
 Array = NDArray[np.float64]
 
 LEAP = 1.0
-"""Change of progress beyond twice the distance travelled that means another section of the road [m]."""
+"""Excess of a change of progress over twice the distance travelled that indicates another section of the road [m]."""
 
 Columns = dict[str, Array]
 

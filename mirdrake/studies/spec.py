@@ -56,7 +56,7 @@ class ListSampling(Schema):
 
 
 class GridSampling(Schema):
-    """Each value of a parameter with each of the others; the last parameter varies fastest."""
+    """Full factorial design: all combinations of the values; the last parameter varies fastest."""
 
     kind: Literal["grid"] = Field("grid", description="[-]")
 

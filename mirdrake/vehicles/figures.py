@@ -71,7 +71,7 @@ class JointFigures:
 
 @dataclass(frozen=True)
 class ActuatorFigures:
-    """One actuator: its name, its joint, what it moves, and what it gives at most [N m]."""
+    """Actuator: its name, its joint, the moved part, and the largest effort [N m]."""
 
     name: str
     joint: str

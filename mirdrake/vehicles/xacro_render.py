@@ -53,7 +53,7 @@ TEXT = 20_000_000
 """Characters that an expansion evaluates."""
 
 MACROS = 300
-"""Macros within macros."""
+"""Largest depth of nested macro calls."""
 
 SECONDS = 1.5
 """Processor time of an expansion with all its expressions [s]."""
@@ -62,7 +62,7 @@ FILE_SIZE, YAML_SIZE = 20_000_000, 300_000
 """Bytes of an XML file, and of a YAML file."""
 
 VALUES, NESTED = 20_000, 50
-"""Values of a YAML file, and how deeply they may be nested."""
+"""Largest number of values of a YAML file, and largest depth of nesting."""
 
 LONGEST_MESSAGE = 400
 """Characters of xacro's part of a message."""

@@ -14,7 +14,7 @@ from websockets.protocol import Protocol, Side, State
 from mirdrake.core.errors import MirdrakeError
 
 MOST = 65536
-"""Bytes of a message."""
+"""Largest size of a message [byte]."""
 
 BINARY, CLOSE, PING, PONG = Opcode.BINARY, Opcode.CLOSE, Opcode.PING, Opcode.PONG
 

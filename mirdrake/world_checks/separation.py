@@ -329,7 +329,7 @@ def _support(direction: Vector, a: int, b: int, points: Array, begin: Indices, r
 
 
 def _reduce(simplex: Array, used: int, point: Vector) -> tuple[Vector, int]:
-    """Keep of up to four points those whose hull holds its nearest point to a place.
+    """Reduce up to four points to those whose hull contains the point nearest to a given position.
 
     Returns:
         the vector from that point to the place; how many points are kept: four if the place is inside.

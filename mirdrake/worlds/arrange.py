@@ -127,7 +127,7 @@ class _Item:
 
 
 class Arranger:
-    """Places props.
+    """Placement of the props of a world.
 
     Args:
         areas: tracks and patches.

@@ -257,7 +257,7 @@ def _exact(legs: Sequence[Leg], closed: bool, middle: Array) -> list[Piece] | No
 
 
 def _why(legs: Sequence[Leg], closed: bool) -> str:
-    """Return the reason for which the pieces are not used exactly."""
+    """Return the reason why the geometries are approximated instead of used exactly."""
     kinds = sorted({leg.kind for leg in legs if leg.piece is None})
     pairs = [*itertools.pairwise(legs), *([(legs[-1], legs[0])] if closed else [])]
     gaps = [_miss(a.end, b.begin) for a, b in pairs] or [(0.0, 0.0)]

@@ -112,7 +112,7 @@ class BoxKind(SolidKind):
         return np.asarray(0.5 * signs * shape.size())
 
     def volume(self, shape: Box) -> float:
-        """Return its volume."""
+        """Return the volume [m³]."""
         return float(np.prod(shape.size()))
 
     def sdf_values(self, shape: Box) -> tuple[Any, ...]:
@@ -139,7 +139,7 @@ class CylinderKind(SolidKind):
         return [shape.radius(), shape.length()]
 
     def extent(self, sizes: Sequence[float]) -> Size:
-        """Return twice its diameter and its height."""
+        """Return the extent along x, y, z [m]: diameter, diameter, height."""
         return 2.0 * sizes[0], 2.0 * sizes[0], sizes[1]
 
     def corners(self, shape: Cylinder) -> Array:
@@ -148,7 +148,7 @@ class CylinderKind(SolidKind):
         return np.vstack([np.column_stack((rim, np.full(_CIRCLE, z))) for z in (-half, half)])
 
     def volume(self, shape: Cylinder) -> float:
-        """Return its volume."""
+        """Return the volume [m³]."""
         return float(math.pi * shape.radius() ** 2 * shape.length())
 
 
@@ -180,7 +180,7 @@ class SphereKind(SolidKind):
         return np.vstack((np.column_stack((radius * _circle(), np.zeros(_CIRCLE))), poles))
 
     def volume(self, shape: Sphere) -> float:
-        """Return its volume."""
+        """Return the volume [m³]."""
         return float(4.0 / 3.0 * math.pi * shape.radius() ** 3)
 
 

@@ -110,7 +110,7 @@ class Track(Curve):
     # --- outline --------------------------------------------------------------------------------------------------
 
     def stations(self, *, sagitta: float = 1e-3, longest: float = 10.0) -> Array:
-        """Return values of s [m] at which to sample the road: every joint, and between them as many as bends need.
+        """Return stations s [m] at which to sample the road: every joint, and more between them in bends.
 
         Args:
             sagitta: largest distance [m] between the outer edge and its polyline.

@@ -29,7 +29,7 @@ from scipy.signal import lfilter
 Array = NDArray[np.float64]
 
 _MIN_SAMPLES = 8
-"""Least samples in a row, per order of the autoregression."""
+"""Smallest number of consecutive samples per order of the autoregression."""
 
 
 class Stretch(NamedTuple):

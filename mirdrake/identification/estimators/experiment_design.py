@@ -93,7 +93,7 @@ def information(
 
 
 def _driven(model: Model, values: Mapping[str, float], plans: Sequence[Mapping[str, Array]]) -> list[Segment]:
-    """Return segments with simulated outputs, so that the guesses of the states along the way are close."""
+    """Return segments with simulated outputs, so that the initial guesses of the states are close."""
     drives = []
     for channels in plans:
         many = len(next(iter(channels.values())))

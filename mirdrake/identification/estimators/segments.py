@@ -17,7 +17,7 @@ MIN_STEP = 0.004
 """Logs with a shorter step are averaged to this step at least [s]."""
 
 MAX_SAMPLES = 400_000
-"""Samples of a data set; larger ones are averaged as well."""
+"""Largest number of samples of a data set; larger ones are averaged as well."""
 
 HISTORY = 2.0
 """Duration of the inputs kept before the beginning of a piece, for delays and lags [s]."""

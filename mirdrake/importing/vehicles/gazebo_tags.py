@@ -116,12 +116,12 @@ def read_sensor(element: ElementTree.Element, link: str, where: Where, model: So
 
 
 def _after(error: ModelError) -> str:
-    """Return the message of an error without its place."""
+    """Return the message of an error without file and line."""
     return str(error).partition(": ")[2]
 
 
 def _paint(visuals: list[Shape], name: str) -> bool:
-    """Give visuals the colour of a material; whether that is known."""
+    """Give visuals the colour of a material; return whether the material is known."""
     colour = colour_of(name)
     for shape in visuals:
         if colour is not None and shape.texture is None:

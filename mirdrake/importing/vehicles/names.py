@@ -37,7 +37,7 @@ class Names:
     def unique(wanted: str, taken: set[str]) -> str:
         """Return a name of letters, digits and ``_.-`` that is not used yet, and mark it as used.
 
-        Drake splits names at ``::``, and xacro takes ``$`` and braces for its own.
+        Drake splits names at ``::``, and ``$`` and braces have a meaning in xacro.
         """
         plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", wanted) or "part"
         name, number = plain, 1

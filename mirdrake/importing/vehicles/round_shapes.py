@@ -11,7 +11,7 @@ from mirdrake.importing.shape import Shape, Vector
 from mirdrake.importing.vehicles.kinematics import Tree
 
 ROUND = 0.1
-"""By how much two extents of something round may differ, of the larger one: tread blocks, valves, coarse meshes."""
+"""Largest relative difference of two extents of a round shape, due to tread blocks, valves and coarse meshes."""
 
 LARGEST = 100.0
 """Radius and width beyond which nothing is a wheel [m]."""

@@ -109,7 +109,7 @@ def _convert_degrees(cls: type[Mount], mount: MountData, corrections: list[Corre
 
 
 def _bound(cls: type[Mount], mount: MountData, defaults: Mapping[str, float], corrections: list[Correction]) -> None:
-    """Limit counts and distances to the schema, and remove invalid optional values."""
+    """Limit counts and distances to the ranges of the schema, and remove invalid optional values."""
     for key, value in list(mount.items()):
         if isinstance(value, str | dict | bool):
             continue

@@ -73,7 +73,7 @@ def _of_plugin(plugin: Plugin) -> Iterator[Stated]:
 
 
 def _figure(words: set[str]) -> str | None:
-    """Return the figure that a key means, by its words."""
+    """Return the quantity that a key denotes, recognised by its words."""
     steers = any(word.startswith("steer") for word in words)
     brakes = any(word.startswith("brak") for word in words)
     if words & _OTHER:

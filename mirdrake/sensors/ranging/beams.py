@@ -20,7 +20,7 @@ def grid(azimuths: ArrayLike, elevations: ArrayLike) -> Array:
 def turn_times(azimuths: ArrayLike, rate: float) -> Array:
     """Return when a rotating sensor measures each azimuth (n) [rad], relative to the last one [s], 0 or negative.
 
-    It makes `rate` turns a second and rests at the last one for nothing: a fan of half a turn takes half the period.
+    It makes `rate` turns a second without a pause: a fan of half a turn takes half the period.
     """
     azimuth = np.asarray(azimuths, dtype=float)
     times: Array = -np.abs(azimuth[-1] - azimuth) / (tau * rate)

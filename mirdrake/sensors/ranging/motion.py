@@ -13,7 +13,7 @@ import numpy as np
 from mirdrake.sensors.ranging.faces import Array
 
 NUMBERS = 18
-"""Of a body's state: rotation (9), place (3), angular velocity (3), velocity (3)."""
+"""Layout of a body's state: rotation (9), position (3), angular velocity (3), velocity (3)."""
 
 _FAST = 1.0  # [rad] in the time between two samples
 

@@ -33,7 +33,7 @@ NOTHING = -1
 """Object of a ray that hits nothing."""
 
 States = tuple[BodyState | None, BodyState]
-"""Of a body one period ago, if known, and now."""
+"""States of a body one period ago, if known, and now."""
 
 _SCENERY = "scenery/"  # names of the ground, the roads and their paint
 _MARGIN = 1e-3  # [m] around a body, for roundings

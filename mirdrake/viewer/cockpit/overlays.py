@@ -41,7 +41,7 @@ MOST_CONTACTS = 24
 """Arrows of contact forces; of more contacts the strongest are shown."""
 
 MOST_POINTS = 5000
-"""Points of all lidars together that are drawn; of more every second is left out, or more."""
+"""Largest number of drawn points of all lidars together; more points are thinned out."""
 
 _ROOT = "overlays"
 _CHUNK = 120  # points of a piece of the driven ribbon; only the last piece is drawn anew
