@@ -106,7 +106,7 @@ def test_a_name_that_is_there_twice_is_reported_with_both_places(here: Call) -> 
     code, _, err = here("check", "car")
     name, line = first.rsplit(":", 1)
     assert code == 2
-    assert f"error: {name}:{int(line) + 1}: link 'base_link' is there already, from {first}" in err
+    assert f"error: {name}:{int(line) + 1}: link 'base_link' exists already, at {first}" in err
 
 
 def test_variants_are_checked_with_their_folder(here: Call) -> None:

@@ -166,7 +166,7 @@ def test_check_reports_the_faults_of_all_bad_files_and_continues(
     assert out.splitlines() == ["empty: sound", "drive.yaml: sound"]
     first, second, third = err.splitlines()
     assert [line.split(":")[1:3] for line in (first, second)] == [[" bad.yaml", "6"], [" bad.yaml", "7"]]
-    assert third.startswith("error: nothing is called 'nobody'; (allowed: barrels, bolt, ")
+    assert third.startswith("error: unknown name 'nobody'; (allowed: barrels, bolt, ")
 
 
 def test_check_names_outputs_that_nothing_reads(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:

@@ -384,7 +384,7 @@ def test_the_command_drives_for_a_time_and_reports_the_run_folder(capsys, tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["bolz"], "nothing is called 'bolz'; did you mean 'bolt'"),
+        (["bolz"], "unknown name 'bolz'; did you mean 'bolt'"),
         (["test_track"], "'test_track' is not a vehicle"),
         (["bolt", "unior"], "'unior' is not a world"),
         (["bolt", "--start", "lime"], "lime"),

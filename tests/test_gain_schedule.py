@@ -159,8 +159,8 @@ def test_the_vehicle_drives_with_it(scheduled: Path) -> None:
 @pytest.mark.parametrize(
     ("schedule", "message"),
     [
-        ("{speeds: [3, 1], kp: [1, 2]}", "wheel_speed.schedule: speeds: must rise, got 3, 1"),
-        ("{speeds: [1, 1], kp: [1, 2]}", "wheel_speed.schedule: speeds: must rise, got 1, 1"),
+        ("{speeds: [3, 1], kp: [1, 2]}", "wheel_speed.schedule: speeds: must increase, got 3, 1"),
+        ("{speeds: [1, 1], kp: [1, 2]}", "wheel_speed.schedule: speeds: must increase, got 1, 1"),
         ("{speeds: [1, 3], kp: [1, 2, 3]}", "wheel_speed.schedule: kp: 2 values are needed, one for each speed, not 3"),
         ("{speeds: [1, 3]}", "wheel_speed.schedule: no gain is given; write for example kp: [300, 400]"),
         ("{speeds: [1], kp: [1]}", "wheel_speed.schedule.speeds: has 1 items; at least 2"),

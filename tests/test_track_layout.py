@@ -566,7 +566,7 @@ FAULTS: list[tuple[str, str, dict[str, str]]] = [
     ),
     (
         "segments: [{line: 9}]\n    width: [[3, 4], [3, 5]]",
-        "tracks.main.width: entry 2: s = 3 m; make s rise from 0",
+        "tracks.main.width: entry 2: s = 3 m; s must increase from 0",
         {},
     ),
     (

@@ -398,7 +398,10 @@ def test_a_road_folds_where_samples_of_its_edges_fold(parts: list[Piece], left: 
         (([0.0], [1.0], [1.0]), "two or more"),
         (([0.0, math.nan, 10.0], [1.0] * 3, [1.0] * 3), "some values are not finite; give numbers in m"),
         (([0.0, 9.0], [1.0] * 2, [1.0] * 2), "s goes from 0 to 9 m; make it go from 0 to 10.000000 m"),
-        (([0.0, 5.0, 5.0, 10.0], [1.0] * 4, [1.0] * 4), "s does not rise from 5 to 5 m; sort the stations, each once"),
+        (
+            ([0.0, 5.0, 5.0, 10.0], [1.0] * 4, [1.0] * 4),
+            "s does not increase from 5 to 5 m; sort the stations, each once",
+        ),
         (([0.0, 4.0, 10.0], [1.0, 0.0, 1.0], [1.0] * 3), "left is 0 m at s = 4 m; make it more than 0"),
         (([0.0, 4.0, 10.0], [1.0] * 3, [1.0, -2.0, 1.0]), "right is -2 m at s = 4 m; make it more than 0"),
         (([0.0, 10.0], [1.0, 2.0], [1.0] * 2), "left is 1 m at the start and 2 m at the end of a closed track"),

@@ -153,7 +153,7 @@ def test_a_table_is_interpolated_between_its_speeds_and_held_beyond() -> None:
     assert table.at(25.0) == table.at(99.0) == {"kp": 6.0, "ki": 0.0}
     assert table.between(1) == [10.0, 20.0]
     assert table.between(4)[:2] == [7.0, 9.0]
-    with pytest.raises(ConfigError, match=r"schedule.speeds: must rise, got 5, 5"):
+    with pytest.raises(ConfigError, match=r"schedule.speeds: must increase, got 5, 5"):
         GainTable((5.0, 5.0), {})
     with pytest.raises(ConfigError, match=r"schedule.kp: 2 values are needed, got 1"):
         GainTable((5.0, 6.0), {"kp": (1.0,)})

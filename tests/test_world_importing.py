@@ -381,7 +381,7 @@ def test_a_model_that_includes_itself(tmp_path):
 def test_nothing_is_replaced_unless_it_was_imported(tmp_path):
     path = traps.nested(tmp_path)
     first, _ = imported(path, tmp_path / "worlds", name="lot")
-    with pytest.raises(ConfigError, match="is there already"):
+    with pytest.raises(ConfigError, match="exists already"):
         import_world(path, folder=tmp_path / "worlds", name="lot")
     again = import_world(path, folder=tmp_path / "worlds", name="lot", force=True)
     assert again.world_text == first.world_text
@@ -820,7 +820,7 @@ def test_command_options(tmp_path, command, capsys):
     assert not (tmp_path / "worlds").exists()
     assert command(*strict, "--package", f"thing={thing}") == 0
     assert command(*strict, "--package", f"thing={thing}") == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
     assert command(*strict, "--package", f"thing={thing}", "--force") == 0
 
 

@@ -161,7 +161,7 @@ def kind_of(name: str) -> str:
         if name in names(kind):
             return kind
     known = [name for kind in ("models", "worlds", "diagrams", "studies") for name in names(kind)]
-    raise ConfigError(f"nothing is called '{name}'; {did_you_mean(name, known)}")
+    raise ConfigError(f"unknown name '{name}'; {did_you_mean(name, known)}")
 
 
 def new_folder(given: Path | None, stem: str) -> Path:

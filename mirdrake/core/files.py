@@ -100,8 +100,8 @@ class Staging:
     def publish(self, replaced: Iterable[Path] = (), *, merge: bool = False) -> None:
         """Move the new files into their folder, YAML files last.
 
-        Replaced files are removed when all new ones are in place; if a move fails, everything is as before. If the process
-        is killed meanwhile, the next :func:`staging` in the folder puts back what was replaced.
+        Replaced files are removed when all new ones are in place; if a move fails, the old files are restored. If the
+        process is killed meanwhile, the next :func:`staging` in the folder restores them.
 
         Args:
             replaced: other files or folders directly in the folder that are removed.

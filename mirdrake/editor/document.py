@@ -10,7 +10,7 @@ from mirdrake.core.files import write_file
 from mirdrake.core.yaml_io import shown
 
 MOST_STEPS = 500
-"""Texts that undo can return to."""
+"""Largest number of texts that undo can restore."""
 
 NEW_WORLD = "mirdrake: world/1\n\nground: {surface: asphalt}\n"
 """Text of a file that does not exist yet."""

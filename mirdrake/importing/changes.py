@@ -96,7 +96,7 @@ class Change:
 
     @property
     def sentence(self) -> str:
-        """The change in one line, without its place."""
+        """The change in one line, without file and line number."""
         return " ".join(f"{self.part}: {self.old} -> {self.new_text} ({self.reason})".split())
 
 

@@ -30,7 +30,7 @@ _TEMPLATE = "tuning.html.jinja"
 __all__ = ["FIGURES", "render_tuning", "write_tuning_report"]
 
 _ENOUGH = 10
-"""Trials on the plant from which on they are shown instead of those on the reduced model."""
+"""Smallest number of trials on the plant that are shown instead of those on the reduced model."""
 
 
 def write_tuning_report(result: TuningResult) -> Path:

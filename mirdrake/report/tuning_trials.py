@@ -102,7 +102,7 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
 
 
 def _trim(axes: Axes, values: Array, front: Array, marks: Sequence[tuple[float, float]]) -> None:
-    """Set the limits of the axes to the front, the better trials, and marks that are close to them."""
+    """Set the axis limits so that the Pareto front, the better trials and nearby marks are visible."""
     for column, name in ((0, "x"), (1, "y")):
         low = float(values[:, column].min())
         high = max(

@@ -79,7 +79,7 @@ EVENTS = {
 
 
 class Event(NamedTuple):
-    """Whether something is so, sample by sample."""
+    """Condition of an event at each sample."""
 
     truth: Truth
     margin: Array

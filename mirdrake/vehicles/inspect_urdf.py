@@ -80,9 +80,7 @@ def _twice(urdf: Urdf) -> Iterator[MirdrakeError]:
         for element in urdf.root.findall(kind):
             name = element.get("name", "")
             if name in first:
-                yield ModelError(
-                    f"{urdf.where(element)}: {kind} '{name}' is there already, from {urdf.where(first[name])}"
-                )
+                yield ModelError(f"{urdf.where(element)}: {kind} '{name}' exists already, at {urdf.where(first[name])}")
             first.setdefault(name, element)
 
 

@@ -14,7 +14,7 @@ LARGEST = 100_000
 """Characters of a text, and items of a collection with all that is in it."""
 
 BITS = 256
-"""Bits of an integer."""
+"""Largest size of an integer [bit]."""
 
 _ARGUMENT = 1_000  # the largest argument of functions whose cost grows with it; widths and precisions of formats
 _NUMBER = re.compile(r"\d+")

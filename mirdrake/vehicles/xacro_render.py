@@ -44,7 +44,7 @@ VARIABLES = frozenset({"ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "GAZEB
 """Environment variables that a file may read, besides those that :data:`MORE_VARIABLES` lists."""
 
 MORE_VARIABLES = "MIRDRAKE_XACRO_ENV"
-"""Environment variable with the names of more of them, separated by commas."""
+"""Environment variable with the names of further readable variables, separated by commas."""
 
 ELEMENTS = 20_000
 """Elements that an expansion evaluates."""
@@ -232,7 +232,7 @@ class _Expansion:
         folder = self.find(package) if self.find is not None else None
         if folder is None and self.find is not None:
             hint = f"give its folder with --package {package}=DIR"
-            raise ModelError(f"{self.where()}: package '{package}' is not here; {hint}")
+            raise ModelError(f"{self.where()}: package '{package}' is not found; {hint}")
         if folder is None:
             text = f"$(find {package}): ROS packages are not available; give a path relative to this file"
             raise xacro.XacroException(text)

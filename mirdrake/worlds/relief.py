@@ -143,7 +143,7 @@ class RoadRelief(Schema):
         for name in ("elevation", "grade", "banking"):
             table = getattr(self, name) or []
             if any(b[0] <= a[0] for a, b in pairwise(table)):
-                raise ValueError(f"{name}: make s rise from entry to entry")
+                raise ValueError(f"{name}: s must increase from entry to entry")
         if any(abs(angle) > math.radians(60.0) for _, angle in self.banking):
             raise ValueError("banking: an angle must be within 60 deg")
         return self

@@ -56,7 +56,7 @@ def _width(value: Any) -> float | list[tuple[float, float]]:
             if len(row) != 2 or any(isinstance(part, bool) or not isinstance(part, int | float) for part in row):
                 raise ValueError(f"entry {index + 1} is not [s, width], two numbers in m")
             if not 0.0 <= row[0] <= 1e6 or (index and row[0] <= rows[index - 1][0]):
-                raise ValueError(f"entry {index + 1}: s = {row[0]:g} m; make s rise from 0 or more")
+                raise ValueError(f"entry {index + 1}: s = {row[0]:g} m; s must increase from 0 or more")
         widths = [float(width) for _, width in rows]
     else:
         number = to_si(value, "m")

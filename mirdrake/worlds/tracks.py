@@ -202,7 +202,9 @@ class Track(Curve):
         s[0], s[-1] = 0.0, self.length
         if (np.diff(s) <= 0.0).any():
             i = int(np.argmax(np.diff(s) <= 0.0))
-            raise WorldError(f"{where}: s does not rise from {s[i]:g} to {s[i + 1]:g} m; sort the stations, each once")
+            raise WorldError(
+                f"{where}: s does not increase from {s[i]:g} to {s[i + 1]:g} m; sort the stations, each once"
+            )
         for side, values in (("left", left), ("right", right)):
             if values.min() <= 0.0:
                 i = int(np.argmin(values))

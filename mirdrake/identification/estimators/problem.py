@@ -145,7 +145,7 @@ class Problem:
         """
         runs = self._run(z, derivatives=False)
         if runs is None:
-            raise FloatingPointError("the model's states grow beyond all bounds")
+            raise FloatingPointError("the states of the model diverge")
         return [run.y + self._offsets_of(z, drive)[:, None] for run, drive in zip(runs, self.drives, strict=True)]
 
     def _offsets_of(self, z: Array, drive: Segment) -> Array:

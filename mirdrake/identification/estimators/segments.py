@@ -79,7 +79,7 @@ def _log_segments(model: Model, log: Log, total: int) -> tuple[list[Segment], li
     step = median_step(time)
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
     if len(even) > 20 * len(time):
-        raise ConfigError(f"log {log.name}: its gaps are longer than the recorded stretches; cut it up")
+        raise ConfigError(f"log {log.name}: its gaps are longer than the recorded stretches; split it at the gaps")
 
     # Inputs are interpolated over short gaps; outputs without a value stay missing.
     inputs: dict[str, Array] = {}

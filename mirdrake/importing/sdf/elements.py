@@ -18,7 +18,7 @@ from mirdrake.importing.shape import Shape
 from mirdrake.importing.values import make_pose, read_number, read_numbers
 
 DEEPEST = 20
-"""Levels of nested models and includes."""
+"""Largest nesting depth of models and includes."""
 
 FARTHEST = 4.5e4
 """Largest coordinate [m]; the ground of a world is at most 100 km wide."""
@@ -27,7 +27,7 @@ SMALLEST, LARGEST = 1e-3, 1e4
 """Sides of a shape of a world [m]."""
 
 HEIGHTMAP = "terrain; the ground is a plane"
-"""Why a heightmap is not a shape."""
+"""Reason for rejecting a heightmap as a shape."""
 
 _MOST_POINTS = 400  # of an outline
 _LARGEST_ANGLE = 1e6  # [rad]

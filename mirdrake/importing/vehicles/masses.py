@@ -14,13 +14,13 @@ SPIN = (0.2, 1.1)
 """Spin inertia of a wheel over mass times radius squared: 0.5 a solid cylinder, 1 a hoop; a hub may be heavy."""
 
 COM_HEIGHT = 0.35
-"""Height of the centre of mass over the car's, where the source's cannot be meant: cars have 0.33 to 0.40."""
+"""Height of the centre of mass over that of the car, if that of the source is implausible: cars have 0.33 to 0.40."""
 
 BODY_DENSITY = (0.2, 3000.0)
-"""Mass of a body over the box around the car [kg/m³] that is believed: cars have 100 to 200, demos of Gazebo 0.5."""
+"""Plausible mass of a body over the volume of the box around the car [kg/m³]: cars 100 to 200, Gazebo demos 0.5."""
 
 WHEEL_DENSITY = (2.0, 20_000.0)
-"""Mass of a wheel over its cylinder [kg/m³] that is believed: cars have 280, solid steel 7800."""
+"""Plausible mass of a wheel over the volume of its cylinder [kg/m³]: 280 for cars, 7800 for solid steel."""
 
 UNION_SHARE = 0.25
 """Of a wheel's mass that becomes the knuckle of a joint that steers and spins at once (Bolt 10 of 30 kg)."""

@@ -339,11 +339,11 @@ def _check_place(target: Path, name: str, *, force: bool) -> list[Path]:
     if target.exists() and not target.is_dir():
         raise ConfigError(f"{shown(target)} is not a folder; choose another one")
     if existing and not force:
-        raise ConfigError(f"{shown(existing[0])} is there already; take another name, or force to replace it")
+        raise ConfigError(f"{shown(existing[0])} exists already; choose another name, or force to replace it")
     for path in existing:
         wanted = path.is_dir() == (path.name == name)
         if path.is_symlink() or not wanted or (path.is_dir() and {entry.name for entry in path.iterdir()} - {"props"}):
-            raise ConfigError(f"{shown(path)} was not made by an import, so it is not replaced; take another name")
+            raise ConfigError(f"{shown(path)} was not made by an import, so it is not replaced; choose another name")
     return existing
 
 

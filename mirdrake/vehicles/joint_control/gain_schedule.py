@@ -32,7 +32,9 @@ class GainTable:
 
     def __post_init__(self) -> None:
         if not self.speeds or any(b <= a for a, b in zip(self.speeds, self.speeds[1:], strict=False)):
-            raise ConfigError(f"schedule.speeds: must rise, got {', '.join(f'{v:g}' for v in self.speeds) or 'none'}")
+            raise ConfigError(
+                f"schedule.speeds: must increase, got {', '.join(f'{v:g}' for v in self.speeds) or 'none'}"
+            )
         for name, values in self.gains.items():
             if len(values) != len(self.speeds):
                 raise ConfigError(f"schedule.{name}: {len(self.speeds)} values are needed, got {len(values)}")
@@ -74,7 +76,7 @@ class GainSchedule(Schema):
     @model_validator(mode="after")
     def _fits(self) -> "GainSchedule":
         if any(not low < high for low, high in pairwise(self.speeds)):
-            raise ValueError(f"speeds: must rise, got {', '.join(f'{speed:g}' for speed in self.speeds)}")
+            raise ValueError(f"speeds: must increase, got {', '.join(f'{speed:g}' for speed in self.speeds)}")
         rows = self.rows()
         if not rows:
             raise ValueError("no gain is given; write for example kp: [300, 400], one for each speed")
