@@ -131,11 +131,11 @@ def test_variants_are_checked_with_their_folder(here: Call) -> None:
             "properties.xacro",
             'name="ground_clearance" value="0.15"',
             'name="ground_clearance" value="-0.1"',
-            "does not stand",
+            "does not stay",
         ),
     ],
 )
-def test_a_vehicle_that_does_not_stand_still_fails_with_exit_code_1(
+def test_a_vehicle_that_does_not_stay_at_rest_fails_with_exit_code_1(
     name: str, old: str, new: str, words: str, here: Call
 ) -> None:
     spoil(name, old, new)
