@@ -55,10 +55,10 @@ class Driver:
         """Return the command at a time [s], from the speed of the rear axle's centre [m/s]."""
         if self._parked:
             return Command(0.0, 0.0, 0.0, 0.0)
-        wanted, t = min(time, SPEED), tan(STEERING * min(max(time - 5.0, 0.0), 1.0))
-        error = wanted - speed
+        speed_setpoint, t = min(time, SPEED), tan(STEERING * min(max(time - 5.0, 0.0), 1.0))
+        error = speed_setpoint - speed
         self._integral += KI * error * self._period
-        spin, half = (wanted + self._kp * error + self._integral) / RADIUS, 0.5 * t * TRACK / WHEELBASE
+        spin, half = (speed_setpoint + self._kp * error + self._integral) / RADIUS, 0.5 * t * TRACK / WHEELBASE
         left, right = (atan2(t, 1.0 - half), atan2(t, 1.0 + half))
         return Command(left, right, spin * (1.0 - half), spin * (1.0 + half))
 

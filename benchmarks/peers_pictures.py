@@ -55,15 +55,15 @@ def run_in_turn(*, duration: float, repeat: int) -> dict[str, Any]:
         ``color_and_depth`` and ``depth``, ours, and ``peers``; for each peer the median of ours over its time of the
         same turn, too (``ours_over_it``).
     """
-    things = obstacles()
+    shapes = obstacles()
     drawing: dict[str, Callable[[], Drawn]] = {
         "color_and_depth": partial(_draw_ours, duration),
         "depth": partial(_draw_ours, duration, color=False),
     }
     if installed("mujoco"):
-        drawing["mujoco"] = partial(_draw, mujoco_pictures, duration, things)
+        drawing["mujoco"] = partial(_draw, mujoco_pictures, duration, shapes)
     if installed("pybullet") and importlib.util.find_spec("eglRenderer") is not None:
-        drawing["pybullet"] = partial(_draw, bullet_pictures, duration, things)
+        drawing["pybullet"] = partial(_draw, bullet_pictures, duration, shapes)
     turns: dict[str, list[Drawn]] = {name: [] for name in drawing}
     with ExitStack() as stack:
         pools = {name: stack.enter_context(ProcessPoolExecutor(1, mp_context=get_context("spawn"))) for name in drawing}
@@ -113,9 +113,9 @@ def _draw_ours(duration: float, *, color: bool = True) -> Drawn:
 
 
 def _draw(
-    make: Callable[[float, list[dict[str, Any]]], Pictures], duration: float, things: list[dict[str, Any]]
+    make: Callable[[float, list[dict[str, Any]]], Pictures], duration: float, shapes: list[dict[str, Any]]
 ) -> Drawn:
-    pictures = make(duration + 1.0 / RATE, things)
+    pictures = make(duration + 1.0 / RATE, shapes)
     for _ in range(2):  # contexts are made and shaders compiled
         next(pictures)
     taken: list[Any] = []
@@ -123,12 +123,12 @@ def _draw(
     return Drawn(times, len(taken), float(taken[-1][1].min()))
 
 
-def mujoco_pictures(duration: float, things: list[dict[str, Any]]) -> Pictures:
+def mujoco_pictures(duration: float, shapes: list[dict[str, Any]]) -> Pictures:
     """MuJoCo's pictures; its own settings but for shadows, which are off."""
     os.environ["MUJOCO_GL"] = "egl"
     import mujoco
 
-    geoms = "".join(map(_mujoco_geom, things))
+    geoms = "".join(map(_mujoco_geom, shapes))
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco>
           <option timestep="{1.0 / 300.0}"/>
@@ -169,16 +169,16 @@ def mujoco_pictures(duration: float, things: list[dict[str, Any]]) -> Pictures:
             yield colors, depths
 
 
-def _mujoco_geom(thing: dict[str, Any]) -> str:
-    words = {key: " ".join(map(str, thing[key])) for key in ("at", "color")}
-    turn = f"{np.cos(0.5 * thing['yaw'])} 0 0 {np.sin(0.5 * thing['yaw'])}"
+def _mujoco_geom(obstacle: dict[str, Any]) -> str:
+    words = {key: " ".join(map(str, obstacle[key])) for key in ("at", "color")}
+    turn = f"{np.cos(0.5 * obstacle['yaw'])} 0 0 {np.sin(0.5 * obstacle['yaw'])}"
     about = f'pos="{words["at"]}" quat="{turn}" rgba="{words["color"]} 1"'
-    if len(thing["size"]) == 3:
-        return f'<geom type="box" size="{" ".join(str(0.5 * side) for side in thing["size"])}" {about}/>'
-    return f'<geom type="cylinder" size="{thing["size"][0]} {0.5 * thing["size"][1]}" {about}/>'
+    if len(obstacle["size"]) == 3:
+        return f'<geom type="box" size="{" ".join(str(0.5 * side) for side in obstacle["size"])}" {about}/>'
+    return f'<geom type="cylinder" size="{obstacle["size"][0]} {0.5 * obstacle["size"][1]}" {about}/>'
 
 
-def bullet_pictures(duration: float, things: list[dict[str, Any]]) -> Pictures:
+def bullet_pictures(duration: float, shapes: list[dict[str, Any]]) -> Pictures:
     """PyBullet's pictures, by its plugin eglRenderer; colours and depths are of one call."""
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
@@ -191,15 +191,19 @@ def bullet_pictures(duration: float, things: list[dict[str, Any]]) -> Pictures:
         client.setTimeStep(1.0 / 300.0)
         ground = client.createVisualShape(pybullet.GEOM_BOX, halfExtents=[200, 200, 0.5], rgbaColor=[0.3, 0.3, 0.3, 1])
         client.createMultiBody(0.0, baseVisualShapeIndex=ground, basePosition=[0.0, 0.0, -0.5])
-        for thing in things:
+        for obstacle in shapes:
             sizes: dict[str, Any] = {"shapeType": pybullet.GEOM_BOX}
-            if len(thing["size"]) == 3:
-                sizes["halfExtents"] = [0.5 * side for side in thing["size"]]
+            if len(obstacle["size"]) == 3:
+                sizes["halfExtents"] = [0.5 * side for side in obstacle["size"]]
             else:
-                sizes = {"shapeType": pybullet.GEOM_CYLINDER, "radius": thing["size"][0], "length": thing["size"][1]}
-            look = client.createVisualShape(**sizes, rgbaColor=[*thing["color"], 1.0])
-            turn = client.getQuaternionFromEuler([0.0, 0.0, thing["yaw"]])
-            client.createMultiBody(0.0, -1, look, basePosition=thing["at"], baseOrientation=turn)
+                sizes = {
+                    "shapeType": pybullet.GEOM_CYLINDER,
+                    "radius": obstacle["size"][0],
+                    "length": obstacle["size"][1],
+                }
+            look = client.createVisualShape(**sizes, rgbaColor=[*obstacle["color"], 1.0])
+            turn = client.getQuaternionFromEuler([0.0, 0.0, obstacle["yaw"]])
+            client.createMultiBody(0.0, -1, look, basePosition=obstacle["at"], baseOrientation=turn)
         lens = client.computeProjectionMatrixFOV(degrees(VERTICAL), WIDTH / HEIGHT, NEAR, FAR)
         for frame in range(round(duration * RATE) + 1):
             for _ in range(10 if frame else 0):

@@ -57,11 +57,11 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     from benchmarks.timing import machine, tidy
 
     jobs: dict[str, Any] = {}
-    wanted = JOBS if options.job == "all" else (options.job,)
+    selected = JOBS if options.job == "all" else (options.job,)
     stdout = os.dup(1)
     os.dup2(2, 1)  # PyBullet greets on standard output, which is for the JSON
     try:
-        for job in wanted:
+        for job in selected:
             jobs[job] = _measure_job(job, options)
     finally:
         sys.stdout.flush()

@@ -72,9 +72,9 @@ class BarePlant:
                 row[count + actuator.input_start() - first] = speed * ratio / rolling_radius
             rows.append(row)
         path = PiecewisePolynomial.FirstOrderHold(times, np.array(rows).T)
-        wanted = builder.AddSystem(TrajectorySource(path))
+        set_point = builder.AddSystem(TrajectorySource(path))
         zero = builder.AddSystem(ConstantVectorSource([0.0] * count))
-        builder.Connect(wanted.get_output_port(), plant.get_desired_state_input_port(self._part.instance))
+        builder.Connect(set_point.get_output_port(), plant.get_desired_state_input_port(self._part.instance))
         builder.Connect(zero.get_output_port(), plant.get_actuation_input_port(self._part.instance))
         self._simulator = Simulator(builder.Build())
 

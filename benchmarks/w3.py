@@ -66,16 +66,16 @@ def analytic(directions: Array, *, start: Array | None = None) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         ground = np.where(directions[:, 2] < 0.0, -o[2] / directions[:, 2], np.inf)
         nearest = np.minimum(nearest, ground)
-        for thing in obstacles():
-            local = o - (thing.x, thing.y, 0.5 * thing.size[2])
-            if thing.yaw is not None:
-                c, s = np.cos(thing.yaw), np.sin(thing.yaw)
+        for obstacle in obstacles():
+            local = o - (obstacle.x, obstacle.y, 0.5 * obstacle.size[2])
+            if obstacle.yaw is not None:
+                c, s = np.cos(obstacle.yaw), np.sin(obstacle.yaw)
                 R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-                p, d, half = local @ R, directions @ R, 0.5 * np.array(thing.size)
+                p, d, half = local @ R, directions @ R, 0.5 * np.array(obstacle.size)
                 low, high = np.sort(np.stack(((-half - p) / d, (half - p) / d)), axis=0)
                 enter, leave = low.max(axis=1), high.min(axis=1)
             else:
-                radius, _, height = thing.size
+                radius, _, height = obstacle.size
                 a = directions[:, 0] ** 2 + directions[:, 1] ** 2
                 b = directions[:, 0] * local[0] + directions[:, 1] * local[1]
                 root = np.sqrt(b * b - a * (local[0] ** 2 + local[1] ** 2 - radius**2))
@@ -203,9 +203,11 @@ def _put_obstacles(plant: Any) -> None:
     from pydrake.geometry import Box, Cylinder
     from pydrake.math import RigidTransform, RollPitchYaw
 
-    for index, thing in enumerate(obstacles()):
-        X_WG = RigidTransform(RollPitchYaw(0.0, 0.0, thing.yaw or 0.0), [thing.x, thing.y, 0.5 * thing.size[2]])
-        shape = Cylinder(thing.size[0], thing.size[2]) if thing.yaw is None else Box(*thing.size)
+    for index, obstacle in enumerate(obstacles()):
+        X_WG = RigidTransform(
+            RollPitchYaw(0.0, 0.0, obstacle.yaw or 0.0), [obstacle.x, obstacle.y, 0.5 * obstacle.size[2]]
+        )
+        shape = Cylinder(obstacle.size[0], obstacle.size[2]) if obstacle.yaw is None else Box(*obstacle.size)
         plant.RegisterVisualGeometry(plant.world_body(), X_WG, shape, f"prop/{index}", np.array([0.5, 0.5, 0.5, 1.0]))
 
 
@@ -213,7 +215,7 @@ def _mujoco(directions: Array, truth: Array, scans: int) -> dict[str, float]:
     """Return the distances of the same rays by mj_multiRay, whose directions are in the world frame."""
     import mujoco
 
-    geoms = "".join(_mujoco_geom(thing) for thing in obstacles())
+    geoms = "".join(_mujoco_geom(obstacle) for obstacle in obstacles())
     xml = f'<mujoco><worldbody><geom type="plane" size="200 200 1"/>{geoms}</worldbody></mujoco>'
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
@@ -230,10 +232,10 @@ def _mujoco(directions: Array, truth: Array, scans: int) -> dict[str, float]:
     return {"ms_per_scan": _clock(cast, scans), **_errors(ranges, truth)}
 
 
-def _mujoco_geom(thing: Obstacle) -> str:
-    position = f'pos="{thing.x} {thing.y} {0.5 * thing.size[2]}"'
-    if thing.yaw is None:
-        return f'<geom type="cylinder" size="{thing.size[0]} {0.5 * thing.size[2]}" {position}/>'
-    half = " ".join(str(0.5 * side) for side in thing.size)
-    turn = f"{np.cos(0.5 * thing.yaw)} 0 0 {np.sin(0.5 * thing.yaw)}"
+def _mujoco_geom(obstacle: Obstacle) -> str:
+    position = f'pos="{obstacle.x} {obstacle.y} {0.5 * obstacle.size[2]}"'
+    if obstacle.yaw is None:
+        return f'<geom type="cylinder" size="{obstacle.size[0]} {0.5 * obstacle.size[2]}" {position}/>'
+    half = " ".join(str(0.5 * side) for side in obstacle.size)
+    turn = f"{np.cos(0.5 * obstacle.yaw)} 0 0 {np.sin(0.5 * obstacle.yaw)}"
     return f'<geom type="box" size="{half}" {position} quat="{turn}"/>'

@@ -100,12 +100,12 @@ class Bolt:
         }
         signals = Simulation(assemble(make_spec(spec))).run().signals
         time = signals.index.to_numpy()
-        seen = {name: signals[f"ego.{name}"].to_numpy() for name in ("vx", "vy", "wz", "wx", "steering_command")}
+        recorded = {name: signals[f"ego.{name}"].to_numpy() for name in ("vx", "vy", "wz", "wx", "steering_command")}
         angles = [signals[f"ego.steering_angle.{side}"].to_numpy() for side in ("left", "right")]
         channels = {
-            "vx": seen["vx"], "vy": seen["vy"], "yaw_rate": seen["wz"], "roll_rate": seen["wx"],
-            "lateral_acceleration": np.gradient(seen["vy"], time) + seen["vx"] * seen["wz"],
-            "road_wheel_angle": 0.5 * (angles[0] + angles[1]), "steering_command": seen["steering_command"],
+            "vx": recorded["vx"], "vy": recorded["vy"], "yaw_rate": recorded["wz"], "roll_rate": recorded["wx"],
+            "lateral_acceleration": np.gradient(recorded["vy"], time) + recorded["vx"] * recorded["wz"],
+            "road_wheel_angle": 0.5 * (angles[0] + angles[1]), "steering_command": recorded["steering_command"],
         }  # fmt: skip
         return time, channels
 

@@ -49,7 +49,7 @@ def tyre_stiffnesses(p: Any) -> tuple[float, float]:
     return -p.tire.p_ky1 * front, -p.tire.p_ky1 * rear
 
 
-def _slip(p: Any, wanted: float, camber: float) -> float:
+def _slip(p: Any, force_ratio: float, camber: float) -> float:
     """Return the slip angle [rad] of a tyre for a lateral force over load [1]; camber [rad] is to the outside."""
     t = p.tire
     side = np.sign(camber)
@@ -58,7 +58,7 @@ def _slip(p: Any, wanted: float, camber: float) -> float:
 
     def missing(slip: float) -> float:
         x = -t.p_ky1 / (t.p_cy1 * peak) * (slip + shift)
-        return float(peak * np.sin(t.p_cy1 * np.arctan(x - t.p_ey1 * (x - np.arctan(x)))) - push - wanted)
+        return float(peak * np.sin(t.p_cy1 * np.arctan(x - t.p_ey1 * (x - np.arctan(x)))) - push - force_ratio)
 
     return float(brentq(missing, -0.2, 0.5))
 

@@ -237,10 +237,10 @@ class _Steering(LeafSystem):
         self.DeclareVectorOutputPort("desired", 2 * count, self._calc, {self.time_ticket()})
 
     def _calc(self, context: Context, output: BasicVector) -> None:
-        wanted, t = np.zeros(2 * self._count), context.get_time() + self._step
+        set_point, t = np.zeros(2 * self._count), context.get_time() + self._step
         for index in self._joints:
-            wanted[index], wanted[self._count + index] = self._steer.angle(t), self._steer.rate(t)
-        output.SetFromVector(wanted)
+            set_point[index], set_point[self._count + index] = self._steer.angle(t), self._steer.rate(t)
+        output.SetFromVector(set_point)
 
 
 def plant_trace(vehicle: Vehicle, steer: Manoeuvre, point: tuple[float, float], *, step: float = 0.005) -> Trace:
@@ -331,8 +331,8 @@ def single_track_trace(vehicle: Vehicle, steer: Manoeuvre, *, relaxation: bool =
     context = simulator.get_mutable_context()
     model.set_state(model.GetMyMutableContextFromRoot(context), vx=SPEED)
     simulator.AdvanceTo(steer.duration)
-    seen, moved = (log.FindLog(context).data() for log in (state, motion))
-    return Trace(SAMPLE * np.arange(seen.shape[1]), seen[11], moved[2], seen[6])
+    states, moved = (log.FindLog(context).data() for log in (state, motion))
+    return Trace(SAMPLE * np.arange(states.shape[1]), states[11], moved[2], states[6])
 
 
 class _Function(LeafSystem):

@@ -72,7 +72,7 @@ def tyre(slip: float, load: float, usual: float, stiffness: float) -> float:
     return most * math.sin(CAR["shape"] * math.atan(bent))
 
 
-def rates(x: np.ndarray, asked: float, along: float) -> tuple[np.ndarray, float]:
+def rates(x: np.ndarray, command: float, along: float) -> tuple[np.ndarray, float]:
     """Return the derivatives of vx, vy, yaw rate, roll, its rate, wheel angle, slips and lagged ay; and ay."""
     c, (vx, vy, turn, roll, roll_rate, angle) = CAR, x[:6]
     m, length, ahead = c["mass"], c["wheelbase"], c["front"]
@@ -106,7 +106,7 @@ def rates(x: np.ndarray, asked: float, along: float) -> tuple[np.ndarray, float]
     roll_acceleration = (
         m * arm * (ay + GRAVITY * roll) - c["roll_stiffness"] * roll - c["roll_damping"] * roll_rate
     ) / c["roll_inertia"]
-    steer = (asked / c["ratio"] - angle) / c["lag"]
+    steer = (command / c["ratio"] - angle) / c["lag"]
     moves = (
         along,
         ay - vx * turn + arm * roll_acceleration,
@@ -138,7 +138,7 @@ def recorded(course: Course, random: np.random.Generator) -> dict[str, np.ndarra
         return np.asarray(np.interp(time - late, times, values))
 
     vy = state[1] + ahead * state[2] - CAR["roll_arm"] * state[4]
-    seen = side + ahead * np.gradient(state[2], STEP) + GRAVITY * np.sin(state[3])
+    measured_ay = side + ahead * np.gradient(state[2], STEP) + GRAVITY * np.sin(state[3])
     wheel = np.round([steer(t) + 1.8 for t in time], 1)
     wheel = np.repeat(wheel[::2], 2)[:many]
     wheel[random.integers(0, many, 3)] += 800.0
@@ -147,6 +147,6 @@ def recorded(course: Course, random: np.random.Generator) -> dict[str, np.ndarra
         "vx": at(state[0], LATE) + random.normal(0.0, 0.01, many),
         "vy": np.round(at(vy, LATE) + random.normal(0.0, 0.017, many) + 0.014, 3),
         "yaw_rate": at(state[2]) + random.normal(0.0, 0.0044, many) - 0.0017,
-        "lateral_acceleration": at(seen) + random.normal(0.0, 0.12, many) + 0.08,
+        "lateral_acceleration": at(measured_ay) + random.normal(0.0, 0.12, many) + 0.08,
         "steering_wheel_angle": np.radians(wheel),
     }

@@ -89,11 +89,11 @@ def exact(duration=30.0, step=0.01, manoeuvre=None):
         front = -p["cornering_stiffness_front"] * (np.arctan((vy + FRONT * r) / v) - angle) * np.cos(angle)
         front = front + pull(push(t), angle)
         rear = -p["cornering_stiffness_rear"] * np.arctan((vy - REAR * r) / v)
-        asked = steer(max(t - late, 0.0))
+        command = steer(max(t - late, 0.0))
         return [
             (front + rear) / MASS - v * r,
             (FRONT * front - REAR * rear) / p["yaw_inertia"],
-            (asked - delta) / lag,
+            (command - delta) / lag,
         ]
 
     time = np.arange(0.0, duration - 1e-9, step)
@@ -115,10 +115,10 @@ def lateral_log(
     """Return a log with noise and offsets of the sensors."""
     time, clean = exact(duration, manoeuvre=manoeuvre)
     random = np.random.default_rng(seed)
-    seen = {"road_wheel_angle": clean["road_wheel_angle"]}
+    measured = {"road_wheel_angle": clean["road_wheel_angle"]}
     for one in ("vx", *channels):
-        seen[one] = clean[one] + OFFSET.get(one, 0.0) + random.normal(0.0, NOISE[one], len(time))
-    return Log(name, use, time, seen)
+        measured[one] = clean[one] + OFFSET.get(one, 0.0) + random.normal(0.0, NOISE[one], len(time))
+    return Log(name, use, time, measured)
 
 
 def lateral_data(seed=0, **options):

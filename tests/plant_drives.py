@@ -73,13 +73,13 @@ def drive_with_cargo(duration=6.0, step=0.005, contact="point", cargo=CARGO):
         assembly.diagram.GetInputPort(f"ego.{port}").FixValue(context, [value])
     simulator.Initialize()
     wait = 1.5
-    for switch_time, wanted in (
+    for switch_time, speed in (
         (wait, 14.0),
         (wait + 0.4 * duration, 22.0),
         (wait + 0.7 * duration, 15.0),
         (wait + duration, 20.0),
     ):
-        assembly.diagram.GetInputPort("ego.speed_reference").FixValue(context, [wanted])
+        assembly.diagram.GetInputPort("ego.speed_reference").FixValue(context, [speed])
         simulator.AdvanceTo(switch_time)
     tap = assembly.taps["plant_state"].sink.FindLog(context)
     x, time = np.array(tap.data()), np.array(tap.sample_times())

@@ -87,11 +87,11 @@ class Room:
 def cast(room: Room, start: Any, directions: Any, *, ground: bool = False, far: float = 200.0) -> Hits:
     """Return the hits of simultaneous rays from a point, before anything moves."""
     world = room.world(ground=ground)
-    ways = np.asarray(directions, dtype=float).reshape(1, -1, 3)
-    ways = ways / np.linalg.norm(ways, axis=2, keepdims=True)
-    here = BodyState(np.eye(3), np.asarray(start, dtype=float), np.zeros(3), np.zeros(3))
-    beams = Beams(ways, np.zeros(1))
-    return world.cast(beams, RigidTransform(), (None, here), {}, period=1.0, far=far)
+    unit_vectors = np.asarray(directions, dtype=float).reshape(1, -1, 3)
+    unit_vectors = unit_vectors / np.linalg.norm(unit_vectors, axis=2, keepdims=True)
+    state = BodyState(np.eye(3), np.asarray(start, dtype=float), np.zeros(3), np.zeros(3))
+    beams = Beams(unit_vectors, np.zeros(1))
+    return world.cast(beams, RigidTransform(), (None, state), {}, period=1.0, far=far)
 
 
 def scanner(**more: Any) -> LaserScannerMount:

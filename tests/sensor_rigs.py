@@ -77,11 +77,11 @@ class Carousel:
     def run(self, sensor: Any, duration: float, *, rate: float) -> np.ndarray:
         """Return the samples of the sensor, n x time, taken midway between two updates."""
         simulator = self.start(sensor)
-        seen = []
+        observed = []
         for step in range(round(duration * rate)):
             simulator.AdvanceTo((step + 0.5) / rate)
-            seen.append(held(sensor, simulator))
-        return np.array(seen).T
+            observed.append(held(sensor, simulator))
+        return np.array(observed).T
 
 
 def vehicle_with(folder: Path, sensors: str, *, model: str = "mkz") -> Path:
@@ -128,9 +128,9 @@ def shown(sensor: Any, times: Sequence[float], port: str = "sample") -> list[Any
     builder = DiagramBuilder()
     builder.AddSystem(sensor)
     simulator = Simulator(builder.Build())
-    seen = []
+    observed = []
     for time in times:
         simulator.AdvanceTo(time)
         value = held(sensor, simulator, port)
-        seen.append(value.copy() if isinstance(value, np.ndarray) else value)
-    return seen
+        observed.append(value.copy() if isinstance(value, np.ndarray) else value)
+    return observed

@@ -209,13 +209,13 @@ def test_system_with_period_needs_0_4_s_for_0_2_rad():
 
 def test_system_starts_from_the_angle_in_its_context():
     steering = AckermannSteering(BOLT, period=0.01)
-    held = drive(
+    held_signals = drive(
         steering,
         inputs={"steering": 0.2},
         duration=0.05,
         prepare=lambda context: steering.set_steering(context, 0.2),
     )
-    assert_follows(held["steering_angle"], 0.2, atol=1e-15)
+    assert_follows(held_signals["steering_angle"], 0.2, atol=1e-15)
 
 
 def test_unior_linkage_is_limited_by_its_inner_wheel_too():

@@ -113,8 +113,8 @@ def test_coast_down_follows_the_closed_form(wind, step):
     simulator.AdvanceTo(duration)
     past, k = start - wind, 0.5 * DENSITY * AREA
     expected = past / (1.0 + k * past * duration / MASS) + wind
-    got = plant.GetVelocities(context)[part.base.floating_velocities_start_in_v() + 3]
-    assert (start - got) == pytest.approx(start - expected, rel=0.005)
+    speed = plant.GetVelocities(context)[part.base.floating_velocities_start_in_v() + 3]
+    assert (start - speed) == pytest.approx(start - expected, rel=0.005)
 
 
 def test_a_diagram_has_the_air_density_and_wind_of_its_plant():

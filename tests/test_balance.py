@@ -31,10 +31,10 @@ def on_the_road(vehicle: Vehicle) -> object:
     ("x", "expected"),
     [(-0.3, r"behind the rear axle: it tips over backwards"), (1.2, r"ahead of the front axle: it tips over forwards")],
 )
-@pytest.mark.parametrize("made", [estimate_parameters, on_the_road])
-def test_a_centre_of_mass_that_is_not_between_the_axles(made, x, expected):
+@pytest.mark.parametrize("check", [estimate_parameters, on_the_road])
+def test_a_centre_of_mass_that_is_not_between_the_axles(check, x, expected):
     with pytest.raises(ConfigError) as caught:
-        made(unior(x, 0.22))
+        check(unior(x, 0.22))
     location, message = str(caught.value).split(": ", maxsplit=1)
     assert location == load_vehicle("unior").link_places["base_link"]
     assert location.startswith("models/unior/structure.xacro:")

@@ -84,8 +84,8 @@ class KinematicCar(LeafSystem):
 
     def _update(self, context, values):
         x, y, yaw, speed, steering = context.get_discrete_state(self.index).value().tolist()
-        wanted, angle, _ = self.command.Eval(context)
-        rate = (wanted - speed) / self.lag if self.lag else (wanted - speed) / STEP
+        speed_setpoint, angle, _ = self.command.Eval(context)
+        rate = (speed_setpoint - speed) / self.lag if self.lag else (speed_setpoint - speed) / STEP
         speed += STEP * min(max(rate, -self.brakes), 3.0)
         steering += min(max(angle - steering, -0.5 * STEP), 0.5 * STEP)
         turn = speed * math.tan(steering) / 2.6
@@ -161,13 +161,13 @@ def test_the_braking_profile_stops_within_its_gap():
 
 def first_contact(point, curvature, box, reach, step=0.002):
     """Return the free distance by sampling poses along the path."""
-    way = np.arange(0.0, reach, step)
-    turn = curvature * way
-    dx = point[0] - (np.sin(turn) / curvature if curvature else way)
+    distances = np.arange(0.0, reach, step)
+    turn = curvature * distances
+    dx = point[0] - (np.sin(turn) / curvature if curvature else distances)
     dy = point[1] - ((1.0 - np.cos(turn)) / curvature if curvature else 0.0)
     x, y = np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx
     met = (x > box.rear) & (x < box.front) & (np.abs(y) < box.half_width)
-    return way[np.argmax(met)] if met.any() else reach
+    return distances[np.argmax(met)] if met.any() else reach
 
 
 def test_the_free_distance_is_where_the_box_first_meets_a_point():

@@ -30,10 +30,10 @@ def test_the_drive_gives_speed_accuracy_and_overhead_for_both_contacts() -> None
     document = _run("w1")
     drives = document["jobs"]["w1"]["drives"]
     assert {drive["contact"] for drive in drives} == {"point", "hydroelastic"}
-    wanted = {"rtf", "rtf_cpu", "cpu_us_per_step", "steps_per_s", "overhead", "bare"}
-    wanted |= {"yaw_error_percent", "yaw_ripple_percent", "speed_error_percent", "mirror_difference_percent"}
+    expected = {"rtf", "rtf_cpu", "cpu_us_per_step", "steps_per_s", "overhead", "bare"}
+    expected |= {"yaw_error_percent", "yaw_ripple_percent", "speed_error_percent", "mirror_difference_percent"}
     for drive in drives:
-        assert wanted <= set(drive)
+        assert expected <= set(drive)
         assert len(drive["faces_per_wheel"]) == (4 if drive["contact"] == "hydroelastic" else 0)
     assert {"w1_hydroelastic_rtf", "w1_point_rtf", "overhead_point"} <= set(document["targets"])
 

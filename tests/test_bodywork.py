@@ -209,10 +209,10 @@ def test_faces_of_a_body_look_where_their_normals_point(model: str) -> None:
     triangles, normals = triangles_of(data_root() / "models" / model / "meshes" / "body.gltf")
     face = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(face, axis=1)
-    seen = area > 2e-6  # of thinner slivers, rounding to float32 decides the direction
+    large_enough = area > 2e-6  # of thinner slivers, rounding to float32 decides the direction
     turn = np.einsum("ij,ij->i", face, normals.mean(axis=1))
-    assert np.all(turn[seen] > 0)
-    assert area[~seen].sum() < 1e-3 * area.sum()
+    assert np.all(turn[large_enough] > 0)
+    assert area[~large_enough].sum() < 1e-3 * area.sum()
 
 
 @pytest.mark.parametrize(
@@ -256,10 +256,10 @@ def test_the_committed_meshes_are_those_of_the_script_and_small(model: str, tmp_
         assert ours["materials"] == theirs["materials"], stale
         for material in ours["materials"]:
             others = tuple(m["name"] for m in ours["materials"] if m != material)
-            made, committed = (triangles_of(root / name, without=others)[0] for root in (tmp_path, folder))
+            created, committed = (triangles_of(root / name, without=others)[0] for root in (tmp_path, folder))
             # Another processor rounds the last bit otherwise, and a triangle on a border is cut in two or is not.
-            assert area(made) == pytest.approx(area(committed), abs=3e-5), stale
-            assert max(new_corners(made, committed), new_corners(committed, made)) < 60, stale
+            assert area(created) == pytest.approx(area(committed), abs=3e-5), stale
+            assert max(new_corners(created, committed), new_corners(committed, created)) < 60, stale
     assert all(path.stat().st_size < 1.5e6 for path in folder.glob("*.bin"))
 
 
@@ -284,8 +284,8 @@ def test_a_new_body_has_the_given_size_and_room_for_its_wheels(style: str, tmp_p
     front = sizes["wheelbase"] + sizes["front_overhang"]
     close = 0.01 * min(1.0, sizes["length"])
     extent = [corners[:, 0].min(), corners[:, 0].max(), corners[:, 2].min(), corners[:, 2].max()]
-    asked = [front - sizes["length"], front, sizes["ground_clearance"], sizes["height"]]
-    np.testing.assert_allclose(extent, asked, rtol=0, atol=close)
+    requested = [front - sizes["length"], front, sizes["ground_clearance"], sizes["height"]]
+    np.testing.assert_allclose(extent, requested, rtol=0, atol=close)
     low = corners[corners[:, 2] < 0.58 * sizes["ground_clearance"] + 0.42 * sizes["height"]]  # below the mirrors
     assert np.ptp(low[:, 1]) == pytest.approx(sizes["width"], abs=close)
     wheel = WheelDesign(sizes["wheel_radius"], sizes["wheel_width"], 0.5 * sizes["wheel_radius"])

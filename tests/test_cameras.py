@@ -197,18 +197,18 @@ def test_the_ground_has_the_depth_of_the_ray_that_meets_it() -> None:
 def test_a_box_has_the_depth_of_the_face_that_a_ray_meets_first() -> None:
     # from 5 to 7 m ahead, from 1 to 2 m to the left, from 1 m below to 1 m above
     depth = Studio(block((2.0, 1.0, 2.0), 6.0, 1.5, 0.0), kind="depth_camera").look()["depth"]
-    for column, wanted in ((108, 5.0), (120, 5.0), (132, FOCAL / 27.5), (135, FOCAL / 24.5)):
+    for column, expected in ((108, 5.0), (120, 5.0), (132, FOCAL / 27.5), (135, FOCAL / 24.5)):
         # the front face is seen from left 1 to 2 m at 5 m, the right side (1 m to the left) behind it
-        assert depth[120, column] == pytest.approx(wanted, rel=1e-3), column
+        assert depth[120, column] == pytest.approx(expected, rel=1e-3), column
     assert np.isinf(depth[120, 90])
     assert np.isinf(depth[120, 140])
 
 
 @needs_egl
 def test_what_is_too_near_has_depth_0_and_what_is_too_far_an_infinite_one() -> None:
-    for distance, wanted in ((0.4, 0.0), (41.0, np.inf)):
+    for distance, expected in ((0.4, 0.0), (41.0, np.inf)):
         depth = Studio(block((0.1, 99.0, 99.0), distance + 0.05, 0.0, 0.0), kind="depth_camera").look()["depth"]
-        assert np.all(depth == wanted)
+        assert np.all(depth == expected)
 
 
 @needs_egl
@@ -232,31 +232,31 @@ def test_depths_through_a_lens_are_those_of_the_direction_that_a_pixel_sees() ->
 )
 def test_the_noise_of_depths_is_the_published_one(name: str, distance: float, deviation: float) -> None:
     mount = make_mount("depth_camera", depth_noise=name)
-    seen = np.full((HEIGHT, WIDTH), distance, dtype=np.float32)
-    errors = [depth_noise(seen, mount, stream=5, index=index) - distance for index in (0, 1)]
+    depths = np.full((HEIGHT, WIDTH), distance, dtype=np.float32)
+    errors = [depth_noise(depths, mount, stream=5, index=index) - distance for index in (0, 1)]
     assert [error.std() for error in errors] == pytest.approx([deviation] * 2, rel=0.02)
-    assert [error.mean() for error in errors] == pytest.approx([0.0] * 2, abs=5 * deviation / seen.size**0.5)
+    assert [error.mean() for error in errors] == pytest.approx([0.0] * 2, abs=5 * deviation / depths.size**0.5)
     assert abs(np.corrcoef(errors[0].ravel(), errors[1].ravel())[0, 1]) < 0.02
 
 
 def test_noise_leaves_no_depth_outside_the_limits_and_nothing_where_nothing_is() -> None:
     mount = make_mount("depth_camera", depth_noise={"base": 0.5})
-    seen = np.tile(np.array([0.0, 0.6, 39.9, np.inf], dtype=np.float32), (50, 50))
-    noisy = depth_noise(seen, mount, stream=0, index=3)
-    assert np.all(noisy[seen == 0.0] == 0.0)
-    assert np.all(np.isinf(noisy[np.isinf(seen)]))
-    there = noisy[(seen > 0.0) & np.isfinite(seen)]
+    depths = np.tile(np.array([0.0, 0.6, 39.9, np.inf], dtype=np.float32), (50, 50))
+    noisy = depth_noise(depths, mount, stream=0, index=3)
+    assert np.all(noisy[depths == 0.0] == 0.0)
+    assert np.all(np.isinf(noisy[np.isinf(depths)]))
+    there = noisy[(depths > 0.0) & np.isfinite(depths)]
     assert (there.min(), there.max()) == (0.5, 40.0)
 
 
 def test_depths_come_in_steps() -> None:
-    seen = np.linspace(0.6, 30.0, 200, dtype=np.float32).reshape(10, 20)
-    even = depth_noise(seen, make_mount("depth_camera", depth_resolution=0.05), stream=0, index=0)
+    depths = np.linspace(0.6, 30.0, 200, dtype=np.float32).reshape(10, 20)
+    even = depth_noise(depths, make_mount("depth_camera", depth_resolution=0.05), stream=0, index=0)
     assert np.abs(even / 0.05 - np.rint(even / 0.05)).max() < 1e-4
-    assert np.abs(even - seen).max() <= 0.0251
-    kinect = depth_noise(seen, make_mount("depth_camera", inverse_depth_resolution=2.85e-3), stream=0, index=0)
+    assert np.abs(even - depths).max() <= 0.0251
+    kinect = depth_noise(depths, make_mount("depth_camera", inverse_depth_resolution=2.85e-3), stream=0, index=0)
     assert np.unique(np.rint(1.0 / (kinect * 2.85e-3))).size == np.unique(kinect).size
-    assert np.all(np.abs(kinect - seen) <= 0.51 * 2.85e-3 * np.maximum(seen, kinect) ** 2)
+    assert np.all(np.abs(kinect - depths) <= 0.51 * 2.85e-3 * np.maximum(depths, kinect) ** 2)
 
 
 # --- colours, time, and what is not drawn ------------------------------------------------------------------------
@@ -264,11 +264,11 @@ def test_depths_come_in_steps() -> None:
 
 @pytest.mark.parametrize("noise", [0.007, 0.02])
 def test_the_noise_of_a_picture_has_its_standard_deviation(noise: float) -> None:
-    seen = np.full((HEIGHT, WIDTH, 4), 128, dtype=np.uint8)
-    pictures = [color_noise(seen, noise, stream=1, index=index).astype(float) for index in (0, 1)]
-    wanted = ((255 * noise) ** 2 + 1 / 12) ** 0.5  # and rounding
-    assert pictures[0].std(axis=(0, 1)) == pytest.approx([wanted] * 3, rel=0.02)
-    assert pictures[0].mean() == pytest.approx(128.0, abs=5 * wanted / pictures[0].size ** 0.5)
+    image = np.full((HEIGHT, WIDTH, 4), 128, dtype=np.uint8)
+    pictures = [color_noise(image, noise, stream=1, index=index).astype(float) for index in (0, 1)]
+    expected = ((255 * noise) ** 2 + 1 / 12) ** 0.5  # and rounding
+    assert pictures[0].std(axis=(0, 1)) == pytest.approx([expected] * 3, rel=0.02)
+    assert pictures[0].mean() == pytest.approx(128.0, abs=5 * expected / pictures[0].size ** 0.5)
     rows = np.concatenate([picture.reshape(-1, 3).T for picture in pictures])
     assert np.abs(np.corrcoef(rows) - np.eye(6)).max() < 0.02
 
@@ -296,15 +296,15 @@ def test_a_picture_is_held_until_the_next_is_taken() -> None:
 def test_every_picture_is_shown_after_its_latency(latency: float) -> None:
     """The pictures differ by their noise; what is shown at t + latency is what was seen at t."""
     studio = Studio(noise=0.02, grey=0.5, latency=latency, width=32, height=24)
-    seen: list[np.ndarray] = []
+    pictures: list[np.ndarray] = []
     for number in range(8):
         studio.simulator.AdvanceTo(0.1 * number)
-        seen.append(studio.look()["color"])
+        pictures.append(studio.look()["color"])
     again = Studio(noise=0.02, grey=0.5, latency=latency, width=32, height=24)
     for number in range(8 - 3):
         again.simulator.AdvanceTo(0.1 * number + latency + 1e-4)
         assert again.shown("stamp") == pytest.approx([0.1 * number], abs=1e-12)
-        assert np.array_equal(again.shown("color_image")[:, :, :3], seen[number])
+        assert np.array_equal(again.shown("color_image")[:, :, :3], pictures[number])
         if latency > 0.0 and number:
             continue
         again.simulator.AdvanceTo(0.1 * number + latency + 0.09)
@@ -326,14 +326,14 @@ def test_a_picture_is_drawn_once_however_often_it_is_looked_at(monkeypatch: pyte
         ({}, ["RenderColorImage"]),
         ({"kind": "depth_camera", "color": False}, ["RenderDepthImage"]),
     ]
-    for numbers, wanted in cases:
+    for numbers, expected in cases:
         studio = Studio(**numbers)
         studio.simulator.Initialize()
         drawn.clear()
         for _ in range(3):
             studio.look()
         studio.simulator.AdvanceTo(0.25)  # at 0, 0.1 and 0.2 s
-        assert drawn == wanted * 3
+        assert drawn == expected * 3
 
 
 # --- labels ------------------------------------------------------------------------------------------------------

@@ -201,7 +201,7 @@ def test_a_circuit_of_4_km_with_widths_is_built_from_its_file_within_two_seconds
     rows = np.column_stack((points, 4.0 + np.sin(angles), 5.0 + np.cos(3 * angles)))
     file = tmp_path / "circuit.csv"
     np.savetxt(file, rows, fmt="%.6f", delimiter=",", header="x_m,y_m,w_tr_right_m,w_tr_left_m")
-    made: list[Track] = []
+    created: list[Track] = []
 
     def make() -> None:
         table = read_csv_track(file)
@@ -210,12 +210,12 @@ def test_a_circuit_of_4_km_with_widths_is_built_from_its_file_within_two_seconds
         assert table.left is not None
         assert table.right is not None
         edges = edges_from_widths(bare, table.points, table.left, table.right)
-        made.append(Track(pieces, start=start, closed=True, edges=edges))
-        assert made[-1].folds() is None
-        assert made[-1].area is not None
+        created.append(Track(pieces, start=start, closed=True, edges=edges))
+        assert created[-1].folds() is None
+        assert created[-1].area is not None
 
     assert reference_seconds(make) < 2.0
-    track, area = made[-1], made[-1].area
+    track, area = created[-1], created[-1].area
     assert track.width == pytest.approx((rows[:, 2] + rows[:, 3]).max(), abs=0.01)
     assert shapely.area(area) == pytest.approx(
         np.trapezoid(np.append(rows[:, 2:].sum(axis=1), 9.0 + 1.0), dx=1.0), rel=0.02

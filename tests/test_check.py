@@ -15,7 +15,7 @@ Call = Callable[..., tuple[int, str, list[str]]]
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+def call_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
     """A function (arguments) -> exit code, stdout, lines of stderr of a command beside a copy of the Bolt, car/."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(data_root() / "models" / "bolt", tmp_path / "car")
@@ -48,13 +48,13 @@ def places(lines: list[str]) -> list[str]:
 # --- check -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_valid_folder_passes_by_its_name_and_by_one_of_its_files(here: Call) -> None:
+def test_a_valid_folder_passes_by_its_name_and_by_one_of_its_files(call_command: Call) -> None:
     for name in ("car/", "car/vehicle.yaml", "car@published"):
-        assert here("check", name) == (0, f"{name}: sound\n", [])
+        assert call_command("check", name) == (0, f"{name}: sound\n", [])
 
 
-def test_the_faults_of_all_files_are_reported_at_once(here: Call) -> None:
-    wanted = [
+def test_the_faults_of_all_files_are_reported_at_once(call_command: Call) -> None:
+    expected = [
         spoil("control.yaml", "rate: 50 ", "rat: 50 "),
         spoil("vehicle.yaml", "front_left: front_left_wheel_joint", "front_left: front_left_weel_joint"),
         spoil("vehicle.yaml", "rear_left: back_left_wheel_joint", "rear_left: base_link"),
@@ -63,58 +63,58 @@ def test_the_faults_of_all_files_are_reported_at_once(here: Call) -> None:
         spoil("structure.xacro", "meshes/body.gltf", "meshes/bodi.gltf"),
         spoil("structure.xacro", "meshes/wheel.gltf", "meshes/weel.gltf"),
     ]
-    code, out, err = here("check", "car")
+    code, out, err = call_command("check", "car")
     assert (code, out) == (2, "")
-    assert sorted(places(err)) == sorted(wanted)
+    assert sorted(places(err)) == sorted(expected)
     assert len(set(err)) == len(err)
     assert any("no joint 'front_left_weel_joint'; did you mean 'front_left_wheel_joint'?" in line for line in err)
     assert any("no link 'gsp'; did you mean 'gps'?" in line for line in err)
 
 
-def test_several_faults_of_one_yaml_file_and_the_urdf_beside_it_are_reported(here: Call) -> None:
-    wanted = [spoil("vehicle.yaml", "drive: front", "drive: frnt"), spoil("vehicle.yaml", "licence:", "license:")]
+def test_several_faults_of_one_yaml_file_and_the_urdf_beside_it_are_reported(call_command: Call) -> None:
+    expected = [spoil("vehicle.yaml", "drive: front", "drive: frnt"), spoil("vehicle.yaml", "licence:", "license:")]
     spoil("structure.xacro", 'mass="${knuckle_mass}"', 'mass="-1"')
-    code, _, err = here("check", "car")
+    code, _, err = call_command("check", "car")
     assert code == 2
-    assert set(wanted) <= set(places(err))
+    assert set(expected) <= set(places(err))
     assert any("license: unknown field" in line for line in err)
     assert any(re.search(r"structure\.xacro:\d+: link 'front_left_knuckle': mass -1 kg", line) for line in err)
 
 
-def test_every_file_that_is_not_xml_is_reported(here: Call) -> None:
-    wanted = [
+def test_every_file_that_is_not_xml_is_reported(call_command: Call) -> None:
+    expected = [
         spoil("contact.xacro", "</robot>", "</robt>"),
         spoil("sensors.xacro", "</robot>", "</robt>"),
     ]
-    code, _, err = here("check", "car")
+    code, _, err = call_command("check", "car")
     assert code == 2
-    assert places(err) == wanted
+    assert places(err) == expected
     assert all("not valid XML: mismatched tag" in line for line in err)
 
 
-def test_missing_files_are_reported_with_similar_names(here: Call) -> None:
+def test_missing_files_are_reported_with_similar_names(call_command: Call) -> None:
     Path("car/sensors.yaml").rename("car/sensor.yaml")
     Path("car/vehicle.yaml").unlink()
-    code, _, err = here("check", "car")
+    code, _, err = call_command("check", "car")
     assert code == 2
     assert "error: car/vehicle.yaml: no such file" in err
     assert "error: car/sensors.yaml: no such file; is it 'sensor.yaml'?" in err
 
 
-def test_a_name_that_is_there_twice_is_reported_with_both_places(here: Call) -> None:
+def test_a_name_that_is_there_twice_is_reported_with_both_places(call_command: Call) -> None:
     first = spoil("structure.xacro", '<link name="base_link">', '<link name="base_link"/>\n  <link name="base_link">')
-    code, _, err = here("check", "car")
+    code, _, err = call_command("check", "car")
     name, line = first.rsplit(":", 1)
     assert code == 2
     assert f"error: {name}:{int(line) + 1}: link 'base_link' exists already, at {first}" in err
 
 
-def test_variants_are_checked_with_their_folder(here: Call) -> None:
-    wanted = spoil("variants/published.yaml", "description:", "desription:")
-    assert here("check", "car@nothing")[0] == 2
-    code, _, err = here("check", "car")
+def test_variants_are_checked_with_their_folder(call_command: Call) -> None:
+    expected = spoil("variants/published.yaml", "description:", "desription:")
+    assert call_command("check", "car@nothing")[0] == 2
+    code, _, err = call_command("check", "car")
     assert code == 2
-    assert wanted in places(err)
+    assert expected in places(err)
     assert all(location.startswith("car/variants/published.yaml") for location in places(err))
 
 
@@ -136,24 +136,24 @@ def test_variants_are_checked_with_their_folder(here: Call) -> None:
     ],
 )
 def test_a_vehicle_that_does_not_stay_at_rest_fails_with_exit_code_1(
-    name: str, old: str, new: str, words: str, here: Call
+    name: str, old: str, new: str, words: str, call_command: Call
 ) -> None:
     spoil(name, old, new)
-    code, out, err = here("check", "car")
+    code, out, err = call_command("check", "car")
     assert (code, out) == (1, "")
     assert err[0].startswith(f"error: car: {words}"), err
 
 
-def test_a_broken_image_is_reported_before_anything_crashes_on_it(here: Call) -> None:
+def test_a_broken_image_is_reported_before_anything_crashes_on_it(call_command: Call) -> None:
     spoil("meshes/wheel.gltf", '"POSITION": 3,', '"POSTION": 3,')
-    code, _, err = here("check", "car")
+    code, _, err = call_command("check", "car")
     assert code == 2
     assert err == [err[0]]
     assert "broken glTF file: 'POSITION' is missing" in err[0]
 
 
-def test_the_help_names_the_exit_codes(here: Call) -> None:
-    _, out, _ = here("check", "--help")
+def test_the_help_names_the_exit_codes(call_command: Call) -> None:
+    _, out, _ = call_command("check", "--help")
     assert "0 sound, 1 the files are sound but a vehicle does not stay at rest, 2 a file has a fault" in out
 
 
@@ -169,31 +169,31 @@ def test_the_help_names_the_exit_codes(here: Call) -> None:
     ],
 )
 def test_view_starts_with_the_layers_that_are_asked_for(
-    options: list[str], shown: dict[str, bool], here: Call, monkeypatch: pytest.MonkeyPatch
+    options: list[str], shown: dict[str, bool], call_command: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from mirdrake import viewer
 
-    asked: list[dict[str, bool]] = []
+    requested: list[dict[str, bool]] = []
     show = viewer.show_vehicle
 
     def noted(vehicle, meshcat, **layers):
-        asked.append(layers)
+        requested.append(layers)
         return show(vehicle, meshcat, **layers)
 
     monkeypatch.setattr(viewer, "show_vehicle", noted)
-    assert here("view", "car", *options, "--out", "page.html") == (0, "page.html\n", [])
-    assert asked == [shown]
+    assert call_command("view", "car", *options, "--out", "page.html") == (0, "page.html\n", [])
+    assert requested == [shown]
     assert Path("page.html").stat().st_size > 1e6
 
 
-def test_view_has_no_layers_of_a_world(here: Call) -> None:
-    code, _, err = here("view", "empty", "--frames", "--no-meshes")
+def test_view_has_no_layers_of_a_world(call_command: Call) -> None:
+    code, _, err = call_command("view", "empty", "--frames", "--no-meshes")
     assert code == 2
     assert err == ["error: --frames, --no-meshes: only for a vehicle; 'empty' is not a vehicle"]
 
 
-def test_the_help_of_view_names_the_layers(here: Call) -> None:
-    _, out, _ = here("view", "--help")
+def test_the_help_of_view_names_the_layers(call_command: Call) -> None:
+    _, out, _ = call_command("view", "--help")
     for option in ("--frames", "--collision", "--no-meshes"):
         assert re.search(rf"^  {option} +\w", out, flags=re.MULTILINE)
 
@@ -218,27 +218,27 @@ def test_the_format_of_every_file_is_known(kind: str) -> None:
     assert {format_of(path) for path in paths} == {kind}
 
 
-def test_a_data_set_is_checked_as_one(here: Call, tmp_path: Path) -> None:
+def test_a_data_set_is_checked_as_one(call_command: Call, tmp_path: Path) -> None:
     rows = "".join(f"{0.1 * index:.1f},{1 + 0.1 * (index % 5)}\n" for index in range(60))
     good = "mirdrake: data/1\ntime: {column: t}\nchannels: {vx: {column: v, unit: m/s}}\nlogs: [{file: drive.csv}]\n"
     (tmp_path / "drive.csv").write_text(f"t,v\n{rows}", encoding="utf-8")
     (tmp_path / "data.yaml").write_text(good, encoding="utf-8")
-    assert here("check", "data.yaml") == (0, "data.yaml: sound\n", [])
+    assert call_command("check", "data.yaml") == (0, "data.yaml: sound\n", [])
     for old, new, text in (
         ("data/1", "dota/1", "data.yaml:1: mirdrake: unknown format 'dota/1'; did you mean 'data/1'"),
         ("channels", "chanels", "data.yaml:3: chanels: unknown field; did you mean 'channels'"),
         ("drive.csv", "drove.csv", "drove.csv"),
     ):
         (tmp_path / "data.yaml").write_text(good.replace(old, new), encoding="utf-8")
-        code, _, (line, *_) = here("check", "data.yaml")
+        code, _, (line, *_) = call_command("check", "data.yaml")
         assert code == 2
         assert text in line
 
 
 @pytest.mark.parametrize("name", ["prop.yaml", "published_figures.yaml"])
-def test_a_file_that_is_known_by_its_name_is_checked(here: Call, tmp_path: Path, name: str) -> None:
+def test_a_file_that_is_known_by_its_name_is_checked(call_command: Call, tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("descriptoin: 3\n", encoding="utf-8")
-    code, _, lines = here("check", name)
+    code, _, lines = call_command("check", name)
     assert code == 2
     assert any("descriptoin: unknown field" in line for line in lines)
     assert not any("world" in line for line in lines)

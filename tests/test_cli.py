@@ -39,7 +39,7 @@ def mirdrake(*arguments: str, folder: Path, code: int = 0) -> tuple[str, str]:
 
 
 @pytest.fixture
-def here(
+def call_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., tuple[int, str, str]]:
     """A function (arguments) -> exit code, stdout, stderr of a command in tmp_path, where drive.yaml lies."""
@@ -75,15 +75,15 @@ def test_run_drives_the_test_track_prints_a_summary_and_names_the_folder(tmp_pat
     assert load_run(folder).summary["simulated_s"] == 1.0
 
 
-def test_run_takes_a_path_from_any_folder(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+def test_run_takes_a_path_from_any_folder(call_command: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     shutil.move(tmp_path / "drive.yaml", tmp_path / "elsewhere" / "drive.yaml")
-    assert here("run", "elsewhere/drive.yaml", "--out", "out", "--quiet") == (0, "", "")
+    assert call_command("run", "elsewhere/drive.yaml", "--out", "out", "--quiet") == (0, "", "")
     assert load_run(tmp_path / "out").summary["diagram"] == "drive"
 
 
 def test_overrides_reach_every_level_and_win_over_the_file(
-    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
     sets = [
         "duration=0.2 s",
@@ -92,7 +92,9 @@ def test_overrides_reach_every_level_and_win_over_the_file(
         "vehicles.ego.start=origin",
         "seed=7",
     ]
-    code, _, err = here("run", "drive.yaml", "--out", "out", *[word for item in sets for word in ("--set", item)])
+    code, _, err = call_command(
+        "run", "drive.yaml", "--out", "out", *[word for item in sets for word in ("--set", item)]
+    )
     assert (code, err) == (0, "")
     spec = load_run(tmp_path / "out").spec
     assert spec["duration"] == 0.2
@@ -105,28 +107,28 @@ def test_overrides_reach_every_level_and_win_over_the_file(
 
 
 def test_an_option_wins_over_an_override_and_the_last_override_over_the_first(
-    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
-    here("run", "drive.yaml", "--out", "a", "--set", "duration=0.1", "--set", "duration=0.3")
-    here("run", "drive.yaml", "--out", "b", "--set", "duration=0.1", "--duration", "0.2")
+    call_command("run", "drive.yaml", "--out", "a", "--set", "duration=0.1", "--set", "duration=0.3")
+    call_command("run", "drive.yaml", "--out", "b", "--set", "duration=0.1", "--duration", "0.2")
     assert load_run(tmp_path / "a").summary["simulated_s"] == 0.3
     assert load_run(tmp_path / "b").summary["simulated_s"] == 0.2
     assert load_run(tmp_path / "b").spec["duration"] == 0.2
 
 
 def test_run_at_real_time_takes_as_long_as_it_simulates(
-    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
-    here("run", "drive.yaml", "--out", "out", "--realtime")
+    call_command("run", "drive.yaml", "--out", "out", "--realtime")
     assert 0.45 < load_run(tmp_path / "out").summary["wall_s"] < 5.0
 
 
 def test_a_diagram_of_the_working_directory_hides_ours(
-    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
     (tmp_path / "diagrams").mkdir()
     shutil.move(tmp_path / "drive.yaml", tmp_path / "diagrams" / "bolt_test_track.yaml")
-    code, out, _ = here("run", "bolt_test_track", "--out", "out")
+    code, out, _ = call_command("run", "bolt_test_track", "--out", "out")
     assert code == 0
     assert out.startswith("bolt_test_track: 0.5 s")
 
@@ -134,34 +136,34 @@ def test_a_diagram_of_the_working_directory_hides_ours(
 # --- list, check, draw, view -----------------------------------------------------------------------------------------
 
 
-def test_list_shows_what_there_is(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
-    code, out, err = here("list")
+def test_list_shows_what_there_is(call_command: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    code, out, err = call_command("list")
     assert (code, err) == (0, "")
     assert re.findall(r"^(\w+):$", out, flags=re.MULTILINE) == ["models", "worlds", "diagrams", "studies"]
-    out = here("list", "all")[1]
+    out = call_command("list", "all")[1]
     kinds = ["models", "worlds", "diagrams", "studies", "props", "sensors", "drivers", "blocks"]
     assert re.findall(r"^(\w+):$", out, flags=re.MULTILINE) == kinds
     for name in ("bolt", "test_track", "empty", "bolt_test_track", "cone", "sick_lms291", "hold_lane", "low_pass"):
         assert re.search(rf"^  {name} +\S", out, flags=re.MULTILINE)
     (tmp_path / "worlds").mkdir()
     (tmp_path / "worlds" / "mine.yaml").write_text("mirdrake: world/1\nname: mine\n", encoding="utf-8")
-    assert re.search(r"^  mine +worlds/mine\.yaml$", here("list", "worlds")[1], flags=re.MULTILINE)
+    assert re.search(r"^  mine +worlds/mine\.yaml$", call_command("list", "worlds")[1], flags=re.MULTILINE)
 
 
 @pytest.mark.parametrize("every", [7, pytest.param(1, marks=pytest.mark.slow)], ids=["each seventh", "all"])
-def test_everything_that_ships_is_sound(every: int, here: Callable[..., tuple[int, str, str]]) -> None:
-    listing = here("list")[1]
+def test_everything_that_ships_is_sound(every: int, call_command: Callable[..., tuple[int, str, str]]) -> None:
+    listing = call_command("list")[1]
     names = re.findall(r"^  (\w+) ", listing, flags=re.MULTILINE)[::every]
-    code, out, err = here("check", *names)
+    code, out, err = call_command("check", *names)
     assert (code, err) == (0, "")
     assert [line for line in out.splitlines() if not line.startswith(" ")] == [f"{name}: sound" for name in names]
 
 
 def test_check_reports_the_faults_of_all_bad_files_and_continues(
-    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
     (tmp_path / "bad.yaml").write_text(DRIVE.replace("plant", "plnt").replace("speed: 2", "speed: x"), encoding="utf-8")
-    code, out, err = here("check", "bad.yaml", "empty", "nobody", "drive.yaml")
+    code, out, err = call_command("check", "bad.yaml", "empty", "nobody", "drive.yaml")
     assert code == 2
     assert out.splitlines() == ["empty: sound", "drive.yaml: sound"]
     first, second, third = err.splitlines()
@@ -169,16 +171,18 @@ def test_check_reports_the_faults_of_all_bad_files_and_continues(
     assert third.startswith("error: unknown name 'nobody'; (allowed: barrels, bolt, ")
 
 
-def test_check_names_outputs_that_nothing_reads(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+def test_check_names_outputs_that_nothing_reads(
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
     with (tmp_path / "drive.yaml").open("a", encoding="utf-8") as file:
         file.write("systems: {half: {kind: constant, value: [0.5]}}\n")
-    assert here("check", "drive.yaml") == (0, "drive.yaml: sound\n  output 'half.y' is not read\n", "")
+    assert call_command("check", "drive.yaml") == (0, "drive.yaml: sound\n  output 'half.y' is not read\n", "")
 
 
-def test_check_takes_overrides_and_run_folders(here: Callable[..., tuple[int, str, str]]) -> None:
-    assert here("check", "drive.yaml", "--set", "plant.time_step=0")[0] == 2
-    here("run", "drive.yaml", "--out", "out", "--duration", "0.1")
-    assert here("check", "out")[:2] == (0, "out: sound\n")
+def test_check_takes_overrides_and_run_folders(call_command: Callable[..., tuple[int, str, str]]) -> None:
+    assert call_command("check", "drive.yaml", "--set", "plant.time_step=0")[0] == 2
+    call_command("run", "drive.yaml", "--out", "out", "--duration", "0.1")
+    assert call_command("check", "out")[:2] == (0, "out: sound\n")
 
 
 OWN = """
@@ -192,13 +196,13 @@ connect: [[own.y, half.u]]
 
 @pytest.mark.parametrize("verb", ["check", "draw"])
 def test_user_modules_are_executed_only_with_trust(
-    verb: str, here: Callable[..., tuple[int, str, str]], tmp_path: Path
+    verb: str, call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
     if verb == "draw" and shutil.which("dot") is None:
         pytest.skip("needs Graphviz")
     (tmp_path / "own.yaml").write_text(OWN, encoding="utf-8")
     (tmp_path / "harmful.py").write_text("open('executed', 'w').close()\n", encoding="utf-8")
-    code, out, _ = here(verb, "own.yaml")
+    code, out, _ = call_command(verb, "own.yaml")
     assert (code, (tmp_path / "executed").exists()) == (0, False)
     word = "checked" if verb == "check" else "drawn"
     for part in (
@@ -207,48 +211,48 @@ def test_user_modules_are_executed_only_with_trust(
         "systems.half (an input is from own)",
     ):
         assert f"  not {word}: {part}: user modules are executed only with --trust" in out
-    assert here(verb, "own.yaml", "--trust")[0] == 2  # the module has no such class
+    assert call_command(verb, "own.yaml", "--trust")[0] == 2  # the module has no such class
     assert (tmp_path / "executed").exists()
 
 
 def test_a_study_is_checked_without_its_metrics_functions(
-    here: Callable[..., tuple[int, str, str]], tmp_path: Path
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
     (tmp_path / "harmful.py").write_text("open('executed', 'w').close()\ndef figure(run): ...\n", encoding="utf-8")
     study = "mirdrake: study/1\ndiagram: bolt_test_track\nparameters: {ego.speed.kp: {low: 0.5, high: 5, count: 2}}\n"
     (tmp_path / "study.yaml").write_text(f"{study}metrics: ['harmful:figure']\n", encoding="utf-8")
-    code, out, err = here("check", "study.yaml")
+    code, out, err = call_command("check", "study.yaml")
     assert not (tmp_path / "executed").exists(), (code, out, err)
 
 
-def test_draw_writes_the_blocks(here: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
-    assert here("draw", "drive.yaml", "--out", "blocks.dot") == (0, "blocks.dot\n", "")
+def test_draw_writes_the_blocks(call_command: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    assert call_command("draw", "drive.yaml", "--out", "blocks.dot") == (0, "blocks.dot\n", "")
     assert (tmp_path / "blocks.dot").read_text(encoding="utf-8").startswith("digraph {")
     if shutil.which("dot"):
-        assert here("draw", "drive.yaml") == (0, "drive.svg\n", "")
+        assert call_command("draw", "drive.yaml") == (0, "drive.svg\n", "")
         assert (tmp_path / "drive.svg").read_text(encoding="utf-8").startswith("<svg")
 
 
 def test_without_graphviz_draw_names_what_to_install_and_a_run_continues(
-    here: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    code, _, err = here("draw", "drive.yaml")
+    code, _, err = call_command("draw", "drive.yaml")
     assert code == 2
     assert "apt install graphviz" in err
     assert err.count("\n") == 1
-    assert here("run", "drive.yaml", "--out", "out")[0] == 0
+    assert call_command("run", "drive.yaml", "--out", "out")[0] == 0
     assert not (tmp_path / "out" / "diagram.svg").exists()
     assert (tmp_path / "out" / "diagram.dot").is_file()
 
 
 @pytest.mark.parametrize("name", ["bolt", "empty", "drive.yaml", "out"])
 def test_view_writes_a_page_that_needs_no_network(
-    name: str, here: Callable[..., tuple[int, str, str]], tmp_path: Path
+    name: str, call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:
     if name == "out":
-        here("run", "drive.yaml", "--out", "out")
-    assert here("view", name, "--out", "page.html") == (0, "page.html\n", "")
+        call_command("run", "drive.yaml", "--out", "out")
+    assert call_command("view", name, "--out", "page.html") == (0, "page.html\n", "")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert len(page) > 1e6
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=[\"']?(https?:)?//", page)
@@ -258,37 +262,37 @@ def test_view_writes_a_page_that_needs_no_network(
 
 
 @pytest.mark.parametrize("verb", ["run", "list", "view", "check", "draw"])
-def test_the_help_of_a_verb_has_an_example(verb: str, here: Callable[..., tuple[int, str, str]]) -> None:
-    code, out, _ = here(verb, "--help")
+def test_the_help_of_a_verb_has_an_example(verb: str, call_command: Callable[..., tuple[int, str, str]]) -> None:
+    code, out, _ = call_command(verb, "--help")
     assert code == 0
     assert re.search(rf"example[s]?:\n  mirdrake {verb} \w", out)
 
 
-def test_the_help_of_the_command_leads_to_the_first_run(here: Callable[..., tuple[int, str, str]]) -> None:
-    code, out, _ = here("--help")
+def test_the_help_of_the_command_leads_to_the_first_run(call_command: Callable[..., tuple[int, str, str]]) -> None:
+    code, out, _ = call_command("--help")
     assert code == 0
     assert "mirdrake run bolt_test_track" in out
     assert "Exit codes" in out
 
 
-def test_no_verb_and_an_unknown_verb_are_bad_input(here: Callable[..., tuple[int, str, str]]) -> None:
-    code, _, err = here()
+def test_no_verb_and_an_unknown_verb_are_bad_input(call_command: Callable[..., tuple[int, str, str]]) -> None:
+    code, _, err = call_command()
     assert code == 2
     assert "VERB" in err
-    code, _, err = here("rnu", "bolt_test_track")
+    code, _, err = call_command("rnu", "bolt_test_track")
     assert code == 2
     assert "'rnu'" in err
     assert "run" in err.splitlines()[-1]
 
 
-def test_the_version_is_that_of_the_package(here: Callable[..., tuple[int, str, str]]) -> None:
+def test_the_version_is_that_of_the_package(call_command: Callable[..., tuple[int, str, str]]) -> None:
     from importlib.metadata import version
 
-    assert here("--version")[:2] == (0, f"mirdrake {version('mirdrake')}\n")
+    assert call_command("--version")[:2] == (0, f"mirdrake {version('mirdrake')}\n")
 
 
 def test_the_version_of_sources_without_installation_is_unknown(
-    here: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
+    call_command: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import importlib.metadata
 
@@ -296,8 +300,11 @@ def test_the_version_of_sources_without_installation_is_unknown(
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "version", missing)
-    assert here("--version")[:2] == (0, "mirdrake, unknown version: its sources are used without an installation\n")
-    assert here("list")[0] == 0
+    assert call_command("--version")[:2] == (
+        0,
+        "mirdrake, unknown version: its sources are used without an installation\n",
+    )
+    assert call_command("list")[0] == 0
 
 
 def test_a_closed_pipe_is_not_an_error(tmp_path: Path) -> None:

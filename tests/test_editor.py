@@ -362,7 +362,7 @@ def test_after_random_gestures_the_file_means_what_is_shown_and_undo_restores_ev
         path = tmp_path / f"yard{seed}.yaml"
         begin = rng.choice([YARD, YARD.replace("\n", "\r\n"), "mirdrake: world/1"])
         path.write_bytes(begin.encode())
-        document, scene, made = Document(path), read_scene(begin, path), 0
+        document, scene, created = Document(path), read_scene(begin, path), 0
         for _ in range(50):
             try:
                 text = read_gesture(random_gesture(scene, rng)).text(scene, "yard.yaml")
@@ -370,8 +370,8 @@ def test_after_random_gestures_the_file_means_what_is_shown_and_undo_restores_ev
             except (LockedError, MirdrakeError):
                 continue
             document.change(text)
-            scene, made = after, made + (text != begin)
-        assert made > 15
+            scene, created = after, created + (text != begin)
+        assert created > 15
         document.save()
         saved = load_world(str(path))
         assert [placed.name for placed in saved.props] == [placed.name for placed in scene.world.props]

@@ -73,10 +73,10 @@ def _angle(name: str, lateral: float, speed: float) -> float:
 
 def _error(full, reduced, name: str) -> float:
     """Return the root mean square of the difference from the beginning of the steering on, over the largest value."""
-    wanted = getattr(full, name)
+    expected = getattr(full, name)
     late = full.time > START
-    got = np.interp(full.time, reduced.time, getattr(reduced, name))
-    return float(np.sqrt(np.mean((got - wanted)[late] ** 2)) / np.max(np.abs(wanted)))
+    actual = np.interp(full.time, reduced.time, getattr(reduced, name))
+    return float(np.sqrt(np.mean((actual - expected)[late] ** 2)) / np.max(np.abs(expected)))
 
 
 def _check_steps(vehicle: str, speed: float, lateral: float) -> None:

@@ -90,9 +90,9 @@ def test_the_single_track_model_has_the_same_gains(scheduled: Path) -> None:
         return float(control.forces.Eval(context)[0])
 
     vehicle = load_vehicle(str(scheduled))
-    given = vehicle.control.wheel_speed
+    controller = vehicle.control.wheel_speed
     gains = {name: float(np.interp(2.0, SPEEDS, row)) for name, row in (("kp", KP), ("ki", KI))}
-    flat = given.model_copy(update={"schedule": None, **gains})
+    flat = controller.model_copy(update={"schedule": None, **gains})
     other = replace(vehicle, control=vehicle.control.model_copy(update={"wheel_speed": flat}))
     assert force(vehicle, 2.0) == pytest.approx(force(other, 2.0), rel=1e-12)
     assert force(vehicle, 3.0) != pytest.approx(force(other, 3.0), rel=0.01)

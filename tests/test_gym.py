@@ -85,16 +85,16 @@ def test_progress_adds_up_to_the_distance_along_the_track(env):
     assert observation[names.index("ego.lateral_error")] == pytest.approx(0.0, abs=1e-4)
     assert observation[names.index("ego.curvature_ahead.20")] == pytest.approx(1.0 / 9.125, abs=1e-4)
     angle = math.atan(2.6 / 9.125)
-    way = 0.0
+    progress = 0.0
     for _ in range(20):
         observation, reward, terminated, truncated, _ = env.step(
             act(env, speed_reference=3.0, steering_reference=angle)
         )
-        way += reward
+        progress += reward
         assert not terminated
         assert not truncated
-    assert way == pytest.approx(3.0 * 2.0, abs=0.12)
-    assert env.readings.find("ego.progress")[0].read(env._context) - s == pytest.approx(way, abs=0.15)
+    assert progress == pytest.approx(3.0 * 2.0, abs=0.12)
+    assert env.readings.find("ego.progress")[0].read(env._context) - s == pytest.approx(progress, abs=0.15)
 
 
 def test_nothing_is_built_again_and_no_python_runs_from_step_to_step(env):
@@ -245,11 +245,11 @@ def test_sensors_and_blocks_are_observed_and_other_drivers_keep_driving():
     env.reset(seed=0)
     for _ in range(25):
         observation, *_ = env.step(act(env, speed_reference=2.0, steering_reference=0.0))
-    seen = dict(zip(env.observation_names, observation, strict=True))
-    assert seen["ego.vx"] == pytest.approx(2.0, abs=0.05)  # and not 9
-    assert seen["ego.imu.fz"] == pytest.approx(9.81, abs=0.5)
-    assert seen["bias.y"] == pytest.approx(0.25)
-    assert seen["other.vx"] == pytest.approx(3.0, abs=0.1)
+    observed = dict(zip(env.observation_names, observation, strict=True))
+    assert observed["ego.vx"] == pytest.approx(2.0, abs=0.05)  # and not 9
+    assert observed["ego.imu.fz"] == pytest.approx(9.81, abs=0.5)
+    assert observed["bias.y"] == pytest.approx(0.25)
+    assert observed["other.vx"] == pytest.approx(3.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -281,10 +281,10 @@ def test_wrong_names_and_ranges_are_errors_of_one_line(options, message):
 
 
 def test_a_moment_reads_signals_that_are_not_observed():
-    seen: list[tuple[float, float]] = []
+    observed: list[tuple[float, float]] = []
 
     def reward(moment: Moment) -> float:
-        seen.append((moment["ego.wheel_speed.rear_left"], moment["ego.vx"]))
+        observed.append((moment["ego.wheel_speed.rear_left"], moment["ego.vx"]))
         return 1.0
 
     env = DriveEnv(PLAIN, reward=reward, observe=["ego.vx"], ends=[])
@@ -292,5 +292,5 @@ def test_a_moment_reads_signals_that_are_not_observed():
     for _ in range(25):
         assert env.step(act(env, speed_reference=3.0, steering_reference=0.0))[1] == 1.0
     radius = env.assembly.parts.vehicles["ego"].vehicle.geometry.rear_wheel_radius
-    assert seen[-1][0] * radius == pytest.approx(seen[-1][1], rel=0.1)  # it still accelerates
-    assert seen[-1][1] > 2.5
+    assert observed[-1][0] * radius == pytest.approx(observed[-1][1], rel=0.1)  # it still accelerates
+    assert observed[-1][1] > 2.5

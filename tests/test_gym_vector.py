@@ -21,9 +21,9 @@ OBSERVED = [f"ego.{name}" for name in SIGNALS] + ["ego.curvature_ahead.10"]
 
 @pytest.fixture(scope="module")
 def env():
-    made = gymnasium.make_vec("mirdrake/Drive-v0", num_envs=16, start="anywhere_on_track", duration=4.0)
-    assert isinstance(made, VectorDriveEnv)
-    return made
+    created = gymnasium.make_vec("mirdrake/Drive-v0", num_envs=16, start="anywhere_on_track", duration=4.0)
+    assert isinstance(created, VectorDriveEnv)
+    return created
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_an_ended_episode_starts_again_in_the_next_step(env):
     env.reset(seed=0)
     straight = actions(env, 8.0, 0.5)  # off the road after some steps
     ended = np.zeros(16, dtype=bool)
-    seen = 0
+    restarts = 0
     for _ in range(45):
         observation, reward, terminated, truncated, info = env.step(straight)
         again = ended
@@ -81,9 +81,9 @@ def test_an_ended_episode_starts_again_in_the_next_step(env):
         assert not (terminated | truncated)[again].any()
         # The table of the centre line has constant curvature over 0.1 m.
         assert (np.abs(observation[again, env.observation_names.index("ego.lateral_error")]) < 1e-5).all()
-        seen += int(again.sum())
+        restarts += int(again.sum())
         ended = terminated | truncated
-    assert seen > 16
+    assert restarts > 16
 
 
 def test_it_drives_as_the_control_unit_of_the_batch():

@@ -49,9 +49,9 @@ def test_energy_lost_in_a_turn_is_dissipated_by_tyres_and_dampers(tmp_path, name
     watch = EnergyWatch(assembly)
     end = Simulation(assembly).run(duration=4.0, monitor=watch).signals.iloc[-1]
     assert end["ego.wz"] * end["ego.vx"] > 0.25 * GRAVITY
-    lost, given = watch.stored[-1] - watch.stored[0], watch.taken[-1] + watch.steered[-1]
+    lost, dissipated = watch.stored[-1] - watch.stored[0], watch.taken[-1] + watch.steered[-1]
     assert lost < -0.02 * watch.stored[0]
-    assert given == pytest.approx(lost, rel=0.01)
+    assert dissipated == pytest.approx(lost, rel=0.01)
 
 
 # --- standstill and walking pace ---------------------------------------------------------------------------------

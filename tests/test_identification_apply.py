@@ -41,10 +41,10 @@ def test_a_value_and_its_source_are_written_and_nothing_else(bolt: Path) -> None
     before = (bolt / "vehicle.yaml").read_text()
     (change,) = plan_apply(_fit(DRAG), str(bolt), today=DAY).files
     source = "identified 2026-03-01: fit coast, 95 % interval 0.6286 to 0.6542, data sha256 ab12ab12ab12ab12"
-    wanted = before.replace("drag_area: 0.798  #", "drag_area: 0.6414  #").replace(
+    expected = before.replace("drag_area: 0.798  #", "drag_area: 0.6414  #").replace(
         '"EPA road load of the 2022 Bolt EV, 2 C / rho = 2 x 0.4788 / 1.2 m²"', f'"{source}"'
     )
-    assert change.after == wanted
+    assert change.after == expected
     change.write()
     spec = load_vehicle(str(bolt)).spec
     assert spec.aerodynamics.drag_area == 0.6414

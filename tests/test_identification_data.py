@@ -192,9 +192,9 @@ def test_one_held_channel_is_found_exactly(name, count):
     (finding,) = report.of("held_values")
     assert (finding.channel, finding.value) == (name, count)
     assert hold_factor(report.data.logs[0].channels[name]) == (1.0, 0.0)
-    kept = checked(changed(log, **{name: held(log.channels[name], count)}), repairs=())
-    assert np.array_equal(kept.data.logs[0].channels[name], held(log.channels[name], count))
-    assert kept.repairs == []
+    unrepaired = checked(changed(log, **{name: held(log.channels[name], count)}), repairs=())
+    assert np.array_equal(unrepaired.data.logs[0].channels[name], held(log.channels[name], count))
+    assert unrepaired.repairs == []
 
 
 def test_coarse_quantisation_is_not_taken_for_held_samples():

@@ -109,9 +109,9 @@ def test_a_bag_of_ros_is_read_with_the_clock_of_its_headers(tmp_path, kind):
         assert log.time == pytest.approx(0.01 * np.arange(500), abs=1e-9)
         assert log.channels["yaw_rate"] == pytest.approx(rates(log.time))
         assert log.channels["yaw"] == pytest.approx(0.2 * log.time)
-        seen = np.isfinite(log.channels["vx"])
-        assert np.flatnonzero(~seen).tolist() == [0, 1, 498, 499]  # before its first and behind its last message
-        assert log.channels["vx"][seen] == pytest.approx(2.0 + log.time[seen])
+        is_recorded = np.isfinite(log.channels["vx"])
+        assert np.flatnonzero(~is_recorded).tolist() == [0, 1, 498, 499]  # before its first and behind its last message
+        assert log.channels["vx"][is_recorded] == pytest.approx(2.0 + log.time[is_recorded])
         assert np.unique(log.channels["gear"]).tolist() == [0.0, 1.0]
         assert any("/odom (nav_msgs/msg/Odometry): 100 messages, 20 Hz" in note for note in log.notes)
 

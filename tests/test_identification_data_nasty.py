@@ -24,7 +24,7 @@ def robot(seed=0, *, rate=50.0):
     angle = 0.34 * np.convolve(np.pad(command, (10, 0), "edge"), np.ones(11) / 11, "valid") + 0.02
     turn = speed * np.tan(angle) / 0.33
     yaw = cumulative_trapezoid(turn, time, initial=0.0)
-    x, y = (cumulative_trapezoid(speed * way(yaw), time, initial=0.0) for way in (np.cos, np.sin))
+    x, y = (cumulative_trapezoid(speed * component(yaw), time, initial=0.0) for component in (np.cos, np.sin))
     channels = {
         "vx": speed + random.normal(0, 0.02, len(time)),
         "yaw_rate": turn + random.normal(0, 0.02, len(time)),
@@ -170,9 +170,11 @@ def test_dummy_first_rows_are_is_omitted(count):
     log = recorded(25)
     _, channels = clean()
     angle = cumulative_trapezoid(channels["yaw_rate"], dx=STEP, initial=0.0)
-    x, y = (cumulative_trapezoid(channels["vx"] * way(angle), dx=STEP, initial=0.0) for way in (np.cos, np.sin))
+    x, y = (
+        cumulative_trapezoid(channels["vx"] * component(angle), dx=STEP, initial=0.0) for component in (np.cos, np.sin)
+    )
     log = changed(log, x=x + 700_000.0, y=y + GPS_NORTH)
-    values = {name: np.concatenate((np.zeros(count), kept)) for name, kept in log.channels.items()}
+    values = {name: np.concatenate((np.zeros(count), signal)) for name, signal in log.channels.items()}
     report = checked(Log("dummy", "train", np.arange(float(len(log.time) + count)) * STEP, values))
     (finding,) = report.of("first_rows")
     assert finding.value == count
@@ -183,7 +185,7 @@ def test_dummy_first_rows_are_is_omitted(count):
 def test_a_first_stamp_from_long_ago_does_not_hang_the_check():
     log = recorded(26)
     time = np.append(0.0, log.time + 1.7e9)
-    values = {name: np.append(0.0, kept) for name, kept in log.channels.items()}
+    values = {name: np.append(0.0, signal) for name, signal in log.channels.items()}
     report = checked(Log("old", "train", time, values))
     (fault,) = [finding for finding in report.of("gaps") if finding.unit == "stretches"]
     assert "one stretch kept, 1 rows" in fault.repair
@@ -204,7 +206,7 @@ def test_positions_in_single_precision_are_reported_and_still_used():
     log = recorded(28)
     _, channels = clean()
     yaw = np.cumsum(channels["yaw_rate"]) * STEP
-    x, y = (np.cumsum(channels["vx"] * way(yaw)) * STEP for way in (np.cos, np.sin))
+    x, y = (np.cumsum(channels["vx"] * component(yaw)) * STEP for component in (np.cos, np.sin))
     x, y = (np.float32(value).astype(float) for value in (x + 700_000.0, y + GPS_NORTH))
     report = checked(changed(log, x=x, y=y))
     (finding,) = report.of("quantisation", "y")
@@ -235,7 +237,7 @@ def test_one_relation_a_tenth_off_is_not_taken_for_a_wrong_step():
 
 def test_biases_at_rest_and_codes_of_gears_are_reported():
     log = recorded(31)
-    values = {name: np.concatenate((np.zeros(200), kept)) for name, kept in log.channels.items()}
+    values = {name: np.concatenate((np.zeros(200), signal)) for name, signal in log.channels.items()}
     values["yaw_rate"] += 0.02
     values["gear"] = np.concatenate((np.full(200, -3.0), np.full(4001, 2.0)))
     report = checked(Log("rest", "train", np.arange(4201.0) * STEP, values))

@@ -302,23 +302,23 @@ def test_steering_with_play_is_found_again():
     angle = backlash(angle, 0.01) + 0.004 + np.random.default_rng(0).normal(0.0, 5e-4, len(time))
     data = DataSet((Log("a", "train", time, {"steering_wheel_angle": wheel, "road_wheel_angle": angle}),))
     fitted_model = fitted(data, ModelSpec("steering"), parameters={"steering_backlash": Setting(guess=0.005)})
-    wanted = {
+    expected = {
         "steering_ratio": 16.0,
         "steering_delay": 0.04,
         "steering_lag": 0.06,
         "steering_backlash": 0.01,
         "steering_offset": 0.004,
     }
-    for name, value in wanted.items():
+    for name, value in expected.items():
         assert fitted_model[name].value == pytest.approx(value, rel=0.02), name
 
 
 def test_a_joint_loop_is_found_again_with_the_gains_of_its_servo():
     time = np.arange(0.0, 20.0, 0.01)
-    asked = np.clip(40.0 * np.sin(0.9 * time), -1.0, 1.0) + 0.3 * np.sin(time**2 / 4.0)
-    moved = second_order(0.5 * np.interp(time - 0.03, time, asked) + 0.01, 0.01, 12.0, 0.6)
-    seen = moved + np.random.default_rng(0).normal(0.0, 0.003, len(time))
-    data = DataSet((Log("a", "train", time, {"steering_command": asked, "road_wheel_angle": seen}),))
+    command = np.clip(40.0 * np.sin(0.9 * time), -1.0, 1.0) + 0.3 * np.sin(time**2 / 4.0)
+    moved = second_order(0.5 * np.interp(time - 0.03, time, command) + 0.01, 0.01, 12.0, 0.6)
+    observed = moved + np.random.default_rng(0).normal(0.0, 0.003, len(time))
+    data = DataSet((Log("a", "train", time, {"steering_command": command, "road_wheel_angle": observed}),))
     fitted_model = fitted(data, ModelSpec("joint_loop"), parameters={"inertia": Setting(fixed=2.0)})
     for name, value in (("gain", 0.5), ("natural_frequency", 12.0), ("damping_ratio", 0.6), ("delay", 0.03)):
         assert fitted_model[name].value == pytest.approx(value, rel=0.02), name
@@ -376,9 +376,11 @@ def test_validation_figures():
 def test_the_noise_limit_is_the_fit_of_the_true_model(noise):
     time = np.arange(0.0, 60.0, 0.01)
     exact_ = np.sin(3.0 * time) + (time > 20.0)  # motion with a corner
-    seen = exact_ + np.random.default_rng(1).normal(0.0, noise, len(time))
-    assert noise_limit_nrmse(seen) == pytest.approx(nrmse(seen, exact_), abs=0.02 * (100.0 - nrmse(seen, exact_)))
-    assert noise_limit_nrmse(np.append(seen, np.nan)) == pytest.approx(noise_limit_nrmse(seen), abs=1e-9)
+    observed = exact_ + np.random.default_rng(1).normal(0.0, noise, len(time))
+    assert noise_limit_nrmse(observed) == pytest.approx(
+        nrmse(observed, exact_), abs=0.02 * (100.0 - nrmse(observed, exact_))
+    )
+    assert noise_limit_nrmse(np.append(observed, np.nan)) == pytest.approx(noise_limit_nrmse(observed), abs=1e-9)
     assert np.isnan(noise_limit_nrmse(np.ones(100)))
 
 

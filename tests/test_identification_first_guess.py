@@ -34,12 +34,12 @@ def steady(
     v = top * (0.6 + 0.35 * np.sin(0.25 * TIME))
     angle = lock * np.sin(0.9 * TIME) * np.sin(0.11 * TIME)
     rate = v * angle / (wheelbase + understeer * v**2) + 0.01
-    seen = {
+    channels = {
         "vx": v + random.normal(0.0, 0.005 * top, len(TIME)),
         channel: straight + ratio * angle,
         "yaw_rate": rate + random.normal(0.0, 0.01, len(TIME)),
     }
-    return Log("drive", "train", TIME, seen)
+    return Log("drive", "train", TIME, channels)
 
 
 @pytest.mark.parametrize(
@@ -76,12 +76,12 @@ def test_one_speed_gives_the_gain_there():
     random = np.random.default_rng(2)
     angle = 0.02 * np.sin(0.7 * TIME)
     gain = 1.0 / (2.7 + understeer * top**2)
-    seen = {
+    channels = {
         "vx": top + random.normal(0.0, 0.05, len(TIME)),
         "steering_wheel_angle": 15.0 * angle + 0.1,
         "yaw_rate": top * angle * gain + random.normal(0.0, 0.002, len(TIME)),
     }
-    guess = guess_steering([Log("drive", "train", TIME, seen)], "steering_wheel_angle")
+    guess = guess_steering([Log("drive", "train", TIME, channels)], "steering_wheel_angle")
     assert guess is not None
     assert guess.gain == pytest.approx(gain / 15.0, rel=0.1)
 
@@ -213,8 +213,8 @@ def test_the_end_of_a_single_log_is_for_validation():
 def weaving(name, hertz, lasts=60.0):
     """At 10 m/s with a yaw rate of 0.2 rad/s and a frequency: jerk 10 · 0.2 · 2π f."""
     time = np.arange(0.0, lasts, 0.01)
-    seen = {"vx": np.full(len(time), 10.0), "yaw_rate": 0.2 * np.sin(2.0 * math.pi * hertz * time)}
-    return Log(name, "train", time, seen)
+    channels = {"vx": np.full(len(time), 10.0), "yaw_rate": 0.2 * np.sin(2.0 * math.pi * hertz * time)}
+    return Log(name, "train", time, channels)
 
 
 def test_lateral_jerk_is_speed_times_yaw_acceleration():
@@ -302,9 +302,9 @@ def braking(height, seed=0, drive=0.5):
     v, push = 3.2 + 1.2 * np.sin(1.1 * fine), 1.32 * np.cos(1.1 * fine)
     angle = 0.12 * np.sin(0.8 * fine) + 0.05 * np.sin(2.3 * fine + 1.0)
     vy = turn = 0.0
-    seen = []
+    channels = []
     for now, ax, steer in zip(v.tolist(), push.tolist(), angle.tolist(), strict=True):
-        seen.append((vy, turn))
+        channels.append((vy, turn))
         moved = height / (9.81 * 0.16) * ax
         force = -50.0 * (1.0 - moved) * (math.atan((vy + front * turn) / now) - steer) * math.cos(steer)
         force += pull(ax, steer, drive)
@@ -313,8 +313,8 @@ def braking(height, seed=0, drive=0.5):
             vy + 1e-3 * (force + two - now * turn),
             turn + 1e-3 * (front * force - rear * two) / 0.02,
         )
-    v, angle, seen = v[::20], angle[::20], seen[::20]
-    side, rate = np.array(seen).T
+    v, angle, channels = v[::20], angle[::20], channels[::20]
+    side, rate = np.array(channels).T
     return DataSet(
         (
             Log(

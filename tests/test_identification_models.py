@@ -363,14 +363,14 @@ def test_default_values_of_a_magic_formula_are_assumptions():
         frozenset(assumption.changes): assumption
         for assumption in model.assumptions(values, frozenset(shares | curves))
     }
-    asked = {frozenset({"front_drive"}), frozenset({"front_brake"}), frozenset(curves)}
-    assert asked <= assumptions.keys()
+    required = {frozenset({"front_drive"}), frozenset({"front_brake"}), frozenset(curves)}
+    assert required <= assumptions.keys()
     for name in shares:
         share = assumptions[frozenset({name})]
         sigma = (share.changes[name] - values[name]) / share.fraction
         assert share.max_size * sigma == pytest.approx(max(values[name], 1.0 - values[name]))
     known = {frozenset(assumption.changes) for assumption in model.assumptions(values, frozenset())}
-    assert not known & asked
+    assert not known & required
     assert model.suggest_experiment(frozenset({"roll_gain", "accelerometer_tilt"})) == "record the roll rate"
 
 
@@ -384,8 +384,8 @@ def test_braking_tyres_have_less_lateral_force(tyres):
     slips = (np.array(-1.5), np.array(-1.5))  # all of the contact slides
     inputs = np.array([0.0, 20.0, -5.0, 0.0, 0.0])
     forces = model._forces(np.zeros(2), inputs, slips, p)
-    wanted = [math.sqrt((0.9 * loads[0]) ** 2 - 4500.0**2), math.sqrt((0.8 * loads[1]) ** 2 - 3000.0**2)]
-    assert forces == pytest.approx(wanted, rel=0.02 if tyres == "magic_formula" else 1e-9)
+    expected = [math.sqrt((0.9 * loads[0]) ** 2 - 4500.0**2), math.sqrt((0.8 * loads[1]) ** 2 - 3000.0**2)]
+    assert forces == pytest.approx(expected, rel=0.02 if tyres == "magic_formula" else 1e-9)
     locked = model._forces(np.zeros(2), inputs * 10.0, slips, p)
     assert locked[0] == pytest.approx(0.3 * 0.9 * loads[0], rel=0.02)
 

@@ -100,8 +100,8 @@ def test_mean_square_is_that_of_a_spike_and_a_slab(estimate, variance):
     near = estimate / (1.0 + variance), (variance / (1.0 + variance)) ** 0.5
     ends = near[0] - 10.0 * near[1], near[0] + 10.0 * near[1]
     evidence = quad(slab, *ends)[0]
-    wanted = quad(lambda q: q * q * slab(q), *ends)[0] / (evidence + norm.pdf(estimate, 0.0, sigma))
-    assert expected_square(estimate, variance) == pytest.approx(wanted, rel=1e-6)
+    expected = quad(lambda q: q * q * slab(q), *ends)[0] / (evidence + norm.pdf(estimate, 0.0, sigma))
+    assert expected_square(estimate, variance) == pytest.approx(expected, rel=1e-6)
 
 
 def test_an_uncertain_mass_widens_the_stiffness_but_not_the_delay():
@@ -165,11 +165,11 @@ def test_a_coast_down_determines_resistance_per_mass_on_a_road_that_may_slope():
 def test_omitted_viscous_resistance_widens_what_it_would_bias():
     spec = ModelSpec("longitudinal", {"drive": "none", "brake": "none"})
     known = dict.fromkeys(("rotating_mass", "slope"), Setting(fixed=0.0)) | {"mass": Setting(fixed=MASS)}
-    asked: Any = fit(coast_data(), spec, parameters=known)
+    fitted_mass: Any = fit(coast_data(), spec, parameters=known)
     sure: Any = fit(coast_data(), spec, parameters={**known, "viscous_resistance": Setting(fixed=0.0)})
     for name in COAST:
         assert sure[name].sigma_model == 0.0
-        assert sure[name].sigma_noise < asked[name].sigma_model < 0.01 * asked[name].value
+        assert sure[name].sigma_noise < fitted_mass[name].sigma_model < 0.01 * fitted_mass[name].value
 
 
 def test_a_standard_deviation_is_that_of_a_fixed_value():

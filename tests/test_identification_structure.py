@@ -38,11 +38,11 @@ def relaxing(length, seed=0, duration=20.0):
     time = np.arange(0.0, duration, 0.02)
     x = solve_ivp(rates, (0.0, duration), np.zeros(4), t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.02).y
     random = np.random.default_rng(seed)
-    seen = {
+    channels = {
         "vx": speed(time), "vy": x[0] + random.normal(0.0, NOISE["vy"], len(time)),
         "yaw_rate": x[1] + random.normal(0.0, NOISE["yaw_rate"], len(time)), "road_wheel_angle": steering(time),
     }  # fmt: skip
-    return DataSet((Log("drive", "train", time, seen),), wheelbase=FRONT + REAR)
+    return DataSet((Log("drive", "train", time, channels),), wheelbase=FRONT + REAR)
 
 
 @pytest.mark.parametrize("length", [0.0, 0.4])

@@ -75,7 +75,8 @@ def cramer_rao(data):
     sizes = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
     names = [unknown.info.name for unknown in problem.free]
     scales = [
-        abs(parameter_.slope(TRUTH[name]) / TRUTH[name]) for parameter_, name in zip(problem.free, names, strict=True)
+        abs(parameter_info.slope(TRUTH[name]) / TRUTH[name])
+        for parameter_info, name in zip(problem.free, names, strict=True)
     ]
     return {name: float(size * scale) for name, size, scale in zip(names, sizes, scales, strict=False)}
 
@@ -187,11 +188,11 @@ def half(interval):
 @pytest.mark.slow
 def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
     """Truth: the tyre's own stiffness at the load of the drives, and the inertia of all bodies."""
-    wanted = tyres_and_inertia()
+    expected = tyres_and_inertia()
     inside = 0
     for seed in range(8):
         fitted_model: Any = fit_bolt(bolt[0], seed, "road_wheel_angle")
-        for name, value in wanted.items():
+        for name, value in expected.items():
             off = fitted_model[name].value / value - 1.0
             assert abs(off) < 0.02, (name, seed, off)
             inside += abs(off) < half(fitted_model[name])
@@ -201,12 +202,12 @@ def test_a_full_plant_gives_stiffness_and_yaw_inertia_within_2_percent(bolt):
 
 @pytest.mark.slow
 def test_intervals_of_a_full_plant_hold_the_truth_in_90_to_99_of_100_seeds(bolt):
-    wanted = tyres_and_inertia() | {"steering_delay": LATE, "steering_lag": LAG}
+    expected = tyres_and_inertia() | {"steering_delay": LATE, "steering_lag": LAG}
     counts: dict[str, int] = {}
     for seed in range(100):
         fitted_model: Any = fit_bolt(bolt[0], seed, "steering_command", **COMMANDED)
-        _inside(fitted_model, wanted, counts)
-        for name, value in wanted.items():
+        _inside(fitted_model, expected, counts)
+        for name, value in expected.items():
             assert fitted_model[name].value == pytest.approx(value, rel=0.02), (name, seed)
     assert all(90 <= count <= 99 for count in counts.values()), counts
 
@@ -255,7 +256,7 @@ def test_a_steering_that_is_ten_times_as_firm_has_the_same_lag_and_delay(tmp_pat
 def test_a_full_plant_that_coasts_gives_drag_and_rolling_resistance_within_2_percent(bolt):
     spec = load_vehicle("bolt@handling").spec
     so = truth()
-    wanted = {"rolling_resistance": spec.tyres.rolling_resistance, "drag": 0.5 * 1.2 * spec.aerodynamics.drag_area}
+    expected = {"rolling_resistance": spec.tyres.rolling_resistance, "drag": 0.5 * 1.2 * spec.aerodynamics.drag_area}
     fixed = {
         "mass": Setting(fixed=so.mass),
         "rotating_mass": Setting(fixed=so.rotating_mass),
@@ -264,7 +265,7 @@ def test_a_full_plant_that_coasts_gives_drag_and_rolling_resistance_within_2_per
     for seed in range(4):
         data = DataSet((noisy(bolt[1], ("vx",), seed, name="coast"),))
         fitted_model: Any = fit(data, ModelSpec("longitudinal"), parameters=fixed)
-        for name, value in wanted.items():
+        for name, value in expected.items():
             assert fitted_model[name].value == pytest.approx(value, rel=0.02), (name, seed)
             assert fitted_model[name].low < value < fitted_model[name].high
 

@@ -97,12 +97,12 @@ def repaired(model, drive="rear"):
     return repair(model, recognise(model, drive), name="car")
 
 
-def lines(thing):
-    return [f"{c.part} | {c.old} | {c.new_text} | {c.reason}" for c in thing.changes]
+def lines(item):
+    return [f"{c.part} | {c.old} | {c.new_text} | {c.reason}" for c in item.changes]
 
 
-def reports(thing, *words):
-    return any(all(word in line for word in words) for line in lines(thing))
+def reports(item, *words):
+    return any(all(word in line for word in words) for line in lines(item))
 
 
 EXPECTED = {"front_left": "j1a", "front_right": "j1b", "rear_left": "j2a", "rear_right": "j2b"}
@@ -1070,9 +1070,9 @@ def frame_of_tubes():
     return "".join(lengthwise + across)
 
 
-@pytest.mark.parametrize("seen", [shape_text("visual", box_text(3, 0.8, 0.5)), frame_of_tubes()])
-def test_a_visible_body_or_frame_is_unchanged(tmp_path, same_process, seen):
-    result = import_vehicle(write(tmp_path / "source", body=seen + SMALL), folder=tmp_path)
+@pytest.mark.parametrize("observed", [shape_text("visual", box_text(3, 0.8, 0.5)), frame_of_tubes()])
+def test_a_visible_body_or_frame_is_unchanged(tmp_path, same_process, observed):
+    result = import_vehicle(write(tmp_path / "source", body=observed + SMALL), folder=tmp_path)
     assert result.warnings == ()
     assert not reports(result, "link 'base_link': visuals")
 

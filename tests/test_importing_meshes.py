@@ -470,12 +470,12 @@ def test_the_camera_sees_texture_colours_and_place(tmp_path, look):
     picture.save(tmp_path / "pic.png")
     path = write_dae(tmp_path / "t.dae", looks=[("skin", TEXTURED), ("paint", flat(0, 1, 0))])
     shape, _, _ = converted(mesh(path), tmp_path)
-    seen = look([shape])
-    Image.fromarray(seen.astype(np.uint8)).save(tmp_path / "seen.png")
-    assert share(seen, green) > 0.02
-    assert share(seen, red) > 0.015
-    assert share(seen, blue) > 0.015
-    assert share(seen, lambda r, g, b: r + g + b == 0) > 0.5
+    image = look([shape])
+    Image.fromarray(image.astype(np.uint8)).save(tmp_path / "seen.png")
+    assert share(image, green) > 0.02
+    assert share(image, red) > 0.015
+    assert share(image, blue) > 0.015
+    assert share(image, lambda r, g, b: r + g + b == 0) > 0.5
 
 
 def test_the_camera_sees_vertex_colours_and_the_outside_of_mirrored_meshes(tmp_path, look):
@@ -487,10 +487,10 @@ def test_the_camera_sees_vertex_colours_and_the_outside_of_mirrored_meshes(tmp_p
     path = write_stl(tmp_path / "m.stl", box((0, 0, 0), (1, 1, 1)))
     pose = RigidTransform([0, 3, 0])
     mirrored, _, _ = converted(mesh(path, scale=(1.0, -1.0, 1.0), rgba=(1.0, 0.0, 0.0, 1.0), X_LG=pose), tmp_path, "m")
-    seen = look([tinted, mirrored], eye=(5.0, -3.0, 3.5), target=(0.5, 1.5, 0.5))
-    Image.fromarray(seen.astype(np.uint8)).save(tmp_path / "seen.png")
-    assert share(seen, blue) > 0.02
-    assert share(seen, red) > 0.01
+    picture = look([tinted, mirrored], eye=(5.0, -3.0, 3.5), target=(0.5, 1.5, 0.5))
+    Image.fromarray(picture.astype(np.uint8)).save(tmp_path / "seen.png")
+    assert share(picture, blue) > 0.02
+    assert share(picture, red) > 0.01
 
 
 def test_meshcat_takes_the_gltf_with_its_texture(tmp_path):

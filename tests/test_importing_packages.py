@@ -126,11 +126,11 @@ def test_a_camera_beside_it_sees_it(imported):
     context = diagram.CreateDefaultContext()
     plant = parts.plant.GetMyMutableContextFromRoot(context)
     set_start(parts.plant, plant, parts.vehicles["ego"], x=0.0, y=0.0, yaw=0.0)
-    seen = take(context)
+    picture = take(context)
     set_start(parts.plant, plant, parts.vehicles["ego"], x=-1000.0, y=0.0, yaw=0.0)
-    changed = np.abs(seen - take(context)).max(axis=2) > 8
+    changed = np.abs(picture - take(context)).max(axis=2) > 8
     assert 0.05 < changed.mean() < 0.7
-    assert len(np.unique(seen[changed].reshape(-1, 3), axis=0)) > 10  # shaded, not one flat patch
+    assert len(np.unique(picture[changed].reshape(-1, 3), axis=0)) > 10  # shaded, not one flat patch
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -170,9 +170,9 @@ def test_sine_with_dwell_from_recorded_signals(sign):
     wheel = np.array([angle(t) for t in time])
     end = start + 1.0 / frequency + dwell
     tail = np.where(time > end, -sign * 0.1 * np.exp(-(time - end) / 0.8), 0.0)
-    way = sign * np.maximum(time - start, 0.0) * 2.0
+    distance = sign * np.maximum(time - start, 0.0) * 2.0
     response = dwell_response(
-        time, wheel, 0.2 * wheel + tail, way, after_completion=(1.0, 1.75), after_beginning=1.07,
+        time, wheel, 0.2 * wheel + tail, distance, after_completion=(1.0, 1.75), after_beginning=1.07,
         threshold=math.radians(1.0),
     )  # fmt: skip
     begin = start + math.asin(0.01) / (2.0 * math.pi * frequency)
@@ -276,9 +276,9 @@ def test_road_load_of_a_coast_down():
 
 def test_creep_does_not_count_the_settling():
     x = np.where(TIME < 3.0, 1.0 - TIME / 3.0, 0.0) + 3e-4 * TIME
-    speed, way = creep(TIME, x, 4e-4 * TIME, settle=3.5)
+    speed, distance = creep(TIME, x, 4e-4 * TIME, settle=3.5)
     assert speed == pytest.approx(5e-4)
-    assert way == pytest.approx(5e-4 * (TIME[-1] - 3.5), rel=1e-2)
+    assert distance == pytest.approx(5e-4 * (TIME[-1] - 3.5), rel=1e-2)
 
 
 # --- records, profiles, courses -----------------------------------------------------------------------------------

@@ -176,8 +176,8 @@ def test_the_skidpad_reaches_the_grip_of_the_car():
     outcome = run_manoeuvre("skidpad", Rig("bolt@handling", vehicle, facts, kind="single_track"), spec)
     grip = min(facts.parameters.front_friction, facts.parameters.rear_friction)
     assert 0.7 * grip < (outcome.value("lateral") or 0.0) < grip
-    way = (outcome.value("lap") or 0.0) * (outcome.value("speed") or 0.0) / 3.6
-    assert way == pytest.approx(2.0 * math.pi * spec.path_radius, rel=0.01)
+    distance = (outcome.value("lap") or 0.0) * (outcome.value("speed") or 0.0) / 3.6
+    assert distance == pytest.approx(2.0 * math.pi * spec.path_radius, rel=0.01)
 
 
 def test_the_same_run_gives_the_same_figures():

@@ -21,13 +21,13 @@ pytestmark = pytest.mark.skipif(rendering._egl_fault() is not None, reason="came
 
 def furnish(plant: MultibodyPlant) -> None:
     """A board behind a box and a cylinder, 4 m and more ahead of the camera; two colours."""
-    things = {
+    objects = {
         "prop/board/0": (Box(6.0, 0.1, 6.0), [1.0, 9.0, 3.0], 0.0, [0.5, 0.6, 0.7, 1.0]),
         "prop/box/0": (Box(0.5, 0.7, 0.9), [0.3, 6.0, 3.1], 0.6, [0.8, 0.2, 0.1, 1.0]),
         "prop/drum/0": (Cylinder(0.4, 1.1), [1.7, 6.0, 2.8], 0.0, [0.8, 0.2, 0.1, 1.0]),
         "prop/pane/0": (Box(0.4, 0.01, 0.4), [1.0, 5.0, 3.6], 0.0, [0.1, 0.2, 0.9, 0.5]),  # seen through
     }
-    for name, (shape, position, yaw, rgba) in things.items():
+    for name, (shape, position, yaw, rgba) in objects.items():
         X_WG = RigidTransform(RollPitchYaw(0.1, 0.0, yaw), position)
         plant.RegisterVisualGeometry(plant.world_body(), X_WG, shape, name, rgba)
 
@@ -60,10 +60,10 @@ def test_an_image_of_merged_objects_equals_that_of_the_single_objects(monkeypatc
     assert np.ptp(apart["color"]) > 100
     assert (differ > 2).mean() < 1e-3  # the cylinder's outline
     assert np.array_equal(np.isfinite(apart["depth"]), np.isfinite(merged["depth"]))
-    seen = np.isfinite(apart["depth"])
-    ratio = merged["depth"][seen] / apart["depth"][seen]
+    hit = np.isfinite(apart["depth"])
+    ratio = merged["depth"][hit] / apart["depth"][hit]
     assert (np.abs(ratio - 1.0) > 1e-3).mean() < 1e-3
-    assert np.ptp(apart["depth"][seen]) > 3.0
+    assert np.ptp(apart["depth"][hit]) > 3.0
 
 
 @pytest.mark.parametrize(
@@ -123,9 +123,9 @@ def test_rays_and_labels_distinguish_merged_objects(tmp_path: Any) -> None:
         for geometry in inspector.GetGeometries(inspector.world_frame_id(), Role.kPerception)
     ]
     assert names.count(merging.NAME) == 1
-    things = RayWorld(assembly.parts.plant, scene_graph).things
-    assert {"prop/box", "prop/cylinder"} <= set(things)
-    assert not [thing for thing in things if "merged" in thing]
+    objects = RayWorld(assembly.parts.plant, scene_graph).things
+    assert {"prop/box", "prop/cylinder"} <= set(objects)
+    assert not [item for item in objects if "merged" in item]
     context = assembly.make_context()
     plain, labelled = (assembly.diagram.GetSubsystemByName(f"{name}.front_camera") for name in vehicles)
     shown = labelled.look(context)["label"]

@@ -106,10 +106,10 @@ class KinematicCar(LeafSystem):
         x, y, yaw, speed, steering = context.get_discrete_state(self.index).value()
         queue = context.get_discrete_state(self.queue).value().tolist()
         queue = queue[2:] + self.command.Eval(context)[:2].tolist()
-        wanted_speed, wanted = queue[:2]
+        speed_setpoint, steering_setpoint = queue[:2]
         h = 0.005
-        speed = wanted_speed if self.lag == 0.0 else speed + h / self.lag * (wanted_speed - speed)
-        steering += min(max(wanted - steering, -self.rate * h), self.rate * h)
+        speed = speed_setpoint if self.lag == 0.0 else speed + h / self.lag * (speed_setpoint - speed)
+        steering += min(max(steering_setpoint - steering, -self.rate * h), self.rate * h)
         turn = speed * math.tan(steering) / (self.wheelbase + self.slip * speed**2)
 
         def slope(state):

@@ -58,10 +58,10 @@ def test_the_pedals_give_the_force_that_is_wanted(name, acceleration):
     _, torques = law.step(law.rest(speed), pedals, rolling(speed))
     spec = load_vehicle(f"{name}@handling").spec
     resistance = spec.tyres.rolling_resistance * 1616.0 * 9.80665 + 0.6 * spec.aerodynamics.drag_area * speed**2
-    wanted = 1676.0 * acceleration + resistance
+    required_force = 1676.0 * acceleration + resistance
     most = law.limits(1.0, speed / RADIUS)[1] / RADIUS
     force = (sum(torques.drive) - sum(torques.brake)) / RADIUS
-    assert force == pytest.approx(np.clip(wanted, -spec.brakes.max_torque / RADIUS, most), rel=1e-9, abs=1e-6)
+    assert force == pytest.approx(np.clip(required_force, -spec.brakes.max_torque / RADIUS, most), rel=1e-9, abs=1e-6)
     assert pedals.throttle == 0.0 or pedals.brake == 0.0
 
 
@@ -251,9 +251,9 @@ def test_the_bolt_holds_on_a_slope_and_starts_up_it(slope_world):
         "plant": {"contact": "point"},
     }
     signals = Simulation(assemble(spec)).run(duration=12.0).signals
-    held = signals["ego.x"].loc[4.0:8.0]
-    assert np.ptp(held) < 1e-4
-    assert signals["ego.x"].loc[8.0:].min() > held.min() - 0.01  # it does not roll back
+    position = signals["ego.x"].loc[4.0:8.0]
+    assert np.ptp(position) < 1e-4
+    assert signals["ego.x"].loc[8.0:].min() > position.min() - 0.01  # it does not roll back
     assert signals["ego.vx"].iloc[-1] == pytest.approx(5.0, abs=0.4)
 
 

@@ -63,11 +63,11 @@ def test_a_thing_that_comes_into_view_has_no_speed_at_first() -> None:
     room.put(Box(1.0, 200.0, 9.0), RigidTransform([40.5, 0.0, 0.0]))
     room.body("crossing", Box(0.02, 2.0, 2.0), X_WB=RigidTransform([10.01, -4.1, 1.0]), velocity=(0.0, 10.0, 0.0))
     simulator, _, estimator = _follow(room)
-    seen = []
+    observed = []
     for k in range(14):
         simulator.AdvanceTo(0.05 * k + 0.03)
-        seen.append(held(estimator, simulator, "nearest"))
-    speeds, distances = np.array(seen)[:, 2], np.array(seen)[:, 0]
+        observed.append(held(estimator, simulator, "nearest"))
+    speeds, distances = np.array(observed)[:, 2], np.array(observed)[:, 0]
     assert distances.max() == pytest.approx(40.0)
     assert distances.min() == pytest.approx(10.0, abs=0.01)
     assert np.abs(speeds).max() < 1.0  # not 600 m/s

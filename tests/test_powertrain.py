@@ -475,13 +475,13 @@ def test_stability_control_brakes_the_wheel_that_turns_the_car_back():
     def torques(steering, yaw_rate, speed=20.0):
         return stability_torques(options, speed=speed, steering=steering, yaw_rate=yaw_rate, wheelbase=2.6)
 
-    wanted = 20.0 * 0.03 / 2.6
-    assert torques(0.03, wanted + 0.04) == (0.0,) * 4
-    much = torques(0.03, wanted + 0.1)
+    yaw_rate_setpoint = 20.0 * 0.03 / 2.6
+    assert torques(0.03, yaw_rate_setpoint + 0.04) == (0.0,) * 4
+    much = torques(0.03, yaw_rate_setpoint + 0.1)
     assert much == pytest.approx((0.0, 500.0, 0.0, 0.0))  # to the left too much: outside, in front
-    little = torques(0.03, wanted - 0.1)
+    little = torques(0.03, yaw_rate_setpoint - 0.1)
     assert little == pytest.approx((0.0, 0.0, 500.0, 0.0))  # too little: inside, behind
-    right = torques(-0.03, -wanted - 0.5)
+    right = torques(-0.03, -yaw_rate_setpoint - 0.5)
     assert right == pytest.approx((1200.0, 0.0, 0.0, 0.0))
     limited = torques(0.3, 0.4)  # 0.4 rad/s x 20 m/s: all that there is
     assert limited == (0.0,) * 4

@@ -51,16 +51,16 @@ def test_where_the_socket_cannot_be_replaced_meshcat_listens_on_a_port_that_page
 
 
 def test_without_proc_no_other_meshcat_is_made_first(monkeypatch) -> None:
-    made: list[str] = []
+    created: list[str] = []
 
     def make(*, host: str, port: int, url: str) -> object:
-        made.append(f"{host}:{port}")
+        created.append(f"{host}:{port}")
         return object()
 
     monkeypatch.setattr(private_meshcat, "_make", make)
     monkeypatch.setattr(private_meshcat, "_DESCRIPTORS", Path("/nonexistent"))
     make_private_meshcat()
-    assert made == ["127.0.0.1:6000"]
+    assert created == ["127.0.0.1:6000"]
 
 
 def test_views_for_notebooks_free_their_file_descriptors() -> None:

@@ -169,9 +169,9 @@ def test_a_car_does_not_hit_what_is_not_seen(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - {"tree"}))
 def test_solids_reach_as_far_as_what_is_seen(name: str) -> None:
-    seen, felt = visual_of(name).vertices, np.concatenate(list(solids_of(name)))
-    seen, felt = seen[seen[:, 2] < REACH], felt[felt[:, 2] < REACH]
-    gap = np.maximum(seen.max(axis=0) - felt.max(axis=0), felt.min(axis=0) - seen.min(axis=0))[:2]
+    visual, collision = visual_of(name).vertices, np.concatenate(list(solids_of(name)))
+    visual, collision = visual[visual[:, 2] < REACH], collision[collision[:, 2] < REACH]
+    gap = np.maximum(visual.max(axis=0) - collision.max(axis=0), collision.min(axis=0) - visual.min(axis=0))[:2]
     allowed = {  # mirrors, and sills of windows
         "sedan": (0.03, 0.15), "van": (0.03, 0.20), "house": (0.11, 0.11), "thrift_store": (0.11, 0.11),
         "traffic_light": (0.05, 0.03),

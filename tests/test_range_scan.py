@@ -82,29 +82,29 @@ def cut_all(shapes, x, y, angles):
 
 def test_a_wall_is_seen_at_its_distance_over_the_cosine():
     angles = beam_angles()
-    seen = scan([[8.0, -1000.0, 8.0, 1000.0]], 1.0, 5.0, 0.0, angles, reach=50.0)
+    ranges = scan([[8.0, -1000.0, 8.0, 1000.0]], 1.0, 5.0, 0.0, angles, reach=50.0)
     exact = np.divide(7.0, np.cos(angles), out=np.full(181, math.inf), where=np.cos(angles) > 0.14)
     near = exact <= 50.0
     assert near.sum() == 163
-    np.testing.assert_allclose(seen[near], exact[near], atol=EXACT, rtol=0)
-    assert np.isinf(seen[~near]).all()
+    np.testing.assert_allclose(ranges[near], exact[near], atol=EXACT, rtol=0)
+    assert np.isinf(ranges[~near]).all()
 
 
 def test_a_wall_is_seen_from_any_direction_also_across_the_backward_one():
     for yaw in np.linspace(-7.0, 7.0, 29):
         angles = np.linspace(-math.pi, math.pi, 721)
-        seen = scan([[-3.0, -5.0, -3.0, 4.0]], 0.0, 0.0, yaw, angles)
+        ranges = scan([[-3.0, -5.0, -3.0, 4.0]], 0.0, 0.0, yaw, angles)
         bearing = angles + yaw
         distance = -3.0 * np.tan(bearing)
         hit = (np.cos(bearing) < 0.0) & (distance > -5.0 + EXACT) & (distance < 4.0 - EXACT)
-        np.testing.assert_allclose(seen[hit], (-3.0 / np.cos(bearing))[hit], atol=EXACT, rtol=0)
-        assert np.isinf(seen[(np.cos(bearing) > 0.0) | (distance < -5.0 - EXACT) | (distance > 4.0 + EXACT)]).all()
+        np.testing.assert_allclose(ranges[hit], (-3.0 / np.cos(bearing))[hit], atol=EXACT, rtol=0)
+        assert np.isinf(ranges[(np.cos(bearing) > 0.0) | (distance < -5.0 - EXACT) | (distance > 4.0 + EXACT)]).all()
 
 
 def test_beams_may_come_in_any_order_and_beyond_a_turn():
     angles = np.array([2.0 * math.pi, 0.1, -0.1, -2.0 * math.pi])
-    seen = scan([[5.0, -9.0, 5.0, 9.0]], 0.0, 0.0, 0.0, angles)
-    np.testing.assert_allclose(seen, 5.0 / np.cos(angles), atol=EXACT)
+    ranges = scan([[5.0, -9.0, 5.0, 9.0]], 0.0, 0.0, 0.0, angles)
+    np.testing.assert_allclose(ranges, 5.0 / np.cos(angles), atol=EXACT)
 
 
 def test_distances_to_a_regular_polygon_follow_from_its_edges():
@@ -113,7 +113,7 @@ def test_distances_to_a_regular_polygon_follow_from_its_edges():
     corner = 2.0 * math.pi * np.arange(count + 1) / count
     points = centre + radius * np.column_stack((np.cos(corner), np.sin(corner)))
     angles = np.linspace(-0.1, 0.4, 251)
-    seen = scan(np.hstack((points[:-1], points[1:])), 0.0, 0.0, 0.0, angles)
+    ranges = scan(np.hstack((points[:-1], points[1:])), 0.0, 0.0, 0.0, angles)
     middle = corner[:-1] + math.pi / count
     n, b = np.column_stack((np.cos(middle), np.sin(middle))), np.column_stack((np.cos(angles), np.sin(angles)))
     lead, room = b @ n.T, radius * math.cos(math.pi / count) + n @ centre
@@ -121,24 +121,24 @@ def test_distances_to_a_regular_polygon_follow_from_its_edges():
     leave = np.where(lead > 0.0, room / lead, math.inf).min(axis=1)
     exact = np.where(enter <= leave, enter, math.inf)
     clear = np.abs(enter - leave) > 1e-6  # a beam through a corner by rounding only may be either
-    np.testing.assert_allclose(seen[clear], exact[clear], atol=EXACT, rtol=0)
+    np.testing.assert_allclose(ranges[clear], exact[clear], atol=EXACT, rtol=0)
     assert np.isfinite(exact).sum() > 100
     circle = 6.0 * np.cos(angles) + np.sin(angles)
     circle = circle - np.sqrt(np.maximum(circle**2 - 37.0 + 0.64, 0.0))
-    assert (seen >= circle - EXACT)[np.isfinite(seen)].all()  # the circle around it is nearer
+    assert (ranges >= circle - EXACT)[np.isfinite(ranges)].all()  # the circle around it is nearer
 
 
 def test_a_turned_box_is_seen_by_its_slabs():
     yaw, centre, half = 0.7, np.array([5.0, -2.0]), np.array([1.0, 0.4])
     box = affinity.translate(affinity.rotate(shapely.box(-1.0, -0.4, 1.0, 0.4), yaw, use_radians=True), *centre)
     angles = np.linspace(-0.9, 0.3, 300)
-    seen = scan(edges_of(box), 0.0, 0.0, 0.0, angles)
+    ranges = scan(edges_of(box), 0.0, 0.0, 0.0, angles)
     R = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     o, b = R @ -centre, np.column_stack((np.cos(angles), np.sin(angles))) @ R.T
     first, second = (-half - o) / b, (half - o) / b
     enter, leave = np.minimum(first, second).max(axis=1), np.maximum(first, second).min(axis=1)
     assert (enter < leave).sum() > 80
-    np.testing.assert_allclose(seen, np.where(enter <= leave, enter, math.inf), atol=EXACT, rtol=0)
+    np.testing.assert_allclose(ranges, np.where(enter <= leave, enter, math.inf), atol=EXACT, rtol=0)
 
 
 def test_a_segment_seen_end_on_is_hit_at_its_nearer_end():

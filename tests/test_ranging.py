@@ -190,8 +190,8 @@ def test_meshes_are_seen_where_drake_draws_them(kind: str, scale: float, tmp_pat
         shape = Mesh(str(tmp_path / f"a.{kind}"), scale)
     room = Room()
     room.put(shape, RigidTransform())
-    for start, way, distance in VIEWS:
-        measured_distance = cast(room, scale * np.array(start), [way]).distance[0, 0]
+    for start, direction, distance in VIEWS:
+        measured_distance = cast(room, scale * np.array(start), [direction]).distance[0, 0]
         assert measured_distance == pytest.approx(scale * distance, abs=1e-6)
 
 
@@ -216,8 +216,8 @@ def test_a_slope_is_seen_where_its_surface_is(slope: float) -> None:
         ahead = cast(room, [0.0, 0.0, height], [[1.0, 0.0, 0.0]], ground=True).distance[0, 0]
         assert ahead == pytest.approx(10.0 + height / tan(angle), abs=1e-6)
         for pitch in (-0.15, 0.02):
-            way = [cos(pitch), 0.0, sin(pitch)]
-            distance = cast(room, [0.0, 0.0, height], [way], ground=True, far=1e4).distance[0, 0]
+            direction = [cos(pitch), 0.0, sin(pitch)]
+            distance = cast(room, [0.0, 0.0, height], [direction], ground=True, far=1e4).distance[0, 0]
             on_slope = (height + 10.0 * tan(angle)) / (cos(pitch) * tan(angle) - sin(pitch))
             on_ground = height / -sin(pitch) if pitch < 0.0 else np.inf
             if 0.0 < on_slope < 90.0:
@@ -251,12 +251,12 @@ def test_objects_have_the_names_of_props_and_vehicles() -> None:
 
 
 def test_a_cone_holds_its_axis_its_rim_and_nothing_beyond() -> None:
-    ways = beams.cone(0.5, 200).directions[0]
-    angles = np.arccos(np.clip(ways[:, 0], -1.0, 1.0))
-    assert np.linalg.norm(ways, axis=1) == pytest.approx(np.ones(200))
+    directions = beams.cone(0.5, 200).directions[0]
+    angles = np.arccos(np.clip(directions[:, 0], -1.0, 1.0))
+    assert np.linalg.norm(directions, axis=1) == pytest.approx(np.ones(200))
     assert angles[0] == 0.0
     assert angles.max() == pytest.approx(0.25)
-    gap = max(np.sort(np.arccos(np.clip(ways @ way, -1.0, 1.0)))[1] for way in ways)
+    gap = max(np.sort(np.arccos(np.clip(directions @ direction, -1.0, 1.0)))[1] for direction in directions)
     assert gap < 3.0 * 0.25 / np.sqrt(200)
 
 

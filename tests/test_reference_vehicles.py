@@ -263,15 +263,15 @@ def test_size_and_mass_of_the_unior_are_those_of_the_paper(name):
 
 def test_the_sensors_of_the_unior_are_drawn_at_their_frames():
     mesh = trimesh.load(ROOT / "unior" / "meshes" / "body.gltf").to_geometry().vertices  # y up
-    seen = np.stack([mesh[:, 0], -mesh[:, 2], mesh[:, 1]], axis=1)
+    vertices = np.stack([mesh[:, 0], -mesh[:, 2], mesh[:, 1]], axis=1)
     places = {sensor.name: sensor.place for sensor in figures("unior").sensors}
     for name in ("kinect", "gps", "front_sonar", "rear_sonar"):  # frames on the surface
-        assert np.linalg.norm(seen - places[name], axis=1).min() < 0.06
+        assert np.linalg.norm(vertices - places[name], axis=1).min() < 0.06
     x, y, z = places["hokuyo"]  # a frame inside: the head of 2 x 0.026 m goes around it, and nothing is in its plane
-    around = np.hypot(seen[:, 0] - x, seen[:, 1] - y)
-    level = np.abs(seen[:, 2] - z) < 0.008
-    assert around[np.abs(seen[:, 2] - z) < 0.03].min() < 0.03
-    behind = np.arctan2(seen[:, 1] - y, seen[:, 0] - x)
+    around = np.hypot(vertices[:, 0] - x, vertices[:, 1] - y)
+    level = np.abs(vertices[:, 2] - z) < 0.008
+    assert around[np.abs(vertices[:, 2] - z) < 0.03].min() < 0.03
+    behind = np.arctan2(vertices[:, 1] - y, vertices[:, 0] - x)
     assert not (level & (around > 0.03) & (np.abs(behind) < np.deg2rad(120))).any()
 
 

@@ -192,8 +192,8 @@ def test_the_page_is_well_formed_and_its_ids_are_unique(lap_page):
     assert page.open == []
     ids = Counter(attributes["id"] for _, attributes in page.elements if "id" in attributes)
     assert max(ids.values()) == 1
-    wanted = {(a.get("href") or "")[1:] for _, a in page.elements if (a.get("href") or "").startswith("#")}
-    assert wanted <= set(ids)
+    expected = {(a.get("href") or "")[1:] for _, a in page.elements if (a.get("href") or "").startswith("#")}
+    assert expected <= set(ids)
 
 
 def test_the_page_asks_the_network_for_nothing(lap_page):

@@ -72,14 +72,14 @@ def _seen(**signals) -> Observation:
     ],
 )
 def test_margins_by_hand(text, passed, margin, unit, worst) -> None:
-    seen = _seen(
+    observation = _seen(
         speed=[0, 2.5, 5, 7.5, 10, 7.5, 5, 2.5, 0],
         clearance=[4, 3, 2, 1.5, 1, 0.8, 0.4, 0.6, 0.6],
         heading_error=np.radians([0, 3, -9, 4, 0, 0, 0, 0, 0]),
         wheels_on_road=[4, 4, 4, 4, 4, 4, 4, 3, 4],
         radar__range=[3, 4, 5, 6, 7, 8, 9, 10, 11],
     )
-    finding = parse_requirement(text).judge(seen)
+    finding = parse_requirement(text).judge(observation)
     assert finding.passed is passed
     assert finding.margin == pytest.approx(margin, abs=1e-12)
     assert (finding.unit, finding.worst_time) == (unit, worst)
@@ -259,8 +259,8 @@ def test_the_text_of_a_requirement_means_the_same_requirement(kind, first, secon
 def test_truth_and_sign_agree_with_a_brute_force_evaluation(kind, first, second, data, after) -> None:
     text = f"{first.text} until {second.text}" if kind == "until" else f"{kind} {first.text}"
     text = f"after {0.5 * after} s {text}" if after else text
-    seen = _seen(speed=data[0], clearance=data[1], wheels_on_road=data[2])
-    finding = parse_requirement(text).judge(seen)
+    observation = _seen(speed=data[0], clearance=data[1], wheels_on_road=data[2])
+    finding = parse_requirement(text).judge(observation)
     rows = [i for i in range(len(data[0])) if i >= after]
     assert finding.passed == _brute(kind, first, second, data, rows)
     assert finding.passed or finding.margin <= 0.0
@@ -280,14 +280,14 @@ def test_the_margin_is_the_distance_of_the_signal_to_its_limit(speeds, bound, sh
 
 
 def test_a_missing_signal_goal_or_unit_is_reported() -> None:
-    seen = _seen(speed=[1.0, 2.0])
+    observation = _seen(speed=[1.0, 2.0])
     for text, expected in (
         ("always lateral_error < 1 m", "no signal 'lateral_error'"),
         ("always radar.range < 1 m", "no signal 'radar.range'"),
         ("eventually at exot", "did you mean 'exit'"),
     ):
         with pytest.raises(ConfigError, match=expected):
-            parse_requirement(text).judge(seen)
+            parse_requirement(text).judge(observation)
     with pytest.raises(ConfigError, match=r"'radar.range' is in pure numbers, not in m"):
         parse_requirement("always radar.range < 1 m").judge(_seen(radar__range=[1.0, 2.0]))
     with pytest.raises(ConfigError, match="has no goal"):
@@ -348,12 +348,12 @@ def test_a_drive_past_a_post_is_seen() -> None:
     box = outline(bolt)
     x = np.linspace(0.0, 10.0, 51)
     run = _run(x, 0 * x, 0 * x, np.full(51, 2.0), other_contacts=np.where(x > 9.5, 1, 0))
-    seen = observe(run, _with(world, props=[_post(12.0 + box.front, 0.0)]), "ego", bolt)
-    assert seen.signals["clearance"] == pytest.approx(11.5 - x)
-    assert seen.events["collision"].truth.sum() == 0  # a contact that is not near the post
-    assert parse_requirement("always clearance > 2 m").judge(seen).margin == pytest.approx(-0.5)
-    seen = observe(run, _with(world, props=[_post(10.2 + box.front, 0.0)]), "ego", bolt)
-    finding = parse_requirement("never collision").judge(seen)
+    observation = observe(run, _with(world, props=[_post(12.0 + box.front, 0.0)]), "ego", bolt)
+    assert observation.signals["clearance"] == pytest.approx(11.5 - x)
+    assert observation.events["collision"].truth.sum() == 0  # a contact that is not near the post
+    assert parse_requirement("always clearance > 2 m").judge(observation).margin == pytest.approx(-0.5)
+    observation = observe(run, _with(world, props=[_post(10.2 + box.front, 0.0)]), "ego", bolt)
+    finding = parse_requirement("never collision").judge(observation)
     assert not finding.passed
     assert finding.margin == pytest.approx(-0.3)
     assert finding.worst_time == pytest.approx(5.0)
@@ -369,30 +369,30 @@ def test_goals_and_the_road_have_margins_in_metres() -> None:
         "gate": SimpleNamespace(area=None, gate=("main", 5.0), laps=None),
         "start": SimpleNamespace(area=None, gate=("main", float(np.mod(s[0], track.length))), laps=None),
     }
-    seen = observe(_run(x, y, yaw, np.full(61, 5.0)), _with(world, goals=goals), "ego", bolt, goal="disc")
-    assert seen.events["at disc"].margin[[0, -1]] == pytest.approx(
+    observation = observe(_run(x, y, yaw, np.full(61, 5.0)), _with(world, goals=goals), "ego", bolt, goal="disc")
+    assert observation.events["at disc"].margin[[0, -1]] == pytest.approx(
         [2.0 - math.hypot(x[-1] - x[0], y[-1] - y[0]), 2.0], abs=0.01
     )
-    assert seen.events["at gate"].margin == pytest.approx(s - track.length - 5.0, abs=1e-6)
-    assert seen.events["at start"].margin[-1] == pytest.approx(30.0 - track.length, abs=1e-6)
-    assert parse_requirement("eventually at goal within 7 s").judge(seen).passed
+    assert observation.events["at gate"].margin == pytest.approx(s - track.length - 5.0, abs=1e-6)
+    assert observation.events["at start"].margin[-1] == pytest.approx(30.0 - track.length, abs=1e-6)
+    assert parse_requirement("eventually at goal within 7 s").judge(observation).passed
     half = max(bolt.geometry.front_track, bolt.geometry.rear_track) / 2.0
-    assert seen.events["on road"].margin.max() == pytest.approx(track.width / 2.0 - half, abs=1e-3)
-    assert not seen.events["rollover"].truth.any()
+    assert observation.events["on road"].margin.max() == pytest.approx(track.width / 2.0 - half, abs=1e-3)
+    assert not observation.events["rollover"].truth.any()
 
 
 def test_motion_signals_follow_from_the_velocity() -> None:
     bolt, world = load_vehicle("bolt"), load_world("empty")
     time = 0.1 * np.arange(20)
     run = _run(time**2, 0 * time, 0 * time, 2.0 * time)
-    seen = observe(run, world, "ego", bolt)
-    assert seen.signals["accel"] == pytest.approx(np.full(20, 2.0))
-    assert seen.signals["lateral_accel"] == pytest.approx(np.zeros(20))
-    assert seen.signals["time"] == pytest.approx(time)
+    observation = observe(run, world, "ego", bolt)
+    assert observation.signals["accel"] == pytest.approx(np.full(20, 2.0))
+    assert observation.signals["lateral_accel"] == pytest.approx(np.zeros(20))
+    assert observation.signals["time"] == pytest.approx(time)
     radius = bolt.geometry.wheel_radii[0]
-    assert seen.signals["slip"][-1] == pytest.approx(abs(radius / 0.3 - 1.0))
-    assert seen.events["stopped"].truth[0]
-    assert not seen.events["stopped"].truth[1:].any()
+    assert observation.signals["slip"][-1] == pytest.approx(abs(radius / 0.3 - 1.0))
+    assert observation.events["stopped"].truth[0]
+    assert not observation.events["stopped"].truth[1:].any()
     with pytest.raises(RunError, match="no samples"):
         observe(Run(None, {}, {}, table=pd.DataFrame(index=pd.Index([], name="time"))), world, "ego", bolt)
 
@@ -413,5 +413,5 @@ def _with(world, **attributes) -> Any:
     ],
 )
 def test_a_finding_has_a_size_by_which_units_compare(text: str, scale: float) -> None:
-    seen = _seen(speed=[0.0, 5.0], clearance=[1.0, 0.8], heading_error=[0.1, 0.05])
-    assert parse_requirement(text).judge(seen).scale == pytest.approx(scale)
+    observation = _seen(speed=[0.0, 5.0], clearance=[1.0, 0.8], heading_error=[0.1, 0.05])
+    assert parse_requirement(text).judge(observation).scale == pytest.approx(scale)

@@ -114,9 +114,9 @@ def wait_for_parts(folder: Path, *, count: int) -> None:
 def test_a_run_folder_is_complete(tmp_path: Path) -> None:
     run = run_diagram(drive(record={}, duration=1.0), folder=tmp_path / "run")
     files = {path.name for path in (tmp_path / "run").iterdir()}
-    wanted = {"spec.yaml", "signals.parquet", "summary.json", "recording.html", "report.html", "diagram.dot", "scene"}
-    assert wanted <= files
-    assert files - wanted <= {"diagram.svg", "events.jsonl"}
+    expected = {"spec.yaml", "signals.parquet", "summary.json", "recording.html", "report.html", "diagram.dot", "scene"}
+    assert expected <= files
+    assert files - expected <= {"diagram.svg", "events.jsonl"}
     assert not [name for name in files if name.startswith(".")]
 
     summary = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))

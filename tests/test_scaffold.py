@@ -419,11 +419,11 @@ def test_the_handling_variant_follows_a_step_of_the_steering(
     steering = 1.5 * geometry.wheelbase / speed**2
     run = drive(folders[name].with_name(f"{name}@handling"), 4.0, speed=speed, start=speed, steering=steering,
                 contact="point")  # fmt: skip
-    wanted = speed * math.tan(steering) / geometry.wheelbase
+    expected = speed * math.tan(steering) / geometry.wheelbase
     rate = run["ego.wz"].to_numpy()
-    assert 0.7 * wanted < rate[run["ego.wz"].index >= 3.0].mean() < 1.0 * wanted
-    assert rate[run["ego.wz"].index >= 3.0].std() < 0.01 * wanted
-    assert rate.max() < 1.25 * wanted
+    assert 0.7 * expected < rate[run["ego.wz"].index >= 3.0].mean() < 1.0 * expected
+    assert rate[run["ego.wz"].index >= 3.0].std() < 0.01 * expected
+    assert rate.max() < 1.25 * expected
 
 
 @pytest.mark.parametrize(("mass", "wheelbase", "radius"), [(1.26, 0.25, 0.033), (2.9, 0.27, 0.045)])
@@ -588,11 +588,11 @@ def test_any_plausible_input_gives_a_vehicle_of_those_sizes(
 def test_missing_values_are_requested_until_the_answer_is_valid() -> None:
     sizes = ["long", "26", "102.4 in", "1.5 m", "1450", "big", "215/50R17", "", "10.8", "4.1", "", ""]
     answers = iter([*sizes, "0.6", "", "", "", "", "front", "tank", "", "lidar, imu"])
-    asked: list[str] = []
+    requested: list[str] = []
     messages: list[str] = []
 
     def reply(prompt: str) -> str:
-        asked.append(prompt)
+        requested.append(prompt)
         return next(answers)
 
     result = ask({"title": None}, input=reply, say=messages.append)
@@ -600,10 +600,10 @@ def test_missing_values_are_requested_until_the_answer_is_valid() -> None:
         "wheelbase": pytest.approx(2.60096), "track": 1.5, "mass": 1450.0, "tyre": "215/50R17",
         "turning_circle": 10.8, "length": 4.1, "front_axle_share": 0.6, "drive": "front", "sensors": "lidar,imu",
     }  # fmt: skip
-    assert asked[0] == "wheelbase, between the axles (0.1 to 10 m; for example 2.6, 102.4 in): "
-    assert asked[5] == "wheel radius, or tyre size such as 215/50R17 (0.01 to 1 m) [estimated]: "
-    assert asked[7] == "steering limit of the inner wheel (0.05 to 1.3 rad; for example 0.6, 35 deg) [estimated]: "
-    assert asked[17] == "drive: front, rear, all [rear]: "
+    assert requested[0] == "wheelbase, between the axles (0.1 to 10 m; for example 2.6, 102.4 in): "
+    assert requested[5] == "wheel radius, or tyre size such as 215/50R17 (0.01 to 1 m) [estimated]: "
+    assert requested[7] == "steering limit of the inner wheel (0.05 to 1.3 rad; for example 0.6, 35 deg) [estimated]: "
+    assert requested[17] == "drive: front, rear, all [rear]: "
     assert [text.split(";")[0] for text in messages] == [
         "wheelbase: 'long' is not a number",
         "wheelbase 26 m is not allowed",

@@ -51,18 +51,18 @@ def copy_vehicle(name: str, folder: Path, **changes: Any) -> Path:
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A project: an Unior called bolt, a CAT Vehicle with other mounts, a world; one run of both, moved elsewhere."""
     place = tmp_path_factory.mktemp("project")
-    copy_vehicle("unior", place / "models" / "bolt")
-    copy_vehicle("catvehicle", place / "models" / "cat")
-    (place / "yard.yaml").write_text(WORLD, encoding="utf-8")
+    copy_vehicle("unior", project / "models" / "bolt")
+    copy_vehicle("catvehicle", project / "models" / "cat")
+    (project / "yard.yaml").write_text(WORLD, encoding="utf-8")
     spec = {
-        "world": str(place / "yard.yaml"),
+        "world": str(project / "yard.yaml"),
         "vehicles": {
-            "small": {"model": str(place / "models" / "bolt")},
+            "small": {"model": str(project / "models" / "bolt")},
             "large": {
-                "model": str(place / "models" / "cat"),
+                "model": str(project / "models" / "cat"),
                 "start": {"x": 0.0, "y": 20.0},
                 "arguments": {"drive": "front"},
                 "mounts": {"left_camera": {"width": 320, "height": 240, "horizontal_fov": 0.5}, "gps": {"rate": 5}},
@@ -74,18 +74,18 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "record": RECORD,
         "duration": 0.4,
     }
-    simulate(spec, folder=place / "run")
-    (place / "run").rename(place / "moved")
+    simulate(spec, folder=project / "run")
+    (project / "run").rename(project / "moved")
     # All that the run was made from is gone, but the meshes.
-    for path in [*place.glob("models/*/*"), place / "yard.yaml"]:
+    for path in [*project.glob("models/*/*"), project / "yard.yaml"]:
         if path.is_file():
             path.unlink()
     return place
 
 
 @pytest.fixture
-def run(place: Path) -> Run:
-    return load_run(place / "moved")
+def run(project: Path) -> Run:
+    return load_run(project / "moved")
 
 
 # --- the files --------------------------------------------------------------------------------------------------------
@@ -113,8 +113,8 @@ def test_a_vehicle_that_is_stored_is_read_as_it_was(name: str) -> None:
         assert getattr(read, key) == getattr(vehicle, key), key
 
 
-def test_a_run_carries_its_scene_and_the_lock_of_its_world(run: Run, place: Path) -> None:
-    folder = place / "moved" / FOLDER
+def test_a_run_carries_its_scene_and_the_lock_of_its_world(run: Run, project: Path) -> None:
+    folder = project / "moved" / FOLDER
     assert {path.name for path in folder.iterdir()} == {"scene.json", "world.lock", "small.urdf", "large.urdf"}
     scene = run.scene()
     assert scene is run.scene()
@@ -146,8 +146,8 @@ def closed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("closed")
-def test_what_reads_a_run_opens_no_model_and_no_world(place: Path, tmp_path: Path) -> None:
-    shutil.copytree(place / "moved", tmp_path / "copy")
+def test_what_reads_a_run_opens_no_model_and_no_world(project: Path, tmp_path: Path) -> None:
+    shutil.copytree(project / "moved", tmp_path / "copy")
     run = load_run(tmp_path / "copy")
     write_recording(run)
     assert "Grey: the road" in render_report(run)
@@ -170,16 +170,16 @@ def test_mounts_are_those_of_the_run(run: Run) -> None:
 
 
 def test_a_report_has_the_dimensions_of_the_vehicle_that_was_driven(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: dict[str, float] = {}
+    observed: dict[str, float] = {}
     make = make_charts
 
     def spy(signals: Any, *arguments: Any, **options: Any) -> Any:
-        seen[signals.name] = options["geometry"].get("wheelbase", math.nan)
+        observed[signals.name] = options["geometry"].get("wheelbase", math.nan)
         return make(signals, *arguments, **options)
 
     monkeypatch.setattr("mirdrake.report.run_report.make_charts", spy)
     page = render_report(run)
-    assert seen == {
+    assert observed == {
         name: pytest.approx(load_vehicle(model).geometry.wheelbase)
         for name, model in (("small", "unior"), ("large", "catvehicle"))
     }
@@ -196,7 +196,7 @@ def test_a_run_in_memory_has_its_scene_too() -> None:
 
 
 def test_a_mesh_that_changed_and_one_that_is_gone_are_reported(
-    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = make_scene(make_spec({"world": "barrels", "vehicles": {"ego": {"model": "bolt"}}}))
     (tmp_path / "run").mkdir()
@@ -229,8 +229,8 @@ def test_a_mesh_that_changed_and_one_that_is_gone_are_reported(
         (None, "carries no scene"),
     ],
 )
-def test_a_damaged_scene_is_one_line(place: Path, tmp_path: Path, damage: str | None, text: str) -> None:
-    shutil.copytree(place / "moved", tmp_path / "run")
+def test_a_damaged_scene_is_one_line(project: Path, tmp_path: Path, damage: str | None, text: str) -> None:
+    shutil.copytree(project / "moved", tmp_path / "run")
     file = tmp_path / "run" / FOLDER / "scene.json"
     file.unlink() if damage is None else file.write_text(damage, encoding="utf-8")
     with pytest.raises(RunError, match=text) as error:

@@ -112,10 +112,10 @@ def test_units_of_data_sheets(kind: type[NoiseSpec], key: str, text: str, value:
 def test_a_sensor_shows_the_noise_of_its_stream_also_what_wanders() -> None:
     noise = Noise.of([NoiseSpec(white=0.1, instability=0.2, correlation=1.0, walk=0.3, bias=0.4)], 10.0)
     times = [0.05 + 0.1 * k for k in range(20)]
-    seen = [float(value[0]) for value in shown(Clock(rate=10.0, noise=noise, stream=9), times)]
+    values = [float(value[0]) for value in shown(Clock(rate=10.0, noise=noise, stream=9), times)]
     spec = NoiseSpec(white=0.1, instability=0.2, correlation=1.0, walk=0.3, bias=0.4)
     expected = series([spec], 20, stream=9, rate=10.0)[:, 0] + 0.1 * np.arange(20)
-    assert seen == pytest.approx(expected, abs=1e-12)
+    assert values == pytest.approx(expected, abs=1e-12)
 
 
 def test_more_parts_of_an_error_change_nothing_about_its_white_noise() -> None:
@@ -169,11 +169,11 @@ def test_every_sample_is_shown_exactly_its_latency_after_it_was_taken(rate: floa
     before = [k / rate + latency - 1e-7 for k in range(1, count)]
     after = [k / rate + latency + 1e-7 for k in range(1, count)]
     times = [time for pair in zip(before, after, strict=True) for time in pair]
-    seen = np.array(shown(Clock(rate=rate, latency=latency), times))[:, 0].reshape(-1, 2)
-    assert seen[:, 0] == pytest.approx(
+    values = np.array(shown(Clock(rate=rate, latency=latency), times))[:, 0].reshape(-1, 2)
+    assert values[:, 0] == pytest.approx(
         np.arange(count - 1) / rate, abs=1e-9
     )  # until now the one before: none is missing
-    assert seen[:, 1] == pytest.approx(np.arange(1, count) / rate, abs=1e-9)
+    assert values[:, 1] == pytest.approx(np.arange(1, count) / rate, abs=1e-9)
 
 
 def test_a_stamp_is_the_time_of_the_sample_that_is_shown() -> None:

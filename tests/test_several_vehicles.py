@@ -109,9 +109,9 @@ def test_a_collision_is_reported_at_once_with_its_time_and_speed():
         entry["text"] for entry in run.events if entry["kind"] == "collision" and entry["text"].startswith("ego")
     ]
     others = {name: load_vehicle("bolt") for name in ("ego", "other")}
-    seen = observe(run, load_world("empty"), "ego", others["ego"], others=others)
-    assert seen.events["collision"].truth.any()
-    assert seen.signals["clearance"][0] == pytest.approx(25.0 - 4.166, abs=0.01)
+    observation = observe(run, load_world("empty"), "ego", others["ego"], others=others)
+    assert observation.events["collision"].truth.any()
+    assert observation.signals["clearance"][0] == pytest.approx(25.0 - 4.166, abs=0.01)
 
 
 WALLS = """

@@ -338,11 +338,11 @@ def test_the_power_of_the_forces_is_the_change_of_the_energy(variant):
     vx, vy, spin = state[3:]
     front, rear = rates.motion[5], rates.motion[6]
     ahead = vy + 1.2 * spin
-    given = 1200.0 * (vx * cos(steering) + ahead * sin(steering))
+    power = 1200.0 * (vx * cos(steering) + ahead * sin(steering))
     lost = front * (ahead * cos(steering) - vx * sin(steering)) + rear * (vy - 1.5 * spin)
     gained = 1500.0 * (vx * rates.state[3] + vy * rates.state[4]) + 2400.0 * spin * rates.state[5]
     assert lost < 0.0
-    assert gained == pytest.approx(given + lost, rel=1e-12)
+    assert gained == pytest.approx(power + lost, rel=1e-12)
 
 
 @pytest.mark.parametrize("slip", [0.0, 0.01, -0.05, 0.0999, 0.1001, -0.4])
@@ -355,8 +355,8 @@ def test_the_brush_force_is_that_of_bristles_under_a_parabolic_pressure(slip):
         return min(bristle * x * abs(slip), pressure)
 
     sticking = max(2.0 * half - bristle * abs(slip) * 4.0 * half**3 / (3.0 * limit), 0.0)
-    wanted = quad(force, 0.0, 2.0 * half, points=[sticking])[0]
-    assert brush_lateral_force(slip, stiffness, limit) == pytest.approx(-np.sign(slip) * wanted, abs=1e-6)
+    expected = quad(force, 0.0, 2.0 * half, points=[sticking])[0]
+    assert brush_lateral_force(slip, stiffness, limit) == pytest.approx(-np.sign(slip) * expected, abs=1e-6)
 
 
 def test_relaxation_delays_the_slip_by_a_distance():
@@ -407,9 +407,9 @@ def test_derivatives_by_state_inputs_and_parameters_are_those_of_differences(var
         context = system.CreateDefaultContext()
         state, inputs, numbers = np.split(z, [len(x), len(x) + len(u)])
         context.SetContinuousState(state)
-        given = dict(zip(["steering", "drive", "brake", "steering_rate", "speed"], inputs, strict=False))
-        system.steering.FixValue(context, np.array([given[name] for name in names_of(model.steering)]))
-        system.forces.FixValue(context, np.array([given[name] for name in names_of(model.forces)]))
+        inputs_by_name = dict(zip(["steering", "drive", "brake", "steering_rate", "speed"], inputs, strict=False))
+        system.steering.FixValue(context, np.array([inputs_by_name[name] for name in names_of(model.steering)]))
+        system.forces.FixValue(context, np.array([inputs_by_name[name] for name in names_of(model.forces)]))
         system.set_parameters(context, **dict(zip(PARAMETERS, numbers, strict=True)))
         outputs = [port.Eval(context) for port in (system.state, system.motion)]
         return np.concatenate([system.EvalTimeDerivatives(context).CopyToVector(), *outputs])
@@ -601,11 +601,11 @@ def test_the_ports_are_those_of_the_docstring(variant):
 # --- the control unit, and the full vehicle ----------------------------------------------------------------------
 
 
-def _reduced(name, duration, *, speed=0.0, wanted, steering=0.0, **options):
+def _reduced(name, duration, *, speed=0.0, speed_setpoint, steering=0.0, **options):
     """Return the log of the state of a vehicle under a constant command: rows are those of the state, columns times."""
     builder = DiagramBuilder()
     vehicle = builder.AddSystem(make_single_track_vehicle(load_vehicle(name), **options))
-    driver = builder.AddSystem(ConstantCommand(wanted, steering, period=0.02))
+    driver = builder.AddSystem(ConstantCommand(speed_setpoint, steering, period=0.02))
     builder.Connect(driver.get_output_port(0), vehicle.GetInputPort("command"))
     log = LogVectorOutput(vehicle.GetOutputPort("state"), builder, publish_period=0.02)
     simulator = Simulator(builder.Build())
@@ -619,11 +619,11 @@ def _reduced(name, duration, *, speed=0.0, wanted, steering=0.0, **options):
     return signal_log.sample_times(), dict(zip(names_of(model.state), signal_log.data(), strict=True))
 
 
-def _full(duration, *, speed=0.0, wanted, steering=0.0):
+def _full(duration, *, speed=0.0, speed_setpoint, steering=0.0):
     spec = {
         "world": "empty",
         "vehicles": {"ego": {"model": "bolt", "speed": speed}},
-        "control": {"ego": {"kind": "constant", "speed": wanted, "steering": steering}},
+        "control": {"ego": {"kind": "constant", "speed": speed_setpoint, "steering": steering}},
         "plant": {"contact": "point"},
     }
     return Simulation(assemble(spec)).run(duration=duration).signals
@@ -631,33 +631,33 @@ def _full(duration, *, speed=0.0, wanted, steering=0.0):
 
 def test_the_reduced_bolt_turns_like_the_full_one():
     """Its contact has no slip, so stiff tyres come nearest; with the stiffness of rubber a car understeers."""
-    full = _full(5.0, speed=5.0, wanted=5.0, steering=0.2)["ego.wz"]
+    full = _full(5.0, speed=5.0, speed_setpoint=5.0, steering=0.2)["ego.wz"]
     for factor, steady, transient in ((4.0, 0.01, 0.05), (1.0, 0.03, 0.12)):
         car = estimate_parameters(load_vehicle("bolt"))
         car = replace(car, front_stiffness=factor * car.front_stiffness, rear_stiffness=factor * car.rear_stiffness)
-        times, state = _reduced("bolt", 5.0, speed=5.0, wanted=5.0, steering=0.2, parameters=car)
+        times, state = _reduced("bolt", 5.0, speed=5.0, speed_setpoint=5.0, steering=0.2, parameters=car)
         assert state["wz"][-1] == pytest.approx(full.iloc[-1], rel=steady)
         difference = np.abs(state["wz"] - np.interp(times, full.index, full)).max()
         assert difference < transient * full.iloc[-1]
 
 
-@pytest.mark.parametrize(("speed", "wanted"), [(0.0, 5.0), (6.0, 1.5), (2.0, 0.0)])
-def test_the_reduced_bolt_changes_its_speed_like_the_full_one(speed, wanted):
-    full = _full(4.0, speed=speed, wanted=wanted)["ego.vx"]
-    times, state = _reduced("bolt", 4.0, speed=speed, wanted=wanted)
+@pytest.mark.parametrize(("speed", "target_speed"), [(0.0, 5.0), (6.0, 1.5), (2.0, 0.0)])
+def test_the_reduced_bolt_changes_its_speed_like_the_full_one(speed, target_speed):
+    full = _full(4.0, speed=speed, speed_setpoint=target_speed)["ego.vx"]
+    times, state = _reduced("bolt", 4.0, speed=speed, speed_setpoint=target_speed)
     assert np.abs(state["vx"] - np.interp(times, full.index, full)).max() < 0.05
-    assert state["vx"][-1] == pytest.approx(wanted, abs=0.05)
+    assert state["vx"][-1] == pytest.approx(target_speed, abs=0.05)
 
 
 def test_the_unior_with_its_pid_and_linkage_reaches_its_speed():
-    _, state = _reduced("unior", 6.0, wanted=1.0, steering=0.2, tyres="brush", relaxation=True)
+    _, state = _reduced("unior", 6.0, speed_setpoint=1.0, steering=0.2, tyres="brush", relaxation=True)
     assert state["vx"][-1] == pytest.approx(1.0, rel=0.02)
     assert state["wz"][-1] > 0.05
 
 
 def test_a_delay_shifts_the_response():
-    times, prompt = _reduced("bolt", 2.0, speed=5.0, wanted=5.0, steering=0.1)
-    _, late = _reduced("bolt", 2.0, speed=5.0, wanted=5.0, steering=0.1, delay=0.1)
+    times, prompt = _reduced("bolt", 2.0, speed=5.0, speed_setpoint=5.0, steering=0.1)
+    _, late = _reduced("bolt", 2.0, speed=5.0, speed_setpoint=5.0, steering=0.1, delay=0.1)
     assert prompt["wz"][10] > 0.02
     np.testing.assert_allclose(late["wz"][5:50], prompt["wz"][:45], rtol=0.01, atol=1e-4)
     assert times[5] == pytest.approx(0.1)

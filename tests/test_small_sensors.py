@@ -255,11 +255,11 @@ def read_nmea(text: str) -> dict[str, list[str]]:
     for line in text.split("\r\n")[:-1]:
         assert len(line) + 2 <= 82
         assert line[0] == "$"
-        body, _, given = line[1:].partition("*")
+        body, _, checksum_field = line[1:].partition("*")
         total = 0
         for character in body:
             total ^= ord(character)
-        assert int(given, 16) == total
+        assert int(checksum_field, 16) == total
         name, *fields = body.split(",")
         sentences[name] = fields
     return sentences

@@ -115,12 +115,12 @@ def test_a_run_does_not_know_the_runs_before_it() -> None:
 def test_an_unstable_candidate_is_a_result() -> None:
     amplifier = {"wave": {"kind": "sine", "frequency": 1.0}, "amplifier": {"kind": "gain", "gain": 1e300}}
     connect = [["wave.y0", "amplifier.u"], ["amplifier.y", "ego.speed_reference"]]
-    given = study(
+    study_data = study(
         diagram={**DIAGRAM, "systems": amplifier, "connect": connect},
         parameters={"systems.wave.amplitude": {"values": [1e-300, 1e300]}},
         sampling={"kind": "list"},
     )
-    table = run_study(given, workers=0).table
+    table = run_study(study_data, workers=0).table
     assert table["status"].tolist() == ["ok", "unstable"]
     assert table["reason"][1].startswith("diverged: ")
     assert table["ego.distance_m"].isna().tolist() == [False, True]
@@ -165,8 +165,8 @@ def test_a_worker_that_crashes_costs_its_run_only(tmp_path: Path) -> None:
         """,
     )
     speeds = {"control.ego.speed": {"values": [5.0, 6.0, 7.0, 8.0]}}
-    given = study(parameters=speeds, sampling={"kind": "list"}, metrics=[f"{name}:speed"], folder=str(tmp_path))
-    table = run_study(given, workers=1).table
+    study_data = study(parameters=speeds, sampling={"kind": "list"}, metrics=[f"{name}:speed"], folder=str(tmp_path))
+    table = run_study(study_data, workers=1).table
     assert table["status"].tolist() == ["ok", "failed", "failed", "ok"]
     assert "ended by SIGSEGV" in table["reason"][1]
     assert "exit code 3" in table["reason"][2]
@@ -187,8 +187,8 @@ def test_a_run_that_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.Monkey
         """,
     )
     speeds = {"control.ego.speed": {"values": [5.0, 6.0, 7.0]}}
-    given = study(parameters=speeds, sampling={"kind": "list"}, metrics=[f"{name}:stuck"], folder=str(tmp_path))
-    table = run_study(given | {"time_limit": 5.0}, workers=2).table
+    study_data = study(parameters=speeds, sampling={"kind": "list"}, metrics=[f"{name}:stuck"], folder=str(tmp_path))
+    table = run_study(study_data | {"time_limit": 5.0}, workers=2).table
     assert table["status"].tolist() == ["ok", "failed", "ok"]
     assert f"no end after 25 s of wall time; it was in stuck of {tmp_path}" in table["reason"][1]
 
@@ -237,7 +237,9 @@ def test_a_worker_that_has_gained_much_memory_is_replaced() -> None:
 
 def test_a_worker_has_the_present_environment_and_a_time_limit_per_call(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MIRDRAKE_PATH", "changed after the server of the workers has started")
-    workers = Workers(1, limit=lambda *given: float(given[0]) if given and given[0] == 1.0 else 60.0)
+    workers = Workers(
+        1, limit=lambda *study_data: float(study_data[0]) if study_data and study_data[0] == 1.0 else 60.0
+    )
     try:
         assert workers.submit(os.getenv, "MIRDRAKE_PATH").result(timeout=300) == os.environ["MIRDRAKE_PATH"]
         with pytest.raises(WorkerLostError, match="no end after 1 s") as caught:
@@ -260,9 +262,9 @@ run_study(json.load(open(sys.argv[1])), out=sys.argv[2], workers=2, resume=True)
 """
 
 
-def _kill(given: Path, out: Path, *, after: float) -> None:
+def _kill(study_file: Path, out: Path, *, after: float) -> None:
     """Run a study in a process of its own, and kill it so long [s] after it has written rows."""
-    command = [sys.executable, "-c", _SCRIPT, str(given), str(out)]
+    command = [sys.executable, "-c", _SCRIPT, str(study_file), str(out)]
     before = len(read_rows(out))
     with subprocess.Popen(command, cwd=Path(__file__).parents[1]) as process:
         while len(read_rows(out)) <= before:
@@ -272,15 +274,15 @@ def _kill(given: Path, out: Path, *, after: float) -> None:
         process.send_signal(signal.SIGKILL)
 
 
-def _check(tmp_path: Path, given: dict[str, Any], kills: list[float]) -> list[int]:
+def _check(tmp_path: Path, study_data: dict[str, Any], kills: list[float]) -> list[int]:
     """Kill and resume a study repeatedly, compare it with an uninterrupted one; return the rows after each kill."""
-    (tmp_path / "study.json").write_text(json.dumps(given), encoding="utf-8")
+    (tmp_path / "study.json").write_text(json.dumps(study_data), encoding="utf-8")
     out, counts = tmp_path / "killed", []
     for after in kills:
         _kill(tmp_path / "study.json", out, after=after)
         counts.append(len(read_rows(out)))
-    resumed = run_study(given, out=out, workers=0, resume=True)
-    undisturbed = run_study(given, out=tmp_path / "whole", workers=0)
+    resumed = run_study(study_data, out=out, workers=0, resume=True)
+    undisturbed = run_study(study_data, out=tmp_path / "whole", workers=0)
     assert resumed.complete
     assert resumed.arrow.equals(undisturbed.arrow)
     assert (out / RESULTS_FILE).read_bytes() == (tmp_path / "whole" / RESULTS_FILE).read_bytes()
@@ -295,8 +297,8 @@ def test_a_killed_study_resumes_with_the_same_rows(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_study_killed_five_times_ends_with_the_same_rows(tmp_path: Path) -> None:
     chance = random.Random(7)
-    given = study(sampling={"kind": "random", "runs": 400}, duration=0.2)
-    counts = _check(tmp_path, given, [chance.uniform(0.0, 0.8) for _ in range(5)])
+    study_data = study(sampling={"kind": "random", "runs": 400}, duration=0.2)
+    counts = _check(tmp_path, study_data, [chance.uniform(0.0, 0.8) for _ in range(5)])
     assert counts == sorted(set(counts))
     assert 0 < counts[-1] < 400
 
@@ -316,8 +318,8 @@ def test_a_folder_takes_one_study_only(tmp_path: Path) -> None:
 
 
 def test_rows_of_a_folder_survive_between_all_steps_of_writing(tmp_path: Path) -> None:
-    given = study(sampling={"kind": "sobol", "runs": 2})
-    whole = run_study(given, out=tmp_path, workers=0).arrow
+    study_data = study(sampling={"kind": "sobol", "runs": 2})
+    whole = run_study(study_data, out=tmp_path, workers=0).arrow
     rows = read_rows(tmp_path)
     journal = tmp_path / JOURNAL_FILE
     assert not journal.exists()
@@ -328,7 +330,7 @@ def test_rows_of_a_folder_survive_between_all_steps_of_writing(tmp_path: Path) -
     journal.write_text(journal.read_text() + '{"run": "1", "sta')  # killed while a row was written
     assert list(read_rows(tmp_path)) == ["0"]
     assert load_results(tmp_path).arrow.equals(whole[:1])
-    assert run_study(given, out=tmp_path, resume=True, workers=0).arrow.equals(whole)
+    assert run_study(study_data, out=tmp_path, resume=True, workers=0).arrow.equals(whole)
     assert not journal.exists()
 
 
@@ -351,20 +353,22 @@ def test_context_parameters_change_the_context_and_nothing_else() -> None:
     assert control.GetMyContextFromRoot(context).get_numeric_parameter(0).value()[1] == 7.0
     query = parts.scene_graph.get_query_output_port()
     tyre, plane = parts.vehicles["ego"].tyres[0], parts.world.road_mu
-    for root, wanted in ((context, 0.4), (other, min(parts.vehicles["ego"].tyre_mu[0], plane))):
+    for root, expected in ((context, 0.4), (other, min(parts.vehicles["ego"].tyre_mu[0], plane))):
         inspector = query.Eval(parts.scene_graph.GetMyContextFromRoot(root)).inspector()
         friction = inspector.GetProximityProperties(tyre).GetProperty("material", "coulomb_friction")
         mu = friction.static_friction()
-        assert 2.0 * mu * plane / (mu + plane) == pytest.approx(wanted)
+        assert 2.0 * mu * plane / (mu + plane) == pytest.approx(expected)
 
 
 def test_half_the_friction_doubles_the_braking_distance() -> None:
     braking = DIAGRAM | {"vehicles": {"ego": {"model": "bolt", "speed": 10.0}}}
     grip = {"road.friction": {"values": [0.15, 0.3]}}
-    given = study(diagram=braking, overrides={"control.ego.speed": 0.0}, parameters=grip, sampling={"kind": "list"})
-    table = run_study(given | {"duration": 9.0, "metrics": ["ego.distance_m"]}, workers=0).table
-    way = table["ego.distance_m"].to_numpy()
-    assert way[0] / way[1] == pytest.approx(2.0, rel=0.15)
+    study_data = study(
+        diagram=braking, overrides={"control.ego.speed": 0.0}, parameters=grip, sampling={"kind": "list"}
+    )
+    table = run_study(study_data | {"duration": 9.0, "metrics": ["ego.distance_m"]}, workers=0).table
+    distances = table["ego.distance_m"].to_numpy()
+    assert distances[0] / distances[1] == pytest.approx(2.0, rel=0.15)
 
 
 # --- sampling ---
@@ -569,8 +573,8 @@ def test_memory_and_time_of_a_run_do_not_grow(tmp_path: Path) -> None:
             sizes.append(int(Path("/proc/self/statm").read_text().split()[1]) * page / 1e6)
 
     parameters = {name: study()["parameters"][name] for name in ("ego.speed.kp", "ego.mass_scale", "road.friction")}
-    given = study(parameters=parameters, sampling={"kind": "sobol", "runs": 200})
-    run_study(given, out=tmp_path / "out", workers=0, progress=look)
+    study_data = study(parameters=parameters, sampling={"kind": "sobol", "runs": 200})
+    run_study(study_data, out=tmp_path / "out", workers=0, progress=look)
     assert sizes[-1] - sizes[0] < 5.0, sizes
     each = np.diff(times)
     assert np.median(each[-50:]) < 1.3 * np.median(each[20:70])

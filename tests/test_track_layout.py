@@ -317,8 +317,8 @@ tracks:
 
 
 def document(item: Any) -> dict[str, Any]:
-    made: dict[str, Any] = json.loads(item.shape.source().in_memory().mesh_file.contents())
-    return made
+    created: dict[str, Any] = json.loads(item.shape.source().in_memory().mesh_file.contents())
+    return created
 
 
 def triangles(item: Any) -> list[tuple[np.ndarray, dict[str, Any]]]:

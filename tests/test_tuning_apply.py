@@ -55,11 +55,11 @@ def test_an_outcome_that_does_not_meet_its_criteria_is_rejected_unless_forced(tm
 def test_only_the_gains_change_and_a_comment_states_their_origin(tmp_path: Path, vehicle: Path) -> None:
     before = (vehicle / "control.yaml").read_text()
     change = plan_apply(read_result(_result(tmp_path, vehicle)), today=DAY)
-    wanted = before.replace("  kind: pid\n", f"  # {LINE}\n  kind: pid\n", 1)
-    wanted = wanted.replace("  kp: 1.38  ", "  kp: 3.54082  ").replace(
+    expected = before.replace("  kind: pid\n", f"  # {LINE}\n  kind: pid\n", 1)
+    expected = expected.replace("  kp: 1.38  ", "  kp: 3.54082  ").replace(
         "  ki: 1.38           # N m/rad\n", "  ki: 2.74938           # N m/rad\n  kd: 0.0\n"
     )
-    assert change.after == wanted
+    assert change.after == expected
     assert (vehicle / "control.yaml").read_text() == before  # not yet
 
 

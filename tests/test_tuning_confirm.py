@@ -23,10 +23,10 @@ def plant(added: float = 0.0) -> TransferFunction:
 def drive(gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant") -> Evaluation:
     """Return an integrator with dead time under PI control, a step at time 0."""
     added = 0.0 if conditions.delay is None else conditions.delay - DEAD_TIME
-    given = simulate_loop(
+    response = simulate_loop(
         LinearProcess(plant(added), PERIOD), PidGains(**gains), period=PERIOD, reference=np.ones(1000)
     )
-    table = pd.DataFrame({"t": given.time, "reference": given.reference, "output": given.measurement})
+    table = pd.DataFrame({"t": response.time, "reference": response.reference, "output": response.measurement})
     return Evaluation("ok", response=table) if len(table) == 1000 else Evaluation("unstable")
 
 

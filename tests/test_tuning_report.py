@@ -80,9 +80,9 @@ def test_every_candidate_is_in_the_table_with_all_its_figures(sample: TuningResu
     for row, candidate in zip(table[1:], sample.candidates, strict=True):
         assert row[0].startswith(candidate.name)
         if candidate.status == "ok":
-            wanted = [candidate.gains[name] for name in ("kp", "ki", "kd")] + [candidate.cost]
-            wanted += [candidate.figures.get(name) for name in FIGURES]
-            assert row[3:] == ["–" if value is None else format_quantity(value) for value in wanted]
+            expected = [candidate.gains[name] for name in ("kp", "ki", "kd")] + [candidate.cost]
+            expected += [candidate.figures.get(name) for name in FIGURES]
+            assert row[3:] == ["–" if value is None else format_quantity(value) for value in expected]
         else:
             assert row[2] == "unstable"
             assert set(row[6:]) == {"–"}

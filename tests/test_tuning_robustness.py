@@ -29,13 +29,13 @@ def test_every_run_has_the_same_conditions_whatever_else_is_drawn() -> None:
     whole = draw_conditions(RANGES, runs=50, seed=3)
     assert draw_conditions(RANGES, runs=7, seed=3) == whole[:7]
     mass = draw_conditions({"mass": RANGES["mass"]}, runs=50, seed=3)
-    assert [given.mass for given in mass] == [given.mass for given in whole]
-    assert [given.seed for given in mass] == [given.seed for given in whole]
+    assert [draw.mass for draw in mass] == [draw.mass for draw in whole]
+    assert [draw.seed for draw in mass] == [draw.seed for draw in whole]
     assert mass[0].friction is None
     assert draw_conditions(RANGES, runs=7, seed=4) != whole[:7]
-    assert len({given.seed for given in whole}) == 50
-    assert all(0.8 <= given.mass <= 1.2 and 0.3 <= (given.friction or 0.0) <= 1.0 for given in whole)
-    draws = np.array([[given.mass, given.friction, given.delay] for given in draw_conditions(
+    assert len({draw.seed for draw in whole}) == 50
+    assert all(0.8 <= draw.mass <= 1.2 and 0.3 <= (draw.friction or 0.0) <= 1.0 for draw in whole)
+    draws = np.array([[draw.mass, draw.friction, draw.delay] for draw in draw_conditions(
         RANGES, runs=2000, seed=0)])  # fmt: skip
     assert np.abs(np.corrcoef(draws.T) - np.eye(3)).max() < 0.07
     assert draws.mean(axis=0) == pytest.approx([1.0, 0.65, 0.05], rel=0.03)
@@ -81,7 +81,7 @@ def test_cautious_gains_stay_stable_in_runs_that_aggressive_ones_fail() -> None:
     assert calm.high == pytest.approx(1.0 - 0.025 ** (1.0 / 100.0))  # the closed form for no failure
     # Unstable where the delay is too long for gain and lag: known for each draw.
     conditions = draw_conditions(RANGES, runs=100, seed=2)
-    assert hot.failures == sum(LOOP(CANDIDATES["hot"], given).status == "unstable" for given in conditions)
+    assert hot.failures == sum(LOOP(CANDIDATES["hot"], draw).status == "unstable" for draw in conditions)
     assert 0.02 < hot.low < hot.rate < hot.high < 1.0
     rows = robustness.table[robustness.table["candidate"] == "calm"]
     spread = robustness.quantiles("calm", "iae")

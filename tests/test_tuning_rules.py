@@ -126,8 +126,8 @@ def test_series_and_standard_forms_are_the_same_controller(gain: float, integral
     w = np.geomspace(1e-2, 1e2, 20)
     s = 1j * w
     series = gain * (1.0 + 1.0 / (integral * s)) * (1.0 + derivative * s)
-    made = controller_response(from_series(gain, integral, derivative, filter_ratio=math.inf), w)
-    assert made == pytest.approx(series, rel=1e-9)
+    created = controller_response(from_series(gain, integral, derivative, filter_ratio=math.inf), w)
+    assert created == pytest.approx(series, rel=1e-9)
 
 
 def test_series_keeps_the_filter_time_of_its_own_derivative_time() -> None:

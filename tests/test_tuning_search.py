@@ -34,8 +34,14 @@ LEARNING = ("tpe", "cma", "nsga2")
 
 def look(evaluate: Any = LOOP, **changes: Any) -> Any:
     """Return a small search."""
-    given: dict[str, Any] = {"trials": 40, "cost": {"iae": 1.0}, "constraints": {"ms": 1.6}, "seed": 3, "method": "tpe"}
-    return search(evaluate, SPACE, **(given | changes))
+    evaluation: dict[str, Any] = {
+        "trials": 40,
+        "cost": {"iae": 1.0},
+        "constraints": {"ms": 1.6},
+        "seed": 3,
+        "method": "tpe",
+    }
+    return search(evaluate, SPACE, **(evaluation | changes))
 
 
 def same(first: Any, second: Any) -> bool:
@@ -84,15 +90,15 @@ def test_a_search_killed_five_times_ends_as_one_that_was_not(method: str, tmp_pa
     chance, store, count = random.Random(11), tmp_path / "journal.jsonl", tmp_path / "count"
     more = {"method": method, "trials": 120}
     command = [sys.executable, "-c", _SCRIPT, str(store), str(count), json.dumps(more)]
-    seen, kills = 0, 5 if method != "tpe" else 2
+    size, kills = 0, 5 if method != "tpe" else 2
     for _ in range(kills):
         with subprocess.Popen(command, cwd=Path(__file__).parents[1]) as process:
-            wanted = seen + chance.randint(3, 14)
-            while (count.stat().st_size if count.exists() else 0) < wanted:
+            target_size = size + chance.randint(3, 14)
+            while (count.stat().st_size if count.exists() else 0) < target_size:
                 assert process.poll() is None, "the search ended before it could be killed"
                 time.sleep(0.001)
             process.send_signal(signal.SIGKILL)
-        seen = count.stat().st_size
+        size = count.stat().st_size
     with store.open("ab") as file:
         file.write(b'{"key": "1')  # half a line
     loop = TextbookLoop(count=str(count))
@@ -138,10 +144,10 @@ def _best_pi() -> float:
     """Return the least IAE with Ms at most 1.6, by a simplex from outside the search."""
 
     def total(x: Any) -> float:
-        given = LOOP({"kp": math.exp(x[0]), "ki": math.exp(x[1])})
-        if given.status != "ok":
+        evaluation = LOOP({"kp": math.exp(x[0]), "ki": math.exp(x[1])})
+        if evaluation.status != "ok":
             return 1e3
-        return given.figures["iae"] + 100.0 * max(given.figures["ms"] - 1.6, 0.0)
+        return evaluation.figures["iae"] + 100.0 * max(evaluation.figures["ms"] - 1.6, 0.0)
 
     return float(minimize(total, [0.5, 0.5], method="Nelder-Mead", options={"maxiter": 200}).fun)
 

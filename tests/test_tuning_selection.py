@@ -75,9 +75,9 @@ def test_the_bolt_climbs_up_to_the_limit_of_its_front_axle(bolt: LoopSpec) -> No
     soft = {"kp": 200.0, "ki": 100.0, "kd": 0.0}
     uses = {}
     for friction in (0.45, 0.15):
-        given = Conditions(friction=friction, grade=grade)
-        evaluation = evaluate(soft, given)
-        uses[friction] = grip_use(axles, bolt, given)
+        conditions = Conditions(friction=friction, grade=grade)
+        evaluation = evaluate(soft, conditions)
+        uses[friction] = grip_use(axles, bolt, conditions)
         able = evaluation.status == "ok" and evaluation.figures["iae"] < 8.0
         assert able == (uses[friction] < 1.0)
     assert uses[0.45] < 0.7
@@ -275,8 +275,8 @@ def test_slower_designs_have_longer_closed_loop_times(bolt: LoopSpec) -> None:
     delay = 0.05 + 0.5 * bolt.period
     for times, design in zip(SLOW, slower_designs(identification), strict=True):
         kp = 1.0 / (0.1 * (times + 1.0) * delay)
-        wanted = {"kp": kp, "ki": kp / (4.0 * (times + 1.0) * delay), "kd": 0.0}
-        assert design.gains == pytest.approx(wanted, rel=1e-3)
+        expected = {"kp": kp, "ki": kp / (4.0 * (times + 1.0) * delay), "kd": 0.0}
+        assert design.gains == pytest.approx(expected, rel=1e-3)
         assert design.name == f"SIMC {times:g}"
     steered = [design.gains for design in slower_designs(replace(identification, lag=0.02))]
     assert all(gains["ki"] == 0.0 and gains["kd"] == pytest.approx(0.02 * gains["kp"], rel=1e-3) for gains in steered)

@@ -74,10 +74,10 @@ def test_shaping_works_on_a_measured_response() -> None:
 
 @pytest.mark.parametrize(("derivative", "crossover"), [(False, 0.6), (True, 1.3)], ids=["PI", "PID"])
 def test_phase_margin_and_crossover_are_those_asked_for(derivative: bool, crossover: float) -> None:
-    wanted = math.radians(50.0)
-    gains = design_for_phase_margin(THIRD, crossover, phase_margin=wanted, derivative=derivative)
+    phase_margin = math.radians(50.0)
+    gains = design_for_phase_margin(THIRD, crossover, phase_margin=phase_margin, derivative=derivative)
     margins = find_margins(THIRD, gains)
-    assert (margins.gain_crossover, margins.phase_margin) == pytest.approx((crossover, wanted), rel=1e-6)
+    assert (margins.gain_crossover, margins.phase_margin) == pytest.approx((crossover, phase_margin), rel=1e-6)
     assert is_stable(THIRD, gains)
     if derivative:
         assert gains.kp / gains.ki == pytest.approx(4.0 * gains.kd / gains.kp)

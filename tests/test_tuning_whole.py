@@ -108,8 +108,8 @@ def test_a_loop_with_unknown_present_gains_needs_a_baseline() -> None:
 @pytest.mark.slow
 def test_a_loop_of_a_diagram(tmp_path: Path) -> None:
     ranges = {name: {"low": 0.5, "high": 2.0} for name in KNOBS}
-    given = {"loop": SKIDPAD, **TRACK, "search": {**TRACK["search"], "ranges": ranges}}
-    result = tune(given, out=tmp_path / "out")
+    study = {"loop": SKIDPAD, **TRACK, "search": {**TRACK["search"], "ranges": ranges}}
+    result = tune(study, out=tmp_path / "out")
     assert set(result.candidate().gains) == set(KNOBS)
     assert (result.candidate().cost or 9.0) <= (result.candidate("baseline").cost or 0.0)
 
@@ -124,8 +124,8 @@ def test_the_speed_of_the_wheels(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_gains_over_speed_are_tuned_applied_and_driven_with(tmp_path: Path) -> None:
     bolt = Path(shutil.copytree(ROOT / "models/bolt", tmp_path / "bolt"))
-    given = {**SHORT, "vehicle": str(bolt), "search": {"trials": 6, "confirm": 4}, "schedule": {"speeds": [5, 15]}}
-    result = tune(given, out=tmp_path / "out")
+    study = {**SHORT, "vehicle": str(bolt), "search": {"trials": 6, "confirm": 4}, "schedule": {"speeds": [5, 15]}}
+    result = tune(study, out=tmp_path / "out")
     assert result.schedule is not None
     rows, tests = result.schedule.rows, result.schedule.tests
     assert [row.speed for row in rows] == [5.0, 15.0]
@@ -248,7 +248,7 @@ def test_the_steering_of_a_new_vehicle_can_be_tuned_by_torque(tmp_path: Path, ma
 @pytest.mark.slow
 def test_a_loop_of_an_imported_vehicle_meets_all_criteria(tmp_path: Path) -> None:
     import_vehicle(trap_packages.golf_cart(tmp_path / "source"), name="golf_cart", folder=tmp_path / "models")
-    given = {
+    study = {
         "vehicle": str(tmp_path / "models/golf_cart"),
         "loop": "speed",
         "baseline": "published",
@@ -256,7 +256,7 @@ def test_a_loop_of_an_imported_vehicle_meets_all_criteria(tmp_path: Path) -> Non
         "search": {"trials": 60, "confirm": 24},
         "robustness": {"runs": 40},
     }
-    result = tune(make_tuning(given), out=tmp_path / "out")
+    result = tune(make_tuning(study), out=tmp_path / "out")
     assert [criterion for criterion in result.acceptance if not criterion.met] == []
     assert len(result.acceptance) >= 6
     last = result.acceptance[-1]

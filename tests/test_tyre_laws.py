@@ -316,11 +316,11 @@ def test_magic_formula_equals_a_second_writing(
 @example(kappa=2.0, slip=-0.05, vx=0.5)  # spins at the start
 def test_no_slip_and_no_spin_gives_power_to_the_car(kappa: float, slip: float, vx: float) -> None:
     """Each force is against its own slip, and rolling resistance against the spin of the tread, vx (1 + kappa)."""
-    for way in (1.0, -1.0):
-        forces = magic_formula(CAR, kappa, slip, 4000.0, vx=way * vx)
+    for direction in (1.0, -1.0):
+        forces = magic_formula(CAR, kappa, slip, 4000.0, vx=direction * vx)
         assert forces.fx * kappa >= 0.0
         assert forces.fy * slip <= 0.0
-        assert forces.my * (way * vx + kappa * vx) <= 0.0
+        assert forces.my * (direction * vx + kappa * vx) <= 0.0
 
 
 def test_version_5_2_differs_where_its_manual_does() -> None:

@@ -36,8 +36,8 @@ def turn(step: float, *, contact: str = "point", rate: float = 0.1, speed: float
     damping = [joint.default_damping() for joint in part.steering]
     rows = []
     for k in range(round(3.0 / step)):
-        wanted = rate * min(max(k * step - 1.0, 0.0), 1.0)
-        for name, value in (("speed_reference", speed), ("steering_reference", wanted), ("reference_stamp", 0.0)):
+        set_point = rate * min(max(k * step - 1.0, 0.0), 1.0)
+        for name, value in (("speed_reference", speed), ("steering_reference", set_point), ("reference_stamp", 0.0)):
             assembly.diagram.GetInputPort(f"ego.{name}").FixValue(context, [value])
         simulator.AdvanceTo((k + 1) * step)
         inner = plant.GetMyContextFromRoot(context)

@@ -163,8 +163,8 @@ def test_the_page_shows_both_values_the_error_the_source_and_what_is_not_compare
 )
 def test_predicted_figures_are_counted_separately(roles, headline):
     names = {"p": "predicted", "c": "calibrated", "i": "input"}
-    made = [Comparison(_sixty(role=names[k.lower()]), 6.9 + 3.0 * k.isupper(), "", 80.0, 0.03) for k in roles]
-    results = _results(*made)
+    created = [Comparison(_sixty(role=names[k.lower()]), 6.9 + 3.0 * k.isupper(), "", 80.0, 0.03) for k in roles]
+    results = _results(*created)
     assert results.headline == headline
     lines, page = describe_validation(results), render_validation(results)
     for key, role in names.items():

@@ -80,5 +80,5 @@ def test_a_text_that_is_not_urdf_is_rejected() -> None:
 @pytest.mark.parametrize("name", ["bolt", "unior"])
 def test_behaviours_and_requirements_see_the_same_box(name: str) -> None:
     vehicle = load_vehicle(name)
-    box, seen = outline(vehicle), outline_of(vehicle)
-    assert (box.rear, box.front, max(-box.right, box.left), box.top) == tuple(seen)
+    box, measured_box = outline(vehicle), outline_of(vehicle)
+    assert (box.rear, box.front, max(-box.right, box.left), box.top) == tuple(measured_box)

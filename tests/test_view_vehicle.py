@@ -65,28 +65,28 @@ def view(real, monkeypatch):
                 "mirdrake.viewer.vehicle_view.MeshcatVisualizer.AddToBuilder",
                 lambda builder, graph, _, *params: add(builder, graph, real, *params),
             )
-            _, made = show_vehicle(load_vehicle(model), remote, **options)
-        return made, remote
+            _, vehicle_view = show_vehicle(load_vehicle(model), remote, **options)
+        return vehicle_view, remote
 
     return make
 
 
 def test_each_own_joint_has_a_slider_within_its_limits_and_the_floating_base_has_none(view):
-    made, remote = view()
+    vehicle_view, remote = view()
     joints = {f"front_{side}_steering_joint" for side in ("left", "right")}
     joints |= {f"{end}_{side}_wheel_joint" for end in ("front", "back") for side in ("left", "right")}
     assert set(remote.GetSliderNames()) == joints
     remote.SetSliderValue("front_left_steering_joint", 5.0)
     assert remote.GetSliderValue("front_left_steering_joint") == pytest.approx(0.6)
-    assert made.shown == {"Frames": False, "Collision shapes": False, "Meshes": True}
+    assert vehicle_view.shown == {"Frames": False, "Collision shapes": False, "Meshes": True}
 
 
 def test_a_slider_turns_its_wheel_and_nothing_else(view):
-    made, remote = view()
+    vehicle_view, remote = view()
     before = {path: pose.copy() for path, pose in remote.poses.items()}
-    assert not made.follow()
+    assert not vehicle_view.follow()
     remote.SetSliderValue("front_left_steering_joint", 0.5)
-    assert made.follow()
+    assert vehicle_view.follow()
     moved = {path for path, pose in remote.poses.items() if not np.allclose(pose, before[path], atol=1e-12)}
     assert moved == {f"/drake/frames/{name}" for name in ("front_left_knuckle", "front_left_wheel", "centre of mass")}
     turned = remote.poses["/drake/frames/front_left_knuckle"][:3, 0]
@@ -101,16 +101,16 @@ def test_the_car_rests_on_compressed_tyres(view):
 
 
 def test_a_button_switches_its_layer_and_no_other(view):
-    made, remote = view()
+    vehicle_view, remote = view()
     paths = {"Frames": "/drake/frames", "Collision shapes": "/drake/collision", "Meshes": "/drake/visualizer/bolt"}
     assert [remote.visible[path] for path in paths.values()] == [False, False, True]
     for name, path in paths.items():
         before = dict(remote.visible)
         remote.clicks[name] += 1
-        assert made.follow()
+        assert vehicle_view.follow()
         assert remote.visible == before | {path: not before[path]}
     remote.clicks["Meshes"] += 2  # twice since the last look: as before
-    assert not made.follow()
+    assert not vehicle_view.follow()
 
 
 def test_layers_can_be_chosen_from_the_start(view):
@@ -121,13 +121,13 @@ def test_layers_can_be_chosen_from_the_start(view):
 
 
 def test_the_view_ends_at_its_stop_button_or_after_a_time(view):
-    made, remote = view()
+    vehicle_view, remote = view()
     begin = time.monotonic()
-    made.Run(made._diagram, timeout=0.1)
+    vehicle_view.Run(vehicle_view._diagram, timeout=0.1)
     assert 0.1 <= time.monotonic() - begin < 3.0
     assert "Stop" not in remote.GetButtonNames()
     remote.clicks["Stop"] = 1
-    made.Run(made._diagram)  # returns at once
+    vehicle_view.Run(vehicle_view._diagram)  # returns at once
 
 
 def test_the_camera_is_as_near_as_the_vehicle_is_small(real):
@@ -160,22 +160,22 @@ class TestBrowser:
         driver = request.getfixturevalue("browser")
         driver.set_window_size(500, 400)  # drawn without a graphics card
         meshcat = make_meshcat(port=0, world=load_world("empty"))
-        _, made = show_vehicle(load_vehicle("bolt"), meshcat)
+        _, vehicle_view = show_vehicle(load_vehicle("bolt"), meshcat)
         driver.get(meshcat.web_url())
         assert _settled(driver, lambda image: _blue(image) > 0.03), "no car"
         plain = picture(driver)
         assert severe(driver) == []
         assert colours(plain) > 60
-        assert set(made.shown) == set(BUTTONS)
+        assert set(vehicle_view.shown) == set(BUTTONS)
 
-        _press(driver, made, "KeyC")
-        assert made.shown["Collision shapes"]
+        _press(driver, vehicle_view, "KeyC")
+        assert vehicle_view.shown["Collision shapes"]
         assert _settled(driver, lambda image: _red(image) > 0.05), "no collision shapes"
-        _press(driver, made, "KeyC")
+        _press(driver, vehicle_view, "KeyC")
         assert _settled(driver, lambda image: _red(image) < 0.01), "collision shapes stay"
-        _press(driver, made, "KeyM")
+        _press(driver, vehicle_view, "KeyM")
         assert _settled(driver, lambda image: _blue(image) < 0.005), "meshes stay"
-        _press(driver, made, "KeyF")
+        _press(driver, vehicle_view, "KeyF")
         assert _settled(driver, lambda image: _red(image) > 5e-4), "no frames"
         assert severe(driver) == []
         driver.get("about:blank")  # before the server goes
@@ -214,11 +214,11 @@ def _settled(driver, condition, *, patience=30.0):
     return False
 
 
-def _press(driver, made, code):
+def _press(driver, vehicle_view, code):
     """Press a key in the page, and let the view see it."""
     driver.execute_script(
         "document.dispatchEvent(new KeyboardEvent('keydown', {code: arguments[0], bubbles: true}))", code
     )
     end = time.monotonic() + 10.0
-    while not made.follow() and time.monotonic() < end:
+    while not vehicle_view.follow() and time.monotonic() < end:
         time.sleep(0.05)

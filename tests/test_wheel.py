@@ -55,16 +55,16 @@ def _run(*command: str | Path, cwd: Path) -> str:
 
 def test_every_data_file_is_in_the_wheel(contents: set[str]) -> None:
     files = [file for kind in ("models", "worlds", "diagrams") for file in (ROOT / kind).rglob("*") if file.is_file()]
-    wanted = {str(file.relative_to(ROOT)) for file in files if "__pycache__" not in file.parts}
-    assert wanted - {name.removeprefix("mirdrake/share/") for name in contents} == set()
+    expected = {str(file.relative_to(ROOT)) for file in files if "__pycache__" not in file.parts}
+    assert expected - {name.removeprefix("mirdrake/share/") for name in contents} == set()
     assert "mirdrake/share/models/bolt/vehicle.yaml" in contents
     assert "mirdrake/share/worlds/test_track.yaml" in contents
     assert "mirdrake/share/diagrams/bolt_test_track.yaml" in contents
 
 
 def test_the_modules_and_templates_are_in_the_wheel(contents: set[str]) -> None:
-    wanted = {str(file.relative_to(ROOT)) for file in (ROOT / "mirdrake").rglob("*") if file.is_file()}
-    assert {name for name in wanted if "__pycache__" not in name} - contents == set()
+    expected = {str(file.relative_to(ROOT)) for file in (ROOT / "mirdrake").rglob("*") if file.is_file()}
+    assert {name for name in expected if "__pycache__" not in name} - contents == set()
 
 
 def test_nothing_else_is_in_the_wheel(contents: set[str]) -> None:

@@ -78,8 +78,8 @@ def test_slip_velocity_and_generalised_force_are_those_of_the_wheels_point_on_th
         fx, fy, mz, fz = 1234.0, -2345.0, 56.0, 789.0
         force = [0.0] * plant.num_velocities()
         add_road_force(force, wheel, motion, fx, fy, mz, fz)
-        wanted = jacobian.T @ np.array([0.0, 0.0, mz, *(fx * ahead + fy * left + [0.0, 0.0, fz])])
-        assert force == pytest.approx(wanted, abs=1e-9 * 1e3)
+        expected = jacobian.T @ np.array([0.0, 0.0, mz, *(fx * ahead + fy * left + [0.0, 0.0, fz])])
+        assert force == pytest.approx(expected, abs=1e-9 * 1e3)
 
 
 def test_a_force_does_no_work_but_against_the_slip_whatever_the_rolling_radius(parts):

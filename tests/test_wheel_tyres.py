@@ -90,8 +90,8 @@ def test_forces_are_those_of_the_law_at_the_slips_of_the_wheels(bolt, kind, slip
         assert load > 500.0
         slips = -motion.slip_x / motion.vx, motion.vy / motion.vx
         assert [kappa, np.tan(alpha)] == pytest.approx(slips, abs=1e-7)
-        wanted = expected(kind, *slips, load, motion.vx, motion.inclination, 1.0)
-        assert [fx, fy, mz] == pytest.approx(list(wanted), rel=1e-6, abs=1e-3)
+        target = expected(kind, *slips, load, motion.vx, motion.inclination, 1.0)
+        assert [fx, fy, mz] == pytest.approx(list(target), rel=1e-6, abs=1e-3)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -280,11 +280,11 @@ def test_a_robot_rocks_on_its_tyres_with_their_stiffness_and_the_damping_of_thei
     stiffness, dissipation = 13450.0, 0.1556  # models/unior/contact.xacro
     rate = np.sqrt(4.0 * stiffness / mass)
     damping = 0.5 * mass * GRAVITY * dissipation / np.sqrt(4.0 * stiffness * mass)
-    seen = []
+    samples = []
     while (now := simulator.get_context().get_time()) < 4.5 * 2.0 * np.pi / rate:
         simulator.AdvanceTo(now + step)
-        seen.append(plant.EvalBodyPoseInWorld(context, part.base).translation()[2] - rest)
-    heights = np.array(seen) / lift
+        samples.append(plant.EvalBodyPoseInWorld(context, part.base).translation()[2] - rest)
+    heights = np.array(samples) / lift
     tops = np.flatnonzero((heights[1:-1] > heights[:-2]) & (heights[1:-1] > heights[2:])) + 1
     assert 2.0 * np.pi * 3.0 / ((tops[3] - tops[0]) * step) == pytest.approx(rate, rel=0.02)
     assert np.log(heights[tops[0]] / heights[tops[3]]) / (6.0 * np.pi) == pytest.approx(damping, rel=0.1)
@@ -392,12 +392,12 @@ def test_brakes_bring_the_car_to_a_stop_and_hold_it(bolt, contact, kind, torque)
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_length_of_the_step_does_not_change_the_braking_distance(bolt, kind):
-    ways = []
+    trajectories = []
     for step in (0.0025, 0.005, 0.01):
         torque = [0.0] * 4 + [1250.0] * 2 + [600.0] * 2
         assembly = on_tyres(bolt(f"{kind}_free"), speed=10.0, torque=torque, contact="point", time_step=step)
-        ways.append(Simulation(assembly).run(duration=3.0).signals["ego.x"].max())
-    assert ways == pytest.approx([ways[0]] * 3, rel=0.01)
+        trajectories.append(Simulation(assembly).run(duration=3.0).signals["ego.x"].max())
+    assert trajectories == pytest.approx([trajectories[0]] * 3, rel=0.01)
 
 
 def test_a_driven_wheel_on_the_spot_does_not_wind_up(bolt):

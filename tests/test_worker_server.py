@@ -36,8 +36,8 @@ def test_a_ctrl_c_comes_behind_the_start_of_a_worker():
 
 
 def test_a_worker_does_not_know_ctrl_c():
-    ask = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
+    script = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
     with worker_start():
-        output = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True).stdout
+        output = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert output.strip() == "True"
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])

@@ -554,9 +554,9 @@ def test_there_is_a_path_through_a_gap_only_if_it_is_wider_than_the_car(what: st
     assert "1.71 m wide at (0.00, 0.00) m, between 'left' and 'right'" in fault.text
     report = examine(write(gap_world(width + 0.5) + what))
     assert report.faults == []
-    (way,) = report.paths
-    assert (way.vehicle, way.start, way.goal) == ("bolt", "gate", "exit")
-    assert way.length < 35.0
+    (path,) = report.paths
+    assert (path.vehicle, path.start, path.goal) == ("bolt", "gate", "exit")
+    assert path.length < 35.0
 
 
 def test_the_margin_of_the_rule_counts() -> None:
@@ -633,15 +633,15 @@ def test_a_path_may_lead_to_a_gate_of_a_track_and_to_a_start() -> None:
         )
     )
     assert report.faults == []
-    assert [(way.start, way.goal) for way in report.paths] == [("gate", "other"), ("gate", "line")]
+    assert [(path.start, path.goal) for path in report.paths] == [("gate", "other"), ("gate", "line")]
     assert report.paths[1].poses[-1, 0] == pytest.approx(30.0, abs=1.0)
 
 
 def test_a_path_is_smooth_and_free_for_the_box_of_the_vehicle() -> None:
     world = load_world(write(gap_world(2.3) + DRIVABLE))
-    (way,) = examine(world).paths
+    (path,) = examine(world).paths
     body = Body.of(load_vehicle("bolt"))
-    x, y, yaw = way.poses.T
+    x, y, yaw = path.poses.T
     boxes = body.boxes(x, y, yaw)
     solids = shapely.union_all([prop.footprint for prop in world.props])
     assert not shapely.intersects(boxes, solids).any()

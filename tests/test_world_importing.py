@@ -320,11 +320,11 @@ def test_missing_models_are_reported_with_the_searched_folders(tmp_path, monkeyp
 @pytest.mark.parametrize("way", ["GAZEBO_MODEL_PATH", "GZ_SIM_RESOURCE_PATH", "package", "beside"])
 def test_models_are_found(tmp_path, monkeypatch, way):
     folder = tmp_path / ("worlds/models" if way == "beside" else "elsewhere")
-    thing = traps.model_folder(folder, "thing", traps.model("thing", size="2 1 1", pose="0 0 0.5 0 0 0"), config=False)
+    model = traps.model_folder(folder, "thing", traps.model("thing", size="2 1 1", pose="0 0 0.5 0 0 0"), config=False)
     path = traps.world(tmp_path / "worlds", traps.include("model://thing", pose="3 4 0.5 0 0 0"))
     if way not in {"package", "beside"}:
         monkeypatch.setenv(way, str(folder))
-    given = {"thing": thing} if way == "package" else None
+    given = {"thing": model} if way == "package" else None
     _, world = imported(path, tmp_path / "out", packages=given)
     np.testing.assert_allclose(box_of(world.props[0]), [2.0, 3.5, 0.0, 4.0, 4.5, 1.0], atol=MILLIMETRE)
 
@@ -810,7 +810,7 @@ def test_command_prints_what_was_done(tmp_path, command, capsys):
 
 
 def test_command_options(tmp_path, command, capsys):
-    thing = traps.model_folder(tmp_path / "elsewhere", "thing", traps.model("thing"), config=False)
+    model = traps.model_folder(tmp_path / "elsewhere", "thing", traps.model("thing"), config=False)
     path = traps.world(tmp_path / "a", traps.include("model://thing", pose="3 4 0.5 0 0 0"))
     strict = (path, "--folder", tmp_path / "worlds", "--strict")
     assert command(*strict) == 2
@@ -818,10 +818,10 @@ def test_command_options(tmp_path, command, capsys):
     assert error.count("\n") == 1
     assert "--package thing=DIR" in error
     assert not (tmp_path / "worlds").exists()
-    assert command(*strict, "--package", f"thing={thing}") == 0
-    assert command(*strict, "--package", f"thing={thing}") == 2
+    assert command(*strict, "--package", f"thing={model}") == 0
+    assert command(*strict, "--package", f"thing={model}") == 2
     assert "exists already" in capsys.readouterr().err
-    assert command(*strict, "--package", f"thing={thing}", "--force") == 0
+    assert command(*strict, "--package", f"thing={model}", "--force") == 0
 
 
 @pytest.mark.parametrize(

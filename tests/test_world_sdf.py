@@ -128,9 +128,9 @@ def test_loose_props_have_their_mass(world: World, export: SdfExport, loaded: tu
         body = plant.GetBodyByName("body", plant.GetModelInstanceByName(export.models[placed.name]))
         assert plant.IsAnchored(body) == placed.static
         if not placed.static:
-            wanted = bodies[placed.name].default_spatial_inertia()
+            expected = bodies[placed.name].default_spatial_inertia()
             np.testing.assert_allclose(
-                body.default_spatial_inertia().CopyToFullMatrix6(), wanted.CopyToFullMatrix6(), atol=1e-9
+                body.default_spatial_inertia().CopyToFullMatrix6(), expected.CopyToFullMatrix6(), atol=1e-9
             )
 
 

@@ -434,9 +434,9 @@ def test_ground_road_and_paint_cover_the_plane_without_overlap():
             points = read(primitive["attributes"]["POSITION"], "<f4").reshape(-1, 3).astype(float)
             corners = points[read(primitive["indices"], "<u4").reshape(-1, 3)]
             # y is up in glTF: the area seen from above is half the y component of the cross product.
-            seen = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 1] / 2
-            assert (seen > -1e-4).all()  # every triangle faces up (or is a side)
-            total += seen.sum()
+            areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 1] / 2
+            assert (areas > -1e-4).all()  # every triangle faces up (or is a side)
+            total += areas.sum()
         return total
 
     loaded = load_world("test_track")

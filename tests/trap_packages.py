@@ -135,7 +135,7 @@ def car_urdf(
 
 
 def package(folder, name, main, text, *, inside="urdf"):
-    """Return a ROS package with one description file."""
+    """Write a ROS package with one description file."""
     for part in (inside, "meshes"):
         (folder / part).mkdir(parents=True, exist_ok=True)
     (folder / "package.xml").write_text(
@@ -315,7 +315,7 @@ def lost_pictures(folder):
 
 
 def uneven_steering(folder):
-    """Return the left steering joint is revolute, the right one continuous, so that its limits do not count."""
+    """Write a package whose left steering joint is revolute and whose right one is continuous, hence without limits."""
     text = car_urdf("uneven", Car(), kinds=("revolute", "continuous"))
     return package(folder / "uneven", "uneven", "car.urdf", text)
 
@@ -360,7 +360,7 @@ def odd_words(folder):
 
 
 def controllers_beside(folder):
-    """Return the description in one package, its controllers in a neighbouring one, a stranger's in a third."""
+    """Write the description in one package, its controllers in a second one, those of another robot in a third."""
     path = package(
         folder / "rover_description", "rover_description", "rover.urdf", car_urdf("rover", Car(), transmissions=False)
     )
@@ -424,7 +424,7 @@ def sdf_joint(name, kind, parent, child, *axes, limit=""):
 
 
 def model(folder, name, body):
-    """Return a Gazebo model: model.config and model.sdf."""
+    """Write a Gazebo model: model.config and model.sdf."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "model.config").write_text(
         f"<?xml version='1.0'?>\n<model><name>{name}</name><version>1.0</version><sdf version='1.6'>model.sdf</sdf>"
@@ -451,8 +451,8 @@ def sdf_cart(folder):
     """Return an SDF cart: four nested includes of a wheel model, meshes by model://, one of them a submesh."""
     car, models = GOLF, folder / "models"
     limit = f"<limit><lower>-{car.limit}</lower><upper>{car.limit}</upper><effort>500</effort></limit>"
-    seen = "<geometry><mesh><uri>model://yard_cart/meshes/cart.dae</uri><submesh><name>hood</name><center>false</center></submesh></mesh></geometry>"
-    text = sdf_body(car, seen)
+    visual = "<geometry><mesh><uri>model://yard_cart/meshes/cart.dae</uri><submesh><name>hood</name><center>false</center></submesh></mesh></geometry>"
+    text = sdf_body(car, visual)
     for corner, (x, y) in car.corners.items():
         parent, position = "chassis", f"{x:g} {y:g} {car.radius} 0 0 0"
         if corner.startswith("front"):

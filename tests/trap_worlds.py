@@ -43,10 +43,10 @@ def model(name, kind="box", size="1 1 1", *, pose="", link="", static=True, mass
     pose = f"<pose>{pose}</pose>" if pose else ""
     link = f"<pose>{link}</pose>" if link else ""
     mass = f"<inertial><mass>{mass}</mass></inertial>" if mass else ""
-    seen = f'<visual name="v">{shape(kind, size)}</visual>' if visual else ""
+    visual_element = f'<visual name="v">{shape(kind, size)}</visual>' if visual else ""
     return (
         f'<model name="{name}"><static>{int(static)}</static>{pose}<link name="link">{link}{mass}'
-        f'<collision name="c">{shape(kind, size)}{more}</collision>{seen}</link>{extra}</model>'
+        f'<collision name="c">{shape(kind, size)}{more}</collision>{visual_element}</link>{extra}</model>'
     )
 
 

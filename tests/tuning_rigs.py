@@ -75,12 +75,12 @@ class TextbookLoop:
         if not is_stable(plant, pid):
             return Evaluation("unstable", reason="a pole in the right half plane")
         load = conditions.grade + conditions.noise * np.random.default_rng(conditions.seed).standard_normal(STEPS)
-        given = simulate_loop(
+        response = simulate_loop(
             LinearProcess(plant, PERIOD), pid, period=PERIOD, reference=np.ones(STEPS), disturbance=load
         )
-        if len(given.time) < STEPS:
+        if len(response.time) < STEPS:
             return Evaluation("unstable", reason="it left all bounds")
-        figures = response_figures(given.time, given.reference, given.measurement, given.control)
+        figures = response_figures(response.time, response.reference, response.measurement, response.control)
         omega = np.geomspace(1e-2, 1e2, 400)
         loop = controller_response(pid, omega) * plant.response(omega)
         return Evaluation(

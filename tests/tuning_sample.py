@@ -68,9 +68,14 @@ def evaluate(gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidel
     count = round(DURATION / PERIOD)
     reference = np.where(np.arange(count) * PERIOD < 0.2, 0.0, STEP)
     process = LinearProcess(plant.transfer_function(), PERIOD)
-    given = simulate_loop(process, pid, period=PERIOD, reference=reference, limits=LIMITS)
+    simulated = simulate_loop(process, pid, period=PERIOD, reference=reference, limits=LIMITS)
     response = pd.DataFrame(
-        {"t": given.time, "reference": given.reference, "output": given.measurement, "effort": given.control}
+        {
+            "t": simulated.time,
+            "reference": simulated.reference,
+            "output": simulated.measurement,
+            "effort": simulated.control,
+        }
     )
     try:
         stable = is_stable(_held(plant).transfer_function(), pid)
@@ -125,7 +130,7 @@ def write_sample(
         LinearProcess(TRUE.transfer_function(), PERIOD), period=PERIOD, amplitude=1.0, hysteresis=0.01, duration=60.0
     )
     ultimate = relay.ultimate_gain, relay.ultimate_period
-    made = {
+    created = {
         "Ziegler-Nichols step PI": ("ziegler_nichols_step", None, ziegler_nichols_step(model, "PI")),
         "Ziegler-Nichols relay PI": ("ziegler_nichols_relay", None, ziegler_nichols_ultimate(*ultimate, "PI")),
         "SIMC": ("simc", 1.0, simc(model)),
@@ -140,7 +145,7 @@ def write_sample(
     designs += [
         Design(name, "shaped" if rule == "largest_integral_gain" else "rule",
                {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd}, rule, parameter)
-        for name, (rule, parameter, pid) in made.items()
+        for name, (rule, parameter, pid) in created.items()
     ]  # fmt: skip
 
     # Search and map.

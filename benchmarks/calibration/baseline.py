@@ -57,7 +57,7 @@ def fit_baseline(train: Sequence[Path], validation: Path, steering: str, wheelba
     scale = float(np.std(r))
     estimate = least_squares(residuals, start, loss="soft_l1", f_scale=0.1 * scale, x_scale=[1, 1, 1, 1, 0.02, 0.05],
                           max_nfev=40)  # fmt: skip
-    held = pd.read_parquet(validation).dropna()
-    seen, shown = held["yaw_rate"].to_numpy(), simulate(estimate.x, held, steering, wheelbase)
-    away = seen - shown
-    return float(100.0 * (1.0 - np.linalg.norm(away - np.median(away)) / np.linalg.norm(seen - seen.mean())))
+    validation_log = pd.read_parquet(validation).dropna()
+    measured, shown = validation_log["yaw_rate"].to_numpy(), simulate(estimate.x, validation_log, steering, wheelbase)
+    away = measured - shown
+    return float(100.0 * (1.0 - np.linalg.norm(away - np.median(away)) / np.linalg.norm(measured - measured.mean())))

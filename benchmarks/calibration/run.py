@@ -180,11 +180,11 @@ def run_case(seed: int) -> Row:
         row["missed"] = not any(
             "vy" in finding.channels and finding.severity == "fault" for finding in result.check.findings
         )
-    held = [
+    validation_channels = [
         channel for channel in result.fit.channels if channel.part == "validation" and channel.channel == "yaw_rate"
     ]
-    if held and math.isfinite(held[0].nrmse_percent):
-        worst = min(held, key=lambda channel: channel.nrmse_percent)
+    if validation_channels and math.isfinite(validation_channels[0].nrmse_percent):
+        worst = min(validation_channels, key=lambda channel: channel.nrmse_percent)
         row["held_out"], row["noise_limit"] = worst.nrmse_percent, worst.noise_limit_percent
     row["notes"] = list(result.fit.notes)
     return row
@@ -202,9 +202,9 @@ def main() -> None:
     if options.out.exists():
         rows = [json.loads(line) for line in options.out.read_text().splitlines()]
     first, end = (int(text) for text in options.cases.split(":"))
-    wanted = range(first, end)
+    selected = range(first, end)
     done = {row["seed"] for row in rows}
-    for seed in () if options.table else [seed for seed in wanted if seed not in done]:
+    for seed in () if options.table else [seed for seed in selected if seed not in done]:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             row = run_case(seed)
@@ -212,7 +212,7 @@ def main() -> None:
             file.write(json.dumps(row) + "\n")
         rows.append(row)
         print(f"{seed}: {row['kind']}, {row['fault']}: {row['status']}, {row['seconds']:.0f} s", flush=True)
-    print(make_table([row for row in rows if row["seed"] in wanted]))
+    print(make_table([row for row in rows if row["seed"] in selected]))
 
 
 if __name__ == "__main__":

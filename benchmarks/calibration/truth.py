@@ -184,8 +184,8 @@ def road_wheel_angle(vehicle: Vehicle, command: Array) -> Array:
     if vehicle.lag > 0.0:
         decay, angle = math.exp(-STEP / vehicle.lag), late.copy()
         for i in range(1, len(late)):
-            wanted = 0.5 * (late[i - 1] + late[i])
-            angle[i] = wanted + decay * (angle[i - 1] - wanted)
+            target = 0.5 * (late[i - 1] + late[i])
+            angle[i] = target + decay * (angle[i - 1] - target)
         late = angle
     return np.asarray(late / vehicle.ratio + vehicle.offset)
 

@@ -144,8 +144,8 @@ def sensor_head() -> Mesh:
     mesh.add_mesh(pillow("rim_machined", (0.62, 0.80, 0.022), 0.15), None, (-0.22, 0, 0.020))
     can = [(-0.045, 0.0), (-0.045, 0.055), (0.045, 0.055), (0.045, 0.0)]
     upright = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])  # takes y up
-    stand = [(-0.03, 0.0), (-0.03, 0.085), (0.03, 0.06), (0.03, 0.0)]
-    mesh.add_mesh(revolve("cladding", stand, 24, smooth=False), upright, (-0.10, 0, 0.060))
+    bracket = [(-0.03, 0.0), (-0.03, 0.085), (0.03, 0.06), (0.03, 0.0)]
+    mesh.add_mesh(revolve("cladding", bracket, 24, smooth=False), upright, (-0.10, 0, 0.060))
     mesh.add_mesh(revolve("grille", [(y * 0.8, r) for y, r in can], 32, smooth=False), upright, (-0.10, 0, 0.125))
     mesh.add_mesh(
         revolve("accent", [(y * 0.32, r * 1.03) for y, r in can], 32, smooth=False), upright, (-0.10, 0, 0.128)

@@ -225,12 +225,12 @@ def _parapet(mesh: Mesh, hx: float, hy: float, high: float, depth: float, roof: 
     t = 0.25
     mesh.add_mesh(_slab(roof, (-hx + t, hx - t), (-hy + t, hy - t), high - depth))
     ring = shapely.box(-hx, -hy, hx, hy).difference(shapely.box(-hx + t, -hy + t, hx - t, hy - t))
-    stand = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # x (drawn along) up; (y, z) to (y, -x)
+    rotation = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # x (drawn along) up; (y, z) to (y, -x)
     coping = extrude(cap, shapely.affinity.affine_transform(ring, [0, 1, -1, 0, 0, 0]), high - 0.15, high)
-    mesh.add_mesh(coping, stand)
+    mesh.add_mesh(coping, rotation)
     well = shapely.affinity.affine_transform(shapely.box(-hx + t, -hy + t, hx - t, hy - t), [0, 1, -1, 0, 0, 0])
     sides = extrude(inner, well, high - depth, high - 0.15, ends="none")
-    mesh.add_mesh(sides.transformed(lambda p: p, lambda _, n: -n), stand)
+    mesh.add_mesh(sides.transformed(lambda p: p, lambda _, n: -n), rotation)
 
 
 # --- city block --------------------------------------------------------------------------------------------------

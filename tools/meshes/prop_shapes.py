@@ -187,7 +187,7 @@ def _letter(name: str, w: float, h: float) -> list[list[tuple[float, float]]]:
     q, m = h / 4, h / 2
     r = min(w / 2, q)
     bowl = [(0.0, h), (w - r, h), *_arc(w - r, h - q, r, q, 90, -90), (0.0, m)]
-    ways: dict[str, list[list[tuple[float, float]]]] = {
+    strokes: dict[str, list[list[tuple[float, float]]]] = {
         "E": [[(w, h), (0, h), (0, 0), (w, 0)], [(0, m), (0.85 * w, m)]],
         "F": [[(w, h), (0, h), (0, 0)], [(0, m), (0.85 * w, m)]],
         "H": [[(0, 0), (0, h)], [(w, 0), (w, h)], [(0, m), (w, m)]],
@@ -199,7 +199,7 @@ def _letter(name: str, w: float, h: float) -> list[list[tuple[float, float]]]:
         "S": [[*_arc(w / 2, h - q, w / 2, q, 25, 270), *_arc(w / 2, q, w / 2, q, 90, -155)]],
         "T": [[(w / 2, 0), (w / 2, h)], [(0, h), (w, h)]],
     }  # fmt: skip
-    return ways[name]
+    return strokes[name]
 
 
 def lettering(text: str, height: float, *, width: float = 0.62, pen: float = 0.19, gap: float = 0.22) -> BaseGeometry:
@@ -210,8 +210,8 @@ def lettering(text: str, height: float, *, width: float = 0.62, pen: float = 0.1
             cursor += 0.42 * height
             continue
         wide = (pen if name == "I" else width) * height
-        for way in _letter(name, max(wide - pen * height, 1e-9), (1 - pen) * height):
-            points = [(cursor + pen * height / 2 + y, z - (1 - pen) * height / 2) for y, z in way]
+        for stroke in _letter(name, max(wide - pen * height, 1e-9), (1 - pen) * height):
+            points = [(cursor + pen * height / 2 + y, z - (1 - pen) * height / 2) for y, z in stroke]
             closed = len(points) > 3 and np.allclose(points[0], points[-1])
             line = shapely.LinearRing(points[:-1]) if closed else LineString(points)
             shapes.append(line.buffer(pen * height / 2, cap_style="flat" if name == "S" else "square",

@@ -437,15 +437,15 @@ def write_prop(folder: Path, name: str) -> str:
     """Write a prop to ``folder/name``; return a line on it."""
     prop, home = PROPS[name], folder / name
     home.mkdir(parents=True, exist_ok=True)
-    made = prop.make()
-    corners = made.corners()
+    result = prop.make()
+    corners = result.corners()
     low, high = corners.min(axis=0), corners.max(axis=0)
     shift = np.array([-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]])
     mesh = Mesh()
-    mesh.add_mesh(made, None, shift.tolist())
+    mesh.add_mesh(result, None, shift.tolist())
     materials = {**MATERIALS, **COLOURS, **({"paint": prop.paint} if prop.paint else {})}
     count = mesh.write(home / f"{name}.gltf", materials=materials, generator="mirdrake models/props/generate.py")
-    solids = [solid.moved(shift) for solid in prop.solids(made)]
+    solids = [solid.moved(shift) for solid in prop.solids(result)]
     for solid in solids:
         if solid.kind == "convex":
             write_hull(home / solid.file, solid.points)

@@ -108,8 +108,8 @@ def _rounded(material: str, points: Array, faces: list[list[int]], bevel: float)
         top = np.mean([arc.mean(axis=0) for arc in corner_arc], axis=0)
         top /= np.linalg.norm(top)
         for arc in corner_arc:
-            way = np.stack([np.broadcast_to(top, arc[1:].shape), arc[:-1], arc[1:]], axis=1)
-            mesh.add(material, core[v] + bevel * way, way)
+            corners = np.stack([np.broadcast_to(top, arc[1:].shape), arc[:-1], arc[1:]], axis=1)
+            mesh.add(material, core[v] + bevel * corners, corners)
     return mesh
 
 

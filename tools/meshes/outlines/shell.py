@@ -217,10 +217,10 @@ def _sample(skin: Skin) -> Array:
     share = np.stack([np.concatenate([[0.0], np.cumsum(w)]) / w.sum() for _, w in rows])
     for _ in range(4):
         share[1:-1] = 0.25 * share[:-2] + 0.5 * share[1:-1] + 0.25 * share[2:]
-    wanted = np.linspace(0.0, 1.0, count)
+    fractions = np.linspace(0.0, 1.0, count)
     grid = np.stack(
         [
-            np.stack([np.interp(wanted, s, p[:, axis]) for axis in range(3)], axis=1)
+            np.stack([np.interp(fractions, s, p[:, axis]) for axis in range(3)], axis=1)
             for s, (p, _) in zip(share, rows, strict=True)
         ]
     )
