@@ -60,7 +60,7 @@ class SetGesture(Gesture):
     """A value is typed in the panel."""
 
     kind: Literal["set"] = Field(description="[-]")
-    path: Annotated[list[str], Field(min_length=1, max_length=40)] = Field(description="of the value [-]")
+    path: Annotated[list[str], Field(min_length=1, max_length=40)] = Field(description="path of the value [-]")
     value: Annotated[str, Field(max_length=1000)] = Field(description="the new text of the value [-]")
 
     def text(self, scene: Scene, name: str) -> str:
@@ -75,7 +75,9 @@ class InsertGesture(Gesture):
 
     kind: Literal["insert"] = Field(description="[-]")
     what: Literal["prop", "group", "start", "goal"] = Field(description="[-]")
-    name: Annotated[str, Field(min_length=1, max_length=200)] = Field(description="of the prop, group, start or goal")
+    name: Annotated[str, Field(min_length=1, max_length=200)] = Field(
+        description="name of the prop, group, start or goal"
+    )
     x: Meters = Field(description="position [m]")
     y: Meters = Field(description="position [m]")
 

@@ -34,7 +34,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
     standard: ClassVar[str] = "FMVSS 126, ISO 19365"
     headline: ClassVar[tuple[str, ...]] = ("amplitude_left", "displacement_left")
 
-    speed: Speed = setting(80.0 * KMH, "at the beginning of steer", "m/s", "V", _TWO, gt=0.0)
+    speed: Speed = setting(80.0 * KMH, "speed at the beginning of steer", "m/s", "V", _TWO, gt=0.0)
     tolerance: Speed = setting(2.0 * KMH, "allowed difference of the speed", "m/s", "R", "FMVSS 126", gt=0.0)
     frequency: Frequency = setting(0.7, "frequency of the sine", "Hz", "V", _TWO, gt=0.0)
     dwell: Duration = setting(0.5, "dwell at the second peak", "s", "V", _TWO, ge=0.0)
@@ -42,7 +42,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
         None, "A, the hand-wheel angle at 0.3 g; by default from a slowly increasing steer", "rad", "R", "FMVSS 126"
     )
     first: float = setting(1.5, "first amplitude over A", "", "R", "FMVSS 126", gt=0.0)
-    increment: float = setting(0.5, "from one amplitude to the next, over A", "", "R", "FMVSS 126", gt=0.0)
+    increment: float = setting(0.5, "increment of the amplitude over A", "", "R", "FMVSS 126", gt=0.0)
     last: float = setting(6.5, "last amplitude over A", "", "R", "FMVSS 126", gt=0.0)
     least_last: Angle = setting(
         math.radians(270.0), "last amplitude at least", "rad", "R", "FMVSS 126", scales=False, ge=0.0

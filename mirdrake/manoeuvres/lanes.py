@@ -44,8 +44,12 @@ class CourseSpec(ManoeuvreSpec):
     share: float = setting(
         0.8, "largest speed of the other figures over the speed that friction may allow", "", "own", gt=0.0
     )
-    multiple: Speed = setting(5.0 * KMH, "of which the speed of the other figures is a multiple", "m/s", "own", gt=0.0)
-    margin: Length = setting(0.1, "between body and cones on the planned line, if there is room", "m", "own", ge=0.0)
+    multiple: Speed = setting(
+        5.0 * KMH, "step to which the speed of the other figures is rounded down", "m/s", "own", gt=0.0
+    )
+    margin: Length = setting(
+        0.1, "distance between body and cones on the planned line, if there is room", "m", "own", ge=0.0
+    )
     run_up: Length = setting(30.0, "straight distance before the course", "m", "own", gt=0.0)
     run_out: Length = setting(25.0, "straight distance after the course", "m", "own", ge=0.0)
     time_step: Duration = time_step_setting(0.0025, "sideslip at the limit needs it")
@@ -278,8 +282,8 @@ class DoubleLaneChangeSpec(CourseSpec):
     lengths: tuple[float, float, float, float, float] = setting(
         (15.0, 30.0, 25.0, 25.0, 30.0), "of lane A, gap, lane B, gap, lane C with exit", "m", "V", _CHRONO
     )
-    factors: tuple[float, float, float] = setting((1.1, 1.2, 1.3), "lane over vehicle width", "", "V", _CHRONO)
-    extra: Length = setting(0.25, "added to the widths of the lanes", "m", "V", _CHRONO, ge=0.0)
+    factors: tuple[float, float, float] = setting((1.1, 1.2, 1.3), "lane width over vehicle width", "", "V", _CHRONO)
+    extra: Length = setting(0.25, "length added to the widths of the lanes", "m", "V", _CHRONO, ge=0.0)
     offset: Length = setting(3.5, "from the axis of lane A to the near edge of lane B", "m", "V", _CHRONO, ge=0.0)
 
     def sections(self, width: float) -> list[Section]:
@@ -304,9 +308,9 @@ class ObstacleAvoidanceSpec(CourseSpec):
     lengths: tuple[float, float, float, float, float] = setting(
         (12.0, 13.5, 11.0, 12.5, 12.0), "of section 1, gap, section 3, gap, section 5", "m", "V", _CHRONO
     )
-    first_factor: float = setting(1.1, "width of section 1 over the vehicle's", "", "V", _CHRONO, gt=0.0)
-    first_extra: Length = setting(0.25, "added to it", "m", "V", _CHRONO, ge=0.0)
-    second_extra: Length = setting(1.0, "width of section 3 less the vehicle's", "m", "V", _CHRONO, ge=0.0)
+    first_factor: float = setting(1.1, "width of section 1 over that of the vehicle", "", "V", _CHRONO, gt=0.0)
+    first_extra: Length = setting(0.25, "length added to the width of section 1", "m", "V", _CHRONO, ge=0.0)
+    second_extra: Length = setting(1.0, "width of section 3 minus that of the vehicle", "m", "V", _CHRONO, ge=0.0)
     third_width: Length = setting(3.0, "width of section 5; others use 1.3 b + 0.25 m", "m", "V", _CHRONO, gt=0.0)
     offset: Length = setting(1.0, "between the edges of sections 1 and 3", "m", "V", _CHRONO, ge=0.0)
     release: Length = setting(
@@ -335,9 +339,9 @@ class SlalomSpec(CourseSpec):
     standard: ClassVar[str] = "no standard; cones 18 m apart, as magazines have them"
     headline: ClassVar[tuple[str, ...]] = ("speed",)
 
-    spacing: Length = setting(18.0, "from cone to cone", "m", "R", "magazines", gt=0.0)
+    spacing: Length = setting(18.0, "distance from cone to cone", "m", "R", "magazines", gt=0.0)
     cones: int = setting(6, "number of cones", "", "R", "magazines", ge=2, le=50)
-    radius: Length = setting(0.15, "of a cone", "m", "own", ge=0.0)
+    radius: Length = setting(0.15, "radius of a cone", "m", "own", ge=0.0)
     lowest: Speed = setting(20.0 * KMH, "lowest speed of the bisection", "m/s", "own", gt=0.0)
 
     def sections(self, width: float) -> list[Section]:  # noqa: ARG002 - as the base class has it

@@ -21,7 +21,12 @@ class ParkSpec(ManoeuvreSpec):
     grade: float = setting(0.12, "rise over run of the slope", "", "own", gt=0.0, le=0.5)
     brake: float = setting(1.0, "position of the pedal, if there is one", "", "own", gt=0.0, le=1.0)
     settle: Duration = setting(
-        5.0, "at the start, does not count: it rocks on its tyres", "s", "own", scales=False, ge=0.0
+        5.0,
+        "time at the start that is not evaluated, as the vehicle rocks on its tyres",
+        "s",
+        "own",
+        scales=False,
+        ge=0.0,
     )
     length: Duration = setting(10.0, "time over which creeping is measured", "s", "own", scales=False, gt=0.0)
     allowed: Speed = setting(1e-4, "creep speed that passes", "m/s", "own", scales=False, gt=0.0)

@@ -42,8 +42,8 @@ class _Common(Schema):
     """Settings of all manoeuvres of a command."""
 
     plant: PlantSpec = Field(default_factory=PlantSpec, description="step and contact of the full plant [-]")
-    friction: float = Field(0.85, gt=0.0, le=2.0, description="of the road; 0.85 is dry asphalt [-]")
-    seed: int = Field(0, ge=0, description="of random steering [-]")
+    friction: float = Field(0.85, gt=0.0, le=2.0, description="friction of the road; 0.85 is dry asphalt [-]")
+    seed: int = Field(0, ge=0, description="seed of random steering [-]")
 
 
 ManoeuvreSettings: Any = create_model(

@@ -97,7 +97,7 @@ class PlantSpec(Schema):
     stiction_tolerance: float = Field(1e-5, gt=0.0, description="slip speed taken for sticking [m/s]")
     rolling_resistance: Literal["tyre", "raw"] = Field(
         "tyre",
-        description="of the tyre (tyre), or the numerical one of discrete contact (raw) [-]",
+        description="rolling resistance of the tyre (tyre), or the numerical one of discrete contact (raw) [-]",
     )
     air_density: float = Field(1.2, ge=0.0, description="density of the air; 0: no aerodynamic forces [kg/m³]")
     wind: tuple[Speed, Speed] = Field((0.0, 0.0), description="velocity of the air in the world, x and y [m/s]")

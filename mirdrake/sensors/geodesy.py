@@ -23,9 +23,9 @@ class DatumSpec(Schema):
         default=0.0, ge=-MAX_LATITUDE, le=MAX_LATITUDE, description="[rad] positive north, for example 45 deg"
     )
     longitude: Angle = Field(default=0.0, ge=-pi, le=pi, description="[rad] positive east, for example -81 deg")
-    altitude: Length = Field(default=0.0, ge=-1000, le=10_000, description="[m] above the ellipsoid")
+    altitude: Length = Field(default=0.0, ge=-1000, le=10_000, description="[m] altitude above the ellipsoid")
     heading: Angle = Field(
-        default=0.5 * pi, ge=-2 * pi, le=2 * pi, description="[rad] of the world's x axis, clockwise from north"
+        default=0.5 * pi, ge=-2 * pi, le=2 * pi, description="[rad] heading of the world's x axis, clockwise from north"
     )
 
 

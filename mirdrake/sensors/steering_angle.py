@@ -84,7 +84,7 @@ class SteeringAngleMount(SensorMount):
     counts: float | None = Field(default=None, gt=0, description="counts per revolution, instead of `resolution`")
     resolution: Angle = Field(default=0.0, ge=0, description="[rad] resolution; 0: continuous")
     offset: Angle = Field(default=0.0, description="[rad] reading with the wheels straight ahead")
-    noise: AngleNoise = Field(default_factory=AngleNoise, description="[rad]")
+    noise: AngleNoise = Field(default_factory=AngleNoise, description="[rad] error of the angle")
 
     @model_validator(mode="after")
     def _one_step(self) -> Self:

@@ -90,7 +90,7 @@ class StudySpec(Schema):
     duration: Duration | None = Field(
         None, gt=0.0, le=1e6, description="simulated time [s]; default: that of the diagram"
     )
-    seed: int = Field(0, ge=0, description="of the drawn values [-]; the runs use the seed of the diagram")
+    seed: int = Field(0, ge=0, description="seed of the drawn values [-]; the runs use the seed of the diagram")
     time_limit: Duration | None = Field(
         None, gt=0.0, description="wall time of a run [s]; default: 60 s and ten times its simulated time"
     )

@@ -32,8 +32,8 @@ class Mount(Schema):
 
     kind: str
     frame: str = Field(min_length=1, description="link of the URDF; x forward, y left, z up, also for cameras")
-    rate: Frequency = Field(gt=0, le=10_000, description="[Hz]")
-    latency: Duration = Field(default=0.0, ge=0, le=10, description="[s] from the sample to its output")
+    rate: Frequency = Field(gt=0, le=10_000, description="[Hz] sample rate")
+    latency: Duration = Field(default=0.0, ge=0, le=10, description="[s] time from the sample to its output")
     dropout: float = Field(default=0.0, ge=0, lt=1, description="[-] probability that a sample is lost")
     preset: str | None = Field(default=None, description="product whose values are used, see models/sensors/")
 

@@ -91,7 +91,7 @@ class Regeneration(Schema):
     max_torque: Torque = Field(gt=0, description="[N m] largest regenerative torque of the motor")
     max_power: Power = Field(gt=0, description="[W] largest regenerative power of the motor")
     fade_speed: Speed = Field(
-        default=2.0, gt=0, description="[m/s] below it the torque decreases to zero with the speed"
+        default=2.0, gt=0, description="[m/s] speed below which the torque decreases to zero with the speed"
     )
     coast_share: float = Field(
         default=0.0, ge=0, le=1, description="[-] share of the regenerative torque with both pedals released"

@@ -141,12 +141,14 @@ class AlongLayout(Schema, Layout):
     """Along a track; x of the props points along it."""
 
     track: str = Field(description="name of the track [-]")
-    s: Pair | None = Field(default=None, description="from and to, along the centre line; default: all of it [m]")
+    s: Pair | None = Field(
+        default=None, description="range of s along the centre line, from and to; default: all of it [m]"
+    )
     spacing: Value | None = Field(default=None, description="largest distance between neighbours [m]")
     count: Value | None = Field(default=None, description="number of props, on each side [-]")
-    side: Literal["left", "right", "both", "center"] = Field(default="center", description="of the road [-]")
-    distance: Value = Field(default=1.0, description="from the edge of the road, outwards [m]")
-    offset: Value = Field(default=0.0, description="to the left of the centre line, for side: center [m]")
+    side: Literal["left", "right", "both", "center"] = Field(default="center", description="side of the road [-]")
+    distance: Value = Field(default=1.0, description="distance from the edge of the road, outwards [m]")
+    offset: Value = Field(default=0.0, description="offset to the left of the centre line, for side: center [m]")
 
     @model_validator(mode="after")
     def _one(self) -> Self:

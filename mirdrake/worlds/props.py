@@ -223,8 +223,8 @@ class PropFile(Schema):
 
     description: str = Field(description="what it is [-]")
     source: str = Field(default="", description="source of its dimensions [-]")
-    size: tuple[Length, Length, Length] = Field(description="of its bounding box, along x, y, z [m]")
-    mass: Mass = Field(gt=0.0, description="[kg]")
+    size: tuple[Length, Length, Length] = Field(description="size of its bounding box, along x, y, z [m]")
+    mass: Mass = Field(gt=0.0, description="mass [kg]")
     mu: float = Field(default=DEFAULT_MU, gt=0.0, le=2.0, description="friction coefficient of its sides [-]")
     visual: str | None = Field(default=None, description="mesh beside prop.yaml; default: solids are rendered [-]")
     paint: str | None = Field(default=None, description="material of the mesh that `color` replaces [-]")

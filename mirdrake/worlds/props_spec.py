@@ -41,9 +41,9 @@ from mirdrake.worlds.values import Number, is_random
 class JitterSpec(Schema):
     """Small deviations from the position, along the axes of the layout."""
 
-    x: Value = Field(default=0.0, description="along the layout's heading [m]")
-    y: Value = Field(default=0.0, description="to the left of it [m]")
-    yaw: Value = Field(default=0.0, description="of the heading [rad]")
+    x: Value = Field(default=0.0, description="deviation along the layout's heading [m]")
+    y: Value = Field(default=0.0, description="deviation to the left of the layout's heading [m]")
+    yaw: Value = Field(default=0.0, description="deviation of the heading [rad]")
 
 
 class PropEntry(Schema):
@@ -61,21 +61,23 @@ class PropEntry(Schema):
 
     at: AtLayout | None = Field(default=None, description="x, y and optionally z [m]")
     grid: GridLayout | None = Field(default=None, description="columns and rows [-]")
-    line: LineLayout | None = Field(default=None, description="from one point to another [-]")
-    along: AlongLayout | None = Field(default=None, description="along a track [-]")
+    line: LineLayout | None = Field(default=None, description="line from one point to another [-]")
+    along: AlongLayout | None = Field(default=None, description="row along a track [-]")
     ring: RingLayout | None = Field(default=None, description="on a circle [-]")
     scatter: ScatterLayout | None = Field(default=None, description="at random in a region [-]")
 
     z: Value | None = Field(default=None, description="height of its lower side; default: on the ground [m]")
-    yaw: Value | list[Value] = Field(default=0.0, description="added to the heading of the layout [rad]")
+    yaw: Value | list[Value] = Field(default=0.0, description="angle added to the heading of the layout [rad]")
     pitch: Value = Field(default=0.0, description="nose down [rad]")
     roll: Value = Field(default=0.0, description="right side down [rad]")
     jitter: JitterSpec | None = Field(default=None, description="small deviations from the position [-]")
-    size: Triple | None = Field(default=None, description="of a resizable prop: along x, y, z [m]")
+    size: Triple | None = Field(default=None, description="size of a resizable prop, along x, y, z [m]")
     scale: Value = Field(default=1.0, description="factor of all lengths [-]")
     color: Triple | str | None = Field(default=None, description="CSS colour name, or red, green, blue, 0 to 1 [-]")
     static: bool = Field(default=True, description="false: a body that can be knocked over [-]")
-    mass: Value | None = Field(default=None, description="of a body that is not static; default: the prop's [kg]")
+    mass: Value | None = Field(
+        default=None, description="mass of a body that is not static; default: that of the prop [kg]"
+    )
     with_: dict[str, Value] = Field(default_factory=dict, alias="with", description="parameters of the group [-]")
 
     @field_validator("yaw")

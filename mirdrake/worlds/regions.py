@@ -79,7 +79,7 @@ class RectSpec(Schema, Region):
     """A rectangle."""
 
     center: Pair = Field(default_factory=origin, description="its centre [m]")
-    size: Pair = Field(description="along its x and its y [m]")
+    size: Pair = Field(description="size along its x and its y [m]")
     yaw: Value = Field(default=0.0, description="heading of its x axis [rad]")
 
     def polygon(self, spec: "RegionSpec", areas: NamedAreas, draw: Draw) -> BaseGeometry | None:
@@ -119,7 +119,9 @@ class BandSpec(Schema, Region):
     """A strip along a track."""
 
     track: str = Field(description="name of the track [-]")
-    s: Pair | None = Field(default=None, description="from and to, along the centre line; default: all of it [m]")
+    s: Pair | None = Field(
+        default=None, description="range of s along the centre line, from and to; default: all of it [m]"
+    )
     right: Value | None = Field(default=None, description="offset of its right side, + left; default: road's edge [m]")
     left: Value | None = Field(default=None, description="offset of its left side, + left; default: road's edge [m]")
 

@@ -50,8 +50,8 @@ class TrackPlace(Schema):
     """A position on a track."""
 
     track: str = Field(description="name of the track [-]")
-    s: Coordinate = Field(default=0.0, description="along the centre line [m]")
-    offset: Coordinate = Field(default=0.0, description="to the left of the centre line [m]")
+    s: Coordinate = Field(default=0.0, description="s along the centre line [m]")
+    offset: Coordinate = Field(default=0.0, description="offset to the left of the centre line [m]")
 
 
 class _Placed(Schema):
@@ -184,10 +184,10 @@ class KerbRelief(Schema):
     """A kerb beside a track."""
 
     along: str = Field(description="name of the track [-]")
-    side: Literal["left", "right"] = Field(description="of the road [-]")
-    height: Rise = Field(default=0.12, description="of its top [m]")
-    slope: FaceAngle = Field(default=math.radians(45.0), description="of its faces, at most 80 deg [rad]")
-    width: Size = Field(default=0.3, description="of its top [m]")
+    side: Literal["left", "right"] = Field(description="side of the road [-]")
+    height: Rise = Field(default=0.12, description="height of its top [m]")
+    slope: FaceAngle = Field(default=math.radians(45.0), description="slope of its faces, at most 80 deg [rad]")
+    width: Size = Field(default=0.3, description="width of its top [m]")
     from_: Coordinate | None = Field(default=None, alias="from", description="its start along the track [m]")
     to: Coordinate | None = Field(default=None, description="its end along the track [m]")
 
@@ -203,12 +203,12 @@ class KerbRelief(Schema):
 class BumpRelief(_Placed):
     """A bump across the direction of travel."""
 
-    length: Size = Field(description="along the direction of travel [m]")
-    height: Rise = Field(description="of its top [m]")
-    width: Size = Field(default=3.0, description="across the direction of travel [m]")
+    length: Size = Field(description="length along the direction of travel [m]")
+    height: Rise = Field(description="height of its top [m]")
+    width: Size = Field(default=3.0, description="width across the direction of travel [m]")
     shape: Literal["sine", "trapezoid"] = Field(default="sine", description="half (1 - cos), or with a flat top [-]")
     slope: FaceAngle = Field(
-        default=math.radians(45.0), description="of the faces of a trapezoid, and at the sides [rad]"
+        default=math.radians(45.0), description="slope of the faces of a trapezoid, and at the sides [rad]"
     )
 
     def make(self, tracks: Mapping[str, Track], folder: Path) -> list[LayerSource]:  # noqa: ARG002
@@ -228,9 +228,9 @@ class BumpRelief(_Placed):
 class RampRelief(_Placed):
     """A ramp with a top and a drop, for example for jumps."""
 
-    length: Size = Field(description="of the rise [m]")
-    height: Rise = Field(description="of its top [m]")
-    width: Size = Field(default=3.0, description="across [m]")
+    length: Size = Field(description="length of the rise [m]")
+    height: Rise = Field(description="height of its top [m]")
+    width: Size = Field(default=3.0, description="width across the direction of travel [m]")
     top: Annotated[Length, Field(ge=0.0, le=1e4)] = Field(default=0.0, description="length of its flat top [m]")
     fall: Annotated[Length, Field(ge=0.0, le=1e4)] = Field(default=0.0, description="length of its end; 0: 80 deg [m]")
 
@@ -244,10 +244,10 @@ class RampRelief(_Placed):
 class PotholeRelief(_Placed):
     """A hollow with sloping faces."""
 
-    length: Size = Field(description="along the direction of travel, at the top [m]")
-    depth: Rise = Field(description="[m]")
+    length: Size = Field(description="length along the direction of travel, at the top [m]")
+    depth: Rise = Field(description="depth [m]")
     width: Size = Field(default=0.5, description="across, at the top [m]")
-    slope: FaceAngle = Field(default=math.radians(60.0), description="of its faces [rad]")
+    slope: FaceAngle = Field(default=math.radians(60.0), description="slope of its faces [rad]")
 
     def make(self, tracks: Mapping[str, Track], folder: Path) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers."""
@@ -269,7 +269,7 @@ class RoughnessRelief(Schema):
     density: Annotated[float, Field(gt=0.0, le=1.0)] | None = Field(
         default=None, description="Gd(n0) at 0.1 cycles/m, instead of a class [m³]"
     )
-    seed: int = Field(default=0, ge=0, description="of its random phases [-]")
+    seed: int = Field(default=0, ge=0, description="seed of its random phases [-]")
 
     @model_validator(mode="after")
     def _one(self) -> Self:

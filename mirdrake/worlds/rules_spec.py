@@ -20,11 +20,11 @@ class KeepClearSpec(Schema):
     """An area without props: around a start or goal, in a corridor between two of them, or on a track."""
 
     around: str | None = Field(default=None, description="a start or a goal [-]")
-    radius: Length | None = Field(default=None, gt=0.0, description="around it [m]")
+    radius: Length | None = Field(default=None, gt=0.0, description="radius around it [m]")
     along: CorridorSpec | None = Field(default=None, description="a corridor [-]")
-    width: Length | None = Field(default=None, gt=0.0, description="of the corridor [m]")
+    width: Length | None = Field(default=None, gt=0.0, description="width of the corridor [m]")
     track: str | None = Field(default=None, description="a track [-]")
-    margin: Length | None = Field(default=None, ge=0.0, description="beside the road, default 0 [m]")
+    margin: Length | None = Field(default=None, ge=0.0, description="margin beside the road, default 0 [m]")
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -57,13 +57,13 @@ class DrivableSpec(Schema):
     vehicle: str = Field(default="bolt", description="name of a vehicle [-]")
     from_: str = Field(alias="from", description="a start [-]")
     to: str = Field(description="a goal or a start [-]")
-    margin: Length = Field(default=0.1, ge=0.0, description="beside the vehicle [m]")
+    margin: Length = Field(default=0.1, ge=0.0, description="margin beside the vehicle [m]")
 
 
 class RuleSpec(Schema):
     """A condition on the world; a broken rule makes the world invalid, it never fails a test."""
 
-    min_gap: Length | None = Field(default=None, ge=0.0, description="between any two props [m]")
+    min_gap: Length | None = Field(default=None, ge=0.0, description="smallest gap between any two props [m]")
     keep_clear: KeepClearSpec | None = Field(default=None, description="an area without props [-]")
     inside: PlacementRuleSpec | None = Field(default=None, description="props that are inside a region [-]")
     outside: PlacementRuleSpec | None = Field(default=None, description="props that are outside a region [-]")

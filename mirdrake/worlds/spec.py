@@ -199,7 +199,7 @@ class TrackSpec(Schema):
     crossing: bool = Field(default=False, description="it may cross itself, as a figure of eight does [-]")
     width: Width | None = Field(
         default=None,
-        description="of the road, or [[s, width], ...], interpolated linearly; default: the file's, else 3 [m]",
+        description="road width, or [[s, width], ...], interpolated linearly; default: as in the file, else 3 [m]",
     )
     thickness: Annotated[Length, Field(ge=0.0, le=0.5)] = Field(
         default=0.01, description="height of the road above the surface beside it; visual only [m]"
@@ -256,8 +256,8 @@ class OnTrackSpec(Schema):
     """A pose on a track, heading along it."""
 
     track: str = Field(description="name of the track [-]")
-    s: Coordinate = Field(default=0.0, description="along the centre line [m]")
-    offset: Coordinate = Field(default=0.0, description="to the left of the centre line [m]")
+    s: Coordinate = Field(default=0.0, description="s along the centre line [m]")
+    offset: Coordinate = Field(default=0.0, description="offset to the left of the centre line [m]")
 
 
 class StartSpec(Schema):
@@ -289,7 +289,7 @@ class GateSpec(Schema):
     """A line across a track."""
 
     track: str = Field(description="name of the track [-]")
-    s: Coordinate = Field(default=0.0, description="along the centre line [m]")
+    s: Coordinate = Field(default=0.0, description="s along the centre line [m]")
 
 
 class GoalSpec(Schema):

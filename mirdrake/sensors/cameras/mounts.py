@@ -21,8 +21,8 @@ class PictureMount(SensorMount):
 
     takes_pictures: ClassVar[bool] = True
 
-    width: int = Field(gt=0, le=8192, description="[pixel]")
-    height: int = Field(gt=0, le=8192, description="[pixel]")
+    width: int = Field(gt=0, le=8192, description="[pixel] width of the picture")
+    height: int = Field(gt=0, le=8192, description="[pixel] height of the picture")
     horizontal_fov: Angle = Field(gt=0, description="[rad] full angle, without lens distortion")
     near: Length = Field(default=0.1, gt=0, description="[m] near clipping distance")
     far: Length = Field(default=300.0, gt=0, description="[m] far clipping distance")

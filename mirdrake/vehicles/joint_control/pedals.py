@@ -56,8 +56,10 @@ class PedalControl(JointControl):
 
     kind: Literal["pedals"]
     kp: float = Field(default=1.5, ge=0, description="[1/s] acceleration over speed error")
-    ki: float = Field(default=0.5, ge=0, description="[1/s²]")
-    hold_speed: Speed = Field(default=0.3, gt=0, description="[m/s] below it a standing command presses the hold brake")
+    ki: float = Field(default=0.5, ge=0, description="[1/s²] integral gain")
+    hold_speed: Speed = Field(
+        default=0.3, gt=0, description="[m/s] speed below which a command of zero speed applies the hold brake"
+    )
     hold_grade: float = Field(default=0.3, ge=0, description="[-] grade on which the hold brake holds, as weight share")
     schedule: GainSchedule | None = Field(default=None, description="gains over speed, in place of those above; no kd")
 

@@ -36,9 +36,9 @@ class Pid(JointControl):
     number_type: ClassVar[type[Any]] = PidNumbers
 
     kind: Literal["pid"]
-    kp: float = Field(ge=0, description="[N m per unit]")
-    ki: float = Field(default=0.0, ge=0, description="[N m per unit and s]")
-    kd: float = Field(default=0.0, ge=0, description="[N m s per unit]")
+    kp: float = Field(ge=0, description="[N m per unit] proportional gain")
+    ki: float = Field(default=0.0, ge=0, description="[N m per unit and s] integral gain")
+    kd: float = Field(default=0.0, ge=0, description="[N m s per unit] derivative gain")
     filter: Duration = Field(default=0.0, ge=0, description="[s] time constant of the derivative's low-pass")
     max_torque: Torque | None = Field(default=None, gt=0, description="[N m] limit; empty: the joint's own limit")
     max_integral: Torque | None = Field(default=None, ge=0, description="[N m] limit of the integral part; empty: none")
