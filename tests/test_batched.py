@@ -101,7 +101,7 @@ def test_the_steady_circle_remains_one():
     assert cars["yaw"] == pytest.approx(5.0 * steady["yaw_rate"], rel=1e-8)
 
 
-def test_a_dead_car_is_reported_and_the_others_go_on():
+def test_a_failed_car_is_reported_and_the_others_continue():
     cars, alone = (mir.batch(CAR, BRUSH, count=n).reset(vx=15.0) for n in (3, 1))
     cars.state[1, 3] = 1e300
     for each in (cars, alone):
@@ -175,7 +175,7 @@ def test_a_hill_a_patch_of_ice_and_a_gust_act_by_place():
         (lambda: mir.batch(CAR).run(np.zeros((1, 3))).table(1), "no car 1"),
     ],
 )
-def test_errors_name_what_is_wrong(call, message):
+def test_errors_name_the_faulty_value(call, message):
     with pytest.raises(ConfigError, match=message):
         call()
 

@@ -163,7 +163,7 @@ def test_the_generator_is_normal_and_white():
         ({"step": 0.003}, "step of 0.003 s does not divide the control period of 0.02 s"),
     ],
 )
-def test_errors_name_what_is_wrong(bolt, parameters, options, message):
+def test_errors_name_the_faulty_value(bolt, parameters, options, message):
     with pytest.raises(ConfigError, match=message):
         make_control(bolt, parameters, **options)
 

@@ -220,7 +220,7 @@ def test_arc_length_along_a_line():
 
 
 def test_the_return_to_the_line_decays_over_its_distance():
-    """On e'' = -(2/d) e' - e/d^2 an offset without slope goes as (1 + s/d) exp(-s/d)."""
+    """By e'' = -(2/d) e' - e/d² an offset without slope decays as (1 + s/d) exp(-s/d)."""
     s, y, yaw, step = 0.0, 0.1, 0.0, 0.001
     while s < 9.0:
         curvature = line_curvature(y, yaw, distance=3.0)

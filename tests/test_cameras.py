@@ -205,7 +205,7 @@ def test_a_box_has_the_depth_of_the_face_that_a_ray_meets_first() -> None:
 
 
 @needs_egl
-def test_what_is_too_near_has_depth_0_and_what_is_too_far_an_infinite_one() -> None:
+def test_depth_is_0_below_and_infinite_above_the_range() -> None:
     for distance, expected in ((0.4, 0.0), (41.0, np.inf)):
         depth = Studio(block((0.1, 99.0, 99.0), distance + 0.05, 0.0, 0.0), kind="depth_camera").look()["depth"]
         assert np.all(depth == expected)
@@ -294,7 +294,7 @@ def test_a_picture_is_held_until_the_next_is_taken() -> None:
 @needs_egl
 @pytest.mark.parametrize("latency", [0.0, 0.03, 0.1, 0.25])
 def test_every_picture_is_shown_after_its_latency(latency: float) -> None:
-    """The pictures differ by their noise; what is shown at t + latency is what was seen at t."""
+    """The pictures differ by their noise; the image shown at t + latency was taken at t."""
     studio = Studio(noise=0.02, grey=0.5, latency=latency, width=32, height=24)
     pictures: list[np.ndarray] = []
     for number in range(8):

@@ -94,7 +94,7 @@ STEP = place(box((4.0, 0.3, 0.30), (0.0, 0.0, 0.0)))
         (STEP, 0.0, -HALF - 0.15),
     ],
 )
-def test_only_what_the_vehicle_can_touch_counts(prop: PlacedProp, y: float, expected: float) -> None:
+def test_only_objects_within_reach_of_the_vehicle_count(prop: PlacedProp, y: float, expected: float) -> None:
     for x in (-1.3, -0.9):
         assert float(clearance(BOLT, at(x, y), [prop])[0]) == pytest.approx(expected, abs=2e-3)
 

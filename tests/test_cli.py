@@ -136,7 +136,7 @@ def test_a_diagram_of_the_working_directory_hides_ours(
 # --- list, check, draw, view -----------------------------------------------------------------------------------------
 
 
-def test_list_shows_what_there_is(call_command: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+def test_list_shows_the_available_names(call_command: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     code, out, err = call_command("list")
     assert (code, err) == (0, "")
     assert re.findall(r"^(\w+):$", out, flags=re.MULTILINE) == ["models", "worlds", "diagrams", "studies"]

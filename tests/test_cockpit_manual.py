@@ -133,7 +133,7 @@ def test_no_page_drives_before_the_first_message(watchdog):
     assert not watchdog.lost
 
 
-def test_a_silent_page_is_lost_and_a_press_takes_over_again(watchdog, clock):
+def test_a_page_without_messages_is_lost_and_regains_control_by_a_key(watchdog, clock):
     watchdog.report("a", PRESSED)
     assert watchdog.read() == ManualInput(throttle=1.0)
     clock.now = 0.9

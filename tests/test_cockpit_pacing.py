@@ -47,13 +47,13 @@ def test_a_drive_with_time_to_spare_keeps_exactly_to_the_wall_clock_and_draws_at
     assert clock.slept == pytest.approx(10.0 - 640 * 0.003 - 320 * 0.002, abs=0.05)  # all that is left
 
 
-def test_a_sleep_that_lasts_too_long_is_made_good():
+def test_an_overlong_sleep_is_caught_up():
     factor, _ = drive(Clock(oversleeps=0.012), wall=10.0, slice_costs=0.003, picture_costs=0.002)
     assert factor == pytest.approx(1.0, abs=0.003)
 
 
 @pytest.mark.parametrize(("stall", "lost"), [(0.3, 0.0), (0.9, 0.4), (5.0, 4.5)])
-def test_a_stall_is_made_good_up_to_what_is_given_up(stall, lost):
+def test_a_stall_is_caught_up_to_a_limit(stall, lost):
     clock = Clock()
     pace, slices, began = Pace(PERIOD, clock=clock, sleep=clock.sleep), 0, clock()
     for tick in range(640):
@@ -78,7 +78,7 @@ def test_a_machine_that_is_too_slow_gives_pictures_a_twentieth_and_the_drive_the
     assert len(pictures) * 0.03 / 20.0 == pytest.approx(SHARE / 5.0, abs=0.01)
 
 
-def test_a_rest_is_not_made_good():
+def test_a_pause_is_not_caught_up():
     clock = Clock()
     pace = Pace(PERIOD, clock=clock, sleep=clock.sleep)
     clock.work(0.4)

@@ -206,7 +206,7 @@ def test_a_block_of_drake_replaces_one_with_a_single_input_and_output():
         ),
     ],
 )
-def test_what_does_not_fit_in_place_of_a_block_is_one_line(systems, message):
+def test_an_unsuitable_replacement_of_a_block_is_a_one_line_error(systems, message):
     with pytest.raises(ConfigError) as caught:
         assemble(spec_of("bolt", systems=systems))
     assert message in str(caught.value)

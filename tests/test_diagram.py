@@ -368,7 +368,7 @@ def test_an_element_of_an_input_is_fed_and_the_others_keep_their_default() -> No
         (["notch.y", "ego.state.vx"], "'ego.state.vx' is an output; write it first"),
     ],
 )
-def test_what_is_wrong_with_an_element_is_one_line(pair: list[str], text: str) -> None:
+def test_a_fault_of_an_element_is_a_one_line_error(pair: list[str], text: str) -> None:
     with pytest.raises(ConfigError, match=text) as error:
         assemble(with_blocks([pair], notch={"kind": "gain", "gain": 1.0}))
     assert "\n" not in str(error.value)

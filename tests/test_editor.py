@@ -235,7 +235,7 @@ def random_yard(rng: random.Random) -> str:
 
 
 @pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 503), marks=pytest.mark.slow)], ids=["3", "500"])
-def test_what_is_marked_is_what_the_check_finds(seeds):
+def test_the_map_marks_the_findings_of_the_check(seeds):
     different, total = [], 0
     for seed in seeds:
         scene = read_scene(random_yard(random.Random(seed)), PATH)

@@ -82,7 +82,7 @@ with staging(Path(sys.argv[1])) as stage:
 def test_a_killed_process_leaves_nothing_that_is_listed_and_the_next_one_clears_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: bool
 ) -> None:
-    """Killed before each of its renames: afterwards all is as before, or all is new once it was complete."""
+    """Killed before each of its renames: all files are the old ones, or all are the new ones."""
     monkeypatch.setenv("MIRDRAKE_PATH", str(tmp_path))
     folder, steps = tmp_path / "models", 5 if before else 3
     targets = (folder / "car" / "vehicle.yaml", folder / "car.yaml")

@@ -145,8 +145,8 @@ def test_sines_at_other_speeds(kmh, frequency, lateral):
     _check_sines(NAME, kmh / 3.6, lateral, frequency)
 
 
-def test_what_a_steady_turn_adds_to_the_slip_is_in_the_stiffness():
-    """Without rolling, moments and yielding, axles of the same tyres are stiffer; those are a sixth of the slip."""
+def test_steady_state_slip_of_a_turn_is_included_in_the_stiffness():
+    """Without roll, aligning moments and compliance, axles of the same tyres are stiffer, by a sixth."""
     vehicle = load_vehicle(NAME)
     p, tyres = estimate_parameters(vehicle), vehicle.spec.tyres
     assert isinstance(tyres, SlipTyres)

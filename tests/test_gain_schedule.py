@@ -106,7 +106,7 @@ def test_scheduled_gains_are_not_tunable_parameters(scheduled: Path) -> None:
     assert [gain.path for gain in vehicle.control.gains()] == ["speed.kp", "speed.ki"]
 
 
-def test_apply_writes_the_schedule_once_and_other_gains_take_it_away(tmp_path: Path, scheduled: Path) -> None:
+def test_apply_writes_the_schedule_once_and_constant_gains_remove_it(tmp_path: Path, scheduled: Path) -> None:
     text = (scheduled / "control.yaml").read_text()
     assert (
         "  schedule:\n    speeds: [1.0, 3.0, 4.0]\n    kp: [1.0, 5.0, 3.0]\n    ki: [0.0, 2.0, 2.0]\n"

@@ -140,7 +140,7 @@ def test_places_on_the_track_are_those_of_the_single_environment(single):
         ({"rate": 30.0}, "not a multiple of the control period of 0.02 s"),
     ],
 )
-def test_errors_name_what_is_wrong(options, message):
+def test_errors_name_the_faulty_value(options, message):
     with pytest.raises(ConfigError, match=message):
         VectorDriveEnv(2, **options)
 

@@ -92,7 +92,7 @@ def test_there_is_no_oscillation_at_a_tenth_of_a_metre_per_second(tmp_path, name
 @pytest.mark.parametrize("name", HANDLING)
 @pytest.mark.parametrize("grade", [0.0, FIVE_DEGREES, -FIVE_DEGREES], ids=["flat", "up", "down"])
 def test_stop_and_go_and_back_ends_at_rest(tmp_path, name, grade):
-    """A car without springs rocks on its tyres for a while, with what rubber damps: less and less."""
+    """A car without springs oscillates on its tyres, damped by the rubber."""
     rows = [(0, 0, 0), (1, 0, 0), (1.01, 1.0, 0), (6, 1.0, 0.1), (8, 0, 0.1), (10, 0, 0), (10.01, -0.5, 0)]
     rows += [(14, -0.5, 0), (16, 0, 0)]
     _, run = drive(tmp_path, name, rows, duration=34.0, grade=grade)

@@ -216,7 +216,7 @@ def test_a_constant_log_is_a_fault(tmp_path, capsys):
 
 
 def test_no_parameter_is_identified_from_noise(tmp_path):
-    """A single track is fitted to numbers without sense: none of its parameters is called identified."""
+    """A single track is fitted to noise: none of its parameters is called identified."""
     from mirdrake.identification.default_study import default_study
     from mirdrake.identification.identify import identify
 

@@ -77,7 +77,7 @@ def test_a_copy_with_holds_of_changing_length_is_found_and_thinned():
 
 
 def test_forty_milliseconds_between_bus_and_inertial_unit():
-    """All of the inertial unit is late; what the bus gives stays where it is, or the other way round."""
+    """All channels of the inertial unit are delayed and those of the bus are not, or vice versa."""
     imu = ("longitudinal_acceleration", "lateral_acceleration", "yaw_rate@imu")
     log = recorded(21)
     log = changed(log, **{"yaw_rate@imu": log.channels["yaw_rate"]})
@@ -246,7 +246,7 @@ def test_biases_at_rest_and_codes_of_gears_are_reported():
 
 
 def test_the_position_of_the_lateral_velocity_sensor_is_reported():
-    """Of our car's vy at the centre of mass; 1.5 m behind it is the rear axle. Slow and fast bends are needed."""
+    """Our vy is measured at the centre of mass, 1.5 m ahead of the rear axle. Slow and fast curves are needed."""
     time = np.arange(6001.0) * STEP
     speed = 9.0 + 6.0 * np.sin(0.3 * time)
     turn = 2.0 * np.sin(0.8 * time) / speed

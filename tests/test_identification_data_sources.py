@@ -135,7 +135,7 @@ def test_a_repaired_glitch_is_not_out_of_range():
 
 
 def test_a_delayed_steering_has_no_bias_and_a_bias_is_reported_with_its_size():
-    """Quick to the left, slowly back: late by 0.2 s, the mean of the steering seems to be another one."""
+    """Fast to the left, slowly back: a delay of 0.2 s changes the apparent mean of the steering."""
     log = recorded(57)
     late = np.interp(log.time + 0.2, log.time, log.channels["road_wheel_angle"])
     assert not checked(changed(log, road_wheel_angle=late)).of("bias")

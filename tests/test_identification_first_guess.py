@@ -335,7 +335,7 @@ def braking(height, seed=0, drive=0.5):
 
 @pytest.mark.parametrize("height", [0.0, 0.08])
 def test_load_transfer_is_fitted_where_the_logs_support_it(height):
-    """Otherwise bends that a vehicle brakes for look as if its steering were early."""
+    """Otherwise braking before curves appears as an early steering."""
     spec = ModelSpec("single_track", {"tyres": "linear"})
     structure = choose_structure(braking(height), spec, {}, EstimatorOptions())
     assert ("load_transfer" in structure.settings) is (height > 0.0)

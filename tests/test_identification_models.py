@@ -196,7 +196,7 @@ def test_wheels_that_yaw_and_are_steered_roll_the_body():
 
 
 def test_a_damper_in_series_with_a_tyre_lags():
-    """It brakes with the rate that it has itself, which follows that of the roll within its time."""
+    """The damper acts on its own rate, which follows the roll rate with its time constant."""
     given = YIELDING | {"roll_damper_time": 0.01}
     model = make_model(ModelSpec("single_track_roll"), lateral_data(), given)
     p = {info.name: info.guess for info in model.parameters} | {"roll_frequency": 10.0, "roll_damping": 0.3}
@@ -355,7 +355,7 @@ def test_all_faults_of_the_settings_are_reported_together():
 
 
 def test_default_values_of_a_magic_formula_are_assumptions():
-    """Its curvature, and what part of drive and braking is the front wheels', which cannot be less than nothing."""
+    """Its curvature, and the share of drive and braking of the front wheels, which cannot be negative."""
     model = single_track(tyres="magic_formula")
     values = {info.name: info.guess for info in model.parameters}
     shares, curves = {"front_drive", "front_brake"}, {"curvature_front", "curvature_rear"}
@@ -391,7 +391,7 @@ def test_braking_tyres_have_less_lateral_force(tyres):
 
 
 def test_a_segment_in_shots_equals_one_shot():
-    """Gaps between shots are closed to first order at last: what is left is far below what any sensor sees."""
+    """Gaps between shots are closed to first order at the end: the rest is far below the resolution of any sensor."""
     model = make_model(ModelSpec("single_track", {"tyres": "magic_formula", "relaxation": True}), lateral_data(), KNOWN)
     (drive,), _ = make_segments(model, lateral_data().logs, None)
     p = {info.name: info.guess for info in model.parameters}

@@ -81,10 +81,10 @@ def cramer_rao(data):
     return {name: float(size * scale) for name, size, scale in zip(names, sizes, scales, strict=False)}
 
 
-def test_what_the_logs_can_give_at_best():
-    """Delay and lag come back within 2 % at three standard deviations from 90 s of standard manoeuvres, not from 30 s.
+def test_cramer_rao_bounds_of_the_logs():
+    """Delay and lag have errors below 2 % at three standard deviations from 90 s of standard manoeuvres, not from 30 s.
 
-    Of 30 s no estimator can promise 2 %: the bound is 1.5 % for one standard deviation, so 1 in 6 seeds must be off.
+    From 30 s no estimator guarantees 2 %: the bound is 1.5 % for one standard deviation, so 1 in 6 seeds must be off.
     """
     short, long = cramer_rao(lateral_data()), cramer_rao(standard_data())
     assert all(short[name] > 0.013 for name in ("steering_delay", "steering_lag"))
@@ -215,7 +215,7 @@ def test_intervals_of_a_full_plant_hold_the_truth_in_90_to_99_of_100_seeds(bolt)
 @pytest.mark.slow
 @pytest.mark.parametrize("steer", ["road_wheel_angle", "steering_command"])
 def test_a_log_of_a_full_plant_and_a_mapping_give_its_yaw_inertia(bolt, steer):
-    """No vehicle, no centre of mass: relaxation and roll are found, and what is assumed is in the intervals.
+    """Without vehicle and centre of mass: relaxation and roll are found, and the assumptions are in the intervals.
 
     The mass is known, since inertia is per kilogram otherwise.
     """
@@ -271,8 +271,8 @@ def test_a_full_plant_that_coasts_gives_drag_and_rolling_resistance_within_2_per
 
 
 @pytest.mark.slow
-def test_what_a_plain_single_track_makes_of_a_full_plant(bolt):
-    """Without relaxation its build-up of slip is a delay of 20 ms and a fifth of the inertia; roll has the rest."""
+def test_estimates_of_a_plain_single_track_from_a_full_plant(bolt):
+    """Without relaxation, the build-up of slip appears as 20 ms of delay and a fifth of the inertia."""
     so = truth()
     values = single_track_values(load_vehicle("bolt@handling"), relaxation=False)
     settings = {name: Setting(fixed=values[name]) for name in ("mass", "front_length", "rear_length")}
@@ -378,7 +378,7 @@ def multibody_data(name, p):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CARS)
 def test_axle_stiffnesses_of_a_multi_body_car(name):
-    """The truth is what the axles of that car are worth by its understeer budget at the accelerations of the drives.
+    """The truth is the effective stiffness of the axles by the understeer budget at the accelerations of the drives.
 
     The bare tyres are softer, by 12 to 25 % of what is found: ply-steer and camber thrust help them.
     """
@@ -394,7 +394,7 @@ def test_axle_stiffnesses_of_a_multi_body_car(name):
 
 
 def test_budget_of_an_axle():
-    """Without roll and ply-steer, and slow, an axle is worth its tyres; in a real turn it is worth more, then less."""
+    """Without roll and ply-steer, in slow turns, an axle has the stiffness of its tyres; else more, then less."""
     p = car("VW Vanagon")
     upright = car("VW Vanagon")
     for coefficient in ("p_hy1", "p_vy1", "p_hy3", "p_vy3", "p_dy3"):

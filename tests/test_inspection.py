@@ -214,7 +214,7 @@ def test_surfaces_are_as_large_as_the_vehicle(bolt):
 
 
 def test_a_mesh_that_is_drawn_as_its_hull_is_reported_once(caplog, monkeypatch):
-    """What Drake can read and our reader cannot is drawn with another shape."""
+    """Meshes that Drake can read and our reader cannot are drawn with another shape."""
     vehicle = load_vehicle("bolt")
     monkeypatch.setattr("mirdrake.report.surfaces.trimesh.load", lambda *_, **__: trimesh.Scene())
     surfaces._report_hull.cache_clear()

@@ -226,8 +226,8 @@ def test_braking_at_eight_metres_a_second_squared():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_follows_the_first_standstill_does_not_count_as_braking(seed):
-    """A car is pushed back by its tyres and springs: its speed swings about zero after the stop."""
+def test_motion_after_the_first_standstill_does_not_count_as_braking(seed):
+    """Tyres and springs push a car back: its speed oscillates about zero after the stop."""
     random, time = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.001)
     slope, first = random.uniform(3.0, 11.0), random.uniform(5.0, 20.0)
     end = (first + 1.0) / slope

@@ -157,7 +157,7 @@ def test_driver_bandwidth_follows_steering_lag_and_tyres():
 
 
 def test_a_robot_has_no_lateral_oscillation_on_its_tyres_in_a_slalom():
-    """With a driver who answers to it, the steering runs to and fro at its highest rate, 8 times a second."""
+    """With a driver who reacts to it, the steering oscillates at its rate limit, 8 times a second."""
     rig = _rig("unior@handling").with_step(0.0025)
     spec = scaled(SlalomSpec(), rig.facts.scale)
     assert isinstance(spec, SlalomSpec)

@@ -104,7 +104,7 @@ def test_ride_height_is_that_of_the_package(tmp_path):
     assert sum(vehicle.spring_loads) == pytest.approx(p.m_s * 9.80665)
 
 
-def test_what_is_derived_of_the_parameters():
+def test_quantities_derived_from_the_parameters():
     p = car("Ford Escort")
     front, rear = load_ratios(p)
     assert front < 1.0 < rear

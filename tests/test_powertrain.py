@@ -181,7 +181,7 @@ def test_a_closed_throttle_creeps_below_idle_speed_and_drags_above():
     assert engine.point(1.0, 160.0 / 12.0).closed == pytest.approx(-40.0 * 12.0 / 0.9)
 
 
-def test_what_the_engine_needs_for_itself_is_the_share_of_its_inertia():
+def test_torque_used_by_the_engine_is_the_share_of_its_inertia():
     # F r (1 + J i² / (m r²)) = T: 0.25 x 144 = 36 kg m² beside 164
     engine = Engine(ENGINE, wheel_inertia=164.0)
     free = Engine(ENGINE, wheel_inertia=1e12).point(1.0, 30.0).opened

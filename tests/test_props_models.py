@@ -110,7 +110,7 @@ def test_a_prop_has_all_required_fields_and_no_others(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_seen_fills_the_box_above_the_ground(name: str) -> None:
+def test_visual_meshes_fill_the_box_above_the_ground(name: str) -> None:
     x, y, z = spec_of(name)["size"]
     low, high = visual_of(name).bounds
     np.testing.assert_allclose(low, [-x / 2, -y / 2, 0.0], rtol=0, atol=0.01)
@@ -125,7 +125,7 @@ def test_sizes_are_the_published_ones(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(LONG_ALONG_X))
-def test_what_is_long_is_long_along_x(name: str) -> None:
+def test_long_props_are_long_along_x(name: str) -> None:
     x, y, _ = spec_of(name)["size"]
     assert x > y
 
@@ -149,7 +149,7 @@ def depth_outside(name: str, points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - {"tree"}))
-def test_a_car_cannot_drive_through_what_is_seen(name: str) -> None:
+def test_a_car_cannot_drive_through_visible_objects(name: str) -> None:
     # All that is seen is in a solid or a few cm from one; mirrors of cars and goods behind glass aside.
     mesh = visual_of(name)
     points = np.concatenate([mesh.vertices, trimesh.sample.sample_surface(mesh, 3000, seed=1)[0]])
@@ -159,7 +159,7 @@ def test_a_car_cannot_drive_through_what_is_seen(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - {"tree"}))
-def test_a_car_does_not_hit_what_is_not_seen(name: str) -> None:
+def test_collision_solids_are_close_to_the_visual_surface(name: str) -> None:
     surface = cKDTree(trimesh.sample.sample_surface(visual_of(name), 40_000, seed=1)[0])
     corners = np.concatenate(list(solids_of(name)))
     corners = corners[corners[:, 2] < REACH]
@@ -168,7 +168,7 @@ def test_a_car_does_not_hit_what_is_not_seen(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - {"tree"}))
-def test_solids_reach_as_far_as_what_is_seen(name: str) -> None:
+def test_collision_solids_cover_the_visual_mesh(name: str) -> None:
     visual, collision = visual_of(name).vertices, np.concatenate(list(solids_of(name)))
     visual, collision = visual[visual[:, 2] < REACH], collision[collision[:, 2] < REACH]
     gap = np.maximum(visual.max(axis=0) - collision.max(axis=0), collision.min(axis=0) - visual.min(axis=0))[:2]

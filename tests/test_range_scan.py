@@ -182,7 +182,7 @@ def test_a_crowd_is_seen_as_without_shortcuts(static, fan):
         np.testing.assert_allclose(scan_at(system, 0.0, 0.0, yaw), exact, atol=EXACT, rtol=0)
 
 
-def test_only_what_is_high_enough_and_not_above_the_roof_is_seen():
+def test_a_scan_hits_only_objects_between_its_height_and_the_roof():
     wall = shapely.box(-0.1, -2.0, 0.1, 2.0)
     low, far = put(wall, 10.0, 0.0, top=0.15), put(wall, 20.0, 0.0, top=0.16)
     sign = put(wall, 15.0, 0.0, bottom=4.0, top=5.0)

@@ -260,7 +260,7 @@ def test_a_cone_holds_its_axis_its_rim_and_nothing_beyond() -> None:
     assert gap < 3.0 * 0.25 / np.sqrt(200)
 
 
-def test_a_turning_sensor_takes_the_whole_period_for_a_whole_turn() -> None:
+def test_a_rotating_sensor_scans_a_full_turn_in_a_period() -> None:
     assert beams.turn_times(np.linspace(-pi, pi, 5), 10.0) == pytest.approx([-0.1, -0.075, -0.05, -0.025, 0.0])
     assert beams.turn_times(np.linspace(1.0, -1.0, 3), 10.0) == pytest.approx([-0.1 / pi, -0.05 / pi, 0.0])
 

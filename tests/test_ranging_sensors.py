@@ -79,7 +79,7 @@ def test_a_lidar_sees_the_ground_in_rings_and_a_pillar_above() -> None:
     assert scan.points_in_world()[:, 2].min() == pytest.approx(0.0, abs=MILLIMETRE)
 
 
-def test_near_and_far_are_limits_and_what_is_too_near_hides_the_rest() -> None:
+def test_near_and_far_are_limits_and_objects_below_near_occlude_others() -> None:
     for distance, expected in ((0.4, np.inf), (0.6, 0.6), (9.9, 9.9), (10.1, np.inf)):
         room = Room()
         _wall(room, distance)

@@ -86,7 +86,7 @@ def bend(model):
 
 
 @pytest.mark.parametrize("name", CARS)
-def test_it_weighs_what_is_published(name):
+def test_its_mass_is_the_published_one(name):
     assert figures(name).mass == pytest.approx(PUBLISHED[name].mass, rel=0.01)
 
 

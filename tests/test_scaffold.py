@@ -218,7 +218,7 @@ def test_the_law_of_the_yaw_inertia_holds_from_a_toy_car_to_a_bus() -> None:
     assert np.abs(errors).max() < math.log(1.36)
 
 
-def test_what_is_given_is_what_the_written_vehicle_has(tmp_path: Path) -> None:
+def test_the_written_vehicle_has_the_given_dimensions(tmp_path: Path) -> None:
     folder = new_vehicle(
         "city", folder=tmp_path, wheelbase=1.873, track_front=1.469, track_rear=1.43, mass=880, tyre_front="165/65R15",
         tyre_rear="185/60R15", turning_circle=6.95, front_axle_share=0.45, com_height=0.52, yaw_inertia=700,
@@ -240,7 +240,7 @@ def test_what_is_given_is_what_the_written_vehicle_has(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mass", [1.0, 60.0, 1500.0, 18000.0])
 def test_the_steering_servo_fits_the_vehicle(mass: float) -> None:
-    """Between 10 Hz, slower than which it would swing, and what a steering linkage can have."""
+    """Between 10 Hz, below which it would oscillate, and the stiffness of a steering linkage."""
     base = (mass / 90.0) ** (1 / 3)
     values = plan_vehicle(wheelbase=base, track=0.6 * base, mass=mass).values
     radius, wheel = values["wheel_radius"], values["wheel_mass"]
@@ -413,7 +413,7 @@ def test_the_drive_of_a_new_vehicle_makes_no_yaw_moment_in_a_steady_turn(
 def test_the_handling_variant_follows_a_step_of_the_steering(
     folders: dict[str, Path], cars: dict[str, Vehicle], name: str
 ) -> None:
-    """It turns in without overshoot beyond that of cars and settles near the kinematic yaw rate, below it."""
+    """The yaw rate has no more overshoot than that of cars and settles near the kinematic one, below it."""
     geometry = cars[name].geometry
     speed = 6.0 * math.sqrt(geometry.wheelbase)  # a third of 1 g at the same Froude number
     steering = 1.5 * geometry.wheelbase / speed**2

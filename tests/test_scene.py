@@ -146,7 +146,7 @@ def closed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("closed")
-def test_what_reads_a_run_opens_no_model_and_no_world(project: Path, tmp_path: Path) -> None:
+def test_readers_of_a_run_open_no_model_and_no_world(project: Path, tmp_path: Path) -> None:
     shutil.copytree(project / "moved", tmp_path / "copy")
     run = load_run(tmp_path / "copy")
     write_recording(run)

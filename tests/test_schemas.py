@@ -55,7 +55,7 @@ def test_a_schema_is_one(kind):
 @pytest.mark.parametrize(
     ("kind", "path"), FILES, ids=[f"{kind}-{path.parent.name}-{path.stem}" for kind, path in FILES]
 )
-def test_what_is_shipped_is_valid(kind, path):
+def test_shipped_files_are_valid(kind, path):
     data, _ = parse_tree(path.read_text("utf-8"), path.name)
     assert faults(kind, data) == []
 
@@ -86,7 +86,7 @@ def test_each_kind_of_shipped_file_was_tried():
         ("data", "{mirdrake: data/1}", "logs"),
     ],
 )
-def test_what_readers_reject_is_not_valid(kind, text, path):
+def test_files_that_readers_reject_are_not_valid(kind, text, path):
     reported_faults = faults(kind, yaml.safe_load(text))
     assert reported_faults
     assert path in " ".join(reported_faults)

@@ -74,7 +74,7 @@ def test_a_sensor_that_is_named_twice_is_rejected() -> None:
         assemble(parked(["imu", "imu"]))
 
 
-def test_a_camera_that_nobody_looks_through_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unused_cameras_are_not_built(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera, "_egl_fault", lambda: "not installed")
     assembly = assemble(parked(["front_camera"]))
     assert assembly.parts.scene_graph.RendererCount() == 0

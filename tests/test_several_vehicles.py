@@ -135,7 +135,7 @@ start: {a: {at: [0, 0]}}
         ({"start": {"x": 0, "y": 0}, "speed": 8}, "collision", "ego: collision with 'wall' at 8."),
     ],
 )
-def test_what_a_user_should_know_is_in_the_events(vehicle: dict[str, Any], kind: str, text: str, tmp_path: Path):
+def test_notable_occurrences_are_recorded_as_events(vehicle: dict[str, Any], kind: str, text: str, tmp_path: Path):
     (tmp_path / "walls.yaml").write_text(WALLS)
     spec = {
         "world": str(tmp_path / "walls.yaml"),

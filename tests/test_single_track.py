@@ -170,7 +170,7 @@ def test_roll_slip_of_an_axle_is_a_softer_axle_in_a_steady_turn():
 
 @pytest.mark.parametrize("mass", [1300.0, 1500.0])
 def test_a_rolling_car_without_grip_oscillates_about_its_centre_of_mass(mass):
-    """Nothing holds its axles: the car as a whole stays, the sprung part and the rest swing against each other."""
+    """The axles are free: the car as a whole stays, the sprung and unsprung masses oscillate against each other."""
     loose = replace(ROLLING, roll_mass=mass, roll_damping=0.0, front_stiffness=1e-6, rear_stiffness=1e-6)
     linear = linearize_single_track(loose, Variant("linear", roll=True), speed=20.0)
     arm = mass * 0.45
@@ -535,7 +535,7 @@ def test_the_parameters_of_a_vehicle_are_what_its_inspection_measures(name):
 
 @pytest.mark.parametrize("name", ["bolt", "bolt@handling", "mkz@handling", "unior@handling"])
 def test_the_height_of_the_centre_of_mass_is_that_of_the_plant_at_rest(name):
-    """Of the plant at rest in point contact: tyres of k have given way by N / k, which is 2 cm for a car."""
+    """The plant at rest in point contact: tyres of stiffness k are deflected by N / k, which is 2 cm for a car."""
     vehicle, builder = load_vehicle(name), DiagramBuilder()
     parts = make_plant(builder, load_world("empty"), {"ego": vehicle}, spec=PlantSpec(time_step=0.005, contact="point"))
     simulator = Simulator(builder.Build())

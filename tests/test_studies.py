@@ -263,7 +263,7 @@ run_study(json.load(open(sys.argv[1])), out=sys.argv[2], workers=2, resume=True)
 
 
 def _kill(study_file: Path, out: Path, *, after: float) -> None:
-    """Run a study in a process of its own, and kill it so long [s] after it has written rows."""
+    """Run a study in a separate process, and kill it `after` seconds after it has written rows."""
     command = [sys.executable, "-c", _SCRIPT, str(study_file), str(out)]
     before = len(read_rows(out))
     with subprocess.Popen(command, cwd=Path(__file__).parents[1]) as process:

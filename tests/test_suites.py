@@ -124,7 +124,7 @@ def test_the_worst_comes_first(damaged: Suite) -> None:
     assert worst.text == "always speed < 12 m/s"
 
 
-def test_what_did_not_pass_leaves_a_run_folder(damaged: Suite) -> None:
+def test_cases_that_did_not_pass_leave_a_run_folder(damaged: Suite) -> None:
     assert damaged.folder is not None
     kept = sorted(path.name for path in (damaged.folder / "cases").iterdir())
     assert kept == sorted(case.slug for case, result in damaged.ranked() if result.verdict != "pass")
@@ -135,7 +135,7 @@ def test_what_did_not_pass_leaves_a_run_folder(damaged: Suite) -> None:
     assert traces >= {"straight-1", "straight-3", "straight-10", "straight-22"}  # also of a behaviour that raised
 
 
-def test_a_run_that_passed_is_kept_if_that_is_wanted(tmp_path: Path) -> None:
+def test_a_run_that_passed_is_kept_on_request(tmp_path: Path) -> None:
     suite = run_suite([_case(1)], folder=tmp_path / "out", keep_all=True)
     assert suite.results[0].verdict == "pass"
     assert suite.results[0].folder == "cases/straight-1"

@@ -193,7 +193,7 @@ def test_the_junit_file_counts_the_same(done: Path) -> None:
     }  # fmt: skip
 
 
-def test_only_what_did_not_pass_is_kept_and_recorded(done: Path) -> None:
+def test_only_cases_that_did_not_pass_are_kept_and_recorded(done: Path) -> None:
     assert sorted(path.name for path in (done / "cases").iterdir()) == ["cruise-2", "own-2", "own-3"]
     assert (done / "cases" / "cruise-2" / "recording.html").stat().st_size > 1e6
     assert len(load_run(done / "cases" / "cruise-2").signals) == 51

@@ -112,7 +112,7 @@ def test_the_last_sample_is_the_end_also_when_the_period_does_not_divide_it():
     assert drive(Gain(1.0, 1), inputs={"u": 1.0}, duration=0.3, period=0.1).index[-1] == pytest.approx(0.3)
 
 
-def test_ports_and_their_elements_go_by_name_with_units():
+def test_ports_and_their_elements_are_named_with_units():
     response = drive(Turn(), inputs={"circle.speed": lambda t: 5.0 + t, "circle.radius": 10.0}, duration=1.0)
     assert list(response) == ["motion.yaw_rate", "motion.acceleration"]
     assert response.attrs["units"] == {"motion.yaw_rate": "rad/s", "motion.acceleration": "m/s^2"}

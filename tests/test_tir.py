@@ -54,7 +54,7 @@ def instead(line: str, other: str) -> str:
     return SMALL.replace(f"{line}\n", f"{other}\n")
 
 
-def test_what_a_file_leaves_out_is_neutral() -> None:
+def test_omitted_entries_of_a_file_are_neutral() -> None:
     tyre = parse_tir(SMALL).parameters
     assert tyre == MagicFormulaParameters(
         unloaded_radius=0.3, fnomin=4000.0, pcx1=1.6, pdx1=1.1, pkx1=22.0, pcy1=1.3, pdy1=-0.95, pky1=-17.0, pky2=2.0

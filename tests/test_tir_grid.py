@@ -167,7 +167,7 @@ def test_forces_have_the_signs_of_a_tyre() -> None:
     assert magic_formula(tyre, 0.0, 0.05, 4000.0, vx=20.0).mz > 0.0
 
 
-def test_what_is_not_used_may_have_any_value_and_is_kept() -> None:
+def test_unused_entries_may_have_any_value_and_are_kept() -> None:
     file = parse_tir(file_of(0))
     assert file.parameters.version == "5.2"
     assert {"COMMENT", "TEST_DEVICE", "TEST_LOAD", "WIDTH"} <= set(file.unused)
@@ -183,7 +183,7 @@ def test_what_is_not_used_may_have_any_value_and_is_kept() -> None:
         ("FNOMIN = about 4000", "[DIMENSION] FNOMIN: expected a finite number, got 'about 4000'"),
     ],
 )
-def test_what_is_used_may_not(line: str, message: str) -> None:
+def test_used_entries_must_be_valid(line: str, message: str) -> None:
     text = file_of(0).replace("WIDTH                    = 0.235", line)
     with pytest.raises(ConfigError) as caught:
         parse_tir(text, name="t.tir")

@@ -263,7 +263,7 @@ def test_a_start_must_be_on_the_road_as_wide_as_it_is_there(tmp_path: Path, monk
     )
 
 
-def test_props_regions_and_rules_go_by_the_edge_of_the_road(tmp_path: Path):
+def test_props_regions_and_rules_are_relative_to_the_edge_of_the_road(tmp_path: Path):
     text = f"""
 tracks: {{main: {{{TAPER}}}}}
 ground:
@@ -611,7 +611,7 @@ def test_the_points_at_a_crossing_are_named_by_their_lines(tmp_path: Path, monke
 
 
 @pytest.mark.parametrize("more", ["crossing: true", "road: false"])
-def test_a_figure_of_eight_may_be_wanted(tmp_path: Path, more: str):
+def test_a_figure_of_eight_can_be_allowed(tmp_path: Path, more: str):
     loaded: World = load_world(
         str(write(tmp_path, world(f"points: {[list(p) for p in EIGHT]}\n    closed: true\n    {more}")))
     )

@@ -74,7 +74,7 @@ def test_the_torque_at_a_kingpin_is_that_of_the_motor_data_sheet() -> None:
 
 
 def test_the_road_asks_the_same_of_a_turning_wheel_at_every_step() -> None:
-    """Held it is rolling resistance on the kingpin's offset, turning little else; the step is not seen."""
+    """Held, it is rolling resistance times the kingpin offset, turning hardly more; the time step has no effect."""
     steps = {step: turn(step) for step in (0.005, 0.00125)}
     resistance = 0.01 * 43.5 * GRAVITY / 4.0 * 0.0078
     for response in steps.values():

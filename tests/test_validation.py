@@ -127,7 +127,7 @@ def _results(*comparisons, published=None):
     return ValidationResults(facts, published, comparisons, [outcome], 0.03, plant, 0.85)
 
 
-def test_what_could_not_be_simulated_fails_and_what_is_not_compared_does_not():
+def test_figures_that_could_not_be_simulated_fail_and_figures_not_compared_do_not():
     good = Comparison(_sixty(), 6.9, "", 80.0, 0.03)
     left_out = Comparison(_sixty(not_compared="summer tyres"), None, "", 80.0, 0.03)
     missing = Comparison(_sixty(), None, "it has no pedals", 80.0, 0.03)

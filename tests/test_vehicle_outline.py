@@ -67,7 +67,7 @@ def test_the_frame_is_that_of_the_base_link() -> None:
     assert box == pytest.approx(Outline(-1.5, -0.5, 1.5, 2.5, -0.5, 0.5))
 
 
-def test_what_does_not_collide_has_no_outline() -> None:
+def test_a_vehicle_without_collision_geometry_has_no_outline() -> None:
     assert measured() is None
     assert measured(base='<visual><geometry><box size="1 1 1"/></geometry></visual>') is None
 

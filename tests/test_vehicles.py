@@ -550,7 +550,7 @@ def test_a_missing_file_of_the_folder_is_named(copy: Path) -> None:
     assert message_of(ConfigError) == "bolt/control.yaml: no such file"
 
 
-def test_what_drake_warns_about_is_carried_with_the_source_line(copy: Path) -> None:
+def test_warnings_of_drake_are_reported_with_the_source_line(copy: Path) -> None:
     line = replace(copy / "structure.xacro", '<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><dynamics friction="3"/>')
     (warning,) = load_vehicle("bolt").warnings  # once, although left and right have the same fault
     assert warning.startswith(f"bolt/structure.xacro:{line}: A joint has specified a non-zero")

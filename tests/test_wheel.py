@@ -67,7 +67,7 @@ def test_the_modules_and_templates_are_in_the_wheel(contents: set[str]) -> None:
     assert {name for name in expected if "__pycache__" not in name} - contents == set()
 
 
-def test_nothing_else_is_in_the_wheel(contents: set[str]) -> None:
+def test_the_wheel_contains_no_other_files(contents: set[str]) -> None:
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     assert {name.split("/")[0] for name in contents} == {"mirdrake", f"mirdrake-{version}.dist-info"}
     odd = [

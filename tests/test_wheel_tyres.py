@@ -260,7 +260,7 @@ def test_the_length_of_the_step_does_not_change_how_far_a_car_drifts_before_it_t
 
 @pytest.mark.parametrize("step", [0.0025, 0.005])
 def test_a_robot_rocks_on_its_tyres_with_their_stiffness_and_the_damping_of_their_rubber(step):
-    """Free heave: ω² = 4 k / m, and Hunt-Crossley's damper N d at each wheel; the step adds no damping of its own."""
+    """Free heave: ω² = 4 k / m, and Hunt-Crossley's damper N d at each wheel; the time step adds no damping."""
     assembly = assemble(
         {
             "world": "empty",

@@ -584,7 +584,7 @@ def test_the_ground_reaches_below_surfaces_wider_than_its_plane(tmp_path):
     assert min(-ymin, ymax) >= 100.0
 
 
-def test_what_is_above_the_ground_stays_an_obstacle(tmp_path):
+def test_objects_above_the_ground_remain_obstacles(tmp_path):
     inside = (
         traps.model("road", size="60 8 0.1", pose="0 0 0.05 0 0 0")
         + traps.model("sidewalk", size="60 2 0.15", pose="0 5 0.075 0 0 0")

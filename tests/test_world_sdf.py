@@ -146,7 +146,7 @@ def test_the_ground_is_a_box_with_the_friction_of_the_road(world: World, loaded:
     assert not any(isinstance(inspector.GetShape(g), HalfSpace) for g in inspector.GetAllGeometryIds(Role.kProximity))
 
 
-def test_what_sdf_cannot_express_is_reported_and_in_a_comment(export: SdfExport) -> None:
+def test_elements_without_an_sdf_equivalent_are_reported_and_in_a_comment(export: SdfExport) -> None:
     assert export.left_out == (
         "friction 0.7 beside the tracks (the ground has 0.9 everywhere)",
         "friction 0.2 of patch 'patch_0'",

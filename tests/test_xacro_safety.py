@@ -296,7 +296,7 @@ def test_no_generated_expression_reaches_an_attribute_of_python(block, evaluator
             evaluator.evaluate(hostile_grammar(seed), {})
 
 
-def test_nothing_is_executed(tmp_path):
+def test_no_user_code_is_executed(tmp_path):
     target = tmp_path / "done"
     for expression in (
         f"(lambda: __import__('os').system('touch {target}'))()",
@@ -586,7 +586,7 @@ PROPERTIES = """
 CONFIG = "{wheel: {radius: 0.31, width: 0.2}, names: [a, b], angle: !degrees 90, inner: [{x: 4}]}"
 
 
-def test_what_ordinary_files_use_gives_what_xacro_gives(tmp_path):
+def test_features_of_ordinary_files_work_as_in_xacro(tmp_path):
     (tmp_path / "c.yaml").write_text(CONFIG, encoding="utf-8")
     file = tmp_path / "car.urdf.xacro"
     links = "".join(f'<link name="${{{escape(text)}}}"/>\n' for text in ORDINARY if "}" not in text)

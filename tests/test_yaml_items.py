@@ -80,7 +80,7 @@ def test_line_ends_of_windows_are_kept() -> None:
     assert "\n" not in remove_item(text, ("props", "0")).replace("\r\n", "")
 
 
-def test_what_an_alias_depends_on_is_not_removed() -> None:
+def test_anchors_of_aliases_are_not_removed() -> None:
     text = "p:\n  - &one {a: 1}\n  - *one\n"
     with pytest.raises(ConfigError, match=r"p\.0: cannot be changed"):
         remove_item(text, ("p", "0"))
