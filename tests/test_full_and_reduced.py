@@ -146,7 +146,7 @@ def test_sines_at_other_speeds(kmh, frequency, lateral):
 
 
 def test_steady_state_slip_of_a_turn_is_included_in_the_stiffness():
-    """Without roll, aligning moments and compliance, axles of the same tyres are stiffer, by a sixth."""
+    """Without roll, aligning moments and compliance the axles are stiffer; these effects are a sixth of the slip."""
     vehicle = load_vehicle(NAME)
     p, tyres = estimate_parameters(vehicle), vehicle.spec.tyres
     assert isinstance(tyres, SlipTyres)

@@ -64,7 +64,7 @@ def test_relaxation_is_fitted_where_the_logs_support_it(length):
 
 
 def test_a_fit_without_relaxation_names_it_as_an_assumption():
-    """The plain model underestimates the inertia by far more than its noise; its interval includes them."""
+    """The plain model underestimates the inertia by far more than its noise; the truth is in its interval."""
     data = relaxing(0.4)
     parameter: Any = fit(data, SPEC, parameters=CAR)["yaw_inertia"]
     assert parameter.value < 0.95 * TRUTH["yaw_inertia"]
