@@ -272,7 +272,7 @@ def test_a_full_plant_that_coasts_gives_drag_and_rolling_resistance_within_2_per
 
 @pytest.mark.slow
 def test_estimates_of_a_plain_single_track_from_a_full_plant(bolt):
-    """Without relaxation, the build-up of slip appears as 20 ms of delay and a fifth of the inertia; roll has the rest."""
+    """Without relaxation, slip build-up appears as 20 ms of delay and a fifth of the inertia; roll has the rest."""
     so = truth()
     values = single_track_values(load_vehicle("bolt@handling"), relaxation=False)
     settings = {name: Setting(fixed=values[name]) for name in ("mass", "front_length", "rear_length")}
