@@ -158,12 +158,12 @@ def write_car(folder: Path, p: Any, *, kind: Reference = "published", mapped: bo
     around = sum(m * (d**2 + 0.25 * t**2) for m, d, t in ((p.m_uf, p.a, p.T_f), (p.m_ur, p.b, p.T_r)))
     yaw = p.I_z - around - p.m_s * (x - p.b) ** 2 - 4.0 * (0.5 * p.I_y_w + 2.0 * _SMALL)
     z = centre_of_sprung_mass(p)[1]
-    parts = [_link("base_link", p.m_s, (p.I_Phi_s, p.I_y_s, yaw), place=(x, 0.0, z))]
+    parts = [_link("base_link", p.m_s, (p.I_Phi_s, p.I_y_s, yaw), centre=(x, 0.0, z))]
     for corner in _PLACES:
         front, side = corner.startswith("front"), 1.0 if corner.endswith("left") else -1.0
         mass, track = (p.m_uf, p.T_f) if front else (p.m_ur, p.T_r)
         position = (length if front else 0.0, 0.5 * side * track, p.R_w)
-        parts += _corner(corner, mass=0.5 * mass, at=position, steered=front, p=p)
+        parts += _corner(corner, mass=0.5 * mass, position=position, steered=front, p=p)
     text = f'<robot name="{folder.name}" xmlns:drake="http://drake.mit.edu">\n{"".join(parts)}</robot>\n'
     (folder / "main.urdf.xacro").write_text(text, encoding="utf-8")
     return folder
@@ -178,19 +178,19 @@ def _link(
     mass: float,
     inertia: tuple[float, float, float],
     *,
-    place: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
     more: str = "",
 ) -> str:
     ixx, iyy, izz = inertia
     return (
-        f'<link name="{name}"><inertial><origin xyz="{place[0]} {place[1]} {place[2]}"/><mass value="{mass}"/>'
+        f'<link name="{name}"><inertial><origin xyz="{centre[0]} {centre[1]} {centre[2]}"/><mass value="{mass}"/>'
         f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial>{more}</link>\n'
     )
 
 
-def _joint(name: str, kind: str, parent: str, child: str, axis: str, limit: str, *, at: str = "0 0 0") -> str:
+def _joint(name: str, kind: str, parent: str, child: str, axis: str, limit: str, *, origin: str = "0 0 0") -> str:
     text = (
-        f'<joint name="{name}" type="{kind}"><origin xyz="{at}"/><parent link="{parent}"/><child link="{child}"/>'
+        f'<joint name="{name}" type="{kind}"><origin xyz="{origin}"/><parent link="{parent}"/><child link="{child}"/>'
         f'<axis xyz="{axis}"/><limit {limit}/></joint>\n'
     )
     if kind == "prismatic":
@@ -201,7 +201,7 @@ def _joint(name: str, kind: str, parent: str, child: str, axis: str, limit: str,
     )
 
 
-def _corner(corner: str, *, mass: float, at: tuple[float, float, float], steered: bool, p: Any) -> list[str]:
+def _corner(corner: str, *, mass: float, position: tuple[float, float, float], steered: bool, p: Any) -> list[str]:
     """Carrier, knuckle and wheel of a corner with their joints; mass is that of all of them."""
     small, half = (_SMALL,) * 3, 0.5 * p.I_y_w + (0.0 if steered else _SMALL)
     stiffness = p.K_zt / (1.0 - p.K_zt / 1e9)  # in series with the road's
@@ -213,10 +213,10 @@ def _corner(corner: str, *, mass: float, at: tuple[float, float, float], steered
     )
     carrier, knuckle, wheel = f"{corner}_carrier", f"{corner}_knuckle", f"{corner}_wheel"
     travel = 'lower="-0.3" upper="0.3" effort="0" velocity="10"'
-    spot = f"{at[0]} {at[1]} {at[2]}"
+    origin = f"{position[0]} {position[1]} {position[2]}"
     parts = [
         _link(carrier, (0.25 if steered else 0.5) * mass, small),
-        _joint(f"{corner}_suspension_joint", "prismatic", "base_link", carrier, "0 0 1", travel, at=spot),
+        _joint(f"{corner}_suspension_joint", "prismatic", "base_link", carrier, "0 0 1", travel, origin=origin),
         _link(wheel, 0.5 * mass, (half, p.I_y_w, half), more=contact),
     ]
     if steered:

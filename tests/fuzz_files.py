@@ -258,8 +258,8 @@ def _meshes(folder: Path) -> None:
         "<visual name='v'><geometry><mesh><uri>body.{0}</uri></mesh></geometry></visual>"
         "<collision name='c'><geometry><mesh><uri>body.{0}</uri></mesh></geometry></collision></link></model>"
     )
-    for place, kind in enumerate(("stl", "obj", "glb", "dae")):
-        text = f"<sdf version='1.6'><world name='w'>{model.format(kind, 4 * place)}</world></sdf>"
+    for index, kind in enumerate(("stl", "obj", "glb", "dae")):
+        text = f"<sdf version='1.6'><world name='w'>{model.format(kind, 4 * index)}</world></sdf>"
         (folder / f"{kind}.sdf").write_text(text, encoding="utf-8")
 
 
@@ -341,7 +341,7 @@ FORMATS: dict[str, Format] = {
     "package": Format(
         _package,
         ("**/*.urdf", "**/*.xacro", "**/*.sdf"),
-        tuple(("import", "vehicle", place, "--dry-run", "--name", "fuzzed") for place in ("{urdf}", "{sdf}")),
+        tuple(("import", "vehicle", source, "--dry-run", "--name", "fuzzed") for source in ("{urdf}", "{sdf}")),
     ),
     "gazebo_world": Format(_gazebo, ("**/*.world", "**/*.sdf"), (("world", "import", "{world}"),)),
     "meshes": Format(
@@ -454,10 +454,10 @@ def _change_text(content: bytes, kind: str, chance: random.Random) -> bytes:
             lines[a:a] = [lines[a]] * chance.choice((5, 2000))
         return "".join(lines).encode("latin-1")
     pattern = r"-?\d+(\.\d+)?([eE][-+]?\d+)?" if kind == "number" else r"[A-Za-z_]{2,}|\"[^\"\n]*\""
-    found = list(re.finditer(pattern, text))
-    if not found:
+    matches = list(re.finditer(pattern, text))
+    if not matches:
         return content + b"\0"
-    match = chance.choice(found)
+    match = chance.choice(matches)
     new = chance.choice(NUMBERS if kind == "number" else WORDS)
     return content[: match.start()] + new.encode("utf-8", errors="replace") + content[match.end() :]
 
@@ -465,7 +465,7 @@ def _change_text(content: bytes, kind: str, chance: random.Random) -> bytes:
 def _places(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     """Return every path below the root of a tree."""
     items = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
-    return [place for key, value in items for place in ((*path, key), *_places(value, (*path, key)))]
+    return [below for key, value in items for below in ((*path, key), *_places(value, (*path, key)))]
 
 
 VALUES: tuple[Any, ...] = (
@@ -485,19 +485,19 @@ def _change_node(content: bytes, suffix: str, chance: random.Random) -> bytes | 
         places = _places(tree)
         if not places:
             return None
-        place = chance.choice(places)
+        path = chance.choice(places)
         parent = tree
-        for key in place[:-1]:
+        for key in path[:-1]:
             parent = parent[key]
         how = chance.randrange(5)
         if how == 0:
-            del parent[place[-1]]
+            del parent[path[-1]]
         elif how == 1 and isinstance(parent, dict):
-            parent[chance.choice(("x", "", "a.b", "ünï", "kind", "9", f"{place[-1]}x"))] = parent.pop(place[-1])
+            parent[chance.choice(("x", "", "a.b", "ünï", "kind", "9", f"{path[-1]}x"))] = parent.pop(path[-1])
         elif how == 2 and isinstance(parent, list):
-            parent.extend([parent[place[-1]]] * chance.choice((1, 300)))
+            parent.extend([parent[path[-1]]] * chance.choice((1, 300)))
         else:
-            parent[place[-1]] = chance.choice(VALUES)
+            parent[path[-1]] = chance.choice(VALUES)
     text = json.dumps(tree) if suffix == ".json" else yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
     return text.encode("utf-8", errors="surrogatepass")
 
@@ -528,10 +528,10 @@ _built: dict[str, dict[str, bytes]] = {}
 def build(name: str, folder: Path) -> None:
     """Write the valid files of a format into an empty folder; made once in a process."""
     if name not in _built:
-        with tempfile.TemporaryDirectory() as place, contextlib.redirect_stdout(io.StringIO()):
-            FORMATS[name].build(Path(place))
-            files = [path for path in Path(place).rglob("*") if path.is_file()]
-            _built[name] = {str(path.relative_to(place)): path.read_bytes() for path in files}
+        with tempfile.TemporaryDirectory() as temporary, contextlib.redirect_stdout(io.StringIO()):
+            FORMATS[name].build(Path(temporary))
+            files = [path for path in Path(temporary).rglob("*") if path.is_file()]
+            _built[name] = {str(path.relative_to(temporary)): path.read_bytes() for path in files}
     for file, content in _built[name].items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_bytes(content)
@@ -571,8 +571,8 @@ def _filled(command: tuple[str, ...], work: Path, chance: random.Random) -> tupl
     """Return a command line with its placeholder replaced by a file."""
 
     def find(kind: str) -> str:
-        found = [path for path in work.rglob("*") if path.name.endswith((f".{kind}", f".{kind}.xacro"))]
-        return str(chance.choice(sorted(found)).relative_to(work))
+        files = [path for path in work.rglob("*") if path.name.endswith((f".{kind}", f".{kind}.xacro"))]
+        return str(chance.choice(sorted(files)).relative_to(work))
 
     return tuple(find(word[1:-1]) if word in {"{urdf}", "{sdf}", "{world}"} else word for word in command)
 
@@ -620,8 +620,8 @@ def _work(pipe: Connection, seed: int) -> None:
         job = pipe.recv()
         if job is None:
             return
-        name, number, place = job
-        pipe.send(run_case(name, seed, number, Path(place)))
+        name, number, folder = job
+        pipe.send(run_case(name, seed, number, Path(folder)))
 
 
 class Worker:
@@ -643,9 +643,9 @@ class Worker:
             self._cases = 0
         self._cases += 1
         first = self._cases == 1
-        with tempfile.TemporaryDirectory(prefix="mirdrake-fuzz-", ignore_cleanup_errors=True) as place:
+        with tempfile.TemporaryDirectory(prefix="mirdrake-fuzz-", ignore_cleanup_errors=True) as folder:
             began = time.monotonic()
-            self._pipe.send((name, number, place))
+            self._pipe.send((name, number, folder))
             outcome, text = "time", f"{name} #{number}: not finished within {TIME_LIMIT:g} s"
             try:
                 if self._pipe.poll(TIME_LIMIT + 30.0 * first):  # a new process imports first
@@ -686,8 +686,8 @@ def fuzz(cases: int, seed: int, names: list[str], first: int = 0) -> dict[str, C
 def _print(counts: Mapping[str, Counter[str]]) -> None:
     outcomes = ("fine", "rejected", "exception", "message", "time", "crash", "outside")
     lines = [f"{'format':16}" + "".join(f"{outcome:>11}" for outcome in outcomes)]
-    for name, found in [*counts.items(), ("all", sum(counts.values(), Counter()))]:
-        lines.append(f"{name:16}" + "".join(f"{found[outcome]:11}" for outcome in outcomes))
+    for name, counter in [*counts.items(), ("all", sum(counts.values(), Counter()))]:
+        lines.append(f"{name:16}" + "".join(f"{counter[outcome]:11}" for outcome in outcomes))
     sys.stdout.write("\n".join(lines) + "\n")
 
 
@@ -701,4 +701,4 @@ if __name__ == "__main__":
     os.nice(10)
     table = fuzz(given.cases, given.seed, given.format or list(FORMATS), given.first)
     _print(table)
-    sys.exit(any(set(found) - {"fine", "rejected"} for found in table.values()))
+    sys.exit(any(set(counter) - {"fine", "rejected"} for counter in table.values()))

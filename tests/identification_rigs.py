@@ -116,8 +116,8 @@ def lateral_log(
     time, clean = exact(duration, manoeuvre=manoeuvre)
     random = np.random.default_rng(seed)
     measured = {"road_wheel_angle": clean["road_wheel_angle"]}
-    for one in ("vx", *channels):
-        measured[one] = clean[one] + OFFSET.get(one, 0.0) + random.normal(0.0, NOISE[one], len(time))
+    for channel in ("vx", *channels):
+        measured[channel] = clean[channel] + OFFSET.get(channel, 0.0) + random.normal(0.0, NOISE[channel], len(time))
     return Log(name, use, time, measured)
 
 

@@ -85,10 +85,10 @@ def link(name, inertial="", visual="", collision=""):
     return f'<link name="{name}">{inertial}{visual}{collision}</link>\n'
 
 
-def joint(name, kind, parent, child, *, place="0 0 0", axis="0 0 1", inside=""):
+def joint(name, kind, parent, child, *, origin="0 0 0", axis="0 0 1", inside=""):
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{place}"/><axis xyz="{axis}"/>{inside}</joint>\n'
+        f'<origin xyz="{origin}"/><axis xyz="{axis}"/>{inside}</joint>\n'
     )
 
 
@@ -115,20 +115,20 @@ def car_urdf(
         if suspension is not None:
             carrier = f"{corner}_carrier"
             text += link(carrier, box_inertial(0.5 * car.wheel, (0.1, 0.1, 0.1)))
-            text += joint(f"{corner}_shock", "prismatic", base, carrier, place=position, inside=suspension)
+            text += joint(f"{corner}_shock", "prismatic", base, carrier, origin=position, inside=suspension)
             position, parent = "0 0 0", carrier
         if corner.startswith("front"):
             knuckle, steered = f"{corner}_knuckle", steer.format(corner=corner)
             text += link(knuckle, box_inertial(0.3 * car.wheel, (0.1, 0.1, 0.1)))
             text += joint(
-                steered, kinds[corner.endswith("right")], parent, knuckle, place=position, inside=limit
+                steered, kinds[corner.endswith("right")], parent, knuckle, origin=position, inside=limit
             )  # fmt: skip
             position, parent = "0 0 0", knuckle
             if transmissions:
                 text += transmission(steered, "PositionJointInterface")
         tyre, turning = wheel.format(corner=corner), spin.format(corner=corner)
         text += link(tyre, wheel_inertial(car), wheel_visual or cylinder(car), wheel_collision or cylinder(car))
-        text += joint(turning, "continuous", parent, tyre, place=position, axis="0 1 0", inside=spin_limit)
+        text += joint(turning, "continuous", parent, tyre, origin=position, axis="0 1 0", inside=spin_limit)
         if transmissions and corner.startswith("rear"):
             text += transmission(turning, "EffortJointInterface")
     return f'<?xml version="1.0"?>\n<robot name="{name}">\n{text}{after}</robot>\n'
@@ -271,9 +271,9 @@ def golf_cart(folder):
 
 def loose_limits(folder):
     """Massless links, limits of -1 and efforts of 0."""
-    frames = link("base_footprint") + joint("foot", "fixed", "base_footprint", "base_link", place="0 0 0.3")
+    frames = link("base_footprint") + joint("foot", "fixed", "base_footprint", "base_link", origin="0 0 0.3")
     marker = link("marker", "", '<geometry><sphere radius="0.1"/></geometry>')
-    marker += joint("marker_joint", "fixed", "base_link", "marker", place="0 0 1.2")
+    marker += joint("marker_joint", "fixed", "base_link", "marker", origin="0 0 1.2")
     text = car_urdf(
         "loose_limits", Car(), before=frames, after=marker, spin_limit='<limit effort="-1" velocity="-1"/>',
         steer_limit='<limit lower="-0.55" upper="0.55" effort="0" velocity="0"/>',
@@ -334,7 +334,7 @@ def odd_words(folder):
         steer_limit=f'<limit lower="-{car.limit}" upper="{car.limit}" effort="10000000" velocity="1000000"/>',
         before='<material name="paint"><color rgba="0.1 0.5 0.2 1"/></material>\n',
         after=link("plate", "", '<geometry><box size="0.1 0.3 0.02"/></geometry>')
-        + joint("plate_joint", "fixed", "base_link", "plate", place="1.9 0 0.5", axis="0 0 0")
+        + joint("plate_joint", "fixed", "base_link", "plate", origin="1.9 0 0.5", axis="0 0 0")
         + link("pedal", box_inertial(0.1, (0.1, 0.1, 0.1)))
         + joint("pedal_joint", "prismatic", "base_link", "pedal", inside='<limit lower="0" upper="0.08" effort="9"/>')
         + "".join(
@@ -497,7 +497,7 @@ def skid_steer(folder):
     for corner, (x, y) in car.corners.items():
         text += link(f"{corner}_wheel", wheel_inertial(car), cylinder(car), cylinder(car))
         text += joint(
-            f"{corner}_wheel_joint", "continuous", "base_link", f"{corner}_wheel", place=f"{x} {y} 0", axis="0 1 0"
+            f"{corner}_wheel_joint", "continuous", "base_link", f"{corner}_wheel", origin=f"{x} {y} 0", axis="0 1 0"
         )
     return package(folder / "rover", "rover", "rover.urdf", f'<robot name="rover">{text}</robot>')
 
@@ -508,14 +508,14 @@ def tricycle(folder):
     text = link("base_link", box_inertial(200.0, car.size), body_shape(car, 0.03), body_shape(car, 0.03))
     text += link("fork", box_inertial(5.0, (0.1, 0.1, 0.1)))
     inside = '<limit lower="-0.6" upper="0.6" effort="100" velocity="2"/>'
-    text += joint("fork_joint", "revolute", "base_link", "fork", place="1.25 0 0", inside=inside)
+    text += joint("fork_joint", "revolute", "base_link", "fork", origin="1.25 0 0", inside=inside)
     for name, parent, position in (
         ("front", "fork", "0 0 0"),
         ("rear_left", "base_link", "-1.25 0.7 0"),
         ("rear_right", "base_link", "-1.25 -0.7 0"),
     ):
         text += link(f"{name}_wheel", wheel_inertial(car), cylinder(car), cylinder(car))
-        text += joint(f"{name}_wheel_joint", "continuous", parent, f"{name}_wheel", place=position, axis="0 1 0")
+        text += joint(f"{name}_wheel_joint", "continuous", parent, f"{name}_wheel", origin=position, axis="0 1 0")
     return package(folder / "trike", "trike", "trike.urdf", f'<robot name="trike">{text}</robot>')
 
 
@@ -530,7 +530,7 @@ def six_wheeler(folder):
             "continuous",
             "base_link",
             f"third_{side}_wheel",
-            place=f"-2 {y} 0",
+            origin=f"-2 {y} 0",
             axis="0 1 0",
         )
     return package(folder / "lorry", "lorry", "lorry.urdf", car_urdf("lorry", car, after=more))
@@ -544,7 +544,7 @@ def arm(folder):
     for number, axis in enumerate(("0 0 1", "0 1 0", "0 1 0")):
         text += link(f"arm_{number}", box_inertial(3.0, (0.1, 0.1, 0.5), "0 0 0.25"), rod, rod)
         inside = '<limit lower="-3" upper="3" effort="50" velocity="2"/>'
-        text += joint(f"turn_{number}", "revolute", parent, f"arm_{number}", place="0 0 0.5", axis=axis, inside=inside)
+        text += joint(f"turn_{number}", "revolute", parent, f"arm_{number}", origin="0 0 0.5", axis=axis, inside=inside)
         parent = f"arm_{number}"
     return package(folder / "arm", "arm", "arm.urdf", f'<robot name="arm">{text}</robot>')
 
@@ -556,7 +556,7 @@ def drone(folder):
     text = link("base_link", box_inertial(1.5, (0.3, 0.3, 0.05)), plate, plate)
     for number, (x, y) in enumerate(((0.2, 0.2), (0.2, -0.2), (-0.2, 0.2), (-0.2, -0.2))):
         text += link(f"rotor_{number}", box_inertial(0.02, (0.2, 0.02, 0.01)), blade, blade)
-        text += joint(f"rotor_{number}_joint", "continuous", "base_link", f"rotor_{number}", place=f"{x} {y} 0.05")
+        text += joint(f"rotor_{number}_joint", "continuous", "base_link", f"rotor_{number}", origin=f"{x} {y} 0.05")
     return package(folder / "drone", "drone", "drone.urdf", f'<robot name="drone">{text}</robot>')
 
 

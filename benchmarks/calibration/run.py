@@ -105,10 +105,10 @@ def _row(parameter: FittedParameter, truth: float) -> ParameterRow:
 def false_delays(case: Case, check: DataReport) -> tuple[list[str], bool]:
     """Return channels that were shifted away from their true timing, and whether a true delay is left."""
     shifts: dict[str, float] = {}
-    for one in check.findings:
-        if one.check == "delay" and one.done is not None:
+    for finding in check.findings:
+        if finding.check == "delay" and finding.done is not None:
             shifts |= {
-                key: float(value) for key, value in one.done.figures.items() if key not in {"shifts", "together"}
+                key: float(value) for key, value in finding.done.figures.items() if key not in {"shifts", "together"}
             }
     names = (*case.sensors.channels, case.sensors.steering)
     left = {name: case.late.get(name, 0.0) - shifts.get(name, 0.0) for name in names}
