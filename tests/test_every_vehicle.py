@@ -9,17 +9,24 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.core.paths import data_root
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle, variants
+from mirdrake.worlds import load_world
 
 ROOT = data_root()
 WORLDS = sorted(path.stem for path in (ROOT / "worlds").glob("*.yaml"))
 MODELS = sorted(path.parent.name for path in (ROOT / "models").glob("*/vehicle.yaml"))
 CONTACTS = ("point", "hydroelastic")
+RELIEF = {name for name in WORLDS if not load_world(name).ground.terrain.flat}
+"""Worlds with a ground that only `plant.contact: tyre` touches."""
 ONE_MODEL_PER_WORLD = [
     (MODELS[(index + turn) % len(MODELS)], world, contact)
     for index, world in enumerate(WORLDS)
-    for turn, contact in enumerate(CONTACTS)
+    for turn, contact in enumerate(["tyre"] if world in RELIEF else CONTACTS)
 ]
-ALL_OTHERS = [case for case in product(MODELS, WORLDS, CONTACTS) if case not in ONE_MODEL_PER_WORLD]
+ALL_OTHERS = [
+    case
+    for case in product(MODELS, WORLDS, [*CONTACTS, "tyre"])
+    if case not in ONE_MODEL_PER_WORLD and (case[2] == "tyre") == (case[1] in RELIEF)
+]
 VARIANTS = [f"{model}@{name}" for model in MODELS for name in variants(ROOT / "models" / model)]
 
 

@@ -39,7 +39,7 @@ class CaseSpec(Schema):
     goal: str | None = Field(default=None, description="a goal of the world, to which 'at goal' refers [-]")
     behaviour: str | dict[str, Any] = Field(description="a driver as in a diagram file, its kind, or module:Class [-]")
     duration: Duration = Field(default=30.0, gt=0.0, le=86400.0, description="simulated time [s]")
-    contact: Literal["point", "hydroelastic"] = Field(default="point", description="contact of the tyres [-]")
+    contact: Literal["point", "hydroelastic", "tyre"] = Field(default="point", description="contact of the tyres [-]")
     variations: dict[str, int | list[Any]] = Field(
         default_factory=dict, description="values of parameters and of seed; all combinations are run [-]"
     )
