@@ -53,7 +53,7 @@ def copy_vehicle(name: str, folder: Path, **changes: Any) -> Path:
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A project: an Unior called bolt, a CAT Vehicle with other mounts, a world; one run of both, moved elsewhere."""
-    place = tmp_path_factory.mktemp("project")
+    project = tmp_path_factory.mktemp("project")
     copy_vehicle("unior", project / "models" / "bolt")
     copy_vehicle("catvehicle", project / "models" / "cat")
     (project / "yard.yaml").write_text(WORLD, encoding="utf-8")
@@ -80,7 +80,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for path in [*project.glob("models/*/*"), project / "yard.yaml"]:
         if path.is_file():
             path.unlink()
-    return place
+    return project
 
 
 @pytest.fixture
