@@ -26,6 +26,7 @@ def _run(job: str) -> dict[str, Any]:
     return document
 
 
+@pytest.mark.slow
 def test_the_drive_gives_speed_accuracy_and_overhead_for_both_contacts() -> None:
     document = _run("w1")
     drives = document["jobs"]["w1"]["drives"]
@@ -53,7 +54,7 @@ def test_the_drive_gives_speed_accuracy_and_overhead_for_both_contacts() -> None
         pytest.param("w4", {"mirdrake_10_ms_spawn", "mirdrake_10_ms_fork"}, marks=pytest.mark.slow),
         ("w5", {"wall_ms_per_simulated_s", "cpu_ms_per_simulated_s", "best_error"}),
         pytest.param("tyres", {"drives", "single_track"}, marks=pytest.mark.slow),
-        ("memory", {"growth_repeated_runs_mb", "growth_long_drive_mb"}),
+        pytest.param("memory", {"growth_repeated_runs_mb", "growth_long_drive_mb"}, marks=pytest.mark.slow),
         ("startup", {"import_mirdrake_s", "first_step_s"}),
     ],
 )

@@ -22,6 +22,7 @@ from mirdrake.vehicles.bodywork.shapes import ALONG_Y, extrude, revolve, rounded
 from mirdrake.vehicles.bodywork.shell import Frame, Shell
 from mirdrake.vehicles.bodywork.sizes import STEERING, BodySize, arch_clearance
 from mirdrake.vehicles.bodywork.wheels import build_wheel
+from tests.marks import mostly_slow
 from tools.meshes.outlines.car import CarOutline, build_skin
 from tools.meshes.outlines.curves import curve, smooth_max, smooth_min
 from tools.meshes.outlines.shell import half_shell
@@ -195,7 +196,7 @@ def test_the_lofted_skin_of_a_new_vehicle_is_closed_and_stays_closed_with_its_wi
     assert 0.5 < volume / (4.2 * 1.76 * 1.35) < 0.95
 
 
-@pytest.mark.parametrize("style", BODY_STYLES)
+@pytest.mark.parametrize("style", mostly_slow(BODY_STYLES, fast=2))
 def test_faces_of_a_new_vehicle_look_where_their_normals_point(style: str, tmp_path: Path) -> None:
     write_car(tmp_path, style=style, size=size_of(style))
     triangles, normals = triangles_of(tmp_path / "meshes" / "body.gltf")
@@ -204,7 +205,7 @@ def test_faces_of_a_new_vehicle_look_where_their_normals_point(style: str, tmp_p
     assert area(triangles[turn < 0]) < 1e-3 * area(triangles)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", mostly_slow(MODELS, fast=2))
 def test_faces_of_a_body_look_where_their_normals_point(model: str) -> None:
     triangles, normals = triangles_of(data_root() / "models" / model / "meshes" / "body.gltf")
     face = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -246,7 +247,7 @@ def test_steered_front_wheels_and_rear_wheels_of_a_bundled_car_touch_no_part_of_
     assert deepest_in_tyre(points, (0.0, g.rear_track / 2, rear.radius), rear, 0.0) < 0
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", mostly_slow(sorted(MODELS, reverse=True)))
 def test_the_committed_meshes_are_those_of_the_script_and_small(model: str, tmp_path: Path) -> None:
     folder = data_root() / "models" / model / "meshes"
     import_module(f"tools.meshes.{model}").write(tmp_path)
@@ -300,7 +301,7 @@ def test_a_new_body_has_the_given_size_and_room_for_its_wheels(style: str, tmp_p
     assert sum(path.stat().st_size for path in (tmp_path / "meshes").iterdir()) < 1.5e6
 
 
-@pytest.mark.parametrize("style", ["robot", "hatchback"])
+@pytest.mark.parametrize("style", mostly_slow(["robot", "hatchback"]))
 def test_the_same_sizes_give_the_same_bytes(style: str, tmp_path: Path) -> None:
     for folder in ("first", "second"):
         write_car(tmp_path / folder, style=style, size=size_of(style))

@@ -14,7 +14,7 @@ FEW = {"gazebo_world": 2, "meshes": 2, "world": 3, "run_folder": 4, "diagram": 6
 def test_mutated_files_are_read_or_rejected(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MPLBACKEND", "Agg")
     faults = []
-    for number in range(FEW.get(name, 12)):
+    for number in range(FEW.get(name, 6)):
         folder = tmp_path / str(number)
         folder.mkdir()
         outcome, text = run_case(name, 20, number, folder)

@@ -17,6 +17,7 @@ from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 from tests import trap_packages as traps
+from tests.marks import mostly_slow
 from tests.mesh_rigs import add_eye
 
 CAR, GOLF, RACER = traps.Car(), traps.GOLF, traps.RACER
@@ -74,6 +75,7 @@ def imported(request, tmp_path_factory):
 
 
 every_good_one = pytest.mark.parametrize("imported", GOOD, indirect=True)
+some_good_ones = pytest.mark.parametrize("imported", mostly_slow(GOOD, fast=5), indirect=True)
 
 
 @every_good_one
@@ -88,7 +90,7 @@ def test_it_loads_again_from_its_folder_with_the_dimensions_of_its_source(import
     assert geometry.steering_limit == pytest.approx(car.limit, rel=0.05)
 
 
-@every_good_one
+@some_good_ones
 def test_it_holds_still_drives_ten_metres_straight_and_circles_to_both_sides(imported):
     result, car = imported
     rows = [
@@ -115,7 +117,7 @@ def test_it_holds_still_drives_ten_metres_straight_and_circles_to_both_sides(imp
     assert right == pytest.approx(-left, rel=0.01)
 
 
-@every_good_one
+@some_good_ones
 def test_a_camera_beside_it_sees_it(imported):
     result, car = imported
     builder = DiagramBuilder()

@@ -23,6 +23,7 @@ from mirdrake.core.paths import find
 from mirdrake.runs.simulation import simulate
 from mirdrake.single_track.vehicle import make_single_track_vehicle
 from mirdrake.vehicles import load_vehicle
+from tests.marks import mostly_slow
 
 _RANGE = {"near": 1.0, "far": 50.0}
 MOUNTS: dict[str, dict[str, Any]] = {
@@ -171,7 +172,7 @@ def test_a_shipped_diagram_is_freed(name: str) -> None:
     assert _left(lambda: assemble(name).diagram) == []
 
 
-@pytest.mark.parametrize("kind", MOUNTS)
+@pytest.mark.parametrize("kind", mostly_slow(MOUNTS, fast=5))
 def test_a_diagram_with_a_sensor_is_freed(kind: str, tmp_path: Path) -> None:
     mount = {"kind": kind, "rate": 20, **MOUNTS[kind]}
     if "camera" in kind:
@@ -184,14 +185,14 @@ def test_a_diagram_with_a_sensor_is_freed(kind: str, tmp_path: Path) -> None:
     assert _left(lambda: assemble(spec | {"record": {"cameras": "camera" in kind}}).diagram) == []
 
 
-@pytest.mark.parametrize("kind", DRIVERS)
+@pytest.mark.parametrize("kind", mostly_slow(DRIVERS, fast=4))
 def test_a_diagram_with_a_driver_is_freed(kind: str) -> None:
     driver = {"ego": {"kind": kind, **DRIVERS[kind]}}
     spec = {"world": "test_track", "vehicles": {"ego": {"model": "bolt"}}, "control": driver}
     assert _left(lambda: assemble(spec).diagram) == []
 
 
-@pytest.mark.parametrize("tyres", ["kinematic", "linear", "brush"])
+@pytest.mark.parametrize("tyres", mostly_slow(["brush", "linear", "kinematic"]))
 def test_a_single_track_model_is_freed(tyres: str) -> None:
     car = load_vehicle("bolt")
 

@@ -20,6 +20,7 @@ from mirdrake.tyres.brush import BrushTyre, brush_at_load, brush_forces, brush_o
 from mirdrake.tyres.magic_formula import magic_formula
 from mirdrake.tyres.tir import read_tir
 from mirdrake.vehicles import load_vehicle
+from tests.marks import mostly_slow
 from tests.tyre_rigs import Watch, make_bolts, make_slope, motions, on_tyres, steady_forces
 
 KINDS = ("brush", "magic_formula")
@@ -334,7 +335,7 @@ def test_without_slip_no_energy_is_lost(bolt):
 # --- standstill --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("contact", mostly_slow(CONTACTS))
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("how", ["brakes", "parked"])
 def test_a_car_held_on_a_slope_of_five_degrees_does_not_creep(bolt, tmp_path, contact, kind, how):
@@ -350,7 +351,7 @@ def test_a_car_held_on_a_slope_of_five_degrees_does_not_creep(bolt, tmp_path, co
 
 @pytest.mark.parametrize("contact", CONTACTS)
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("step", [0.0025, 0.01])
+@pytest.mark.parametrize("step", mostly_slow([0.01, 0.0025]))
 def test_a_car_at_rest_stays_at_rest(bolt, contact, kind, step):
     run = Simulation(on_tyres(bolt(f"{kind}_free"), contact=contact, time_step=step)).run(duration=5.0).signals
     last = run.iloc[-50:]
@@ -358,7 +359,7 @@ def test_a_car_at_rest_stays_at_rest(bolt, contact, kind, step):
     assert np.abs(last["ego.wheel_speed.front_left"]).max() < 1e-4
 
 
-@pytest.mark.parametrize("contact", CONTACTS)
+@pytest.mark.parametrize("contact", mostly_slow(CONTACTS))
 @pytest.mark.parametrize("kind", KINDS)
 def test_at_walking_pace_there_is_no_oscillation(bolt, contact, kind):
     run = steer(bolt(kind), speed=0.1, angle=0.1, duration=8.0, contact=contact)
@@ -372,7 +373,7 @@ def test_at_walking_pace_there_is_no_oscillation(bolt, contact, kind):
 
 @pytest.mark.parametrize("contact", CONTACTS)
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("torque", [800.0, 5000.0])
+@pytest.mark.parametrize("torque", mostly_slow([800.0, 5000.0]))
 def test_brakes_bring_the_car_to_a_stop_and_hold_it(bolt, contact, kind, torque):
     brakes = [torque, torque, 0.6 * torque, 0.6 * torque]
     assembly = on_tyres(bolt(f"{kind}_free"), speed=10.0, torque=[0.0] * 4 + brakes, contact=contact, rate=100.0)

@@ -27,6 +27,7 @@ from mirdrake.worlds.loading import load_world
 from mirdrake.worlds.lock import lock_text
 from mirdrake.worlds.scenery import scenery
 from tests import trap_worlds as traps
+from tests.marks import mostly_slow
 
 MILLIMETRE = 1e-3
 
@@ -428,7 +429,7 @@ def damage(text, chance):
     return text
 
 
-@pytest.mark.parametrize("block", range(5))
+@pytest.mark.parametrize("block", mostly_slow(range(5)))
 def test_a_damaged_world_gives_a_world_or_an_error_of_one_line(tmp_path, block):
     path = traps.rich(tmp_path)
     whole = path.read_text(encoding="utf-8")
@@ -488,7 +489,7 @@ def drive_along(world, seconds=20.0, speed=5.0):
     return free and length >= min(seconds * speed, 60.0)
 
 
-@pytest.mark.parametrize("height", [0.01, 0.025, 0.1, 0.25, 0.4])
+@pytest.mark.parametrize("height", mostly_slow([0.25, 0.01, 0.025, 0.1, 0.4]))
 @pytest.mark.parametrize("with_plane", [True, False])
 @pytest.mark.parametrize("seen_only", [False, True])
 def test_a_circuit_of_slabs_is_a_road_at_any_height(tmp_path, height, with_plane, seen_only):
@@ -513,7 +514,7 @@ def test_a_circuit_of_slabs_is_a_road_at_any_height(tmp_path, height, with_plane
         assert any("lower" in change.new for change in changes_of(result, "straight"))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", mostly_slow(range(4)))
 def test_a_circuit_as_a_mesh_is_a_road(tmp_path, seed):
     chance = random.Random(seed)
     kind = {"walls": 0.8 * (seed == 1), "rise": 3.0 * (seed == 2), "height": 0.3 * (seed == 3)}
@@ -543,7 +544,7 @@ def test_a_road_is_found_in_the_mesh_of_a_whole_town(tmp_path, named_by):
     assert min(world.spec.ground.size) >= 200.0
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", mostly_slow(range(6), fast=2))
 def test_roads_of_points_are_tracks(tmp_path, seed):
     chance = random.Random(seed)
     points = [np.zeros(2)]
@@ -720,7 +721,7 @@ def test_flat_and_tiny_meshes_give_no_messages_of_libraries(tmp_path):
 # --- starts and checks --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", mostly_slow(range(5)))
 def test_the_start_is_free(tmp_path, seed):
     chance = random.Random(seed)
     boxes = [("0 0 0.5 0 0 0.3", "3 3 1")] + [
