@@ -25,7 +25,7 @@ def run_diagram(
     meshcat: Meshcat | None = None,
     realtime_rate: float = 0.0,
     progress: Progress | None = None,
-    say: Callable[[str], None] | None = None,
+    print_line: Callable[[str], None] | None = None,
     report: Report | None = None,
 ) -> Run:
     """Run a diagram into a run folder with all its files.
@@ -38,13 +38,13 @@ def run_diagram(
         meshcat: Meshcat instance that shows the run.
         realtime_rate: 1 for real time, 0 for as fast as possible.
         progress: see :func:`mirdrake.runs.simulation.simulate`.
-        say: prints a progress message of one line.
+        print_line: prints a progress message of one line.
         report: see :meth:`mirdrake.runs.simulation.Simulation.run`.
 
     Raises:
         MirdrakeError: the diagram is invalid or the run failed; the message has one line.
     """
-    print_message = say or (lambda _: None)
+    print_message = print_line or (lambda _: None)
     assembly = assemble(spec, meshcat=meshcat, scene=scene)
     folder = folder or default_folder(assembly.spec.name)
     monitor = FollowCamera(meshcat, assembly) if meshcat is not None else None

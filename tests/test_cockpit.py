@@ -93,7 +93,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]
     messages: list[str] = []
     cockpit = Cockpit(
         spec(world="empty", vehicles={"ego": {"model": "bolt"}}),
-        say=messages.append,
+        print_line=messages.append,
         folder=lambda: folder,
         timeout=0.5,
     )
@@ -217,7 +217,7 @@ def test_an_unknown_gain_is_named(tmp_path):
 def test_a_folder_that_cannot_be_written_is_reported_and_the_drive_continues(tmp_path):
     (tmp_path / "run").write_text("in the way")
     messages: list[str] = []
-    cockpit = Cockpit(spec(), say=messages.append, folder=lambda: tmp_path / "run")
+    cockpit = Cockpit(spec(), print_line=messages.append, folder=lambda: tmp_path / "run")
     cockpit.order({"do": "record"})
     cockpit.run(duration=0.2)
     assert "cannot be created" in messages[0]
@@ -304,7 +304,7 @@ def test_a_taken_port_is_named(site):
 
 def test_without_a_page_the_address_is_repeated():
     messages: list[str] = []
-    with OpenCockpit(spec(), port=0, say=messages.append, remind=0.3) as cockpit:
+    with OpenCockpit(spec(), port=0, print_line=messages.append, remind=0.3) as cockpit:
         cockpit.run(duration=0.8)
     assert messages
     assert set(messages) == {f"no page is open; the cockpit is at {cockpit.url}"}

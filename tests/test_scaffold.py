@@ -595,7 +595,7 @@ def test_missing_values_are_requested_until_the_answer_is_valid() -> None:
         requested.append(prompt)
         return next(answers)
 
-    result = ask({"title": None}, input=reply, say=messages.append)
+    result = ask({"title": None}, input=reply, print_line=messages.append)
     assert result == {
         "wheelbase": pytest.approx(2.60096), "track": 1.5, "mass": 1450.0, "tyre": "215/50R17",
         "turning_circle": 10.8, "length": 4.1, "front_axle_share": 0.6, "drive": "front", "sensors": "lidar,imu",

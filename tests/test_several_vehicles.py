@@ -63,7 +63,7 @@ def test_a_car_that_hits_a_parked_one_pushes_it_and_reports_the_collision():
 def test_starts_by_place_must_be_in_the_world_and_apart():
     with pytest.raises(WorldError, match=r"vehicles\.first\.start: start outside the world: \(9000, 0\) m"):
         assemble({**TWO, "vehicles": {**TWO["vehicles"], "first": {"model": "bolt", "start": {"x": 9000}}}})
-    with pytest.raises(ConfigError, match=r"vehicles\.second\.start: 'second' starts where 'first' stands"):
+    with pytest.raises(ConfigError, match=r"vehicles\.second\.start: 'second' starts at the place of 'first'"):
         assemble({**TWO, "vehicles": {name: {"model": "bolt"} for name in ("first", "second")}})
 
 

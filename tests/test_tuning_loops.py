@@ -225,7 +225,7 @@ def test_a_grade_needs_the_torque_that_holds_the_weight() -> None:
         (BOTH + "baseline: publishd", "t.yaml:3: baseline: 'publishd' is not allowed; allowed: 'present'"),
         (
             "vehicle: bolt\nloop: {diagram: bolt_skidpad, reference: 0, output: a, effort: b}",
-            "t.yaml:2: loop.knobs: is missing",
+            "t.yaml:2: loop.parameters: is missing",
         ),
         ("vehicle: bolt\nloop: speed\ncost:\n  iaee: 1", "t.yaml:4: cost.iaee: no figure 'iaee'; did you mean 'iae'"),
         ("vehicle: blot\nloop: speed", "t.yaml:1: vehicle"),
@@ -233,21 +233,21 @@ def test_a_grade_needs_the_torque_that_holds_the_weight() -> None:
         ("loop: speed", "needs a vehicle"),
         (
             "loop:\n  diagram: bolt_skidpad\n  reference: 0\n  output: ego.lateral_eror\n"
-            "  effort: ego.steering_setpoint\n  knobs: [ego.driver.damping]",
+            "  effort: ego.steering_setpoint\n  parameters: [ego.driver.damping]",
             "t.yaml:4: loop.output: no signal 'ego.lateral_eror' is logged; did you mean 'ego.lateral_error'",
         ),
         (
             "loop:\n  diagram: bolt_skidpad\n  reference: 0\n  output: ego.lateral_error\n"
-            "  effort: ego.steering_setpoint\n  knobs: [ego.driver.dampin]",
-            "t.yaml:6: loop.knobs.0: no knob 'ego.driver.dampin'",
+            "  effort: ego.steering_setpoint\n  parameters: [ego.driver.dampin]",
+            "t.yaml:6: loop.parameters.0: no parameter 'ego.driver.dampin'",
         ),
         (
-            "loop:\n  diagram: nowhere\n  reference: 0\n  output: a\n  effort: b\n  knobs: [c]",
+            "loop:\n  diagram: nowhere\n  reference: 0\n  output: a\n  effort: b\n  parameters: [c]",
             "t.yaml:2: loop.diagram: unknown diagram 'nowhere'",
         ),
         (
             "loop:\n  diagram: bolt_skidpad\n  reference: 0\n  output: ego.lateral_error\n"
-            "  effort: ego.steering_setpoint\n  knobs: [ego.driver.damping]\nsearch: {trials: 3}",
+            "  effort: ego.steering_setpoint\n  parameters: [ego.driver.damping]\nsearch: {trials: 3}",
             "t.yaml:7: search.ranges: no rule gives a value of ego.driver.damping; write a range for it",
         ),
         (BOTH + "world: test_track", "t.yaml:3: world: the friction of test_track is not the same everywhere"),
@@ -283,7 +283,7 @@ def test_a_loop_that_is_not_connected_is_rejected_with_its_line(connect: str, ex
         f"connect:\n  - {connect}\n"
     )
     (tmp_path / "loop.yaml").write_text(diagram)
-    loop = {"diagram": "loop.yaml", "reference": 1, "output": "a", "effort": "b", "knobs": ["pid.kp"]}
+    loop = {"diagram": "loop.yaml", "reference": 1, "output": "a", "effort": "b", "parameters": ["pid.kp"]}
     spec = make_tuning({"loop": loop, "folder": str(tmp_path)})
     with pytest.raises(MirdrakeError) as error:
         make_loop_spec(spec)

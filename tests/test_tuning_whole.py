@@ -47,13 +47,13 @@ TRACK: dict[str, Any] = {
     "constraints": {"overshoot_percent": 40},
     "robustness": {"runs": 2},
 }
-KNOBS = ["ego.driver.damping", "ego.driver.convergence_time"]
+PARAMETERS = ["ego.driver.damping", "ego.driver.convergence_time"]
 SKIDPAD = {
     "diagram": "bolt_skidpad",
     "reference": 0.0,
     "output": "ego.lateral_error",
     "effort": "ego.steering_setpoint",
-    "knobs": KNOBS,
+    "parameters": PARAMETERS,
 }
 
 
@@ -100,17 +100,17 @@ def test_a_path_loop_has_default_ranges_and_the_gains_of_its_driver_as_baseline(
 
 
 def test_a_loop_with_unknown_present_gains_needs_a_baseline() -> None:
-    loop = {**SKIDPAD, "knobs": ["ego.speed.kp"]}
+    loop = {**SKIDPAD, "parameters": ["ego.speed.kp"]}
     with pytest.raises(ConfigError, match=r"baseline: the present value of ego\.speed\.kp is not known"):
         tune({"loop": loop, **TRACK}, out="nowhere")
 
 
 @pytest.mark.slow
 def test_a_loop_of_a_diagram(tmp_path: Path) -> None:
-    ranges = {name: {"low": 0.5, "high": 2.0} for name in KNOBS}
+    ranges = {name: {"low": 0.5, "high": 2.0} for name in PARAMETERS}
     study = {"loop": SKIDPAD, **TRACK, "search": {**TRACK["search"], "ranges": ranges}}
     result = tune(study, out=tmp_path / "out")
-    assert set(result.candidate().gains) == set(KNOBS)
+    assert set(result.candidate().gains) == set(PARAMETERS)
     assert (result.candidate().cost or 9.0) <= (result.candidate("baseline").cost or 0.0)
 
 

@@ -126,7 +126,7 @@ class Assembly:
         raise ConfigError(f"unknown output '{name}'; {did_you_mean(name, self.outputs)}")
 
     def user_systems(self) -> dict[str, System]:
-        """The user's own systems, those written as ``module:Class``, by name."""
+        """User systems, which are written as ``module:Class``, by name."""
         own = {name for name, entry in self.spec.systems.items() if ":" in entry.kind}
         return {system.get_name(): system for system in self.diagram.GetSystems() if system.get_name() in own}
 

@@ -1,6 +1,7 @@
 """The diagram file: vehicles, world, control, sensors and a user's own blocks, as data.
 
-A diagram file replaces a launch file. It names things and sets numbers; what it does not say has a default.
+A diagram file replaces a launch file. It names vehicles, worlds and systems and sets numbers; keys that are left out
+have defaults.
 """
 
 import json
@@ -46,10 +47,10 @@ class VehicleEntry(Schema):
     arguments: dict[str, str] = Field(default_factory=dict, description="xacro arguments [-]")
     mounts: dict[str, dict[str, Any]] = Field(
         default_factory=dict,
-        description="keys of its sensors.yaml to change, say {front_camera: {rate: 25}, gps: {preset: rtk_gps}} [-]",
+        description="keys of sensors.yaml to change, such as {front_camera: {rate: 25}, gps: {preset: rtk_gps}} [-]",
     )
     control: dict[str, Any] = Field(
-        default_factory=dict, description="laid over its control.yaml, say {wheel_speed: {kp: 3}} [-]"
+        default_factory=dict, description="merged over its control.yaml, such as {wheel_speed: {kp: 3}} [-]"
     )
     parked: bool = Field(False, description="all wheels held by brakes, whatever is commanded [-]")
 

@@ -1,7 +1,7 @@
 """Block diagrams as pictures: blocks and their connections.
 
 Signals run from left to right, driver to control to plant, and back from the plant to whoever measures it; the blocks
-of a vehicle stand in a frame with its name. Needs Graphviz' ``dot``, which is no Python package; without it there is
+of a vehicle stand in a frame with its name. Needs Graphviz' ``dot``, which is not a Python package; without it there is
 the text in its language.
 """
 
@@ -23,7 +23,7 @@ _COLOURS = {"plant": "#dbe7f3", "other": "#eceff1", "user": "#fdebd0", "vehicle"
 _SERVANTS = {"scene_graph", "rolling_resistance", "meshcat_visualizer"}  # drawn to the right of the plant
 
 _ELEMENTS = {name: name.split("_")[0] for name in (*SPLIT[:2], *JOIN[:2])} | {SPLIT[2]: "stamp", JOIN[2]: "stamp"}
-_NUMBERED = re.compile(r"[uy][0-9]*")  # a port whose name says nothing
+_NUMBERED = re.compile(r"[uy][0-9]*")  # a numbered port without a name of its own
 
 _HEAD = """\
 digraph {
@@ -36,8 +36,8 @@ digraph {
 def write_dot(assembly: Assembly, *, expand: Collection[str] = ()) -> str:
     """Return the blocks of a diagram in the DOT language of Graphviz, without log sinks.
 
-    Arrows are labelled with the output's name, and with the input's where that says more. The bars that split a command
-    and join it again are drawn as bars.
+    Arrows are labelled with the output's name, and with the input's if that is more specific. The
+    systems that split a command and join it again are drawn as bars.
 
     Args:
         assembly: the diagram.
@@ -126,7 +126,7 @@ def run_dot(text: str, *, purpose: str) -> str:
     """Return a text in the DOT language as SVG.
 
     Raises:
-        MissingDependencyError: Graphviz is not installed; `purpose` says what it is needed for.
+        MissingDependencyError: Graphviz is not installed; `purpose` is what it is needed for.
     """
     dot = shutil.which("dot")
     if dot is None:

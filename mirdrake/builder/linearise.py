@@ -185,7 +185,7 @@ def _insert_probe(
     pairs = [list(pair) for pair in changed.get("connect", ())]
     source = next((pair[0] for pair in pairs if pair[1] == name), None)
     if source is None:
-        # A first look tells which source the diagram connects by default.
+        # The first pass finds the source that the diagram connects by default.
         look = copy.deepcopy(changed)
         look["systems"] = dict(look.get("systems", {})) | {PROBE: {"kind": "constant", "value": [0.0]}}
         look["connect"] = [*pairs, [f"{PROBE}.y", name]]

@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
 
     spec = _spec(options)
     stem = f"drive_{Path(options.vehicle).name.replace('@', '_')}"
-    cockpit = OpenCockpit(spec, port=options.port, say=lambda text: print(text, flush=True),
+    cockpit = OpenCockpit(spec, port=options.port, print_line=lambda text: print(text, flush=True),
                           folder=lambda: _folder(stem, options.out))  # fmt: skip
     print(f"Cockpit: {cockpit.url}  (Ctrl-C ends)", flush=True)
     if options.open:

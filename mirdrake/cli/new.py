@@ -67,8 +67,8 @@ def run(options: argparse.Namespace) -> int:
     given = _given(options)
     missing = missing_keys(given)
     if missing and sys.stdin.isatty():
-        _say(f"A new vehicle, {name}. Numbers are SI or have a unit; Enter accepts the value in brackets.")
-        given = ask(given, say=_say)
+        _print_line(f"A new vehicle, {name}. Numbers are SI or have a unit; Enter accepts the value in brackets.")
+        given = ask(given, print_line=_print_line)
     elif missing:
         raise ConfigError(f"missing: {', '.join(map(_option, missing))}")
     plan = plan_vehicle(**given)
@@ -79,17 +79,17 @@ def run(options: argparse.Namespace) -> int:
         folder = beside.parent / "diagrams" if beside.name == "models" else Path("diagrams")
         diagram, written = write_diagram(vehicle, folder=folder, force=options.force)
 
-    _say(f"{shown(vehicle)}/")
+    _print_line(f"{shown(vehicle)}/")
     estimated = plan.estimated()
-    _say(_listed("given", [key for key in plan.listed() if key not in estimated]))
-    _say(_listed("estimated", [key for key in plan.listed() if key in estimated]))
-    _say("  README.md lists the sources; replace estimates by better data")
+    _print_line(_listed("given", [key for key in plan.listed() if key not in estimated]))
+    _print_line(_listed("estimated", [key for key in plan.listed() if key in estimated]))
+    _print_line("  README.md lists the sources; replace estimates by better data")
     if diagram is not None:
-        _say(f"{shown(diagram)}{'' if written else '  (exists already, unchanged)'}")
-    _say("next:")
+        _print_line(f"{shown(diagram)}{'' if written else '  (exists already, unchanged)'}")
+    _print_line("next:")
     if diagram is not None:
-        _say(f"  mirdrake run {_shortest('diagrams', diagram)}")
-    _say(f"  mirdrake view {_shortest('models', vehicle)}")
+        _print_line(f"  mirdrake run {_shortest('diagrams', diagram)}")
+    _print_line(f"  mirdrake view {_shortest('models', vehicle)}")
     return 0
 
 
@@ -122,5 +122,5 @@ def _option(key: str) -> str:
     return f"--{key.replace('_', '-')}"
 
 
-def _say(text: str) -> None:
+def _print_line(text: str) -> None:
     sys.stdout.write(f"{text}\n")

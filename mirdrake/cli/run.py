@@ -108,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
             meshcat=meshcat,
             realtime_rate=1.0 if options.realtime else 0.0,
             progress=show,
-            say=lambda text: progress.update(text=text),
+            print_line=lambda text: progress.update(text=text),
             report=None
             if options.quiet
             else lambda incident: progress.write(f"warning: t = {incident.time:.2f} s: {incident.text}"),

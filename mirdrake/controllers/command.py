@@ -1,9 +1,9 @@
 """Velocity command interface: limits, rejection of invalid messages, and the dead-man switch.
 
-A command is a message (speed, steering, stamp); the stamp says when it was made, so a message that no longer comes can
-be distinguished from a repeated one. When the last good message is older than 0.2 s, the speed set-point becomes zero,
-explicitly, and the steering angle is held; it recovers with the next message (0.2 s and the held angle as in the MIR
-Bolt and the CAT Vehicle, vehicles.md 2.2, whose scripts forgot to send the zero).
+A command is a message (speed, steering, stamp). The stamp is the time at which the message was made, so that a missing
+message can be distinguished from a repeated one. When the last valid message is older than 0.2 s, the speed set-point
+becomes zero and the steering angle is held, until the next message (0.2 s and the held angle as in the MIR Bolt and the
+CAT Vehicle, whose scripts do not send the zero).
 """
 
 import math
@@ -88,7 +88,7 @@ def command_step(
     """Process a message, which may be new, repeated or invalid.
 
     A message counts when its three numbers are finite and its stamp is neither older than the last one's nor in the
-    future. Anything else is no message, and the last good one ages on.
+    future. Anything else is not a message, and the last valid one grows older.
 
     Args:
         state: what the last step returned; ``CommandState()`` at first.

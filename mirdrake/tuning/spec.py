@@ -166,7 +166,7 @@ class DiagramLoop(Schema):
     reference: str | float = Field(description="signal of the set-point, or its constant value [-]")
     output: str = Field(description="controlled signal [-]")
     effort: str = Field(description="control signal [-]")
-    knobs: list[str] = Field(
+    parameters: list[str] = Field(
         min_length=1, description="gains: of a block of kind pid, such as block.kp, or of a vehicle [-]"
     )
 

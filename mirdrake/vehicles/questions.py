@@ -194,14 +194,14 @@ def ask(
     answers: Mapping[str, Any],
     *,
     input: Callable[[str], str] = builtins.input,  # noqa: A002
-    say: Callable[[str], object] = lambda _: None,
+    print_line: Callable[[str], object] = lambda _: None,
 ) -> dict[str, float | str]:
     """Ask for the missing input in a terminal; an invalid answer is asked for again.
 
     Args:
         answers: known arguments of :func:`mirdrake.vehicles.scaffold.new_vehicle`; None counts as missing.
         input: prints a question and returns the answer.
-        say: prints the message about an invalid answer.
+        print_line: prints the message about an invalid answer.
 
     Returns:
         All answers in SI units, without the quantities to be estimated.
@@ -222,7 +222,7 @@ def ask(
             try:
                 return read(text)
             except ConfigError as error:
-                say(str(error))
+                print_line(str(error))
 
     def wheel(text: str) -> dict[str, float | str]:
         if "/" in text:

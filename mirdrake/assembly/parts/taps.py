@@ -27,7 +27,7 @@ class Tap:
     Attributes:
         name: what it is, for example "ego.status".
         sink: the log in the diagram.
-        contents: names and units of its elements, or None where the system did not say.
+        contents: names and units of its elements, or None if the system does not state them.
         is_chosen: whether a pattern of record.signals chose it; its contents have full names.
     """
 

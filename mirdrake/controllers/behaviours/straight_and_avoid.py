@@ -1,4 +1,4 @@
-"""Drive straight on, steer around what is in the way, come back to the line, stop when there is no way through.
+"""Drive straight on, steer around obstacles, return to the line, stop if there is no passage.
 
 At every decision the car looks along circles, how far they are free for a box as wide as the car and the clearance to
 both sides (:func:`~.laws.free_distance`). The circle that leads back to the line is taken when it is free as far as the
@@ -148,7 +148,7 @@ def way_with(clearance: float, points: Array, curvatures: Array, outline: Outlin
 
 
 class StraightAndAvoidSpec(BehaviourDriver):
-    """Straight on, around obstacles, back to the line; stop where there is no way through."""
+    """Driver that goes straight on, around obstacles, back to the line, and stops if there is no passage."""
 
     system = StraightAndAvoid
 

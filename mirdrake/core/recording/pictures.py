@@ -113,7 +113,7 @@ class PictureLog:
         self.count += 1
         if self._pool is None:
             task()
-            self._say(line)
+            self._print_line(line)
             return
         self._waiting.append((self._pool.submit(task), line))
         self._settle(WAITING)
@@ -134,9 +134,9 @@ class PictureLog:
         while self._waiting and (len(self._waiting) > most or self._waiting[0][0].done()):
             future, line = self._waiting.popleft()
             future.result()
-            self._say(line)
+            self._print_line(line)
 
-    def _say(self, line: str) -> None:
+    def _print_line(self, line: str) -> None:
         with write_errors(self._folder / DRIVING_LOG):
             self._log.write(line.encode())
 

@@ -122,8 +122,8 @@ class PlantModel(SimulatedModel):
         part = self.assembly.parts.vehicles[EGO]
         self._part, plant = part, self.assembly.parts.plant
         self._whole, self._rest = measure(plant, part), measure(plant, part, base=False)
-        self._knobs = find_context_parameters({EGO: loaded}, self.assembly.parts.world)
-        friction = float(self.assembly.parts.world.ground.mu) if "road.friction" in self._knobs else None
+        self._parameters = find_context_parameters({EGO: loaded}, self.assembly.parts.world)
+        friction = float(self.assembly.parts.world.ground.mu) if "road.friction" in self._parameters else None
         damping = float(part.wheels[0].default_damping_vector()[0])
         self.parameters = plant_parameters(loaded, self._steer, self._whole, self._rest, damping, friction)
         self._runs: dict[tuple[Any, ...], tuple[Segment, tuple[Array, Array] | None]] = {}
@@ -242,7 +242,7 @@ class PlantModel(SimulatedModel):
         set_damping(plant_context, part, p["wheel_damping"])
         if "friction" in p and p["friction"] != assembly.parts.world.ground.mu:
             # A friction other than that of the world is a parameter of the ground.
-            self._knobs["road.friction"].apply(assembly, context, p["friction"])
+            self._parameters["road.friction"].apply(assembly, context, p["friction"])
         angle = steering_angle({"steering_lag": 0.0, **p}, drive, self._steer, _sample_times(drive))
         self._fill(context, "steering_table", drive, angle, self._lead)
         if self._way == "speed":

@@ -34,7 +34,7 @@ SEEN = 0.05
 BESIDE = 0.15
 """Lateral offset of visual and collision shape over the radius that is reported."""
 
-LEAN = 0.2
+MOST_SKEW = 0.2
 """Largest slope [rad] of the road below the wheels at the zero position."""
 
 
@@ -134,13 +134,13 @@ def _base_frame(place: str, contact: dict[str, Vector], changes: Changes) -> Rig
     x = (front - rear) / np.linalg.norm(front - rear)
     across = across / np.linalg.norm(across)
     skew = asin(float(x @ across))
-    if abs(skew) > LEAN:
+    if abs(skew) > MOST_SKEW:
         raise ModelError(f"{place}: the axles are askew by {degrees(skew):.3g} degrees; left and right should mirror")
     y = across - x * (across @ x)
     y = y / np.linalg.norm(y)
     z = np.cross(x, y)
     for what, angle in (("pitch", asin(-float(x[2]))), ("roll", asin(float(y[2])))):
-        if abs(angle) > LEAN:
+        if abs(angle) > MOST_SKEW:
             height = ", ".join(f"{name} {contact[name][2]:.4g}" for name in WHEELS)
             raise ModelError(f"{place}: the wheels are not on one level road; their lowest points [m]: {height}")
         if abs(angle) > WORTH_SAYING:

@@ -57,8 +57,8 @@ class PlantBench:
         self.period = float(spec.period or 0.0)
         self._initial: Context | None = None  # Context at the start of a test, to which the working one is reset
         self._context: Context | None = None
-        knobs = find_context_parameters({spec.vehicle: part.vehicle}, self.assembly.parts.world)
-        self._knobs = {name.removeprefix(f"{spec.vehicle}."): knob for name, knob in knobs.items()}
+        parameters = find_context_parameters({spec.vehicle: part.vehicle}, self.assembly.parts.world)
+        self._parameters = {name.removeprefix(f"{spec.vehicle}."): parameter for name, parameter in parameters.items()}
         self._delay: DelayedActuator = self.assembly.diagram.GetSubsystemByName("delay")
         self._noise: NoisySensor | None = self.assembly.diagram.GetSubsystemByName("noise") if spec.noisy else None
 
@@ -81,8 +81,8 @@ class PlantBench:
         context = self.assembly.make_context()
         self._apply(context, gains, conditions)
         for name in ("speed.kp", "speed.ki"):
-            if name in self._knobs:
-                self._knobs[name].apply(self.assembly, context, 0.0)
+            if name in self._parameters:
+                self._parameters[name].apply(self.assembly, context, 0.0)
         return context
 
     def _reset_context(self, gains: Mapping[str, float], conditions: Conditions) -> Context:
@@ -106,11 +106,11 @@ class PlantBench:
         for name, value in gains.items():
             if name not in spec.gains:
                 raise ConfigError(f"no gain '{name}'; {did_you_mean(name, spec.gains)}")
-            self._knobs[spec.gains[name].path].apply(assembly, context, float(value))
+            self._parameters[spec.gains[name].path].apply(assembly, context, float(value))
         if conditions.mass != 1.0:
-            self._knobs["mass_scale"].apply(assembly, context, conditions.mass)
+            self._parameters["mass_scale"].apply(assembly, context, conditions.mass)
         if conditions.friction is not None and conditions.friction != spec.friction:
-            self._knobs["road.friction"].apply(assembly, context, conditions.friction)
+            self._parameters["road.friction"].apply(assembly, context, conditions.friction)
         delay = spec.delay if conditions.delay is None else conditions.delay
         delay = max(delay + 0.5 * self.period - spec.time_step, 0.0)  # a step of the plant is part of the delay
         self._delay.set_delay(self._delay.GetMyContextFromRoot(context), delay)

@@ -94,16 +94,16 @@ class SignalLoop(LoopKind):
                     f"{self.place(study, key)}: no signal '{name}' is logged; {did_you_mean(name, columns)}"
                 )
         setters = find_setters(assembly)
-        for index, name in enumerate(loop.knobs):
+        for index, name in enumerate(loop.parameters):
             if name not in setters:
-                place = self.place(study, "knobs", index)
-                raise ConfigError(f"{place}: no knob '{name}'; {did_you_mean(name, setters)}")
+                place = self.place(study, "parameters", index)
+                raise ConfigError(f"{place}: no parameter '{name}'; {did_you_mean(name, setters)}")
         uniform = "road.friction" in setters
         return LoopSpec(
             kind=self.name,
             diagram=diagram,
             vehicle=next(iter(diagram["vehicles"])),
-            gains=dict.fromkeys(loop.knobs, Gain()),
+            gains=dict.fromkeys(loop.parameters, Gain()),
             reference=loop.reference,
             output=loop.output,
             effort=loop.effort,
@@ -111,7 +111,7 @@ class SignalLoop(LoopKind):
             effort_unit="rad" if self.selectable else "",
             course=self.course(study),
             friction=float(assembly.parts.world.ground.mu) if uniform else None,
-            present={name: value for name, value in present_gains(assembly).items() if name in loop.knobs},
+            present={name: value for name, value in present_gains(assembly).items() if name in loop.parameters},
         )
 
 
@@ -163,7 +163,7 @@ class PathLoop(SignalLoop):
             reference=0.0,
             output="ego.lateral_error",
             effort="ego.steering_setpoint",
-            knobs=[f"ego.driver.{name}" for name in PATH_GAINS],
+            parameters=[f"ego.driver.{name}" for name in PATH_GAINS],
         )
 
     def diagram(self, study: TuningSpec) -> DiagramSpec:
@@ -267,7 +267,7 @@ class SignalBench:
         def change(context: Context) -> None:
             for name, value in values.items():
                 if name not in self._setters:
-                    raise ConfigError(f"no knob '{name}'; {did_you_mean(name, self._setters)}")
+                    raise ConfigError(f"no parameter '{name}'; {did_you_mean(name, self._setters)}")
                 self._setters[name](context, float(value))
 
         try:

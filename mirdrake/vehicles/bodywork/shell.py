@@ -38,7 +38,7 @@ class Curves:
         deck: height of the bonnet, the belt line below the side windows, and the boot.
         roof: height of windscreen, roof and rear window; the cabin ends where the roof is lower than the deck.
         plan: width of the body.
-        lean: inclination of the side windows (tumblehome), lateral over vertical.
+        tumblehome: inclination of the side windows, lateral over vertical.
         shoulder: lateral distance of the side windows from the flank.
         sweep: longitudinal distance of the front and rear corners from the ends, in half widths.
         bulge: distance of the upper and lower edge of an end behind its middle, in half widths.
@@ -48,7 +48,7 @@ class Curves:
     deck: Knots
     roof: Knots
     plan: Knots
-    lean: float = 0.30
+    tumblehome: float = 0.30
     shoulder: float = 0.05
     sweep: tuple[float, float] = (0.10, 0.26)
     bulge: tuple[float, float] = (0.05, 0.10)
@@ -119,7 +119,7 @@ class Shell:
     def cabin(self, x: float, z: float) -> float:
         """Return the half width of the cabin [m]."""
         inner = self.value("plan", x) - self.curves.shoulder * self.frame.half_width
-        return inner - self.curves.lean * max(z - self.value("deck", x), 0.0)
+        return inner - self.curves.tumblehome * max(z - self.value("deck", x), 0.0)
 
     def side(self, x: float, z: float) -> float:
         """Return the half width of the body at a point of its side view [m]."""

@@ -52,7 +52,7 @@ class Cockpit:
         spec: result of :func:`drive_spec`.
         scene: scene of the spec, if it is made already.
         meshcat: Meshcat instance in which to draw, made in the thread that drives; None draws nothing.
-        say: prints a message of one line.
+        print_line: prints a message of one line.
         folder: returns the folder of a recording.
         timeout: see :class:`~mirdrake.viewer.cockpit.watchdog.InputWatchdog`.
 
@@ -71,7 +71,7 @@ class Cockpit:
         *,
         scene: Scene | None = None,
         meshcat: Meshcat | None = None,
-        say: Callable[[str], None] = lambda _: None,
+        print_line: Callable[[str], None] = lambda _: None,
         folder: Callable[[], Path] | None = None,
         timeout: float = TIMEOUT,
     ) -> None:
@@ -82,7 +82,10 @@ class Cockpit:
         self.watchdog = InputWatchdog(timeout=timeout)
         self.readings: Mapping[str, Any] = {}
         self.runs: list[Run] = []
-        self._say, self._folder = say, folder or (lambda: default_folder(f"drive_{self.part.vehicle.name}"))
+        self._print_line, self._folder = (
+            print_line,
+            folder or (lambda: default_folder(f"drive_{self.part.vehicle.name}")),
+        )
         systems = {system.get_name(): system for system in self.assembly.diagram.GetSystems()}
         driver = systems[f"{NAME}.driver"]
         assert isinstance(driver, HumanDriver)
@@ -259,7 +262,7 @@ class Cockpit:
         self._values[chosen[0].path] = float(value)
         set_gain(self._control, self._context, chosen[0], float(value))
         if self._log is not None:
-            self._log.say(self._context.get_time(), "gain", f"{name} = {value:g}")
+            self._log.add(self._context.get_time(), "gain", f"{name} = {value:g}")
 
     def _changed(self) -> dict[str, float]:
         """Return the gains that were changed, by path."""
@@ -276,7 +279,7 @@ class Cockpit:
             self._report(str(error), "recording")
             return
         for path, value in self._values.items():
-            self._log.say(0.0, "gain", f"{path} = {value:g}")
+            self._log.add(0.0, "gain", f"{path} = {value:g}")
         self._begin(context)
         self._report(f"recording into {self._log.folder}", "recording")
 
@@ -301,9 +304,9 @@ class Cockpit:
 
     def _report(self, text: str, kind: str) -> None:
         self._message = text
-        self._say(text)
+        self._print_line(text)
         if self._log is not None and kind != "recording":
-            self._log.say(self._context.get_time(), kind, text)
+            self._log.add(self._context.get_time(), kind, text)
 
     def _measure(self, now: float) -> None:
         """Update the readings of the gauges."""

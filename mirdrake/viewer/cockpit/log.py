@@ -85,7 +85,7 @@ class DriveLog:
         self._blocks.add(times, columns, self._telemetry.units)
         self._events.look(times, columns, [self._name])
 
-    def say(self, time: float, kind: str, text: str) -> None:
+    def add(self, time: float, kind: str, text: str) -> None:
         """Write an event: time [s], kind and text."""
         self._events.add(time, kind, text)
 

@@ -26,7 +26,7 @@ class OpenCockpit:
     Args:
         spec: result of :func:`mirdrake.viewer.cockpit.drive_spec`.
         port: port of localhost; None takes the first free one from 8765 on, 0 any free one.
-        say: prints a message of one line.
+        print_line: prints a message of one line.
         folder: returns the folder of a recording.
         timeout: watchdog timeout without input, after which the vehicle brakes [s].
         remind: time without a page after which the address is repeated [s].
@@ -45,15 +45,17 @@ class OpenCockpit:
         spec: DiagramSpec,
         *,
         port: int | None = None,
-        say: Callable[[str], None] = lambda _: None,
+        print_line: Callable[[str], None] = lambda _: None,
         folder: Callable[[], Path] | None = None,
         timeout: float = TIMEOUT,
         remind: float = REMIND,
     ) -> None:
-        self._say, self._remind = say, remind
+        self._print_line, self._remind = print_line, remind
         scene = make_scene(spec)
         self._meshcat, upstream = make_meshcat_behind(world=scene.world)
-        self.drive = Cockpit(spec, scene=scene, meshcat=self._meshcat, say=say, folder=folder, timeout=timeout)
+        self.drive = Cockpit(
+            spec, scene=scene, meshcat=self._meshcat, print_line=print_line, folder=folder, timeout=timeout
+        )
         self._server = make_server(
             upstream=upstream,
             about=self._about(),
@@ -84,7 +86,7 @@ class OpenCockpit:
         if now - self._reminded > self._remind:
             self._reminded = now
             if self.drive.watchdog.silence > self._remind:
-                self._say(f"no page is open; the cockpit is at {self.url}")
+                self._print_line(f"no page is open; the cockpit is at {self.url}")
 
     def _about(self) -> dict[str, object]:
         """Return the data of the page that do not change."""
