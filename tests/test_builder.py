@@ -183,3 +183,21 @@ def test_a_run_is_plotted_compared_and_described():
     assert "stopped by duration after 0.20 s" in repr(run)
     with pytest.raises(mir.MirdrakeError, match=r"no signal matches 'ego.vxx'; did you mean 'ego.vx'"):
         run.plot("ego.vxx")
+
+
+def test_sliders_change_a_key_and_simulate_again():
+    pytest.importorskip("ipywidgets")
+    d, _ = small()
+    key = "vehicles.ego.control.speed.kp"
+    d.set(key, 1.5)
+    sliders = d.sliders("ego.speed_trim", duration=0.2, **{key: (0.0, 4.0)})
+    (bar,) = [child for child in sliders.children if hasattr(child, "max")]
+    assert (bar.value, bar.min, bar.max, bar.description) == (1.5, 0.0, 4.0, "kp")
+    trims = []
+    for value in (0.5, 4.0):
+        bar.value = value
+        sliders.update()
+        trims.append(np.abs(sliders.result.axes[0].lines[0].get_ydata()).max())
+    assert trims[1] > trims[0] > 0.0
+    with pytest.raises(mir.MirdrakeError, match="the range"):
+        d.sliders("ego.vx", **{key: (4.0, 0.0)})

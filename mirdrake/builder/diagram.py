@@ -234,6 +234,32 @@ class Diagram:
             if value is not None:
                 self._change((key,), value)
 
+    def set(self, path: str, value: Any) -> None:
+        """Set a key of the diagram file by its dotted path: ``d.set("vehicles.ego.control.speed.kp", 2.0)``.
+
+        Raises:
+            ConfigError: there is no such key, or the value is not allowed.
+        """
+        self._change(tuple(path.split(".")), value)
+
+    def sliders(self, *signals: str, duration: float = 10.0, **ranges: tuple[float, float]) -> Any:
+        """Return sliders for a notebook that change keys of the diagram, simulate it again and plot signals.
+
+        Args:
+            signals: patterns of the signals to plot.
+            duration: simulated time [s].
+            ranges: smallest and largest value of each key, by its dotted path:
+                ``d.sliders("ego.vx", **{"vehicles.ego.control.speed.kp": (0, 3)})``.
+
+        Raises:
+            MissingDependencyError: ipywidgets is not installed.
+            ConfigError: a range is empty.
+        """
+        from mirdrake.builder.sliders import make_sliders
+
+        present = {path: self._number_at(path) for path in ranges}
+        return make_sliders(self, signals, ranges, present=present, duration=duration)
+
     # --- looking -------------------------------------------------------------------------------------------------
 
     def __getitem__(self, name: str) -> Name:
@@ -404,6 +430,13 @@ class Diagram:
         make_spec(copy.deepcopy(data))
         self._data = data
         return self[path[-1]]
+
+    def _number_at(self, path: str) -> float | None:
+        """Return the number of a key by its dotted path; None if the diagram leaves it out or it is not a number."""
+        part: Any = self._data
+        for key in path.split("."):
+            part = part.get(key) if isinstance(part, Mapping) else None
+        return float(part) if isinstance(part, int | float) and not isinstance(part, bool) else None
 
     def _vehicle(self, call: str, vehicle: Name | str) -> str:
         name, known = str(vehicle), self._data["vehicles"]

@@ -1,0 +1,54 @@
+"""Sliders in a notebook that change keys of a diagram, simulate it again and plot signals."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from mirdrake.core.errors import ConfigError, MissingDependencyError
+
+if TYPE_CHECKING:
+    from mirdrake.builder.diagram import Diagram
+
+_STEPS = 100  # positions of a slider
+
+
+def make_sliders(
+    diagram: "Diagram",
+    signals: Sequence[str],
+    ranges: Mapping[str, tuple[float, float]],
+    *,
+    present: Mapping[str, float | None],
+    duration: float,
+) -> Any:
+    """Return a widget with a slider for each key and the plot of a run with the values of the sliders.
+
+    Args:
+        diagram: the diagram; the sliders change it.
+        signals: patterns of the signals to plot.
+        ranges: smallest and largest value of each key, by its dotted path.
+        present: present value of each key; None if the diagram leaves it out.
+        duration: simulated time [s].
+
+    Raises:
+        MissingDependencyError: ipywidgets is not installed.
+        ConfigError: a range is empty.
+    """
+    try:
+        import ipywidgets
+    except ImportError:
+        raise MissingDependencyError("sliders need ipywidgets: pip install 'mirdrake[notebook]'") from None
+
+    def rerun(**values: float) -> Any:
+        for path, value in values.items():
+            diagram.set(path, value)
+        return diagram.simulate(duration).plot(*signals)
+
+    bars = {}
+    for path, (low, high) in ranges.items():
+        if not low < high:
+            raise ConfigError(f"sliders: {path}: the range ({low:g}, {high:g}) is empty; give the smaller value first")
+        value = present[path]
+        bars[path] = ipywidgets.FloatSlider(
+            value=min(high, max(low, (low + high) / 2.0 if value is None else value)),
+            min=low, max=high, step=(high - low) / _STEPS, description=path.rpartition(".")[2], continuous_update=False,
+        )  # fmt: skip
+    return ipywidgets.interactive(rerun, **bars)
