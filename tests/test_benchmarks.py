@@ -55,7 +55,7 @@ def test_the_drive_gives_speed_accuracy_and_overhead_for_both_contacts() -> None
         ("w5", {"wall_ms_per_simulated_s", "cpu_ms_per_simulated_s", "best_error"}),
         pytest.param("tyres", {"drives", "single_track"}, marks=pytest.mark.slow),
         pytest.param("memory", {"growth_repeated_runs_mb", "growth_long_drive_mb"}, marks=pytest.mark.slow),
-        ("startup", {"import_mirdrake_s", "first_step_s"}),
+        pytest.param("startup", {"import_mirdrake_s", "first_step_s"}, marks=pytest.mark.slow),
     ],
 )
 def test_the_other_jobs_give_their_figures(job: str, keys: set[str]) -> None:

@@ -247,6 +247,7 @@ def test_a_page_without_connection_loses_the_wheel_and_the_car_brakes(page: Page
     page.stand()
 
 
+@pytest.mark.slow
 def test_a_game_pad_drives(page: Page) -> None:
     pad = (
         "const pad = {connected: true, axes: [-0.6, 0, 0, 0], buttons: Array.from({length: 17}, (_, i) =>"

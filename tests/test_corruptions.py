@@ -24,7 +24,7 @@ from mirdrake.core.paths import data_root
 
 BOLT = data_root() / "models" / "bolt"
 FILES = sorted(path.name for path in BOLT.iterdir() if path.suffix in {".xacro", ".yaml"})
-CASES = 200
+CASES = 150
 LIMIT = 30.0  # [s] to load, and to drive
 
 

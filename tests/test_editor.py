@@ -217,7 +217,7 @@ def test_a_new_world_is_written_by_the_first_save(tmp_path):
     document.save()
     assert read_scene((tmp_path / "new.yaml").read_text("utf-8"), tmp_path / "new.yaml").world.props == ()
     document.close()
-    with pytest.raises(ConfigError, match="no folder"):
+    with pytest.raises(ConfigError, match="does not exist; create it first"):
         world_path(str(tmp_path / "nowhere" / "a.yaml"))
 
 

@@ -15,6 +15,8 @@ FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 SLOW = {
+    "06_tyres_and_manoeuvres",
+    "09_write_your_own_leafsystem",
     "03_make_your_own_vehicle",
     "04_worlds_and_suites",
     "05_sensors_and_recording",

@@ -76,7 +76,7 @@ def test_a_mutated_world_is_laid_out_or_rejected_line_by_line(tmp_path, name):
     chance = random.Random(name)
     (tmp_path / "groups").mkdir()
     sound = 0
-    for number in range(25):
+    for number in range(15):
         tree = yaml.safe_load(WORLDS[name])
         for _ in range(chance.choice([1, 1, 1, 2, 4])):
             tree = spoil(tree, chance)
