@@ -9,11 +9,14 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.editor.scene import Scene
 from mirdrake.world_checks.overlaps import LEAST_DEPTH, Neighbours
-from mirdrake.world_checks.separation import separate
+from mirdrake.world_checks.separation import TOLERANCE, separate
 from mirdrake.worlds.props import PlacedProp
 
 MOST_MARKS = 200
 """Overlaps that are looked for."""
+
+COARSE = 0.01
+"""Accuracy of depths while a prop is dragged [m]; they are drawn in cm."""
 
 _REACH = 0.5  # [m] around a moved prop, in which others are looked at
 
@@ -45,7 +48,7 @@ def mark_moved(scene: Scene, moved: Sequence[tuple[PlacedProp, float, float, flo
     around = shapely.box(*shapely.total_bounds([placed.footprint for placed in displaced])).buffer(_REACH)
     others = [scene.world.props[index] for index in scene.near.touching(around)]
     near = Neighbours([*displaced, *(placed for placed in others if placed.name not in names)])
-    return _marks(scene, near, (pair for pair in near.pairs() if pair[0] < len(displaced)))
+    return _marks(scene, near, (pair for pair in near.pairs() if pair[0] < len(displaced)), tolerance=COARSE)
 
 
 def _displaced(placed: PlacedProp, dx: float, dy: float, turn: float) -> PlacedProp:
@@ -54,7 +57,9 @@ def _displaced(placed: PlacedProp, dx: float, dy: float, turn: float) -> PlacedP
     return replace(placed, X_WP=RigidTransform(rotation, [x + dx, y + dy, z]))
 
 
-def _marks(scene: Scene, near: Neighbours, pairs: Iterable[tuple[int, int]]) -> list[Mark]:
+def _marks(
+    scene: Scene, near: Neighbours, pairs: Iterable[tuple[int, int]], *, tolerance: float = TOLERANCE
+) -> list[Mark]:
     rules, marks = scene.world.rules, list[Mark]()
     for a, b in pairs:
         one, other = near.props[a], near.props[b]
@@ -62,7 +67,7 @@ def _marks(scene: Scene, near: Neighbours, pairs: Iterable[tuple[int, int]]) -> 
             continue
         if next(near.colliding(a, b), None) is None:
             continue
-        depth = separate(one, other).depth
+        depth = separate(one, other, tolerance=tolerance).depth
         if depth > LEAST_DEPTH:
             shared = shapely.intersection(one.footprint, other.footprint)
             middle = shapely.centroid(shared)

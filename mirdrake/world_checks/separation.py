@@ -61,9 +61,15 @@ class Separation:
         return float(np.linalg.norm(self.translation))
 
 
-def separate(moving: PlacedProp, fixed: PlacedProp) -> Separation:
-    """Return the shortest translation of one prop that separates all its solids from those of the other."""
-    return _separate(moving, moving.prop.solids, fixed, fixed.prop.solids)
+def separate(moving: PlacedProp, fixed: PlacedProp, *, tolerance: float = TOLERANCE) -> Separation:
+    """Return the shortest translation of one prop that separates all its solids from those of the other.
+
+    Args:
+        moving: the prop that is translated.
+        fixed: the other.
+        tolerance: difference of the bounds of the depth at which the search ends [m].
+    """
+    return _separate(moving, moving.prop.solids, fixed, fixed.prop.solids, tolerance)
 
 
 def separate_solids(moving: PlacedProp, fixed: PlacedProp, numbers: tuple[int, int]) -> Separation:
@@ -76,14 +82,18 @@ def separate_solids(moving: PlacedProp, fixed: PlacedProp, numbers: tuple[int, i
 
 
 def _separate(
-    moving: PlacedProp, moving_solids: Sequence[Solid], fixed: PlacedProp, fixed_solids: Sequence[Solid]
+    moving: PlacedProp,
+    moving_solids: Sequence[Solid],
+    fixed: PlacedProp,
+    fixed_solids: Sequence[Solid],
+    tolerance: float = TOLERANCE,
 ) -> Separation:
     origin = moving.X_WP.translation()  # coordinates near it are accurate far from the origin of the world
     differences = _Differences(
         [_Core.of(moving, solid, origin) for solid in moving_solids],
         [_Core.of(fixed, solid, origin) for solid in fixed_solids],
     )
-    return Separation(np.zeros(3), 0.0) if differences.count == 0 else _search(differences)
+    return Separation(np.zeros(3), 0.0) if differences.count == 0 else _search(differences, tolerance)
 
 
 @dataclass(frozen=True)
@@ -151,7 +161,7 @@ class _Differences:
         )
 
 
-def _search(differences: _Differences) -> Separation:
+def _search(differences: _Differences, tolerance: float) -> Separation:
     """Split cones until the bounds agree."""
     # The first cones are the octants; their rays are the axes.
     signs = np.array([1.0, -1.0])
@@ -174,9 +184,9 @@ def _search(differences: _Differences) -> Separation:
 
         # A cone that is covered up to the upper bound contains no shorter translation.
         near = compiled(_cover, parts=_PARTS)(cones, near, rays, enters, leaves)
-        left = near < bound - TOLERANCE
+        left = near < bound - tolerance
         cones, near = cones[left], near[left]
-        least = min(float(near.min()), bound) if len(near) else max(0.0, bound - TOLERANCE)
+        least = min(float(near.min()), bound) if len(near) else max(0.0, bound - tolerance)
         if not len(near):
             break
 
