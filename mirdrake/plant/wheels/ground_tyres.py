@@ -19,8 +19,8 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.core.compiled import Records, compiled, plain, record_type, records
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.leaf_system import LeafSystem, declare_cached_value
-from mirdrake.core.signals import Signal, declare_state_output, declare_vector_input, declare_vector_output
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import Signal, declare_state_output, declare_vector_output
 from mirdrake.ground import Terrain
 from mirdrake.plant.plant import TyreSpring, VehicleInPlant
 from mirdrake.plant.rest_pose import check_balance
@@ -33,8 +33,8 @@ from mirdrake.plant.wheels.ground_step import (
     ground_step,
 )
 from mirdrake.plant.wheels.motion import wheel_places
-from mirdrake.plant.wheels.step import SpinningCar, SpinningWheel
-from mirdrake.plant.wheels.tyre_forces import DAMPING_BY_LOAD, FORCES, REFERENCE_FRICTION, curve_type
+from mirdrake.plant.wheels.step import SpinningWheel
+from mirdrake.plant.wheels.tyre_forces import DAMPING_BY_LOAD, FORCES, REFERENCE_FRICTION, TyreSystem, curve_type
 from mirdrake.tyres import SlipTyres, TyreLaw
 from mirdrake.tyres.coulomb import COULOMB_LAW, make_coulomb_law
 from mirdrake.tyres.relaxation import RelaxationSettings
@@ -91,7 +91,7 @@ def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Grou
     return wheels
 
 
-class GroundTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
+class GroundTyres(TyreSystem):
     """Forces of the ground on the tyres of a vehicle, with drive and brake torques of its wheels.
 
     Input ports:
@@ -115,8 +115,6 @@ class GroundTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         rolling_resistance: whether tyres have rolling resistance.
     """
 
-    optional_inputs = ("wheel_torque",)
-
     def __init__(
         self,
         plant: MultibodyPlant,
@@ -126,7 +124,7 @@ class GroundTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         friction: float = REFERENCE_FRICTION,
         rolling_resistance: bool = True,
     ) -> None:
-        super().__init__()
+        super().__init__(plant, part, memory=GroundMemory(), friction=friction)
         tyres = part.vehicle.spec.tyres
         law, self._laws = _laws(part)
         wheels = make_ground_wheels(plant, part)
@@ -138,50 +136,14 @@ class GroundTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._curves = np.zeros(len(wheels), curve_type(law))
         self._curves["load"] = np.nan  # not evaluated yet
         self._known: list[dict[tuple[float, float, float], Any]] = [{} for _ in wheels]
-        self._velocities, self._period = plant.num_velocities(), plant.time_step()
-        context = plant.CreateDefaultContext()
-        plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
-        mass = plant.CalcTotalMass(context, [part.instance])
-        centre = tuple(plant.CalcCenterOfMassPositionInWorld(context, [part.instance]).tolist())
-        self._car = records(SpinningCar, [SpinningCar(self._period, plant.num_positions(), mass, centre)])
-        self._no_torque = np.zeros(2 * len(wheels))
-        torques = [Signal(f"{kind}_torque.{name}", "N m") for kind in ("drive", "brake") for name in WHEELS]
-        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
-        self.wheel_torque = declare_vector_input(self, "wheel_torque", torques)
-        self.friction = self.DeclareNumericParameter(BasicVector(np.full(len(wheels), friction / REFERENCE_FRICTION)))
-        self._memory = self.DeclareDiscreteState(np.tile(GroundMemory(), len(wheels)))
-        self._logged = self.DeclareDiscreteState(len(wheels) * len(FORCES))
         self._loads = self.DeclareDiscreteState(len(wheels))
         self._torques = self.DeclareDiscreteState(len(wheels))
-        self._solution = declare_cached_value(self, "tyre forces", lambda: AbstractValue.Make(object()), self._calc)
-        self.generalized_force = self.DeclareVectorOutputPort(
-            "generalized_force", self._velocities, self._copy_force, {self._solution.ticket()}
-        )
-        contents = [
-            Signal(f"{part.name}.tyre_{name}.{wheel}", unit, meaning)
-            for wheel in WHEELS
-            for name, unit, meaning in FORCES
-        ]
-        self.tyre_forces = declare_state_output(self, "tyre_forces", contents, self._logged)
         loads = [Signal(f"{part.name}.wheel_load.{wheel}", "N", "normal load of the ground") for wheel in WHEELS]
         resistances = [Signal(f"{part.name}.resistance_torque.{wheel}", "N m", "about the axle") for wheel in WHEELS]
         self.wheel_load = declare_state_output(self, "wheel_load", loads, self._loads)
         self.resistance = declare_state_output(self, "resistance", resistances, self._torques)
         self.has_law = isinstance(tyres, SlipTyres)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
-
-    def set_friction(self, context: Context, wheel: int, friction: float) -> None:
-        """Change the friction of the ground under a wheel.
-
-        Args:
-            context: context of this system, changed.
-            wheel: its number in :data:`mirdrake.vehicles.WHEELS`.
-            friction: coefficient of the ground [1].
-        """
-        context.get_mutable_numeric_parameter(self.friction).SetAtIndex(wheel, friction / REFERENCE_FRICTION)
-
-    def _copy_force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._solution.evaluate(context).force)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         solution = self._solution.evaluate(context)

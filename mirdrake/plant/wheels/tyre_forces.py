@@ -6,6 +6,7 @@ the present state of the plant, so forces follow the motion without delay.
 The equations of a step are in :mod:`mirdrake.plant.wheels.step`.
 """
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -101,7 +102,76 @@ def curve_type(law: SteadyLaw) -> np.dtype[np.void]:
     return np.dtype([*fields, ("contact", record_type(Contact)), ("curve", record_type(law.curve))], align=True)
 
 
-class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
+class TyreSystem(LeafSystem):  # type: ignore[misc, unused-ignore]
+    """Base of the systems that apply the forces of all tyres of a vehicle.
+
+    The derived class has its own inputs and equations (:meth:`_calc`); ports, parameters and states that both contacts
+    share are declared here.
+
+    Input ports:
+        plant_state: the plant's state, positions and velocities.
+        wheel_torque (8) [N m]: drive torques of the wheels, then largest torques of their brakes.
+    Output ports:
+        generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m].
+        tyre_forces (20): quantities of :data:`FORCES` for each wheel, of the last step.
+
+    Args:
+        plant: finalised plant with a discrete step.
+        part: the vehicle.
+        memory: memory of the equations at rest, of one wheel.
+        friction: friction of the ground at the start [1].
+    """
+
+    optional_inputs = ("wheel_torque",)
+
+    def __init__(
+        self, plant: MultibodyPlant, part: VehicleInPlant, *, memory: Sequence[float], friction: float
+    ) -> None:
+        super().__init__()
+        count = len(WHEELS)
+        self._velocities, self._period = plant.num_velocities(), plant.time_step()
+        context = plant.CreateDefaultContext()
+        plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
+        mass = plant.CalcTotalMass(context, [part.instance])
+        centre = tuple(plant.CalcCenterOfMassPositionInWorld(context, [part.instance]).tolist())
+        self._car = records(SpinningCar, [SpinningCar(self._period, plant.num_positions(), mass, centre)])
+        self._no_torque = np.zeros(2 * count)
+        torques = [Signal(f"{kind}_torque.{name}", "N m") for kind in ("drive", "brake") for name in WHEELS]
+        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self.wheel_torque = declare_vector_input(self, "wheel_torque", torques)
+        self.friction = self.DeclareNumericParameter(BasicVector(np.full(count, friction / REFERENCE_FRICTION)))
+        self._memory = self.DeclareDiscreteState(np.tile(memory, count))
+        self._logged = self.DeclareDiscreteState(count * len(FORCES))
+        self._solution = declare_cached_value(self, "tyre forces", lambda: AbstractValue.Make(object()), self._calc)
+        self.generalized_force = self.DeclareVectorOutputPort(
+            "generalized_force", self._velocities, self._copy_force, {self._solution.ticket()}
+        )
+        contents = [
+            Signal(f"{part.name}.tyre_{name}.{wheel}", unit, meaning)
+            for wheel in WHEELS
+            for name, unit, meaning in FORCES
+        ]
+        self.tyre_forces = declare_state_output(self, "tyre_forces", contents, self._logged)
+
+    def set_friction(self, context: Context, wheel: int, friction: float) -> None:
+        """Change the friction of the ground under a wheel.
+
+        Args:
+            context: context of this system, changed.
+            wheel: its number in :data:`mirdrake.vehicles.WHEELS`.
+            friction: coefficient of the ground [1].
+        """
+        context.get_mutable_numeric_parameter(self.friction).SetAtIndex(wheel, friction / REFERENCE_FRICTION)
+
+    def _copy_force(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._solution.evaluate(context).force)
+
+    @abstractmethod
+    def _calc(self, context: Context, result: Any) -> None:
+        """Compute the forces of a step, its memory and its logged quantities."""
+
+
+class WheelTyres(TyreSystem):
     """Forces of the road on the tyres of a vehicle, with drive and brake torques of its wheels.
 
     Input ports:
@@ -130,8 +200,6 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         friction: friction of the ground at the start [1].
     """
 
-    optional_inputs = ("wheel_torque",)
-
     def __init__(
         self,
         plant: MultibodyPlant,
@@ -143,51 +211,16 @@ class WheelTyres(LeafSystem):  # type: ignore[misc, unused-ignore]
         first: int = 0,
         friction: float = REFERENCE_FRICTION,
     ) -> None:
-        super().__init__()
+        super().__init__(plant, part, memory=Memory(), friction=friction)
         law, axle_laws = tyres.law, tyres.axle_laws(part.vehicle.folder)
         self._laws: list[TyreLaw] = [axle_laws[index >= 2] for index in range(len(wheels))]
         self._step = compiled(tyre_step, law.forces, parts=(*STEP_PARTS, *law.parts))
         self._wheels = records(SpinningWheel, wheels)
         self._curves = np.zeros(len(wheels), curve_type(law))
         self._curves["load"] = np.nan  # not evaluated yet
-        self._velocities, self._first, self._period = plant.num_velocities(), first, plant.time_step()
-        context = plant.CreateDefaultContext()
-        plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
-        mass = plant.CalcTotalMass(context, [part.instance])
-        centre = tuple(plant.CalcCenterOfMassPositionInWorld(context, [part.instance]).tolist())
-        self._car = records(SpinningCar, [SpinningCar(self._period, plant.num_positions(), mass, centre)])
-        self._no_torque = np.zeros(2 * len(wheels))
-        torques = [Signal(f"{kind}_torque.{name}", "N m") for kind in ("drive", "brake") for name in WHEELS]
-        self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        self._first = first
         self.wheel_load = self.DeclareVectorInputPort("wheel_load", loads)
-        self.wheel_torque = declare_vector_input(self, "wheel_torque", torques)
-        self.friction = self.DeclareNumericParameter(BasicVector(np.full(len(wheels), friction / REFERENCE_FRICTION)))
-        self._memory = self.DeclareDiscreteState(np.tile(Memory(), len(wheels)))
-        self._logged = self.DeclareDiscreteState(len(wheels) * len(FORCES))
-        self._solution = declare_cached_value(self, "tyre forces", lambda: AbstractValue.Make(object()), self._calc)
-        self.generalized_force = self.DeclareVectorOutputPort(
-            "generalized_force", self._velocities, self._copy_force, {self._solution.ticket()}
-        )
-        contents = [
-            Signal(f"{part.name}.tyre_{name}.{wheel}", unit, meaning)
-            for wheel in WHEELS
-            for name, unit, meaning in FORCES
-        ]
-        self.tyre_forces = declare_state_output(self, "tyre_forces", contents, self._logged)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
-
-    def set_friction(self, context: Context, wheel: int, friction: float) -> None:
-        """Change the friction of the ground under a wheel.
-
-        Args:
-            context: context of this system, changed.
-            wheel: its number in :data:`mirdrake.vehicles.WHEELS`.
-            friction: coefficient of the ground [1].
-        """
-        context.get_mutable_numeric_parameter(self.friction).SetAtIndex(wheel, friction / REFERENCE_FRICTION)
-
-    def _copy_force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._solution.evaluate(context).force)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         solution = self._solution.evaluate(context)
