@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.ground import FLAT, Terrain
+from mirdrake.worlds.networks import Network
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import Patch
@@ -123,6 +124,8 @@ class World:
     unplaced_props: tuple[str, ...] = ()
     """one line for each entry with props that found no free position"""
     rules: "Rules | None" = field(default=None, compare=False)
+    network: Network | None = field(default=None, compare=False)
+    """lanes, stop lines and signals; None without"""
 
     @cached_property
     def road_mu(self) -> float:
