@@ -191,9 +191,10 @@ def steer(angle, **settings):
 
 def test_system_without_period_follows_at_once_and_has_no_state():
     system, _, context = steer(0.2)
-    np.testing.assert_allclose(system.wheel_angles.Eval(context), Ackermann(BOLT).wheel_angles(0.2))
+    angles = [port.Eval(context).item() for port in (system.left, system.right)]
+    np.testing.assert_allclose(angles, Ackermann(BOLT).wheel_angles(0.2))
     assert context.num_total_states() == 0
-    assert [signal.name for signal in signals_of(system.wheel_angles) or ()] == ["left", "right"]
+    assert [signals_of(port)[0].name for port in (system.left, system.right)] == ["left", "right"]
 
 
 def test_system_with_period_needs_0_4_s_for_0_2_rad():
@@ -202,8 +203,8 @@ def test_system_with_period_needs_0_4_s_for_0_2_rad():
     # At most 0.5 rad/s: an update at 0, 0.01 ... adds 0.005 rad, seen between it and the next.
     between = followed["steering_angle"].iloc[1::2]
     assert_follows(between, lambda t: min(0.5 * (t + 0.005), 0.2), atol=1e-12)
-    assert followed["wheel_angles.left"].iloc[0] == followed["wheel_angles.right"].iloc[0] == 0.0
-    last = followed[["wheel_angles.left", "wheel_angles.right"]].iloc[-1]
+    assert followed["left"].iloc[0] == followed["right"].iloc[0] == 0.0
+    last = followed[["left", "right"]].iloc[-1]
     np.testing.assert_allclose(last, Ackermann(BOLT).wheel_angles(0.2), atol=1e-12)
 
 
@@ -220,7 +221,7 @@ def test_system_starts_from_the_angle_in_its_context():
 
 def test_unior_linkage_is_limited_by_its_inner_wheel_too():
     system, _, context = steer(3.0, linkage="unior")
-    left, right = system.wheel_angles.Eval(context)
+    left, right = (port.Eval(context).item() for port in (system.left, system.right))
     assert left == pytest.approx(0.6, abs=1e-12)
     assert 1.0 / math.tan(right) - 1.0 / math.tan(left) == pytest.approx(1.5 / 2.6, rel=1e-10)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
 from mirdrake.assembly.diagram import assemble, make_diagram, make_spec
 from mirdrake.assembly.drawing import write_dot
@@ -60,9 +61,9 @@ def test_the_same_over_vehicles_contacts_and_drives(vehicle, contact, drive):
 def test_a_diagram_for_python_has_the_blocks_and_their_ports():
     control = make_diagram("bolt_test_track").GetSubsystemByName("ego.control")
     names = [system.get_name() for system in control.GetSystems()]
-    assert {"dead_man", "acceleration_limit", "speed_pid", "ackermann", "wheel_loops", "steering_loops"} <= set(names)
+    assert {"dead_man", "acceleration_limit", "speed_pid", "ackermann", "wheel_loops", "left_steering_loop"} <= set(names)
     assert control.HasOutputPort("speed_pid.error")
-    assert control.HasOutputPort("ackermann.wheel_angles")
+    assert control.HasOutputPort("ackermann.left")
 
 
 # --- replaced blocks ---------------------------------------------------------------------------------------------
@@ -103,8 +104,8 @@ class Through(Own):
 
 
 class Parallel(Own):
-    INPUTS, OUTPUTS = {"steering": 1}, {"wheel_angles": 2}
-    wheel_angles = lambda self, c: 2 * self.read(c, "steering")
+    INPUTS, OUTPUTS = {"steering": 1}, {"left": 1, "right": 1}
+    left = right = lambda self, c: self.read(c, "steering")
 
 
 class Proportional(Own):
@@ -122,8 +123,8 @@ class Wheels(Own):
     torque = lambda self, c: [2.0 * (a - b) for a, b in zip(self.read(c, "setpoint"), self.read(c, "measurement"))]
 
 
-class Joints(Own):
-    INPUTS, OUTPUTS = {"setpoint": 2, "measurement": 2}, {"torque": 2}
+class Joint(Own):
+    INPUTS, OUTPUTS = {"setpoint": 1, "measurement": 1}, {"torque": 1}
     torque = lambda self, c: [3.0 * (a - b) for a, b in zip(self.read(c, "setpoint"), self.read(c, "measurement"))]
 """
 
@@ -136,7 +137,8 @@ REPLACED = {
     "steering_rate_limit": "Through",
     "steering_actuator": "Through",
     "ackermann": "Parallel",
-    "steering_loops": "Joints",
+    "left_steering_loop": "Joint",
+    "right_steering_loop": "Joint",
 }
 
 
@@ -163,9 +165,10 @@ def test_every_block_can_be_replaced_in_a_diagram_file(vehicle, tmp_path):
     measured = s[f"{block}.measurements.wheel_speeds.front_left"]
     assert s[f"{block}.wheel_loops.torque.front_left"] == pytest.approx(2.0 * (spin - measured))
     assert s["ego.wheel_torque.front_left"][1:] == pytest.approx(s[f"{block}.wheel_loops.torque.front_left"][1:])
-    assert s[f"{block}.ackermann.wheel_angles.left"] == pytest.approx(0.1)  # no limit of the rate any more
-    joint = s[f"{block}.measurements.steering_angles.left"]
-    assert s[f"{block}.steering_loops.torque.left"] == pytest.approx(3.0 * (0.1 - joint))
+    assert s[f"{block}.ackermann.left"] == pytest.approx(0.1)  # no limit of the rate any more
+    for side in ("left", "right"):
+        joint = s[f"{block}.measurements.{side}_angle"]
+        assert s[f"{block}.{side}_steering_loop.torque"] == pytest.approx(3.0 * (0.1 - joint))
 
 
 @pytest.mark.slow
@@ -194,7 +197,7 @@ def test_a_block_of_drake_replaces_one_with_a_single_input_and_output():
         ({"ego.control.speed_pid": {"kind": "sine", "frequency": 1.0}}, "in place of speed_pid has no output 'output'"),
         (
             {"ego.control.ackermann": {"kind": "gain", "gain": 1.0, "size": 2}},
-            "input 'steering' of Gain has 2 elements",
+            "output 'left' of Gain has 2 elements; that of ackermann has 1",
         ),
         (
             {"ego.control.dead_man": {"kind": "adder"}},
@@ -231,16 +234,44 @@ def test_external_loops_take_torques_from_the_diagram(vehicle):
         vehicles={"ego": {"model": vehicle, "start": "line", "control": control}},
         systems={
             "drive": {"kind": "constant", "value": [0.0, 0.0, 0.5, 0.25]},
-            "steer": {"kind": "constant", "value": [0.1, 0.2]},
+            "left": {"kind": "constant", "value": [0.1]},
+            "right": {"kind": "constant", "value": [0.2]},
         },
         connect=[
             ["drive.y", "ego.control.wheel_loops.torque"],
-            ["steer.y", "ego.control.steering_loops.torque"],
+            ["left.y", "ego.control.left_steering_loop.torque"],
+            ["right.y", "ego.control.right_steering_loop.torque"],
         ],
     )
     run = Simulation(assemble(spec)).run(duration=0.1)
     assert run["ego.wheel_torque.rear_left"].iloc[-1] == pytest.approx(0.5)
     assert run["ego.wheel_torque.rear_right"].iloc[-1] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("vehicle", ["bolt", "mkz", "catvehicle", "unior"])
+def test_a_disabled_steering_loop_takes_a_torque_and_leaves_the_other_alone(vehicle):
+    vehicles = {"ego": {"model": vehicle, "start": "line", "control": {"disable": ["left_steering_loop"]}}}
+    spec = spec_of(
+        vehicle,
+        vehicles=vehicles,
+        systems={"own": {"kind": "constant", "value": [0.5]}},
+        connect=[["own.y", "ego.control.left_steering_loop.torque"]],
+    )
+    ends = []
+    for assembly in (assemble(spec_of(vehicle)), assemble(spec)):
+        simulator = Simulator(assembly.diagram, assembly.make_context())
+        simulator.AdvanceTo(0.1)
+        (part,) = assembly.parts.vehicles.values()
+        context = assembly.parts.plant.GetMyContextFromRoot(simulator.get_context())
+        torques = assembly.parts.plant.get_net_actuation_output_port(part.instance).Eval(context)
+        first = min(actuator.input_start() for actuator in (*part.wheel_actuators, *part.steering_actuators))
+        left, right = part.steering
+        torque = torques[part.steering_actuators[0].input_start() - first]
+        ends.append((torque, left.get_angle(context), right.get_angle(context)))
+    (_, left, right), (torque, free, held) = ends
+    assert torque == pytest.approx(0.5)  # without Drake's servo
+    assert held == pytest.approx(right, abs=1e-3)
+    assert abs(free - left) > 10.0 * abs(held - right)
 
 
 # --- ports and signals -------------------------------------------------------------------------------------------

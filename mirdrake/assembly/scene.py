@@ -36,9 +36,8 @@ from mirdrake.core.paths import data_root
 from mirdrake.core.yaml_io import Source, shown, validate, where
 from mirdrake.core.yaml_tree import lay_over
 from mirdrake.vehicles import Vehicle, load_vehicle
-from mirdrake.vehicles.joint_control import External
 from mirdrake.vehicles.mounts import change_mounts
-from mirdrake.vehicles.spec import ControlSpec
+from mirdrake.vehicles.spec import JOINT_LOOPS, ControlSpec
 from mirdrake.vehicles.stored import read_vehicle, vehicle_data
 from mirdrake.vehicles.vehicle import check_pedals
 from mirdrake.worlds import World
@@ -131,12 +130,11 @@ def _load_by_name(spec: DiagramSpec, name: str) -> Vehicle:
 
 def _without_replaced_loops(vehicle: Vehicle, spec: DiagramSpec, name: str) -> Vehicle:
     """Return the vehicle without the joint loops that a system of the diagram replaces: Drake's servos are left out."""
-    loops = {"wheel_loops": "wheel_speed", "steering_loops": "steering"}
-    replaced = [key for block, key in loops.items() if f"{name}.control.{block}" in spec.systems]
-    if not replaced or vehicle.control.wheel_speed.uses_pedals:
+    replaced = [block for block in JOINT_LOOPS if f"{name}.control.{block}" in spec.systems]
+    if not replaced:
         return vehicle
-    external = {key: External(kind="external") for key in replaced}
-    return replace(vehicle, control=vehicle.control.model_copy(update=external))
+    control = vehicle.control.model_copy(update={"disable": [*vehicle.control.disable, *replaced]})
+    return replace(vehicle, control=control)
 
 
 def change_control(control: ControlSpec, changes: Mapping[str, Any], *, source: Source) -> ControlSpec:

@@ -19,7 +19,7 @@ from mirdrake.controllers.control_diagram import ControlDiagram, expand_control
 from mirdrake.controllers.cruise import SpeedControl, cruise_step, wheel_speed_setpoints
 from mirdrake.controllers.drivable_line import DrivingLimits, make_centre_line, make_drivable_line, make_speed_profile
 from mirdrake.controllers.drivers import DriverSpec
-from mirdrake.controllers.joint_blocks import ActuatorHold, PedalLoop, SteeringLoops, WheelLoops
+from mirdrake.controllers.joint_blocks import ActuatorHold, PedalLoop, SteeringLoop, WheelLoops
 from mirdrake.controllers.path_tracking import PathGains, PathTracker, PathTrackingSpec
 from mirdrake.controllers.pid import DiscretePid
 from mirdrake.controllers.schedule import CommandSchedule, ConstantCommand, ConstantSpec, Schedule, ScheduleSpec
@@ -56,7 +56,7 @@ __all__ = [
     "SpeedPid",
     "SteeringActuator",
     "SteeringGeometry",
-    "SteeringLoops",
+    "SteeringLoop",
     "SteeringRateLimit",
     "VehicleControl",
     "VelocityCommand",

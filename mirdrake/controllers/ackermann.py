@@ -20,6 +20,7 @@ centre over that of the rear axle centre::
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, NamedTuple, Protocol
 
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
@@ -28,7 +29,7 @@ from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import declare_state_output, declare_vector_input, declare_vector_output, signals
-from mirdrake.core.vectors import SPEED_RATIOS, STEERING_ANGLES
+from mirdrake.core.vectors import SIDES, SPEED_RATIOS
 
 Linkage = Literal["ackermann", "unior", "unior_printed"]
 LINKAGES = ("ackermann", "unior", "unior_printed")
@@ -354,7 +355,7 @@ class AckermannSteering(LeafSystem):
         steering (1) [rad]: bicycle angle; input of the robot for the unior linkages.
 
     Output ports:
-        wheel_angles (2) [rad]: left, right.
+        left (1), right (1) [rad]: angles of the front wheels.
         speed_ratios (4) [1]: speeds of the wheel centres over that of the rear axle's centre.
         steering_angle (1) [rad]: the bicycle angle (or input) after the limits; only with a `period`.
 
@@ -388,8 +389,11 @@ class AckermannSteering(LeafSystem):
         self.steering = declare_vector_input(self, "steering", signals(("steering", "rad")))
         if period is None:
             needs = {self.steering.ticket()}
-            self.wheel_angles = declare_vector_output(
-                self, "wheel_angles", STEERING_ANGLES, self._calc, prerequisites=needs
+            self.left, self.right = (
+                declare_vector_output(
+                    self, side, signals((side, "rad")), partial(self._calc_angle, index), prerequisites=needs
+                )
+                for index, side in enumerate(SIDES)
             )
             self.speed_ratios = declare_vector_output(
                 self, "speed_ratios", SPEED_RATIOS, self._calc_ratios, prerequisites=needs
@@ -397,8 +401,11 @@ class AckermannSteering(LeafSystem):
             return
         check_number("AckermannSteering", "period", period, unit="s", above=0.0)
         self._angle = self.DeclareDiscreteState(1)
-        self._wheels = self.DeclareDiscreteState(2)
-        self.wheel_angles = declare_state_output(self, "wheel_angles", STEERING_ANGLES, self._wheels)
+        self._wheels = [self.DeclareDiscreteState(1) for _ in SIDES]
+        self.left, self.right = (
+            declare_state_output(self, side, signals((side, "rad")), state)
+            for side, state in zip(SIDES, self._wheels, strict=True)
+        )
         self.steering_angle = declare_state_output(
             self, "steering_angle", signals(("steering_angle", "rad")), self._angle
         )
@@ -411,10 +418,11 @@ class AckermannSteering(LeafSystem):
     def set_steering(self, context: Context, steering: float) -> None:
         """Write the bicycle angle [rad] from which a system with a period starts into its Context."""
         context.SetDiscreteState(self._angle, [self.law.clip(steering)])
-        context.SetDiscreteState(self._wheels, list(self.law.wheel_angles(self.law.clip(steering))))
+        for state, angle in zip(self._wheels, self.law.wheel_angles(self.law.clip(steering)), strict=True):
+            context.SetDiscreteState(state, [angle])
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.law.wheel_angles(self.law.clip(self.steering.Eval(context).item())))
+    def _calc_angle(self, index: int, context: Context, output: BasicVector) -> None:
+        output[0] = self.law.wheel_angles(self.law.clip(self.steering.Eval(context).item()))[index]
 
     def _calc_ratios(self, context: Context, output: BasicVector) -> None:
         if self.period is None:
@@ -425,10 +433,14 @@ class AckermannSteering(LeafSystem):
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
         angle = context.get_discrete_state(self._angle).value().item()
-        values.set_value(self._wheels, self.law.wheel_angles(angle))
+        self._hold(values, angle)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         angle = context.get_discrete_state(self._angle).value().item()
         angle = self.law.approach(angle, self.steering.Eval(context).item(), period=self.period or 0.0)
         values.set_value(self._angle, [angle])
-        values.set_value(self._wheels, self.law.wheel_angles(angle))
+        self._hold(values, angle)
+
+    def _hold(self, values: DiscreteValues, steering: float) -> None:
+        for state, angle in zip(self._wheels, self.law.wheel_angles(steering), strict=True):
+            values.set_value(state, [angle])

@@ -10,6 +10,7 @@ until its first update.
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, OutputPort
@@ -27,7 +28,7 @@ from mirdrake.core.signals import (
     declare_vector_output,
     signals,
 )
-from mirdrake.core.vectors import COMMAND, SPEED_RATIOS, STEERING_ANGLES, WHEEL_SPEEDS
+from mirdrake.core.vectors import COMMAND, SPEED_RATIOS, WHEEL_SPEEDS
 from mirdrake.plant.powertrain import ActuatorLaw
 from mirdrake.vehicles.joint_control.gain_schedule import GainTable
 
@@ -87,7 +88,7 @@ class Measurements(LeafSystem):  # type: ignore[misc, unused-ignore]
         speed (1) [m/s]: forward speed of the rear axle's centre.
         steering (1) [rad]: bicycle angle of the steering joints.
         wheel_speeds (4) [rad/s]: front_left, front_right, rear_left, rear_right.
-        steering_angles (2) [rad]: left, right.
+        left_angle (1), right_angle (1) [rad]: angles of the steering joints.
 
     Args:
         size: length of the state.
@@ -116,7 +117,8 @@ class Measurements(LeafSystem):  # type: ignore[misc, unused-ignore]
             ("speed", SPEED, self._calc_speed),
             ("steering", STEERING, self._calc_steering),
             ("wheel_speeds", WHEEL_SPEEDS, self._calc_wheels),
-            ("steering_angles", STEERING_ANGLES, self._calc_joints),
+            ("left_angle", signals(("left_angle", "rad")), partial(self._calc_joint, 0)),
+            ("right_angle", signals(("right_angle", "rad")), partial(self._calc_joint, 1)),
         ):
             declare_vector_output(self, name, contents, calc, prerequisites={self.plant_state.ticket()})
 
@@ -129,8 +131,8 @@ class Measurements(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _calc_wheels(self, context: Context, output: BasicVector) -> None:
         output.set_value(self.plant_state.Eval(context)[self._wheels])
 
-    def _calc_joints(self, context: Context, output: BasicVector) -> None:
-        output.set_value(self.plant_state.Eval(context)[self._joints])
+    def _calc_joint(self, index: int, context: Context, output: BasicVector) -> None:
+        output[0] = self.plant_state.Eval(context)[self._joints[index]]
 
 
 class DeadMan(ControlBlock):

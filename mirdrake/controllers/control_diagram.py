@@ -2,9 +2,10 @@
 
 ::
 
-    command ─ dead_man ┬ acceleration_limit ┬ speed_pid ─ wheel_speeds ─ wheel_loops ──┬ actuators ─► desired_state
-                       │                    └ (or) pedal_loop ─────────────────────────┤              actuation
-                       └ steering_rate_limit ─ steering_actuator ─ ackermann ─ steering_loops         status, pedals
+    command ─ dead_man ┬ acceleration_limit ┬ speed_pid ─ wheel_speeds ─ wheel_loops ────────┬ actuators ─► desired_state
+                       │                    └ (or) pedal_loop ───────────────────────────────┤              actuation
+                       └ steering_rate_limit ─ steering_actuator ─ ackermann ┬ left_steering_loop           status
+                                                                             └ right_steering_loop          pedals
     plant_state ─ measurements ─ (to all that measure)
 
 :func:`expand_control` makes it from a :class:`~mirdrake.controllers.VehicleControl`. A block can be replaced by another
@@ -28,12 +29,13 @@ from mirdrake.controllers.control_blocks import (
     SteeringRateLimit,
     WheelSpeeds,
 )
-from mirdrake.controllers.joint_blocks import ActuatorHold, PedalLoop, SteeringLoops, WheelLoops
+from mirdrake.controllers.joint_blocks import ActuatorHold, PedalLoop, SteeringLoop, WheelLoops
 from mirdrake.controllers.vehicle_control import VehicleControl
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.pid import PidGains
 from mirdrake.core.signals import Signal, copy_signals, signals_of
-from mirdrake.core.vectors import COMMAND
+from mirdrake.core.vectors import COMMAND, SIDES
+from mirdrake.vehicles.spec import STEERING_LOOPS
 
 HOLD = "actuators"
 """Name of the block that samples the others; it cannot be replaced."""
@@ -75,13 +77,19 @@ WIRES = (
     Wire("acceleration_limit.speed", "pedal_loop.reference"),
     Wire("acceleration_limit.slope", "pedal_loop.slope", 0.0),
     Wire("measurements.speed", "pedal_loop.measurement"),
-    Wire("ackermann.wheel_angles", "steering_loops.setpoint"),
-    Wire("measurements.steering_angles", "steering_loops.measurement"),
-    Wire("measurements.speed", "steering_loops.speed"),
+    *(
+        wire
+        for side in SIDES
+        for wire in (
+            Wire(f"ackermann.{side}", f"{side}_steering_loop.setpoint"),
+            Wire(f"measurements.{side}_angle", f"{side}_steering_loop.measurement"),
+            Wire("measurements.speed", f"{side}_steering_loop.speed"),
+            Wire(f"{side}_steering_loop.torque", f"{HOLD}.{side}_torque"),
+            Wire(f"{side}_steering_loop.servo_setpoint", f"{HOLD}.{side}_servo"),
+        )
+    ),
     Wire("wheel_loops.torque", f"{HOLD}.wheel_torque"),
     Wire("wheel_loops.servo_setpoint", f"{HOLD}.wheel_servo"),
-    Wire("steering_loops.torque", f"{HOLD}.steering_torque"),
-    Wire("steering_loops.servo_setpoint", f"{HOLD}.steering_servo"),
     Wire("pedal_loop.pedals", f"{HOLD}.pedals"),
     Wire("acceleration_limit.speed", f"{HOLD}.speed"),
     Wire("speed_pid.output", f"{HOLD}.correction"),
@@ -116,7 +124,7 @@ class ControlDiagram:
 def block_names(unit: VehicleControl) -> list[str]:
     """Return the names of the blocks of a control unit that can be replaced, in the order of the signals."""
     drive = ["pedal_loop"] if unit.pedal_law is not None else ["speed_pid", "wheel_speeds", "wheel_loops"]
-    steer = ["steering_rate_limit", "steering_actuator", "ackermann", "steering_loops"]
+    steer = ["steering_rate_limit", "steering_actuator", "ackermann", *STEERING_LOOPS]
     return ["measurements", "dead_man", "acceleration_limit", *drive, *steer]
 
 
@@ -138,8 +146,9 @@ def make_control_blocks(unit: VehicleControl) -> dict[str, System]:
         "steering_rate_limit": SteeringRateLimit(law, period=period),
         "steering_actuator": SteeringActuator(unit.actuator),
         "ackermann": AckermannSteering(law),
-        "steering_loops": SteeringLoops(control.steering, period=period, limits=setup.steering_limits),
     }
+    for block in STEERING_LOOPS:
+        blocks[block] = SteeringLoop(control.steering, period=period, limits=setup.steering_limits)
     if unit.pedal_law is not None:
         blocks["pedal_loop"] = PedalLoop(control.wheel_speed, unit.pedal_law, period=period)
         return blocks

@@ -13,7 +13,7 @@ from mirdrake.core.checks import check_number
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.pid import NO_LIMITS, PidLimits
 from mirdrake.core.signals import Signal, declare_state_output, declare_vector_input, signals
-from mirdrake.core.vectors import STEERING_ANGLES, WHEEL_SPEEDS, WHEELS
+from mirdrake.core.vectors import WHEEL_SPEEDS, WHEELS
 from mirdrake.plant.powertrain import PEDALS
 from mirdrake.vehicles.joint_control import JointControl
 from mirdrake.vehicles.joint_control.base import PedalController
@@ -24,8 +24,9 @@ STATUS = signals(
     ("speed_trim", "m/s", "correction by the speed loop"),
 )
 WHEEL_TORQUES = signals(*((name, "N m") for name in WHEELS))
-JOINT_TORQUES = signals(("left", "N m"), ("right", "N m"))
-JOINT_SETPOINTS = signals(("left", "rad"), ("right", "rad"), ("left_rate", "rad/s"), ("right_rate", "rad/s"))
+JOINT_ANGLE = signals(("angle", "rad"))
+JOINT_TORQUE = signals(("torque", "N m"))
+JOINT_SETPOINT = signals(("angle", "rad"), ("rate", "rad/s"))
 
 
 class JointLoops(ControlBlock):
@@ -152,24 +153,24 @@ class WheelLoops(JointLoops):
         output.SetFromVector([rate if drives else 0.0 for rate, drives in zip(rates, self._loops, strict=True)])
 
 
-class SteeringLoops(JointLoops):
-    """Loops of the two steering joints; the kind of ``steering`` in control.yaml.
+class SteeringLoop(JointLoops):
+    """Loop of one steering joint; the kind of ``steering`` in control.yaml.
 
     Input ports:
-        setpoint (2) [rad]: angles of the left and right front wheel.
-        measurement (2) [rad]: measured angles.
+        setpoint (1) [rad]: angle of the wheel.
+        measurement (1) [rad]: measured angle.
         speed (1) [m/s]: only with a gain schedule.
 
     Output ports:
-        torque (2) [N m]: torques of the joints.
-        error (2) [rad]: set-point minus measurement.
-        servo_setpoint (4) [rad, rad, rad/s, rad/s]: for Drake's servos: angles and rates; only with kind servo.
+        torque (1) [N m]: torque of the joint.
+        error (1) [rad]: set-point minus measurement.
+        servo_setpoint (2) [rad, rad/s]: for Drake's servo: angle and rate; only with kind servo.
 
     Parameters of the Context: 0: gains of the kind.
 
     Args:
         control: the kind with its gains.
-        limits: limits of each torque [N m].
+        limits: limits of the torque [N m].
         period: time between updates [s].
     """
 
@@ -179,19 +180,19 @@ class SteeringLoops(JointLoops):
             control,
             limits=limits,
             period=period,
-            loops=(True, True),
-            setpoint=STEERING_ANGLES,
-            torque=JOINT_TORQUES,
-            extra=(0.0, 0.0, 0.0) if servo else (),  # last angles; 1 after the first update
+            loops=(True,),
+            setpoint=JOINT_ANGLE,
+            torque=JOINT_TORQUE,
+            extra=(0.0, 0.0) if servo else (),  # last angle; 1 after the first update
         )
         if servo:
             self.servo_setpoint = self._output(
-                "servo_setpoint", JOINT_SETPOINTS, self._calc_servo, self.setpoint, self.measurement
+                "servo_setpoint", JOINT_SETPOINT, self._calc_servo, self.setpoint, self.measurement
             )
             self.DeclareInitializationDiscreteUpdateEvent(self._restart)
 
     def _restart(self, context: Context, state: DiscreteValues) -> None:
-        state.set_value(self._memory, [*self._read_memory(context)[: -self._extra], 0.0, 0.0, 0.0])
+        state.set_value(self._memory, [*self._read_memory(context)[: -self._extra], 0.0, 0.0])
 
     def _step(self, context: Context) -> tuple[Sequence[float], Any]:
         memory, torques = super()._step(context)
@@ -200,11 +201,11 @@ class SteeringLoops(JointLoops):
         return memory, torques
 
     def _calc_servo(self, context: Context, output: BasicVector) -> None:
-        *last, started = self._read_memory(context)[-self._extra :]
+        last, started = self._read_memory(context)[-self._extra :]
         if not started:
-            last = self.measurement.Eval(context).tolist()
-        angles = self.setpoint.Eval(context).tolist()
-        output.SetFromVector([*angles, *((angles[i] - last[i]) / self.period for i in range(2))])
+            last = self.measurement.Eval(context).item()
+        angle = self.setpoint.Eval(context).item()
+        output.SetFromVector([angle, (angle - last) / self.period])
 
 
 class PedalLoop(ControlBlock):
@@ -261,9 +262,9 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
     """Samples the chain of a control unit every period, and holds the inputs of the vehicle's actuators.
 
     Input ports:
-        wheel_torque (4), steering_torque (2) [N m]: torques of the joints.
+        wheel_torque (4), left_torque (1), right_torque (1) [N m]: torques of wheels and steering joints.
         wheel_servo (4) [rad/s]: set-points of the wheels' servos.
-        steering_servo (4) [rad, rad, rad/s, rad/s]: set-points of the steering joints' servos.
+        left_servo (2), right_servo (2) [rad, rad/s]: set-points of the steering joints' servos.
         pedals (3) [1]: throttle, brake, gear.
         speed, correction, measured_speed (1) [m/s]; steering, measured_steering (1) [rad]: for the status.
 
@@ -285,9 +286,11 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     CONTENTS: Mapping[str, Sequence[Signal]] = {
         "wheel_torque": WHEEL_TORQUES,
-        "steering_torque": JOINT_TORQUES,
+        "left_torque": JOINT_TORQUE,
+        "right_torque": JOINT_TORQUE,
         "wheel_servo": WHEEL_SPEEDS,
-        "steering_servo": JOINT_SETPOINTS,
+        "left_servo": JOINT_SETPOINT,
+        "right_servo": JOINT_SETPOINT,
         "pedals": PEDALS,
         "speed": SPEED,
         "correction": signals(("correction", "m/s")),
@@ -310,9 +313,11 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
         n, (left, right) = actuators, steering
         self._places = {
             "wheel_torque": list(wheels),
-            "steering_torque": [left, right],
+            "left_torque": [left],
+            "right_torque": [right],
             "wheel_servo": [n + wheel for wheel in wheels],
-            "steering_servo": [left, right, n + left, n + right],
+            "left_servo": [left, n + left],
+            "right_servo": [right, n + right],
         }
         self._desired = self.DeclareDiscreteState(2 * n)
         self._actuation = self.DeclareDiscreteState(n)
@@ -341,8 +346,8 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def _sample(self, context: Context, state: DiscreteValues) -> None:
         for group, names in (
-            (self._actuation, ("wheel_torque", "steering_torque")),
-            (self._desired, ("wheel_servo", "steering_servo")),
+            (self._actuation, ("wheel_torque", "left_torque", "right_torque")),
+            (self._desired, ("wheel_servo", "left_servo", "right_servo")),
         ):
             held = state.get_mutable_value(group)
             for name in names:

@@ -2,10 +2,10 @@
 
 from pydrake.systems.framework import BasicVector, Context, Diagram, System
 
-from mirdrake.vehicles.spec import RuntimeGain
+from mirdrake.vehicles.spec import STEERING_LOOPS, RuntimeGain
 
-_BLOCKS = (("speed_pid",), ("wheel_loops", "pedal_loop"), ("steering_loops",))
-"""Blocks that hold the gains of each group; a vehicle has one of them."""
+_BLOCKS = (("speed_pid",), ("wheel_loops", "pedal_loop"), STEERING_LOOPS)
+"""Blocks that hold the gains of each group; a vehicle has one or both of them."""
 
 
 def set_gain(control: System, context: Context, gain: RuntimeGain, value: float) -> None:
@@ -17,17 +17,19 @@ def set_gain(control: System, context: Context, gain: RuntimeGain, value: float)
         gain: which gain.
         value: in its unit; finite and not negative.
     """
-    _parameter(control, context, gain).SetAtIndex(gain.index, value)
+    for parameter in _parameters(control, context, gain):
+        parameter.SetAtIndex(gain.index, value)
 
 
 def get_gain(control: System, context: Context, gain: RuntimeGain) -> float:
     """Return a gain of the Context of the whole diagram."""
-    return float(_parameter(control, context, gain).GetAtIndex(gain.index))
+    return float(_parameters(control, context, gain)[0].GetAtIndex(gain.index))
 
 
-def _parameter(control: System, context: Context, gain: RuntimeGain) -> BasicVector:
-    system, group = control, gain.group
+def _parameters(control: System, context: Context, gain: RuntimeGain) -> list[BasicVector]:
+    """Return the parameters that hold a gain: one, or one for each steering joint."""
+    systems, group = [control], gain.group
     if isinstance(control, Diagram):
-        names = next(name for name in _BLOCKS[gain.group] if control.HasSubsystemNamed(name))
-        system, group = control.GetSubsystemByName(names), 0
-    return system.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(group)
+        systems = [control.GetSubsystemByName(name) for name in _BLOCKS[group] if control.HasSubsystemNamed(name)]
+        group = 0
+    return [system.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(group) for system in systems]

@@ -46,7 +46,9 @@ WHEEL_SPEEDS = signals(*((name, "rad/s") for name in WHEELS))
 SPEED_RATIOS = signals(*((name, "") for name in WHEELS))
 """Speeds of the wheel centres along their wheels over that of the rear axle's centre."""
 
-STEERING_ANGLES = signals(("left", "rad"), ("right", "rad"))
+SIDES = ("left", "right")
+
+STEERING_ANGLES = signals(*((side, "rad") for side in SIDES))
 """Angles of the two front wheels about their kingpins, positive to the left."""
 
 PATH_ERROR = signals(

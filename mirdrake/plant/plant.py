@@ -45,6 +45,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.drake_log import filter_drake_log
 from mirdrake.core.errors import ConfigError, ModelError
+from mirdrake.core.vectors import SIDES
 from mirdrake.core.yaml_io import Period, Schema, Speed
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.plant.obstacles import PropsInPlant, add_props, terrain_of
@@ -55,8 +56,6 @@ from mirdrake.tyres.vertical import VerticalTyre
 from mirdrake.vehicles import WHEELS, Vehicle, load_vehicle, make_package_map
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.scenery import scenery
-
-SIDES = ("left", "right")
 
 PARKING_STIFFNESS = 1e7
 """Stiffness of a parking brake [N m/rad]: a car of 2 t on a slope of 5 degrees moves by 0.01 mm."""
@@ -331,7 +330,7 @@ def add_vehicle(
     wheel_actuators = tuple(actuators[joint.index()] for joint in wheels)
     steering_actuators = tuple(actuators[joint.index()] for joint in steering)
 
-    wheel_gains, driven = vehicle.control.wheel_speed.servo_gains(), vehicle.spec.driven_wheels()
+    wheel_gains, driven = vehicle.control.wheel_servo(), vehicle.spec.driven_wheels()
     for wheel, actuator in zip(WHEELS, wheel_actuators, strict=True):
         if parked:
             actuator.set_controller_gains(PdControllerGains(p=PARKING_STIFFNESS, d=PARKING_STIFFNESS / 100.0))
@@ -343,11 +342,9 @@ def add_vehicle(
         if rotor > 0.0 and not parked:
             actuator.set_default_gear_ratio(1.0)
             actuator.set_default_rotor_inertia(rotor)
-    steering_gains = vehicle.control.steering.servo_gains()
-    if steering_gains is not None:
-        for actuator in steering_actuators:
-            gains = PdControllerGains(p=steering_gains.stiffness, d=steering_gains.damping)
-            actuator.set_controller_gains(gains)
+    for servo, actuator in zip(vehicle.control.steering_servos(), steering_actuators, strict=True):
+        if servo is not None:
+            actuator.set_controller_gains(PdControllerGains(p=servo.stiffness, d=servo.damping))
 
     # Contact shapes of the tyres, and their compression.
     tyres, turning = [], not vehicle.spec.tyres.has_law

@@ -14,7 +14,7 @@ from mirdrake.core.errors import did_you_mean
 from mirdrake.core.yaml_io import Acceleration, Angle, AngularRate, Duration, Frequency, Length, Schema, Speed
 from mirdrake.tyres import TyreSpec
 from mirdrake.vehicles.chassis_spec import Aerodynamics, Suspension, SuspensionJoints, WheelJoints
-from mirdrake.vehicles.joint_control import JointControl, SteeringControl, WheelSpeedControl
+from mirdrake.vehicles.joint_control import JointControl, ServoGains, SteeringControl, WheelSpeedControl
 from mirdrake.vehicles.powertrain_spec import Actuators, Brakes, Pedals, Powertrain
 
 Drive = Literal["front", "rear", "all"]
@@ -159,9 +159,21 @@ class RuntimeGain:
 
 
 ControlBlockName = Literal[
-    "dead_man", "acceleration_limit", "steering_rate_limit", "steering_actuator", "ackermann", "speed_pid"
+    "dead_man",
+    "acceleration_limit",
+    "steering_rate_limit",
+    "steering_actuator",
+    "ackermann",
+    "speed_pid",
+    "wheel_loops",
+    "left_steering_loop",
+    "right_steering_loop",
 ]
-"""Blocks of the control unit that `disable` may name; the loops of the joints have kind external instead."""
+"""Blocks of the control unit that `disable` may name."""
+
+STEERING_LOOPS: tuple[ControlBlockName, ControlBlockName] = ("left_steering_loop", "right_steering_loop")
+JOINT_LOOPS: tuple[ControlBlockName, ...] = ("wheel_loops", *STEERING_LOOPS)
+"""Blocks that Drake's servos belong to."""
 
 
 class ControlSpec(Schema):
@@ -181,8 +193,17 @@ class ControlSpec(Schema):
 
     def disabled_blocks(self) -> list[str]:
         """Return the blocks of the control unit that are left out: `disable`, and joint loops of kind external."""
-        joints = {"wheel_loops": self.wheel_speed, "steering_loops": self.steering}
+        steering = {name: self.steering for name in STEERING_LOOPS}
+        joints: dict[ControlBlockName, JointControl] = {"wheel_loops": self.wheel_speed, **steering}
         return [*self.disable, *(name for name, loop in joints.items() if loop.is_external)]
+
+    def wheel_servo(self) -> ServoGains | None:
+        """Return the gains of Drake's servos of the wheels; None: they have none."""
+        return None if "wheel_loops" in self.disable else self.wheel_speed.servo_gains()
+
+    def steering_servos(self) -> list[ServoGains | None]:
+        """Return the gains of Drake's servo of the left and right steering joint; None: the joint has none."""
+        return [None if name in self.disable else self.steering.servo_gains() for name in STEERING_LOOPS]
 
     def gains(self) -> list["RuntimeGain"]:
         """Return the gains that may change while a simulation runs, in the order of the control unit's parameters.

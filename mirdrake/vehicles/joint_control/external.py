@@ -8,7 +8,8 @@ from mirdrake.vehicles.joint_control.base import JointControl
 class External(JointControl):
     """The torques of the joints are an input of the diagram, for your own controller.
 
-    A diagram connects ``<vehicle>.control.wheel_loops.torque`` or ``<vehicle>.control.steering_loops.torque``.
+    A diagram connects ``<vehicle>.control.wheel_loops.torque``, or ``<vehicle>.control.left_steering_loop.torque`` and
+    ``<vehicle>.control.right_steering_loop.torque``.
     """
 
     is_external: ClassVar[bool] = True
