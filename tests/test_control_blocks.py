@@ -61,7 +61,9 @@ def test_the_same_over_vehicles_contacts_and_drives(vehicle, contact, drive):
 def test_a_diagram_for_python_has_the_blocks_and_their_ports():
     control = make_diagram("bolt_test_track").GetSubsystemByName("ego.control")
     names = [system.get_name() for system in control.GetSystems()]
-    assert {"dead_man", "acceleration_limit", "speed_pid", "ackermann", "wheel_loops", "left_steering_loop"} <= set(names)
+    assert {"dead_man", "acceleration_limit", "speed_pid", "ackermann", "wheel_loops", "left_steering_loop"} <= set(
+        names
+    )
     assert control.HasOutputPort("speed_pid.error")
     assert control.HasOutputPort("ackermann.left")
 

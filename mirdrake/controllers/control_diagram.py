@@ -2,10 +2,10 @@
 
 ::
 
-    command ─ dead_man ┬ acceleration_limit ┬ speed_pid ─ wheel_speeds ─ wheel_loops ────────┬ actuators ─► desired_state
-                       │                    └ (or) pedal_loop ───────────────────────────────┤              actuation
-                       └ steering_rate_limit ─ steering_actuator ─ ackermann ┬ left_steering_loop           status
-                                                                             └ right_steering_loop          pedals
+    command ─ dead_man ┬ acceleration_limit ┬ speed_pid ─ wheel_speeds ─ wheel_loops ───────┬ actuators ─► desired_state
+                       │                    └ (or) pedal_loop ──────────────────────────────┤              actuation
+                       └ steering_rate_limit ─ steering_actuator ─ ackermann ┬ left_steering_loop          status
+                                                                             └ right_steering_loop         pedals
     plant_state ─ measurements ─ (to all that measure)
 
 :func:`expand_control` makes it from a :class:`~mirdrake.controllers.VehicleControl`. A block can be replaced by another

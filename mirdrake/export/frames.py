@@ -14,6 +14,7 @@ from pydrake.multibody.tree import Joint, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.core.recording.parts import read_groups
+from mirdrake.core.vectors import SIDES
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant
 from mirdrake.runs.logs import SIGNALS, Run
 from mirdrake.vehicles import WHEELS

@@ -193,7 +193,7 @@ class ControlSpec(Schema):
 
     def disabled_blocks(self) -> list[str]:
         """Return the blocks of the control unit that are left out: `disable`, and joint loops of kind external."""
-        steering = {name: self.steering for name in STEERING_LOOPS}
+        steering = dict.fromkeys(STEERING_LOOPS, self.steering)
         joints: dict[ControlBlockName, JointControl] = {"wheel_loops": self.wheel_speed, **steering}
         return [*self.disable, *(name for name, loop in joints.items() if loop.is_external)]
 
