@@ -66,6 +66,13 @@ KINDS: dict[str, Kind] = {
         "tuning/1",
         "mirdrake.tuning.spec:load_tuning",
     ),
+    "learning": Kind(
+        "mirdrake.learning.spec:LearningSpec",
+        "learning.yaml",
+        "a network that learns to drive, learning/1",
+        "learning/1",
+        "mirdrake.learning.spec:load_learning",
+    ),
     "data": Kind(
         "mirdrake.identification.spec:DataSpec",
         "data.yaml",

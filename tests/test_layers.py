@@ -15,15 +15,15 @@ STAGES = {
     "ground": 1, "readers": 1, "tyres": 1, "vehicles": 1, "worlds": 1,
     "plant": 2,
     "controllers": 3,
-    "sensors": 4, "single_track": 4,
+    "networks": 4, "sensors": 4, "single_track": 4,
     "assembly": 5, "batched": 5,
     "runs": 6, "schemas": 6,
     "execution": 7, "gym": 7, "manoeuvres": 7, "requirements": 7,
     "identification": 8, "studies": 8, "suites": 8,
     "tuning": 9, "world_checks": 9,
     "builder": 10, "export": 10, "importing": 10, "viewer": 10,
-    "editor": 11, "report": 11,
-    "__init__": 12, "__main__": 12, "cli": 12, "workflow": 12, "world_files": 12,
+    "editor": 11, "learning": 11, "report": 12,
+    "__init__": 13, "__main__": 13, "cli": 13, "workflow": 13, "world_files": 13,
 }  # fmt: skip
 DATA_FOLDERS = {"models", "worlds", "diagrams", "studies", "notebooks", "benchmarks", "tests", "tools", "runs"}
 MODULES = sorted(PACKAGE.rglob("*.py"))

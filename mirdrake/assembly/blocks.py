@@ -23,9 +23,10 @@ from pydrake.systems.primitives import (
 )
 
 from mirdrake.controllers import DiscretePid, PidGains, PidLimits
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
 from mirdrake.core.user_systems import construct, make_user_system
 from mirdrake.core.yaml_io import Duration, Period, Schema, Source, validate
+from mirdrake.networks import NetworkBlock
 
 
 class ConstantBlock(Schema):
@@ -151,6 +152,7 @@ BLOCKS: dict[str, type[Schema]] = {
     "gain": GainBlock,
     "hold": HoldBlock,
     "low_pass": LowPassBlock,
+    "network": NetworkBlock,
     "pid": PidBlock,
     "saturation": SaturationBlock,
     "sine": SineBlock,
@@ -188,6 +190,6 @@ def make_block(
     spec = validate(dict(parameters), BLOCKS[kind], source)
     try:
         system: System = spec.make()  # type: ignore[attr-defined]
-    except ConfigError as error:
-        raise ConfigError(f"{source.where()}: {error}") from None
+    except (ConfigError, MissingDependencyError) as error:
+        raise type(error)(f"{source.where()}: {error}") from None
     return system

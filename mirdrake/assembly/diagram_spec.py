@@ -9,14 +9,14 @@ import os
 from collections.abc import Iterable, Mapping
 from datetime import date, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import BeforeValidator, ConfigDict, Field, field_validator
 
 from mirdrake.controllers.drivers import DriverSpec
 from mirdrake.core.paths import find, resolved
 from mirdrake.core.recording.pictures import parse_start
-from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, load_yaml, validate
+from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, load_yaml, validate, where
 from mirdrake.plant.plant import PlantSpec
 from mirdrake.vehicles.vehicle import VARIANT_MARK
 from mirdrake.worlds import World, load_world
@@ -171,6 +171,35 @@ class DiagramSpec(Schema):
         return value
 
 
+class Connection(NamedTuple):
+    """A connection that a diagram file makes.
+
+    Attributes:
+        source: output port, or an element of one.
+        sink: input port, or an element of one.
+        place: ``file:line: path`` of its entry, for errors.
+    """
+
+    source: str
+    sink: str
+    place: str
+
+
+def connections_of(spec: DiagramSpec) -> list[Connection]:
+    """Return the pairs of `connect`, and the pictures that blocks take by their key `image`.
+
+    The image of a block is the colours of a camera, or any output port by its full name.
+    """
+    pairs = [Connection(*pair, where(spec, "connect", index)) for index, pair in enumerate(spec.connect)]
+    cameras = {f"{name}.{sensor}" for name, sensors in spec.sensors.items() for sensor in sensors}
+    for name, entry in spec.systems.items():
+        image = entry.parameters().get("image")
+        if ":" not in entry.kind and isinstance(image, str):
+            source = f"{image}.color_image" if image in cameras else image
+            pairs.append(Connection(source, f"{name}.image", where(spec, "systems", name, "image")))
+    return pairs
+
+
 def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
     """Return a diagram without the user's own systems and drivers, and what was left out, a line each.
 
@@ -219,14 +248,23 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
     for entry in spec.vehicles.values():
         model, mark, variant = entry.model.partition(VARIANT_MARK)
         entry.model = f"{_absolute(model, path.parent)}{mark}{variant}"
+    for system in spec.systems.values():
+        if ":" not in system.kind and isinstance(file := system.parameters().get("file"), str):
+            system.__pydantic_extra__["file"] = _absolute(file, path.parent, always=True)
     for driver in spec.control.values():
         driver.resolve_paths(path.parent)
     return spec
 
 
-def _absolute(name: str, folder: Path) -> str:
-    """Return a path as an absolute one, relative to the folder if it exists there; a bare name unchanged."""
-    if os.sep not in name and not name.endswith((".yaml", ".yml")):
+def _absolute(name: str, folder: Path, *, always: bool = False) -> str:
+    """Return a path as an absolute one, relative to the folder if it exists there; a bare name unchanged.
+
+    Args:
+        name: a path, or a bare name.
+        folder: folder of the diagram file.
+        always: whether a bare name is a path, too.
+    """
+    if not always and os.sep not in name and not name.endswith((".yaml", ".yml")):
         return name
     for path in (folder / name, Path(name)):
         if path.exists():

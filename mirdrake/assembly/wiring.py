@@ -7,8 +7,9 @@ from typing import Any
 
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, PortDataType, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
+from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
-from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.diagram_spec import DiagramSpec, connections_of
 from mirdrake.controllers.control_diagram import ControlDiagram
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import Signal, signals_of
@@ -81,9 +82,8 @@ class Wiring:
     def connect(self) -> None:
         """Make the user's connections, then the default ones whose input is still open."""
         taken: dict[str, str] = {}
-        for index, (given_source, given_sink) in enumerate(self.spec.connect):
+        for given_source, given_sink, place in connections_of(self.spec):
             source, sink = self._full_name(given_source, self.sources), self._full_name(given_sink, self.sinks)
-            place = where(self.spec, "connect", index)
             output, given = self._find(source, self.sources, self.sinks, place, "output", "write it second")
             port, wanted = self._find(sink, self.sinks, self.sources, place, "input", "write it first")
             # A whole port and its elements exclude each other.
@@ -208,6 +208,8 @@ class Wiring:
             kinds = {PortDataType.kVectorValued: "a vector", PortDataType.kAbstractValued: "an abstract value"}
             given, taken = kinds[port.get_data_type()], kinds[taking.get_data_type()]
             raise ConfigError(f"{place}: '{source}' gives {given}, '{sink}' takes {taken}")
+        if port.get_data_type() == PortDataType.kAbstractValued:
+            _check_images(source, port, sink, taking, place)
         if port.get_data_type() == PortDataType.kVectorValued and size != taken_size:
             hint = ""
             if taken_size == 1 and contents:
@@ -253,6 +255,28 @@ def _port_of(name: str, ports: Mapping[str, Any]) -> str:
         if (port := ".".join(parts[:count])) in ports:
             return port
     return ""
+
+
+def _check_images(source: str, port: OutputPort, sink: str, taking: InputPort, place: str) -> None:
+    """Check that an input of pictures of a fixed size gets pictures of this kind and size."""
+    given = port.Allocate().get_value()
+    wanted = taking.get_system().AllocateInputAbstract(taking).get_value()
+    if not (hasattr(wanted, "width") and hasattr(wanted, "height")):
+        return
+    if type(given) is not type(wanted):
+        raise ConfigError(f"{place}: '{source}' gives {_noun(given)}, '{sink}' takes {_noun(wanted)}")
+    have, want = (given.width(), given.height()), (wanted.width(), wanted.height())
+    if want != (0, 0) and have != want:
+        raise ConfigError(
+            f"{place}: '{source}' gives pictures of {have[0]} x {have[1]} pixels, '{sink}' takes {want[0]} x "
+            f"{want[1]}; set width and height of the camera under vehicles.<name>.mounts"
+        )
+
+
+def _noun(value: Any) -> str:
+    """Return what the value of an abstract port is, for errors."""
+    nouns = {ImageRgba8U: "colours", ImageDepth32F: "depths", ImageLabel16I: "labels"}
+    return nouns.get(type(value), "a value of another type")
 
 
 def _part(entry: tuple[Any, tuple[Signal, ...] | None], element: str | None) -> tuple[Any, tuple[Signal, ...], int]:

@@ -34,6 +34,11 @@ examples:
   mirdrake tune studies/bolt_speed.yaml --out runs/bolt_speed
   mirdrake tune apply runs/bolt_speed --dry-run"""
 
+_LEARN = """\
+examples:
+  mirdrake learn clone clone_bolt --out runs/clone
+  mirdrake learn clone studies/clone_bolt.yaml --set rounds=2"""
+
 VERBS = {
     "run": Verb("simulate a diagram and write a run folder", "run"),
     "drive": Verb("drive a vehicle by hand in real time, in a browser", "drive"),
@@ -59,6 +64,13 @@ VERBS = {
     "completion": Verb("print a script that completes verbs, names and ports in the shell", "completion"),
     "import": Verb("make a vehicle folder from the URDF, xacro or SDF of a ROS or Gazebo package", "importing"),
     "inspect": Verb("print mass, axle loads, dimensions, inertia, joints and sensors of a vehicle", "inspect"),
+    "learn": Verb(
+        "train networks that drive",
+        more=_LEARN,
+        verbs={
+            "clone": Verb("teach a network to drive from an expert: pictures, training, drive, report", "learn_clone")
+        },
+    ),
     "new": Verb("write a new vehicle folder from a few dimensions", "new"),
     "schema": Verb("JSON Schema of a kind of YAML file, for completion and checks in editors", "schema"),
     "study": Verb("run a study: many variations of one diagram, on all cores or on a cluster", "study"),
@@ -105,6 +117,7 @@ Model, simulate, identify and tune car-like vehicles with Drake.
   mirdrake validate bolt                simulated figures beside published figures of the real car
   mirdrake tune studies/bolt_speed.yaml gains for a loop, with margins and Monte Carlo; tune apply writes them
   mirdrake identify study.yaml          parameters from recorded drives; identify check LOG checks a log first
+  mirdrake learn clone clone_bolt       teach a network to drive from the pictures of a camera
   mirdrake study study.yaml             many variations of a diagram over all cores, resumable
   mirdrake world test parking_lot       run the tests of a world in parallel; pass or fail
 

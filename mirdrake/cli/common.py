@@ -156,7 +156,7 @@ def kind_of(name: str) -> str:
         from mirdrake.schemas import format_of
 
         kinds = {"world": "worlds", "diagram": "diagrams", "study": "studies", "tuning": "studies"}
-        return (kinds | {"identification": "studies"}).get(format_of(path), "files")
+        return (kinds | {"identification": "studies", "learning": "studies"}).get(format_of(path), "files")
     for kind in ("worlds", "diagrams", "studies"):
         if name in names(kind):
             return kind

@@ -37,6 +37,7 @@ _FOLDERS = {
     "view": ("models", "worlds", "diagrams"),
     "study": ("studies",),
     "tune": ("studies",),
+    "clone": ("studies",),
     "world": ("worlds",),
 }
 """Kinds of names that a verb takes."""

@@ -44,6 +44,9 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
             content[f"{name}.commands"] = digest_data({"rows": driver.schedule().rows})
     for name, system in assembly.user_systems().items():
         content[name] = digest_data({"source": _source_text(system)})
+    for name, entry in assembly.spec.systems.items():
+        if entry.kind == "network":
+            content[name] = assembly.diagram.GetSubsystemByName(name).sha256
     versions = {name: installed_version(name) or "not installed" for name in ("mirdrake", "drake", "numpy")}
     versions["python"] = platform.python_version()
     digest = digest_data({"spec": data, "content": content})

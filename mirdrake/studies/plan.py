@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
@@ -94,7 +94,7 @@ def make_plan(spec: StudySpec) -> Plan:
     Raises:
         ConfigError, ModelError, WorldError: ``file:line: path: what is wrong``.
     """
-    diagram = _read_diagram(spec)
+    diagram = read_diagram(spec)
     assembly = _assemble(diagram)
     data = diagram.model_dump(mode="json")
     data.pop("provenance", None)
@@ -136,7 +136,20 @@ def put(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     return result  # type: ignore[no-any-return]
 
 
-def _read_diagram(spec: StudySpec) -> DiagramSpec:
+class DiagramStudy(Protocol):
+    """A study file that names a diagram and changes it."""
+
+    diagram: str | dict[str, Any]
+    overrides: dict[str, Any]
+    _source: Source | None
+
+
+def read_diagram(spec: DiagramStudy) -> DiagramSpec:
+    """Return the diagram of a study with the changes for all of its runs.
+
+    Raises:
+        ConfigError: there is no such diagram, or it has faults.
+    """
     location = where(spec, "diagram")
     if isinstance(spec.diagram, str):
         try:

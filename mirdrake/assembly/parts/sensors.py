@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.diagram_spec import DiagramSpec, connections_of
 from mirdrake.assembly.wiring import Wiring
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import signals_of
@@ -61,7 +61,7 @@ def add_sensors(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
                 f"{where(spec, 'sensors', part.name, index)}: '{name}' is the name of an output of every vehicle; "
                 f"rename the mount in {part.vehicle.folder / 'sensors.yaml'}"
             )
-        unread = not any(source.startswith(f"{name}.") for source, _ in spec.connect)
+        unread = not any(source.startswith(f"{name}.") for source, _, _ in connections_of(spec))
         if part.vehicle.sensors.mounts[sensor].takes_pictures and unread and not spec.record.cameras:
             continue
         system = make_sensor(sensor, parts=parts, part=part, seed=spec.seed)
