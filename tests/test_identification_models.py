@@ -15,6 +15,13 @@ from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.shooting import make_shots, simulate
+from mirdrake.identification.models.single_track_equations import (
+    TrackInputs,
+    TrackState,
+    accelerations,
+    axle_forces,
+    lateral_force,
+)
 from mirdrake.identification.models import MODELS, ModelSpec, make_model
 from mirdrake.identification.models.filters import backlash, first_order, second_order, smooth_between
 from mirdrake.identification.parameters import Setting, resolve_parameters
@@ -29,6 +36,11 @@ HELD = {name: Setting(fixed=value) for name, value in KNOWN.items()} | {"acceler
 
 def single_track(**options):
     return make_model(ModelSpec("single_track", options), lateral_data(), KNOWN)
+
+
+def forces_of(model, x, u, p, slips=(0.0, 0.0)):
+    """Return the lateral forces of the axles."""
+    return axle_forces(model._flags([p]), model._numbers(p), model._states_of(x), TrackInputs(*u), *slips)
 
 
 def test_single_track_equals_equations_written_independently():
@@ -46,6 +58,7 @@ def test_single_track_equals_equations_written_independently():
 @pytest.mark.parametrize("count", [1, 7])
 def test_shots_form_one_trajectory(count):
     model = single_track(tyres="fiala")
+    model.has_machine_code = False  # which needs no shots
     p = {info.name: info.guess for info in model.parameters}
     (drive,), _ = make_segments(model, lateral_data().logs)
     shots = make_shots(model, drive, p)
@@ -214,7 +227,7 @@ def test_the_air_moves_load_to_the_rear():
     p |= {"load_transfer": 0.3, "drag": 0.5, "mass": 1500.0}
     state, inputs = np.zeros(7), np.array([0.0, 20.0, 0.0, 0.0, 0.0])
     state[4:6] = -0.01, -0.01  # slips
-    calm, windy = (model._forces(state, inputs, (0.0, 0.0), p | {"drag": drag}) for drag in (0.0, 0.5))
+    calm, windy = (forces_of(model, state, inputs, p | {"drag": drag}) for drag in (0.0, 0.5))
     weight = 1500.0 * 9.80665
     assert windy[0] / calm[0] == pytest.approx(1.0 - 60.0 / (weight * REAR))
     assert windy[1] / calm[1] == pytest.approx(1.0 + 60.0 / (weight * FRONT))
@@ -230,7 +243,8 @@ def test_longitudinal_force_of_the_front_axle_follows_its_wheels():
 
     def side(rate, **shares):
         inputs = np.array([0.05, 20.0, rate, 0.0, 0.0])
-        return model._motion(np.zeros(7), inputs, p | shares, (0.0, 0.0))[0]
+        numbers = model._numbers(p | shares)
+        return accelerations(model._flags([p]), numbers, TrackState(), TrackInputs(*inputs), 0.0, 0.0)[0]
 
     drives, brakes = {"front_drive": 1.0, "front_brake": 0.0}, {"front_drive": 0.0, "front_brake": 0.6}
     assert side(0.2, **drives) - side(0.2, **brakes) == pytest.approx(500.0 * math.sin(0.05) / 1500.0)
@@ -248,19 +262,20 @@ def test_a_lateral_velocity_measured_on_the_roof_contains_roll():
 
 
 def test_fiala_force_is_that_of_the_reduced_model():
-    model = single_track(tyres="fiala")
-    p = {"cornering_stiffness_front": 90e3, "friction_front": 0.8}
+    flags = single_track(tyres="fiala")._flags([{}])
     slip = np.linspace(-0.4, 0.4, 41)
-    ours = model._force("front", slip, 8000.0, p)
+    ours = lateral_force(flags, slip, 8000.0, 0.0, 90e3, 0.8, 0.0, 0.0)
     theirs = [brush_lateral_force(np.tan(tangent), 90e3, 6400.0) for tangent in slip]
     assert ours == pytest.approx(np.array(theirs), rel=1e-9, abs=1e-6)
 
 
 def test_magic_formula_has_its_slope_and_its_peak():
-    model = single_track(tyres="magic_formula")
-    p = {"cornering_stiffness_front": 90e3, "friction_front": 0.8, "shape_front": 1.4, "curvature_front": 0.0}
-    assert model._force("front", np.array([1e-6]), 8000.0, p)[0] == pytest.approx(-0.09, rel=1e-5)
-    assert np.min(model._force("front", np.linspace(0.0, 1.0, 2001), 8000.0, p)) == pytest.approx(-6400.0, rel=1e-4)
+    flags = single_track(tyres="magic_formula")._flags([{}])
+    small, forces = (
+        lateral_force(flags, slip, 8000.0, 0.0, 90e3, 0.8, 1.4, 0.0) for slip in (1e-6, np.linspace(0.0, 1.0, 2001))
+    )
+    assert small == pytest.approx(-0.09, rel=1e-5)
+    assert np.min(forces) == pytest.approx(-6400.0, rel=1e-4)
 
 
 def test_lag_and_second_order_are_exact_for_straight_lines():
@@ -381,16 +396,16 @@ def test_braking_tyres_have_less_lateral_force(tyres):
     p = {info.name: info.guess for info in model.parameters} | {"front_drive": 1.0, "front_brake": 0.6}
     p |= {"friction_front": 0.9, "friction_rear": 0.8, "shape_front": 1.0, "shape_rear": 1.0, "mass": 1500.0}
     loads = [1500.0 * 9.80665 * arm / (FRONT + REAR) for arm in (REAR, FRONT)]
-    slips = (np.array(-1.5), np.array(-1.5))  # all of the contact slides
+    slips = (-1.5, -1.5)  # all of the contact slides
     inputs = np.array([0.0, 20.0, -5.0, 0.0, 0.0])
-    forces = model._forces(np.zeros(2), inputs, slips, p)
+    forces = forces_of(model, np.zeros(2), inputs, p, slips)
     expected = [math.sqrt((0.9 * loads[0]) ** 2 - 4500.0**2), math.sqrt((0.8 * loads[1]) ** 2 - 3000.0**2)]
     assert forces == pytest.approx(expected, rel=0.02 if tyres == "magic_formula" else 1e-9)
-    locked = model._forces(np.zeros(2), inputs * 10.0, slips, p)
+    locked = forces_of(model, np.zeros(2), inputs * 10.0, p, slips)
     assert locked[0] == pytest.approx(0.3 * 0.9 * loads[0], rel=0.02)
 
 
-def test_a_segment_in_shots_equals_one_shot():
+def test_a_segment_in_shots_equals_one_shot_and_the_machine_code():
     """Gaps between shots are closed to first order at the end: the rest is far below the resolution of any sensor."""
     model = make_model(ModelSpec("single_track", {"tyres": "magic_formula", "relaxation": True}), lateral_data(), KNOWN)
     (drive,), _ = make_segments(model, lateral_data().logs, None)
@@ -398,10 +413,18 @@ def test_a_segment_in_shots_equals_one_shot():
     shots = make_shots(model, drive, p)
     assert shots.count > 20
     first = shots.nodes[:, 0].copy()
-    many = simulate(model, shots, [p], first, derivatives=False)
+    stiffer = p | {"cornering_stiffness_front": p["cornering_stiffness_front"] * (1.0 + 1e-5)}
+    compiled = simulate(model, shots, [p, stiffer], first, changes=1e-5)
+    model.has_machine_code = False
+    many = simulate(model, shots, [p, stiffer], first, changes=1e-5)
     whole = replace(shots, count=1, length=drive.size, nodes=first[:, None])
     unsplit = simulate(model, whole, [p], first, derivatives=False)
     assert many is not None
     assert unsplit is not None
-    for y, whole_y in zip(many.y, unsplit.y, strict=True):
+    assert compiled is not None
+    for y, whole_y, compiled_y in zip(many.y, unsplit.y, compiled.y, strict=True):
         assert y == pytest.approx(whole_y, abs=1e-7 * float(np.ptp(whole_y)))
+        assert compiled_y == pytest.approx(whole_y, abs=1e-7 * float(np.ptp(whole_y)))
+    for name in ("by_parameters", "by_start", "last_by"):
+        theirs = getattr(many, name)
+        assert getattr(compiled, name) == pytest.approx(theirs, abs=1e-4 * float(np.abs(theirs).max()))

@@ -74,7 +74,8 @@ def compiled(
 
     Args:
         function: the function.
-        law: its first argument, or its first three, if these are functions; the compiled function does not have them.
+        law: its first argument, or its first two or three, if these are functions; the compiled function does not have
+            them.
         parts: functions that these call, directly or indirectly.
         nogil: whether other threads of Python run meanwhile.
     """
@@ -104,13 +105,17 @@ def _compiled(
         _ = version
         return function(first, *arguments)
 
+    def call_with_two(*arguments: Any) -> Any:
+        _ = version
+        return function(first, second, *arguments)
+
     def call_with_three(*arguments: Any) -> Any:
         _ = version
         return function(first, second, third, *arguments)
 
     # Numba resolves functions in the closure at compile time only if each is a variable of its own.
     first, second, third = (*laws, None, None, None)[:3]
-    calling: Callable[..., Any] = {0: call, 1: call_with_law, 3: call_with_three}[len(laws)]
+    calling: Callable[..., Any] = (call, call_with_law, call_with_two, call_with_three)[len(laws)]
     try:
         compiling: Callable[..., Any] = njit(cache=True, nogil=nogil)(calling)
     except RuntimeError:  # no folder is writable

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
@@ -10,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mirdrake.batched.log_runs import LogRuns
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import Schema, Source
 from mirdrake.identification.data import DataSet
@@ -189,6 +190,7 @@ class Model(ABC):
         kind: key in the registry.
         Options: schema of the options.
         uses_steering_guess: whether slow turns give the first guess of steering ratio and offset.
+        has_machine_code: whether :meth:`run_log` is available.
         title: kind and options in words.
         parameters: all parameters.
         states: names of the states.
@@ -204,6 +206,7 @@ class Model(ABC):
     kind: ClassVar[str]
     Options: ClassVar[type[ModelOptions]] = ModelOptions
     uses_steering_guess: ClassVar[bool] = False
+    has_machine_code: ClassVar[bool] = False
     title: str
     parameters: tuple[Parameter, ...]
     states: tuple[str, ...]
@@ -272,6 +275,22 @@ class Model(ABC):
     @abstractmethod
     def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
         """Return guesses of the states at samples of a segment (states, rows), from the measurements."""
+
+    def run_log(
+        self, columns: Sequence[Mapping[str, float]], inputs: Array, rows: Sequence[int], starts: Array, step: float,
+        substeps: int,
+    ) -> LogRuns:  # fmt: skip
+        """Return complete runs along a log by machine code; only if :attr:`has_machine_code`.
+
+        Args:
+            columns: parameters of each run (n).
+            inputs: sets of inputs at the ends and middles of the steps (sets, times, inputs).
+            rows: index of the inputs of each run (n).
+            starts: initial states (n, states).
+            step: step of the integration [s].
+            substeps: steps per sample.
+        """
+        raise NotImplementedError
 
     def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Return physically meaningful combinations of parameters: value and unit by name."""

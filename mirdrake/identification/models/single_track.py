@@ -61,6 +61,7 @@ import math
 import warnings
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -68,6 +69,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.ndimage import gaussian_filter1d
 
+from mirdrake.batched.log_runs import LogRuns, run_log
+from mirdrake.core.compiled import records
 from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.data import DataSet
 from mirdrake.identification.models.additions import single_track_additions
@@ -86,6 +89,8 @@ from mirdrake.identification.models.base import (
     select_outputs,
 )
 from mirdrake.identification.models.manoeuvres import lateral_manoeuvres
+from mirdrake.identification.models import single_track_equations as equations
+from mirdrake.identification.models.single_track_equations import TrackFlags, TrackInputs, TrackState
 from mirdrake.identification.models.single_track_parameters import DELAYS, RELAXATION, single_track_parameters
 from mirdrake.identification.models.steer import SETPOINT_DELAY, STEERING, STEERING_PARAMETERS, steering_angle
 from mirdrake.identification.parameters import Setting
@@ -94,11 +99,8 @@ from mirdrake.vehicles import Vehicle
 AXLES = ("front", "rear")
 
 _FROUDE = 0.2  # speed of the kinematic motion over sqrt(g L) [1]
-_BLEND = 0.05  # time constant of the kinematic motion [s]
 _STEP = 0.03  # step of the integration over sqrt(L / g) [1]
 _SMOOTHING = 0.1  # smoothing of the speed before it is differentiated [s]
-_MIN_LOAD = 0.1  # least load of an axle over its static load [1]
-_MIN_GRIP = 0.3  # least lateral friction over friction, however the axle drives or brakes [1]
 _CENTRE = 0.05  # standard deviation of an unknown centre of mass over the wheelbase [1]
 _SIZE = 0.1  # standard deviation of an unknown wheelbase over the wheelbase [1]
 _TRAIL = 0.013  # pneumatic trail over wheelbase [1]: 35 mm for a car
@@ -114,6 +116,19 @@ _ROLL_STEER = 0.05  # slip of an axle over roll: half the camber thrust of the F
 _ROLL_PARAMETERS = {
     "roll_gain", "roll_frequency", "roll_damping", "accelerometer_tilt", "accelerometer_height", "velocity_height",
 }  # fmt: skip
+_NUMBERS = (
+    "mass", "front_length", "rear_length", "cornering_stiffness_front", "cornering_stiffness_rear", "yaw_inertia",
+    "spin_inertia", "steering_inertia", "load_transfer", "drag", "front_drive", "front_brake", "friction_front",
+    "friction_rear", "shape_front", "shape_rear", "curvature_front", "curvature_rear", "relaxation_front",
+    "relaxation_rear", "trail_front", "trail_rear", "steering_compliance", "steering_compliance_time", "camber_moment",
+    "roll_damper_time", "roll_gain", "roll_frequency", "roll_damping", "roll_arm", "wheel_momentum", "roll_moment",
+    "roll_steer", "roll_steer_rear", "accelerometer_ahead", "accelerometer_height", "accelerometer_tilt",
+    "accelerometer_delay", "velocity_ahead", "velocity_height", "velocity_delay",
+)  # fmt: skip
+"""Parameters that the equations use."""
+
+_NUMBERS_TYPE = np.dtype([(name, float) for name in _NUMBERS])
+
 _MIN_TIME = 0.4
 """Least time constant of slip, dampers and steering compliance, over the step of the integration [1]."""
 
@@ -145,6 +160,7 @@ class SingleTrackModel(Model):
     kind = "single_track"
     Options = SingleTrackOptions
     uses_steering_guess = True
+    has_machine_code = True
     rolls_by_default = False
 
     def __init__(
@@ -165,6 +181,7 @@ class SingleTrackModel(Model):
         self._steer = find_channel(channels, STEERING, "the steering", self.kind)
         self._speed = find_channel(channels, SPEED, "the speed", self.kind)
         self.inputs = (self._steer, self._speed)
+        self._speeds: dict[int, tuple[Segment, Array, Array, Array]] = {}
 
         # The states follow from the options and from what is known of the vehicle.
         self._has_damper_lag = bool(self._roll and known.get("roll_damper_time"))
@@ -176,9 +193,11 @@ class SingleTrackModel(Model):
         self.states = tuple(name for name in _SCALES if name not in absent)
         self.state_scales = tuple(_SCALES[name] for name in self.states)
         self._row = {name: row for row, name in enumerate(self.states)}
+        self._state_columns = [TrackState._fields.index(name) for name in self.states]
 
         possible = ["yaw_rate", "lateral_acceleration", "vy", *(("roll", "roll_rate") if self._roll else ())]
         self.outputs = select_outputs(channels, possible, options.outputs, self.kind)
+        self._output_columns = [equations.OUTPUTS.index(name) for name in self.outputs]
         self.input_parameters = STEERING_PARAMETERS
         self.parameters = single_track_parameters(
             known, wheelbase, self._steer, outputs=self.outputs, tyres=self._tyres, roll=self._roll,
@@ -220,175 +239,84 @@ class SingleTrackModel(Model):
         """Return the lateral manoeuvres."""
         return lateral_manoeuvres(p, speed)
 
-    def _state(self, x: Array, name: str) -> Array:
-        """Return one state by name."""
-        return np.asarray(x[self._row[name]])
-
     def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
         """Return road wheel angle [rad], speed [m/s], its rate [m/s²] and the rates of the angle [rad/s, rad/s²]."""
-        speed, step = drive.at(self._speed, times), float(times[1] - times[0])
-        smooth = gaussian_filter1d(speed, max(_SMOOTHING / step, 1e-3), mode="nearest")
+        step = float(times[1] - times[0])
         angle = steering_angle(p, drive, self._steer, times)
         turning = np.gradient(angle, step)
-        return np.stack((angle, speed, np.gradient(smooth, step), turning, np.gradient(turning, step)))
+        return np.stack((angle, *self._speed_signals(drive, times), turning, np.gradient(turning, step)))
 
-    def _slip_angles(self, x: Array, u: Array, p: Values) -> tuple[Array, Array]:
-        """Return the kinematic slip angles, front and rear [rad]."""
-        v = np.maximum(u[1], self._v1)
-        a, b, angle = p["front_length"], p["rear_length"], self._angle(x, u)
-        vy, r = self._state(x, "vy"), self._state(x, "yaw_rate")
-        return np.arctan((vy + a * r) / v) - angle, np.arctan((vy - b * r) / v)
+    def _speed_signals(self, drive: Segment, times: Array) -> tuple[Array, Array]:
+        """Return speed [m/s] and its rate [m/s²]; they do not depend on parameters and are kept for the last times."""
+        kept = self._speeds.get(id(drive))
+        if kept is None or kept[0] is not drive or not np.array_equal(kept[1], times):
+            speed, step = drive.at(self._speed, times), float(times[1] - times[0])
+            smooth = gaussian_filter1d(speed, max(_SMOOTHING / step, 1e-3), mode="nearest")
+            kept = self._speeds[id(drive)] = (drive, times, speed, np.asarray(np.gradient(smooth, step)))
+        return kept[2], kept[3]
 
-    def _angle(self, x: Array, u: Array) -> Array:
-        """Return the road wheel angle with the deflection of a compliant steering [rad]."""
-        return np.asarray(u[0] + self._state(x, "steering_deflection") if self._is_compliant else u[0])
-
-    def _forces(self, x: Array, u: Array, slips: Sequence[Array], p: Values) -> tuple[Array, Array]:
-        """Return the lateral forces of the axles [N]."""
-        a, b, m = p["front_length"], p["rear_length"], p["mass"]
-        alpha = (self._state(x, "slip_front"), self._state(x, "slip_rear")) if self._relaxation else slips
-        if self._roll:
-            roll = self._state(x, "roll")
-            alpha = (alpha[0] - p["roll_steer"] * roll, alpha[1] - p["roll_steer_rear"] * roll)
-        # Stiffness and friction scale with the load, so a force at another load is a scaled force at the static one.
-        loads = [m * (GRAVITY / (a + b)) * arm for arm in (b, a)]
-        moved = p["load_transfer"] / (a + b) * self._total_force(u, p)
-        carried = (np.maximum(1.0 - moved / loads[0], _MIN_LOAD), np.maximum(1.0 + moved / loads[1], _MIN_LOAD))
-        forces = self._longitudinal_forces(u, p)
-        front, rear = (
-            more * self._force(axle, slip, load, p, force / more)
-            for axle, slip, load, force, more in zip(AXLES, alpha, loads, forces, carried, strict=True)
-        )
-        return front, rear
-
-    @staticmethod
-    def _total_force(u: Array, p: Values) -> Array:
-        """Return the longitudinal force of all wheels against inertia and drag [N]."""
-        return np.asarray(p["mass"] * u[2] + p["drag"] * u[1] ** 2)
-
-    def _longitudinal_forces(self, u: Array, p: Values) -> tuple[Array, Array]:
-        """Return the longitudinal forces of the axles, front and rear [N]."""
-        total = self._total_force(u, p)
-        front = p["front_drive"] * np.maximum(total, 0.0) + p["front_brake"] * np.minimum(total, 0.0)
-        return front, total - front
-
-    def _force(self, axle: str, slip: Array, load: Any, p: Values, longitudinal: Array | float = 0.0) -> Array:
-        """Return the lateral force of an axle at a slip and load, with a longitudinal force [N]."""
-        stiffness = p[f"cornering_stiffness_{axle}"]
-        if self._tyres == "linear":
-            return np.asarray(-stiffness * slip)
-        peak = p[f"friction_{axle}"] * load
-        left = np.sqrt(np.maximum(1.0 - (longitudinal / peak) ** 2, _MIN_GRIP**2))
-        if self._tyres == "fiala":
-            tangent = np.tan(slip)
-            share = stiffness * np.abs(tangent) / (3.0 * peak)
-            stuck = np.minimum(share, 1.0)
-            grip = left * stiffness * (1.0 - stuck + stuck * stuck / 3.0)
-            return np.asarray(-grip * tangent / np.maximum(share, 1.0))
-        shape, bend = p[f"shape_{axle}"], p[f"curvature_{axle}"]
-        slope = stiffness / (shape * peak) * slip
-        return np.asarray(-left * peak * np.sin(shape * np.arctan(slope - bend * (slope - np.arctan(slope)))))
-
-    def _accelerations(self, x: Array, u: Array, p: Values) -> tuple[Array, Array, Array]:
-        """Return lateral acceleration of the centre of mass [m/s²], yaw and roll acceleration [rad/s²]."""
-        return self._motion(x, u, p, self._forces(x, u, self._slip_angles(x, u, p), p))
-
-    def _motion(self, x: Array, u: Array, p: Values, forces: Sequence[Array]) -> tuple[Array, Array, Array]:
-        """Return lateral, yaw and roll acceleration for given lateral forces of the axles."""
-        front, rear = forces
-        delta, vy, r = self._angle(x, u), self._state(x, "vy"), self._state(x, "yaw_rate")
-        front = front * np.cos(delta)
-        front = front + self._longitudinal_forces(u, p)[0] * np.sin(delta)
-        ahead, behind, inertia = p["front_length"], p["rear_length"], p["yaw_inertia"] + p["spin_inertia"]
-        if self._relaxation:
-            ahead, behind = ahead - p["trail_front"], behind + p["trail_rear"]
-        side = (front + rear) / p["mass"]
-        turn = (ahead * front - behind * rear - p["steering_inertia"] * u[4]) / inertia
-        # Slip angles are undefined at standstill: kinematic motion at low speed, blended in.
-        vx, low = u[1], self._v1
-        part = (vx * vx - low * low) / (8.0 * low * low)
-        if np.min(part) < 1.0:
-            part = np.clip(part, 0.0, 1.0)
-            weigh = part * part * (3.0 - 2.0 * part)
-            spin = vx * np.tan(delta) / (p["front_length"] + p["rear_length"])
-            slow_turn, slow_vy = (spin - r) / _BLEND, (p["rear_length"] * spin - vy) / _BLEND
-            slow_side = slow_vy + r * vx
-            side, turn = slow_side + weigh * (side - slow_side), slow_turn + weigh * (turn - slow_turn)
-        if not self._roll:
-            return side, turn, side
-        roll, roll_rate = self._state(x, "roll"), self._state(x, "roll_rate")
-        turn = turn + (p["roll_moment"] * roll - p["wheel_momentum"] * vx * roll_rate) / inertia
-        return side, turn, self._roll_acceleration(x, u, side, p)
+    # --- equations of :mod:`mirdrake.identification.models.single_track_equations` ---
 
     def rates(self, x: Array, u: Array, p: Values) -> Array:
         """Return the rates of the states in their order."""
-        slips = self._slip_angles(x, u, p)
-        forces = self._forces(x, u, slips, p)
-        side, turn, roll_acceleration = self._motion(x, u, p, forces)
-        least = _MIN_TIME * self.max_step  # shorter time constants would make the integration unstable
-        rates = [side - self._state(x, "yaw_rate") * u[1], turn]
-        if self._roll:
-            rates[0] = rates[0] + p["roll_arm"] * roll_acceleration
-            rates += [self._state(x, "roll_rate"), roll_acceleration]
-        if self._has_damper_lag:
-            difference = self._state(x, "roll_rate") - self._state(x, "damper_rate")
-            rates.append(difference / np.maximum(p["roll_damper_time"], least))
-        if self._relaxation:
-            v = np.maximum(u[1], self._v1)
-            for length, slip, axle in zip(self._lengths, slips, AXLES, strict=True):
-                # A smooth maximum: a search would stop at a corner.
-                time = least * (1.0 + (p[length] / (v * least)) ** 8) ** 0.125
-                rates.append((slip - self._state(x, f"slip_{axle}")) / time)
-        if self._is_compliant:
-            moment = -p["trail_front"] * forces[0] - p["steering_inertia"] * (u[4] + turn)
-            if self._roll:
-                gyroscopic = 0.5 * p["wheel_momentum"] * u[1] * self._state(x, "roll_rate")
-                moment = moment + p["camber_moment"] * self._state(x, "roll") - gyroscopic
-            time = np.maximum(p["steering_compliance_time"], least)
-            rates.append((p["steering_compliance"] * moment - self._state(x, "steering_deflection")) / time)
-        return np.stack(rates)
-
-    def _roll_acceleration(self, x: Array, u: Array, side: Array, p: Values) -> Array:
-        """Return the roll acceleration [rad/s²]; the gyroscopic moment of the wheels adds to the excitation."""
-        natural, rate = p["roll_frequency"], self._state(x, "damper_rate" if self._has_damper_lag else "roll_rate")
-        if np.any(p["wheel_momentum"]):
-            share = p["wheel_momentum"] / (p["mass"] * p["roll_arm"] + p["wheel_momentum"])
-            side = side + share * (u[1] * (self._state(x, "yaw_rate") + 0.5 * u[3]) - side)
-        target = p["roll_gain"] * side - self._state(x, "roll")
-        return np.asarray(natural * (natural * target - 2.0 * p["roll_damping"] * rate))
+        rates = equations.rates(self._flags((p,)), self._numbers(p), self._states_of(x), TrackInputs(*u))
+        return np.stack(np.broadcast_arrays(*(getattr(rates, name) for name in self.states)))
 
     def observe(self, x: Array, u: Array, p: Values) -> Array:
         """Return the outputs in their order."""
-        outputs, now = [], (x, u)
-        for name in self.outputs:
-            x, u = self._earlier(*now, p, _DELAY_PARAMETERS.get(name))
-            if name == "vy":
-                # The state is that of the roll axis; a point above it moves to the left as the body rolls to the left.
-                above = p["velocity_height"] * self._state(x, "roll_rate") if self._roll else 0.0
-                outputs.append(self._state(x, "vy") + p["velocity_ahead"] * self._state(x, "yaw_rate") - above)
-            elif name in self._row:
-                outputs.append(self._state(x, name))
-            else:
-                side, turn, roll_acceleration = self._accelerations(x, u, p)
-                seen = side + p["accelerometer_ahead"] * turn
-                if self._roll:
-                    arm, tilt = p["roll_arm"] - p["accelerometer_height"], p["accelerometer_tilt"] * GRAVITY
-                    seen = seen + arm * roll_acceleration + tilt * self._state(x, "roll")
-                outputs.append(seen)
-        return np.stack(outputs)
+        seen = equations.observe(self._flags((p,)), self._numbers(p), self._states_of(x), TrackInputs(*u))
+        return np.stack(np.broadcast_arrays(*(seen[column] for column in self._output_columns)))
 
-    def _earlier(self, x: Array, u: Array, p: Values, delay: str | None) -> tuple[Array, Array]:
-        """Return states and inputs a delay ago, by the midpoint rule; its error is (delay times frequency)³ / 6."""
-        late = 0.0 if delay is None else p[delay]
-        if not np.any(late):
-            return x, u
+    def run_log(
+        self, columns: Sequence[Mapping[str, float]], inputs: Array, rows: Sequence[int], starts: Array, step: float,
+        substeps: int,
+    ) -> LogRuns:  # fmt: skip
+        """See :meth:`Model.run_log`."""
+        numbers: Array = np.array([list(vars(self._numbers(p)).values()) for p in columns])
+        wide = np.zeros((len(starts), len(TrackState._fields)))
+        wide[:, self._state_columns] = starts
+        runs = run_log(
+            equations.EQUATIONS,
+            records(TrackFlags, [self._flags(columns)]),
+            numbers.view(_NUMBERS_TYPE)[:, 0],
+            inputs,
+            wide,
+            rows=rows,
+            step=step,
+            substeps=substeps,
+            outputs=len(equations.OUTPUTS),
+        )
+        return LogRuns(runs.outputs[..., self._output_columns], runs.last[:, self._state_columns])
 
-        def back(time: Any) -> Array:
-            parts = (u[0] - time * u[3], u[1] - time * u[2], u[2], u[3] - time * u[4], u[4])
-            return np.stack(np.broadcast_arrays(*parts))
+    def _states_of(self, x: Array) -> TrackState:
+        """Return states by name."""
+        return TrackState(**{name: x[row] for name, row in self._row.items()})
 
-        middle = x - 0.5 * late * self.rates(x, u, p)
-        return x - late * self.rates(middle, back(0.5 * late), p), back(late)
+    def _flags(self, sets: Sequence[Values]) -> TrackFlags:
+        """Return the variant for some sets of parameters."""
+        late = {
+            channel: any(np.any(p.get(name, 0.0)) for p in sets) and channel in self.outputs
+            for channel, name in _DELAY_PARAMETERS.items()
+        }
+        return TrackFlags(
+            tyres=equations.TYRES.index(self._tyres),
+            roll=self._roll,
+            damper_lag=self._has_damper_lag,
+            relaxation=self._relaxation,
+            compliant=self._is_compliant,
+            sees_acceleration="lateral_acceleration" in self.outputs,
+            acceleration_late=late["lateral_acceleration"],
+            velocity_late=late["vy"],
+            low_speed=self._v1,
+            least_time=_MIN_TIME * self.max_step,  # shorter ones would make the integration unstable
+        )
+
+    def _numbers(self, p: Values) -> SimpleNamespace:
+        """Return all parameters of the equations by name; those that a variant does not have are zero."""
+        values = {name: p.get(name, 0.0) for name in _NUMBERS}
+        if self._relaxation:
+            values |= {f"relaxation_{axle}": p[name] for axle, name in zip(AXLES, self._lengths, strict=True)}
+        return SimpleNamespace(**values)
 
     def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
         """Return the measured yaw rate, and vy, slips and roll of a steady turn with it."""
