@@ -15,6 +15,8 @@ from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.shooting import make_shots, simulate
+from mirdrake.identification.models import MODELS, ModelSpec, make_model
+from mirdrake.identification.models.filters import backlash, first_order, second_order, smooth_between
 from mirdrake.identification.models.single_track_equations import (
     TrackInputs,
     TrackState,
@@ -22,8 +24,6 @@ from mirdrake.identification.models.single_track_equations import (
     axle_forces,
     lateral_force,
 )
-from mirdrake.identification.models import MODELS, ModelSpec, make_model
-from mirdrake.identification.models.filters import backlash, first_order, second_order, smooth_between
 from mirdrake.identification.parameters import Setting, resolve_parameters
 from mirdrake.single_track import SingleTrack, SingleTrackParameters
 from mirdrake.single_track.dynamics import Variant

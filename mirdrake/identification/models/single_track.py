@@ -73,6 +73,7 @@ from mirdrake.batched.log_runs import LogRuns, run_log
 from mirdrake.core.compiled import records
 from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.data import DataSet
+from mirdrake.identification.models import single_track_equations as equations
 from mirdrake.identification.models.additions import single_track_additions
 from mirdrake.identification.models.base import (
     OMITTED_FRACTION,
@@ -89,7 +90,6 @@ from mirdrake.identification.models.base import (
     select_outputs,
 )
 from mirdrake.identification.models.manoeuvres import lateral_manoeuvres
-from mirdrake.identification.models import single_track_equations as equations
 from mirdrake.identification.models.single_track_equations import TrackFlags, TrackInputs, TrackState
 from mirdrake.identification.models.single_track_parameters import DELAYS, RELAXATION, single_track_parameters
 from mirdrake.identification.models.steer import SETPOINT_DELAY, STEERING, STEERING_PARAMETERS, steering_angle
