@@ -137,7 +137,9 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
 
     # Tracks and the ground, which is as large as they need.
     faults: list[str] = []
-    tracks = _collect(spec.tracks, lambda name, track: make_track(track, name=name, folder=folder), faults)
+    tracks = _collect(
+        spec.tracks, lambda name, track: make_track(track, name=name, folder=folder, seed=spec.seed), faults
+    )
     _raise(faults)
     ground = _make_ground(spec.ground, tracks, folder)
 

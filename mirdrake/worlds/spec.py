@@ -27,6 +27,7 @@ from pydantic import Field, PlainValidator, field_validator, model_validator
 from mirdrake.core.yaml_io import Angle, Length, Schema, Speed, to_si
 from mirdrake.worlds.case_spec import CaseSpec
 from mirdrake.worlds.props_spec import GroupSpec, PropEntry
+from mirdrake.worlds.random_tracks import RandomTrackSpec
 from mirdrake.worlds.regions import PatchSpec
 from mirdrake.worlds.relief import ReliefSpec
 from mirdrake.worlds.rules_spec import RuleSpec
@@ -180,7 +181,7 @@ class XodrSpec(_FileSpec):
 
 
 class TrackSpec(Schema):
-    """A road along a centre line: exactly one of segments, points, csv and xodr."""
+    """A road along a centre line: exactly one of segments, points, csv, xodr and random."""
 
     segments: Annotated[list[SegmentSpec], Field(min_length=1, max_length=2000)] | None = Field(
         default=None, description="in driving order [-]"
@@ -190,6 +191,7 @@ class TrackSpec(Schema):
     )
     csv: CsvSpec | None = Field(default=None, description="file of points and widths [-]")
     xodr: XodrSpec | None = Field(default=None, description="road of an OpenDRIVE file [-]")
+    random: RandomTrackSpec | None = Field(default=None, description="random closed track [-]")
     start: PoseSpec | None = Field(
         default=None, description="pose at s = 0; default: the origin, or that of the points or the file [-]"
     )
@@ -221,7 +223,7 @@ class TrackSpec(Schema):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        exactly_one(self, ("segments", "points", "csv", "xodr"))
+        exactly_one(self, ("segments", "points", "csv", "xodr", "random"))
         if self.length is not None and self.segments is None:
             raise ValueError("length belongs to segments; set csv.scale, or correct the points")
         return self

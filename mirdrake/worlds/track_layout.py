@@ -13,6 +13,7 @@ from mirdrake.core.yaml_io import shown, where
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
 from mirdrake.worlds.opendrive import read_opendrive
 from mirdrake.worlds.pieces import Array, Piece, Placement
+from mirdrake.worlds.random_tracks import RandomTrackSpec, random_pieces
 from mirdrake.worlds.spec import CsvSpec, TrackSpec, XodrSpec
 from mirdrake.worlds.tracks import Edges, Track
 
@@ -41,13 +42,14 @@ class _CentreLine:
     """points of the source [m]"""
 
 
-def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = None) -> Track:
+def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = None, seed: int = 0) -> Track:
     """Return the track of a specification.
 
     Args:
         spec: spec of the track.
         name: name for messages.
         folder: folder of its files; default: the working directory.
+        seed: seed of the world, for a random track.
 
     Raises:
         ConfigError: a file is missing or has faults.
@@ -60,6 +62,8 @@ def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = No
         line = _from_csv(spec, spec.csv, folder or Path())
     elif spec.xodr is not None:
         line = _from_xodr(spec, spec.xodr, folder or Path())
+    elif spec.random is not None:
+        line = _from_random(spec, spec.random, seed, name)
     else:
         line = _from_segments(spec)
     start = line.start if spec.start is None else (*spec.start.at, spec.start.yaw)
@@ -146,6 +150,16 @@ def _from_segments(spec: TrackSpec) -> _CentreLine:
         scale = spec.length / total
         pieces = [Piece(p.length * scale, p.start_curvature / scale, p.end_curvature / scale) for p in pieces]
     return _CentreLine(pieces, (0.0, 0.0, 0.0), bool(spec.closed))
+
+
+def _from_random(spec: TrackSpec, random: RandomTrackSpec, seed: int, name: str) -> _CentreLine:
+    if spec.closed is False:
+        raise WorldError(f"{where(spec, 'closed')}: a random track is closed; leave out closed: false")
+    try:
+        pieces, start = random_pieces(random, seed=seed, name=name)
+    except WorldError as error:
+        raise WorldError(f"{where(spec, 'random')}: {error}") from None
+    return _CentreLine(pieces, start, closed=True)
 
 
 def _from_points(spec: TrackSpec) -> _CentreLine:
