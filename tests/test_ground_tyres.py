@@ -112,15 +112,39 @@ def test_a_jump_is_a_parabola_and_ends_with_a_landing(tmp_path: Path) -> None:
     assert signals.iloc[-1][WHEEL_LOADS].sum() > 5000.0
 
 
-def test_tyres_with_slip_have_grip_on_a_speed_bump(tmp_path: Path) -> None:
-    """A shipped speed bump lifts the wheels and carries them; its crest is 75 mm high."""
+@pytest.mark.parametrize("contact", ["hydroelastic", "point", "tyre"])
+def test_tyres_with_slip_have_grip_on_a_speed_bump(tmp_path: Path, contact: str) -> None:
+    """A shipped speed bump lifts the wheels and carries them, whatever bears them on the plane; it is 75 mm high."""
     world = {"props": [{"prop": "speed_bump", "at": [4.0, 0.0]}]}
-    signals = drive(tmp_path, world=world, speed=2.0, duration=3.5)
+    signals = drive(tmp_path, world=world, contact=contact, speed=2.0, duration=3.5)
     assert signals["ego.z"].max() == pytest.approx(0.06, abs=0.02)
     assert signals["other_contacts"].max() == 0.0
     assert signals[WHEEL_LOADS[0]].max() > 5000.0
 
 
-def test_other_contacts_reject_a_relief(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"plant.contact: point.*has a relief.*plant.contact: tyre"):
-        drive(tmp_path, relief=[{"plane": {"grade": 0.1}}], contact="point", duration=0.1)
+def test_a_turn_on_a_plate_is_that_on_the_plane(tmp_path: Path) -> None:
+    """On a box of 40 x 40 m that vehicles drive over, with the default contact: lateral force and yaw rate within 1 %.
+
+    The vehicle drops by the height of the plate at the start.
+    """
+    plate = {"props": [{"box": [40.0, 40.0, 0.03], "at": [0.0, 0.0], "driven_over": True}]}
+    last = []
+    for world, contact in ((plate, "hydroelastic"), ({}, "tyre")):
+        signals = drive(tmp_path, world=world, contact=contact, speed=5.0, steering=0.1, duration=3.0)
+        last.append(signals[signals.index > 2.0].mean())
+    assert last[0]["ego.wz"] == pytest.approx(last[1]["ego.wz"], rel=1e-2)
+    lateral = [name.replace("tyre_fx", "tyre_fy") for name in TYRE_FX]
+    assert last[0][lateral].sum() == pytest.approx(last[1][lateral].sum(), rel=1e-2)
+    assert last[0]["ego.z"] - last[1]["ego.z"] == pytest.approx(0.03, abs=1e-3)
+
+
+def test_a_relief_has_a_vertical_tyre_whatever_the_contact(tmp_path: Path) -> None:
+    slope = [{"plane": {"grade": 0.1}}]
+    ends = [drive(tmp_path, relief=slope, contact=name, speed=5.0, duration=0.2).iloc[-1] for name in ("point", "tyre")]
+    assert ends[0].equals(ends[1])
+
+
+def test_a_prop_that_vehicles_drive_over_must_be_static(tmp_path: Path) -> None:
+    world = {"props": [{"prop": "speed_bump", "at": [4.0, 0.0], "static": False}]}
+    with pytest.raises(ConfigError, match=r"world.yaml:\d+: props.0.static: false; .*make it static"):
+        drive(tmp_path, world=world, duration=0.1)

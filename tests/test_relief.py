@@ -11,7 +11,7 @@ from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.ground import Terrain
 from mirdrake.ground.terrain import Block, Wave
 from mirdrake.worlds import World, load_world, make_world
-from mirdrake.worlds.draping import TOLERANCE, drape
+from mirdrake.worlds.draping import TOLERANCE, Roads, drape
 from mirdrake.worlds.lock import lock_hash
 from mirdrake.worlds.meshes import fill
 
@@ -84,7 +84,7 @@ def test_a_draped_mesh_is_within_the_tolerance_and_has_no_cracks() -> None:
     """At 1000 random points near the road; edges of neighbours are the same."""
     terrain = Terrain([Wave(0.5, 12.0, 30.0, 3.0, x=2.0), Block(0.3, 3.0, 2.0, 3.0, 4.0, 2.0, x=5.0, y=4.0, yaw=1.0)])
     area = shapely.box(0.0, -10.0, 20.0, 10.0)
-    surface = drape(fill(area, z=0.0, tile=1.0, color=(1.0, 1.0, 1.0), texture=None), terrain, shapely.Polygon())
+    surface = drape(fill(area, z=0.0, tile=1.0, color=(1.0, 1.0, 1.0), texture=None), terrain, Roads(shapely.Polygon()))
     corners = surface.vertices[surface.triangles]
     random = np.random.default_rng(5)
     weights = random.dirichlet([1.0, 1.0, 1.0], 1000)

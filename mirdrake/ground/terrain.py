@@ -30,6 +30,7 @@ from mirdrake.ground.layers import (
     TerrainData,
     heights_at,
 )
+from mirdrake.ground.rays import RAY_PARTS, refine_hits
 
 Array = NDArray[np.float64]
 
@@ -385,6 +386,10 @@ class Terrain:
         if not self.flat:
             compiled(heights_at, parts=GROUND_PARTS)(self.data, x.ravel().copy(), y.ravel().copy(), result)
         return result.reshape(*x.shape, 3)
+
+    def refine_hits(self, starts: Array, directions: Array, distances: Array) -> None:
+        """Move hits of rays on a mesh of the ground to the ground; see :func:`mirdrake.ground.rays.refine_hits`."""
+        compiled(refine_hits, parts=RAY_PARTS)(self.data, starts, directions, distances)
 
 
 FLAT = Terrain()

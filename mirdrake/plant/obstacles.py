@@ -112,13 +112,14 @@ def add_props(plant: MultibodyPlant, world: World) -> PropsInPlant:
 
 
 def terrain_of(world: World) -> Terrain:
-    """Return the ground of a world with the static props that vehicles drive over."""
-    bumps = [grid for placed in world.props if placed.static and placed.prop.driven_over for grid in _tops(placed)]
-    return Terrain([*world.ground.terrain.sources, *bumps]) if bumps else world.ground.terrain
+    """Return the ground of a world with the props that vehicles drive over."""
+    ground = world.ground.terrain
+    bumps = [grid for placed in world.props if placed.prop.driven_over for grid in _tops(placed, ground)]
+    return Terrain([*ground.sources, *bumps]) if bumps else ground
 
 
-def _tops(placed: PlacedProp) -> list[Grid]:
-    """Return the upper surface of each solid of a prop over the base plane, as local grids; solids must not overlap.
+def _tops(placed: PlacedProp, ground: Terrain) -> list[Grid]:
+    """Return the upper surface of each solid of a prop above the ground, as local grids; solids must not overlap.
 
     Shapes are convex: the height at a point is the smallest one of the planes of the upper facets of the hull.
     """
@@ -145,7 +146,7 @@ def _tops(placed: PlacedProp) -> list[Grid]:
         bottom = np.max([height for height, up in zip(heights, upwards, strict=True) if not up], axis=0)
         walls = [points @ plane[:2] + plane[3] > _STEEP for plane in planes if abs(plane[2]) <= _STEEP]
         outside = (z <= bottom) | np.any(walls, axis=0)
-        z = np.where(outside, 0.0, np.maximum(z, 0.0))
+        z = np.where(outside, 0.0, np.maximum(z - ground.height(points[..., 0], points[..., 1]), 0.0))
         x, y = origin - _CELL * (e + n)
         grids.append(Grid(z, _CELL, x=float(x), y=float(y), yaw=yaw, smooth=False, local=True))
     return grids

@@ -87,8 +87,8 @@ class PlantSpec(Schema):
     time_step: Period = Field(0.005, gt=0.0, le=0.05, description="discrete step of the plant [s]")
     contact: ContactModel = Field(
         "hydroelastic",
-        description="wheels on the ground: contact patches (hydroelastic), faster point contact (point), or a vertical "
-        "tyre that also follows uneven ground (tyre) [-]",
+        description="what bears wheels on the plane z = 0: contact patches (hydroelastic), faster point contact "
+        "(point), or a vertical tyre (tyre), which uneven ground always has [-]",
     )
     approximation: Literal["lagged", "sap", "similar"] = Field(
         "similar", description="Drake's discrete contact approximation; lagged loses grip with speed [-]"
@@ -206,6 +206,7 @@ class PlantParts:
         ground: collision geometries of the road plane.
         props: the props of the world.
         terrain: height of the ground, with the props that vehicles drive over.
+        wheel_contact: what bears the wheels: that of the settings on the plane z = 0, on other ground a vertical tyre.
     """
 
     plant: MultibodyPlant
@@ -215,6 +216,7 @@ class PlantParts:
     ground: tuple[GeometryId, ...] = ()
     props: PropsInPlant = field(default_factory=PropsInPlant)
     terrain: Terrain = FLAT
+    wheel_contact: ContactModel = "hydroelastic"
 
 
 def make_plant(
@@ -235,9 +237,11 @@ def make_plant(
         parked: names of vehicles with parking brakes on.
     """
     spec = spec or PlantSpec()
+    terrain = terrain_of(world)
+    wheel_contact: ContactModel = spec.contact if terrain.flat else "tyre"
     config = MultibodyPlantConfig(
         time_step=spec.time_step,
-        contact_model="hydroelastic_with_fallback" if spec.contact == "hydroelastic" else "point",
+        contact_model="hydroelastic_with_fallback" if wheel_contact == "hydroelastic" else "point",
         discrete_contact_approximation=spec.approximation,
         stiction_tolerance=spec.stiction_tolerance,
         use_sampled_output_ports=False,  # contact results are those of the next step, solved once
@@ -245,38 +249,21 @@ def make_plant(
     # Drake's defaults, 50 s/m and 0.1 s, would overdamp the tyres.
     defaults = DefaultProximityProperties(hunt_crossley_dissipation=DISSIPATION, relaxation_time=0.0)
     filter_drake_log()
-    terrain = _checked_terrain(world, spec.contact, vehicles)
     plant, scene_graph = AddMultibodyPlant(config, SceneGraphConfig(default_proximity_properties=defaults), builder)
     parts = {
         name: replace(
-            add_vehicle(plant, vehicle, name=name, contact=spec.contact, parked=name in parked), terrain=terrain
+            add_vehicle(plant, vehicle, name=name, contact=wheel_contact, parked=name in parked), terrain=terrain
         )
         for name, vehicle in vehicles.items()
     }
     ground, props = add_world(plant, world)
     for part in parts.values():
         _match_tyres(plant, scene_graph, part, world)
-        if spec.contact == "tyre":
+        if wheel_contact == "tyre":
             for tyre in part.tyres:
                 _exclude_contact(scene_graph, tyre, [*ground, *props.bumps])
     plant.Finalize()
-    return PlantParts(plant, scene_graph, world, parts, ground, props, terrain)
-
-
-def _checked_terrain(world: World, contact: ContactModel, vehicles: Mapping[str, Vehicle]) -> Terrain:
-    """Return the ground that tyres touch.
-
-    Raises:
-        ConfigError: the ground has a relief, which Drake's contact does not have.
-    """
-    if contact == "tyre":
-        return terrain_of(world)
-    if vehicles and not world.ground.terrain.flat:
-        raise ConfigError(
-            f"plant.contact: {contact}; the ground of world '{world.name}' has a relief, which only tyres with "
-            "plant.contact: tyre touch"
-        )
-    return FLAT
+    return PlantParts(plant, scene_graph, world, parts, ground, props, terrain, wheel_contact)
 
 
 def add_vehicle(

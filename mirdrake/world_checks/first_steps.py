@@ -106,14 +106,13 @@ def _step(path: str, overrides: list[str], vehicle: str, start_name: str) -> str
     from pydrake.systems.analysis import Simulator
     from pydrake.systems.framework import DiagramBuilder
 
-    from mirdrake.plant.plant import PlantSpec, make_plant, set_start
+    from mirdrake.plant.plant import make_plant, set_start
     from mirdrake.vehicles import load_vehicle
     from mirdrake.worlds import load_world
 
     world = load_world(path, overrides=overrides)
     builder = DiagramBuilder()
-    spec = PlantSpec(contact="hydroelastic" if world.ground.terrain.flat else "tyre")
-    parts = make_plant(builder, world, {"car": load_vehicle(vehicle)}, spec=spec, parked=("car",))
+    parts = make_plant(builder, world, {"car": load_vehicle(vehicle)}, parked=("car",))
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context = parts.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())

@@ -238,6 +238,13 @@ class Arranger:
                 if not mass > 0.0:
                     raise ConfigError(f"{where(entry, 'mass')}: {mass:g} kg; it must be above 0")
                 prop = replace(prop, mass=mass)
+            if entry.driven_over is not None:
+                prop = replace(prop, driven_over=entry.driven_over)
+            if prop.driven_over and not entry.static:
+                raise ConfigError(
+                    f"{where(entry, 'static')}: false; vehicles drive over '{item.label}', so it is part of the ground: "
+                    "make it static, or set driven_over: false"
+                )
             return [PlacedProp(item.label, prop, X_WP, entry.static, color, where(entry), entry.is_random, item.order)]
 
         return make

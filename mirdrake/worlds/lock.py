@@ -174,6 +174,8 @@ def _prop(placed: PlacedProp) -> Json:
     }  # fmt: skip
     if not placed.static:
         entry["mass"] = _rounded(prop.mass)
+    if prop.driven_over:
+        entry["driven_over"] = True
     return entry
 
 

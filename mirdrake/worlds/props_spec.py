@@ -78,6 +78,9 @@ class PropEntry(Schema):
     mass: Value | None = Field(
         default=None, description="mass of a body that is not static; default: that of the prop [kg]"
     )
+    driven_over: bool | None = Field(
+        default=None, description="vehicles drive over it, so it is part of the ground; default: that of the prop [-]"
+    )
     with_: dict[str, Value] = Field(default_factory=dict, alias="with", description="parameters of the group [-]")
 
     @field_validator("yaw")
@@ -93,7 +96,7 @@ class PropEntry(Schema):
         exactly_one(self, _LAYOUTS)
         given = self.model_fields_set
         if self.group is not None:
-            for name in ("size", "scale", "color", "static", "mass", "pitch", "roll"):
+            for name in ("size", "scale", "color", "static", "mass", "driven_over", "pitch", "roll"):
                 if name in given:
                     raise ValueError(f"{name} belongs to a prop, not to a group")
         elif "with_" in given:

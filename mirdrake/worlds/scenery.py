@@ -26,7 +26,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.paths import data_root, resolved
-from mirdrake.worlds.draping import drape
+from mirdrake.worlds.draping import Roads, drape
 from mirdrake.worlds.drawing import EDGE_LINE_INSET
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
 from mirdrake.worlds.pieces import Array
@@ -331,7 +331,7 @@ def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeomet
 def _item(name: str, surfaces: list[Surface], world: World) -> SceneryItem:
     """Return surfaces, laid on the terrain, as one visual geometry."""
     if not world.ground.terrain.flat:
-        near = shapely.union_all([track.area for track in world.roads().values()])
+        near = Roads(shapely.union_all([track.area for track in world.roads().values()]))
         surfaces = [drape(surface, world.ground.terrain, near) for surface in surfaces]
     textures = {surface.texture for surface in surfaces if surface.texture}
     named = [replace(surface, texture=f"{surface.texture}.jpg") if surface.texture else surface for surface in surfaces]

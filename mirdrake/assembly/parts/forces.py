@@ -45,20 +45,19 @@ def add_ground_tyres(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> Gr
 
 def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> RollingResistance | GroundReadings:
     """Add one system for all wheels, so that contact results are read once."""
-    if spec.plant.contact == "tyre":
+    if parts.wheel_contact == "tyre":
         return add_ground_tyres(wiring, parts, spec)
     plant = parts.plant
     rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
     wheels = [wheel for part in parts.vehicles.values() for wheel in make_rolling_wheels(part)]
     raw = spec.plant.rolling_resistance == "raw"
-    cancel = not raw and spec.plant.contact == "hydroelastic"
+    cancel = not raw and parts.wheel_contact == "hydroelastic"
     tyre_models = any(part.tyre_model for part in parts.vehicles.values())
     system = RollingResistance(
         plant,
         [wheel._replace(coefficient=0.0) for wheel in wheels] if raw else wheels,
         ground=parts.ground,
         scenery=parts.props.owners,
-        bumps=parts.props.bumps,
         period=1.0 / rate if cancel or tyre_models else LOAD_PERIOD,
         cancel_numerical=cancel,
         machine_code=tyre_models or spec.plant.machine_code,

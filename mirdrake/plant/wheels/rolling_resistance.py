@@ -233,7 +233,6 @@ class RollingResistance(LeafSystem):
         wheels: the wheels.
         ground: geometries of the road plane, whose normal is z of the world.
         scenery: other geometries of the world; their contacts with each other and the road are ignored.
-        bumps: geometries of the scenery that vehicles may drive over.
         period: time between updates [s], a multiple of the plant's step.
         cancel_numerical: False keeps the numerical resistance of hydroelastic contact; then, as in point contact,
             :data:`LOAD_PERIOD` is sufficient.
@@ -250,7 +249,6 @@ class RollingResistance(LeafSystem):
         *,
         ground: Sequence[GeometryId],
         scenery: Collection[GeometryId] = (),
-        bumps: Collection[GeometryId] = (),
         period: float,
         cancel_numerical: bool = True,
         machine_code: bool = False,
@@ -266,7 +264,7 @@ class RollingResistance(LeafSystem):
         if machine_code:
             self._known = records(RollingSetup, [setup]), records(TurningWheel, turning)
             self._step = compiled(rolling_step, parts=STEP_PARTS)
-        self._ground, self._bumps = frozenset(ground), frozenset(bumps)
+        self._ground = frozenset(ground)
         self._scenery = self._ground | frozenset(scenery)
         self._row = {wheel.geometry: index for index, wheel in enumerate(wheels)}
         self._velocities, self._count = plant.num_velocities(), len(wheels)
@@ -337,6 +335,4 @@ class RollingResistance(LeafSystem):
 
     def _counts(self, first: GeometryId, second: GeometryId) -> bool:
         """Return whether two geometries in contact are a vehicle and something that it should not touch."""
-        if first in self._scenery and second in self._scenery:
-            return False
-        return not (first in self._bumps and second in self._row) and not (second in self._bumps and first in self._row)
+        return not (first in self._scenery and second in self._scenery)

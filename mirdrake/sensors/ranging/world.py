@@ -2,9 +2,9 @@
 
 Rays meet the geometry with the perception role, meshes triangle by triangle. The geometry fixed in the world is one
 scene, which is built once and shared by all sensors. Every body that can move has a small scene, and rays are
-transformed into its frame. The ground is the infinite plane z = 0 below the wheels; paint, and the few millimetres by
-which the ground beside a road is lower, give no returns. On a slope gravity is tilted and the ground is z = 0 as well;
-ramps are props.
+transformed into its frame. The ground is that of the tyres: the infinite plane z = 0, or the relief of the world. Embree
+finds a ray's hit on the visual mesh of a relief, which is then moved to the height function itself; a relief ends with
+its mesh. Paint, and the few millimetres by which the ground beside a road is lower, give no returns.
 """
 
 from collections.abc import Container
@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from pydrake.geometry import Role, SceneGraph, SceneGraphInspector
+from pydrake.geometry import GeometryId, Role, SceneGraph, SceneGraphInspector
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
 
+from mirdrake.ground import FLAT, Terrain
 from mirdrake.sensors.ranging.faces import Array, Faces, Ints, joined
 from mirdrake.sensors.ranging.motion import BodyState, poses_at
 from mirdrake.sensors.ranging.scene import RayScene, ray_scene
@@ -36,6 +37,8 @@ States = tuple[BodyState | None, BodyState]
 """States of a body one period ago, if known, and now."""
 
 _SCENERY = "scenery/"  # names of the ground, the roads and their paint
+_MESHES = "scenery/world/scenery."  # meshes without collision geometry, which give no returns
+_MESH_ERROR = 1.0  # [m] by which a hit on the mesh of a relief may be off at a grazing angle
 _MARGIN = 1e-3  # [m] around a body, for roundings
 _STILL = 2e-4  # [m] that the surface of a body at rest may move in a period
 
@@ -89,7 +92,8 @@ class RayWorld:
     Args:
         plant: the plant.
         scene_graph: its scene graph.
-        ground: whether the plane z = 0 is the ground.
+        ground: whether there is a ground.
+        terrain: its height.
 
     Attributes:
         things: names of the objects that rays can meet, by their numbers; the first is the ground.
@@ -98,9 +102,11 @@ class RayWorld:
         MissingDependencyError: embreex is not installed.
     """
 
-    def __init__(self, plant: MultibodyPlant, scene_graph: SceneGraph, *, ground: bool = True) -> None:
+    def __init__(
+        self, plant: MultibodyPlant, scene_graph: SceneGraph, *, ground: bool = True, terrain: Terrain = FLAT
+    ) -> None:
         self.things = ["ground"]
-        self._ground = ground
+        self._ground, self._terrain = ground, terrain
         inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
         fixed: list[Faces] = []
         owners: list[Ints] = []
@@ -113,6 +119,9 @@ class RayWorld:
         self._fixed = ray_scene(joined(fixed))
         self._fixed_thing = np.concatenate([*owners, [NOTHING]])  # the last one for "no face"
         self._fixed_body = np.where(self._fixed_thing == NOTHING, NOTHING, 0)
+        self._relief: RayScene | None = None
+        if ground and not terrain.flat:
+            self._relief = ray_scene(joined(_ground_faces(plant, inspector)))
         self._movers: list[_Mover] = []
         for index in sorted(set(range(plant.num_bodies())) - {int(body.index()) for body in welded}):
             body = plant.get_body(BodyIndex(index))
@@ -170,7 +179,9 @@ class RayWorld:
 
         distance, face = self._fixed.cast(rays.starts(), rays.directions, far)
         hits = Hits(distance, self._fixed_thing[face], self._fixed_body[face])
-        if ground and self._ground:
+        if ground and self._relief is not None:
+            _meet_relief(self._relief, self._terrain, rays, hits)
+        elif ground and self._ground:
             _meet_ground(rays, hits)
         reach = _travel(*carrier) + _spin(*carrier) * hypot(*X_BS.translation())
         for mover in seen:
@@ -262,6 +273,21 @@ def _meet_ground(rays: _Rays, hits: Hits) -> None:
     hits.distance[seen], hits.thing[seen], hits.body[seen] = along[nearer], GROUND, 0
 
 
+def _meet_relief(mesh: RayScene, terrain: Terrain, rays: _Rays, hits: Hits) -> None:
+    """Update `hits` where uneven ground is nearer."""
+    distance, _ = mesh.cast(rays.starts(), rays.directions, rays.far + _MESH_ERROR)
+    seen = np.flatnonzero(distance < hits.distance + _MESH_ERROR)
+    if not seen.size:
+        return
+    starts = rays.starts()
+    starts = np.broadcast_to(starts, rays.directions.shape)[seen] if len(starts) == 1 else starts[seen]
+    exact = distance[seen]
+    terrain.refine_hits(np.ascontiguousarray(starts), rays.directions[seen], exact)
+    nearer = (exact < hits.distance[seen]) & (exact <= rays.far)
+    seen = seen[nearer]
+    hits.distance[seen], hits.thing[seen], hits.body[seen] = exact[nearer], GROUND, 0
+
+
 def _travel(before: BodyState | None, now: BodyState) -> float:
     """Return the larger of both speeds [m/s]."""
     return max((before or now).speed, now.speed)
@@ -275,6 +301,21 @@ def _spin(before: BodyState | None, now: BodyState) -> float:
 def _rests(before: BodyState | None, now: BodyState, period: float, size: float) -> bool:
     """Return whether points within `size` [m] of a body's origin hardly move between two samples."""
     return period * (_travel(before, now) + size * _spin(before, now)) < _STILL
+
+
+def _ground_faces(plant: MultibodyPlant, inspector: SceneGraphInspector) -> list[Faces]:
+    """Return the faces of the ground, the roads and their paint in the world."""
+    from mirdrake.sensors.ranging.shapes import faces_of
+
+    frame = plant.GetBodyFrameIdOrThrow(plant.world_body().index())
+    names = {geometry: inspector.GetName(geometry).rpartition("::")[2] for geometry in inspector.GetGeometries(frame)}
+    ground = [key for key, name in names.items() if name.startswith(_SCENERY) and not name.startswith(_MESHES)]
+    looks = [(faces_of(inspector, key), inspector.GetPoseInFrame(key)) for key in ground if _is_seen(inspector, key)]
+    return [faces.moved(X_WG) for faces, X_WG in looks if faces is not None]
+
+
+def _is_seen(inspector: SceneGraphInspector, geometry: GeometryId) -> bool:
+    return inspector.GetPerceptionProperties(geometry) is not None
 
 
 def _looks(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> list[tuple[str, Faces]]:
@@ -300,7 +341,9 @@ _worlds: "WeakKeyDictionary[MultibodyPlant, RayWorld]" = WeakKeyDictionary()
 def ray_world(parts: "PlantParts") -> RayWorld:
     """Return the ray world of a plant; it is made at the first call and shared by all its sensors."""
     if parts.plant not in _worlds:
-        _worlds[parts.plant] = RayWorld(parts.plant, parts.scene_graph)
+        _worlds[parts.plant] = RayWorld(
+            parts.plant, parts.scene_graph, terrain=parts.world.ground.terrain
+        )
     return _worlds[parts.plant]
 
 
