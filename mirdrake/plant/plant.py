@@ -44,7 +44,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.drake_log import filter_drake_log
-from mirdrake.core.errors import ConfigError, ModelError
+from mirdrake.core.errors import ModelError
 from mirdrake.core.vectors import SIDES
 from mirdrake.core.yaml_io import Period, Schema, Speed
 from mirdrake.ground import FLAT, Terrain

@@ -242,8 +242,8 @@ class Arranger:
                 prop = replace(prop, driven_over=entry.driven_over)
             if prop.driven_over and not entry.static:
                 raise ConfigError(
-                    f"{where(entry, 'static')}: false; vehicles drive over '{item.label}', so it is part of the ground: "
-                    "make it static, or set driven_over: false"
+                    f"{where(entry, 'static')}: false; vehicles drive over '{item.label}', so it is part of the "
+                    "ground: make it static, or set driven_over: false"
                 )
             return [PlacedProp(item.label, prop, X_WP, entry.static, color, where(entry), entry.is_random, item.order)]
 

@@ -2,9 +2,9 @@
 
 Rays meet the geometry with the perception role, meshes triangle by triangle. The geometry fixed in the world is one
 scene, which is built once and shared by all sensors. Every body that can move has a small scene, and rays are
-transformed into its frame. The ground is that of the tyres: the infinite plane z = 0, or the relief of the world. Embree
-finds a ray's hit on the visual mesh of a relief, which is then moved to the height function itself; a relief ends with
-its mesh. Paint, and the few millimetres by which the ground beside a road is lower, give no returns.
+transformed into its frame. The ground is that of the tyres: the infinite plane z = 0, or the relief of the world. On a
+relief Embree finds a ray's hit on the visual mesh, which is then moved to the height function itself; a relief ends
+with its mesh. Paint, and the few millimetres by which the ground beside a road is lower, give no returns.
 """
 
 from collections.abc import Container
@@ -341,9 +341,7 @@ _worlds: "WeakKeyDictionary[MultibodyPlant, RayWorld]" = WeakKeyDictionary()
 def ray_world(parts: "PlantParts") -> RayWorld:
     """Return the ray world of a plant; it is made at the first call and shared by all its sensors."""
     if parts.plant not in _worlds:
-        _worlds[parts.plant] = RayWorld(
-            parts.plant, parts.scene_graph, terrain=parts.world.ground.terrain
-        )
+        _worlds[parts.plant] = RayWorld(parts.plant, parts.scene_graph, terrain=parts.world.ground.terrain)
     return _worlds[parts.plant]
 
 
