@@ -6,6 +6,7 @@
 A case is given by format, seed and number alone. It ends well if the command ends within the time limit with exit code
 0, 1 or 2, every line of its error output can be printed, an exit code of 2 comes with lines that begin with
 ``error: ``, and no file appears outside its folder. Everything else is a fault and printed with the case's number.
+With ``--journal FILE`` every case is noted in that file, and cases noted there are not run again.
 """
 
 import argparse
@@ -16,7 +17,10 @@ import multiprocessing
 import os
 import random
 import re
+import select
 import shutil
+import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -25,6 +29,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,8 +38,10 @@ import yaml
 
 from mirdrake.cli import main
 from mirdrake.core.paths import data_root
+from mirdrake.world_checks import first_steps
 
-TIME_LIMIT = 30.0  # [s]
+TIME_LIMIT = 30.0  # [s] of processor time, which does not depend on the load of the machine
+WALL_LIMIT = 20.0 * TIME_LIMIT  # [s] of a case that uses no processor time
 LONGEST = 1100  # characters of a line
 
 Builder = Callable[[Path], None]
@@ -616,12 +623,44 @@ def _work(pipe: Connection, seed: int) -> None:
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     os.dup2(null, 2)
+    first_steps.subprocess = SimpleNamespace(run=run_forked, TimeoutExpired=subprocess.TimeoutExpired)  # type: ignore[assignment]
     while True:
         job = pipe.recv()
         if job is None:
             return
         name, number, folder = job
         pipe.send(run_case(name, seed, number, Path(folder)))
+
+
+def run_forked(command: list[str], *, timeout: float, **_: Any) -> subprocess.CompletedProcess[bytes]:
+    """Run the first steps of a world in a copy of this process, which has imported everything they need.
+
+    Raises:
+        subprocess.TimeoutExpired: they did not end.
+    """
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.dup2(write, 1)
+        sys.argv, sys.stdout = ["first_steps", command[-1]], os.fdopen(1, "w", encoding="utf-8")
+        with contextlib.suppress(BaseException):
+            first_steps.main()
+            sys.stdout.flush()
+            os._exit(0)
+        os._exit(1)
+    os.close(write)
+    with os.fdopen(read, "rb") as pipe:
+        if not select.select([pipe], [], [], timeout)[0]:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            raise subprocess.TimeoutExpired(command, timeout)
+        out = pipe.read()
+    return subprocess.CompletedProcess(command, os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), out, b"")
+
+
+def processor_time(process: int) -> float:
+    """Return the processor time of a process so far [s]; its clock as clock_getcpuclockid(3) makes it."""
+    return time.clock_gettime((~process << 3) | 2)
 
 
 class Worker:
@@ -634,7 +673,7 @@ class Worker:
 
     def run(self, name: str, number: int) -> tuple[str, str, float]:
         """Run a case; returns outcome, text and time [s]."""
-        if self._process is None or self._cases >= 300:
+        if self._process is None or self._cases >= 2500:  # imports and valid files cost 20 s
             self.close()
             context = multiprocessing.get_context("spawn")
             self._pipe, other = context.Pipe()
@@ -648,7 +687,7 @@ class Worker:
             self._pipe.send((name, number, folder))
             outcome, text = "time", f"{name} #{number}: not finished within {TIME_LIMIT:g} s"
             try:
-                if self._pipe.poll(TIME_LIMIT + 30.0 * first):  # a new process imports first
+                if self._wait(TIME_LIMIT + 30.0 * first):  # a new process imports first
                     outcome, text = self._pipe.recv()
             except EOFError:
                 self._process.join()
@@ -659,6 +698,16 @@ class Worker:
                 self._process = None
             return outcome, text, time.monotonic() - began
 
+    def _wait(self, limit: float) -> bool:
+        """Return whether the case ends before the process has used so much processor time [s]."""
+        began, used = time.monotonic(), processor_time(self._process.pid)
+        while time.monotonic() - began < WALL_LIMIT:
+            if self._pipe.poll(1.0):
+                return True
+            if processor_time(self._process.pid) - used > limit:
+                return False
+        return False
+
     def close(self) -> None:
         """End the process."""
         if self._process is not None:
@@ -668,17 +717,37 @@ class Worker:
             self._process = None
 
 
-def fuzz(cases: int, seed: int, names: list[str], first: int = 0) -> dict[str, Counter[str]]:
-    """Run cases over formats in turn, print faults and return the counts of outcomes by format."""
+def fuzz(
+    cases: int, seed: int, names: list[str], first: int = 0, journal: Path | None = None
+) -> dict[str, Counter[str]]:
+    """Run cases over formats in turn, print faults and return the counts of outcomes by format.
+
+    Args:
+        cases: number of cases.
+        seed: of the whole run.
+        names: of the formats.
+        first: number of the first case.
+        journal: file with a line for every case that has been run; those in it are only counted.
+    """
     counts: dict[str, Counter[str]] = {name: Counter() for name in names}
+    done: dict[tuple[str, int], str] = {}
+    if journal is not None and journal.exists():
+        rows = [line.split("\t") for line in journal.read_text(encoding="utf-8").splitlines()]
+        done = {(name, int(number)): outcome for given, name, number, outcome, *_ in rows if int(given) == seed}
     worker = Worker(seed)
     for number in range(first, first + cases):
         name = names[number % len(names)]
-        outcome, text, _ = worker.run(name, number)
+        if (name, number) in done:
+            counts[name][done[name, number]] += 1
+            continue
+        outcome, text, seconds = worker.run(name, number)
         counts[name][outcome] += 1
         if outcome not in {"fine", "rejected"}:
             sys.stdout.write(f"{outcome}: {text}\n")
             sys.stdout.flush()
+        if journal is not None:
+            with journal.open("a", encoding="utf-8") as file:
+                file.write(f"{seed}\t{name}\t{number}\t{outcome}\t{seconds:.1f}\n")
     worker.close()
     return counts
 
@@ -697,8 +766,9 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--format", action="append", choices=list(FORMATS), help="only this one; may be given again")
+    parser.add_argument("--journal", type=Path, help="note the cases in this file, and leave out those in it")
     given = parser.parse_args()
     os.nice(10)
-    table = fuzz(given.cases, given.seed, given.format or list(FORMATS), given.first)
+    table = fuzz(given.cases, given.seed, given.format or list(FORMATS), given.first, given.journal)
     _print(table)
     sys.exit(any(set(counter) - {"fine", "rejected"} for counter in table.values()))
