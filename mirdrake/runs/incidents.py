@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.runs.contact_periods import ContactPeriods
 from mirdrake.worlds import PlacedProp, Start, World
 from mirdrake.worlds.clearance import Volume, clearance, clearance_between, place_outline
 
@@ -30,7 +31,7 @@ class Incident:
 
     Attributes:
         time: time since the start of the run [s].
-        kind: ``start``, ``collision`` or ``ground``.
+        kind: ``start``, ``collision``, ``ground`` or ``contact``; the last is an event only.
         text: message of one line.
         vehicle: name of the vehicle.
         other: name of the prop or vehicle of a collision.
@@ -47,7 +48,9 @@ class Incident:
 
 @dataclass
 class Incidents:
-    """Detector of incidents in the samples of a run, block by block; a collision of a pair is reported once.
+    """Detector of incidents in the samples of a run, block by block.
+
+    A collision of a pair is reported once. Its end and further contacts of the pair are events of kind ``contact``.
 
     Args:
         world: world of the run.
@@ -55,7 +58,7 @@ class Incidents:
         volumes: volumes of the vehicles for collisions, by name.
 
     Attributes:
-        reported: all incidents so far.
+        reported: all incidents so far, without those of kind ``contact``.
     """
 
     world: World
@@ -67,6 +70,7 @@ class Incidents:
         self._props = [prop for prop in self.world.props if not prop.prop.driven_over]
         self._tree = shapely.STRtree([prop.footprint for prop in self._props])
         self._outside: set[str] = set()
+        self._periods: dict[tuple[str, str], ContactPeriods] = {}
 
     def check_starts(self, starts: Mapping[str, Start]) -> list[Incident]:
         """Return the impossible starts of vehicles."""
@@ -88,11 +92,12 @@ class Incidents:
         if not len(times):
             return []
         poses = {name: _poses(columns, name) for name in self.vehicles if f"{name}.x" in columns}
-        incidents = [incident for name in poses for incident in self._collisions(name, poses, times, columns)]
+        touching = {name: self._touching(name, poses, times, columns) for name in poses}
+        incidents = [incident for name in poses for incident in self._collisions(name, touching[name], times, columns)]
         incidents += [incident for name in poses for incident in self._left_ground(name, poses[name], times)]
-        incidents.sort(key=lambda incident: incident.time)
-        self.reported += incidents
-        return incidents
+        self.reported += sorted(incidents, key=lambda incident: incident.time)
+        incidents += self._contacts(times, touching, columns)
+        return sorted(incidents, key=lambda incident: incident.time)
 
     # --- starts ---------------------------------------------------------------------------------------------------
 
@@ -132,30 +137,49 @@ class Incidents:
 
     # --- during the run -------------------------------------------------------------------------------------------
 
-    def _collisions(
+    def _touching(
         self, name: str, poses: Mapping[str, Array], times: Array, columns: Mapping[str, Array]
-    ) -> Iterator[Incident]:
-        """Return the first contacts of a vehicle with each object: overlapping shapes, or a contact force near it."""
+    ) -> dict[str, NDArray[np.bool_]]:
+        """Return when a vehicle touches each object: overlapping shapes, or a contact force near the nearest one."""
         volume, mine = self.volumes[name], poses[name]
         contacts = columns.get("other_contacts", np.zeros(len(times))) > 0.0
-        known = {(incident.vehicle, incident.other) for incident in self.reported if incident.kind == "collision"}
-        gaps = {
-            prop.name: clearance(volume, mine, [prop])
-            for prop in self._near(volume, mine)
-            if (name, prop.name) not in known
-        }
+        gaps = {prop.name: clearance(volume, mine, [prop]) for prop in self._near(volume, mine)}
         for other, theirs in poses.items():
-            if other != name and (name, other) not in known and self._may_meet(name, mine, other, theirs):
+            if other != name and self._may_meet(name, mine, other, theirs):
                 gaps[other] = clearance_between(volume, mine, self.volumes[other], theirs)
         nearest = np.min(list(gaps.values()), axis=0) if gaps else np.empty(0)
-        for other, gap in gaps.items():
-            touches = (gap <= 0.0) | (contacts & (gap < NEAR) & (gap <= nearest))
-            if touches.any():
+        return {other: (gap <= 0.0) | (contacts & (gap < NEAR) & (gap <= nearest)) for other, gap in gaps.items()}
+
+    def _collisions(
+        self, name: str, touching: Mapping[str, NDArray[np.bool_]], times: Array, columns: Mapping[str, Array]
+    ) -> Iterator[Incident]:
+        """Return the first contact of a vehicle with each object."""
+        known = {
+            incident.other for incident in self.reported if (incident.kind, incident.vehicle) == ("collision", name)
+        }
+        for other, touches in touching.items():
+            if touches.any() and other not in known:
                 row = int(np.argmax(touches))
                 before = max(row - 1, 0)  # the contact may already have reduced the speed of its sample
                 speed = float(np.hypot(columns[f"{name}.vx"][before], columns[f"{name}.vy"][before]))
                 text = f"{name}: collision with '{other}' at {speed:.1f} m/s"
                 yield Incident(float(times[row]), "collision", text, name, other, speed)
+
+    def _contacts(
+        self, times: Array, touching: Mapping[str, Mapping[str, NDArray[np.bool_]]], columns: Mapping[str, Array]
+    ) -> Iterator[Incident]:
+        """Return where contacts begin and end; the first of each pair with an object is a collision already."""
+        by_pair = {(name, other): touches for name, pairs in touching.items() for other, touches in pairs.items()}
+        # A contact with no prop or vehicle near is one of the bodywork with the ground, of whichever vehicle.
+        touches = np.any([*by_pair.values()], axis=0) if by_pair else np.zeros(len(times), dtype=bool)
+        name = next(iter(self.vehicles)) if len(self.vehicles) == 1 else "a vehicle"
+        by_pair[name, ""] = (columns.get("other_contacts", np.zeros(len(times))) > 0.0) & ~touches
+        for pair in {**self._periods, **by_pair}:
+            periods = self._periods.setdefault(pair, ContactPeriods())
+            other = f"'{pair[1]}'" if pair[1] else "the ground or a low prop"
+            for time, event in periods.look(times, by_pair.get(pair, np.zeros(len(times), dtype=bool))):
+                if event != ContactPeriods.FIRST or not pair[1]:
+                    yield Incident(time, "contact", f"{pair[0]}: contact with {other} {event}", *pair)
 
     def _left_ground(self, name: str, poses: Array, times: Array) -> Iterator[Incident]:
         good = np.isfinite(poses).all(axis=1)

@@ -69,15 +69,15 @@ class Events:
             self._writer.write_event(self.entries[-1])
 
     def look(self, times: Array, columns: Columns, vehicles: list[str]) -> None:
-        """Add events of wheels that leave or regain the road, laps, and contacts other than tyres on the road."""
+        """Add events of wheels that leave or regain the road, and laps."""
         if not len(times):  # a run may end before the first sample of a block
             return
         watched = {f"{name}.wheels_on_road": "road" for name in vehicles} | {f"{name}.lap": "lap" for name in vehicles}
-        for key, kind in (watched | {"other_contacts": "contact"}).items():
+        for key, kind in watched.items():
             if key not in columns:
                 continue
             values = np.floor(columns[key] + 1e-6)
-            before = self._last.get(key, float(values[0]) if kind != "contact" else 0.0)
+            before = self._last.get(key, float(values[0]))
             for index in np.flatnonzero(np.diff(values, prepend=before)):
                 self._report(float(times[index]), kind, key.split(".")[0], float(values[index]))
             self._last[key] = float(values[-1])
@@ -86,7 +86,6 @@ class Events:
         texts = {
             "road": f"{name}: {value:.0f} of 4 wheels on the road",
             "lap": f"{name}: lap {value:.0f} completed",
-            "contact": f"{value:.0f} contacts that are not tyres on the road",
         }
         self.add(time, kind, texts[kind])
 

@@ -290,10 +290,10 @@ class _Logs(NamedTuple):
     reporter: Report | None
 
     def report(self, incidents: Sequence[Incident]) -> None:
-        """Record incidents as events, and report them immediately."""
+        """Record incidents as events, and report them immediately; later contacts of a pair are events only."""
         for incident in incidents:
             self.events.add(incident.time, incident.kind, incident.text)
-            if self.reporter is not None:
+            if self.reporter is not None and incident.kind != "contact":
                 self.reporter(incident)
 
 
