@@ -1206,6 +1206,16 @@ def test_a_dry_run_reports_changes_and_rejections_and_writes_nothing(tmp_path, c
     out = capsys.readouterr().out
     assert "would be written" in out
     assert "car.urdf:31: sensor 'bumper': type contact -> left out (mirdrake has no such sensor)" in out
+    (tmp_path / "models" / "buggy").mkdir(parents=True)
+    for options in ([], ["--name", "buggy"]):  # a folder of that name is reported, and does not hide the changes
+        assert main(["import", "vehicle", "source/car.urdf", "--dry-run", *options]) == 0
+        out = capsys.readouterr().out
+        assert "warning: models/buggy exists already; choose another name, or use --force" in out
+        assert "sensor 'bumper'" in out
+        assert main(["import", "vehicle", "source/car.urdf", *options]) == 2
+        assert "models/buggy exists already" in capsys.readouterr().err
+    (tmp_path / "models" / "buggy").rmdir()
+    (tmp_path / "models").rmdir()
     (tmp_path / "source" / "car.urdf").write_text(urdf().replace("continuous", "fixed"))
     assert main(["import", "vehicle", "source/car.urdf", "--dry-run"]) == 2
     assert "no road wheels" in capsys.readouterr().err

@@ -120,6 +120,10 @@ def _print_plan(plan: "ImportPlan") -> None:
     from mirdrake.importing.changes import count_changes
 
     layout = plan.car.layout
+    if plan.obstacle:
+        print(f"warning: {plan.obstacle}")
+    for warning in plan.car.warnings:
+        print(f"warning: {warning}")
     print(f"{shown(plan.folder)}/ would be written")
     print(
         f"  wheelbase {layout.wheelbase:.3f} m, track {layout.tracks[0]:.3f} and {layout.tracks[1]:.3f} m, "

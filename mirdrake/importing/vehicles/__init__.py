@@ -62,12 +62,14 @@ class ImportPlan:
         car: repaired; its meshes are not converted yet.
         model: model as read.
         places: short names of the source files.
+        obstacle: why the folder cannot be written as things are, such as an existing vehicle of that name; else empty.
     """
 
     folder: Path
     car: Car
     model: SourceModel
     places: Places
+    obstacle: str = ""
 
     @property
     def changes(self) -> tuple[Change, ...]:
@@ -111,6 +113,9 @@ def import_vehicle(
     show_progress = progress or _ignore_progress
     if not convex_time >= 0.0:
         raise ConfigError(f"convex_time {convex_time:g} is not allowed; seconds from 0 on")
+    if name is not None:
+        check_name(name)
+        vehicle_place(name, folder=folder, force=force)
     plan = plan_import(
         path,
         name=name,
@@ -121,6 +126,8 @@ def import_vehicle(
         force=force,
         progress=progress,
     )
+    if plan.obstacle:
+        raise ConfigError(plan.obstacle)
     car, target = plan.car, plan.folder
     with staging(target.parent) as stage:
         building = stage.path / target.name
@@ -149,7 +156,7 @@ def plan_import(
     """Return what :func:`import_vehicle` would make with the same arguments; nothing is written or converted.
 
     Raises:
-        ConfigError: name, place or drive are not allowed.
+        ConfigError: name or drive are not allowed.
         ModelError: the files cannot be read, or describe no car.
     """
     show_progress = progress or _ignore_progress
@@ -157,17 +164,20 @@ def plan_import(
         raise ConfigError(f"drive '{drive}' is not allowed; {did_you_mean(drive, get_args(Drive))}")
     if name is not None:
         check_name(name)
-        vehicle_place(name, folder=folder, force=force)
     show_progress("reading")
     model = read_source(Path(path), packages=packages, arguments=arguments)
     name = name or _plain(model.name)
-    target = vehicle_place(name, folder=folder, force=force)
+    target, obstacle = Path(folder or "models") / name, ""
+    try:
+        vehicle_place(name, folder=folder, force=force)
+    except ConfigError as error:
+        obstacle = str(error)
     places = shorten_places(model)
     show_progress("recognising wheels and steering")
     roles = recognise(model, drive)
     show_progress("repairing")
     car = repair(model, roles, name=name)
-    return ImportPlan(target, car, model, places)
+    return ImportPlan(target, car, model, places, obstacle)
 
 
 def _ignore_progress(_text: str) -> None:
