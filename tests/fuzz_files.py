@@ -623,7 +623,7 @@ def _work(pipe: Connection, seed: int) -> None:
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     os.dup2(null, 2)
-    first_steps.subprocess = SimpleNamespace(run=run_forked, TimeoutExpired=subprocess.TimeoutExpired)  # type: ignore[assignment]
+    vars(first_steps)["subprocess"] = SimpleNamespace(run=run_forked, TimeoutExpired=subprocess.TimeoutExpired)
     while True:
         job = pipe.recv()
         if job is None:
