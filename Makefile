@@ -26,7 +26,7 @@ help:
 	@echo "make lint      formatting, lint and types"
 	@echo "make times     the fast tests; records their processor times in tests/times.json"
 	@echo "make fuzz      10 000 mutated files of every format through the commands (ARGS='--cases 500 --seed 1')"
-	@echo "make docs      the API reference from the docstrings, into docs/reference/"
+	@echo "make docs      the documentation site, into build/site/"
 	@echo "make bench     benchmarks against other simulators (ARGS=... for options)"
 	@echo "make clean     remove .venv, builds and caches; runs/ stays"
 	@echo "PYTHON=python3.12 chooses the Python of .venv, WORKERS=4 the number of test processes"
@@ -56,9 +56,9 @@ lint: $(VENV)/ready-dev
 fuzz: $(VENV)/ready-dev
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(RUN)/python -m tests.fuzz_files $(ARGS)
 
-docs: $(VENV)/ready-dev
-	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m tools.api_page docs/reference
-	@echo "docs/reference/index.html"
+docs: $(VENV)/ready-docs
+	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m tools.site build/site $(ARGS)
+	@echo "build/site/index.html"
 
 bench: $(VENV)/ready-bench
 	OPENBLAS_NUM_THREADS=1 $(RUN)/python benchmarks/run.py $(ARGS)
@@ -81,6 +81,10 @@ $(VENV)/ready: pyproject.toml constraints.txt | $(RUN)/pip
 
 $(VENV)/ready-dev: pyproject.toml constraints.txt | $(RUN)/pip
 	$(INSTALL) '.[dev]'
+	@touch $@ $(VENV)/ready
+
+$(VENV)/ready-docs: pyproject.toml constraints.txt | $(RUN)/pip
+	$(INSTALL) '.[docs]'
 	@touch $@ $(VENV)/ready
 
 $(VENV)/ready-bench: pyproject.toml constraints.txt | $(RUN)/pip

@@ -1,10 +1,4 @@
-"""The lists of docs/api.md, and the reference from the docstrings.
-
-::
-
-    python -m tools.api_page docs/api.md            writes the lists anew
-    python -m tools.api_page docs/reference         writes the reference, one page a module
-"""
+"""The lists of docs/api.md, which ``python -m tools.api_page docs/api.md`` writes."""
 
 import ast
 import re
@@ -105,17 +99,6 @@ def _targets(node: ast.Assign) -> list[str]:
     return [target.id for target in node.targets if isinstance(target, ast.Name)]
 
 
-def write_reference(folder: Path) -> None:
-    """The reference of the package and of :data:`MODULES`, below the folder."""
-    import pdoc
-
-    pdoc.render.configure(docformat="google", footer_text="mirdrake")
-    pdoc.pdoc("mirdrake", *(f"mirdrake.{module}" for module in MODULES), output_directory=folder)
-
-
 if __name__ == "__main__":
     target = Path(sys.argv[1])
-    if target.suffix == ".md":
-        target.write_text(write_page(target.read_text(encoding="utf-8")), encoding="utf-8")
-    else:
-        write_reference(target)
+    target.write_text(write_page(target.read_text(encoding="utf-8")), encoding="utf-8")
