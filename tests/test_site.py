@@ -13,7 +13,9 @@ def test_a_link_between_files_becomes_a_link_between_pages():
         PurePosixPath("notebooks/01.ipynb"): PurePosixPath("tutorials/01.ipynb"),
         PurePosixPath("models/bolt/README.md"): PurePosixPath("shipped_vehicles/bolt.md"),
     }
-    text = "[a](../models/bolt/README.md#mass) [b](../notebooks/01.ipynb) ![c](drive.jpg) [d](../mirdrake/x.py) [e](../tests)"
+    text = (
+        "[a](../models/bolt/README.md#mass) [b](../notebooks/01.ipynb) ![c](drive.jpg) [d](../mirdrake/x.py) [e](../t)"
+    )
     assert rewrite_links(text, PurePosixPath("docs/tyres.md"), pages, "build/pages") == (
         "[a](shipped_vehicles/bolt.md#mass) [b](tutorials/01.ipynb) ![c](drive.jpg) [d](../../mirdrake/x.py) e"
     )
