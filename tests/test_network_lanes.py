@@ -67,4 +67,4 @@ def test_a_network_names_its_lanes_and_who_yields() -> None:
 
 def test_a_lane_needs_two_points() -> None:
     with pytest.raises(WorldError, match="a lane needs two or more"):
-        lane_along([[0.0, 0.0], [0.0, 0.0]])
+        lane_along("a", [[0.0, 0.0], [0.0, 0.0]])

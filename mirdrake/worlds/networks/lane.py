@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import scipy  # it imports its parts when they are first used
@@ -11,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from mirdrake.core.errors import WorldError
 from mirdrake.worlds.pieces import Array
+
+Change = Literal["both", "left", "right", "none"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +37,7 @@ class Lane:
     width: Array
     """[m]"""
     left: str | None = None
-    """the next lane to the left with the same direction, to which a vehicle may change"""
+    """the next lane to the left with the same direction"""
     right: str | None = None
     """the next lane to the right with the same direction"""
     opposite: str | None = None
@@ -43,6 +46,8 @@ class Lane:
     """lanes that begin where this one ends"""
     predecessors: tuple[str, ...] = ()
     """lanes that end where this one begins"""
+    change: Change = "both"
+    """sides to which the road marks allow a lane change"""
     speed_limit: float | None = None
     """[m/s]"""
     kind: str = "driving"

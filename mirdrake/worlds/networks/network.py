@@ -12,6 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.worlds.networks.conflicts import Conflict, find_conflicts
 from mirdrake.worlds.networks.lane import Lane
+from mirdrake.worlds.pieces import Array
 
 Control = Literal["lights", "stop", "yield", "none"]
 
@@ -74,6 +75,19 @@ class Junction:
 
 
 @dataclass(frozen=True, eq=False)
+class PaintedLine:
+    """A road mark."""
+
+    points: Array
+    """its middle, N x 2 [m]"""
+    width: float
+    """[m]"""
+    dash: tuple[float, float] | None = None
+    """lengths of dashes and of gaps [m]; None: continuous"""
+    color: Literal["white", "yellow"] = "white"
+
+
+@dataclass(frozen=True, eq=False)
 class Network:
     """A road network."""
 
@@ -87,6 +101,7 @@ class Network:
     """by id"""
     priorities: frozenset[tuple[str, str]] = frozenset()
     """pairs of lanes in conflict: the first has priority over the second"""
+    markings: tuple[PaintedLine, ...] = ()
     left_hand: bool = False
     """traffic drives on the left"""
     notes: tuple[str, ...] = ()
@@ -94,8 +109,8 @@ class Network:
 
     @cached_property
     def conflicts(self) -> tuple[Conflict, ...]:
-        """Pairs of lanes whose areas overlap, with the stations on both between which they do."""
-        return find_conflicts(self.lanes)
+        """Pairs of lanes for motor vehicles that overlap, with the stations on both between which they do."""
+        return find_conflicts({lane.id: lane for lane in self.driving()})
 
     @cached_property
     def area(self) -> BaseGeometry:
@@ -153,7 +168,7 @@ class Network:
         s, offset = best.project(x, y)
         return best, float(s), float(offset)
 
-    def on_road(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def on_road(self, x: Array, y: Array) -> NDArray[np.bool_]:
         """Return whether points (world x, y [m], any shape) are on a lane for motor vehicles."""
         shapely.prepare(self.area)
         return np.asarray(shapely.contains_xy(self.area, x, y))

@@ -1,0 +1,178 @@
+"""Signals, signs and stop lines of OpenDRIVE files.
+
+After ASAM OpenDRIVE, chapter "Signals": a signal is valid for the lanes of its orientation, or for those of its
+`validity`. Types are those of the standard for lights (1000001 and following), and of the German and American
+catalogues of signs for stop (206, R1-1), yield (205, R1-2) and stop line (294).
+"""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from mirdrake.worlds.networks.lane import Lane
+from mirdrake.worlds.networks.network import DRIVEN, Control, Signal, StopLine
+from mirdrake.worlds.networks.opendrive_links import lane_id
+from mirdrake.worlds.networks.opendrive_road import RoadLanes
+from mirdrake.worlds.opendrive_parts import Places, number_of
+
+_SIGNS: Mapping[str, Control] = {"206": "stop", "R1-1": "stop", "205": "yield", "R1-2": "yield"}
+_STOP_LINE = "294"
+_FOR_OTHERS = {"1000002", "1000007", "1000013", "1000015"}  # lights for pedestrians and cyclists
+_NEAR = 15.0  # [m] of a stop line from the signal that it belongs to
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """A signal or a stop line on the lanes that it is valid for, by id, with its station on each [m]."""
+
+    kind: Control
+    name: str | None
+    places: dict[str, float]
+
+
+def read_signals(
+    root: Element, roads: Mapping[str, RoadLanes], lanes: Mapping[str, Lane], places: Places
+) -> tuple[dict[str, Signal], tuple[StopLine, ...], tuple[str, ...]]:
+    """Return the signals by name, the stop lines, and the signals without effect, one line for each type.
+
+    Args:
+        root: element of the file.
+        roads: its roads by id.
+        lanes: their lanes by id.
+        places: line of each element, for messages.
+    """
+    groups = {
+        control.get("signalId", ""): controller.get("id", "")
+        for controller in root.iterfind("controller")
+        for control in controller.iterfind("control")
+    }
+    signals: dict[str, Signal] = {}
+    marks: list[_Mark] = []
+    lines: list[_Mark] = []
+    unread: Counter[str] = Counter()
+    for road in roads.values():
+        for element in road.element.iterfind("signals/signal"):
+            code = element.get("type", "")
+            valid = _valid_places(element, road, lanes, places)
+            if code == _STOP_LINE:
+                lines.append(_Mark("none", None, valid))
+                continue
+            kind = _kind(element)
+            signal = _signal(element, road, kind, tuple(valid), groups, places, taken=signals)
+            signals[signal.name] = signal
+            if kind == "none":
+                unread[code or "none"] += 1
+            else:
+                marks.append(_Mark(kind, signal.name if kind == "lights" else None, valid))
+        marks += _references(root, road, signals, lanes, places)
+        for element in road.element.iterfind("objects/object"):
+            text = " ".join(element.get(key, "") for key in ("type", "subtype", "name"))
+            if re.search(r"stop[ _]?line", text, re.IGNORECASE):
+                lines.append(_Mark("none", None, _valid_places(element, road, lanes, places)))
+    notes = [f"signs of type {code}, without effect: {count}" for code, count in sorted(unread.items())]
+    return signals, tuple(_stop_lines(marks, lines, lanes)), tuple(notes)
+
+
+def _kind(element: Element) -> Control:
+    code = element.get("type", "")
+    if element.get("dynamic") == "yes" and code not in _FOR_OTHERS:
+        return "lights"
+    return _SIGNS.get(code, "none")
+
+
+def _signal(
+    element: Element,
+    road: RoadLanes,
+    kind: Control,
+    valid: tuple[str, ...],
+    groups: Mapping[str, str],
+    places: Places,
+    *,
+    taken: Mapping[str, Signal],
+) -> Signal:
+    """Return a signal at its place."""
+    own = element.get("id", "")
+    name = own if own and own not in taken else f"{own or 'signal'}_{len(taken)}"
+    x, y, z, yaw = road.place(number_of(element, "s", places), number_of(element, "t", places, 0.0))
+    if element.get("orientation") == "-":
+        yaw += math.pi
+    return Signal(
+        name,
+        kind,
+        x,
+        y,
+        z + number_of(element, "zOffset", places, 0.0),
+        math.remainder(yaw, 2.0 * math.pi),
+        valid,
+        code=element.get("type", ""),
+        label=element.get("name", ""),
+        group=groups.get(own),
+    )
+
+
+def _references(
+    root: Element, road: RoadLanes, signals: dict[str, Signal], lanes: Mapping[str, Lane], places: Places
+) -> Iterator[_Mark]:
+    """Yield the signals of other roads that are also valid for a road, and add its lanes to them."""
+    for element in road.element.iterfind("signals/signalReference"):
+        name = element.get("id", "")
+        if name not in signals:
+            sources = (e for e in root.iterfind("road/signals/signal") if e.get("id") == name)
+            kind = next((_kind(e) for e in sources), "none")
+        else:
+            kind = signals[name].kind
+        if kind != "none":
+            yield _Mark(kind, name if kind == "lights" else None, _valid_places(element, road, lanes, places))
+
+
+def _valid_places(element: Element, road: RoadLanes, lanes: Mapping[str, Lane], places: Places) -> dict[str, float]:
+    """Return the station [m] of an element on each lane for motor vehicles that it is valid for."""
+    s = min(max(number_of(element, "s", places), 0.0), road.length)
+    section = road.section_at(s)
+    ranges = [
+        sorted(round(number_of(validity, key, places)) for key in ("fromLane", "toLane"))
+        for validity in element.iterfind("validity")
+    ]
+    orientation = element.get("orientation", "none")
+    found: dict[str, float] = {}
+    for number in road.sections[section].lanes:
+        lane = lanes.get(lane_id(road.id, section, number))
+        if lane is None or lane.kind not in DRIVEN:
+            continue
+        if ranges:
+            is_valid = any(low <= number <= high for low, high in ranges)
+        else:
+            is_valid = orientation not in {"+", "-"} or (lane.direction > 0) == (orientation == "+")
+        if is_valid:
+            order = slice(None, None, lane.direction)
+            found[lane.id] = float(np.interp(s, lane.road_s[order], lane.s[order]))
+    return found
+
+
+def _stop_lines(marks: list[_Mark], lines: list[_Mark], lanes: Mapping[str, Lane]) -> Iterator[StopLine]:
+    """Yield one stop line for each signal on each lane: the painted one nearby, else at the signal itself.
+
+    Painted lines without a signal are stop lines without a reason to stop.
+    """
+    painted: dict[str, list[float]] = {}
+    for line in lines:
+        for lane, s in line.places.items():
+            painted.setdefault(lane, []).append(s)
+    done: dict[str, list[float]] = {}
+    for mark in marks:
+        for lane, s in mark.places.items():
+            near = [line for line in painted.get(lane, []) if abs(line - s) < _NEAR]
+            at = min(near, key=lambda line: abs(line - s)) if near else s  # noqa: B023
+            if any(abs(other - at) < 1.0 for other in done.get(lane, [])):
+                continue
+            done.setdefault(lane, []).append(at)
+            yield StopLine(f"{lane}@{at:.4g}", lane, min(at, lanes[lane].length), mark.kind, mark.name)
+    for lane, stations in painted.items():
+        for s in stations:
+            if not any(abs(other - s) < 1.0 for other in done.get(lane, [])):
+                yield StopLine(f"{lane}@{s:.4g}", lane, s, "none")
