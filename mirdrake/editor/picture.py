@@ -58,6 +58,7 @@ def view_of(world: World) -> tuple[float, float, float, float]:
     """Return the part of a world with its contents: smallest x and y, largest x and y [m]."""
     boxes = [placed.footprint.bounds for placed in world.props]
     boxes += [track.bounds for track in world.tracks.values()]
+    boxes += [] if world.network is None else [world.network.bounds]
     boxes += [patch.area.bounds for patch in world.patches]
     boxes += [(start.x - 6.0, start.y - 6.0, start.x + 6.0, start.y + 6.0) for start in world.starts.values()]
     boxes += [goal.area.bounds for goal in world.goals.values() if goal.area is not None]

@@ -13,7 +13,7 @@ from mirdrake.report.map_sheet import PAGE, Box, Sheet
 from mirdrake.report.svg import SCALE_STEPS
 from mirdrake.report.vehicle_charts import VehicleSignals
 from mirdrake.report.words import format_quantity, format_time
-from mirdrake.report.world_map import draw_figure, props, surfaces
+from mirdrake.report.world_map import draw_figure, props, signals, surfaces
 from mirdrake.worlds import World, make_world
 
 VEHICLE_COLOURS = ("main", "own1", "own2", "own3", "own4")
@@ -95,7 +95,7 @@ def _draw_map(world: World, lines: Sequence[DrivenLine], places: Sequence[Place]
     for kind, (width, *heights) in _SIZES.items():
         sheet = Sheet.around(bounds, width, (heights[0], heights[1]), margin=_MARGIN, foot=_FOOT)
         thickness = 2.4 if sheet.scale > 1.5 else 1.7
-        layers = [surfaces, props, driven_lines(lines, width=thickness, arrows=True)]
+        layers = [surfaces, signals, props, driven_lines(lines, width=thickness, arrows=True)]
         layers += [line_ends(lines), numbered_places(places)]
         pictures.append(draw_figure(world, sheet, PAGE, layers, kind=f"plot map {kind}", description=description))
     return Markup("\n").join(pictures)
@@ -106,7 +106,7 @@ def _draw_place(world: World, lines: Sequence[DrivenLine], place: Place, descrip
     reach = place.reach
     bounds = (place.x - reach, place.y - reach, place.x + reach, place.y + reach)
     sheet = Sheet.around(bounds, _INSET, (_INSET, _INSET))
-    layers = [surfaces, centre_lines, props, driven_lines(lines, width=2.0)]
+    layers = [surfaces, centre_lines, signals, props, driven_lines(lines, width=2.0)]
     layers.append(numbered_places([place], numbers=False))
     return draw_figure(world, sheet, PAGE, layers, kind="plot place", description=description)
 

@@ -9,7 +9,6 @@ from markupsafe import escape
 from mirdrake.report.map_sheet import DOCUMENT, INK, fill_of, friction_label, text_length
 from mirdrake.report.world_map import Overlap
 from mirdrake.worlds import PlacedProp, World
-from mirdrake.worlds.world import track_mu
 
 _ROW = 21.0  # [px]
 _MOST_ROWS = 10  # of one section
@@ -54,9 +53,8 @@ def _sections(world: World, overlaps: Sequence[Overlap]) -> list[tuple[str, list
     """Return the sections that are not empty: title and rows."""
     ground = world.ground
     surfaces = [_Row([DOCUMENT.ground(ground.surface)], friction_label("ground", ground.surface, ground.mu))]
-    for name in world.roads():
-        spec = world.spec.tracks[name]
-        surfaces.append(_Row([DOCUMENT.road(spec.surface)], friction_label(name, spec.surface, track_mu(spec))))
+    for road in world.road_areas:
+        surfaces.append(_Row([DOCUMENT.road(road.surface)], friction_label(road.name, road.surface, road.mu)))
     for patch in world.patches:
         label = friction_label(patch.name, patch.surface, patch.mu)
         surfaces.append(_Row([DOCUMENT.patch(patch.surface)], label, dashed=True))

@@ -28,6 +28,7 @@ from mirdrake.report.world_map import (
     overlap_areas,
     props,
     round_down,
+    signals,
     start_arrow,
     starts,
     surfaces,
@@ -69,7 +70,7 @@ def draw_plan(world: World, *, overlaps: Sequence[Overlap] = (), width: float = 
         width: width of the picture [px]; a narrow world makes it narrower.
     """
     sheet = _make_sheet(world, max(width, _LEFT + _LEAST + _SIDE))
-    layers = [surfaces, _grid, props, overlap_areas(overlaps), starts]
+    layers = [surfaces, _grid, signals, props, overlap_areas(overlaps), starts]
     body = draw_world(world, sheet, DOCUMENT, layers)
     bar, ticks = _draw_scale(sheet), _draw_ticks(sheet)
     labels = _make_labels(world, sheet, overlaps)
@@ -116,6 +117,7 @@ def _make_sheet(world: World, width: float) -> Sheet:
 def _contents(world: World) -> list[BaseGeometry]:
     """Return the areas that must be in the picture."""
     areas: list[BaseGeometry] = [track.area for track in world.tracks.values()]
+    areas += [road.area for road in world.road_areas if not road.is_track]
     areas += [patch.area for patch in world.patches] + [placed.footprint for placed in world.props]
     areas += [goal.area for goal in world.goals.values() if goal.area is not None]
     return areas + [shapely.Point(start.x, start.y) for start in world.starts.values()]

@@ -9,7 +9,7 @@ from markupsafe import Markup, escape
 from mirdrake.report.drive_layers import DrivenLine, VehicleOutline, driven_lines, vehicles
 from mirdrake.report.map_sheet import PAGE, Box, Sheet
 from mirdrake.report.words import format_quantity
-from mirdrake.report.world_map import Layer, draw_figure, props, surfaces
+from mirdrake.report.world_map import Layer, draw_figure, props, signals, surfaces
 from mirdrake.suites.trace import MarginCurve, Trace
 from mirdrake.worlds import World
 
@@ -30,7 +30,7 @@ def draw_case(world: World, trace: Trace | None, worst: int | None, *, failed: b
         failed: whether its requirement failed.
     """
     sheet = Sheet.around(_bounds(world, trace), _MAP, _HEIGHTS)
-    layers: list[Layer] = [surfaces, props]
+    layers: list[Layer] = [surfaces, signals, props]
     if trace is not None:
         outlines = [
             VehicleOutline(corners, label, above=label == "end")
@@ -54,7 +54,7 @@ def _bounds(world: World, trace: Trace | None) -> Box:
         points += [*trace.line, *trace.start, *trace.end]
         points += [point for curve in trace.curves for point in curve.outline]
     if not points:
-        areas = [track.area for track in world.roads().values()] + [prop.footprint for prop in world.props]
+        areas = [road.area for road in world.road_areas] + [prop.footprint for prop in world.props]
         areas += [goal.area for goal in world.goals.values() if goal.area is not None]
         points = [corner for area in areas for corner in np.reshape(area.bounds, (2, 2)).tolist()] or [[0.0, 0.0]]
     low, high = np.min(points, axis=0) - _AROUND, np.max(points, axis=0) + _AROUND

@@ -28,7 +28,13 @@ Overlap = tuple[str, str, BaseGeometry]
 Layer = Callable[[World, Sheet, Palette], Iterable[str]]
 """Returns elements of SVG."""
 
-_SURFACES = {"ground", "verge", "road", "patch", "goal"}
+_SURFACES = {"ground", "verge", "network", "road", "patch", "goal"}
+_SIGNAL_SHAPES = {
+    "lights": '<rect x="-3.5" y="-9" width="7" height="18" rx="2" fill="#1f2937"/><circle cy="-5.5" r="2.2" '
+    'fill="#ef4444"/><circle r="2.2" fill="#f59e0b"/><circle cy="5.5" r="2.2" fill="#22c55e"/>',
+    "stop": '<path d="M-2.5 -6h5L6 -2.5v5L2.5 6h-5L-6 2.5v-5Z" fill="#dc2626" stroke="#fff"/>',
+    "yield": '<path d="M-6 -5H6L0 5.5Z" fill="#fff" stroke="#dc2626" stroke-width="2"/>',
+}
 _FACING = {"sedan", "van", "pedestrian"}  # kinds of props with a front
 _SMALL = 6.0  # [px] smaller props are dots
 
@@ -81,7 +87,7 @@ def surfaces(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
         elif area.layer == "patch":
             fill, dashed = palette.patch(area.surface), 'fill-opacity="0.8" stroke-dasharray="6 4"'
             yield shape_tag(data, fill, stroke=palette.edge(fill), title=title, kind="patch", more=dashed)
-        elif area.layer == "road":
+        elif area.layer in {"network", "road"}:
             fill = palette.road(area.surface or "")
             edge = "#8d949d" if palette.detailed else palette.edge(fill)
             yield shape_tag(data, fill, stroke=edge, title=title, kind="road")
@@ -98,6 +104,8 @@ def surfaces(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
 
 def _surface_title(world: World, area: DrawnArea) -> str:
     """Return the tooltip of a track, patch or goal; none of the ground."""
+    if area.layer == "network":
+        return f"{area.name}: {area.surface}, μ {area.mu:g}"
     if area.layer == "road":
         track = world.tracks[area.name]
         most = "" if track.edges is None else "up to "
@@ -116,6 +124,14 @@ def _marking(line: DrawnLine, sheet: Sheet, palette: Palette) -> str:
     # A line of true width would be invisible from far above; a start line is a line of two points.
     width = max(line.width * sheet.scale, 1.6 if len(line.points) == 2 else 0.7)
     return line_tag(sheet.polyline(line.points), palette.marking, round(width, 2), more=dash)
+
+
+def signals(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
+    """Draw traffic lights and signs of the network."""
+    for signal in make_drawing(world).signals:
+        x, y = sheet.place([[signal.x, signal.y]])[0].tolist()
+        title = f"<title>{escape(signal.kind)} {escape(signal.name)}</title>"
+        yield f'<g class="signal" transform="translate({x:.2f} {y:.2f})">{title}{_SIGNAL_SHAPES[signal.kind]}</g>'
 
 
 def props(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:

@@ -249,7 +249,7 @@ def _collision(signals: Mapping[str, Array]) -> Event:
 def _on_road(world: World, signals: Mapping[str, Array], geometry: VehicleGeometry) -> Event:
     """Return the event of being on the road, with the signed distance of the outermost wheel to its edge."""
     x, y, yaw = signals["x"], signals["y"], signals["yaw"]
-    roads = [track.area for track in world.roads().values()]
+    roads = [road.area for road in world.road_areas if road.drivable]
     if not roads:
         return Event(np.ones(x.size, dtype=bool), np.full(x.size, math.inf), "m")
     cos, sin = np.cos(yaw), np.sin(yaw)

@@ -204,6 +204,7 @@ def _extent(world: World) -> tuple[Array, Array]:
     boxes += [(start.x, start.y, start.x, start.y) for start in world.starts.values()]
     boxes += [area.bounds for name in world.goals if (area := goal_area(world, name)) is not None]
     boxes += [track.bounds for track in world.tracks.values()]
+    boxes += [] if world.network is None else [world.network.bounds]
     table = np.array(boxes, dtype=float)
     return table[:, :2].min(axis=0), table[:, 2:].max(axis=0)
 

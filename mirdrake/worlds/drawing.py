@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from mirdrake.worlds.networks.paint import stop_mark
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import Color
 from mirdrake.worlds.spec import MarkingSpec
@@ -19,7 +20,7 @@ from mirdrake.worlds.world import World, track_mu, verge
 EDGE_LINE_INSET = 0.05
 """Distance from the edge of a road to an edge line [m]."""
 
-AreaLayer = Literal["ground", "verge", "road", "patch", "goal", "prop"]
+AreaLayer = Literal["ground", "verge", "network", "road", "patch", "goal", "prop"]
 LineLayer = Literal["marking", "gate"]
 
 
@@ -29,7 +30,7 @@ class DrawnArea:
 
     layer: AreaLayer
     name: str
-    """name of the track, patch, goal or prop; "" for the ground"""
+    """name of the track, patch, goal or prop, kind of lanes of the network; "" for the ground"""
     area: BaseGeometry
     """polygon in W [m]"""
     surface: str | None = None
@@ -68,15 +69,28 @@ class DrawnStart:
 
 
 @dataclass(frozen=True)
+class DrawnSignal:
+    """A traffic light or sign of the network: position [m] and heading [rad] of the traffic that it faces, in W."""
+
+    name: str
+    kind: str
+    """lights, stop or yield"""
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True)
 class WorldDrawing:
     """A world seen from above; later areas and lines are on top.
 
     Attributes:
         name: name of the world.
         bounds: smallest x and y, largest x and y of the ground [m].
-        areas: ground, verges, roads, patches and goals in this order, then props by height.
+        areas: ground, verges, lanes of the network, tracks, patches and goals in this order, then props by height.
         lines: markings and gates.
         starts: starts.
+        signals: traffic lights and signs.
     """
 
     name: str
@@ -84,6 +98,7 @@ class WorldDrawing:
     areas: tuple[DrawnArea, ...]
     lines: tuple[DrawnLine, ...]
     starts: tuple[DrawnStart, ...]
+    signals: tuple[DrawnSignal, ...] = ()
 
     def layer(self, layer: AreaLayer) -> list[DrawnArea]:
         """Return the areas of one layer."""
@@ -99,6 +114,12 @@ def make_drawing(world: World) -> WorldDrawing:
         surface = specs[name].verge
         if surface is not None and surface != ground.surface:
             areas.append(DrawnArea("verge", name, verge(track), surface))
+    areas += [
+        DrawnArea("network", road.name, road.area, road.surface, road.mu)
+        for road in world.road_areas
+        if not road.is_track
+    ]
+    lines += _network_lines(world)
     for name, track in world.roads().items():
         areas.append(DrawnArea("road", name, track.area, specs[name].surface, track_mu(specs[name])))
         for marking in specs[name].markings:
@@ -115,7 +136,13 @@ def make_drawing(world: World) -> WorldDrawing:
         for placed in sorted(world.props, key=lambda placed: placed.top)
     ]
     starts = tuple(DrawnStart(name, start.x, start.y, start.yaw) for name, start in world.starts.items())
-    return WorldDrawing(world.name, ground.extent, tuple(areas), tuple(lines), starts)
+    signals = () if world.network is None else world.network.signals.values()
+    shown = tuple(
+        DrawnSignal(signal.name, signal.kind, signal.x, signal.y, signal.yaw)
+        for signal in signals
+        if signal.kind != "none"
+    )
+    return WorldDrawing(world.name, ground.extent, tuple(areas), tuple(lines), starts, shown)
 
 
 def marking_points(track: Track, marking: MarkingSpec) -> Array:
@@ -127,6 +154,15 @@ def marking_points(track: Track, marking: MarkingSpec) -> Array:
     s = np.append(track.stations(), track.length)
     sides = {"left": track.left_width(s) - inset, "right": inset - track.right_width(s), "center": np.zeros_like(s)}
     return np.column_stack(track.point(s, sides[marking.line]))
+
+
+def _network_lines(world: World) -> list[DrawnLine]:
+    """Return road marks and stop lines of the network."""
+    network, spec = world.network, world.spec.network
+    if network is None or spec is None or not spec.markings:
+        return []
+    painted = [*network.markings, *(stop_mark(network, line) for line in network.stop_lines)]
+    return [DrawnLine("marking", "lanes", line.points, line.width, line.dash) for line in painted]
 
 
 def _gate_points(track: Track, s: float) -> Array:

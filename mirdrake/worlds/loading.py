@@ -19,6 +19,8 @@ from mirdrake.core.paths import data_root, find
 from mirdrake.core.yaml_io import Source, load_yaml, parse_tree, read_tree, shown, validate, where
 from mirdrake.worlds.arrange import Arranger
 from mirdrake.worlds.draw import Draw, evaluate_tree
+from mirdrake.worlds.networks import Network
+from mirdrake.worlds.networks.network_spec import make_network
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.props_spec import GroupSpec
 from mirdrake.worlds.regions import NamedAreas, Patch, PatchSpec, make_region
@@ -33,7 +35,7 @@ from mirdrake.worlds.world import SURFACE_MU, Goal, Ground, Start, World
 
 _MARGIN = 50.0  # [m] ground beyond the tracks
 _BARE_SIZE = 400.0  # [m] side of the ground of a world without tracks
-_EVALUATED = ("ground", "tracks", "lights", "sky", "start", "goals", "rules")
+_EVALUATED = ("ground", "tracks", "network", "lights", "sky", "start", "goals", "rules")
 _EVALUATED_IN_TESTS = {"behaviour", "duration"}
 
 _Made = TypeVar("_Made")
@@ -137,11 +139,14 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
 
     # Tracks and the ground, which is as large as they need.
     faults: list[str] = []
+    network = None if spec.network is None else make_network(spec.network, folder)
     tracks = _collect(
-        spec.tracks, lambda name, track: make_track(track, name=name, folder=folder, seed=spec.seed), faults
+        spec.tracks,
+        lambda name, track: make_track(track, name=name, folder=folder, seed=spec.seed, network=network),
+        faults,
     )
     _raise(faults)
-    ground = _make_ground(spec.ground, tracks, folder)
+    ground = _make_ground(spec.ground, tracks, network, folder)
 
     # Friction patches, starts and goals.
     draw = Draw(spec.seed, "", spec.params)
@@ -169,8 +174,9 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
     rules = Rules(spec.rules, areas, starts, goals, draw)
     props, unplaced = _make_props(spec, areas, rules, draw, folder)
     return World(
-        name, spec, path, tracks, starts, ground, tuple(patches.values()), goals, tuple(props), tuple(unplaced), rules
-    )
+        name, spec, path, tracks, starts, ground, tuple(patches.values()), goals, tuple(props), tuple(unplaced), rules,
+        network,
+    )  # fmt: skip
 
 
 def _collect(specs: Mapping[str, Any], make: Callable[[str, Any], _Made], faults: list[str]) -> dict[str, _Made]:
@@ -244,10 +250,10 @@ def _check_track(name: str, tracks: Mapping[str, Track], location: str) -> None:
         raise WorldError(f"{location}: unknown track '{name}'; {hint}")
 
 
-def _make_ground(spec: GroundSpec, tracks: dict[str, Track], folder: Path) -> Ground:
+def _make_ground(spec: GroundSpec, tracks: dict[str, Track], network: Network | None, folder: Path) -> Ground:
     mu = SURFACE_MU[spec.surface] if spec.mu is None else spec.mu
-    if tracks:
-        boxes = np.array([track.bounds for track in tracks.values()])
+    if roads := [*tracks.values(), *([] if network is None else [network])]:
+        boxes = np.array([road.bounds for road in roads])
         low, high = boxes[:, :2].min(axis=0) - _MARGIN, boxes[:, 2:].max(axis=0) + _MARGIN
     else:
         low, high = np.full(2, -_BARE_SIZE / 2.0), np.full(2, _BARE_SIZE / 2.0)

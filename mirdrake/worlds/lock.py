@@ -25,6 +25,8 @@ from mirdrake.core.digest import digest
 from mirdrake.core.errors import WorldError
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import resolved
+from mirdrake.worlds.networks import Network
+from mirdrake.worlds.networks.stored import network_data
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
 from mirdrake.worlds.relief import relief_content
 from mirdrake.worlds.solids import kind_of
@@ -121,6 +123,7 @@ def lock_content(world: World) -> Json:
             for patch in world.patches
         ],
         "tracks": {name: _track(world, name, track) for name, track in world.tracks.items()},
+        **({} if world.network is None else {"network": _network(world, world.network)}),
         "starts": {
             name: {"pose": _rounded((start.x, start.y, start.yaw)), "speed": _rounded(start.speed)}
             | ({} if start.track is None else {"track": start.track, "s": _rounded(start.s)})
@@ -213,6 +216,19 @@ def _track(world: World, name: str, track: Track) -> Json:
     return entry
 
 
+def _network(world: World, network: Network) -> Json:
+    """Return the entry of the network: the digest of its lanes, and its signals and stop lines."""
+    spec = world.spec.network
+    assert spec is not None
+    return {
+        "surface": spec.surface,
+        "mu": spec.mu,
+        "markings": spec.markings,
+        "lanes": len(network.lanes),
+        "content": digest(_canonical(_rounded(network_data(network)))),
+    }
+
+
 def _rings(area: BaseGeometry) -> list[list[list[float]]]:
     """Return the rings of an area, holes after their exterior, each from its lowest corner on [m]."""
     rings = []
@@ -234,6 +250,8 @@ def _files(world: World) -> dict[str, str]:
         for value in dict(spec).values():
             if isinstance(name := getattr(value, "file", None), str):
                 files[_named(folder / name, folder)] = folder / name
+    if world.spec.network is not None:
+        files[_named(folder / world.spec.network.file, folder)] = folder / world.spec.network.file
     for mesh in world.spec.scenery:
         files |= {_named(path, folder): path for path in mesh_files(folder / mesh.file)}
     for prop in dict.fromkeys(placed.prop for placed in world.props):

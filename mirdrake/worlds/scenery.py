@@ -29,6 +29,7 @@ from mirdrake.core.paths import data_root, resolved
 from mirdrake.worlds.draping import Roads, drape
 from mirdrake.worlds.drawing import EDGE_LINE_INSET
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
+from mirdrake.worlds.networks.paint import paint
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.spec import MarkingSpec, ScenerySpec
 from mirdrake.worlds.tracks import Offset, Track, offset_at
@@ -41,6 +42,8 @@ SKIES = {"clear": ((70, 125, 200), (205, 222, 238)), "overcast": ((176, 182, 190
 """Colours of the skies at the zenith and at the horizon, red, green, blue, 0 .. 255."""
 
 _WHITE = (0.86, 0.86, 0.84)
+_PAINT = {"white": _WHITE, "yellow": (0.85, 0.62, 0.08)}
+_THICKNESS = 0.01  # [m] of the lanes of a network
 _WET, _WET_ROUGHNESS = (0.62, 0.66, 0.74), 0.55
 _SIDE_GREY = {
     "asphalt": 0.10,
@@ -88,7 +91,7 @@ def scenery(world: World) -> list[SceneryItem]:
     """
     items: list[SceneryItem] = []
     roads = {name: _simple(track.outline(sagitta=_SAGITTA)) for name, track in world.roads().items()}
-    names = list(roads)
+    names, tracks = list(roads), shapely.union_all(list(roads.values()))
     patches, wet = _seen_patches(world)
     covered = shapely.union_all(list(patches.values()))
     for index, name in enumerate(names):
@@ -108,11 +111,16 @@ def scenery(world: World) -> list[SceneryItem]:
             paint = _wetted(lines, wet, lambda part: fill(part, z=0.0, tile=1.0, color=_WHITE, texture=None))
             items.append(_item(f"world/{name}/lines", paint, world))
 
+    # The network is below the tracks.
+    items[:0] = _network_items(world, wet, shapely.union(tracks, covered))
+    paved = [part.area for part in world.road_areas if not part.is_track]
+
     # Ground: everything beside the roads, lower by the largest thickness of the roads.
     depth = max((track.thickness for track in world.spec.tracks.values()), default=0.0)
+    depth = depth if world.network is None else max(depth, _THICKNESS)
     plane = shapely.box(*world.ground.extent)
     wide = plane.buffer(_APRON, join_style="mitre")
-    asphalt = shapely.union_all(list(roads.values()))
+    asphalt = shapely.union_all([*roads.values(), *paved])
     ground = shapely.difference(shapely.difference(plane, asphalt), covered)
     apron = shapely.difference(shapely.difference(wide, plane), covered)
     parts: list[Surface] = []
@@ -225,6 +233,30 @@ def set_sky(meshcat: Meshcat, world: World) -> None:
 # --- the inner parts ---------------------------------------------------------------------------------------------
 
 
+def _network_items(world: World, wet: BaseGeometry, above: BaseGeometry) -> list[SceneryItem]:
+    """Return the lanes of the network and their paint, without the areas that are above them."""
+    if world.network is None or world.spec.network is None:
+        return []
+    paints = paint(world.network) if world.spec.network.markings else {}
+    painted = shapely.union_all(list(paints.values()))
+    items: list[SceneryItem] = []
+    parts = [part for part in world.road_areas if not part.is_track]
+    paved = shapely.union_all([part.area for part in parts])
+    for part in parts:
+        bare = shapely.difference(shapely.difference(_simple(part.area), painted), above)
+        surfaces = _textured(bare, part.surface, wet, z=0.0)
+        if part.drivable:
+            surfaces += _sides(shapely.difference(paved, above), part.surface, _THICKNESS)
+        items.append(_item(f"world/network/{part.name}", surfaces, world))
+    for color, area in paints.items():
+        lines = shapely.difference(shapely.intersection(area, paved), above)
+        if not _polygons(lines).is_empty:
+            rgb = _PAINT[color]
+            surfaces = _wetted(lines, wet, lambda part: fill(part, z=0.0, tile=1.0, color=rgb, texture=None))  # noqa: B023
+            items.append(_item(f"world/network/{color}_lines", surfaces, world))
+    return items
+
+
 def _seen_patches(world: World) -> tuple[dict[str, BaseGeometry], BaseGeometry]:
     """Return the visible area of every patch with a surface, by name, and the area that looks wet."""
     seen: dict[str, BaseGeometry] = {}
@@ -331,7 +363,7 @@ def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeomet
 def _item(name: str, surfaces: list[Surface], world: World) -> SceneryItem:
     """Return surfaces, laid on the terrain, as one visual geometry."""
     if not world.ground.terrain.flat:
-        near = Roads(shapely.union_all([track.area for track in world.roads().values()]))
+        near = Roads(shapely.union_all([road.area for road in world.road_areas]))
         surfaces = [drape(surface, world.ground.terrain, near) for surface in surfaces]
     textures = {surface.texture for surface in surfaces if surface.texture}
     named = [replace(surface, texture=f"{surface.texture}.jpg") if surface.texture else surface for surface in surfaces]

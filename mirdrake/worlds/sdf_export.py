@@ -23,7 +23,7 @@ from mirdrake.worlds.obj_files import ObjFiles, plain_color
 from mirdrake.worlds.props import DISSIPATION, STIFFNESS, PlacedProp, Prop
 from mirdrake.worlds.scenery import scenery, sky_colors, sun_light
 from mirdrake.worlds.solids import Size, kind_of
-from mirdrake.worlds.world import World, track_mu
+from mirdrake.worlds.world import World
 
 _GREY = (0.72, 0.71, 0.68)  # of a prop without mesh and colour
 _APRON = 1000.0  # [m] of ground beyond the world
@@ -106,7 +106,7 @@ def model_names(names: Sequence[str], *, taken: Iterable[str] = ()) -> list[str]
 
 def _ground_mu(world: World) -> tuple[float, list[str]]:
     """Return the single friction coefficient of the ground [-], and the others, which are lost."""
-    roads = {name: track_mu(world.spec.tracks[name]) for name in world.roads()}
+    roads = {road.name: road.mu for road in world.road_areas}
     mu = max(roads.values(), default=world.ground.mu)
     lost = [
         f"friction {value:g} of track '{name}' (the ground has {mu:g})" for name, value in roads.items() if value != mu

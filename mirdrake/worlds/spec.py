@@ -3,7 +3,7 @@
 Lengths are in m and angles in rad once loaded; in the file they may have a unit (``90 deg``). x forward, y left, z up;
 a positive angle, curvature or signed radius turns left.
 
-A track is given in one of four ways. `segments` are laid end to end with a common tangent:
+A track is given in one of five ways. `segments` are laid end to end with a common tangent:
 
 * ``{line: 40}`` is a straight; the length of ``{line: auto}`` is computed. Two auto lines close a closed track; a third
   one gives it the length `length`.
@@ -14,7 +14,8 @@ A track is given in one of four ways. `segments` are laid end to end with a comm
   heading change.
 
 ``points: [[0, 0], [40, 5], ...]`` are joined by a smooth curve; ``csv: monza.csv`` or ``csv: {file: monza.csv, ...}``
-reads points and optionally widths from a file; ``xodr: {file: town.xodr, road: 3}`` reads a road of an OpenDRIVE file.
+reads points and optionally widths from a file; ``xodr: {file: town.xodr, road: 3}`` reads a road of an OpenDRIVE file;
+``route: {from: 3.0.-1@10, to: [80, 45]}`` is the shortest way over the lanes of the `network`.
 Files are relative to the world file.
 """
 
@@ -26,6 +27,7 @@ from pydantic import Field, PlainValidator, field_validator, model_validator
 
 from mirdrake.core.yaml_io import Angle, Length, Schema, Speed, to_si
 from mirdrake.worlds.case_spec import CaseSpec
+from mirdrake.worlds.networks.network_spec import NetworkSpec
 from mirdrake.worlds.props_spec import GroupSpec, PropEntry
 from mirdrake.worlds.random_tracks import RandomTrackSpec
 from mirdrake.worlds.regions import PatchSpec
@@ -180,8 +182,21 @@ class XodrSpec(_FileSpec):
     lane: Column = Field(default="driving", description="type of the lanes that form the road, or a lane id [-]")
 
 
+RoutePlace = Annotated[str | Position, Field(description="lane@station, or x and y [m]")]
+
+
+class RouteSpec(Schema):
+    """The shortest route over the lanes of the network, with lane changes."""
+
+    from_: RoutePlace = Field(alias="from", description="its start: lane@station, or x and y [m]")
+    to: RoutePlace = Field(description="its end [m]")
+    via: Annotated[list[RoutePlace], Field(max_length=100)] = Field(
+        default_factory=list, description="places on the way [m]"
+    )
+
+
 class TrackSpec(Schema):
-    """A road along a centre line: exactly one of segments, points, csv, xodr and random."""
+    """A road along a centre line: exactly one of segments, points, csv, xodr, random and route."""
 
     segments: Annotated[list[SegmentSpec], Field(min_length=1, max_length=2000)] | None = Field(
         default=None, description="in driving order [-]"
@@ -192,6 +207,9 @@ class TrackSpec(Schema):
     csv: CsvSpec | None = Field(default=None, description="file of points and widths [-]")
     xodr: XodrSpec | None = Field(default=None, description="road of an OpenDRIVE file [-]")
     random: RandomTrackSpec | None = Field(default=None, description="random closed track [-]")
+    route: RouteSpec | None = Field(
+        default=None, description="route over the network: a line to follow, not a road of its own [-]"
+    )
     start: PoseSpec | None = Field(
         default=None, description="pose at s = 0; default: the origin, or that of the points or the file [-]"
     )
@@ -212,7 +230,9 @@ class TrackSpec(Schema):
         default=None, description="surface of a verge of 2 m on both sides; default: the ground's [-]"
     )
     markings: list[MarkingSpec] = Field(default_factory=list, description="painted lines [-]")
-    road: bool = Field(default=True, description="false: only a line to follow, on roads of other tracks [-]")
+    road: bool = Field(
+        default=True, description="false: only a line to follow, on other roads; default: false for a route [-]"
+    )
     length: Annotated[Length, Field(gt=0.0, le=1e6)] | None = Field(
         default=None,
         description="required length of segments: by a third auto line, otherwise by scaling the centre line [m]",
@@ -223,7 +243,9 @@ class TrackSpec(Schema):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        exactly_one(self, ("segments", "points", "csv", "xodr", "random"))
+        exactly_one(self, ("segments", "points", "csv", "xodr", "random", "route"))
+        if self.route is not None and "road" not in self.model_fields_set:
+            self.road = False
         if self.length is not None and self.segments is None:
             raise ValueError("length belongs to segments; set csv.scale, or correct the points")
         return self
@@ -322,6 +344,7 @@ class WorldSpec(Schema):
     include: list[str] = Field(default_factory=list, description="files with groups, relative to this one [-]")
     ground: GroundSpec = Field(default_factory=GroundSpec, description="the base plane [-]")
     tracks: dict[str, TrackSpec] = Field(default_factory=dict, description="roads by name; later ones are on top [-]")
+    network: NetworkSpec | None = Field(default=None, description="roads and junctions from a file [-]")
     lights: LightsSpec = Field(default_factory=LightsSpec, description="sun and ambient light [-]")
     sky: Literal["clear", "overcast"] = Field(default="clear", description="appearance of the sky [-]")
     start: dict[str, StartSpec] = Field(

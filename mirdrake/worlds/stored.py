@@ -16,6 +16,7 @@ from pydrake.math import RigidTransform
 
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Source, validate
+from mirdrake.worlds.networks.stored import network_data, read_network_data
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
 from mirdrake.worlds.regions import Patch
@@ -53,6 +54,7 @@ def world_data(world: World, refer: Callable[[Path], str]) -> Json:
         },
         "kinds": [_prop_data(kind, refer) for kind in kinds],
         "props": [_placed_data(placed, kinds[placed.prop]) for placed in world.props],
+        **({} if world.network is None else {"network": network_data(world.network)}),
     }
 
 
@@ -84,6 +86,7 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "worl
         patches=tuple(Patch(**{**patch, "area": shapely.from_wkb(patch["area"])}) for patch in data["patches"]),
         goals={name: _read_goal(goal) for name, goal in data["goals"].items()},
         props=tuple(_read_placed(placed, kinds) for placed in data["props"]),
+        network=read_network_data(data["network"]) if data.get("network") else None,
     )
 
 

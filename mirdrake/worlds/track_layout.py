@@ -11,10 +11,12 @@ import shapely
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import shown, where
 from mirdrake.worlds.centre_lines import edges_from_widths, pieces_through
+from mirdrake.worlds.networks import Network
+from mirdrake.worlds.networks.routes import find_place, find_route
 from mirdrake.worlds.opendrive import read_opendrive
 from mirdrake.worlds.pieces import Array, Piece, Placement
 from mirdrake.worlds.random_tracks import RandomTrackSpec, random_pieces
-from mirdrake.worlds.spec import CsvSpec, TrackSpec, XodrSpec
+from mirdrake.worlds.spec import CsvSpec, RouteSpec, TrackSpec, XodrSpec
 from mirdrake.worlds.tracks import Edges, Track
 
 _GAP_LENGTH, _GAP_ANGLE = 1e-3, math.radians(0.01)
@@ -42,7 +44,14 @@ class _CentreLine:
     """points of the source [m]"""
 
 
-def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = None, seed: int = 0) -> Track:
+def make_track(
+    spec: TrackSpec,
+    *,
+    name: str = "track",
+    folder: Path | None = None,
+    seed: int = 0,
+    network: Network | None = None,
+) -> Track:
     """Return the track of a specification.
 
     Args:
@@ -50,6 +59,7 @@ def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = No
         name: name for messages.
         folder: folder of its files; default: the working directory.
         seed: seed of the world, for a random track.
+        network: network of the world, for routes.
 
     Raises:
         ConfigError: a file is missing or has faults.
@@ -64,6 +74,8 @@ def make_track(spec: TrackSpec, *, name: str = "track", folder: Path | None = No
         line = _from_xodr(spec, spec.xodr, folder or Path())
     elif spec.random is not None:
         line = _from_random(spec, spec.random, seed, name)
+    elif spec.route is not None:
+        line = _from_route(spec, spec.route, network)
     else:
         line = _from_segments(spec)
     start = line.start if spec.start is None else (*spec.start.at, spec.start.yaw)
@@ -223,6 +235,25 @@ def _from_xodr(spec: TrackSpec, xodr: XodrSpec, folder: Path) -> _CentreLine:
     closed = road.closed if spec.closed is None else spec.closed
     edges = road.edges if not closed or road.closed else None  # a gap is reported before widths are compared
     return _CentreLine(road.pieces, road.start, closed, edges, notes=tuple(road.left_out))
+
+
+def _from_route(spec: TrackSpec, route: RouteSpec, network: Network | None) -> _CentreLine:
+    if network is None:
+        raise WorldError(
+            f"{where(spec, 'route')}: the world has no network; add for example network: {{xodr: town.xodr}}"
+        )
+    start, goal = (
+        find_place(network, place, where=where(route, key)) for key, place in (("from", route.from_), ("to", route.to))
+    )
+    via = [find_place(network, place, where=where(route, "via", i)) for i, place in enumerate(route.via)]
+    try:
+        found = find_route(network, start, goal, via=via)
+        pieces, pose = pieces_through(found.points, closed=False)
+        bare = Track(pieces, start=pose)
+        edges = edges_from_widths(bare, found.points, found.width / 2.0, found.width / 2.0)
+    except WorldError as error:
+        raise WorldError(f"{where(spec, 'route')}: {error}") from None
+    return _CentreLine(pieces, pose, closed=False, edges=edges)
 
 
 def _find_file(spec: CsvSpec | XodrSpec, folder: Path, suffix: str) -> Path:

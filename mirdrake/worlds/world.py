@@ -15,6 +15,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.worlds.networks import Network
+from mirdrake.worlds.networks.paving import paved_areas
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import Patch
@@ -103,6 +104,23 @@ class Ground:
 
 
 @dataclass(frozen=True)
+class RoadArea:
+    """A paved area: a track, or lanes of the network."""
+
+    name: str
+    """name of the track, or of the kind of lanes of the network"""
+    area: BaseGeometry
+    """polygon in W [m]"""
+    surface: str
+    mu: float
+    """friction coefficient [-]"""
+    drivable: bool = True
+    """vehicles on it are on the road"""
+    is_track: bool = True
+    """False: lanes of the network"""
+
+
+@dataclass(frozen=True)
 class World:
     """A world with everything in its place."""
 
@@ -151,7 +169,7 @@ class World:
             surface = self.spec.tracks[name].verge
             if surface is not None and surface != self.ground.surface:
                 areas.append((verge(track), SURFACE_MU[surface]))
-        areas += [(track.area, track_mu(self.spec.tracks[name])) for name, track in self.roads().items()]
+        areas += [(road.area, road.mu) for road in self.road_areas]
         areas += [(patch.area, patch.mu) for patch in self.patches]
         for area, _ in areas:
             shapely.prepare(area)
@@ -160,10 +178,26 @@ class World:
     def on_road(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Return whether points (world x, y [m], any shape) are on a track; all are in a world without tracks."""
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-        value = np.full(x.shape, not self.roads())
-        for track in self.roads().values():
-            value |= track.inside(x, y)
+        drivable = [road.area for road in self.road_areas if road.drivable]
+        value = np.full(x.shape, not drivable)
+        for area in drivable:
+            shapely.prepare(area)
+            value |= shapely.contains_xy(area, x, y)
         return value
+
+    @cached_property
+    def road_areas(self) -> tuple[RoadArea, ...]:
+        """Paved areas, later ones on top: those of the network, then the tracks."""
+        areas: list[RoadArea] = []
+        if self.network is not None and self.spec.network is not None:
+            for part in paved_areas(self.network):
+                surface = part.surface or self.spec.network.surface
+                mu = SURFACE_MU[surface] if part.surface or self.spec.network.mu is None else self.spec.network.mu
+                areas.append(RoadArea(part.name, part.area, surface, mu, part.drivable, is_track=False))
+        for name, track in self.roads().items():
+            spec = self.spec.tracks[name]
+            areas.append(RoadArea(name, track.area, spec.surface, track_mu(spec)))
+        return tuple(areas)
 
     def roads(self) -> dict[str, Track]:
         """Return the tracks that are roads, by name."""

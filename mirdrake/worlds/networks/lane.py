@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from mirdrake.core.errors import WorldError
 from mirdrake.worlds.pieces import Array
 
+_CLOSE = 0.02  # [m] half of the largest gap between lanes that is closed
+
 Change = Literal["both", "left", "right", "none"]
 
 
@@ -177,6 +179,12 @@ def lane_along(
         curvature=curvature,
         width=np.array(np.broadcast_to(np.asarray(width, dtype=float), count)),
     )
+
+
+def close_gaps(areas: list[shapely.geometry.base.BaseGeometry]) -> shapely.geometry.base.BaseGeometry:
+    """Return the union of areas [m], with gaps of up to 4 cm between them closed."""
+    union = shapely.union_all(areas, grid_size=1e-6)
+    return union.buffer(_CLOSE, join_style="mitre").buffer(-_CLOSE, join_style="mitre")
 
 
 def _spline_headings(places: Array, chords: Array) -> Array:

@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.worlds.networks.conflicts import Conflict, find_conflicts
-from mirdrake.worlds.networks.lane import Lane
+from mirdrake.worlds.networks.lane import Lane, close_gaps
 from mirdrake.worlds.pieces import Array
 
 Control = Literal["lights", "stop", "yield", "none"]
@@ -115,7 +115,7 @@ class Network:
     @cached_property
     def area(self) -> BaseGeometry:
         """The surface of all lanes for motor vehicles, as a polygon [m]."""
-        return shapely.union_all([lane.area for lane in self.driving()], grid_size=1e-6)
+        return close_gaps([lane.area for lane in self.driving()])
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:

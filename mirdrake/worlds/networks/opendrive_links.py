@@ -136,9 +136,7 @@ def _nearest_end(road: RoadLanes, other: RoadLanes, end: End) -> End:
 # --- links that the file leaves out -------------------------------------------------------------------------------
 
 
-def _add_by_geometry(
-    roads: Mapping[str, RoadLanes], lanes: Mapping[str, Lane], following: dict[str, list[str]]
-) -> int:
+def _add_by_geometry(roads: Mapping[str, RoadLanes], lanes: Mapping[str, Lane], following: dict[str, list[str]]) -> int:
     """Add connections of lanes for motor vehicles that meet, where the file links neither; return their number.
 
     The connections of junctions are not guessed: only lanes that have no successor are joined with lanes that have no

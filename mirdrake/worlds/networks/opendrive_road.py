@@ -33,9 +33,7 @@ class Cubics:
     @staticmethod
     def read(elements: Iterable[Element], key: str, places: Places, *, begin: float = 0.0) -> "Cubics":
         """Return the polynomials of elements whose start is begin + their attribute `key`."""
-        rows = [
-            [begin + number_of(e, key, places), *(number_of(e, name, places) for name in "abcd")] for e in elements
-        ]
+        rows = [[begin + number_of(e, key, places), *(number_of(e, name, places) for name in "abcd")] for e in elements]
         return Cubics(np.array(sorted(rows), dtype=float).reshape(-1, 5))
 
     def __call__(self, s: Array, at: float) -> tuple[Array, Array, Array]:

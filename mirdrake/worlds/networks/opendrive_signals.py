@@ -167,7 +167,7 @@ def _stop_lines(marks: list[_Mark], lines: list[_Mark], lanes: Mapping[str, Lane
     for mark in marks:
         for lane, s in mark.places.items():
             near = [line for line in painted.get(lane, []) if abs(line - s) < _NEAR]
-            at = min(near, key=lambda line: abs(line - s)) if near else s  # noqa: B023
+            at = min(near, key=lambda line: abs(line - s)) if near else s
             if any(abs(other - at) < 1.0 for other in done.get(lane, [])):
                 continue
             done.setdefault(lane, []).append(at)

@@ -59,7 +59,7 @@ def decide(network: Network, root: Element | None = None) -> tuple[dict[str, Jun
         a, b = (network.lanes[name] for name in conflict.lanes)
         if conflict.kind == "split" or a.junction is None or a.junction != b.junction:
             continue
-        sign = _compare(a, b, approaches, stated[a.junction] if a.junction in stated else set(), network.left_hand)
+        sign = _compare(a, b, approaches, stated.get(a.junction, set()), network.left_hand)
         if junctions[a.junction].rule != "all_way_stop" and sign:
             pairs.add((a.id, b.id) if sign > 0 else (b.id, a.id))
     return junctions, frozenset(pairs)
