@@ -53,8 +53,10 @@ def _sections(world: World, overlaps: Sequence[Overlap]) -> list[tuple[str, list
     """Return the sections that are not empty: title and rows."""
     ground = world.ground
     surfaces = [_Row([DOCUMENT.ground(ground.surface)], friction_label("ground", ground.surface, ground.mu))]
-    for road in world.road_areas:
-        surfaces.append(_Row([DOCUMENT.road(road.surface)], friction_label(road.name, road.surface, road.mu)))
+    surfaces += [
+        _Row([DOCUMENT.road(road.surface)], friction_label(road.name, road.surface, road.mu))
+        for road in world.road_areas
+    ]
     for patch in world.patches:
         label = friction_label(patch.name, patch.surface, patch.mu)
         surfaces.append(_Row([DOCUMENT.patch(patch.surface)], label, dashed=True))

@@ -126,7 +126,7 @@ def _marking(line: DrawnLine, sheet: Sheet, palette: Palette) -> str:
     return line_tag(sheet.polyline(line.points), palette.marking, round(width, 2), more=dash)
 
 
-def signals(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
+def signals(world: World, sheet: Sheet, _: Palette) -> Iterable[str]:
     """Draw traffic lights and signs of the network."""
     for signal in make_drawing(world).signals:
         x, y = sheet.place([[signal.x, signal.y]])[0].tolist()
