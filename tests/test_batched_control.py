@@ -1,18 +1,25 @@
 """Control units in a batch: the Drake diagram of the same model, gains, delay, watchdog, noise, errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import DiagramBuilder
 
 import mirdrake as mir
-from mirdrake.batched import BatchControl
+from mirdrake.batched import BatchControl, PathDriver
 from mirdrake.batched.noise import normal
+from mirdrake.controllers import PathGains, PathTracker
 from mirdrake.core.errors import ConfigError
 from mirdrake.single_track import estimate_parameters, make_single_track_vehicle
 from mirdrake.single_track.dynamics import Variant
 from mirdrake.vehicles import load_vehicle
+from mirdrake.vehicles.joint_control.pid import WheelPid
+from mirdrake.worlds import load_world
 
 VARIANT = Variant("brush", relaxation=True, actuators=True)
+START = {"x": -91.0, "y": -40.6, "yaw": 0.05, "vx": 5.0}  # beside the track
 STEP, PERIOD = 0.001, 0.02  # [s]; forces at their limits have kinks, which need short steps
 
 
@@ -27,9 +34,10 @@ def parameters(bolt):
 
 
 def make_control(
-    bolt, parameters, count=1, *, speed=5.0, columns=None, variant=VARIANT, step=STEP, threads=1, **options
+    bolt, parameters, count=1, *, speed=5.0, columns=None, variant=VARIANT, step=STEP, threads=1, start=None, **options
 ):
-    cars = mir.batch(parameters, variant, count=count, parameters=columns, step=step, threads=threads).reset(vx=speed)
+    cars = mir.batch(parameters, variant, count=count, parameters=columns, step=step, threads=threads)
+    cars.reset(**(start or {"vx": speed}))
     return BatchControl(cars, bolt, **options)
 
 
@@ -78,6 +86,61 @@ def test_the_loop_drives_as_the_drake_diagram(bolt, parameters):
 @pytest.mark.parametrize("delay", [0.0, 0.1])
 def test_the_loop_drives_as_the_drake_diagram_for_a_minute(bolt, parameters, delay):
     compare_with_drake(bolt, parameters, duration=60.0, delay=delay)
+
+
+def test_gains_over_speed_are_those_of_the_drake_diagram(bolt, parameters):
+    schedule = {"speeds": [4.0, 6.0, 9.0], "kp": [150.0, 300.0, 200.0]}
+    wheel = {"kind": "pid", "kp": 1.0, "ki": 40.0, "kd": 1.0, "schedule": schedule}
+    control = bolt.control.model_copy(update={"wheel_speed": WheelPid.model_validate(wheel)})
+    scheduled = replace(bolt, control=control)
+    compare_with_drake(scheduled, parameters, duration=3.0, delay=0.1)
+
+
+def follow_in_drake(bolt, parameters, world, gains, duration):
+    """Return the signals of a path tracker with the Drake diagram of the same vehicle: vx, yaw rate, path error."""
+    builder = DiagramBuilder()
+    vehicle = builder.AddSystem(
+        make_single_track_vehicle(bolt, tyres="brush", relaxation=True, parameters=parameters, delay=0.1)
+    )
+    tracker = builder.AddSystem(PathTracker(world.tracks["main"], bolt.geometry, gains=gains))
+    builder.Connect(vehicle.GetOutputPort("state"), tracker.state)
+    builder.Connect(tracker.command, vehicle.GetInputPort("command"))
+    simulator = Simulator(builder.Build())
+    ResetIntegratorFromFlags(simulator, "runge_kutta3", STEP)
+    simulator.get_mutable_integrator().set_fixed_step_mode(True)
+    root = simulator.get_mutable_context()
+    model = vehicle.GetSubsystemByName("single_track")
+    model.set_state(vehicle.GetSubsystemContext(model, vehicle.GetMyMutableContextFromRoot(root)), **START)
+    simulator.Initialize()
+    rows = []
+    for k in range(round(duration / PERIOD)):
+        state = vehicle.GetOutputPort("state").Eval(vehicle.GetMyContextFromRoot(root))
+        simulator.AdvanceTo((k + 1) * PERIOD)  # the tracker's output is held until its next update
+        rows.append([state[6], state[11], *tracker.path_error.Eval(tracker.GetMyContextFromRoot(root))])
+    return np.array(rows).T
+
+
+def compare_on_a_track(bolt, parameters, duration):
+    world = load_world("test_track")
+    gains = PathGains(9.0, understeer_gradient=0.002)
+    driver = PathDriver(world.tracks["main"], bolt.geometry, gains, columns={"speed": [9.0, 4.0]})
+    control = make_control(bolt, parameters, 2, delay=0.1, start=START)
+    run = control.follow(driver, periods=round(duration / PERIOD))
+    speed, yaw_rate, lateral, heading, progress, laps = follow_in_drake(bolt, parameters, world, gains, duration)
+    assert run["vx"][0] == pytest.approx(speed, abs=1e-6)
+    assert run["yaw_rate"][0] == pytest.approx(yaw_rate, abs=1e-6)
+    for name, theirs in (("lateral", lateral), ("heading", heading), ("progress", progress), ("laps", laps)):
+        assert run[name][0] == pytest.approx(theirs, abs=1e-5), name
+    assert run["vx"][1].max() < 5.1
+
+
+def test_a_path_tracker_drives_as_the_drake_diagram(bolt, parameters):
+    compare_on_a_track(bolt, parameters, duration=4.0)
+
+
+@pytest.mark.slow
+def test_a_path_tracker_drives_as_the_drake_diagram_for_a_minute(bolt, parameters):
+    compare_on_a_track(bolt, parameters, duration=60.0)
 
 
 def test_each_car_has_its_own_gains_delay_and_mass(bolt, parameters):

@@ -1,5 +1,6 @@
 """Many cars of the single-track model at once: stepping, manoeuvres and control in compiled loops over arrays."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from mirdrake.batched.cars import STEP, Batch, batch
@@ -8,14 +9,15 @@ from mirdrake.batched.records import BatchRun
 
 if TYPE_CHECKING:
     from mirdrake.batched.control import BatchControl as BatchControl
+    from mirdrake.batched.path import PathDriver as PathDriver
 
-__all__ = ["STEP", "Batch", "BatchControl", "BatchRun", "Ground", "batch"]
+__all__ = ["STEP", "Batch", "BatchControl", "BatchRun", "Ground", "PathDriver", "batch"]
+
+_LATER = {"BatchControl": "mirdrake.batched.control", "PathDriver": "mirdrake.batched.path"}
 
 
 def __getattr__(name: str) -> Any:
-    """Load BatchControl when it is first used (PEP 562): it needs Drake's plant, batches do not."""
-    if name != "BatchControl":
+    """Load a class when it is first used (PEP 562): these need Drake's plant, batches do not."""
+    if name not in _LATER:
         raise AttributeError(f"module 'mirdrake.batched' has no attribute '{name}'")
-    from mirdrake.batched.control import BatchControl
-
-    return BatchControl
+    return getattr(import_module(_LATER[name]), name)

@@ -9,13 +9,15 @@ from numpy.typing import ArrayLike
 from mirdrake.batched.arrays import Floats, Integers
 from mirdrake.batched.cars import Batch
 from mirdrake.batched.control_kernel import DRIVE_PARTS, UnitNumbers, ackermann_rolling, drive, unior_rolling
+from mirdrake.batched.path import NO_PATH, PathDriver
 from mirdrake.batched.records import BatchRun
 from mirdrake.controllers.ackermann import SteeringNumbers
 from mirdrake.controllers.control_step import LAST, ControlSetup
-from mirdrake.core.compiled import compiled, records
+from mirdrake.core.compiled import Records, compiled, records
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.pid import PidGains, PidNumbers
 from mirdrake.core.signals import Signals, signals
+from mirdrake.core.vectors import PATH_ERROR
 from mirdrake.single_track.control import SingleTrackControl
 from mirdrake.single_track.dynamics import lateral_force_of
 from mirdrake.vehicles import Vehicle
@@ -49,8 +51,8 @@ class BatchControl:
         seed: seed of the noise.
 
     Raises:
-        ConfigError: the variant has no actuators, the vehicle is driven by pedals or has scheduled gains, an unknown
-            gain, or a delay or step that does not fit the control period.
+        ConfigError: the variant has no actuators, the vehicle is driven by pedals, an unknown gain, or a delay or step
+            that does not fit the control period.
     """
 
     def __init__(
@@ -99,6 +101,7 @@ class BatchControl:
         self._delayed: Floats = np.zeros((self.cars.count, int(self._delays.max()) + 1, 5))
         self._delayed[:, :, 0] = angles[:, None]
         self._delayed[:, :, 4] = speeds[:, None] * self._unit.true_over_believed
+        self._tracked: Floats = np.zeros((self.cars.count, 8))
         self._periods = 0
 
     def run(self, commands: ArrayLike, *, outputs: Sequence[str] | None = None, every: int = 1) -> BatchRun:
@@ -116,13 +119,38 @@ class BatchControl:
         Raises:
             ConfigError: wrong shape, or an unknown signal.
         """
-        rows = np.asarray(commands, dtype=float)
+        return self._run(self._check_commands(commands), NO_PATH, outputs, every)
+
+    def follow(
+        self, driver: PathDriver, *, periods: int, outputs: Sequence[str] | None = None, every: int = 1
+    ) -> BatchRun:
+        """Drive all cars along a track; further calls continue.
+
+        Args:
+            driver: path tracker of each car.
+            periods: number of control periods.
+            outputs: see :meth:`run`; the path error is that after the step of the tracker.
+            every: see :meth:`run`.
+
+        Raises:
+            ConfigError: an unknown signal, or a driver that does not fit the cars.
+        """
+        unused = np.zeros((1, check_count("periods", periods), 2))
+        return self._run(unused, driver.numbers(self.cars.count, self.period), outputs, every)
+
+    def _check_commands(self, commands: ArrayLike) -> Floats:
+        """Return commands (1 or n, periods, 2)."""
+        rows: Floats = np.asarray(commands, dtype=float)
         rows = rows[None] if rows.ndim == 2 else rows
         if rows.ndim != 3 or rows.shape[2] != 2 or rows.shape[0] not in (1, self.cars.count) or rows.shape[1] < 1:
             raise ConfigError(
                 f"batch: commands have the shape {np.shape(commands)}; give (periods, 2), speed and steering, for all "
                 f"{self.cars.count} cars, or such an array per car"
             )
+        return rows
+
+    def _run(self, rows: Floats, path: tuple[Any, ...], outputs: Sequence[str] | None, every: int) -> BatchRun:
+        """Drive all cars under commands, or along a path."""
         periods = rows.shape[1]
         time = (self._periods + np.arange(periods)) * self.period
         stamped = np.empty((*rows.shape[:2], 3))
@@ -130,23 +158,21 @@ class BatchControl:
         contents = self._contents(outputs)
         names = [signal.name for signal in self.signals()]
         columns = np.array([names.index(signal.name) for signal in contents])
-        if every < 1:
-            raise ConfigError(f"batch: every is {every}; it must be 1 control period or more")
-        values = np.empty((self.cars.count, -(-periods // every), len(columns)))
+        values = np.empty((self.cars.count, -(-periods // check_count("every", every)), len(columns)))
         cars = self.cars
         arguments = (
-            *cars.model(), *self._numbers, stamped, self._noise, self._seed,
+            *cars.model(), *self._numbers, *path, stamped, self._noise, self._seed,
             self._periods, int(every), cars.step_time, self._steps, columns,
         )  # fmt: skip
-        changed = (cars.state, cars.dead, self._memory, self._delayed, self._delays, values)
+        changed = (cars.state, cars.dead, self._memory, self._delayed, self._delays, self._tracked, values)
         cars.share(self._drive, arguments, changed)
         self._periods += periods
         cars.time += periods * self.period
         return BatchRun(np.array(time[::every], dtype=np.float64), values, contents, cars.dead_cars)
 
     def signals(self) -> Signals:
-        """Return the signals that :meth:`run` can return: states, motion, status of the unit."""
-        return (*self.cars.signals(), *STATUS)
+        """Return the signals that a run can have: states, motion, status of the unit, path error of a path tracker."""
+        return (*self.cars.signals(), *STATUS, *PATH_ERROR)
 
     def _contents(self, outputs: Sequence[str] | None) -> Signals:
         """Return the signals of some names; all if None."""
@@ -203,9 +229,20 @@ class BatchControl:
             records(ControlSetup, [unit.constants]),
             records(SteeringNumbers, [unit.true_steering.numbers]),
             records(PidNumbers, speed),
-            records(type(wheel[0]), wheel),
+            *self._wheel_gains(vehicle, records(type(wheel[0]), wheel)),
             records(NoNumbers, [NoNumbers()]),
         )
+
+
+    def _wheel_gains(self, vehicle: Vehicle, own: Records) -> tuple[Any, ...]:
+        """Return the gains of the wheels and those at the present speed, both again as PID gains, and the schedule."""
+        schedule = vehicle.control.wheel_speed.gain_schedule()
+        if schedule is None:
+            unused = records(PidNumbers, [])
+            return own, own, unused, unused, np.empty((0, 4))
+        table, present = schedule.table(), own.copy()
+        columns = [table.gains.get(name, [np.nan] * len(table.speeds)) for name in ("kp", "ki", "kd")]
+        return own, present, own, present, np.column_stack([table.speeds, *columns])
 
 
 def _check_vehicle(cars: Batch, vehicle: Vehicle) -> None:
@@ -222,5 +259,14 @@ def _check_vehicle(cars: Batch, vehicle: Vehicle) -> None:
             f"batch: '{vehicle.name}' is driven by pedals, whose laws run in Python only; choose a variant of the "
             "vehicle with wheel_speed of kind servo or pid"
         )
-    if control.wheel_speed.gain_schedule() is not None:
-        raise ConfigError(f"batch: wheel_speed of '{vehicle.name}' has gains over speed, which batches do not have")
+
+
+def check_count(name: str, count: int) -> int:
+    """Return a number of control periods, checked to be 1 or more.
+
+    Raises:
+        ConfigError: it is less.
+    """
+    if count < 1:
+        raise ConfigError(f"batch: {name} is {count}; it must be 1 control period or more")
+    return count

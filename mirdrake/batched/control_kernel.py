@@ -1,5 +1,6 @@
 """Compiled loop over cars and control periods: control unit, delay, single-track model."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,8 +19,21 @@ from mirdrake.controllers.ackermann import (
     wheel_angles,
 )
 from mirdrake.controllers.control_step import CONTROL_PARTS, STEERING_ACTUATOR, control_step
+from mirdrake.controllers.path_law import (
+    PATH_PARTS,
+    PathNumbers,
+    Place,
+    TrackerNumbers,
+    nearest_point,
+    project,
+    tracker_step,
+)
+from mirdrake.controllers.path_law import Motion as PathMotion
+from mirdrake.controllers.path_tracking import PathGains
 from mirdrake.core.compiled import Records
-from mirdrake.single_track.dynamics import Inputs, LateralForce, equations
+from mirdrake.core.maths import wrap_angle
+from mirdrake.core.pid import PidNumbers, tracking_time
+from mirdrake.single_track.dynamics import Inputs, LateralForce, State, equations
 from mirdrake.vehicles.joint_control.base import JointLaw, feedforward_only
 
 ACTUATORS = 6
@@ -60,7 +74,18 @@ def drive(
     true_steering: Records,
     speed_gains: Any,
     wheel_gains: Any,
+    present_gains: Any,
+    own_pid: Any,
+    present_pid: Any,
+    schedule: Floats,
     joint_gains: Any,
+    paths: Any,
+    table: Floats,
+    lines: Floats,
+    which_line: Integers,
+    trackers: Any,
+    path_gains: Any,
+    tracker_every: int,
     commands: Floats,
     noise: Floats,
     seed: np.uint64,
@@ -76,6 +101,7 @@ def drive(
     memory: Floats,
     delayed: Floats,
     delays: Integers,
+    tracked: Floats,
     outputs: Floats,
 ) -> None:
     """Advance cars with their control units over the control periods of the commands.
@@ -98,7 +124,19 @@ def drive(
         true_steering: one record of the numbers of the true steering geometry.
         speed_gains: gains of the speed loop, a record per car.
         wheel_gains: gains of the wheel loops, a record per car.
+        present_gains: gains at the present speed, as `wheel_gains`.
+        own_pid: `wheel_gains` of vehicles with a schedule.
+        present_pid: `present_gains` of vehicles with a schedule, overwritten.
+        schedule: gains over speed (speeds, 4): speed [m/s], kp, ki, kd, not a number for gains that are not scheduled;
+            without rows there is none.
         joint_gains: one record of the steering joints' numbers, which are not used.
+        paths: one record of the numbers of the centre line.
+        table: centre line; without rows the cars follow the commands.
+        lines: drivable lines (lines, points, 4), see :mod:`mirdrake.controllers.path_law`.
+        which_line: index of the line of each car (n).
+        trackers: one record of the numbers of the path tracker.
+        path_gains: gains of the path tracker, a record per car.
+        tracker_every: control periods between two steps of the path tracker.
         commands: speed [m/s], steering [rad] and stamp [s] (1 or n, periods, 3).
         noise: standard deviation of the measured speed (n) [m/s].
         seed: seed of the noise.
@@ -106,7 +144,7 @@ def drive(
         every: control periods between two rows of the outputs.
         step: step of the integration [s].
         steps: steps in a control period.
-        columns: columns of the full row (states, motion, status) that the outputs have.
+        columns: columns of the full row (states, motion, status, path error) that the outputs have.
         first: first car.
         last: car after the last one.
         states: states (n, states), updated.
@@ -115,11 +153,13 @@ def drive(
         delayed: outputs of each unit that do not act yet (n, longest delay + 1, 5), a ring, updated; the present ones
             are at the place of the last control instant.
         delays: delay of each car in control periods (n).
+        tracked: command (3) of the path tracker, path error (4) and whether it has started (n, 8), updated.
         outputs: rows (n, rows, columns), overwritten; not a number from the row on in which a car diverged.
     """
     unit, periods = units[0], commands.shape[1]
     states_of_variant = states.shape[1]
-    row: Any = np.empty(states_of_variant + 7 + 3)
+    row: Any = np.empty(states_of_variant + 7 + 3 + 4)
+    follows, scheduled = table.shape[0] > 0, schedule.shape[0] > 0
     x_measured: Any = np.zeros(MEASURED)
     desired: Any = np.zeros(2 * ACTUATORS)
     torques: Any = np.zeros(ACTUATORS)
@@ -128,22 +168,32 @@ def drive(
     for i in range(first, last):
         x = read_state(states[i], positions)
         which, ring = min(i, commands.shape[0] - 1), delays[i] + 1
-        status = row[states_of_variant + 7 :]
+        status, gains = row[states_of_variant + 7 :], wheel_gains[i : i + 1]
         for k in range(periods):
             now, period = begin + k, unit.period
+            if follows and tracked[i, 7] == 0.0 and not dead[i]:  # the first command is there from the start
+                track(
+                    paths[0], table, lines[which_line[i]], path_gains[i], trackers[0], x, parameters[i].rear_length,
+                    now * period, tracked[i],
+                )  # fmt: skip
+                tracked[i, 7] = 0.0
             # Control unit: its measured speed, its step, and the angle and rate of the steering actuator.
             speed = x.vx
             if noise[i] > 0.0:
                 speed += noise[i] * normal(seed, np.uint64(i), np.uint64(now), np.uint64(0))
             rate = speed / unit.radius
             x_measured[4] = speed
+            if scheduled:
+                read_schedule(schedule, abs(speed), own_pid[i], present_pid[i])
+                gains = present_gains[i : i + 1]
+            command = tracked[i] if follows else commands[which, k]
             for wheel in range(7, 11):
                 x_measured[wheel] = rate
             torques[:] = 0.0
             before = _true_angle(steering_law, setups[0].steering, true_steering[0], memory[i, last_output])
             _, trimmed = control_step(
-                steering_law, wheel_law, feedforward_only, x_measured, commands[which, k], now * period, setups,
-                speed_gains[i : i + 1], wheel_gains[i : i + 1], joint_gains, memory[i], desired, torques, status,
+                steering_law, wheel_law, feedforward_only, x_measured, command, now * period, setups,
+                speed_gains[i : i + 1], gains, joint_gains, memory[i], desired, torques, status,
             )  # fmt: skip
             angle = _true_angle(steering_law, setups[0].steering, true_steering[0], memory[i, last_output])
 
@@ -157,6 +207,13 @@ def drive(
                 delayed[i, acting, 4],
             )  # fmt: skip
 
+            # Path tracker: its new command acts at the next control instant.
+            if follows and now % tracker_every == 0 and not dead[i]:
+                track(
+                    paths[0], table, lines[which_line[i]], path_gains[i], trackers[0], x, parameters[i].rear_length,
+                    now * period, tracked[i],
+                )  # fmt: skip
+
             # Outputs at the control instant.
             if k % every == 0:
                 if dead[i]:
@@ -165,6 +222,7 @@ def drive(
                     write_state(row, positions, x)
                     apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
                     write_motion(row, states_of_variant, equations(law, flags[0], present[i], x, u)[1])
+                    row[states_of_variant + 10 :] = tracked[i, 3:7]
                     for j in range(len(columns)):
                         outputs[i, k // every, j] = row[columns[j]]
             if dead[i]:
@@ -187,6 +245,78 @@ def _true_angle(law: SteeringLaw, believed: SteeringNumbers, true: SteeringNumbe
     return bicycle_angle(true, angles[0], angles[1])
 
 
+def track(
+    path: PathNumbers,
+    table: Floats,
+    line: Floats,
+    gains: PathGains,
+    tracker: TrackerNumbers,
+    x: State,
+    rear_length: float,
+    time: float,
+    tracked: Any,
+) -> None:
+    """Advance the path tracker of a car by a step, as :class:`mirdrake.controllers.path_tracking.PathTracker`.
+
+    Args:
+        path: numbers of the centre line.
+        table: its table.
+        line: drivable line of the car.
+        gains: gains of the path tracker.
+        tracker: numbers of the path tracker.
+        x: states.
+        rear_length: from the centre of mass to the rear axle [m].
+        time: present time [s].
+        tracked: command, path error, and whether it has started; updated.
+    """
+    started = tracked[7] != 0.0
+    settled, place = False, Place(tracked[5], 0.0, 0.0, 0.0)
+    if started:
+        settled, place = project(path, table, x.x, x.y, tracked[5])
+    if not settled:
+        _, place = project(path, table, x.x, x.y, nearest_point(path, table, x.x, x.y))
+    motion = PathMotion(x.x, x.y, wrap_angle(x.yaw), x.vx, x.vy - rear_length * x.yaw_rate, x.yaw_rate)
+    speed, steering = tracker_step(path, table, line, gains, tracker, place, motion, tracked[0], started)
+    covered = place.s - tracked[5] if started else 0.0
+    if path.closed:
+        covered -= path.length * math.floor(covered / path.length + 0.5)
+    tracked[0], tracked[1], tracked[2] = speed, steering, time
+    tracked[3], tracked[4], tracked[5] = place.lateral, wrap_angle(motion.yaw - place.yaw), place.s
+    tracked[6], tracked[7] = tracked[6] + covered / path.length, 1.0
+
+
+def read_schedule(schedule: Floats, speed: float, own: PidNumbers, present: Any) -> None:
+    """Write the gains at a speed, as :meth:`mirdrake.vehicles.joint_control.gain_schedule.GainTable.at`.
+
+    Args:
+        schedule: see :func:`drive`.
+        speed: [m/s]
+        own: gains of the car.
+        present: overwritten.
+    """
+    after, last = 0, schedule.shape[0]
+    while after < last and schedule[after, 0] <= speed:
+        after += 1
+    present.kp, present.ki, present.kd = own.kp, own.ki, own.kd
+    if schedule[0, 1] == schedule[0, 1]:
+        present.kp = scheduled_gain(schedule, after, speed, 1)
+    if schedule[0, 2] == schedule[0, 2]:
+        present.ki = scheduled_gain(schedule, after, speed, 2)
+    if schedule[0, 3] == schedule[0, 3]:
+        present.kd = scheduled_gain(schedule, after, speed, 3)
+    present.anti_windup_time = tracking_time(present.kp, present.ki, present.kd)
+
+
+def scheduled_gain(schedule: Floats, after: int, speed: float, column: int) -> float:
+    """Return a gain at a speed; `after` is the number of speeds in the schedule up to it."""
+    if after in (0, schedule.shape[0]):
+        held: float = schedule[max(after - 1, 0), column]
+        return held
+    low, high = schedule[after - 1, 0], schedule[after, 0]
+    value: float = schedule[after - 1, column]
+    return value + (speed - low) / (high - low) * (schedule[after, column] - value)
+
+
 def ackermann_rolling(numbers: SteeringNumbers, steering: float) -> tuple[WheelAngles, WheelRatios]:
     """Return the angles of the wheels; they all roll at the speed of the car."""
     return wheel_angles(numbers, steering), (1.0, 1.0, 1.0, 1.0)
@@ -204,5 +334,10 @@ DRIVE_PARTS: tuple[Any, ...] = (
     control_step,
     feedforward_only,
     _true_angle,
+    *PATH_PARTS,
+    track,
+    read_schedule,
+    scheduled_gain,
+    tracking_time,
 )
 """Functions that :func:`drive` calls."""

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+import numpy as np
 from pydantic import Field
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
@@ -29,27 +30,22 @@ from mirdrake.controllers.ackermann import Ackermann, SteeringGeometry
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.controllers.drivable_line import (
     CentreLine,
-    DrivableLine,
     DrivingLimits,
     Track,
     make_centre_line,
     make_drivable_line,
 )
 from mirdrake.controllers.driver import DrivenWorld, Driver
+from mirdrake.controllers.path_law import Motion, PathNumbers, Place, TrackerNumbers, project, tracker_step
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError, DivergedError, did_you_mean
 from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.maths import wrap_angle
 from mirdrake.core.signals import declare_state_output, declare_vector_input
 from mirdrake.core.vectors import COMMAND, PATH_ERROR, STATE, Command
 from mirdrake.core.yaml_io import Acceleration, Duration, Length, Period, Speed
 
 _SPEED_GRID = 0.25  # lines are planned for multiples of this speed [m/s]
-_APPROACH = 0.5  # share of d times that curvature that the slope of the approach may have
-_STEEPEST = 0.7  # tangent of the steepest angle at which the line is approached
-_STEEPEST_COURSE = 1.2  # course errors beyond this count as this [rad]
-_NEAREST = 0.2  # smallest 1 - kappa e that counts: 80 % of the way to the centre of the curve
-_TURN_MARGIN = 1.3  # how much more than the lateral limit a correction may take before the car slows down
-_BRAKE_MARGIN = 1.25  # how much faster than planned the speed command may fall
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,22 +89,6 @@ class PathGains:
         check_number(owner, "understeer_gradient", self.understeer_gradient, unit="rad s^2/m")
 
 
-class Place(NamedTuple):
-    """Position and direction in the frame of the centre line.
-
-    Attributes:
-        s: arc length of the nearest point [m]; in [0, length) on a closed track, may lie outside an open one.
-        lateral: offset to the left [m].
-        yaw: direction of the centre line there [rad].
-        curvature: of the centre line there [1/m].
-    """
-
-    s: float
-    lateral: float
-    yaw: float
-    curvature: float
-
-
 class PathTables:
     """Centre line as plain lists, for fast access.
 
@@ -116,13 +96,14 @@ class PathTables:
         centre: the sampled track.
     """
 
-    __slots__ = ("_curvature", "_last", "_x", "_y", "_yaw", "closed", "length", "spacing")
+    __slots__ = ("closed", "length", "numbers", "rows")
 
     def __init__(self, centre: CentreLine):
-        self.length, self.closed, self.spacing = centre.length, centre.closed, centre.spacing
-        self._x, self._y, self._yaw = centre.x.tolist(), centre.y.tolist(), centre.yaw.tolist()
-        self._curvature = centre.curvature.tolist()
-        self._last = len(self._curvature) - 1
+        self.length, self.closed = centre.length, centre.closed
+        columns = (centre.x, centre.y, centre.yaw, centre.curvature)
+        points = min(len(column) for column in columns)
+        self.rows: list[list[float]] = np.column_stack([column[:points] for column in columns]).tolist()
+        self.numbers = PathNumbers(centre.length, centre.spacing, centre.closed, len(centre.curvature) - 1)
 
     def project(self, x: float, y: float, *, near: float) -> Place | None:
         """Return the nearest point of the centre line, by Newton's method from a nearby one.
@@ -135,59 +116,8 @@ class PathTables:
         Returns:
             The place, or None when the search does not settle within 20 steps.
         """
-        s, h, length = near, self.spacing, self.length
-        for _ in range(20):
-            if self.closed:
-                s %= length
-            i = min(max(int(s / h), 0), self._last)
-            curvature, along = self._curvature[i], s - i * h
-            turn = curvature * along
-            middle = self._yaw[i] + 0.5 * turn
-            chord = along * (1.0 - turn * turn / 24.0)
-            dx, dy = x - self._x[i] - chord * math.cos(middle), y - self._y[i] - chord * math.sin(middle)
-            yaw = middle + 0.5 * turn
-            cos, sin = math.cos(yaw), math.sin(yaw)
-            lateral = dy * cos - dx * sin
-            step = (dx * cos + dy * sin) / max(1.0 - curvature * lateral, _NEAREST)
-            if -1e-6 < step < 1e-6:
-                return Place(s, lateral, yaw, curvature)
-            s += step
-        return None
-
-
-class LineTables:
-    """Drivable line as plain lists, for fast access.
-
-    Args:
-        line: the planned line.
-        path: the track it belongs to.
-    """
-
-    __slots__ = ("_curvature", "_last", "_offset", "_path", "_slope", "_speed")
-
-    def __init__(self, line: DrivableLine, path: PathTables):
-        self._path = path
-        self._offset, self._slope = line.offset.tolist(), line.slope.tolist()
-        self._curvature, self._speed = line.curvature.tolist(), line.speed.tolist()
-        self._last = len(self._offset) - 2
-
-    def _find(self, s: float) -> tuple[int, float]:
-        if self._path.closed:
-            s %= self._path.length
-        position = s / self._path.spacing
-        i = min(max(int(position), 0), self._last)
-        return i, min(max(position - i, 0.0), 1.0)
-
-    def at(self, s: float) -> tuple[float, float, float]:
-        """Return offset [m], its slope [1] and the curvature of the line [1/m] at arc length s [m]."""
-        i, part = self._find(s)
-        e, z, k = self._offset, self._slope, self._curvature
-        return e[i] + part * (e[i + 1] - e[i]), z[i] + part * (z[i + 1] - z[i]), k[i] + part * (k[i + 1] - k[i])
-
-    def speed(self, s: float) -> float:
-        """Return the planned speed [m/s] at arc length s [m]."""
-        i, part = self._find(s)
-        return float(self._speed[i] + part * (self._speed[i + 1] - self._speed[i]))
+        settled, place = project(self.numbers, self.rows, x, y, near)
+        return place if settled else None
 
 
 class PathState(NamedTuple):
@@ -204,77 +134,6 @@ class PathState(NamedTuple):
     laps: float = 0.0
     speed: float = 0.0
     started: float = 0.0
-
-
-def steering_step(
-    place: Place, course: float, speed: float, *, line: LineTables, gains: PathGains, law: Ackermann
-) -> float:
-    """Return the bicycle angle [rad] that leads the rear axle centre to the drivable line; equations above.
-
-    The steering rate bounds what feedback can do over the distance d: curvature by rate d/(L v), slope by d times that.
-    Asking for more only makes it late, and in the end oscillate, so both parts of the feedback are limited, one inside
-    the other.
-
-    Args:
-        place: where the rear axle centre is, or will be when the steering acts.
-        course: direction of its velocity (its yaw when it rolls without slip) [rad].
-        speed: forward speed [m/s].
-        line: the line to drive.
-        gains: gains.
-        law: wheelbase, limit and rate of the vehicle.
-    """
-    offset, slope, curvature = line.at(place.s)
-    distance = max(gains.convergence_distance, speed * gains.convergence_time)
-    k2 = 2.0 * gains.damping / distance
-    most = law.rate * distance / (law.wheelbase * max(speed, 0.1))
-    steepest = min(_STEEPEST, _APPROACH * most * distance)
-
-    # Far from the direction of the track there is no line to keep: turn back, up to full lock.
-    theta = min(max(_wrap(course - place.yaw), -_STEEPEST_COURSE), _STEEPEST_COURSE)
-    most += max(0.0, abs(theta) - 0.5) * 4.0 / law.wheelbase
-    cos, tan = max(math.cos(theta), 0.7), math.tan(theta)
-    lever = max(1.0 - place.curvature * place.lateral, _NEAREST)
-    z = lever * tan
-    approach = min(max((place.lateral - offset) / (distance * distance * k2), -steepest), steepest)
-    u = curvature - place.curvature - min(max(k2 * (z - slope + approach), -most), most)
-    turning = cos / lever * (place.curvature + cos * cos / lever * (u + place.curvature * z * tan))
-    return law.clip(law.steering(turning) + gains.understeer_gradient * speed * speed * turning)
-
-
-def speed_step(
-    previous: float,
-    place: Place,
-    steering: float,
-    *,
-    line: LineTables,
-    gains: PathGains,
-    law: Ackermann,
-    limits: DrivingLimits,
-    period: float,
-) -> float:
-    """Return the speed command [m/s]: the profile of the line, approached with the allowed acceleration.
-
-    Args:
-        previous: last speed command [m/s].
-        place: where the rear axle centre is, or will be.
-        steering: bicycle angle that is commanded [rad]; one much tighter than planned slows down as well.
-        line: the line to drive.
-        gains: gains, with the set-point.
-        law: wheelbase of the vehicle.
-        limits: accelerations.
-        period: time since the last step [s].
-    """
-    wanted = min(line.speed(place.s), gains.speed)
-    turning = abs(law.curvature(steering))
-    if turning * wanted * wanted > _TURN_MARGIN * limits.lateral:
-        wanted = math.sqrt(_TURN_MARGIN * limits.lateral / turning)
-    lowest = previous - _BRAKE_MARGIN * limits.deceleration * period
-    return max(min(wanted, previous + limits.acceleration * period), lowest, 0.0)
-
-
-def _wrap(angle: float) -> float:
-    """Return an angle in [-pi, pi] [rad]."""
-    return math.remainder(angle, 2.0 * math.pi)
 
 
 class PathTracker(LeafSystem):
@@ -325,8 +184,12 @@ class PathTracker(LeafSystem):
         self.period = check_number("PathTracker", "period", period, unit="s", above=0.0)
         centre = make_centre_line(track)
         self.path = PathTables(centre)
-        self.line_for = _planner(centre, self.path, self.law, self.limits)
+        self.line_for = _planner(centre, self.law, self.limits)
         self.line_for(gains.speed)
+        self.numbers = TrackerNumbers(
+            self.law.wheelbase, self.law.limit, self.law.rate, self.limits.lateral, self.limits.acceleration,
+            self.limits.deceleration, self.period,
+        )  # fmt: skip
         self.state = declare_vector_input(self, "state", STATE)
         self._gains = self.DeclareNumericParameter(BasicVector(_to_vector(gains)))
         self._command = self.DeclareDiscreteState(3)
@@ -368,34 +231,24 @@ class PathTracker(LeafSystem):
         state, gains, time = self._read(context), self.get_gains(context), context.get_time()
         line, length = self.line_for(gains.speed), self.path.length
         place = self._find(x, y, state)
-
-        # The course is the yaw but for side slip, which means nothing at a crawl.
-        speed = max(vx, 0.0)
-        course = yaw + min(max(math.atan2(vy, max(vx, 1.0)), -0.2), 0.2)
-
-        # Where the vehicle will be when the steering acts.
-        way, turn = speed * gains.preview_time, wz * gains.preview_time
-        middle = course + 0.5 * turn
-        ahead = self.path.project(x + way * math.cos(middle), y + way * math.sin(middle), near=place.s + way) or place
-        steering = steering_step(ahead, course + turn, speed, line=line, gains=gains, law=self.law)
-
-        # The speed command starts from the speed that the vehicle has.
-        wanted, covered = min(speed, gains.speed), 0.0
+        speed, steering = tracker_step(
+            self.path.numbers,
+            self.path.rows,
+            line,
+            gains,
+            self.numbers,
+            place,
+            Motion(x, y, yaw, vx, vy, wz),
+            state.speed,
+            bool(state.started),
+        )
+        covered = 0.0
         if state.started:
-            wanted = speed_step(
-                state.speed,
-                ahead,
-                steering,
-                line=line,
-                gains=gains,
-                law=self.law,
-                limits=self.limits,
-                period=self.period,
-            )
             covered = place.s - state.progress
             covered = math.remainder(covered, length) if self.path.closed else covered
-        values.set_value(self._command, Command(wanted, steering, time))
-        values.set_value(self._error, [place.lateral, _wrap(yaw - place.yaw), place.s, state.laps + covered / length])
+        values.set_value(self._command, Command(speed, steering, time))
+        error = [place.lateral, wrap_angle(yaw - place.yaw), place.s, state.laps + covered / length]
+        values.set_value(self._error, error)
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
         """Output the first values; the first update, at the same time, is the first step that counts."""
@@ -407,13 +260,11 @@ class PathTracker(LeafSystem):
         values.set_value(self._started, [1.0])
 
 
-def _planner(
-    centre: CentreLine, path: PathTables, law: Ackermann, limits: DrivingLimits
-) -> Callable[[float], LineTables]:
-    """Return a function from speed set-point to line that caches its plans."""
-    known: dict[int, LineTables] = {}
+def _planner(centre: CentreLine, law: Ackermann, limits: DrivingLimits) -> Callable[[float], list[list[float]]]:
+    """Return a function from speed set-point to the table of the line, that caches its plans."""
+    known: dict[int, list[list[float]]] = {}
 
-    def line_for(speed: float) -> LineTables:
+    def line_for(speed: float) -> list[list[float]]:
         key = max(1, math.ceil(speed / _SPEED_GRID - 1e-9))
         line = known.get(key)
         if line is None:
@@ -425,7 +276,8 @@ def _planner(
                 steering_rate=law.rate,
                 limits=limits,
             )
-            line = known[key] = LineTables(planned, path)
+            columns = (planned.offset, planned.slope, planned.curvature, planned.speed)
+            line = known[key] = np.column_stack(columns).tolist()
         return line
 
     return line_for

@@ -83,6 +83,11 @@ def choose(condition: Any, yes: Value, no: Value) -> Value:
     return np.where(condition, yes, no) if isinstance(condition, np.ndarray) else yes if condition else no
 
 
+def wrap_angle(angle: float) -> float:
+    """Return an angle in [-pi, pi] [rad]; for floats only."""
+    return math.remainder(angle, 2.0 * math.pi)
+
+
 # Numba matches the names of arguments, so each overload repeats them.
 # ruff: noqa: ARG005
 COMPILED_FORMS: dict[Callable[..., Any], Callable[..., Any]] = {
@@ -97,5 +102,6 @@ COMPILED_FORMS: dict[Callable[..., Any], Callable[..., Any]] = {
     smaller: lambda x, y: lambda x, y: y if y < x else x,
     larger: lambda x, y: lambda x, y: y if y > x else x,
     choose: lambda condition, yes, no: lambda condition, yes, no: yes if condition else no,
+    wrap_angle: lambda angle: lambda angle: angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5),
 }
 """Numba overload of each function for floats, which :mod:`mirdrake.core.compiled` compiles in its place."""

@@ -38,6 +38,13 @@ class PidNumbers(NamedTuple):
     max_integral: float = math.inf
 
 
+def tracking_time(kp: float, ki: float, kd: float) -> float:
+    """Return the default time constant of the anti-windup [s], see :class:`PidGains`."""
+    if ki == 0.0:
+        return 0.0
+    return math.sqrt(abs(kd / ki)) if kd != 0.0 else abs(kp / ki)
+
+
 @dataclass(frozen=True, slots=True)
 class PidGains:
     """Gains of a PID controller; [u], [y] are the units of control and measurement.
@@ -76,7 +83,7 @@ class PidGains:
         if not 0.0 <= filter_time < math.inf:
             check_number("PidGains", "filter_time", filter_time, unit="s", at_least=0.0)
         if tracking is None:
-            tracking = 0.0 if ki == 0.0 else math.sqrt(abs(kd / ki)) if kd != 0.0 else abs(kp / ki)
+            tracking = tracking_time(kp, ki, kd)
         elif not tracking >= 0.0:
             check_number("PidGains", "tracking_time", tracking, unit="s", at_least=0.0, infinite=True)
         if not self.max_integral >= 0.0:
