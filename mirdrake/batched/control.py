@@ -233,7 +233,6 @@ class BatchControl:
             records(NoNumbers, [NoNumbers()]),
         )
 
-
     def _wheel_gains(self, vehicle: Vehicle, own: Records) -> tuple[Any, ...]:
         """Return the gains of the wheels and those at the present speed, both again as PID gains, and the schedule."""
         schedule = vehicle.control.wheel_speed.gain_schedule()
