@@ -22,6 +22,7 @@ from pydrake.geometry import (
     PerceptionProperties,
     RenderCameraCore,
     RenderEngineVtkParams,
+    RenderLabel,
     Rgba,
     SceneGraph,
 )
@@ -47,7 +48,6 @@ PORTRAIT = "portrait.png"
 _AZIMUTH, _ELEVATION = 0.62, 0.115  # [rad] of the camera, seen from the vehicle: to the left, above
 _MARGIN = 1.22  # room around the vehicle
 _FINER = 2  # pixels drawn for one that is kept, each way
-_KEY = (1.0, 0.0, 1.0)  # colour of what is sky; no car has it
 _SUN = (1.25, 0.95)  # [rad] azimuth and elevation of the sun, on the camera's side of the vehicle
 _SHADE = 0.13  # darkness of one layer of the shadow, of which there are several for a soft edge
 _LAYERS = 9
@@ -82,9 +82,11 @@ def draw_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> I
     info = CameraInfo(*size, focal, focal, 0.5 * size[0], 0.5 * size[1])
     core = RenderCameraCore("portrait", info, ClippingRange(0.2 * distance, 500.0 * distance), RigidTransform())
     query = parts.scene_graph.get_query_output_port().Eval(parts.scene_graph.GetMyContextFromRoot(context))
-    picture = query.RenderColorImage(ColorRenderCamera(core, False), parts.scene_graph.world_frame_id(), X_WC)
-    pixels = picture.data[:, :, :3].astype(float)
-    small = Image.fromarray(_with_sky(pixels, world).astype(np.uint8))
+    camera = ColorRenderCamera(core, False)
+    picture = query.RenderColorImage(camera, parts.scene_graph.world_frame_id(), X_WC)
+    labels = query.RenderLabelImage(camera, parts.scene_graph.world_frame_id(), X_WC)
+    sky = labels.data[:, :, 0] == int(RenderLabel.kEmpty)
+    small = Image.fromarray(_with_sky(picture.data[:, :, :3].astype(float), sky, world).astype(np.uint8))
     return small.resize((width, height), Image.Resampling.LANCZOS)
 
 
@@ -185,7 +187,9 @@ def _lights(world: World) -> list[LightParameter]:
 
 
 def _add_renderer(scene_graph: SceneGraph, world: World) -> None:
-    params = RenderEngineVtkParams(lights=_lights(world), default_clear_color=_KEY, force_to_pbr=True)
+    # The renderer mixes the colours at edges, so what is behind them has the colour of the sky there.
+    _, horizon = _sky_edges(world)
+    params = RenderEngineVtkParams(lights=_lights(world), default_clear_color=horizon.tolist(), force_to_pbr=True)
     try:
         add_renderer(scene_graph, "portrait", params)
     except MissingDependencyError as error:
@@ -226,15 +230,26 @@ def _place(corners: Array, aspect: float) -> tuple[RigidTransform, float]:
     return RigidTransform(R_WC, target + distance * back), distance
 
 
-def _with_sky(pixels: Array, world: World) -> Array:
-    """Return a picture (height, width, 3), 0 .. 255, with a sky that is paler towards the horizon."""
-    sky = np.abs(pixels - 255.0 * np.array(_KEY)).max(axis=2) < 2.0
+def _sky_edges(world: World) -> tuple[Array, Array]:
+    """Return the colours (3), 0 .. 1, of the sky at the top of the picture and at the horizon."""
+    zenith, horizon = sky_colors(world)
+    return 0.45 * zenith + 0.55 * horizon, 0.5 * horizon + 0.5
+
+
+def _with_sky(pixels: Array, sky: NDArray[np.bool_], world: World) -> Array:
+    """Return a picture (height, width, 3), 0 .. 255, with a sky that is paler towards the horizon.
+
+    Args:
+        pixels: picture (height, width, 3), 0 .. 255.
+        sky: pixels without any geometry (height, width).
+        world: world with the colours of the sky.
+    """
     if not sky.any():
         return pixels
-    zenith, horizon = sky_colors(world)
+    top, horizon = _sky_edges(world)
     last = int(np.nonzero(sky.any(axis=1))[0].max()) + 1
     share = (np.arange(pixels.shape[0]) / last).clip(0.0, 1.0)[:, None]
-    rows = 255.0 * ((1.0 - share) * (0.45 * zenith + 0.55 * horizon) + share * (0.5 * horizon + 0.5))
+    rows = 255.0 * ((1.0 - share) * top + share * horizon)
     return np.where(sky[:, :, None], rows[:, None, :], pixels)
 
 
