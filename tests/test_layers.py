@@ -14,7 +14,7 @@ STAGES = {
     "core": 0,
     "ground": 1, "readers": 1, "tyres": 1, "vehicles": 1, "worlds": 1,
     "plant": 2,
-    "controllers": 3,
+    "actors": 3, "controllers": 3,
     "networks": 4, "sensors": 4, "single_track": 4,
     "assembly": 5, "batched": 5,
     "runs": 6, "schemas": 6,

@@ -16,7 +16,7 @@ and a connection of the user's to an input replaces the one drawn here. A vehicl
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 
 from mirdrake.assembly.blocks import make_block
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
+from mirdrake.assembly.parts.actors import add_traffic
 from mirdrake.assembly.parts.forces import add_outer_forces, add_rolling_resistance, add_tyres
 from mirdrake.assembly.parts.places import check_starts, find_start
 from mirdrake.assembly.parts.sensors import add_sensors, cameras_of, check_sensors, how_recorded, sensors_of
@@ -37,6 +38,7 @@ from mirdrake.core.drake_errors import algebraic_loop
 from mirdrake.core.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.core.signals import Signal
 from mirdrake.core.yaml_io import Source, where
+from mirdrake.plant.actors import add_actors
 from mirdrake.plant.plant import PlantParts, make_plant, set_start
 from mirdrake.plant.wheels import GroundTyres, WheelTyres
 from mirdrake.sensors.cameras.camera import Camera
@@ -197,7 +199,9 @@ def assemble(
     builder = DiagramBuilder()
     parked = {name for name, entry in spec.vehicles.items() if entry.parked}
     parts = make_plant(builder, world, vehicles, spec=spec.plant, parked=parked)
+    parts = replace(parts, actors=add_actors(parts.scene_graph, world))
     wiring = Wiring(builder, spec, factories=factories or {})
+    add_traffic(wiring, parts, spec)
     rolling = add_rolling_resistance(wiring, parts, spec)
     tracks = {}
     for part in parts.vehicles.values():

@@ -48,6 +48,7 @@ from mirdrake.core.errors import ModelError
 from mirdrake.core.vectors import SIDES
 from mirdrake.core.yaml_io import Period, Schema, Speed
 from mirdrake.ground import FLAT, Terrain
+from mirdrake.plant.actors import ActorsInScene
 from mirdrake.plant.obstacles import PropsInPlant, add_props, terrain_of
 from mirdrake.plant.rest_pose import RestPose, find_rest_pose
 from mirdrake.plant.wheel_shape import ContactModel, make_wheel_shape
@@ -207,6 +208,7 @@ class PlantParts:
         props: the props of the world.
         terrain: height of the ground, with the props that vehicles drive over.
         wheel_contact: what bears the wheels: that of the settings on the plane z = 0, on other ground a vertical tyre.
+        actors: the actors of the world, if they were added by :func:`mirdrake.plant.actors.add_actors`.
     """
 
     plant: MultibodyPlant
@@ -217,6 +219,7 @@ class PlantParts:
     props: PropsInPlant = field(default_factory=PropsInPlant)
     terrain: Terrain = FLAT
     wheel_contact: ContactModel = "hydroelastic"
+    actors: ActorsInScene = field(default_factory=ActorsInScene)
 
 
 def make_plant(

@@ -4,8 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from mirdrake.core.errors import MirdrakeError
+from mirdrake.runs.incidents import OF_ACTORS
 from mirdrake.runs.logs import Run, load_run
 from mirdrake.suites import Suite
 from mirdrake.viewer import write_recording
@@ -48,7 +50,7 @@ def _record(folder: Path) -> None:
 
 def until_lost(run: Run) -> Run:
     """Return the samples of a run before the first one with a pose that is not finite."""
-    table = run.signals
+    table = pd.concat([run.signals, run.actors.add_prefix(OF_ACTORS)], axis=1) if len(run.actors) else run.signals
     names = [f"{vehicle}.{key}" for vehicle in run.spec["vehicles"] for key in _POSE]
     lost = ~np.isfinite(table[[name for name in names if name in table]].to_numpy()).all(axis=1)
     return replace(run, table=table.iloc[: int(np.argmax(lost))] if lost.any() else table)

@@ -30,7 +30,10 @@ Signals (:data:`~mirdrake.requirements.observation.DERIVED`, :data:`~mirdrake.re
     lateral_accel       m/s^2   to the left, without gravity
     yaw_rate            rad/s   positive to the left
     slip                        largest of all wheels: (rim speed - ground speed) / ground speed
-    clearance           m       to the nearest prop or vehicle (collision shapes); negative: depth of overlap
+    clearance           m       to the nearest prop, vehicle or actor (collision shapes); negative: depth of overlap
+    gap to NAME         m       clearance to one vehicle or actor
+    time_to_collision   s       with vehicles, actors and props, if all keep their velocities; inf: never
+    actors.NAME.speed   m/s     and other signals of an actor: x, y, yaw, acceleration, yaw_rate, gap
     laps                        along the track since the start
     lap_time            s       since the current lap began
     time                s       since the start

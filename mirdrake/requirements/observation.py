@@ -6,7 +6,7 @@ positive where the event holds.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -14,16 +14,24 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.core.errors import RunError
 from mirdrake.core.vectors import STATE, WHEELS
-from mirdrake.runs.incidents import NEAR
+from mirdrake.runs.incidents import NEAR, OF_ACTORS
+from mirdrake.requirements.surroundings import (
+    GAP,
+    TIME_TO_COLLISION,
+    clearance_to,
+    gap_to,
+    movers_of,
+    time_to_collision,
+    touches,
+)
 from mirdrake.runs.logs import Run
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.geometry import VehicleGeometry
 from mirdrake.vehicles.outline import Outline, measure_outline
 from mirdrake.worlds import World
-from mirdrake.worlds.clearance import clearance, clearance_between
+from mirdrake.worlds.clearance import clearance
 
 Array = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -47,8 +55,13 @@ DERIVED = {
     "slip": ("", "largest of all wheels: (rim speed - ground speed) / ground speed"),
     "clearance": (
         "m",
-        "horizontal distance of the vehicle's collision shapes to the nearest prop, in its initial pose, or vehicle; "
+        "horizontal distance of the vehicle's collision shapes to the nearest prop, in its initial pose, vehicle or "
+        "actor; "
         "only shapes at the same height count; negative: depth of overlap",
+    ),
+    "time_to_collision": (
+        "s",
+        "until it touches a vehicle, actor or prop if all keep their velocities and do not turn; inf: never",
     ),
     "laps": ("", "along the track since the start"),
     "lap_time": ("s", "since the current lap began"),
@@ -70,7 +83,7 @@ LAP_SIGNALS = ("lap", "laps", "lap_time")
 """Those of them that only a closed track has."""
 
 EVENTS = {
-    "collision": "the vehicle touches a prop or another vehicle; margin: the clearance, taken negative",
+    "collision": "the vehicle touches a prop, another vehicle or an actor; margin: the clearance, taken negative",
     "stopped": f"slower than {STANDING} m/s; margin in m/s",
     "on road": "all four wheels; margin: from the outermost wheel to the edge of the road",
     "rollover": f"tilted by more than {round(math.degrees(TIPPED))} deg; margin: the tilt beyond that",
@@ -118,6 +131,7 @@ def observe(
     *,
     goal: str | None = None,
     others: Mapping[str, Vehicle] | None = None,
+    wanted: Collection[str] = (),
 ) -> Observation:
     """Return all signals and events of one vehicle in a run.
 
@@ -128,12 +142,14 @@ def observe(
         vehicle: the vehicle.
         goal: name of the goal that ``at goal`` means; the world's goal of the name "goal" if left out.
         others: the other vehicles of the run, by their names in it; one of that name is left out.
+        wanted: names of signals that take long to compute and are needed: ``time_to_collision``, ``gap to NAME``.
 
     Raises:
         RunError: the run has no samples.
     """
     table = run.signals
-    table = table[~table.index.duplicated()]
+    first = ~table.index.duplicated()
+    table, actors = table[first], run.actors[first] if len(run.actors) else run.actors
     if table.empty:
         raise RunError("the run has no samples to judge")
     times = table.index.to_numpy(dtype=float) - float(table.index[0])
@@ -150,15 +166,19 @@ def observe(
 
     # What follows from the things around it.
     corners = _corners(signals, outline(vehicle))
-    volume, poses = volume_of(vehicle), _poses(signals, "")
-    signals["clearance"] = clearance(volume, poses, world.props)
-    for name, other in (others or {}).items():
-        if name != vehicle_name and f"{name}.x" in signals:
-            free = clearance_between(volume, poses, volume_of(other), _poses(signals, f"{name}."))
-            signals["clearance"] = np.minimum(signals["clearance"], free)
+    movers = {mover.name: mover for mover in movers_of(world, actors, signals, {**(others or {}), vehicle_name: vehicle})}
+    signals |= {f"{OF_ACTORS}{name}": actors[name].to_numpy(dtype=float) for name in actors}
+    units |= {name: run.units.get(name, "") for name in signals if name.startswith(OF_ACTORS)}
+    own = movers.pop(vehicle_name)
+    signals["clearance"] = clearance_to(own, list(movers.values()), clearance(own.volume, own.poses, world.props))
+    for name in wanted:
+        if name.startswith(GAP) and (other := movers.get(name.removeprefix(GAP))) is not None:
+            signals[name], units[name] = gap_to(own, other), "m"
+    if TIME_TO_COLLISION in wanted:
+        signals[TIME_TO_COLLISION] = time_to_collision(own, movers.values(), world)
     units |= {name: unit for name, (unit, _) in DERIVED.items() if name in signals}
     events = {
-        "collision": _collision(signals),
+        "collision": _collision(signals, touches(own, [movers[actor.name] for actor in world.actors if actor.name in movers])),
         "stopped": _event(STANDING - signals["speed"], "m/s")._replace(scale=STANDING),
         "on road": _on_road(world, signals, vehicle.geometry),
         "rollover": _event(_tilt(signals) - TIPPED, "rad")._replace(scale=TIPPED),
@@ -217,11 +237,6 @@ def _tilt(signals: Mapping[str, Array]) -> Array:
 # --- things around the vehicle -----------------------------------------------------------------------------------
 
 
-def _poses(signals: Mapping[str, Array], prefix: str) -> Array:
-    """Return x, y and yaw of a vehicle in W (n, 3)."""
-    return np.column_stack([signals[f"{prefix}{name}"] for name in ("x", "y", "yaw")])
-
-
 def _corners(signals: Mapping[str, Array], box: Outline) -> Array:
     """Return the corners of the outline in W [m] (n, 4, 2)."""
     ahead = np.array([box.front, box.rear, box.rear, box.front])
@@ -238,10 +253,16 @@ def _event(margin: Array, unit: str) -> Event:
     return Event(margin >= 0.0, margin, unit)
 
 
-def _collision(signals: Mapping[str, Array]) -> Event:
-    """Return the event that collision shapes overlap a prop or vehicle, or a contact force acts near one."""
+def _collision(signals: Mapping[str, Array], touched: Truth) -> Event:
+    """Return the event that collision shapes overlap something, a contact force acts near one, or an actor is touched.
+
+    Args:
+        signals: signals of the vehicle.
+        touched: whether it has touched an actor since the sample before (n).
+    """
     free = signals["clearance"].copy()
     touching = (signals.get("other_contacts", np.zeros(free.size)) > 0.0) & (free < NEAR)
+    touching |= touched
     free[touching] = np.minimum(free[touching], -TOUCH)
     return Event(free <= 0.0, -free, "m")
 

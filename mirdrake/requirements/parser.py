@@ -9,6 +9,7 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import to_si
 from mirdrake.requirements.judging import Kind, Requirement
 from mirdrake.requirements.observation import DERIVED, EVENTS, RECORDED
+from mirdrake.requirements.surroundings import GAP
 from mirdrake.requirements.terms import COUNTS, Atom, Comparison, Expression, Happening, Junction, Negation
 
 _UNITS = ("m", "m/s", "m/s^2", "rad", "rad/s", "s", "N", "N m", "kg", "W", "Hz")
@@ -135,6 +136,13 @@ class _Parser:
         if word == "on" and not absolute:
             self._expect("road")
             return self._add(Happening(len(self._atoms), "on road", "on road"))
+        if word == "gap" and self._peek() == "to":
+            self._at += 1
+            name = self._peek()
+            if not _NAME.fullmatch(name):
+                self._fail("the name of a vehicle or actor is expected after 'gap to'")
+            self._at += 1
+            return self._comparison(begin, f"{GAP}{name}", absolute)
         if word in EVENTS and not absolute:
             return self._add(Happening(len(self._atoms), word, word))
         if "." not in word and word not in DERIVED and word not in RECORDED:
@@ -154,7 +162,7 @@ class _Parser:
             self._fail(f"'{signal}' is not a count, so {sign} is not allowed; compare it with < or >")
         self._at += 1
         known = {**RECORDED, **{name: unit for name, (unit, _) in DERIVED.items()}}.get(signal)
-        value, unit = self._value(known)
+        value, unit = self._value("m" if signal.startswith(GAP) else known)
         text = " ".join(text for _, text in self._tokens[begin : self._at]).replace("( ", "(").replace(" )", ")")
         return self._add(Comparison(len(self._atoms), signal, sign, value, unit, absolute, text))
 

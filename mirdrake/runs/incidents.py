@@ -12,8 +12,12 @@ from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.runs.contact_periods import ContactPeriods
 from mirdrake.worlds import PlacedProp, Start, World
 from mirdrake.worlds.clearance import Volume, clearance, clearance_between, place_outline
+from mirdrake.worlds.sweeps import first_contacts
 
 Array = NDArray[np.float64]
+
+OF_ACTORS = "actors."
+"""Begin of the names of the signals of actors among those of a run."""
 
 NEAR = 0.3
 """Largest distance of a contact force from the prop or vehicle that it is assigned to [m]; others are with the road."""
@@ -36,6 +40,7 @@ class Incident:
         vehicle: name of the vehicle.
         other: name of the prop or vehicle of a collision.
         speed: speed of the vehicle at that time [m/s].
+        difference: magnitude of the difference of the velocities of vehicle and actor [m/s]; None with other objects.
     """
 
     time: float
@@ -44,6 +49,7 @@ class Incident:
     vehicle: str
     other: str = ""
     speed: float = 0.0
+    difference: float | None = None
 
 
 @dataclass
@@ -71,6 +77,9 @@ class Incidents:
         self._tree = shapely.STRtree([prop.footprint for prop in self._props])
         self._outside: set[str] = set()
         self._periods: dict[tuple[str, str], ContactPeriods] = {}
+        self._last: dict[str, Array] = {}  # pose of each vehicle at the last sample
+        self._last_actors: dict[tuple[str, str], Array] = {}
+        self._last_time = 0.0
 
     def check_starts(self, starts: Mapping[str, Start]) -> list[Incident]:
         """Return the impossible starts of vehicles."""
@@ -94,6 +103,8 @@ class Incidents:
         poses = {name: _poses(columns, name) for name in self.vehicles if f"{name}.x" in columns}
         touching = {name: self._touching(name, poses, times, columns) for name in poses}
         incidents = [incident for name in poses for incident in self._collisions(name, touching[name], times, columns)]
+        incidents += [incident for name in poses for incident in self._actors(name, poses[name], times, columns)]
+        self._last_time = float(times[-1])
         incidents += [incident for name in poses for incident in self._left_ground(name, poses[name], times)]
         self.reported += sorted(incidents, key=lambda incident: incident.time)
         incidents += self._contacts(times, touching, columns)
@@ -180,6 +191,45 @@ class Incidents:
             for time, event in periods.look(times, by_pair.get(pair, np.zeros(len(times), dtype=bool))):
                 if event != ContactPeriods.FIRST or not pair[1]:
                     yield Incident(time, "contact", f"{pair[0]}: contact with {other} {event}", *pair)
+    def _actors(
+        self, name: str, mine: Array, times: Array, columns: Mapping[str, Array]
+    ) -> Iterator[Incident]:
+        """Return the first contacts of a vehicle with each actor, also between samples."""
+        known = {incident.other for incident in self.reported if incident.vehicle == name}
+        begin = self._last.get(name)
+        stamps = times if begin is None else np.concatenate(([self._last_time], times))
+        path = mine if begin is None else np.vstack((begin, mine))
+        self._last[name] = mine[-1]
+        for actor in self.world.actors:
+            key = f"{OF_ACTORS}{actor.name}"
+            if f"{key}.x" not in columns:
+                continue
+            theirs = _poses(columns, key)
+            if begin is not None:
+                theirs = np.vstack((self._last_actors[name, actor.name], theirs))
+            self._last_actors[name, actor.name] = theirs[-1]
+            if actor.name in known:
+                continue
+            contacts = first_contacts(self.volumes[name], path, actor.volume, theirs)
+            if not np.isfinite(contacts).any():
+                continue
+            row = int(np.argmax(np.isfinite(contacts)))
+            before = max(row - 1, 0)
+            time = float(stamps[before] + contacts[row] * (stamps[row] - stamps[before]))
+            sample = min(max(before - (begin is not None), 0), len(times) - 1)
+            yield self._with_actor(name, actor.name, time, sample, columns)
+
+    def _with_actor(
+        self, name: str, actor: str, time: float, row: int, columns: Mapping[str, Array]
+    ) -> Incident:
+        """Return the collision of a vehicle and an actor, with the speeds of a sample."""
+        vx, vy, yaw = (float(columns[f"{name}.{key}"][row]) for key in ("vx", "vy", "yaw"))
+        own = np.array([vx * math.cos(yaw) - vy * math.sin(yaw), vx * math.sin(yaw) + vy * math.cos(yaw)])
+        key = f"{OF_ACTORS}{actor}"
+        speed, heading = float(columns[f"{key}.speed"][row]), float(columns[f"{key}.yaw"][row])
+        difference = float(np.hypot(*(own - speed * np.array([math.cos(heading), math.sin(heading)]))))
+        text = f"{name}: collision with '{actor}' at {math.hypot(vx, vy):.1f} m/s, speed difference {difference:.1f} m/s"
+        return Incident(time, "collision", text, name, actor, math.hypot(vx, vy), difference)
 
     def _left_ground(self, name: str, poses: Array, times: Array) -> Iterator[Incident]:
         good = np.isfinite(poses).all(axis=1)

@@ -33,6 +33,10 @@ class LiveView:
         self._context = self._diagram.CreateDefaultContext()
         self._poses = scene_graph.get_source_pose_port(self._plant.get_source_id())
         self._poses_context = scene_graph.GetMyMutableContextFromRoot(self._context)
+        self._actors = assembly.parts.actors
+        self._traffic = assembly.diagram.GetSubsystemByName("traffic") if self._actors.source is not None else None
+        if self._actors.source is not None:
+            self._actor_poses = scene_graph.get_source_pose_port(self._actors.source)
         self._next = 0.0
         self.failed, self.failed_at = False, 0.0
 
@@ -60,5 +64,8 @@ class LiveView:
         """
         poses = self._plant.get_geometry_pose_output_port()
         self._poses.FixValue(self._poses_context, poses.EvalAbstract(self._plant.GetMyContextFromRoot(context)))
+        if self._traffic is not None:
+            states = self._traffic.states.Eval(self._traffic.GetMyContextFromRoot(context))
+            self._actor_poses.FixValue(self._poses_context, self._actors.poses(states.reshape(-1, 6)[:, :3]))
         self._context.SetTime(context.get_time())
         self._diagram.ForcedPublish(self._context)

@@ -6,6 +6,7 @@
       spec.yaml          the resolved spec, seed, versions and hash
       scene/             the world and the vehicles as they were, see :mod:`mirdrake.assembly.scene`
       signals.parquet    time [s] and named signals; units in the column metadata
+      actors.parquet     the same of the actors of the world: lead.x, lead.speed, ...
       events.jsonl       occurrences, one JSON object in each line
       ego.front_camera/  pictures named by simulated time, and driving_log.txt beside them
       ego.lidar.parquet  samples of a sensor that outputs arrays, one in each row
@@ -42,6 +43,7 @@ from mirdrake.core.recording.parts import PartedTable, read_part, stored
 from mirdrake.core.recording.pictures import Picture, parse_start, picture_folders, read_pictures
 from mirdrake.core.recording.pictures import picture_name as picture_name
 from mirdrake.core.recording.vectors import ROWS, make_table
+from mirdrake.runs.incidents import OF_ACTORS
 from mirdrake.runs.plots import describe, plot_runs
 from mirdrake.runs.stop import Stop, StopReason
 
@@ -49,6 +51,9 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 SIGNALS, SUMMARY, SPEC, EVENTS = "signals.parquet", "summary.json", "spec.yaml", "events.jsonl"
+
+ACTORS = "actors.parquet"
+"""Table of the signals of actors, whose names begin with :data:`OF_ACTORS` among those of a run."""
 
 
 class Event(TypedDict):
@@ -69,7 +74,7 @@ class Run:
         summary: figures of the run, see summary.json.
         units: unit of every signal, "" for pure numbers.
         events: occurrences during the run.
-        table: samples of a run that is only in memory; use :attr:`signals`.
+        table: samples of a run that is only in memory; use :attr:`signals` and :attr:`actors`.
         laid_out: scene of a run that was made in this process; use :meth:`scene`.
     """
 
@@ -87,9 +92,19 @@ class Run:
 
         ``signals.attrs["units"]`` has the unit of each column.
         """
-        table = self.table if self.table is not None else read_signals(self.folder)
-        table.attrs["units"] = dict(self.units)
+        table = read_signals(self.folder) if self.table is None else self.table
+        of_actors = [name for name in table.columns if name.startswith(OF_ACTORS)]
+        table = table.drop(columns=of_actors) if of_actors else table
+        table.attrs["units"] = {name: unit for name, unit in self.units.items() if not name.startswith(OF_ACTORS)}
         return table
+
+    @cached_property
+    def actors(self) -> pd.DataFrame:
+        """Samples of the actors at the same times, by ``<actor>.<signal>``; without columns if there are none."""
+        if self.table is None:
+            return read_table(None if self.folder is None else self.folder / ACTORS)
+        names = [name for name in self.table.columns if name.startswith(OF_ACTORS)]
+        return self.table[names].rename(columns=lambda name: name.removeprefix(OF_ACTORS))
 
     def scene(self) -> Scene:
         """Return the world and the vehicles of the run as they were, read from the folder at the first call.
@@ -126,7 +141,7 @@ class Run:
     @cached_property
     def arrays(self) -> RunArrays:
         """Samples by sensor at its own rate: ``run.arrays["ego.lidar"]["ranges"]``, ``run.arrays["ego.imu"]["wz"]``."""
-        return RunArrays(self.folder, signals=SIGNALS)
+        return RunArrays(self.folder, apart=(SIGNALS, ACTORS))
 
     @cached_property
     def pictures(self) -> dict[str, list[Picture]]:
@@ -181,8 +196,9 @@ def load_run(folder: Path | str) -> Run:
         killed = {"stop_reason": StopReason.KILLED, "stop_detail": ""}
         summary = _mapping(parse_json((folder / SUMMARY).read_text(encoding="utf-8")) if written else killed)
     with read_errors(folder / SIGNALS):
-        schema = _stored_schema(folder)
-        units = {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
+        units = _units(folder / SIGNALS)
+    with read_errors(folder / ACTORS):
+        units |= {f"{OF_ACTORS}{name}": unit for name, unit in _units(folder / ACTORS).items() if name != "time"}
     with read_errors(folder / EVENTS):
         events = _read_events(folder)
     run = Run(folder, spec, summary, units, events)
@@ -230,8 +246,18 @@ def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> p
         folder: the run folder; None gives an empty table.
         columns: names of columns; missing ones are ignored.
     """
-    with read_errors((folder or Path()) / SIGNALS):
-        parts = stored(folder / SIGNALS) if folder is not None else []
+    return read_table(None if folder is None else folder / SIGNALS, columns)
+
+
+def read_table(path: Path | None, columns: Sequence[str] | None = None) -> pd.DataFrame:
+    """Read a table of samples, index ``time`` [s]; an empty one if there is no such file.
+
+    Args:
+        path: path of the table; None gives an empty one.
+        columns: names of columns; missing ones are ignored.
+    """
+    with read_errors(path or Path()):
+        parts = stored(path) if path is not None else []
         if not parts:
             return pd.DataFrame(index=pd.Index([], name="time"))
         known = pq.read_schema(parts[0]).names
@@ -240,9 +266,11 @@ def read_signals(folder: Path | None, columns: Sequence[str] | None = None) -> p
         return table.set_index("time")
 
 
-def _stored_schema(folder: Path) -> pa.Schema:
-    parts = stored(folder / SIGNALS)
-    return pq.read_schema(parts[0]) if parts else pa.schema([])
+def _units(path: Path) -> dict[str, str]:
+    """Return the units of the columns of a table; none if there is no such file."""
+    parts = stored(path)
+    schema = pq.read_schema(parts[0]) if parts else pa.schema([])
+    return {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
 
 
 def _read_events(folder: Path) -> list[Event]:
@@ -267,6 +295,7 @@ class RunWriter:
     def __init__(self, folder: Path, spec: Mapping[str, Any], scene: Scene | None = None) -> None:
         self.folder = folder
         self._signals = PartedTable(folder / SIGNALS, rows=ROWS)
+        self._actors = PartedTable(folder / ACTORS, rows=ROWS)
         new = not folder.exists()
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -287,11 +316,17 @@ class RunWriter:
         """Add a block of samples; it is on disk within a quarter of a second."""
         if not len(times):
             return
-        self._signals.add(make_table(times, columns, units))
+        actors = {name: values for name, values in columns.items() if name.startswith(OF_ACTORS)}
+        self._signals.add(make_table(times, {name: columns[name] for name in columns if name not in actors}, units))
+        if actors:
+            own = {name.removeprefix(OF_ACTORS): units[name] for name in actors}
+            short = {name.removeprefix(OF_ACTORS): values for name, values in actors.items()}
+            self._actors.add(make_table(times, short, {"time": "s", **own}))
 
     def flush(self) -> None:
         """Write the blocks that are still in memory."""
         self._signals.flush()
+        self._actors.flush()
 
     def write_event(self, event: Event) -> None:
         """Add a line to events.jsonl."""
@@ -308,6 +343,7 @@ class RunWriter:
             summary: called when all samples are on disk.
         """
         self._signals.finish()
+        self._actors.finish()
         figures = dict(summary())
         pa.default_memory_pool().release_unused()
         write_file(self.folder / SUMMARY, json.dumps(figures, indent=2) + "\n")

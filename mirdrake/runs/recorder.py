@@ -20,6 +20,7 @@ from mirdrake.core.recording.pictures import PictureLog, make_pool
 from mirdrake.core.recording.vectors import VectorLog
 from mirdrake.core.signals import signals_of
 from mirdrake.core.vectors import STATE
+from mirdrake.runs.incidents import OF_ACTORS
 from mirdrake.runs.logs import Event, RunWriter
 from mirdrake.runs.telemetry import Array, Columns
 from mirdrake.sensors.ground_truth import GroundTruth
@@ -81,6 +82,13 @@ class Events:
             for index in np.flatnonzero(np.diff(values, prepend=before)):
                 self._report(float(times[index]), kind, key.split(".")[0], float(values[index]))
             self._last[key] = float(values[-1])
+        for key in columns:
+            if key.startswith(OF_ACTORS) and key.endswith(".braking_limit"):
+                begun = np.flatnonzero(np.diff(columns[key], prepend=self._last.get(key, 0.0)) > 0.0)
+                self._last[key] = float(columns[key][-1])
+                for index in begun:
+                    name = key.removeprefix(OF_ACTORS).removesuffix(".braking_limit")
+                    self.add(float(times[index]), "actor", f"{name}: brakes at its limit")
 
     def _report(self, time: float, kind: str, name: str, value: float) -> None:
         texts = {

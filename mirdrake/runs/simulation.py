@@ -24,7 +24,7 @@ from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, DivergedError, RunError
 from mirdrake.core.yaml_io import shown, where
 from mirdrake.plant.wheels import RoadFriction
-from mirdrake.runs.incidents import Incident, Incidents
+from mirdrake.runs.incidents import OF_ACTORS, Incident, Incidents
 from mirdrake.runs.live_view import LiveView
 from mirdrake.runs.logs import Run, RunWriter, read_signals
 from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
@@ -265,7 +265,8 @@ class Simulation:
             if progress is not None:
                 progress(context.get_time(), end)
             if not np.all(np.isfinite(plant.GetPositionsAndVelocities(plant_context))):
-                detail = _not_finite(times, columns) or "a position or velocity is not finite"
+                own = {name: values for name, values in columns.items() if not name.startswith(OF_ACTORS)}
+                detail = _not_finite(times, own) or "a position or velocity is not finite"
                 return Stop(StopReason.DIVERGED, detail)
             fault = _not_finite(times, {name: columns[name] for name in commands if name in columns})
             if fault is not None:

@@ -106,6 +106,7 @@ def make_summary(
     for name, part in assembly.parts.vehicles.items():
         collisions = [
             {"time": round(incident.time, 6), "with": incident.other, "speed_mps": round(incident.speed, 3)}
+            | ({} if incident.difference is None else {"difference_mps": round(incident.difference, 3)})
             for incident in incidents
             if incident.kind == "collision" and incident.vehicle == name
         ]

@@ -70,6 +70,8 @@ class Telemetry:
             pose = raw["plant_state"][body.floating_positions_start() :][:7]
             for signal, values in zip(STATE[:6], vehicle_states(pose, np.zeros((6, times.size))), strict=False):
                 self._put(columns, f"props.{name}.{signal.name}", values, signal.unit)
+        if "actors" in assembly.taps:
+            self._add_named(columns, assembly.taps["actors"], raw["actors"], prefix="actors")
         for name in ("wheel_load", "resistance", "other_contacts"):
             self._add_named(columns, assembly.taps[name], raw[name], prefix="")
         for sensor in (f"{vehicle}.{sensor}" for vehicle, names in assembly.spec.sensors.items() for sensor in names):

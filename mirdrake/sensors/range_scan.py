@@ -19,6 +19,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import BasicVector, Context
 from shapely.geometry.polygon import orient
 
+from mirdrake.actors.traffic import PLANAR, actor_signals
 from mirdrake.controllers.behaviours.fan import BEAMS, END_ANGLE, REACH, START_ANGLE, beam_angles, range_signals
 from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of, volume_of
 from mirdrake.core.checks import check_number
@@ -26,7 +27,8 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import Signal, declare_vector_input, declare_vector_output
 from mirdrake.core.vectors import STATE
-from mirdrake.worlds import PlacedProp, World
+from mirdrake.worlds import Actor, PlacedProp, World
+from mirdrake.worlds.clearance import Volume
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -150,6 +152,7 @@ class RangeScan(LeafSystem):
         prop_poses (3 k) [m, m, rad]: x, y, yaw of each of :attr:`movable`, in this order; only with movable props.
             Without connection, props have their initial poses, and vehicles are not detected. :class:`PropPoses`
             outputs the poses of the plant.
+        actor_states (6 n): states of the actors, see :class:`mirdrake.actors.traffic.Traffic`; only with actors.
 
     Output ports:
         ranges (n) [m]: distance along each beam to the nearest outline, inf beyond the reach; all 0 when the origin
@@ -169,9 +172,10 @@ class RangeScan(LeafSystem):
             :class:`mirdrake.worlds.clearance.Volume`.
         front: distance of the origin ahead of the vehicle frame B [m]; default: the front of its collision shapes.
         vehicles: other vehicles by name.
+        actors: actors of the world.
 
     Attributes:
-        movable: names of the movable props that are detected, then of the vehicles.
+        movable: names of the movable props that are detected, then of the vehicles. Actors come after these.
         angles: angles of the beams (n) [rad].
 
     Raises:
@@ -190,6 +194,7 @@ class RangeScan(LeafSystem):
         height: float | None = None,
         front: float | None = None,
         vehicles: Mapping[str, ShapedVehicle] | None = None,
+        actors: Sequence[Actor] = (),
     ):
         super().__init__()
         outline, volume, owner = outline_of(vehicle), volume_of(vehicle), "RangeScan"
@@ -217,6 +222,7 @@ class RangeScan(LeafSystem):
             (name, _NOWHERE, _outline_between(other, low, volume.high)) for name, other in (vehicles or {}).items()
         ]
         self.movable = tuple(name for name, _, _ in moving)
+        moving += [(actor.name, _NOWHERE, _area_between(actor.volume, low, volume.high)) for actor in actors]
         parts = [(index, part) for index, (_, _, area) in enumerate(moving) for part in _polygons(area)]
         self._moving, self._owner = _Shapes([part for _, part in parts]), np.array([index for index, _ in parts], int)
         self._placed = np.array([pose for _, pose, _ in moving]).reshape(-1, 3)
@@ -225,10 +231,15 @@ class RangeScan(LeafSystem):
         self.state = declare_vector_input(self, "state", STATE)
         needs = [self.state.ticket()]
         self.prop_poses = None
-        if moving:
+        if self.movable:
             contents = [Signal(f"{name}.{key}", unit) for name in self.movable for key, unit in _PLANAR]
             self.prop_poses = declare_vector_input(self, "prop_poses", contents)
             needs.append(self.prop_poses.ticket())
+        self.actor_states = None
+        if actors:
+            contents = actor_signals([actor.name for actor in actors], PLANAR)
+            self.actor_states = declare_vector_input(self, "actor_states", contents)
+            needs.append(self.actor_states.ticket())
         contents = list(range_signals(beams))
         self.ranges = declare_vector_output(self, "ranges", contents, self._calc, prerequisites=needs)
 
@@ -237,6 +248,9 @@ class RangeScan(LeafSystem):
         poses = self._placed
         if self.prop_poses is not None and self.prop_poses.HasValue(context):
             poses = self.prop_poses.Eval(context).reshape(-1, 3)
+        if self.actor_states is not None:
+            actors = self.actor_states.Eval(context).reshape(-1, len(PLANAR))[:, :3]
+            poses = np.vstack((poses[: len(self.movable)], actors))
         output.SetFromVector(self.look(x + self.front * math.cos(yaw), y + self.front * math.sin(yaw), yaw, poses))
 
     def look(self, x: float, y: float, yaw: float, poses: Array | None = None) -> Array:
@@ -323,7 +337,12 @@ def _at_origin(prop: PlacedProp, areas: Sequence[Any]) -> Any:
 
 def _outline_between(vehicle: ShapedVehicle, low: float, high: float) -> Any:
     """Return the area that a vehicle covers between two heights, in its frame B."""
-    slabs = [slab for slab in volume_of(vehicle).slabs if slab.low < high and slab.high > low]
+    return _area_between(volume_of(vehicle), low, high)
+
+
+def _area_between(volume: Volume, low: float, high: float) -> Any:
+    """Return the area that a volume covers between two heights, in its frame."""
+    slabs = [slab for slab in volume.slabs if slab.low < high and slab.high > low]
     return shapely.union_all([shapely.Polygon(slab.outline) for slab in slabs])
 
 

@@ -16,6 +16,7 @@ from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import read_tree, shown, where
 from mirdrake.requirements import Requirement, parse_requirement
 from mirdrake.requirements.observation import LAP_SIGNALS, TRACK_SIGNALS
+from mirdrake.requirements.surroundings import GAP
 from mirdrake.vehicles.vehicle import find_vehicle
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.case_spec import CaseSpec, SearchSpec
@@ -386,6 +387,11 @@ def _unfit(requirement: Requirement, world: World, test: CaseSpec) -> Iterator[s
             hint = did_you_mean(goal, world.goals) if world.goals else "the world has none; add them under goals"
             yield f"{location}: unknown goal '{goal}'; {hint}"
     for signal in requirement.signals:
+        name = signal.removeprefix(GAP)
+        names = [actor.name for actor in world.actors]
+        if name != signal and name not in names:
+            hint = did_you_mean(name, names) if names else "the world has no actors"
+            yield f"{location}: there is no actor '{name}'; {hint}"
         if signal in TRACK_SIGNALS and not world.tracks:
             yield f"{location}: '{signal}' needs a track, and the world has none"
         elif signal in LAP_SIGNALS and not any(track.closed for track in world.tracks.values()):

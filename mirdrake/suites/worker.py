@@ -148,7 +148,8 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     seen: Observation | None = None
     fault = f"the run {run.stop}" if run.diverged else _lost_command(run)
     try:
-        seen = observe(run, world, VEHICLE, vehicle, goal=case.goal, others=vehicles)
+        wanted = {name for requirement in requirements for name in requirement.signals}
+        seen = observe(run, world, VEHICLE, vehicle, goal=case.goal, others=vehicles, wanted=wanted)
         findings = [] if fault else [requirement.judge(seen) for requirement in requirements]
     except RunError as error:
         fault = fault or _line(error)

@@ -16,6 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_file
+from mirdrake.plant.actors import add_actors
 from mirdrake.plant.plant import PlantSpec, make_plant
 from mirdrake.runs.logs import Run
 from mirdrake.vehicles import WHEELS
@@ -66,6 +67,7 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
     """
     builder, scene = DiagramBuilder(), run.scene()
     parts = make_plant(builder, scene.world, scene.vehicles, spec=PlantSpec(contact="point"))
+    actors = add_actors(parts.scene_graph, scene.world)
     params = MeshcatVisualizerParams(publish_period=1.0 / frames_per_second)
     visualizer = MeshcatVisualizer.AddToBuilder(builder, parts.scene_graph, meshcat, params)
     diagram = builder.Build()
@@ -82,6 +84,10 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
         for name, body in parts.props.bodies.items()
     }
 
+    names = [f"{name}.{key}" for name in actors.frames for key in ("x", "y", "yaw")]
+    moves = run.actors[names].to_numpy().reshape(times.size, -1, 3) if names else None
+    scene_context = parts.scene_graph.GetMyMutableContextFromRoot(context)
+
     place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
     followed = readers[0].pose
     headings = smooth_headings(times, followed[:, 5])
@@ -94,6 +100,9 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
         for body, poses in loose.items():
             X_WP = RigidTransform(RollPitchYaw(poses[row, 3:]), poses[row, :3])
             parts.plant.SetFloatingBaseBodyPoseInWorldFrame(plant_context, body, X_WP)
+        if moves is not None and actors.source is not None:
+            port = parts.scene_graph.get_source_pose_port(actors.source)
+            port.FixValue(scene_context, actors.poses(moves[row]))
         diagram.ForcedPublish(context)
         frame = animation.frame(context.get_time())
         X_CW, X_CL = chase(x=followed[row, 0], y=followed[row, 1], yaw=headings[row])

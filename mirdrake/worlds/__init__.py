@@ -12,6 +12,7 @@
     props: ──► Prop, PlacedProp                        props.py, solids.py, arrange.py; kinds: shapes.py, layouts.py
     props ──► outlines between heights                 outlines.py
     vehicle, props, vehicles ──► distances             clearance.py
+    actors: ──► Actor, Lane                            actors_spec.py, actor_entries.py, actors.py, track_lanes.py
     rules: ──► allowed overlaps, distances             rules.py
     World ──► visual geometry                          scenery.py, meshes.py
     World ──► areas and lines seen from above          drawing.py
@@ -19,6 +20,7 @@
     World ◄─► data of a run folder                     stored.py
 """
 
+from mirdrake.worlds.actors import Actor
 from mirdrake.worlds.loading import load_world, make_world
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
@@ -29,6 +31,7 @@ from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import Goal, Ground, Start, World
 
 __all__ = [
+    "Actor",
     "Goal",
     "Ground",
     "Patch",

@@ -368,13 +368,20 @@ def _color(entry: PropEntry, draw: Draw) -> Color | None:
     if isinstance(entry.color, list):
         red, green, blue = (min(1.0, max(0.0, c)) for c in draw.numbers(entry.color, "", "color", entry))
         return red, green, blue
+    return css_color(draw.word(entry.color, "color", entry), where=where(entry, "color"))
+
+
+def css_color(name: str, *, where: str = "") -> Color:
+    """Return red, green, blue, 0 to 1, of a CSS colour name.
+
+    Raises:
+        ConfigError: there is no such colour; `where` is the prefix of the message.
+    """
     from matplotlib.colors import CSS4_COLORS, to_rgb  # slow to import, and most colours are numbers
 
-    name = draw.word(entry.color, "color", entry)
     if name not in CSS4_COLORS:
         raise ConfigError(
-            f"{where(entry, 'color')}: unknown colour '{name}'; {did_you_mean(name, CSS4_COLORS)}, or [red, green, "
-            "blue] from 0 to 1"
+            f"{where}: unknown colour '{name}'; {did_you_mean(name, CSS4_COLORS)}, or [red, green, blue] from 0 to 1"
         )
     red, green, blue = to_rgb(name)
     return red, green, blue

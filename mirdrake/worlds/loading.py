@@ -17,6 +17,8 @@ from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import data_root, find
 from mirdrake.core.yaml_io import Source, load_yaml, parse_tree, read_tree, shown, validate, where
+from mirdrake.worlds.actor_entries import evaluate_actors, evaluate_scenario
+from mirdrake.worlds.actors import lay_out_actors
 from mirdrake.worlds.arrange import Arranger
 from mirdrake.worlds.draw import Draw, evaluate_tree
 from mirdrake.worlds.networks import Network
@@ -96,12 +98,12 @@ def make_world(data: WorldSpec | Mapping[str, Any], *, path: Path | None = None)
 def _make(data: Any, source: Source, *, path: Path | None) -> World:
     """Make a world from plain data: evaluate, validate, lay out."""
     if isinstance(data, dict):
-        data = _evaluated(dict(data), source)
+        data, source = _evaluated(dict(data), source)
     return _lay_out(validate(data, WorldSpec, source), path=path)
 
 
-def _evaluated(data: Json, source: Source) -> Json:
-    """Return a world file with its parameters and the values outside of props evaluated."""
+def _evaluated(data: Json, source: Source) -> tuple[Json, Source]:
+    """Return a world file with its parameters and the values outside of props evaluated, and its locations."""
     seed = data.get("seed", 0)
     draw = Draw(seed if isinstance(seed, int) else 0, "", {})
     # Parameters one after the other, because each may use those before it; invalid ones are left to the validation.
@@ -130,7 +132,11 @@ def _evaluated(data: Json, source: Source) -> Json:
             else test
             for i, test in enumerate(tests)
         ]
-    return data
+    if "actors" in data:
+        data["actors"], source = evaluate_actors(data["actors"], draw, source)
+    if "scenario" in data:
+        data["scenario"] = evaluate_scenario(data["scenario"], draw, source)
+    return data, source
 
 
 def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
@@ -173,9 +179,10 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
     areas = NamedAreas(tracks, patches)
     rules = Rules(spec.rules, areas, starts, goals, draw)
     props, unplaced = _make_props(spec, areas, rules, draw, folder)
+    actors, lanes = lay_out_actors(spec, tracks, network)
     return World(
         name, spec, path, tracks, starts, ground, tuple(patches.values()), goals, tuple(props), tuple(unplaced), rules,
-        network,
+        network, lanes=lanes, actors=actors,
     )  # fmt: skip
 
 

@@ -27,6 +27,7 @@ from mirdrake.core.json_io import Json
 from mirdrake.core.paths import resolved
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.stored import network_data
+from mirdrake.worlds.actors import Actor
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
 from mirdrake.worlds.relief import relief_content
 from mirdrake.worlds.solids import kind_of
@@ -40,7 +41,7 @@ _DECIMALS = 9  # [m, rad]
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_./-]*")
 _HEX = re.compile(r"[0-9a-f]{16,}")
 _WORDS = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
-_LINES = ("patches", "props")  # lists with a line for each item
+_LINES = ("patches", "props", "actors")  # lists with a line for each item
 _BLOCKS = ("tracks", "starts", "goals", "files")  # mappings with a line for each item
 
 
@@ -133,6 +134,7 @@ def lock_content(world: World) -> Json:
         "files": _files(world),
         **({"scenery": _rounded([mesh.model_dump() for mesh in spec.scenery])} if spec.scenery else {}),
         "props": [_prop(placed) for placed in world.props],
+        **({"actors": [_actor(actor) for actor in world.actors]} if world.actors else {}),
     }  # fmt: skip
 
 
@@ -180,6 +182,15 @@ def _prop(placed: PlacedProp) -> Json:
     if prop.driven_over:
         entry["driven_over"] = True
     return entry
+
+
+def _actor(actor: Actor) -> Json:
+    """Return the entry of one actor."""
+    given = actor.spec.model_dump(mode="json", exclude={"actor", "name", "color"}, exclude_none=True)
+    return {
+        "name": actor.name, "kind": actor.prop.name, "solids": _solids_hash(actor.prop), "color": _rounded(actor.color),
+        **_rounded(given), "steps": [_rounded(one.model_dump(exclude_none=True)) for one in actor.steps],
+    }  # fmt: skip
 
 
 @lru_cache(maxsize=4096)
@@ -254,7 +265,7 @@ def _files(world: World) -> dict[str, str]:
         files[_named(folder / world.spec.network.file, folder)] = folder / world.spec.network.file
     for mesh in world.spec.scenery:
         files |= {_named(path, folder): path for path in mesh_files(folder / mesh.file)}
-    for prop in dict.fromkeys(placed.prop for placed in world.props):
+    for prop in dict.fromkeys(placed.prop for placed in (*world.props, *world.actors)):
         meshes = [solid.mesh for solid in prop.solids if solid.mesh is not None]
         meshes += [prop.visual] if prop.visual is not None else []
         library_path = library.get(prop.name)

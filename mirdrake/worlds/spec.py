@@ -26,6 +26,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PlainValidator, field_validator, model_validator
 
 from mirdrake.core.yaml_io import Angle, Length, Schema, Speed, to_si
+from mirdrake.worlds.actors_spec import ActorSpec, Step
 from mirdrake.worlds.case_spec import CaseSpec
 from mirdrake.worlds.networks.network_spec import NetworkSpec
 from mirdrake.worlds.props_spec import GroupSpec, PropEntry
@@ -240,6 +241,12 @@ class TrackSpec(Schema):
     expected_length: ExpectedLength | None = Field(
         default=None, description="length with tolerance, '965 +- 1', that is checked [m]"
     )
+    lanes: Annotated[int, Field(ge=1, le=8)] = Field(
+        default=1, description="lanes of actors in the direction of the track, on its right side [-]"
+    )
+    oncoming: Annotated[int, Field(ge=0, le=8)] = Field(
+        default=0, description="lanes of actors in the opposite direction, on its left side [-]"
+    )
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -359,3 +366,5 @@ class WorldSpec(Schema):
     groups: dict[Label, GroupSpec] = Field(default_factory=dict, description="props that belong together [-]")
     rules: list[RuleSpec] = Field(default_factory=list, description="conditions on the world [-]")
     tests: list[CaseSpec] = Field(default_factory=list, description="requirements on a vehicle in the world [-]")
+    actors: list[ActorSpec] = Field(default_factory=list, max_length=2000, description="props that move [-]")
+    scenario: dict[Label, list[Step]] = Field(default_factory=dict, description="steps of actors by name [-]")

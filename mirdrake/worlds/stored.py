@@ -17,6 +17,7 @@ from pydrake.math import RigidTransform
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Source, validate
 from mirdrake.worlds.networks.stored import network_data, read_network_data
+from mirdrake.worlds.actors import lay_out_actors
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
 from mirdrake.worlds.regions import Patch
@@ -39,7 +40,8 @@ def world_data(world: World, refer: Callable[[Path], str]) -> Json:
         world: the world.
         refer: returns the reference to a mesh file, a text.
     """
-    kinds = {kind: index for index, kind in enumerate(dict.fromkeys(placed.prop for placed in world.props))}
+    used = [placed.prop for placed in world.props] + [actor.prop for actor in world.actors]
+    kinds = {kind: index for index, kind in enumerate(dict.fromkeys(used))}
     return {
         "name": world.name,
         "path": None if world.path is None else str(world.path),
@@ -55,6 +57,7 @@ def world_data(world: World, refer: Callable[[Path], str]) -> Json:
         "kinds": [_prop_data(kind, refer) for kind in kinds],
         "props": [_placed_data(placed, kinds[placed.prop]) for placed in world.props],
         **({} if world.network is None else {"network": network_data(world.network)}),
+        "actors": {actor.name: kinds[actor.prop] for actor in world.actors},
     }
 
 
@@ -76,7 +79,12 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "worl
     path = None if data["path"] is None else Path(data["path"])
     tracks = {name: _read_track(name, track) for name, track in data["tracks"].items()}
     terrain = make_relief(spec.ground.relief, tracks, path.parent if path is not None else Path.cwd())
+    of_actors = {name: kinds[index] for name, index in data.get("actors", {}).items()}
+    network = read_network_data(data["network"]) if data.get("network") else None
+    actors, lanes = lay_out_actors(spec, tracks, network, of_actors)
     return World(
+        lanes=lanes,
+        actors=actors,
         name=data["name"],
         spec=spec,
         path=path,
@@ -86,7 +94,7 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "worl
         patches=tuple(Patch(**{**patch, "area": shapely.from_wkb(patch["area"])}) for patch in data["patches"]),
         goals={name: _read_goal(goal) for name, goal in data["goals"].items()},
         props=tuple(_read_placed(placed, kinds) for placed in data["props"]),
-        network=read_network_data(data["network"]) if data.get("network") else None,
+        network=network,
     )
 
 

@@ -14,8 +14,10 @@ from shapely.geometry.base import BaseGeometry
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.ground import FLAT, Terrain
+from mirdrake.worlds.actors import Actor
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.paving import paved_areas
+from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import Patch
@@ -144,6 +146,10 @@ class World:
     rules: "Rules | None" = field(default=None, compare=False)
     network: Network | None = field(default=None, compare=False)
     """lanes, stop lines and signals; None without"""
+    lanes: dict[str, Lane] = field(default_factory=dict, compare=False)
+    """lanes of tracks, networks and paths of actors, by id; none in a world without actors"""
+    actors: tuple[Actor, ...] = ()
+    """in the order of their names"""
 
     @cached_property
     def road_mu(self) -> float:

@@ -54,6 +54,8 @@ def how_recorded(wiring: Wiring, name: str) -> str | None:
 def add_sensors(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec) -> None:
     """Add the sensors of one vehicle; a camera only if its pictures are recorded or connected."""
     feeds = sensor_feeds(parts)
+    if "traffic" in wiring.systems:
+        feeds["actor_states"] = wiring.systems["traffic"].GetOutputPort("states")
     for index, sensor in enumerate(spec.sensors.get(part.name, ())):
         name = f"{part.name}.{sensor}"
         if name in wiring.systems or name in wiring.sources:

@@ -73,6 +73,9 @@ def add_taps(
         "resistance": (rolling.resistance, signals_of(rolling.resistance)),
         "other_contacts": (rolling.other_contacts, signals_of(rolling.other_contacts)),
     }
+    if "traffic" in wiring.systems:
+        actors = wiring.systems["traffic"].GetOutputPort("signals")
+        wanted["actors"] = (actors, signals_of(actors))
     for name in parts.vehicles:
         sensors = [sensor for sensor in spec.sensors.get(name, ()) if how_recorded(wiring, f"{name}.{sensor}") is None]
         for port in ("status", "command", "joint_torques", "powertrain_status", "tyre_forces", *sensors):

@@ -123,7 +123,12 @@ def _add_powertrain(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, con
 def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, truth: GroundTruth) -> None:
     """Add the ideal range scan of one vehicle, for a driver that reads it."""
     others = {name: other for name, other in parts.vehicles.items() if name != part.name}
-    scan = RangeScan(parts.world, part.vehicle, vehicles={name: other.vehicle for name, other in others.items()})
+    scan = RangeScan(
+        parts.world,
+        part.vehicle,
+        vehicles={name: other.vehicle for name, other in others.items()},
+        actors=parts.world.actors if parts.actors.source is not None else (),
+    )
     wiring.add(f"{part.name}.scan", scan)
     wiring.link(truth.state, scan.state)
     if scan.prop_poses is not None:
@@ -135,4 +140,6 @@ def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, tru
         wiring.add(f"{part.name}.prop_poses", poses)
         wiring.link(parts.plant.get_body_poses_output_port(), poses.body_poses)
         wiring.link(poses.prop_poses, scan.prop_poses)
+    if scan.actor_states is not None:
+        wiring.link(wiring.systems["traffic"].GetOutputPort("states"), scan.actor_states)
     wiring.sources[f"{part.name}.ranges"] = (scan.ranges, signals_of(scan.ranges))

@@ -9,7 +9,7 @@ it, and so does one line of Python::
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -179,17 +179,18 @@ class RunArrays(Mapping[str, Samples]):
 
     Args:
         folder: folder of the run; None if it is only in memory.
-        signals: name of the table that is none of them.
+        apart: names of the tables that are none of them.
     """
 
-    def __init__(self, folder: Path | None, *, signals: str) -> None:
+    def __init__(self, folder: Path | None, *, apart: Sequence[str]) -> None:
         self._paths = {}
         if folder is not None:
             names = {path.name.removeprefix(".").removesuffix(".parts") for path in folder.glob("*.parquet*")}
             names |= {path.name[1:].removesuffix(".parts") for path in folder.glob(".*.parquet.parts")}
             paths = {name.removesuffix(SUFFIX): folder / name for name in names if name.endswith(SUFFIX)}
-            paths.pop(signals.removesuffix(SUFFIX), None)
-            self._paths = {name: paths[name] for name in sorted(paths) if stored(paths[name])}
+            self._paths = {
+                name: paths[name] for name in sorted(paths) if paths[name].name not in apart and stored(paths[name])
+            }
 
     def __getitem__(self, name: str) -> Samples:
         if name not in self._paths:

@@ -24,11 +24,13 @@ def label_names(parts: "PlantParts") -> dict[int, str]:
 def assign_labels(parts: "PlantParts") -> None:
     """Assign to every visual geometry the label of its object, before a renderer is added."""
     numbers, plant, scene_graph = _numbers(parts), parts.plant, parts.scene_graph
+    actors = {geometry for geometries in parts.actors.geometries.values() for geometry in geometries}
     for geometry, name in _owners(parts):
         look = PerceptionProperties(scene_graph.model_inspector().GetPerceptionProperties(geometry))
         look.UpdateProperty("label", "id", RenderLabel(numbers[name]))
-        scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kPerception)
-        scene_graph.AssignRole(plant.get_source_id(), geometry, look)
+        source = parts.actors.source if geometry in actors else plant.get_source_id()
+        scene_graph.RemoveRole(source, geometry, Role.kPerception)
+        scene_graph.AssignRole(source, geometry, look)
 
 
 def _numbers(parts: "PlantParts") -> dict[str, int]:
@@ -48,6 +50,8 @@ def _owners(parts: "PlantParts") -> Iterator[tuple[GeometryId, str]]:
             name = inspector.GetName(geometry).rpartition("::")[2]
             owner = vehicles.get(body.model_instance()) or props.get(body.index())
             yield geometry, owner or _fixed(name) or body.name()
+    for actor, geometries in parts.actors.geometries.items():
+        yield from ((geometry, f"actor/{actor}") for geometry in geometries)
 
 
 def _fixed(name: str) -> str | None:

@@ -7,10 +7,11 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiscreteValues
 
+from mirdrake.actors.traffic import PLANAR
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.sensors.noise import sample_noise, substream
 from mirdrake.sensors.ranging.faces import Array
-from mirdrake.sensors.ranging.motion import NUMBERS, BodyState, body_state
+from mirdrake.sensors.ranging.motion import NUMBERS, BodyState, body_state, planar_state
 from mirdrake.sensors.ranging.mount import Ranging
 from mirdrake.sensors.ranging.world import Beams, Hits, RayWorld
 from mirdrake.sensors.sampling import mount_pose
@@ -23,7 +24,8 @@ class Caster:
     cast from the pose that it had when they left.
 
     Args:
-        system: system of the sensor; receives the inputs ``body_poses`` and ``body_spatial_velocities`` and a state.
+        system: system of the sensor; receives the inputs ``body_poses``, ``body_spatial_velocities`` and, in a world
+            with actors, ``actor_states``, and a state.
         world: surfaces that give returns.
         frame: frame of the sensor, x ahead, z up; fixed to a body.
         mount: rate, limits and noise.
@@ -56,6 +58,9 @@ class Caster:
         self._velocities = system.DeclareAbstractInputPort(
             "body_spatial_velocities", AbstractValue.Make([SpatialVelocity.Zero()])
         )
+        self._actors = None
+        if world.actors:
+            self._actors = system.DeclareVectorInputPort("actor_states", len(PLANAR) * world.actors)
         self._before = None
         if self._rolling:
             self._before = system.DeclareDiscreteState(np.full(1 + NUMBERS * len(self._bodies), -np.inf))
@@ -63,7 +68,7 @@ class Caster:
     def states(self, context: Context) -> dict[int, BodyState]:
         """Return the present poses and velocities of the carrier and of all visible bodies, by body."""
         poses, velocities = self._poses.Eval(context), self._velocities.Eval(context)
-        return {
+        states = {
             body: BodyState(
                 poses[body].rotation().matrix(),
                 poses[body].translation(),
@@ -71,7 +76,12 @@ class Caster:
                 velocities[body].translational(),
             )
             for body in self._bodies
+            if body < self.world.bodies
         }
+        if self._actors is not None:
+            rows = self._actors.Eval(context).reshape(-1, len(PLANAR))
+            states |= {self.world.bodies + number: planar_state(row) for number, row in enumerate(rows)}
+        return states
 
     def look(self, context: Context, states: dict[int, BodyState] | None = None) -> Hits:
         """Return the hits of the scan that is complete now."""

@@ -6,7 +6,7 @@ off by a centimetre. What turns by more than a radian, as a wheel does, is turne
 """
 
 from dataclasses import dataclass
-from math import atan2, hypot
+from math import atan2, cos, hypot, sin
 
 import numpy as np
 
@@ -49,6 +49,14 @@ class BodyState:
 def body_state(numbers: Array) -> BodyState:
     """Return the state of :meth:`BodyState.numbers`."""
     return BodyState(numbers[:9].reshape(3, 3), numbers[9:12], numbers[12:15], numbers[15:18])
+
+
+def planar_state(row: Array) -> BodyState:
+    """Return the state of a body on the ground: x, y [m], yaw [rad], vx, vy [m/s] in W, yaw rate [rad/s] (6)."""
+    x, y, yaw, vx, vy, rate = row.tolist()
+    c, s = cos(yaw), sin(yaw)
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return BodyState(R, np.array([x, y, 0.0]), np.array([0.0, 0.0, rate]), np.array([vx, vy, 0.0]))
 
 
 def poses_at(times: Array, before: BodyState | None, now: BodyState, period: float) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from pydrake.geometry import GeometryId, Role, SceneGraph, SceneGraphInspector
+from pydrake.geometry import FrameId, GeometryId, Role, SceneGraph, SceneGraphInspector
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
@@ -25,6 +25,7 @@ from mirdrake.sensors.ranging.motion import BodyState, poses_at
 from mirdrake.sensors.ranging.scene import RayScene, ray_scene
 
 if TYPE_CHECKING:
+    from mirdrake.plant.actors import ActorsInScene
     from mirdrake.plant.plant import PlantParts
 
 GROUND = 0
@@ -94,16 +95,25 @@ class RayWorld:
         scene_graph: its scene graph.
         ground: whether there is a ground.
         terrain: its height.
+        actors: actors of the world; their numbers as bodies follow those of the plant.
 
     Attributes:
         things: names of the objects that rays can meet, by their numbers; the first is the ground.
+        bodies: number of bodies of the plant.
+        actors: number of actors.
 
     Raises:
         MissingDependencyError: embreex is not installed.
     """
 
     def __init__(
-        self, plant: MultibodyPlant, scene_graph: SceneGraph, *, ground: bool = True, terrain: Terrain = FLAT
+        self,
+        plant: MultibodyPlant,
+        scene_graph: SceneGraph,
+        *,
+        ground: bool = True,
+        terrain: Terrain = FLAT,
+        actors: "ActorsInScene | None" = None,
     ) -> None:
         self.things = ["ground"]
         self._ground, self._terrain = ground, terrain
@@ -129,6 +139,11 @@ class RayWorld:
             if looks:
                 thing = self._number(plant.GetModelInstanceName(body.model_instance()))
                 self._movers.append(_Mover(index, thing, ray_scene(joined(looks))))
+        frames = {} if actors is None else actors.frames
+        self.bodies, self.actors = plant.num_bodies(), len(frames)
+        for index, (name, frame) in enumerate(frames.items(), start=self.bodies):
+            faces_ = [faces for _, faces in _looks_of(inspector, frame)]
+            self._movers.append(_Mover(index, self._number(f"actor/{name}"), ray_scene(joined(faces_))))
 
     def _number(self, name: str) -> int:
         if name not in self.things:
@@ -319,11 +334,15 @@ def _is_seen(inspector: SceneGraphInspector, geometry: GeometryId) -> bool:
 
 
 def _looks(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBody) -> list[tuple[str, Faces]]:
-    """Yield the object of each visible geometry of a body, and its faces in the body's frame."""
+    """Return the object of each visible geometry of a body, and its faces in the body's frame."""
+    return _looks_of(inspector, plant.GetBodyFrameIdOrThrow(body.index()))
+
+
+def _looks_of(inspector: SceneGraphInspector, frame: FrameId) -> list[tuple[str, Faces]]:
+    """Return the object of each visible geometry of a frame, and its faces in it."""
     from mirdrake.sensors.ranging.shapes import faces_of
 
     looks = []
-    frame = plant.GetBodyFrameIdOrThrow(body.index())
     for geometry in inspector.GetGeometries(frame, Role.kPerception):
         name = inspector.GetName(geometry).rpartition("::")[2]
         if name.startswith(_SCENERY):
@@ -341,7 +360,8 @@ _worlds: "WeakKeyDictionary[MultibodyPlant, RayWorld]" = WeakKeyDictionary()
 def ray_world(parts: "PlantParts") -> RayWorld:
     """Return the ray world of a plant; it is made at the first call and shared by all its sensors."""
     if parts.plant not in _worlds:
-        _worlds[parts.plant] = RayWorld(parts.plant, parts.scene_graph, terrain=parts.world.ground.terrain)
+        terrain = parts.world.ground.terrain
+        _worlds[parts.plant] = RayWorld(parts.plant, parts.scene_graph, terrain=terrain, actors=parts.actors)
     return _worlds[parts.plant]
 
 

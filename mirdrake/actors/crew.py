@@ -1,0 +1,151 @@
+"""The actors of a world as arrays for the compiled time step."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirdrake.actors import triggers
+from mirdrake.actors.behaviours.base import NUMBERS, LaneBehaviour
+from mirdrake.actors.lanes import LaneTable, lane_table
+from mirdrake.actors.motion import COLUMNS, GAP, LANE, OFFSET, OLD, SIDE, STARTED, WANTED, S, V, set_pose
+from mirdrake.actors.step import Crew
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.yaml_io import where
+from mirdrake.worlds import Actor, World
+from mirdrake.worlds.actors_spec import Step, Trigger
+from mirdrake.worlds.clearance import Volume
+from mirdrake.worlds.pieces import Array
+
+_SPEEDS = {
+    "distance": triggers.DISTANCE, "time": triggers.TIME, "past": triggers.PAST, "gap_below": triggers.GAP_BELOW,
+    "gap_above": triggers.GAP_ABOVE, "speed_below": triggers.SPEED_BELOW, "speed_above": triggers.SPEED_ABOVE,
+}  # fmt: skip
+_GATE = 1.0  # [m] beyond the edges of the road
+
+
+@dataclass(frozen=True)
+class FullVehicle:
+    """What actors know about a full vehicle: its outline, and where its state is in that of the plant."""
+
+    volume: Volume
+    position: int
+    """index of the quaternion of its base in the positions"""
+    velocity: int
+    """index of its angular velocity in the state"""
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """The bases of the full vehicles in the state of the plant."""
+
+    size: int
+    """elements of the state"""
+    vehicles: Sequence[FullVehicle]
+
+    def planar(self, state: Array) -> Array:
+        """Return x, y [m], yaw [rad], vx, vy [m/s] of the vehicles in W (m, 5)."""
+        rows = np.empty((len(self.vehicles), 5))
+        for row, vehicle in zip(rows, self.vehicles, strict=True):
+            w, x, y, z, *place = state[vehicle.position : vehicle.position + 6].tolist()
+            yaw = np.arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
+            row[:] = *place, yaw, *state[vehicle.velocity + 3 : vehicle.velocity + 5]
+        return rows
+
+
+def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int) -> tuple[LaneTable, Crew, Bodies]:
+    """Return the lanes of a world, its actors as arrays, and the vehicles among them.
+
+    Args:
+        world: the world.
+        vehicles: full vehicles by name.
+        state_size: elements of the state of the plant.
+
+    Raises:
+        ConfigError: a trigger refers to a vehicle or actor that does not exist.
+    """
+    lanes, _ = lane_table(world.lanes)
+    actors = world.actors
+    objects = {actor.name: number for number, actor in enumerate(actors)}
+    objects |= {name: len(actors) + number for number, name in enumerate(vehicles)}
+    steps: list[list[float]] = []
+    first = [0]
+    laws, numbers = [], np.zeros((len(actors), NUMBERS))
+    for row, actor in zip(numbers, actors, strict=True):
+        behaviour = actor.spec.behaviour
+        assert isinstance(behaviour, LaneBehaviour)
+        values = (behaviour.braking_limit, *behaviour.numbers())
+        laws.append(behaviour.law)
+        row[: len(values)] = values
+        if actor.spec.starts is not None:
+            steps.append([*_trigger(actor.spec.starts, world, objects), triggers.START, 0.0, 0.0])
+        steps += [[*_trigger(one, world, objects), *_action(one)] for one in actor.steps]
+        first.append(len(steps))
+    shapes = [(actor.front, actor.rear, actor.half_width) for actor in actors]
+    shapes += [_shape(vehicle.volume) for vehicle in vehicles.values()]
+    crew = Crew(
+        np.array([int(lane.kind == "path") for lane in world.lanes.values()], dtype=np.int64),
+        np.array(shapes, dtype=float).reshape(-1, 3),
+        np.array(laws, dtype=np.int64),
+        numbers,
+        np.array([actor.spec.speed for actor in actors]),
+        np.array([actor.min_radius for actor in actors]),
+        np.array(steps, dtype=float).reshape(-1, triggers.WIDE),
+        np.array(first, dtype=np.int64),
+    )
+    return lanes, crew, Bodies(state_size, tuple(vehicles.values()))
+
+
+def start_states(world: World, lanes: LaneTable) -> Array:
+    """Return the states of the actors at the start (n, columns)."""
+    numbers = {name: number for number, name in enumerate(world.lanes)}
+    rows = np.zeros((len(world.actors), COLUMNS))
+    for row, actor in zip(rows, world.actors, strict=True):
+        moves = actor.spec.starts is None
+        row[LANE], row[S], row[OFFSET], row[OLD] = numbers[actor.lane], actor.s, actor.offset, -1.0
+        row[STARTED], row[SIDE], row[GAP] = float(moves), np.nan, np.inf
+        row[WANTED] = actor.spec.speed
+        row[V] = actor.spec.speed if moves else 0.0
+        set_pose(lanes, row)
+    return rows
+
+
+def _shape(volume: Volume) -> tuple[float, float, float]:
+    """Return front, rear and half of the width of a vehicle [m]."""
+    x, y = volume.outline.T
+    return float(x.max()), -float(x.min()), float(np.abs(y).max())
+
+
+def _trigger(trigger: Trigger, world: World, objects: Mapping[str, int]) -> list[float]:
+    """Return the first columns of a step.
+
+    Raises:
+        ConfigError: its vehicle, actor or track does not exist.
+    """
+    if trigger.at is not None:
+        return [triggers.AT, -1.0, trigger.at, 0.0, 0.0, 0.0, 0.0]
+    condition = trigger.when
+    assert condition is not None
+    subject, gate = -1.0, [0.0, 0.0, 0.0, 0.0]
+    if condition.of is not None:
+        if condition.of not in objects:
+            hint = did_you_mean(condition.of, objects)
+            raise ConfigError(f"{where(trigger, 'when')}: there is no vehicle or actor '{condition.of}'; {hint}")
+        subject = float(objects[condition.of])
+    if condition.track is not None:
+        track = world.track(condition.track, where=where(trigger, "when"))
+        half = _GATE + max(float(track.left_width(condition.value)), float(track.right_width(condition.value)))
+        gate = [*track.pose_at(condition.value), half]
+    return [_SPEEDS[condition.kind], subject, condition.value, *gate]
+
+
+def _action(step: Step) -> list[float]:
+    """Return the last columns of a step: the action and its numbers."""
+    if step.change_speed is not None:
+        return [triggers.CHANGE_SPEED, step.change_speed.to, step.change_speed.rate]
+    if step.change_lane is not None:
+        return [triggers.CHANGE_LANE, 1.0 if step.change_lane.to == "left" else -1.0, step.change_lane.within]
+    if step.stop is not None:
+        return [triggers.STOP, step.stop.rate, 0.0]
+    assert step.go is not None
+    return [triggers.GO, step.go.rate, 0.0]

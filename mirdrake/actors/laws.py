@@ -1,0 +1,58 @@
+"""Accelerations of actors by the laws of their behaviours."""
+
+import math
+
+from mirdrake.actors.behaviours import follow, idm, idm_mobil
+from mirdrake.actors.motion import approach
+from mirdrake.worlds.pieces import Array
+
+
+def acceleration(law: int, numbers: Array, speed: float, wanted: float, gap: float, ahead: float, dt: float) -> float:
+    """Return the acceleration of an actor [m/s^2], before its limit.
+
+    Args:
+        law: number of the law.
+        numbers: parameters of the behaviour.
+        speed: present speed [m/s].
+        wanted: wanted speed [m/s].
+        gap: distance to the object ahead [m]; infinite without one.
+        ahead: its speed [m/s].
+        dt: time step [s].
+    """
+    if law == follow.LAW:
+        rate = numbers[follow.ACCELERATION] if wanted > speed else numbers[follow.DECELERATION]
+        after, _ = approach(speed, wanted, rate, dt)
+        return (after - speed) / dt
+    return idm.idm(numbers, speed, wanted, gap, ahead)
+
+
+def sees(law: int) -> bool:
+    """Return whether a law depends on other objects."""
+    return law != follow.LAW
+
+
+def stopping_distance(law: int, numbers: Array, speed: float) -> float:
+    """Return the distance of a comfortable stop [m]."""
+    if law == follow.LAW:
+        return 0.5 * speed * speed / numbers[follow.DECELERATION]
+    return 0.5 * speed * speed / numbers[idm.DECELERATION]
+
+
+def at_end(law: int, numbers: Array, speed: float, wanted: float, rest: float) -> float:
+    """Return the largest acceleration before the end of a lane that has no successor [m/s^2].
+
+    Args:
+        law: number of the law.
+        numbers: parameters of the behaviour.
+        speed: present speed [m/s].
+        wanted: wanted speed [m/s].
+        rest: distance to the end [m].
+    """
+    if law == follow.LAW:
+        needed = 0.5 * speed * speed / max(rest, 1e-9)
+        return -needed if needed >= numbers[follow.DECELERATION] or rest <= 0.0 else math.inf
+    return idm.idm(numbers, speed, wanted, rest + numbers[idm.STANDSTILL], 0.0)
+
+
+PARTS = (acceleration, sees, stopping_distance, at_end, *idm.PARTS, *idm_mobil.PARTS)
+"""Compiled functions of this module."""

@@ -1,0 +1,147 @@
+"""The actors of a world as one system: they are moved at 50 Hz, and have a pose at every time."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import FramePoseVector
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+
+from mirdrake.actors.crew import FullVehicle, make_crew, start_states
+from mirdrake.actors.motion import COLUMNS, GAP, LANE, LIMIT, A, V
+from mirdrake.actors.step import compiled_step
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import Signal, Signals, declare_vector_output
+from mirdrake.plant.actors import ActorsInScene
+from mirdrake.worlds import World
+from mirdrake.worlds.pieces import Array
+
+PERIOD = 0.02
+"""Time between two updates [s]."""
+
+PLANAR = (("x", "m"), ("y", "m"), ("yaw", "rad"), ("vx", "m/s"), ("vy", "m/s"), ("wz", "rad/s"))
+"""Pose of the frame A of an actor in W, its velocity in W and its yaw rate."""
+
+RECORDED = (
+    ("x", "m"), ("y", "m"), ("yaw", "rad"), ("speed", "m/s"), ("acceleration", "m/s^2"), ("yaw_rate", "rad/s"),
+    ("lane", ""), ("gap", "m"), ("braking_limit", ""),
+)  # fmt: skip
+"""Signals of an actor that a run records."""
+
+
+def actor_signals(names: Sequence[str], contents: Sequence[tuple[str, str]]) -> Signals:
+    """Return the signals of all actors, named ``<actor>.<signal>``."""
+    return tuple(Signal(f"{name}.{key}", unit) for name in names for key, unit in contents)
+
+
+class Traffic(LeafSystem):
+    """The actors of a world.
+
+    An update at time t reads the vehicles and the actors at t and computes the actors at t + 20 ms. In between, poses
+    are cubic in time, so that sensors get them at any time. All actors are updated from the states at t.
+
+    Input ports:
+        plant_state: state of the plant.
+    Output ports:
+        states (6 n): :data:`PLANAR` of each actor.
+        signals (9 n): :data:`RECORDED` of each actor.
+        poses: FramePoseVector of the frames A.
+
+    Args:
+        world: the world.
+        vehicles: full vehicles by name.
+        scene: frames of the actors.
+        state_size: elements of the state of the plant.
+        always: whether `poses` are those of the present time, as cameras need, or those of the last update.
+
+    Attributes:
+        names: names of the actors in their order.
+
+    Raises:
+        ConfigError: a trigger refers to a vehicle or actor that does not exist.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        vehicles: Mapping[str, FullVehicle],
+        scene: ActorsInScene,
+        *,
+        state_size: int,
+        always: bool = True,
+    ) -> None:
+        super().__init__()
+        self.names = tuple(actor.name for actor in world.actors)
+        self._scene, self._is_continuous = scene, always
+        self._lanes, self._crew, self._bodies = make_crew(world, vehicles, state_size)
+        self._step: Callable[..., None] = compiled_step()
+        start = start_states(world, self._lanes)
+        self._size = start.size
+        self.plant_state = self.DeclareVectorInputPort("plant_state", self._bodies.size)
+        self._state = self.DeclareDiscreteState(np.concatenate(([-PERIOD], start.ravel(), start.ravel())))
+        needs = [self.time_ticket(), self.discrete_state_ticket(self._state)]
+        self.states = declare_vector_output(
+            self, "states", actor_signals(self.names, PLANAR), self._calc_states, prerequisites=needs
+        )
+        self.signals = declare_vector_output(
+            self, "signals", actor_signals(self.names, RECORDED), self._calc_signals, prerequisites=needs
+        )
+        self.poses = self.DeclareAbstractOutputPort(
+            "poses", lambda: AbstractValue.Make(FramePoseVector()), self._calc_poses, set(needs if always else needs[1:])
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
+
+    def _rows(self, context: Context) -> tuple[float, Array, Array]:
+        """Return the time of the last update [s], and the states then and 20 ms later (n, columns)."""
+        values = context.get_discrete_state(self._state).value()
+        return float(values[0]), *(values[1:].reshape(2, len(self.names), COLUMNS))
+
+    def _update(self, context: Context, state: DiscreteValues) -> None:
+        _, _, now = self._rows(context)
+        vehicles = self._bodies.planar(self.plant_state.Eval(context))
+        after = np.empty_like(now)
+        time = context.get_time()
+        self._step(self._lanes, self._crew, now, vehicles, time, PERIOD, after)
+        state.set_value(self._state, np.concatenate(([time], now.ravel(), after.ravel())))
+
+    def _planar(self, context: Context, share: float | None = None) -> Array:
+        """Return x, y, yaw, vx, vy, wz of the actors now, or at a share of the time step (n, 6)."""
+        time, before, after = self._rows(context)
+        if share is None:
+            share = min(max((context.get_time() - time) / PERIOD, 0.0), 1.0)
+        return planar_between(before, after, share)
+
+    def _calc_states(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._planar(context).ravel())
+
+    def _calc_signals(self, context: Context, output: BasicVector) -> None:
+        time, before, after = self._rows(context)
+        u = min(max((context.get_time() - time) / PERIOD, 0.0), 1.0)
+        x, y, yaw, _, _, wz = planar_between(before, after, u).T
+        speed = (1.0 - u) * before[:, V] + u * after[:, V]
+        yaw = np.mod(yaw + np.pi, 2.0 * np.pi) - np.pi
+        rows = (x, y, yaw, speed, after[:, A], wz, after[:, LANE], after[:, GAP], after[:, LIMIT])
+        output.SetFromVector(np.column_stack(rows).ravel())
+
+    def _calc_poses(self, context: Context, value: AbstractValue) -> None:
+        always = None if self._is_continuous else 0.0
+        value.set_value(self._scene.poses(self._planar(context, always)[:, :3]))
+
+
+def planar_between(before: Array, after: Array, u: float) -> Array:
+    """Return x, y, yaw [m, m, rad], vx, vy, wz [m/s, m/s, rad/s] at a share of the time between two updates (n, 6).
+
+    They are cubic Hermite polynomials of poses and velocities at both ends, and their derivatives.
+
+    Args:
+        before: states at the last update (n, columns).
+        after: states at the next one.
+        u: share of the time between them.
+    """
+    start, end = before[:, :3], after[:, :3]
+    change = end - start
+    change[:, 2] -= 2.0 * np.pi * np.floor(change[:, 2] / (2.0 * np.pi) + 0.5)
+    first, last = before[:, 3:6], after[:, 3:6]
+    place = start + u * u * (3.0 - 2.0 * u) * change + PERIOD * u * ((1.0 - u) ** 2 * first + u * (u - 1.0) * last)
+    rate = 6.0 * u * (1.0 - u) / PERIOD * change + (1.0 - u) * (1.0 - 3.0 * u) * first + u * (3.0 * u - 2.0) * last
+    return np.hstack((place, rate))

@@ -1,0 +1,150 @@
+"""Steps of scenarios: triggers and actions as numbers, and their evaluation."""
+
+import math
+from typing import Final
+
+from mirdrake.actors.lanes import LaneTable, project
+from mirdrake.actors.motion import (
+    DONE,
+    FROM,
+    GAP,
+    HELD,
+    LANE,
+    OFFSET,
+    OLD,
+    RAMP,
+    SIDE,
+    SPAN,
+    STARTED,
+    STEP,
+    VX,
+    VY,
+    WANTED,
+    S,
+    V,
+    X,
+    Y,
+    span_of,
+)
+from mirdrake.worlds.pieces import Array
+
+AT: Final = 0
+DISTANCE: Final = 1
+TIME: Final = 2
+PAST: Final = 3
+GAP_BELOW: Final = 4
+GAP_ABOVE: Final = 5
+SPEED_BELOW: Final = 6
+SPEED_ABOVE: Final = 7
+"""Kinds of triggers."""
+
+START: Final = 0
+CHANGE_SPEED: Final = 1
+CHANGE_LANE: Final = 2
+STOP: Final = 3
+GO: Final = 4
+"""Kinds of actions."""
+
+TRIGGER: Final = 0
+SUBJECT: Final = 1
+VALUE: Final = 2
+GATE_X: Final = 3
+GATE_Y: Final = 4
+GATE_YAW: Final = 5
+GATE_HALF: Final = 6
+ACTION: Final = 7
+FIRST: Final = 8
+SECOND: Final = 9
+"""Columns of a step: kind of its trigger, its subject (-1: the actor, else number of the actor or, from n on, vehicle),
+its value; gate of a place [m, rad]; action and its two numbers."""
+WIDE: Final = 10
+"""Number of these columns."""
+
+
+def is_due(step: Array, i: int, now: Array, vehicles: Array, time: float, next_row: Array) -> bool:
+    """Return whether the trigger of a step fires.
+
+    Args:
+        step: the step.
+        i: number of the actor.
+        now: states of the actors (n, columns).
+        vehicles: x, y, yaw, vx, vy of the vehicles (m, 5).
+        time: time since the start [s].
+        next_row: next state of the actor; the side of a gate is remembered in it.
+    """
+    kind = int(step[TRIGGER])
+    if kind == AT:
+        return time >= step[VALUE] - 1e-9
+    if kind == GAP_BELOW:
+        return now[i, GAP] < step[VALUE]
+    if kind == GAP_ABOVE:
+        return now[i, GAP] > step[VALUE]
+    if kind == SPEED_BELOW:
+        return now[i, V] < step[VALUE]
+    if kind == SPEED_ABOVE:
+        return now[i, V] > step[VALUE]
+    subject = int(step[SUBJECT])
+    if subject < len(now):
+        x, y, vx, vy = now[subject, X], now[subject, Y], now[subject, VX], now[subject, VY]
+    else:
+        row = subject - len(now)
+        x, y, vx, vy = vehicles[row, 0], vehicles[row, 1], vehicles[row, 3], vehicles[row, 4]
+    if kind == PAST:
+        dx, dy, cosine, sine = x - step[GATE_X], y - step[GATE_Y], math.cos(step[GATE_YAW]), math.sin(step[GATE_YAW])
+        side, aside = dx * cosine + dy * sine, dy * cosine - dx * sine
+        before = now[i, SIDE]
+        next_row[SIDE] = side
+        return before < 0.0 <= side and abs(aside) <= step[GATE_HALF]
+    distance = math.hypot(x - now[i, X], y - now[i, Y])
+    if kind == TIME:
+        return distance <= step[VALUE] * math.hypot(vx, vy)
+    return distance <= step[VALUE]
+
+
+def act(t: LaneTable, step: Array, now_row: Array, row: Array, speed: float, min_radius: float) -> None:
+    """Begin the action of a step.
+
+    Args:
+        t: lanes.
+        step: the step.
+        now_row: present state of the actor.
+        row: its next state; changed.
+        speed: its wanted speed at the start [m/s].
+        min_radius: smallest radius of its path [m].
+    """
+    action = int(step[ACTION])
+    if action == START:
+        row[STARTED], row[WANTED] = 1.0, speed
+    elif action == CHANGE_SPEED:
+        row[WANTED], row[RAMP], row[HELD] = step[FIRST], step[SECOND], 0.0
+    elif action == STOP:
+        row[RAMP], row[HELD] = step[FIRST], 1.0
+    elif action == GO:
+        row[RAMP], row[HELD] = step[FIRST], 0.0
+    elif now_row[DONE] >= now_row[SPAN]:
+        distance = step[SECOND] * now_row[V]
+        change_lane(t, now_row, row, step[FIRST] > 0.0, distance, min_radius)
+
+
+def change_lane(t: LaneTable, now_row: Array, row: Array, left: bool, distance: float, min_radius: float) -> None:
+    """Begin a change to the lane to the left, else right, if there is one.
+
+    Args:
+        t: lanes.
+        now_row: present state of the actor.
+        row: its next state; changed.
+        left: the side.
+        distance: length of the change [m].
+        min_radius: smallest radius of its path [m].
+    """
+    lane = int(now_row[LANE])
+    other = t.left[lane] if left else t.right[lane]
+    if other < 0:
+        return
+    s, offset = project(t, other, now_row[X], now_row[Y])
+    row[OLD], row[LANE], row[S], row[FROM], row[DONE] = lane, other, s, offset, 0.0
+    row[SPAN] = span_of(row[OFFSET] - offset, distance, min_radius)
+
+
+PARTS = (is_due, act, change_lane)
+"""Compiled functions of this module."""

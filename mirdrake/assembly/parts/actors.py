@@ -1,0 +1,46 @@
+"""The actors of a world in a diagram."""
+
+from mirdrake.actors.crew import FullVehicle
+from mirdrake.actors.traffic import Traffic
+from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.parts.sensors import cameras_of
+from mirdrake.assembly.wiring import Wiring
+from mirdrake.controllers.behaviours.outline import volume_of
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import where
+from mirdrake.plant.plant import PlantParts
+
+TRAFFIC = "traffic"
+"""Name of the system of all actors in a diagram."""
+
+
+def add_traffic(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> Traffic | None:
+    """Add the system of the actors; None in a world without actors.
+
+    Raises:
+        ConfigError: an actor has the name of a vehicle, or a trigger refers to a vehicle that does not exist.
+    """
+    world, plant = parts.world, parts.plant
+    if parts.actors.source is None:
+        return None
+    for actor in world.actors:
+        if actor.name in parts.vehicles:
+            raise ConfigError(
+                f"{where(actor.spec, 'name')}: '{actor.name}' is the name of a vehicle of the diagram; rename the actor"
+            )
+    vehicles = {
+        name: FullVehicle(
+            volume_of(part.vehicle),
+            part.base.floating_positions_start(),
+            plant.num_positions() + part.base.floating_velocities_start_in_v(),
+        )
+        for name, part in parts.vehicles.items()
+    }
+    size = plant.get_state_output_port().size()
+    # Cameras see actors at any time; otherwise poses are only drawn, and need not be computed in every step of the plant.
+    drawn = bool(cameras_of(spec, {name: part.vehicle for name, part in parts.vehicles.items()}))
+    traffic = Traffic(world, vehicles, parts.actors, state_size=size, always=drawn)
+    wiring.add(TRAFFIC, traffic)
+    wiring.link(plant.get_state_output_port(), traffic.plant_state)
+    wiring.link(traffic.poses, parts.scene_graph.get_source_pose_port(parts.actors.source))
+    return traffic

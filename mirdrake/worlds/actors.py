@@ -1,0 +1,252 @@
+"""Actors of a world in their places: the prop, the lane or path, the parameters of the behaviour, the steps."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
+from mirdrake.core.yaml_io import where
+from mirdrake.worlds.actors_spec import ActorSpec, OnLaneSpec, Step
+from mirdrake.worlds.arrange import css_color
+from mirdrake.worlds.clearance import Part, Volume
+from mirdrake.worlds.networks import Network
+from mirdrake.worlds.networks.lane import Lane, lane_along
+from mirdrake.worlds.pieces import Array
+from mirdrake.worlds.props import Color, PlacedProp, Prop, load_prop
+from mirdrake.worlds.track_lanes import lanes_of_track
+from mirdrake.worlds.tracks import Track
+
+if TYPE_CHECKING:
+    from mirdrake.worlds.spec import WorldSpec
+
+WALKER_LENGTH = 1.0
+"""Length of a prop up to which it turns on the spot, as a pedestrian does [m]."""
+
+WHEELBASE = 0.6
+"""Wheelbase of an actor over its length; its overhangs are equal [-]. That of a compact car: 2.65 m of 4.5 m."""
+
+SHARPEST = 2.0
+"""Smallest radius of the path of an actor's rear axle over its wheelbase [-]: a car with 27 degrees of steering."""
+
+_FINE = 0.25  # [m] between the nodes of a path
+
+
+@dataclass(frozen=True)
+class Actor:
+    """An actor in a world.
+
+    Its frame A is on the ground below its rear axle, x forward; that of a walker below its middle. A follows the path.
+    """
+
+    name: str
+    prop: Prop
+    lane: str
+    """id of the lane, or of its own path"""
+    s: float
+    """start along the lane [m]"""
+    offset: float
+    """to the left of the middle of the lane [m]"""
+    spec: ActorSpec
+    steps: tuple[Step, ...] = ()
+    color: Color | None = None
+
+    @property
+    def walks(self) -> bool:
+        """Whether it turns on the spot."""
+        return self.prop.size[0] <= WALKER_LENGTH
+
+    @property
+    def rear_axle(self) -> float:
+        """Distance of A behind the middle of the prop [m]."""
+        return 0.0 if self.walks else 0.5 * WHEELBASE * self.prop.size[0]
+
+    @property
+    def min_radius(self) -> float:
+        """Smallest radius of its path [m]."""
+        return 0.0 if self.walks else SHARPEST * WHEELBASE * self.prop.size[0]
+
+    @property
+    def X_AP(self) -> RigidTransform:
+        """Pose of the frame of the prop in A."""
+        return RigidTransform([self.rear_axle, 0.0, 0.0])
+
+    @cached_property
+    def volume(self) -> Volume:
+        """Its collision shapes in A, for clearance and collision."""
+        points = [solid.corners_in(self.X_AP) for solid in self.prop.solids]
+        return Volume.of([Part(corners, False) for corners in points], math.inf)
+
+    @property
+    def front(self) -> float:
+        """Distance of its front end ahead of A [m]."""
+        return float(self.volume.outline[:, 0].max())
+
+    @property
+    def rear(self) -> float:
+        """Distance of its rear end behind A [m]."""
+        return -float(self.volume.outline[:, 0].min())
+
+    @property
+    def half_width(self) -> float:
+        """Half of its width [m]."""
+        return float(np.abs(self.volume.outline[:, 1]).max())
+
+    def placed(self, x: float, y: float, yaw: float) -> PlacedProp:
+        """Return its prop at a pose of A [m, m, rad]."""
+        X_WA = RigidTransform(RollPitchYaw(0.0, 0.0, yaw), [x, y, 0.0])
+        return PlacedProp(self.name, self.prop, X_WA @ self.X_AP, color=self.color)
+
+
+def lay_out_actors(
+    spec: "WorldSpec",
+    tracks: Mapping[str, Track],
+    network: Network | None = None,
+    props: Mapping[str, Prop] | None = None,
+) -> tuple[tuple[Actor, ...], dict[str, Lane]]:
+    """Return the actors of a world, and the lanes of its tracks and of their paths; nothing without actors.
+
+    Args:
+        spec: the world file.
+        tracks: its tracks.
+        network: its road network.
+        props: props of the actors by their names; default: those of the library.
+
+    Raises:
+        ConfigError, WorldError: an entry has a fault.
+    """
+    if not spec.actors and not spec.scenario:
+        return (), {}
+    lanes: dict[str, Lane] = {}
+    for name, track in tracks.items():
+        one = spec.tracks[name]
+        lanes |= lanes_of_track(name, track, count=one.lanes, oncoming=one.oncoming)
+    if network is not None:
+        lanes |= {lane.id: lane for lane in network.driving()}
+    actors, paths = _make_actors(spec.actors, spec.scenario, tracks, lanes, props or {})
+    return actors, lanes | paths
+
+
+def _make_actors(
+    specs: Sequence[ActorSpec],
+    scenario: Mapping[str, Sequence[Step]],
+    tracks: Mapping[str, Track],
+    lanes: Mapping[str, Lane],
+    props: Mapping[str, Prop],
+) -> tuple[tuple[Actor, ...], dict[str, Lane]]:
+    """Return the actors in the order of their names, and the lanes that are paths of single actors.
+
+    Raises:
+        ConfigError: a prop, track or lane does not exist, a name is used twice, or a path is too tight.
+    """
+    actors: dict[str, Actor] = {}
+    paths: dict[str, Lane] = {}
+    for spec in specs:
+        if spec.name in actors:
+            raise ConfigError(f"{where(spec, 'name')}: '{spec.name}' is used twice; give each actor its own name")
+        prop = props.get(spec.name) or load_prop(spec.actor, where=where(spec, "actor"))
+        color = css_color(spec.color, where=where(spec, "color")) if isinstance(spec.color, str) else spec.color
+        steps = tuple(scenario.get(spec.name, ()))
+        if spec.on_track is not None:
+            lane, s = _on_track(spec.on_track, tracks, lanes)
+            actors[spec.name] = Actor(spec.name, prop, lane.id, s, spec.on_track.offset, spec, steps, color)
+        else:
+            actor = Actor(spec.name, prop, f"path/{spec.name}", 0.0, 0.0, spec, steps, color)
+            paths[actor.lane] = _path(actor)
+            actors[spec.name] = actor
+    for name, steps_of in scenario.items():
+        if name not in actors:
+            place = where(steps_of[0]) if steps_of else "scenario"
+            raise ConfigError(f"{place}: there is no actor '{name}'; {did_you_mean(name, actors)}")
+    return tuple(actors[name] for name in sorted(actors)), paths
+
+
+def _on_track(spec: OnLaneSpec, tracks: Mapping[str, Track], lanes: Mapping[str, Lane]) -> tuple[Lane, float]:
+    """Return the lane of a place on a track, and the station on it [m]."""
+    if spec.track not in tracks:
+        hint = did_you_mean(spec.track, tracks) if tracks else "the world has no tracks"
+        raise ConfigError(f"{where(spec, 'track')}: unknown track '{spec.track}'; {hint}")
+    track = tracks[spec.track]
+    known = [lane for lane in lanes.values() if lane.road == spec.track]
+    forward = [lane for lane in known if lane.direction > 0]
+    number: int = spec.lane if isinstance(spec.lane, int) else {"left": len(forward)}.get(str(spec.lane), 1)
+    lane = lanes.get(f"{spec.track}.{number}")
+    if lane is None:
+        allowed = ", ".join(one.id.rpartition(".")[2] for one in known)
+        raise ConfigError(f"{where(spec, 'lane')}: track '{spec.track}' has no lane {spec.lane}; it has {allowed}")
+    s = float(np.mod(spec.s, track.length)) if track.closed else spec.s
+    if not 0.0 <= s <= track.length:
+        raise ConfigError(f"{where(spec, 's')}: s = {spec.s:g} m; the track is {track.length:g} m long")
+    return lane, station_on(lane, s)
+
+
+def station_on(lane: Lane, s: float) -> float:
+    """Return the station on a lane [m] beside a station of its road [m]."""
+    if lane.direction > 0:
+        return float(np.interp(s, lane.road_s, lane.s))
+    return float(np.interp(s, lane.road_s[::-1], lane.s[::-1]))
+
+
+# --- paths --------------------------------------------------------------------------------------------------------
+
+
+def _path(actor: Actor) -> Lane:
+    """Return the path of one actor as a lane: straights, joined by arcs at its corners.
+
+    Raises:
+        WorldError: two corners are too close for the arcs, or equal.
+    """
+    spec = actor.spec
+    assert spec.path is not None
+    corners = np.array(spec.path, dtype=float)
+    legs = np.diff(corners, axis=0)
+    lengths = np.hypot(*legs.T)
+    if (lengths < 0.1).any():
+        index = int(np.argmin(lengths))
+        raise WorldError(f"{where(spec, 'path', index + 1)}: less than 0.1 m from the point before it")
+    radius = actor.min_radius if spec.radius is None else spec.radius
+    if radius < actor.min_radius:
+        raise WorldError(
+            f"{where(spec, 'radius')}: {radius:g} m; the smallest radius of a {actor.prop.name} is "
+            f"{actor.min_radius:.1f} m"
+        )
+    headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+    turns = np.diff(headings)
+    cut = radius * np.tan(np.minimum(np.abs(turns), 3.0) / 2.0)  # of the legs before and after a corner
+    used = np.concatenate(([0.0], cut)) + np.concatenate((cut, [0.0]))
+    if (used > lengths + 1e-9).any():
+        index = int(np.argmax(used - lengths))
+        raise WorldError(
+            f"{where(spec, 'path', index)}: bends of {radius:.1f} m radius need {used[index]:.1f} m between this corner "
+            f"and the next, which are {lengths[index]:.1f} m apart"
+        )
+    points, yaw = _with_arcs(corners, headings, turns, cut, radius)
+    width = 2.0 * actor.half_width
+    return Lane(actor.lane, **lane_along(points, yaw=yaw, width=width), kind="path")
+
+
+def _with_arcs(corners: Array, headings: Array, turns: Array, cut: Array, radius: float) -> tuple[Array, Array]:
+    """Return points of a path and its headings there; without a radius the heading turns within 1 cm of a corner."""
+    parts, directions = [corners[:1]], [headings[:1]]
+    for corner, before, turn, length in zip(corners[1:-1], headings[:-1], turns, cut, strict=True):
+        ahead = np.array([np.cos(before), np.sin(before)])
+        after = np.array([np.cos(before + turn), np.sin(before + turn)])
+        if radius <= 0.0:
+            parts.append(np.array([corner - 0.005 * ahead, corner + 0.005 * after]))
+            directions.append(np.array([before, before + turn]))
+            continue
+        angle = np.linspace(0.0, turn, max(3, int(np.ceil(abs(turn) * radius / _FINE)) + 1))
+        side = np.array([-ahead[1], ahead[0]]) * np.sign(turn)
+        centre = corner - length * ahead + radius * side
+        turned = np.column_stack((np.cos(angle), np.sin(angle)))
+        arm = -radius * side
+        parts.append(centre + np.column_stack((turned[:, 0] * arm[0] - turned[:, 1] * arm[1],
+                                               turned[:, 1] * arm[0] + turned[:, 0] * arm[1])))  # fmt: skip
+        directions.append(before + angle)
+    points, yaw = np.vstack([*parts, corners[-1:]]), np.concatenate([*directions, headings[-1:]])
+    distinct = np.concatenate(([True], np.hypot(*np.diff(points, axis=0).T) > 1e-6))
+    return points[distinct], yaw[distinct]

@@ -1,0 +1,214 @@
+"""Part of the world language: actors and the steps of their scenarios.
+
+An actor is a prop that moves by its behaviour; contacts have no effect on its motion::
+
+    actors:
+      - {actor: sedan, name: lead, on_track: {track: main, s: 40}, speed: 50 km/h, behaviour: {kind: idm}}
+      - {actor: sedan | van, name: traffic, along: {track: main, spacing: 30, count: 20}, behaviour: idm_mobil}
+      - {actor: pedestrian, name: walker, path: [[30, -6], [30, 6]], speed: 1.4 +- 0.2,
+         starts: {when: ego within 25 m}}
+    scenario:
+      lead:
+        - {at: 5 s, change_speed: {to: 10 km/h, rate: 6 m/s^2}}
+        - {when: gap < 8 m, change_lane: left in 3 s}
+
+The entries of `actors` are evaluated for every actor, with random values from streams of its name. Steps of a scenario
+are made in their order; a step waits for those before it.
+"""
+
+import re
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from mirdrake.core.kinds import SelectedByKind
+from mirdrake.core.yaml_io import Acceleration, Duration, Length, Schema, Speed, to_si
+from mirdrake.worlds.schema_types import Label, exactly_one
+
+BEHAVIOURS: dict[str, str] = {
+    "follow": "mirdrake.actors.behaviours.follow:Follow",
+    "idm": "mirdrake.actors.behaviours.idm:Idm",
+    "idm_mobil": "mirdrake.actors.behaviours.idm_mobil:IdmMobil",
+}
+"""Class of each behaviour of actors, imported when a file has one of that kind."""
+
+_LARGEST = 1e6  # [m] of coordinates
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Coordinate = Annotated[Length, Field(ge=-_LARGEST, le=_LARGEST)]
+
+
+class ActorBehaviour(Schema):
+    """Base of the behaviours of actors."""
+
+    kind: str
+
+
+def _mapping(value: Any) -> Any:
+    """Return a mapping with a kind; a bare kind is a behaviour with its defaults."""
+    return {"kind": value} if isinstance(value, str) else value
+
+
+Behaviour = Annotated[ActorBehaviour, SelectedByKind(BEHAVIOURS), BeforeValidator(_mapping)]
+
+
+# --- triggers -----------------------------------------------------------------------------------------------------
+
+_WITHIN = re.compile(r"(\w+) within (.+)", re.ASCII)
+_PAST = re.compile(r"(\w+) past (\w+)@(.+)", re.ASCII)
+_COMPARED = re.compile(r"(gap|speed) ([<>]) (.+)", re.ASCII)
+_FORMS = "'ego within 25 m', 'ego within 4 s', 'ego past main@58', 'gap < 8 m', 'speed > 3 m/s'"
+
+ConditionKind = Literal["distance", "time", "past", "gap_below", "gap_above", "speed_below", "speed_above"]
+
+
+class Condition(Schema):
+    """Condition for a trigger, parsed from a text."""
+
+    kind: ConditionKind = Field(description="kind of the condition [-]")
+    of: str | None = Field(default=None, description="vehicle or actor that it is about; default: the actor itself [-]")
+    value: float = Field(description="distance, station or gap [m], time [s] or speed [m/s]")
+    track: str | None = Field(default=None, description="track of a station [-]")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _parse(cls, data: Any) -> Any:
+        if not isinstance(data, str):
+            return data
+        text = " ".join(data.split())
+        if match := _WITHIN.fullmatch(text):
+            of, given = match.groups()
+            kind = "time" if re.search(r"\d\s*(s|ms|min)$", given) else "distance"
+            return {"kind": kind, "of": of, "value": _number(given, "s" if kind == "time" else "m")}
+        if match := _PAST.fullmatch(text):
+            of, track, given = match.groups()
+            return {"kind": "past", "of": of, "track": track, "value": _number(given, "m")}
+        if match := _COMPARED.fullmatch(text):
+            signal, sign, given = match.groups()
+            kind = f"{signal}_{'below' if sign == '<' else 'above'}"
+            return {"kind": kind, "value": _number(given, "m" if signal == "gap" else "m/s")}
+        raise ValueError(f"{data[:60]!r} is not a condition; allowed are {_FORMS}")
+
+
+def _number(text: str, unit: str) -> float:
+    value = to_si(text, unit)
+    if not isinstance(value, float):
+        raise ValueError(f"{text!r} is not a number in {unit}; conditions are {_FORMS}")
+    return value
+
+
+class Trigger(Schema):
+    """When something happens: `at` a time, or `when` a condition holds."""
+
+    at: Annotated[Duration, Field(ge=0.0)] | None = Field(default=None, description="time since the start [s]")
+    when: Condition | None = Field(default=None, description=f"condition, such as {_FORMS} [-]")
+
+    @model_validator(mode="after")
+    def _one_trigger(self) -> Self:
+        exactly_one(self, ("at", "when"))
+        return self
+
+
+# --- steps of a scenario ------------------------------------------------------------------------------------------
+
+_LANE_CHANGE = re.compile(r"(left|right)(?: in (.+))?")
+
+
+class SpeedChange(Schema):
+    """Change of speed at a constant rate."""
+
+    to: Speed = Field(ge=0.0, le=100.0, description="new speed [m/s]")
+    rate: Acceleration = Field(default=3.0, gt=0.0, le=50.0, description="acceleration or deceleration [m/s^2]")
+
+
+class LaneChange(Schema):
+    """Change to the next lane."""
+
+    to: Literal["left", "right"] = Field(description="side of the lane [-]")
+    within: Duration = Field(default=4.0, gt=0.0, le=60.0, description="duration at the present speed [s]")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _text(cls, data: Any) -> Any:
+        if not isinstance(data, str):
+            return data
+        match = _LANE_CHANGE.fullmatch(" ".join(data.split()))
+        if match is None:
+            raise ValueError(f"{data[:40]!r} is not a lane change; write 'left in 3 s' or 'right'")
+        side, time = match.groups()
+        return {"to": side} | ({"within": time} if time else {})
+
+
+class Stop(Schema):
+    """Braking to standstill; the actor stands until `go`."""
+
+    rate: Acceleration = Field(default=3.0, gt=0.0, le=50.0, description="deceleration [m/s^2]")
+
+
+class Go(Schema):
+    """Start after a stop, at the speed before it."""
+
+    rate: Acceleration = Field(default=2.0, gt=0.0, le=50.0, description="acceleration [m/s^2]")
+
+
+ACTIONS = ("change_speed", "change_lane", "stop", "go")
+
+
+class Step(Trigger):
+    """A step of a scenario: a trigger and one action."""
+
+    change_speed: SpeedChange | None = Field(default=None, description="change of speed at a constant rate [-]")
+    change_lane: LaneChange | None = Field(default=None, description="change to the next lane: left in 3 s [-]")
+    stop: Stop | None = Field(default=None, description="brake to standstill: {rate: 4 m/s^2} [-]")
+    go: Go | None = Field(default=None, description="start after a stop: {rate: 2 m/s^2} [-]")
+
+    @model_validator(mode="after")
+    def _one_action(self) -> Self:
+        exactly_one(self, ACTIONS)
+        return self
+
+
+# --- actors -------------------------------------------------------------------------------------------------------
+
+
+class OnLaneSpec(Schema):
+    """A position on a track or in one of its lanes."""
+
+    track: str = Field(description="name of the track [-]")
+    s: Coordinate = Field(default=0.0, description="s of its rear axle along the centre line of the track [m]")
+    lane: int | Literal["left", "right"] | None = Field(
+        default=None, description="number of the lane from the right, negative: oncoming; default: right [-]"
+    )
+    offset: Annotated[Length, Field(ge=-100.0, le=100.0)] = Field(
+        default=0.0, description="offset to the left of the middle of the lane [m]"
+    )
+
+
+class ActorSpec(Schema):
+    """An actor: a prop that moves along a path or a lane."""
+
+    actor: str = Field(min_length=1, description="name of a prop [-]")
+    name: Label = Field(description="its name [-]")
+    on_track: OnLaneSpec | None = Field(default=None, description="on a track or a lane of it [-]")
+    path: Annotated[list[tuple[Coordinate, Coordinate]], Field(min_length=2, max_length=1000)] | None = Field(
+        default=None, description="corners of its path [m]"
+    )
+    radius: Annotated[Length, Field(ge=0.0, le=1000.0)] | None = Field(
+        default=None, description="radius of the bends at the corners of the path; default: that of its kind [m]"
+    )
+    speed: Speed = Field(default=0.0, ge=0.0, le=100.0, description="speed that it has and wants at the start [m/s]")
+    behaviour: Behaviour = Field(
+        default_factory=lambda: _default_behaviour(), description="kind, or mapping with a kind [-]"
+    )
+    starts: Trigger | None = Field(default=None, description="it stands until then; default: it moves at once [-]")
+    color: tuple[Share, Share, Share] | str | None = Field(default=None, description="CSS colour, or red, green, blue, 0 to 1 [-]")
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        exactly_one(self, ("on_track", "path"))
+        if self.radius is not None and self.path is None:
+            raise ValueError("radius belongs to path")
+        return self
+
+
+def _default_behaviour() -> ActorBehaviour:
+    return SelectedByKind(BEHAVIOURS)["follow"](kind="follow")

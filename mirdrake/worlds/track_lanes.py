@@ -1,0 +1,85 @@
+"""Lanes of a track: in its direction on the right side, oncoming ones on the left.
+
+A track without `lanes` is one lane along its centre line. The lanes of a direction are equally wide and numbered from
+the right, as seen by their traffic: ``main.1``, ``main.2``; oncoming ones are ``main.-1``, ``main.-2``.
+"""
+
+import numpy as np
+
+from mirdrake.worlds.networks.lane import Lane
+from mirdrake.worlds.pieces import Array
+from mirdrake.worlds.tracks import Track
+
+_SPACING = 0.5  # [m] between the nodes of a lane
+
+
+def lanes_of_track(name: str, track: Track, *, count: int = 1, oncoming: int = 0) -> dict[str, Lane]:
+    """Return the lanes of a track by id.
+
+    Args:
+        name: name of the track.
+        track: the track.
+        count: number of lanes in its direction.
+        oncoming: number of lanes in the opposite direction.
+    """
+    total = count + oncoming
+    lanes: dict[str, Lane] = {}
+    for number in range(1, count + 1):
+        share = (number - 0.5) / total  # of the width, from the right edge
+        left = f"{name}.{number + 1}" if number < count else None
+        right = f"{name}.{number - 1}" if number > 1 else None
+        lane = _lane(f"{name}.{number}", name, number, track, share, 1.0 / total, left, right)
+        lanes[lane.id] = lane
+    for number in range(1, oncoming + 1):  # seen by their traffic, its right edge is the left edge of the road
+        share = 1.0 - (number - 0.5) / total
+        left = f"{name}.-{number + 1}" if number < oncoming else None
+        right = f"{name}.-{number - 1}" if number > 1 else None
+        lane = _lane(f"{name}.-{number}", name, -number, track, share, 1.0 / total, left, right)
+        lanes[lane.id] = lane
+    return lanes
+
+
+def _lane(
+    lane_id: str, road: str, number: int, track: Track, share: float, width: float, left: str | None, right: str | None
+) -> Lane:
+    """Return the lane whose centre has a share of the road's width on its right; `width` is its own share of it.
+
+    A line at the offset d, + left, of a centre line with curvature k has the length element 1 - k d, the heading error
+    atan(d' / (1 - k d)) and, where d is constant, the curvature k / (1 - k d).
+    """
+    station = np.linspace(0.0, track.length, max(2, int(np.ceil(track.length / _SPACING)) + 1))
+    for _ in range(2):  # equal spacing on the lane: first by stations of the track, then corrected
+        offset, slope, k = _offset(track, station, share), _slope(track, station, share), track.curvature(station)
+        rate = np.hypot(1.0 - k * offset, slope)
+        s = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(station))))
+        if _:
+            break
+        station = np.interp(np.linspace(0.0, s[-1], len(s)), s, station)
+    x, y = track.point(station, offset)
+    yaw = track.pose(station)[2] + np.arctan2(slope, 1.0 - k * offset)
+    curvature = k / (1.0 - k * offset)
+    if track.closed:  # the end is the start, also in the last digits
+        yaw[-1] = yaw[0] + 2.0 * np.pi * round((yaw[-1] - yaw[0]) / (2.0 * np.pi))
+        x[-1], y[-1], curvature[-1] = x[0], y[0], curvature[0]
+    if number < 0:
+        s, x, y, yaw, curvature, station = s[-1] - s[::-1], x[::-1], y[::-1], yaw[::-1] + np.pi, -curvature[::-1], station[::-1]
+    follows = (lane_id,) if track.closed else ()
+    return Lane(
+        lane_id, s, x, y, np.zeros(len(s)), yaw, curvature, width * _width(track, station),
+        left=left, right=right, successors=follows, predecessors=follows, road=road, number=-number, road_s=station,
+    )  # fmt: skip
+
+
+def _width(track: Track, s: Array) -> Array:
+    return np.asarray(track.left_width(s) + track.right_width(s))
+
+
+def _offset(track: Track, s: Array, share: float) -> Array:
+    """Return the offset of the line that has a share of the road's width on its right [m]."""
+    return share * _width(track, s) - track.right_width(s)
+
+
+def _slope(track: Track, s: Array, share: float) -> Array:
+    """Return the change of that offset per metre of the centre line [-]."""
+    h = 0.05
+    return np.asarray((_offset(track, s + h, share) - _offset(track, s - h, share)) / (2.0 * h))
