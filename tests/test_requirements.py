@@ -399,7 +399,9 @@ def test_motion_signals_follow_from_the_velocity() -> None:
 
 def _with(world, **attributes) -> Any:
     """Return a world with other props or goals."""
-    return SimpleNamespace(**({"tracks": world.tracks, "roads": world.roads, "props": (), "goals": {}} | attributes))
+    return SimpleNamespace(
+        **({"tracks": world.tracks, "roads": world.roads, "props": (), "goals": {}, "actors": ()} | attributes)
+    )
 
 
 @pytest.mark.parametrize(

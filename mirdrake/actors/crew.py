@@ -12,7 +12,7 @@ from mirdrake.actors.motion import COLUMNS, GAP, LANE, OFFSET, OLD, SIDE, STARTE
 from mirdrake.actors.step import Crew
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import where
-from mirdrake.worlds import Actor, World
+from mirdrake.worlds import World
 from mirdrake.worlds.actors_spec import Step, Trigger
 from mirdrake.worlds.clearance import Volume
 from mirdrake.worlds.pieces import Array

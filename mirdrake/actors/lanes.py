@@ -106,7 +106,7 @@ def wrapped(value: float, period: float) -> float:
 def lane_cell(t: LaneTable, lane: int, s: float) -> tuple[int, float]:
     """Return the node before a station, and the share of the way to the next node."""
     at = s / t.step[lane]
-    i = int(math.floor(at))
+    i = math.floor(at)
     i = max(0, min(i, t.count[lane] - 2))
     return t.first[lane] + i, at - i
 
@@ -167,10 +167,7 @@ def project(t: LaneTable, lane: int, x: float, y: float) -> tuple[float, float]:
         along = (x - px) * math.cos(yaw) + (y - py) * math.sin(yaw)
         offset = (y - py) * math.cos(yaw) - (x - px) * math.sin(yaw)
         s += max(-2.0, min(2.0, along / max(1.0 - k * offset, 0.2)))
-        if t.closed[lane] == 1:
-            s = s % t.length[lane]
-        else:
-            s = max(0.0, min(s, t.length[lane]))
+        s = s % t.length[lane] if t.closed[lane] == 1 else max(0.0, min(s, t.length[lane]))
     return s, offset
 
 

@@ -47,7 +47,9 @@ def fill(
     for i in range(n):
         front, rear, half_width = shape[i, 0], shape[i, 1], shape[i, 2]
         lane = int(now[i, LANE])
-        count = _put(lanes, owners, rows, count, lane, i, now[i, S] + 0.5 * (front - rear), 0.5 * (front + rear), now[i, V])
+        count = _put(
+            lanes, owners, rows, count, lane, i, now[i, S] + 0.5 * (front - rear), 0.5 * (front + rear), now[i, V]
+        )
         if now[i, OLD] >= 0.0 and now[i, DONE] < now[i, SPAN]:
             old = int(now[i, OLD])
             s, _ = project(t, old, now[i, X], now[i, Y])

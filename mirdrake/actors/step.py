@@ -115,9 +115,7 @@ def move(
 
     # The object ahead; during a lane change on both lanes.
     gap, other = math.inf, 0.0
-    gap, other, _ = ahead(
-        t, lane, middle, half, d - half_width, d + half_width, i, LOOK, stop, on, owners, rows, count
-    )
+    gap, other, _ = ahead(t, lane, middle, half, d - half_width, d + half_width, i, LOOK, stop, on, owners, rows, count)
     if row[OLD] >= 0.0 and row[DONE] < row[SPAN]:
         s, d_old = project(t, int(row[OLD]), now[motion.X], now[motion.Y])
         gap_old, other_old, _ = ahead(
@@ -241,7 +239,9 @@ def advantage(
     beside = s + 0.5 * (front - rear)
     stop = stopping_distance(crew.law[i], numbers, speed)
     gap, lead, _ = ahead(t, lane, middle, half, -half_width, half_width, i, LOOK, stop, on, owners, rows, count)
-    new_gap, new_lead, _ = ahead(t, other, beside, half, -half_width, half_width, i, LOOK, stop, on, owners, rows, count)
+    new_gap, new_lead, _ = ahead(
+        t, other, beside, half, -half_width, half_width, i, LOOK, stop, on, owners, rows, count
+    )
     back, back_speed, back_owner = behind(t, lane, middle, half, i, on, owners, rows, count)
     new_back, new_back_speed, new_owner = behind(t, other, beside, half, i, on, owners, rows, count)
     if new_gap <= 0.0 or new_back <= 0.0:
@@ -257,7 +257,16 @@ def advantage(
 
 
 def followers(
-    crew: Crew, i: int, now: Array, owner: int, speed: float, free: float, lead: float, near: float, mine: float, dt: float
+    crew: Crew,
+    i: int,
+    now: Array,
+    owner: int,
+    speed: float,
+    free: float,
+    lead: float,
+    near: float,
+    mine: float,
+    dt: float,
 ) -> tuple[float, float]:
     """Return the accelerations of a follower without and with the actor ahead of it [m/s^2]; 0 without a follower.
 

@@ -87,7 +87,10 @@ class Traffic(LeafSystem):
             self, "signals", actor_signals(self.names, RECORDED), self._calc_signals, prerequisites=needs
         )
         self.poses = self.DeclareAbstractOutputPort(
-            "poses", lambda: AbstractValue.Make(FramePoseVector()), self._calc_poses, set(needs if always else needs[1:])
+            "poses",
+            lambda: AbstractValue.Make(FramePoseVector()),
+            self._calc_poses,
+            set(needs if always else needs[1:]),
         )
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
 

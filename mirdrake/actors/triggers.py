@@ -16,7 +16,6 @@ from mirdrake.actors.motion import (
     SIDE,
     SPAN,
     STARTED,
-    STEP,
     VX,
     VY,
     WANTED,

@@ -76,7 +76,7 @@ def _add_looks(scene_graph: SceneGraph, source: SourceId, frame: FrameId, actor:
     added = []
     rgba = np.array([*actor.color, 1.0] if actor.color else _GREY)
     for index, (shape, X_PG) in enumerate(looks(actor.placed(0.0, 0.0, 0.0))):
-        instance = GeometryInstance(actor.X_AP @ X_PG, shape, f"actor/{actor.name}/look{index}")
+        instance = GeometryInstance(actor.prop_pose @ X_PG, shape, f"actor/{actor.name}/look{index}")
         illustration = MakePhongIllustrationProperties(rgba)
         perception = PerceptionProperties(illustration)
         perception.AddProperty("label", "id", RenderLabel.kDontCare)

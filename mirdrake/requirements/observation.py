@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from mirdrake.core.errors import RunError
 from mirdrake.core.vectors import STATE, WHEELS
-from mirdrake.runs.incidents import NEAR, OF_ACTORS
 from mirdrake.requirements.surroundings import (
     GAP,
     TIME_TO_COLLISION,
@@ -26,6 +25,7 @@ from mirdrake.requirements.surroundings import (
     time_to_collision,
     touches,
 )
+from mirdrake.runs.incidents import NEAR, OF_ACTORS
 from mirdrake.runs.logs import Run
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.geometry import VehicleGeometry
@@ -166,7 +166,9 @@ def observe(
 
     # What follows from the things around it.
     corners = _corners(signals, outline(vehicle))
-    movers = {mover.name: mover for mover in movers_of(world, actors, signals, {**(others or {}), vehicle_name: vehicle})}
+    movers = {
+        mover.name: mover for mover in movers_of(world, actors, signals, {**(others or {}), vehicle_name: vehicle})
+    }
     signals |= {f"{OF_ACTORS}{name}": actors[name].to_numpy(dtype=float) for name in actors}
     units |= {name: run.units.get(name, "") for name in signals if name.startswith(OF_ACTORS)}
     own = movers.pop(vehicle_name)
@@ -178,7 +180,9 @@ def observe(
         signals[TIME_TO_COLLISION] = time_to_collision(own, movers.values(), world)
     units |= {name: unit for name, (unit, _) in DERIVED.items() if name in signals}
     events = {
-        "collision": _collision(signals, touches(own, [movers[actor.name] for actor in world.actors if actor.name in movers])),
+        "collision": _collision(
+            signals, touches(own, [movers[actor.name] for actor in world.actors if actor.name in movers])
+        ),
         "stopped": _event(STANDING - signals["speed"], "m/s")._replace(scale=STANDING),
         "on road": _on_road(world, signals, vehicle.geometry),
         "rollover": _event(_tilt(signals) - TIPPED, "rad")._replace(scale=TIPPED),

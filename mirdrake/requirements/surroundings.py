@@ -100,9 +100,7 @@ def time_to_collision(mover: Mover, others: Iterable[Mover], world: World) -> Ar
     for other in others:
         result = np.minimum(
             result,
-            times_to_contact(
-                mover.volume, mover.poses, mover.velocities, other.volume, other.poses, other.velocities
-            ),
+            times_to_contact(mover.volume, mover.poses, mover.velocities, other.volume, other.poses, other.velocities),
         )
     for prop in world.props:
         if prop.prop.driven_over or prop.top <= mover.volume.low or prop.bottom >= mover.volume.high:

@@ -191,9 +191,8 @@ class Incidents:
             for time, event in periods.look(times, by_pair.get(pair, np.zeros(len(times), dtype=bool))):
                 if event != ContactPeriods.FIRST or not pair[1]:
                     yield Incident(time, "contact", f"{pair[0]}: contact with {other} {event}", *pair)
-    def _actors(
-        self, name: str, mine: Array, times: Array, columns: Mapping[str, Array]
-    ) -> Iterator[Incident]:
+
+    def _actors(self, name: str, mine: Array, times: Array, columns: Mapping[str, Array]) -> Iterator[Incident]:
         """Return the first contacts of a vehicle with each actor, also between samples."""
         known = {incident.other for incident in self.reported if incident.vehicle == name}
         begin = self._last.get(name)
@@ -219,16 +218,16 @@ class Incidents:
             sample = min(max(before - (begin is not None), 0), len(times) - 1)
             yield self._with_actor(name, actor.name, time, sample, columns)
 
-    def _with_actor(
-        self, name: str, actor: str, time: float, row: int, columns: Mapping[str, Array]
-    ) -> Incident:
+    def _with_actor(self, name: str, actor: str, time: float, row: int, columns: Mapping[str, Array]) -> Incident:
         """Return the collision of a vehicle and an actor, with the speeds of a sample."""
         vx, vy, yaw = (float(columns[f"{name}.{key}"][row]) for key in ("vx", "vy", "yaw"))
         own = np.array([vx * math.cos(yaw) - vy * math.sin(yaw), vx * math.sin(yaw) + vy * math.cos(yaw)])
         key = f"{OF_ACTORS}{actor}"
         speed, heading = float(columns[f"{key}.speed"][row]), float(columns[f"{key}.yaw"][row])
         difference = float(np.hypot(*(own - speed * np.array([math.cos(heading), math.sin(heading)]))))
-        text = f"{name}: collision with '{actor}' at {math.hypot(vx, vy):.1f} m/s, speed difference {difference:.1f} m/s"
+        text = (
+            f"{name}: collision with '{actor}' at {math.hypot(vx, vy):.1f} m/s, speed difference {difference:.1f} m/s"
+        )
         return Incident(time, "collision", text, name, actor, math.hypot(vx, vy), difference)
 
     def _left_ground(self, name: str, poses: Array, times: Array) -> Iterator[Incident]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -71,14 +71,14 @@ class Actor:
         return 0.0 if self.walks else SHARPEST * WHEELBASE * self.prop.size[0]
 
     @property
-    def X_AP(self) -> RigidTransform:
-        """Pose of the frame of the prop in A."""
+    def prop_pose(self) -> RigidTransform:
+        """Pose X_AP of the frame of the prop in A."""
         return RigidTransform([self.rear_axle, 0.0, 0.0])
 
     @cached_property
     def volume(self) -> Volume:
         """Its collision shapes in A, for clearance and collision."""
-        points = [solid.corners_in(self.X_AP) for solid in self.prop.solids]
+        points = [solid.corners_in(self.prop_pose) for solid in self.prop.solids]
         return Volume.of([Part(corners, False) for corners in points], math.inf)
 
     @property
@@ -99,7 +99,7 @@ class Actor:
     def placed(self, x: float, y: float, yaw: float) -> PlacedProp:
         """Return its prop at a pose of A [m, m, rad]."""
         X_WA = RigidTransform(RollPitchYaw(0.0, 0.0, yaw), [x, y, 0.0])
-        return PlacedProp(self.name, self.prop, X_WA @ self.X_AP, color=self.color)
+        return PlacedProp(self.name, self.prop, X_WA @ self.prop_pose, color=self.color)
 
 
 def lay_out_actors(
@@ -221,12 +221,12 @@ def _path(actor: Actor) -> Lane:
     if (used > lengths + 1e-9).any():
         index = int(np.argmax(used - lengths))
         raise WorldError(
-            f"{where(spec, 'path', index)}: bends of {radius:.1f} m radius need {used[index]:.1f} m between this corner "
-            f"and the next, which are {lengths[index]:.1f} m apart"
+            f"{where(spec, 'path', index)}: bends of {radius:.1f} m radius need {used[index]:.1f} m between this "
+            f"corner and the next, which are {lengths[index]:.1f} m apart"
         )
     points, yaw = _with_arcs(corners, headings, turns, cut, radius)
     width = 2.0 * actor.half_width
-    return Lane(actor.lane, **lane_along(points, yaw=yaw, width=width), kind="path")
+    return replace(lane_along(actor.lane, points, yaw=yaw, width=width), kind="path")
 
 
 def _with_arcs(corners: Array, headings: Array, turns: Array, cut: Array, radius: float) -> tuple[Array, Array]:

@@ -48,7 +48,10 @@ def _mapping(value: Any) -> Any:
     return {"kind": value} if isinstance(value, str) else value
 
 
-Behaviour = Annotated[ActorBehaviour, SelectedByKind(BEHAVIOURS), BeforeValidator(_mapping)]
+BEHAVIOUR_KINDS: SelectedByKind[ActorBehaviour] = SelectedByKind(BEHAVIOURS)
+"""Classes of :data:`BEHAVIOURS` by kind."""
+
+Behaviour = Annotated[ActorBehaviour, BEHAVIOUR_KINDS, BeforeValidator(_mapping)]
 
 
 # --- triggers -----------------------------------------------------------------------------------------------------
@@ -200,7 +203,9 @@ class ActorSpec(Schema):
         default_factory=lambda: _default_behaviour(), description="kind, or mapping with a kind [-]"
     )
     starts: Trigger | None = Field(default=None, description="it stands until then; default: it moves at once [-]")
-    color: tuple[Share, Share, Share] | str | None = Field(default=None, description="CSS colour, or red, green, blue, 0 to 1 [-]")
+    color: tuple[Share, Share, Share] | str | None = Field(
+        default=None, description="CSS colour, or red, green, blue, 0 to 1 [-]"
+    )
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -211,4 +216,4 @@ class ActorSpec(Schema):
 
 
 def _default_behaviour() -> ActorBehaviour:
-    return SelectedByKind(BEHAVIOURS)["follow"](kind="follow")
+    return BEHAVIOUR_KINDS["follow"](kind="follow")

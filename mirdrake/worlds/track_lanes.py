@@ -62,7 +62,14 @@ def _lane(
         yaw[-1] = yaw[0] + 2.0 * np.pi * round((yaw[-1] - yaw[0]) / (2.0 * np.pi))
         x[-1], y[-1], curvature[-1] = x[0], y[0], curvature[0]
     if number < 0:
-        s, x, y, yaw, curvature, station = s[-1] - s[::-1], x[::-1], y[::-1], yaw[::-1] + np.pi, -curvature[::-1], station[::-1]
+        s, x, y, yaw, curvature, station = (
+            s[-1] - s[::-1],
+            x[::-1],
+            y[::-1],
+            yaw[::-1] + np.pi,
+            -curvature[::-1],
+            station[::-1],
+        )
     follows = (lane_id,) if track.closed else ()
     return Lane(
         lane_id, s, x, y, np.zeros(len(s)), yaw, curvature, width * _width(track, station),

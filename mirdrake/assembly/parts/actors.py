@@ -37,7 +37,7 @@ def add_traffic(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> Traffic
         for name, part in parts.vehicles.items()
     }
     size = plant.get_state_output_port().size()
-    # Cameras see actors at any time; otherwise poses are only drawn, and need not be computed in every step of the plant.
+    # Cameras see actors at any time; otherwise poses are only drawn, and are not computed in every step of the plant.
     drawn = bool(cameras_of(spec, {name: part.vehicle for name, part in parts.vehicles.items()}))
     traffic = Traffic(world, vehicles, parts.actors, state_size=size, always=drawn)
     wiring.add(TRAFFIC, traffic)
