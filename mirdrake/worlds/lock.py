@@ -25,9 +25,9 @@ from mirdrake.core.digest import digest
 from mirdrake.core.errors import WorldError
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import resolved
+from mirdrake.worlds.actors import Actor
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.stored import network_data
-from mirdrake.worlds.actors import Actor
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
 from mirdrake.worlds.relief import relief_content
 from mirdrake.worlds.solids import kind_of

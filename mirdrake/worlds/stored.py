@@ -16,8 +16,8 @@ from pydrake.math import RigidTransform
 
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Source, validate
-from mirdrake.worlds.networks.stored import network_data, read_network_data
 from mirdrake.worlds.actors import lay_out_actors
+from mirdrake.worlds.networks.stored import network_data, read_network_data
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
 from mirdrake.worlds.regions import Patch

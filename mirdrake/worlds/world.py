@@ -16,8 +16,8 @@ from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.worlds.actors import Actor
 from mirdrake.worlds.networks import Network
-from mirdrake.worlds.networks.paving import paved_areas
 from mirdrake.worlds.networks.lane import Lane
+from mirdrake.worlds.networks.paving import paved_areas
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import Patch
