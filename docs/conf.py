@@ -8,8 +8,7 @@ from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
-from tools.api_page import MODULES
-from tools.site import ROOT
+from tools.api_page import MODULES, ROOT
 
 project = "mirdrake"
 author = "the authors of mirdrake"
@@ -18,6 +17,8 @@ exclude_patterns = ["jupyter_execute"]
 
 html_theme = "furo"
 html_title = "mirdrake"
+html_static_path = ["."]
+html_css_files = ["site.css"]
 html_show_sphinx = False
 html_copy_source = False
 html_math_renderer = "mathml"
@@ -27,7 +28,7 @@ myst_heading_anchors = 4
 
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / "build" / "notebook_outputs")
-nb_execution_timeout = 300
+nb_execution_timeout = 900
 nb_execution_raise_on_error = True
 nb_merge_streams = True
 

@@ -3,7 +3,8 @@
 from fnmatch import fnmatch
 from pathlib import PurePosixPath
 
-from tools.site import MENU, ROOT, rewrite_links, site_pages
+from tools.api_page import ROOT
+from tools.site import MENU, rewrite_links, site_pages
 
 
 def test_a_link_between_files_becomes_a_link_between_pages():
