@@ -15,9 +15,10 @@ Every call writes into the data of a diagram file, which the same code checks, a
 """
 
 import copy
+import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
 from pydrake.geometry import Meshcat
@@ -27,22 +28,50 @@ from pydrake.systems.framework import PortDataType, System
 from mirdrake.assembly.diagram import Assembly, assemble, make_spec
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram
 from mirdrake.assembly.drawing import draw_svg
+from mirdrake.assembly.scene import load_vehicle_of
 from mirdrake.builder.names import Name
 from mirdrake.controllers.driver import Driver
+from mirdrake.core.checks import checks_arguments
 from mirdrake.core.errors import ConfigError, MirdrakeError, MissingDependencyError, did_you_mean
 from mirdrake.core.files import write_file
 from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.paths import find
 from mirdrake.core.signals import signals_of
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Simulation
 
 if TYPE_CHECKING:
-    from mirdrake.builder.linearise import LinearModel
+    from mirdrake.tuning.linearise import LinearModel
+
+T = TypeVar("T")
 
 INNER = ".control.**"
 """Pattern behind a vehicle's name for the signals of the blocks of its control unit."""
 
 
+def _with_checked_arguments(owner: type[T]) -> type[T]:
+    """Decorate a class so that wrong arguments of its public methods are errors of one line."""
+    for name, member in list(vars(owner).items()):
+        if inspect.isfunction(member) and (name == "__init__" or not name.startswith("_")):
+            setattr(owner, name, checks_arguments(member))
+    return owner
+
+
+def _name_in(call: str, given: object) -> str:
+    """Return the text of a name.
+
+    Raises:
+        ConfigError: it is something else, such as a port of a system.
+    """
+    if not isinstance(given, Name | str):
+        raise ConfigError(
+            f"{call}: expected a name, such as ego.vx or 'ego.vx', got {type(given).__name__}; "
+            "the ports of a block are attributes of what add() returns"
+        )
+    return str(given)
+
+
+@_with_checked_arguments
 class Diagram:
     """A diagram built in Python: vehicles in a world, drivers, sensors and blocks, and their connections.
 
@@ -67,6 +96,8 @@ class Diagram:
         seed: int | None = None,
         plant: Mapping[str, Any] | None = None,
     ) -> None:
+        where_world = world.get("name", "") if isinstance(world, Mapping) else world
+        find("worlds", str(where_world), where="Diagram: world")
         keys = {"time_step": time_step, "contact": contact}
         numerics = dict(plant or {}) | {key: value for key, value in keys.items() if value is not None}
         self._data: dict[str, Any] = {"world": world, "vehicles": {}}
@@ -137,8 +168,13 @@ class Diagram:
         name = self._vehicle("drive", vehicle)
         if isinstance(driver, Driver):
             entry = driver.model_dump(mode="json", exclude_unset=True)
-        else:
+        elif isinstance(driver, str | Mapping):
             entry = ({"kind": driver} if isinstance(driver, str) else dict(driver)) | settings
+        else:
+            raise ConfigError(
+                f"drive: a driver is a kind by name, a mapping with a kind, or an object such as mir.PathTracking(…); "
+                f"got {type(driver).__name__}"
+            )
         self._change(("control", name), entry)
         return self[f"{name}.driver"]
 
@@ -183,7 +219,7 @@ class Diagram:
         Raises:
             ConfigError: no such block, or the system is not a Drake system.
         """
-        return self._add(str(block), system, parameters)
+        return self._add(_name_in("replace", block), system, parameters)
 
     def connect(self, source: Name | str, sink: Name | str) -> None:
         """Connect an output, or an element of it, to an input. It replaces the connection that the input has.
@@ -191,11 +227,12 @@ class Diagram:
         Raises:
             ConfigError: the input is connected already by an earlier call.
         """
+        source, sink = _name_in("connect", source), _name_in("connect", sink)
         pairs = self._data.setdefault("connect", [])
-        earlier = next((pair for pair in pairs if pair[1] == str(sink)), None)
+        earlier = next((pair for pair in pairs if pair[1] == sink), None)
         if earlier is not None:
             raise ConfigError(f"connect: input '{sink}' is already fed by '{earlier[0]}'; disconnect it first")
-        pairs.append([str(source), str(sink)])
+        pairs.append([source, sink])
 
     def disconnect(self, sink: Name | str) -> None:
         """Remove the connection to an input that :meth:`connect` made.
@@ -204,10 +241,11 @@ class Diagram:
             ConfigError: there is none.
         """
         pairs = self._data.get("connect", [])
-        kept = [pair for pair in pairs if pair[1] != str(sink)]
+        sink = _name_in("disconnect", sink)
+        kept = [pair for pair in pairs if pair[1] != sink]
         if len(kept) == len(pairs):
             raise ConfigError(
-                f"disconnect: no call of connect has fed '{sink}'; {did_you_mean(str(sink), [p[1] for p in pairs])}"
+                f"disconnect: no call of connect has fed '{sink}'; {did_you_mean(sink, [pair[1] for pair in pairs])}"
             )
         self._data["connect"] = kept
 
@@ -257,6 +295,10 @@ class Diagram:
         """
         from mirdrake.builder.sliders import make_sliders
 
+        for path, given in ranges.items():
+            if not (isinstance(given, tuple | list) and len(given) == 2):
+                raise ConfigError(f"sliders: {path}: give the smallest and the largest value, such as (0, 3)")
+            self._changed(tuple(path.split(".")), float(given[0]))
         present = {path: self._number_at(path) for path in ranges}
         return make_sliders(self, signals, ranges, present=present, duration=duration)
 
@@ -291,6 +333,9 @@ class Diagram:
             for name, contents in sorted(ports.items())
             if fnmatchcase(name, pattern)
         ]
+        if not rows:
+            names = [*assembly.outputs, *assembly.inputs]
+            raise ConfigError(f"ports: no port matches '{pattern}'; {did_you_mean(pattern, names)}")
         return pd.DataFrame(rows, columns=["port", "direction", "elements"]).set_index("port")
 
     def draw(self, *expand: Name | str) -> "Drawing":
@@ -393,13 +438,13 @@ class Diagram:
             ConfigError: no such port, or the input has no source.
             MissingDependencyError: python-control is not installed.
         """
-        from mirdrake.builder.linearise import linearise
+        from mirdrake.tuning.linearise import linearise
 
         def build(spec: DiagramSpec, factories: Mapping[str, Any], *, expand: bool = True) -> Assembly:
             return assemble(spec, expand=expand, factories=factories)
 
-        name = None if output is None else str(output)
-        return linearise(self._data, self._factories, build, str(input), name, time=time, cut=cut)
+        name = None if output is None else _name_in("linearize", output)
+        return linearise(self._data, self._factories, build, _name_in("linearize", input), name, time=time, cut=cut)
 
     def to_yaml(self, path: Path | str | None = None) -> str:
         """Return the diagram as the text of a diagram file, and write it if a path is given.
@@ -422,20 +467,37 @@ class Diagram:
 
     def _change(self, path: tuple[str, ...], value: Any) -> Name:
         """Set a part of the data, if the diagram stays valid."""
+        self._data = self._changed(path, value)
+        return self[path[-1]]
+
+    def _changed(self, path: tuple[str, ...], value: Any) -> dict[str, Any]:
+        """Return the data with a changed part.
+
+        Raises:
+            ConfigError: there is no such key, or the value is not allowed.
+        """
         data = copy.deepcopy(self._data)
         part = data
         for key in path[:-1]:
-            part = part.setdefault(key, {})
+            part = part.setdefault(key, {}) if isinstance(part, dict) else {}
+        if not isinstance(part, dict):
+            raise ConfigError(f"{'.'.join(path)}: there is no such key; {'.'.join(path[:-1])} is {part!r}")
         part[path[-1]] = value
-        make_spec(copy.deepcopy(data))
-        self._data = data
-        return self[path[-1]]
+        spec = make_spec(copy.deepcopy(data))
+        if path[0] == "vehicles":
+            load_vehicle_of(spec, path[1])  # its control.yaml with the changed entries
+        return data
 
     def _number_at(self, path: str) -> float | None:
-        """Return the number of a key by its dotted path; None if the diagram leaves it out or it is not a number."""
+        """Return the number of a key by its dotted path: that of the diagram, or of control.yaml; None without one."""
         part: Any = self._data
-        for key in path.split("."):
+        keys = path.split(".")
+        for key in keys:
             part = part.get(key) if isinstance(part, Mapping) else None
+        if part is None and keys[0] == "vehicles" and keys[2:3] == ["control"]:
+            part = load_vehicle_of(self.spec(), keys[1]).control
+            for key in keys[3:]:
+                part = getattr(part, key, None)
         return float(part) if isinstance(part, int | float) and not isinstance(part, bool) else None
 
     def _vehicle(self, call: str, vehicle: Name | str) -> str:

@@ -3,7 +3,9 @@
 from typing import Any, Literal
 
 from mirdrake.controllers.path_tracking import PathTrackingSpec
-from mirdrake.core.yaml_io import Source, validate
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import validate
+from mirdrake.core.yaml_tree import source_of_data
 
 
 class PathTracking(PathTrackingSpec):
@@ -15,7 +17,9 @@ class PathTracking(PathTrackingSpec):
 
     kind: Literal["path_tracking"] = "path_tracking"
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, *positional: Any, **settings: Any) -> None:
+        if positional:
+            raise ConfigError("PathTracking: name the arguments, as in PathTracking(track='main', speed=5.0)")
         settings = {"kind": "path_tracking"} | settings
-        validate(settings, PathTrackingSpec, Source("PathTracking", {}))  # faults on one line
+        validate(settings, PathTrackingSpec, source_of_data("PathTracking", settings))  # faults on one line
         super().__init__(**settings)
