@@ -14,13 +14,13 @@ from mirdrake.controllers import (
     CommandState,
     ConstantCommand,
     ConstantSpec,
+    DeadMan,
     DriverSpec,
     DrivingLimits,
     PathGains,
     PathTrackingSpec,
     Schedule,
     ScheduleSpec,
-    VelocityCommand,
     command_step,
 )
 from mirdrake.core.errors import ConfigError
@@ -98,26 +98,25 @@ def test_limits_that_are_invalid_are_rejected():
 
 def test_a_driver_without_messages_from_0_stops_the_vehicle_after_0_2_s():
     silent = {"command": [5.0, 0.3, 0.0]}  # its stamp stays at 0
-    gate = drive(VelocityCommand(period=0.01), inputs=silent, duration=0.3, period=0.005).iloc[1::2]
-    alive = (gate.index < 0.21).astype(float)
-    assert_follows(gate["alive"], alive, atol=1e-12)
-    assert_follows(gate["setpoint.speed"], 5.0 * alive, atol=1e-12)
-    assert_follows(gate["setpoint.steering"], 0.3, atol=1e-12)
+    gate = drive(DeadMan(period=0.01), inputs=silent, duration=0.3, period=0.005)
+    alive = (gate.index < 0.2025).astype(float)
+    assert_follows(gate["speed"], 5.0 * alive, atol=1e-12)
+    assert_follows(gate["steering"], 0.3, atol=1e-12)
 
 
 def test_a_scheduled_driver_stamps_its_messages_which_keeps_the_gate_open():
     builder = DiagramBuilder()
     driver = builder.AddSystem(CommandSchedule(Schedule([(0.0, 0.0, 0.0), (2.0, 4.0, 0.2)]), period=0.05))
-    gate = builder.AddSystem(VelocityCommand(period=0.01))
+    gate = builder.AddSystem(DeadMan(period=0.01))
     builder.Connect(driver.command, gate.command)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(1.005)
     context = gate.GetMyContextFromRoot(simulator.get_context())
     # At t = 1.00 the gate reads the message sent at 1.00, with 4 m/s x 1/2.
-    np.testing.assert_allclose(gate.setpoint.Eval(context), [2.0, 0.1], atol=1e-12)
-    assert gate.alive.Eval(context)[0] == 1.0
+    outputs = gate.speed, gate.steering
+    np.testing.assert_allclose([port.Eval(context).item() for port in outputs], [2.0, 0.1], atol=1e-12)
     simulator.AdvanceTo(5.0)
-    np.testing.assert_allclose(gate.setpoint.Eval(context), [4.0, 0.2], atol=1e-12)
+    np.testing.assert_allclose([port.Eval(context).item() for port in outputs], [4.0, 0.2], atol=1e-12)
 
 
 def test_constant_command_is_there_at_time_zero():

@@ -8,8 +8,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from mirdrake.controllers import DiscretePid, PidGains, PidLimits, PidState, SpeedControl, pid_step
-from mirdrake.controllers.ackermann import AxleGeometry
+from mirdrake.controllers import DiscretePid, PidGains, PidLimits, PidState, WheelSpeeds, pid_step
+from mirdrake.controllers.ackermann import Ackermann, AxleGeometry
 from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals, signals_of
@@ -310,10 +310,10 @@ def test_a_set_point_of_zero_empties_the_trim():
     assert state.integral == 0.0
 
 
-def test_speed_control_system_gives_ackermann_wheel_speeds():
-    control = SpeedControl(AxleGeometry(2.6, 1.5, 1.5, 1.5, 0.6, 0.5), wheel_radius=0.325, period=0.01)
-    inputs = {"setpoint": [3.25, 0.2], "speed": 3.25}
-    wheels = drive(control, inputs=inputs, duration=0.1, outputs=["wheel_speeds"]).iloc[-1].to_numpy()
+def test_the_block_of_wheel_speeds_gives_those_of_ackermann_steering():
+    ratios = Ackermann(AxleGeometry(2.6, 1.5, 1.5, 1.5, 0.6, 0.5)).wheel_speed_ratios(0.2)
+    inputs = {"speed": 3.0, "correction": 0.25, "ratios": list(ratios)}
+    wheels = drive(WheelSpeeds((0.325,) * 4), inputs=inputs, duration=0.1).iloc[-1].to_numpy()
     radius = 2.6 / math.tan(0.2)
     assert wheels[2] == pytest.approx(10.0 * (radius - 0.75) / radius, rel=1e-12)
     assert wheels[1] == pytest.approx(10.0 * math.hypot(radius + 0.75, 2.6) / radius, rel=1e-12)

@@ -5,7 +5,7 @@ system is a LeafSystem around one law, usable alone in any Drake diagram. All st
 """
 
 from mirdrake.controllers.ackermann import Ackermann, AckermannSteering, AxleGeometry, SteeringGeometry
-from mirdrake.controllers.command import CommandLimits, CommandState, VelocityCommand, command_step
+from mirdrake.controllers.command import CommandLimits, CommandState, command_step
 from mirdrake.controllers.control_blocks import (
     AccelerationLimit,
     DeadMan,
@@ -16,7 +16,7 @@ from mirdrake.controllers.control_blocks import (
     WheelSpeeds,
 )
 from mirdrake.controllers.control_diagram import ControlDiagram, expand_control
-from mirdrake.controllers.cruise import SpeedControl, cruise_step, wheel_speed_setpoints
+from mirdrake.controllers.cruise import cruise_step, wheel_speed_setpoints
 from mirdrake.controllers.drivable_line import DrivingLimits, make_centre_line, make_drivable_line, make_speed_profile
 from mirdrake.controllers.drivers import DriverSpec
 from mirdrake.controllers.joint_blocks import ActuatorHold, PedalLoop, SteeringLoop, WheelLoops
@@ -52,14 +52,12 @@ __all__ = [
     "PidState",
     "Schedule",
     "ScheduleSpec",
-    "SpeedControl",
     "SpeedPid",
     "SteeringActuator",
     "SteeringGeometry",
     "SteeringLoop",
     "SteeringRateLimit",
     "VehicleControl",
-    "VelocityCommand",
     "WheelLoops",
     "WheelSpeeds",
     "command_step",

@@ -10,12 +10,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pydrake.systems.framework import Context, DiscreteValues
-
 from mirdrake.core.checks import check_number
-from mirdrake.core.leaf_system import LeafSystem
-from mirdrake.core.signals import declare_state_output, declare_vector_input, signals
-from mirdrake.core.vectors import COMMAND, SETPOINT, Setpoint
+from mirdrake.core.vectors import Setpoint
 
 TOLERANCE = 1e-9
 """Two times closer than this are the same time [s]."""
@@ -107,49 +103,3 @@ def command_step(
     held = min(max(state.steering, -limits.steering), limits.steering)
     wanted = min(max(state.speed, limits.minimum_speed), limits.maximum_speed) if alive else 0.0
     return state, CommandResult(Setpoint(wanted, held), alive)
-
-
-class VelocityCommand(LeafSystem):
-    """Interface through which every driver, human or not, commands a vehicle.
-
-    Input ports:
-        command (3) [m/s, rad, s]: speed, steering, stamp; see :data:`~mirdrake.core.vectors.COMMAND`.
-
-    Output ports:
-        setpoint (2) [m/s, rad]: speed, steering, within the limits; speed 0 and the last steering once the last message
-            is older than the timeout.
-        alive (1) [1]: 1 while messages come, 0 while the dead-man holds.
-
-    Both outputs are states, held between the updates: the update at time t reads the input at t and shows right
-    after t.
-
-    State: discrete, group 0 the set-point, group 1 alive, group 2 the last good message.
-
-    Args:
-        period: time between updates [s].
-        limits: limits of speed and steering, and the timeout.
-
-    Raises:
-        ConfigError: the period is not positive.
-    """
-
-    def __init__(self, *, period: float, limits: CommandLimits = NO_COMMAND_LIMITS):
-        super().__init__()
-        self.period = check_number("VelocityCommand", "period", period, unit="s", above=0.0)
-        self.limits = limits
-        self.command = declare_vector_input(self, "command", COMMAND)
-        self._setpoint = self.DeclareDiscreteState(2)
-        self._alive = self.DeclareDiscreteState(1)
-        self._message = self.DeclareDiscreteState(list(CommandState()))
-        self.setpoint = declare_state_output(self, "setpoint", SETPOINT, self._setpoint)
-        self.alive = declare_state_output(self, "alive", signals(("alive", "")), self._alive)
-        self.DeclareInitializationDiscreteUpdateEvent(self._update)
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self.period, offset_sec=0.0, update=self._update)
-
-    def _update(self, context: Context, values: DiscreteValues) -> None:
-        speed, steering, stamp = self.command.Eval(context).tolist()
-        state = CommandState(*context.get_discrete_state(self._message).value().tolist())
-        state, result = command_step(state, speed, steering, stamp=stamp, time=context.get_time(), limits=self.limits)
-        values.set_value(self._setpoint, result.setpoint)
-        values.set_value(self._alive, [float(result.alive)])
-        values.set_value(self._message, state)
