@@ -182,6 +182,16 @@ def test_reset_returns_the_vehicle_and_keeps_the_gains():
         assert cockpit.gain("speed.kp") == 1.0
 
 
+def test_inner_signals_are_among_the_readings():
+    cockpit = Cockpit(spec(record={"signals": ["ego.control.*_pid.error", "ego.control.ackermann.*"]}))
+    assert cockpit.signals[:2] == [("ego.control.speed_pid.error", "m/s"), ("ego.control.ackermann.left", "rad")]
+    with Fingers(cockpit) as fingers:
+        fingers.press(throttle=1.0)
+        readings = fingers.until(lambda readings: readings["speed"] > 0.5)
+        assert len(readings["signals"]) == len(cockpit.signals)
+        assert readings["signals"][0] > 0.0
+
+
 def test_simulated_time_stops_in_a_pause_and_follows_the_clock_otherwise():
     cockpit = Cockpit(spec())
     with Fingers(cockpit) as fingers:

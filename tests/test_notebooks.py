@@ -92,3 +92,13 @@ def test_notebooks_are_numbered_in_their_order_and_lead_to_one_another():
         for target in [part.partition(")")[0] for part in text.split("](")[1:]]:
             if "://" not in target:
                 assert (path.parent / target).exists(), f"{path.name}: {target}"
+
+
+def test_the_robot_of_notebook_11_takes_at_most_forty_lines_of_code():
+    (path,) = [path for path in NOTEBOOKS if path.stem.startswith("11_")]
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    text = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    assert sum(bool(line.strip()) for line in text.splitlines()) <= 40
+    assert all(
+        part in text for part in ('"--wheelbase", "0.6"', '"60"', "lidar,camera", '"eight"', "replace(", "run.plot")
+    )

@@ -458,3 +458,21 @@ def test_the_map_shows_the_props(tmp_path):
     assert bare is not None
     assert not bare.props
     assert "prop" not in str(bare.picture)
+
+
+def test_inner_signals_have_a_chart_for_each_block(tmp_path):
+    run = short_run(tmp_path)
+    time = run.signals.index.to_numpy()
+    inner = {
+        "ego.control.speed_pid.output": np.sin(time),
+        "ego.control.speed_pid.integral": np.cos(time),
+        "ego.control.ackermann.left": 0.1 * np.sin(time),
+        "filter.y": time,
+    }
+    units = dict(run.units) | {"ego.control.speed_pid.output": "m/s", "ego.control.ackermann.left": "rad"}
+    spec = dict(run.spec) | {"systems": {"filter": {"kind": "gain"}}}
+    page = render_report(replace(run, table=run.signals.assign(**inner), units=units, spec=spec))
+    assert re.findall(r'<figure id="inner-\d+">\s*<div class="head"><h3>(.*?)</h3>', page) == [
+        "ego.control.speed_pid", "ego.control.ackermann", "filter",
+    ]  # fmt: skip
+    assert "Inner signals" not in render_report(run)

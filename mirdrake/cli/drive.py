@@ -18,7 +18,8 @@ examples:
   mirdrake drive bolt                           on the test track
   mirdrake drive mkz parking_lot --open         opens the browser, too
   mirdrake drive bolt@handling test_track --contact hydroelastic
-  mirdrake drive catvehicle neighbourhood --sensors none"""
+  mirdrake drive catvehicle neighbourhood --sensors none
+  mirdrake drive bolt --plot 'ego.control.speed_pid.*'   with a plot of inner signals"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--sensors",
         metavar="NAMES",
         help="sensors in use, separated by commas, or none (default: lidars, laser scanners)",
+    )
+    parser.add_argument(
+        "--plot",
+        metavar="PATTERNS",
+        help="inner signals that the page can plot, separated by commas, such as 'ego.control.*_pid.*'",
     )
     add_set(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for recordings (default: runs)")
@@ -91,6 +97,7 @@ def _spec(options: argparse.Namespace) -> Any:
         "vehicles": {"ego": entry},
         "sensors": {"ego": sensors} if sensors else {},
         "plant": {"contact": options.contact},
+        "record": {"signals": parse_names(options.plot)} if options.plot else {},
     }
     return drive_spec(data, overrides=options.set)
 

@@ -19,6 +19,7 @@ from mirdrake.core.files import write_file
 from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive
 from mirdrake.report.drive_layers import scale_colours
 from mirdrake.report.figures import Array, drawing_style
+from mirdrake.report.inner_charts import make_inner_charts
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.svg import embed_graph
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
@@ -88,6 +89,9 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
             for index, name in enumerate(names)
         ]
         drive = draw_drive(names, signals, None if scene is None else scene.world)
+        inner = make_inner_charts(
+            signals, run.units, vehicles=names, systems=spec.get("systems") or {}, marks=_marks(run)
+        )
     name = str(summary.get("diagram") or folder or "run")
     headline, sentences = _headline(vehicles, world, simulated)
     light, dark = scale_colours()
@@ -105,6 +109,7 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
         stop_reason=": ".join(str(text) for key in ("stop_reason", "stop_detail") if (text := summary.get(key))),
         vehicles=vehicles,
         drive=drive,
+        inner=inner,
         events=[
             (format_time(_number(event.get("time"))), event.get("kind", ""), event.get("text", ""))
             for event in events[:_MOST_EVENTS]

@@ -54,6 +54,7 @@ EXPERIMENTS = {
     "frequency_response": "frequency response",
     "wheels_apart": "frequency response of the wheels against each other",
     "vehicle_data": "data of the vehicle",
+    "linear_model": "linear model of the diagram",
 }
 MODELS = {
     "first_order": "first order with delay",

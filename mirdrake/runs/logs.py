@@ -44,7 +44,7 @@ from mirdrake.core.recording.pictures import Picture, parse_start, picture_folde
 from mirdrake.core.recording.pictures import picture_name as picture_name
 from mirdrake.core.recording.vectors import ROWS, make_table
 from mirdrake.runs.incidents import OF_ACTORS
-from mirdrake.runs.plots import describe, plot_runs
+from mirdrake.runs.plots import Animation, animate_run, describe, make_statistics, plot_runs
 from mirdrake.runs.stop import Stop, StopReason
 
 P = ParamSpec("P")
@@ -177,7 +177,29 @@ class Run:
         Raises:
             ConfigError: a pattern chooses nothing in one of the runs.
         """
+        if not isinstance(other, Run):
+            raise ConfigError(f"compare: expected a Run, got {type(other).__name__}; write run.compare(other_run, …)")
         return plot_runs(dict(zip(labels, (self, other), strict=True)), patterns)
+
+    def statistics(self, *patterns: str) -> pd.DataFrame:
+        """Return a table of signals: unit, min, mean, max, rms, last; of all signals without patterns.
+
+        Raises:
+            ConfigError: a pattern chooses nothing.
+        """
+        return make_statistics(self, patterns)
+
+    def animate(self, *, height: int = 420, frames_per_second: float = 20.0) -> Animation:
+        """Return the run as a 3D animation with play controls, which a notebook shows.
+
+        Args:
+            height: height of the view [px].
+            frames_per_second: of simulated time [Hz].
+
+        Raises:
+            RunError: the run has no scene or no samples.
+        """
+        return animate_run(self, height=height, frames_per_second=frames_per_second)
 
 
 def load_run(folder: Path | str) -> Run:

@@ -1,16 +1,79 @@
 """Plots and texts of runs for notebooks."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
+from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
     from mirdrake.runs.logs import Run
 
+ANIMATION = "mirdrake.viewer.inline:RunView"
+"""Class of :func:`animate_run`, of a later package."""
+
 WIDTH, HEIGHT = 9.0, 2.2
 """Size of a panel [in]."""
+
+
+class Animation(ABC):
+    """3D animation of a run, which a notebook shows."""
+
+    @classmethod
+    @abstractmethod
+    def of_run(cls, run: "Run", *, height: int, frames_per_second: float) -> "Animation":
+        """Return the animation of a run; see :func:`animate_run`."""
+
+    @abstractmethod
+    def _repr_html_(self) -> str:
+        """Return the HTML element for a notebook."""
+
+    @abstractmethod
+    def save(self, path: Path | str) -> Path:
+        """Write a page that opens offline."""
+
+
+def animate_run(run: "Run", *, height: int, frames_per_second: float) -> Animation:
+    """Return the 3D animation of a run.
+
+    Args:
+        run: the run.
+        height: height of the view [px].
+        frames_per_second: of simulated time [Hz].
+    """
+    view: type[Animation] = resolve_name(ANIMATION)
+    return view.of_run(run, height=height, frames_per_second=frames_per_second)
+
+
+def make_statistics(run: "Run", patterns: Sequence[str]) -> pd.DataFrame:
+    """Return a table of signals: unit, smallest, mean and largest value, root mean square, last value.
+
+    Args:
+        run: the run.
+        patterns: names of signals, with wildcards; none: all signals.
+
+    Raises:
+        ConfigError: a pattern chooses nothing.
+    """
+    names = choose_signals(run, patterns or ["*"])
+    table = run.signals[names]
+    columns = {
+        "unit": pd.Series({name: run.units.get(name, "") or "-" for name in names}),
+        "min": table.min(),
+        "mean": table.mean(),
+        "max": table.max(),
+        "rms": np.sqrt((table**2).mean()),
+        "last": table.iloc[-1] if len(table) else table.mean(),
+    }
+    result = pd.DataFrame(columns)
+    result.index.name = "signal"
+    return result
 
 
 def choose_signals(run: "Run", patterns: Sequence[str]) -> list[str]:
@@ -20,6 +83,8 @@ def choose_signals(run: "Run", patterns: Sequence[str]) -> list[str]:
         ConfigError: a pattern chooses nothing.
     """
     columns = [str(name) for name in run.signals]
+    if not patterns:
+        raise ConfigError(f"run: name the signals to plot, such as '{next(iter(columns), 'ego.vx')}' or 'ego.v*'")
     chosen: dict[str, None] = {}
     for pattern in patterns:
         names = [name for name in columns if fnmatchcase(name, pattern)]

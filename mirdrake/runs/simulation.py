@@ -20,6 +20,7 @@ from pydrake.systems.framework import Context, EventStatus, System
 
 from mirdrake.assembly.diagram import Assembly, DiagramSpec, assemble
 from mirdrake.controllers.behaviours.outline import volume_of
+from mirdrake.core.checks import checks_arguments
 from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, DivergedError, RunError
 from mirdrake.core.yaml_io import shown, where
@@ -94,6 +95,7 @@ class Simulation:
         self._volumes = {name: volume_of(part.vehicle) for name, part in assembly.parts.vehicles.items()}
         self._friction = RoadFriction(assembly.parts, assembly.tyres)
 
+    @checks_arguments
     def run(
         self,
         *,
@@ -121,8 +123,8 @@ class Simulation:
         """
         assembly, simulator = self.assembly, self._simulator
         end = assembly.spec.duration if duration is None else duration
-        if not (math.isfinite(end) and end > 0.0):
-            raise ConfigError(f"duration {end} s is not allowed; it must be a positive time")
+        if not (isinstance(end, int | float) and math.isfinite(end) and end > 0.0):
+            raise ConfigError(f"duration {end!r} s is not allowed; it must be a positive time")
         # A new Context, the run folder, and the watchers that are called after every step.
         data = resolved_spec(assembly, duration=end)
         context = assembly.make_context()

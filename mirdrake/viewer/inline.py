@@ -5,6 +5,7 @@
     from mirdrake.viewer.inline import show
 
     show(mir.load_vehicle("bolt"))
+    run.animate()  # the same as show(run)
 
 The view is a page of its own inside the cell: it needs no port, no network and no other tab, and it is saved with the
 notebook. Outside a notebook, :meth:`InlineView.save` writes the same page into a file.
@@ -21,6 +22,7 @@ from mirdrake.assembly.scene import make_scene
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import write_file
 from mirdrake.runs.logs import Run
+from mirdrake.runs.plots import Animation
 from mirdrake.vehicles import Vehicle
 from mirdrake.viewer.meshcat import offline_meshcat
 from mirdrake.viewer.recording import draw_run
@@ -60,6 +62,21 @@ class InlineView:
         return Path(path)
 
 
+class RunView(InlineView, Animation):
+    """The animation of a run; see :meth:`mirdrake.Run.animate`."""
+
+    @classmethod
+    def of_run(cls, run: Run, *, height: int, frames_per_second: float) -> "RunView":
+        """Return the animation of a run.
+
+        Raises:
+            RunError: the run has no scene or no samples.
+        """
+        with offline_meshcat(world=run.scene().world) as meshcat:
+            draw_run(run, meshcat, frames_per_second=frames_per_second)
+            return cls(meshcat.StaticHtml(), height=height)
+
+
 def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 420, **options: Any) -> InlineView:
     """Return a 3D view for a notebook; it is shown as the last value of a cell.
 
@@ -73,7 +90,9 @@ def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 
     """
     if isinstance(thing, Meshcat):
         return InlineView(thing.StaticHtml(), height=height)
-    scene = make_scene(thing) if isinstance(thing, DiagramSpec) else thing.scene() if isinstance(thing, Run) else None
+    if isinstance(thing, Run):
+        return RunView.of_run(thing, height=height, **{"frames_per_second": 20.0} | options)
+    scene = make_scene(thing) if isinstance(thing, DiagramSpec) else None
     if scene is not None:
         world = scene.world
     elif isinstance(thing, Vehicle):
@@ -89,9 +108,7 @@ def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 
             show_vehicle(thing, meshcat, **options)
         elif isinstance(thing, World):
             show_world(thing, meshcat, **options)
-        elif isinstance(thing, DiagramSpec):
-            show_diagram(thing, meshcat, scene=scene, **options)
         else:
-            draw_run(thing, meshcat, **options)
+            show_diagram(thing, meshcat, scene=scene, **options)
         page = meshcat.StaticHtml()
     return InlineView(page, height=height)

@@ -22,6 +22,7 @@ from pydrake.systems.framework import Context, EventStatus
 
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.parts.taps import Tap
 from mirdrake.assembly.scene import Scene
 from mirdrake.controllers.runtime_gains import get_gain, set_gain
 from mirdrake.core.errors import ConfigError, RunError
@@ -103,9 +104,15 @@ class Cockpit:
         self._alarm = False
         self._message = ""
         self._odometer, self._rates = 0.0, deque[tuple[float, float]]()
+        self._plotted = [tap for tap in self.assembly.taps.values() if tap.is_chosen]
         self._pace = Pace(SLICE)
         self._factor = 1.0
         self._begin(self.assembly.make_context())
+
+    @property
+    def signals(self) -> list[tuple[str, str]]:
+        """Names and units of the inner signals that the page can plot; record.signals of the diagram chooses them."""
+        return [(own.name, own.unit) for tap in self._plotted for own in tap.contents or ()]
 
     # --- from other threads --------------------------------------------------------------------------------------
 
@@ -342,11 +349,17 @@ class Cockpit:
             "message": self._message,
             "gains": dict(self._values),
             "layers": sorted(self.overlays.shown) if self.overlays is not None else [],
+            "signals": [value if isfinite(value) else None for tap in self._plotted for value in self._inner(tap)],
         }
         if self._truth.HasOutputPort("path"):
             path = self._truth.GetOutputPort("path").Eval(self._truth.GetMyContextFromRoot(self._context)).tolist()
             readings["lateral"], readings["progress"] = path[0], path[2]
         self.readings = readings
+
+    def _inner(self, tap: Tap) -> list[float]:
+        """Return the present values of the elements of a tap."""
+        values: list[float] = tap.sink.get_input_port().Eval(tap.sink.GetMyContextFromRoot(self._context)).tolist()
+        return values
 
     @contextmanager
     def _drawing(self) -> Iterator[None]:

@@ -103,6 +103,7 @@ class OpenCockpit:
             "views": [asdict(view) for view in drive.picture.views.values()],
             "layers": list(drive.overlays.there),
             "gains": [slider_of(gain) for gain in drive.gains],
+            "signals": drive.signals,
             "forward": limits.forward,
             "backward": limits.backward,
             "steering": limits.steering,

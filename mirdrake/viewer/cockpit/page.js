@@ -307,7 +307,8 @@
     if (readings.time < last) kept.length = 0;
     if (readings.time === last) return;
     last = readings.time;
-    kept.push([readings.time, readings.speed * 3.6, readings.setpoint * 3.6, readings.steering * degrees, readings.lateral ?? 0]);
+    kept.push([readings.time, readings.speed * 3.6, readings.setpoint * 3.6, readings.steering * degrees, readings.lateral ?? 0,
+      ...readings.signals.map(value => value ?? 0)]);
     lined = readings.lateral !== null;
     while (kept[0][0] < last - span) kept.shift();
     if (performance.now() > drawn + (usual > 60 ? 500 : 100)) { drawn = performance.now(); plot(); }
@@ -318,12 +319,27 @@
     { words: "cross-track error [m], + left", lines: [[4, "#0ca678"]], least: 0.5 },
   ];
   const canvas = get("plots"), pen = canvas.getContext("2d");
+
+  // An inner signal, which the select chooses, is a row of its own.
+  const inner = { words: "", lines: [[5, "#7048e8"]], least: 1e-6 }, chooser = get("signal");
+  for (const [index, [name]] of about.signals.entries()) chooser.add(new Option(name, index));
+  chooser.hidden = !about.signals.length;
+  chooser.addEventListener("change", choose);
+  function choose() {
+    if (!about.signals.length) return;
+    const [name, unit] = about.signals[chooser.value];
+    inner.words = `${name.split(".").slice(-2).join(".")} [${unit || "-"}]`;
+    inner.lines[0][0] = 5 + Number(chooser.value);
+  }
+  choose();
   function plot() {
-    const width = 360, height = 132, high = height / 3, left = 30;
+    const shown = [...rows.slice(0, lined ? 3 : 2), ...(about.signals.length ? [inner] : [])];
+    const width = 360, height = 44 * Math.max(shown.length, 3), high = 44, left = 30;
+    if (canvas.height !== 2 * height) { canvas.height = 2 * height; canvas.style.height = `${height}px`; }
     pen.setTransform(2, 0, 0, 2, 0, 0);
     pen.clearRect(0, 0, width, height);
     pen.font = '10.5px system-ui, "DejaVu Sans", sans-serif';
-    rows.slice(0, lined ? 3 : 2).forEach((row, number) => {
+    shown.forEach((row, number) => {
       const bottom = (number + 1) * high - 4, topmost = number * high + 13;
       const most = Math.max(row.least, ...kept.flatMap(one => row.lines.map(([key]) => Math.abs(one[key])))) * 1.05;
       const low = row.zero && kept.every(one => one[1] > -0.5) ? 0 : -most;
@@ -332,7 +348,7 @@
       pen.fillText(row.words, left + 2, topmost - 3);
       pen.textAlign = "right";
       if (!number) pen.fillText(`last ${span} s`, width - 2, topmost - 3);
-      pen.fillText(most.toFixed(most < 3 ? 1 : 0), left - 3, topmost + 7);
+      pen.fillText(most < 0.05 ? most.toExponential(0) : most.toFixed(most < 3 ? 1 : 0), left - 3, topmost + 7);
       pen.strokeStyle = "#dfe5ec"; pen.lineWidth = 1;
       pen.strokeRect(left, topmost, width - left - 1, bottom - topmost);
       if (low < 0) { pen.beginPath(); pen.moveTo(left, up(0)); pen.lineTo(width, up(0)); pen.stroke(); }

@@ -1,0 +1,82 @@
+"""Charts of the inner signals of a run: outputs of the blocks of control units, and of the blocks of a diagram."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas
+
+from mirdrake.report.figures import Array, Curve, Panel, draw_chart
+from mirdrake.report.vehicle_charts import Chart, numbers
+
+COLOURS = ("main", "own1", "own2", "own3", "own4", "left", "right", "ink")
+"""Colours of the curves of a panel; a panel has at most as many curves."""
+
+
+def make_inner_charts(
+    signals: pandas.DataFrame,
+    units: Mapping[str, str],
+    *,
+    vehicles: Iterable[str],
+    systems: Iterable[str],
+    marks: Sequence[float] = (),
+) -> list[Chart]:
+    """Return a chart for each block with recorded signals, with a panel for each unit.
+
+    Args:
+        signals: all signals, one row per stamp.
+        units: unit of each signal.
+        vehicles: names of the vehicles, whose blocks are ``<vehicle>.control.<block>``.
+        systems: names of the blocks of the diagram.
+        marks: times of events [s].
+    """
+    inner, blocks = tuple(f"{name}.control." for name in vehicles), {name for name in systems if "." not in name}
+    groups: dict[str, list[str]] = {}
+    for column in map(str, signals.columns):
+        parts = column.split(".")
+        if column.startswith(inner):
+            groups.setdefault(".".join(parts[:3]), []).append(column)
+        elif parts[0] in blocks:
+            groups.setdefault(parts[0], []).append(column)
+    time = numbers(signals.index)
+    charts = (
+        _chart(number, block, {name: numbers(signals[name]) for name in names}, units, time, marks)
+        for number, (block, names) in enumerate(groups.items())
+    )
+    return [chart for chart in charts if chart is not None]
+
+
+def _chart(
+    number: int,
+    block: str,
+    columns: Mapping[str, Array],
+    units: Mapping[str, str],
+    time: Array,
+    marks: Sequence[float],
+) -> Chart | None:
+    """Return the chart of a block; None if none of its signals has a finite value."""
+    finite = {name: values for name, values in columns.items() if np.isfinite(values).any()}
+    by_unit: dict[str, list[str]] = {}
+    for name in finite:
+        by_unit.setdefault(units.get(name, ""), []).append(name)
+    panels, colours = [], {name: COLOURS[index % len(COLOURS)] for index, name in enumerate(finite)}
+    for unit, names in by_unit.items():
+        for start in range(0, len(names), len(COLOURS)):
+            curves = [
+                Curve(name.removeprefix(f"{block}."), finite[name], colours[name])
+                for name in names[start : start + len(COLOURS)]
+            ]
+            label = curves[0].name if len(curves) == 1 else _common_start([curve.name for curve in curves])
+            panels.append(Panel(label, unit, curves, relative_height=0.7))
+    if not panels:
+        return None
+    legend: list[tuple[str, str, str]] = [(curve.name, curve.colour, "") for panel in panels for curve in panel.curves]
+    caption = "As the actuators of the control unit sample them." if ".control." in block else ""
+    picture = draw_chart(time, panels, f"inner{number}-", f"Signals of {block} against time.", marks=marks)
+    return Chart(f"inner-{number}", block, caption, picture, legend)
+
+
+def _common_start(names: Sequence[str]) -> str:
+    """Return the first part of the names if they share it, such as ``torque``."""
+    first: Any = {name.partition(".")[0] for name in names}
+    return first.pop() if len(first) == 1 else "signals"
