@@ -201,3 +201,15 @@ def test_sliders_change_a_key_and_simulate_again():
     assert trims[1] > trims[0] > 0.0
     with pytest.raises(mir.MirdrakeError, match="the range"):
         d.sliders("ego.vx", **{key: (4.0, 0.0)})
+
+
+def test_a_run_is_animated_and_its_statistics_have_units(tmp_path):
+    d, _ = small()
+    run = d.simulate(0.2)
+    view = run.animate(height=300)
+    assert 'height="300"' in view._repr_html_()
+    assert view.save(tmp_path / "run.html").stat().st_size > 100_000
+    table = run.statistics("ego.v*", "ego.control.speed_pid.*")
+    assert table.loc["ego.vx", "unit"] == "m/s"
+    assert table.loc["ego.vx", "max"] == run["ego.vx"].max()
+    assert len(repr(run).splitlines()) <= 10

@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -19,12 +20,27 @@ from mirdrake.cli.completion import completions
         (["draw", "bolt_test_track", "--ex"], {"--expand"}),
         (["world", "test", "--jo"], {"--jobs"}),
         (["ports", "bolt_test_track", "ego.control.speed_pid.o"], {"ego.control.speed_pid.output"}),
+        (["draw", "bolt_test_track", "--expand", ""], {"ego.control"}),
+        (["drive", "bolt", "--contact", "h"], {"hydroelastic"}),
+        (["manoeuvre", "brak"], {"braking"}),
+        (["completion", "z"], {"zsh"}),
+        (["check", "bolt_sk"], {"bolt_skidpad"}),
         (["nothing", "x"], set()),
     ],
 )
 def test_words_are_completed(words, expected):
     assert expected <= set(completions(words))
     assert all(word.startswith(words[-1]) for word in completions(words))
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_bash_completes_with_the_script(capsys):
+    main(["completion", "bash"])
+    script = capsys.readouterr().out
+    program = f'mirdrake() {{ {sys.executable} -c "from mirdrake.cli import main; main()" "$@"; }}'
+    words = "COMP_WORDS=(mirdrake run bolt_t); COMP_CWORD=2; _mirdrake; echo ${COMPREPLY[@]}"
+    done = subprocess.run(["bash", "-c", f"{program}\n{script}\n{words}"], capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["bolt_test_track"]
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")

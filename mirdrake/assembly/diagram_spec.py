@@ -11,21 +11,31 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import BeforeValidator, ConfigDict, Field, field_validator
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, field_validator
 
 from mirdrake.controllers.drivers import DriverSpec
 from mirdrake.core.paths import find, resolved
 from mirdrake.core.recording.pictures import parse_start
-from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Schema, Source, Speed, load_yaml, validate, where
+from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Schema, Speed, load_yaml, matching, validate, where
+from mirdrake.core.yaml_tree import source_of_data
 from mirdrake.plant.plant import PlantSpec
 from mirdrake.vehicles.vehicle import VARIANT_MARK
 from mirdrake.worlds import World, load_world
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="letters, digits and _ [-]")]
+Name = Annotated[str, matching(r"^[A-Za-z_][A-Za-z0-9_]*$", "letters, digits and _")]
 
 BlockName = Annotated[
-    str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*(\.control\.[a-z_]+)?$", description="letters, digits and _ [-]")
+    str,
+    matching(
+        r"^[A-Za-z_][A-Za-z0-9_]*(\.control\.[a-z_]+)?$",
+        "letters, digits and _, or <vehicle>.control.<block> to replace a block of a control unit",
+    ),
 ]
+
+
+def _word_or_mapping(value: Any) -> str:
+    """Discriminate a name from a mapping, so that a fault is reported once."""
+    return "word" if isinstance(value, str) else "mapping"
 
 
 class Place(Schema):
@@ -40,9 +50,10 @@ class VehicleEntry(Schema):
     """A vehicle in the world."""
 
     model: str = Field(description="name of a folder in models/, or a path; with @ and a variant behind it [-]")
-    start: str | Place | None = Field(
-        None, description="a start of the world, or {x, y, yaw}; the world's first one if left out [-]"
-    )
+    start: (
+        Annotated[Annotated[str, Tag("word")] | Annotated[Place, Tag("mapping")], Discriminator(_word_or_mapping)]
+        | None
+    ) = Field(None, description="a start of the world, or {x, y, yaw}; the world's first one if left out [-]")
     speed: Speed | None = Field(None, description="speed at the start [m/s]; that of the start if left out")
     arguments: dict[str, str] = Field(default_factory=dict, description="xacro arguments [-]")
     mounts: dict[str, dict[str, Any]] = Field(
@@ -278,4 +289,4 @@ def make_spec(data: Mapping[str, Any]) -> DiagramSpec:
     Raises:
         ConfigError: it has faults.
     """
-    return validate(dict(data), DiagramSpec, Source("diagram", {}))
+    return validate(dict(data), DiagramSpec, source_of_data("diagram", data))

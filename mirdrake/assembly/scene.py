@@ -108,10 +108,10 @@ def make_scene(spec: DiagramSpec) -> Scene:
         ConfigError, ModelError, WorldError: what is wrong, on one line each.
     """
     world = spec.world.load(where=where(spec, "world"))
-    return Scene(world, {name: _load_by_name(spec, name) for name in spec.vehicles})
+    return Scene(world, {name: load_vehicle_of(spec, name) for name in spec.vehicles})
 
 
-def _load_by_name(spec: DiagramSpec, name: str) -> Vehicle:
+def load_vehicle_of(spec: DiagramSpec, name: str) -> Vehicle:
     """Return the vehicle of an entry of ``vehicles``, with the diagram's changes to its control and mounted sensors."""
     entry = spec.vehicles[name]
     vehicle = load_vehicle(entry.model, arguments=entry.arguments, where=where(spec, "vehicles", name, "model"))

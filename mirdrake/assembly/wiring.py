@@ -239,7 +239,8 @@ class Wiring:
             optional = getattr(self.systems.get(system, port.get_system()), "optional_inputs", ())
             if not self.builder.IsConnectedOrExported(port) and port.get_name() not in optional:
                 place = where(self.spec, "systems", system)
-                choices = ", ".join(sorted(self.sources))
+                names = sorted(name for name in self.sources if ".control." not in name)
+                choices = ", ".join(names[:MOST_PORTS] + (["…"] if len(names) > MOST_PORTS else []))
                 raise ConfigError(
                     f"{place}: input '{sink}' is not connected; add [<output>, {sink}] to connect (outputs: {choices})"
                 )

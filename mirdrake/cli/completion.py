@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import io
+import re
 from collections.abc import Iterable, Sequence
 
 from mirdrake.core.errors import MirdrakeError
@@ -32,6 +33,7 @@ _FOLDERS = {
     "ports": ("diagrams",),
     "drive": ("models",),
     "inspect": ("models",),
+    "check": ("models", "worlds", "diagrams", "studies"),
     "manoeuvre": ("models",),
     "validate": ("models",),
     "view": ("models", "worlds", "diagrams"),
@@ -41,6 +43,9 @@ _FOLDERS = {
     "world": ("worlds",),
 }
 """Kinds of names that a verb takes."""
+
+_POSITIONAL = re.compile(r"(?m)^  \{([\w,-]+)\}")
+"""Choices of an argument in the help of a verb."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,19 +81,25 @@ def completions(words: Sequence[str]) -> list[str]:
         return []
     choices: list[str] = [] if len(before) > 1 else list(verb.verbs)
     if last.startswith("-"):
-        return _beginning(_options(before), last)
+        return _beginning(_options(_help(before)), last)
+    if before[-1].startswith("--"):
+        values = _values(before, before[-1])
+        if values:
+            return _beginning(values, last)
     if before[0] == "ports" and len(before) == 2:
         return _beginning(_ports(before[1]), last)
+    if before[0] == "manoeuvre" and len(before) == 1:
+        choices += _manoeuvres()
     choices += [name for kind in _FOLDERS.get(before[0], ()) for name in names(kind)]
-    return _beginning(choices, last)
+    return _beginning(choices or _positional_choices(_help(before)), last)
 
 
 def _beginning(choices: Iterable[str], text: str) -> list[str]:
     return sorted({choice for choice in choices if choice.startswith(text)})
 
 
-def _options(words: Sequence[str]) -> list[str]:
-    """Return the options of a verb, read from its help."""
+def _help(words: Sequence[str]) -> str:
+    """Return the help of a verb."""
     from mirdrake.cli import VERBS
     from mirdrake.cli.verbs import VerbParser, add_verbs
 
@@ -100,8 +111,32 @@ def _options(words: Sequence[str]) -> list[str]:
     add_verbs(parser, VERBS)
     with contextlib.suppress(SystemExit), contextlib.redirect_stdout(text):
         parser.parse_args([*filter(None, path), "--help"])
-    found = (word.strip("[],") for word in text.getvalue().split())
+    return text.getvalue()
+
+
+def _options(text: str) -> list[str]:
+    """Return the options in the help of a verb."""
+    found = (word.strip("[],") for word in text.split())
     return [word for word in found if word.startswith("--") and len(word) > 2]
+
+
+def _values(words: Sequence[str], option: str) -> list[str]:
+    """Return the values that an option takes: its choices, or the systems and ports of the diagram that is named."""
+    if option == "--expand" and len(words) > 2:
+        return sorted({".".join(name.split(".")[:2]) for name in _ports(words[1]) if ".control." in name})
+    choices = re.search(rf"{re.escape(option)} \{{([^}}]*)\}}", _help(words))
+    return choices[1].split(",") if choices else []
+
+
+def _positional_choices(text: str) -> list[str]:
+    """Return the choices of the arguments in the help of a verb."""
+    return [choice for group in _POSITIONAL.findall(text) for choice in group.split(",")]
+
+
+def _manoeuvres() -> list[str]:
+    from mirdrake.manoeuvres.registry import MANOEUVRES
+
+    return list(MANOEUVRES)
 
 
 def _ports(diagram: str) -> list[str]:

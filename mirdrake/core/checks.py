@@ -1,8 +1,37 @@
 """Checks of settings given from Python; settings from files are checked by their schema."""
 
+import inspect
 import math
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, did_you_mean
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def checks_arguments(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorate a function or a method so that unknown and missing arguments are a ConfigError.
+
+    Python's own TypeError does not state what is allowed.
+    """
+    signature = inspect.signature(function)
+    name = function.__qualname__.removesuffix(".__init__").rpartition(".")[2]
+
+    @wraps(function)
+    def checked(*arguments: P.args, **options: P.kwargs) -> T:
+        try:
+            signature.bind(*arguments, **options)
+        except TypeError as error:
+            known = [key for key in signature.parameters if key != "self"]
+            unknown = [key for key in options if key not in known]
+            text = f"unknown argument '{unknown[0]}'; {did_you_mean(unknown[0], known)}" if unknown else None
+            raise ConfigError(f"{name}: {text or f'{error}; arguments: ' + ', '.join(known)}") from None
+        return function(*arguments, **options)
+
+    return checked
 
 
 def check_number(

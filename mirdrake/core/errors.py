@@ -17,6 +17,7 @@ Every message is one line that states what was given, where, what is allowed, an
 from collections.abc import Hashable, Iterable, Sequence
 from difflib import get_close_matches
 from itertools import accumulate
+from traceback import extract_tb
 from typing import Literal
 
 
@@ -28,6 +29,12 @@ class MirdrakeError(Exception):
 
     def __init__(self, *arguments: object) -> None:
         super().__init__(*(_printable(item) if isinstance(item, str) else item for item in arguments))
+
+    def _render_traceback_(self) -> list[str]:
+        """Return the text that Jupyter shows: the line of the cell, and the message, without the frames of mirdrake."""
+        calls = [frame for frame in extract_tb(self.__traceback__) if frame.name == "<module>" and frame.line]
+        line = [f"line {calls[-1].lineno}: {calls[-1].line}"] if calls else []
+        return [*line, f"{type(self).__name__}: {self}"]
 
 
 FaultCode = Literal[

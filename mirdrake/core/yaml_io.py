@@ -14,7 +14,7 @@ from collections.abc import Hashable, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, PrivateAttr, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, ValidationError
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, FaultCode, did_you_mean, dotted
@@ -134,6 +134,15 @@ Torque = Annotated[float, _quantity("N m")]
 Power = Annotated[float, _quantity("W")]
 Frequency = Annotated[float, _quantity("Hz")]
 Acceleration = Annotated[float, _quantity("m/s^2")]
+
+
+_PATTERNS: dict[str, str] = {}
+
+
+def matching(pattern: str, words: str) -> Any:
+    """Return the field of a text that must match a pattern; `words` describe it in messages."""
+    _PATTERNS[pattern] = words
+    return Field(pattern=pattern, description=f"{words} [-]")
 
 
 # --- reading -----------------------------------------------------------------------------------------------------
@@ -302,6 +311,8 @@ def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
         code = "wrong_length"
         allowed = context.get("max_length", context.get("min_length"))
         message = f"has {context['actual_length']} items; at {'most' if kind == 'too_long' else 'least'} {allowed}"
+    elif kind == "string_pattern_mismatch" and context["pattern"] in _PATTERNS:
+        message = f"{_shown_value(given)} is not allowed; use {_PATTERNS[context['pattern']]}"
     elif kind == "finite_number":
         code = "not_finite"
         message = f"{given} is not a finite number"

@@ -19,7 +19,7 @@ class Source(NamedTuple):
     """Origin of a model: a file, the lines of its keys, the overrides, and the model's own path in the file."""
 
     name: str
-    lines: Mapping[Key, int]
+    lines: Mapping[Key, int | None]  # None: data from Python, which have keys and no lines
     prefix: Key = ()
     overrides: Mapping[Key, str] = {}  # key path -> the command line's "--set KEY=VALUE"
 
@@ -49,6 +49,21 @@ class Source(NamedTuple):
         """Return the error that a key below the prefix is wrong."""
         file, line = self.location(*path)
         return ConfigError(text, file=file, line=line, path=(*self.prefix, *path), code=code)
+
+
+def source_of_data(name: str, data: Any) -> Source:
+    """Return the source of data from Python: the keys, without lines."""
+    keys: dict[Key, None] = {}
+
+    def note(value: Any, path: Key) -> None:
+        if path:
+            keys[path] = None
+        items = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else ()
+        for key, item in items:
+            note(item, (*path, key))
+
+    note(data, ())
+    return Source(name, keys)
 
 
 def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple[Any, Source]:

@@ -13,6 +13,7 @@ from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.pid import PidGains
 from mirdrake.tuning.gains import from_series
 from mirdrake.tuning.identify import Identification
+from mirdrake.tuning.loops.base import role
 from mirdrake.tuning.loops.reduced import model_of
 from mirdrake.tuning.margins import ultimate_point
 from mirdrake.tuning.models import FirstOrder, Integrator, TransferFunction
@@ -313,9 +314,9 @@ def _solve(
             omitted.append(OmittedDesign(name, str(error)))
             continue
         values = {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd}
-        if (pid.kd and "kd" not in names) or not all(math.isfinite(x) and x >= 0.0 for x in values.values()):
+        if (pid.kd and "kd" not in map(role, names)) or not all(math.isfinite(x) and x >= 0.0 for x in values.values()):
             continue
-        gains = rounded({gain: values[gain] for gain in names})
+        gains = rounded({gain: values[role(gain)] for gain in names})
         if gains not in [design.gains for design in designs]:
             designs.append(Design(name, rule.kind, gains, rule.name, parameter))
     return tuple(designs), tuple(omitted)

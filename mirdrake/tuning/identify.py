@@ -21,8 +21,9 @@ from mirdrake.tuning.step_test import StepRecord
 
 if TYPE_CHECKING:
     from mirdrake.tuning.loops.bench import PlantBench
+    from mirdrake.tuning.loops.kind import Bench
 
-ExperimentName = Literal["step_test", "relay", "frequency_response", "wheels_apart", "vehicle_data"]
+ExperimentName = Literal["step_test", "relay", "frequency_response", "wheels_apart", "vehicle_data", "linear_model"]
 ModelName = Literal["first_order", "integrator", "inertia", "ultimate_point"]
 
 
@@ -85,14 +86,14 @@ class Identification:
     lag: float = 0.0
 
 
-def identify_loop(bench: "PlantBench") -> Identification:
+def identify_loop(bench: "Bench") -> Identification:
     """Identify a loop on its bench.
 
     Raises:
         ConfigError: the output does not follow the effort.
         RunError: the plant could not be measured.
     """
-    identification = bench.kind.identify(bench)
+    identification = bench.identify()
     gain = identification.loop.model.plants["main"].numerator[0] if identification.loop.model else math.nan
     if not gain > 0.0 or not math.isfinite(gain):
         raise ConfigError("the output does not follow the effort; is the loop connected?")

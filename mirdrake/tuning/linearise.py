@@ -144,6 +144,7 @@ def linearise(
     *,
     time: float,
     cut: bool,
+    period: float | None = None,
 ) -> LinearModel:
     """Return the linear model between an input and an output of a diagram.
 
@@ -155,6 +156,8 @@ def linearise(
         output: name of an output, or of an element of it; None: the source that is connected to the input.
         time: time at which the operating point is read [s].
         cut: whether the connection to the input is cut; otherwise the model is that of a disturbance at the input.
+        period: period T of the model [s]; that of the slowest control unit if left out. All discrete updates must
+            repeat with it.
 
     Raises:
         ConfigError: no such port, the input has no source or more than one element, or periods do not fit.
@@ -166,14 +169,14 @@ def linearise(
         raise MissingDependencyError("linear models need python-control: pip install 'mirdrake[tuning]'") from None
     source, assembly, output = _insert_probe(data, factories, assemble, input, output)
     output = output or source
-    vehicles = assembly.parts.vehicles.values()
-    rate = min(part.vehicle.control.rate for part in vehicles)
-    stepper = _Stepper(assembly, output, period=1.0 / rate)
-    context = stepper.settle(round(time * rate) / rate, cut=cut)
+    if period is None:
+        period = 1.0 / min(part.vehicle.control.rate for part in assembly.parts.vehicles.values())
+    stepper = _Stepper(assembly, output, period=period)
+    context = stepper.settle(round(time / period) * period, cut=cut)
     u0, y0 = stepper.offset, stepper.output(context)
     A, B, C, D = stepper.differences(context)
     kept = _connected(A, B, C)
-    system = control.ss(A[np.ix_(kept, kept)], B[kept], C[:, kept], D, 1.0 / rate)
+    system = control.ss(A[np.ix_(kept, kept)], B[kept], C[:, kept], D, period)
     return LinearModel(system, input, output, (u0, y0), cut)
 
 

@@ -51,12 +51,11 @@ def drawn_ranges(spec: TuningSpec, loop: LoopSpec) -> Ranges:
     if given.mass:
         ranges["mass"] = (1.0 - given.mass, 1.0 + given.mass)
     friction = ("friction",) if loop.friction is not None else ()
-    for name in (*friction, "delay", "grade") if LOOP_KINDS[loop.kind].identifiable else friction:
-        low, high = spec.delays if name == "delay" else getattr(given, name)
+    kind = LOOP_KINDS[loop.kind]
+    for name in (*friction, *kind.conditions):
+        low, high = kind.delays(spec) if name == "delay" else getattr(given, name)
         if low < high:
             ranges[name] = (low, high)
-    if LOOP_KINDS[loop.kind].identifiable and given.step[0] < given.step[1]:
-        ranges["step"] = given.step
     if given.noise:
         ranges["noise"] = (0.0, given.noise)
     return ranges

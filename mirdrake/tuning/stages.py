@@ -94,7 +94,8 @@ class Stages:
     @property
     def first_fidelity(self) -> Fidelity:
         """Fidelity of the first search."""
-        return "reduced" if self.identifiable else "plant"
+        kind = LOOP_KINDS[self.loop.kind]
+        return "reduced" if kind.identifiable and kind.has_reduced_test else "plant"
 
     @cached_property
     def ranges(self) -> Ranges:
@@ -122,7 +123,7 @@ class Stages:
         """
         if not self.identifiable:
             return {name: limit for name, limit in self.spec.constraints.items() if name not in MARGINS}
-        increase = self.spec.delays[1] - self.loop.delay
+        increase = LOOP_KINDS[self.loop.kind].delays(self.spec)[1] - self.loop.delay
         asked = {"delay_margin_s": RESERVE * increase} if increase > 0.0 and self.spec.robustness.runs else {}
         limits = asked | dict(self.spec.constraints)
         model, step = self.loop.model, self.loop.course.step
@@ -179,7 +180,7 @@ class Stages:
             StoppedError: Ctrl-C.
         """
         spec, reduced = self.spec, fidelity == "reduced"
-        count = spec.search.trials if reduced or (not self.identifiable and stage == "search") else spec.search.confirm
+        count = spec.search.trials if reduced or stage == "search" else spec.search.confirm
         method = spec.search.method if reduced else "tpe"
         constraints = self.model_constraints
         margins = {name: limit for name, limit in constraints.items() if name in MARGINS}
@@ -207,8 +208,8 @@ class Stages:
         return outcome
 
     def test_at_finer_step(self, design: Design) -> Candidate | None:
-        """Test a design at a finer step of the plant; None for a loop that is not identifiable."""
-        if not self.identifiable:
+        """Test a design at a finer step of the plant; None if a diagram of the user's has the step."""
+        if not LOOP_KINDS[self.loop.kind].has_own_plant:
             return None
         return self.candidate(design, LoopEvaluator(at_finer_step(self.loop))(design.gains))
 
@@ -267,7 +268,7 @@ class Stages:
 
     def map(self, space: Space, winner: Candidate) -> pd.DataFrame | None:
         """Return cost and stability over the first two gains, on the reduced model; None without a model."""
-        if len(space) < 2 or not self.identifiable:
+        if len(space) < 2 or self.first_fidelity != "reduced":
             return None
         ranges = map_space(space, winner.design.gains, winner.trial.figures.get("gain_margin", math.nan))
         return map_of_two_gains(

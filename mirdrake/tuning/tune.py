@@ -31,7 +31,7 @@ from mirdrake.tuning.acceptance import StepEffect, accept
 from mirdrake.tuning.check import baseline_gains, check_study
 from mirdrake.tuning.designs import Design, OmittedDesign, make_designs, slower_designs
 from mirdrake.tuning.identify import Identification, identify_loop
-from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
+from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
 from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.over_speed import tune_over_speed
 from mirdrake.tuning.result import FILE, CandidateResult, TuningResult, plain, read_result, write_result
@@ -250,7 +250,7 @@ def _identify(stages: Stages) -> Identification:
     stages.progress("identification", 0, 1, math.nan)
     if not stages.identifiable:
         return Identification(stages.loop)
-    return identify_loop(plant_bench(stages.loop))
+    return identify_loop(bench_of(stages.loop))
 
 
 def _design(stages: Stages, identification: Identification) -> Designs:

@@ -75,6 +75,11 @@ class Evaluator(Protocol):
         ...
 
 
+def role(gain: str) -> str:
+    """Return what a gain is to its controller, kp, ki or kd: the last part of its name, such as ``pid.kp``."""
+    return gain.rpartition(".")[2]
+
+
 @dataclass(frozen=True)
 class Gain:
     """Gain of a loop.
@@ -141,6 +146,9 @@ class LoopModel:
         limit: of the effort [u]; None: unlimited.
         mass_acts: whether the mass of the car is the inertia of the loop.
         outer: the speed loop of the vehicle around this loop; None without one.
+        samples: exact frequency response of a linear model from effort to measurement, without the hold of the effort:
+            frequency [rad/s], real and imaginary part [y/u]. Margins are computed from it; empty: from the transfer
+            functions.
     """
 
     plants: dict[str, TransferFunction]
@@ -154,6 +162,7 @@ class LoopModel:
     limit: float | None = None
     mass_acts: bool = True
     outer: OuterLoop | None = None
+    samples: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from mirdrake.tuning.loops.judge import DIVERGED, judge
 from mirdrake.vehicles import WHEELS
 
 if TYPE_CHECKING:
+    from mirdrake.tuning.identify import Identification
     from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
 
 CHECK_INTERVAL = 1.0
@@ -73,6 +74,10 @@ class PlantBench:
         self.limits = PidLimits(-limit, limit) if math.isfinite(limit) else PidLimits()
         if RoadFriction(self.assembly.parts, self.assembly.tyres).varies:
             raise ConfigError("a test bench needs a road with the same friction everywhere")
+
+    def identify(self) -> "Identification":
+        """Return the loop with the model of its kind."""
+        return self.kind.identify(self)
 
     # --- Contexts ---------------------------------------------------------------------------------------------------
 

@@ -2,17 +2,24 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.search_range import Range
 from mirdrake.tuning.spec import TuningSpec
+
+if TYPE_CHECKING:
+    from mirdrake.tuning.identify import Identification
 
 
 class Bench(Protocol):
     """A built loop on which gains are tested."""
 
     spec: LoopSpec
+
+    def identify(self) -> "Identification":
+        """Return the loop with its model."""
+        ...
 
     def run(
         self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, *, margins: Mapping[str, float]
@@ -29,6 +36,9 @@ class LoopKind(ABC):
         selectable: whether a tuning file can name it.
         identifiable: whether experiments give a model; without one, gains are searched on the plant only.
         in_control_yaml: whether the gains are entries of control.yaml.
+        has_reduced_test: whether the reduced model can make the test; otherwise the first search is on the plant.
+        has_own_plant: whether the study's `plant` has the step of the plant, and not a diagram of the user's.
+        conditions: conditions that the Monte Carlo draws, besides mass, friction and noise.
         uses_traction: whether the test asks the driven tyres for longitudinal force.
         ranges: of gains that no rule gives a value for.
     """
@@ -37,12 +47,19 @@ class LoopKind(ABC):
     selectable: ClassVar[bool] = True
     identifiable: ClassVar[bool] = True
     in_control_yaml: ClassVar[bool] = True
+    has_reduced_test: ClassVar[bool] = True
+    has_own_plant: ClassVar[bool] = True
+    conditions: ClassVar[tuple[str, ...]] = ("delay", "grade", "step")
     uses_traction: ClassVar[bool] = False
     ranges: ClassVar[Mapping[str, Range]] = {}
 
     @abstractmethod
     def make_spec(self, study: TuningSpec, *, noise: bool | None = None, speed: float | None = None) -> LoopSpec:
         """Return the loop of a study as plain data; see :func:`mirdrake.tuning.loops.registry.make_loop_spec`."""
+
+    def delays(self, study: TuningSpec) -> tuple[float, float]:
+        """Return the smallest and the largest delay of the actuator in the Monte Carlo [s]."""
+        return study.delays
 
     @abstractmethod
     def make_bench(self, spec: LoopSpec) -> Bench:

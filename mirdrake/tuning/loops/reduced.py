@@ -8,10 +8,11 @@ import numpy as np
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.pid import PidGains, PidLimits, PidState, pid_step
-from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec
+from mirdrake.tuning.frequency_response import FrequencyResponse
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec, role
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.margins import find_margins
-from mirdrake.tuning.models import Floats, TransferFunction
+from mirdrake.tuning.models import Floats, Plant, TransferFunction
 from mirdrake.tuning.process_models import LinearProcess
 from mirdrake.tuning.spec import MARGINS
 from mirdrake.tuning.stability import is_stable
@@ -19,7 +20,8 @@ from mirdrake.tuning.stability import is_stable
 
 def pid_of(spec: LoopSpec, gains: Mapping[str, float]) -> PidGains:
     """Return the gains of a loop as those of a controller, with the loop's filter."""
-    return PidGains(float(gains["kp"]), float(gains["ki"]), float(gains.get("kd", 0.0)), filter_time=spec.filter_time)
+    value = {role(name): float(gain) for name, gain in gains.items()}
+    return PidGains(value["kp"], value["ki"], value.get("kd", 0.0), filter_time=spec.filter_time)
 
 
 def model_of(spec: LoopSpec) -> tuple[LoopModel, float]:
@@ -46,10 +48,19 @@ def loop_plants(spec: LoopSpec) -> dict[str, TransferFunction]:
     return {name: plant * factor for name, plant in model.plants.items()}
 
 
-def critical_plant(spec: LoopSpec, gains: Mapping[str, float]) -> TransferFunction:
-    """Return the transfer function of a loop for which these gains give the largest Ms."""
+def margin_plants(spec: LoopSpec) -> list[Plant]:
+    """Return what the margins of a loop are computed from: its exact frequency response, or its transfer functions."""
+    model, _ = model_of(spec)
+    if not model.samples:
+        return list(loop_plants(spec).values())
+    frequencies, real, imaginary = np.array(model.samples).T
+    return [FrequencyResponse(frequencies, real + 1j * imaginary)]
+
+
+def critical_plant(spec: LoopSpec, gains: Mapping[str, float]) -> Plant:
+    """Return the plant of a loop for which these gains give the largest Ms."""
     _, period = model_of(spec)
-    plants = list(loop_plants(spec).values())
+    plants = margin_plants(spec)
     if len(plants) < 2 or not any(gains.values()):
         return plants[0]
     pid = pid_of(spec, gains)
@@ -72,7 +83,7 @@ def find_loop_margins(spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, f
     if spec.model is None or not any(gains.values()):
         return dict.fromkeys(MARGINS, math.nan)
     rows = []
-    for plant in loop_plants(spec).values():
+    for plant in margin_plants(spec):
         computed = find_margins(plant, pid_of(spec, gains), period=spec.period)
         rows.append(
             (

@@ -4,6 +4,7 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import where
 from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.kind import LoopKind
+from mirdrake.tuning.loops.pid_block import PidBlockLoop, with_linear_model
 from mirdrake.tuning.loops.signals import DiagramLoopKind, PathLoop
 from mirdrake.tuning.loops.speed import PedalSpeedLoop, SpeedLoop, WheelSpeedLoop
 from mirdrake.tuning.loops.steering import SteeringLoop
@@ -11,7 +12,15 @@ from mirdrake.tuning.spec import TuningSpec
 
 LOOP_KINDS: dict[str, LoopKind] = {
     kind.name: kind
-    for kind in (WheelSpeedLoop(), SteeringLoop(), SpeedLoop(), PedalSpeedLoop(), PathLoop(), DiagramLoopKind())
+    for kind in (
+        WheelSpeedLoop(),
+        SteeringLoop(),
+        SpeedLoop(),
+        PedalSpeedLoop(),
+        PathLoop(),
+        DiagramLoopKind(),
+        PidBlockLoop(),
+    )
 }
 """Kinds of loops by name."""
 
@@ -28,7 +37,7 @@ def make_loop_spec(study: TuningSpec, *, noise: bool | None = None, speed: float
         ConfigError: unknown loop, gain, signal or vehicle, or a loop that is not connected.
     """
     if not isinstance(study.loop, str):
-        return LOOP_KINDS[DiagramLoopKind.name].make_spec(study, noise=noise, speed=speed)
+        return with_linear_model(LOOP_KINDS[DiagramLoopKind.name].make_spec(study, noise=noise, speed=speed))
     names = [name for name, kind in LOOP_KINDS.items() if kind.selectable]
     if study.loop not in names:
         raise ConfigError(f"{where(study, 'loop')}: no loop '{study.loop}'; {did_you_mean(study.loop, names)}")

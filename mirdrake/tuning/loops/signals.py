@@ -26,6 +26,7 @@ from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import where
 from mirdrake.execution.parameters import find_context_parameters
 from mirdrake.runs.simulation import Simulation
+from mirdrake.tuning.identify import Identification
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, Evaluation, Gain, LoopSpec
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.loops.kind import LoopKind
@@ -53,6 +54,8 @@ class SignalLoop(LoopKind):
 
     identifiable: ClassVar[bool] = False
     in_control_yaml: ClassVar[bool] = False
+    has_own_plant: ClassVar[bool] = False
+    conditions: ClassVar[tuple[str, ...]] = ()
 
     def make_bench(self, spec: LoopSpec) -> "SignalBench":
         """See :meth:`LoopKind.make_bench`."""
@@ -250,6 +253,13 @@ class SignalBench:
         self.simulation = Simulation(self.assembly)
         self._setters = find_setters(self.assembly)
 
+    def identify(self) -> Identification:
+        """Return the loop without a model."""
+        return Identification(self.spec)
+
+    def _apply(self, context: Context, conditions: Conditions) -> None:
+        """Write conditions other than mass and friction to a Context."""
+
     def run(
         self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, *, margins: Mapping[str, float]
     ) -> Evaluation:
@@ -265,6 +275,7 @@ class SignalBench:
             values["road.friction"] = conditions.friction
 
         def change(context: Context) -> None:
+            self._apply(context, conditions)
             for name, value in values.items():
                 if name not in self._setters:
                     raise ConfigError(f"no parameter '{name}'; {did_you_mean(name, self._setters)}")
