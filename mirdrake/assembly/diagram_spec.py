@@ -16,7 +16,18 @@ from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, fie
 from mirdrake.controllers.drivers import DriverSpec
 from mirdrake.core.paths import find, resolved
 from mirdrake.core.recording.pictures import parse_start
-from mirdrake.core.yaml_io import Angle, Duration, Frequency, Length, Schema, Speed, load_yaml, matching, validate, where
+from mirdrake.core.yaml_io import (
+    Angle,
+    Duration,
+    Frequency,
+    Length,
+    Schema,
+    Speed,
+    load_yaml,
+    matching,
+    validate,
+    where,
+)
 from mirdrake.core.yaml_tree import source_of_data
 from mirdrake.plant.plant import PlantSpec
 from mirdrake.vehicles.vehicle import VARIANT_MARK
