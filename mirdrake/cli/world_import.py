@@ -1,4 +1,4 @@
-"""``mirdrake world import``: worlds of Gazebo as world files."""
+"""``mirdrake world import``: worlds of Gazebo, road maps, scenarios and GPS tracks as world files."""
 
 import argparse
 import sys
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from mirdrake.importing.worlds import WorldImport
 
 MORE = """\
+The suffix selects the format: .world and .sdf are worlds of Gazebo, .xodr OpenDRIVE maps, .xml CommonRoad scenarios,
+.xosc OpenSCENARIO 1.x, .gpx and .csv (lat, lon) recorded tracks. Maps become the network of the world.
 Models are searched for in the folders around the file, on Gazebo's search paths (such as GZ_SIM_RESOURCE_PATH) and in
 the local cache of Fuel. Well-known models that are missing, such as cones, barriers and cars, become props of mirdrake.
 Roads become tracks and patches of the ground, with a start on them. NAME.md beside the new world lists what was changed
@@ -22,14 +24,17 @@ or left out, the reasons, and the findings of `mirdrake world check`.
 examples:
   mirdrake world import old.world
   mirdrake world import parking.sdf --name lot --package my_models=../my_models
-  mirdrake world import city.world --strict"""
+  mirdrake world import city.world --strict
+  mirdrake world import town.xodr
+  mirdrake world import cut_in.xosc --name cut_in
+  mirdrake world import lap.gpx"""
 
 _MOST_LINES = 30
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
-    parser.add_argument("file", type=Path, help=".world or .sdf with a <world>")
+    parser.add_argument("file", type=Path, help=".world or .sdf with a <world>, .xodr, .xml, .xosc, .gpx or .csv")
     parser.add_argument("--name", help="name of the new world (default: that of the source)")
     parser.add_argument("--folder", type=Path, metavar="DIR", help="folder of the new world (default: worlds)")
     parser.add_argument("--package", action="append", default=[], metavar="NAME=DIR", help="folder of a model")
@@ -39,8 +44,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Import the world and print the result."""
+    from mirdrake.importing.roads import import_road_world, is_road_file
     from mirdrake.importing.worlds import import_world
 
+    if is_road_file(options.file):
+        made = import_road_world(options.file, name=options.name, folder=options.folder, force=options.force)
+        _print_result(made)
+        return 0
     progress = (lambda text: print(f"  {text} ...", file=sys.stderr)) if sys.stderr.isatty() else None
     result = import_world(
         options.file,

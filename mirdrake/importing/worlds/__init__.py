@@ -14,7 +14,6 @@ the world.
 
 import math
 import os
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +27,9 @@ from mirdrake.core.yaml_io import shown
 from mirdrake.importing.changes import Change, Changes, Code
 from mirdrake.importing.places import Places
 from mirdrake.importing.sdf.search import Models
+from mirdrake.importing.target import check_target, plain_name
 from mirdrake.importing.worlds.convert import Converter
-from mirdrake.importing.worlds.entry import Entry, degrees, into_grids, is_word, number
+from mirdrake.importing.worlds.entry import Entry, degrees, into_grids, number
 from mirdrake.importing.worlds.ground import GroundText, make_ground
 from mirdrake.importing.worlds.model import Array, SourceWorld
 from mirdrake.importing.worlds.placed import find_overlaps, place, reach
@@ -106,9 +106,9 @@ def import_world(
         check_name(name)
     show_progress("reading")
     world = read_world(source, models=Models(source, packages))
-    name = name or _plain(world.name)
+    name = name or plain_name(world.name)
     target = Path(folder or "worlds")
-    replaced = _check_place(target, name, force=force)
+    replaced = check_target(target, name, force=force, made={"props"})
     places = Places(source)
     with staging(target) as stage:
         result = _build(world, name, stage.path, places, strict=strict, show_progress=show_progress)
@@ -329,33 +329,5 @@ def _checks(
     return checks
 
 
-def _check_place(target: Path, name: str, *, force: bool) -> list[Path]:
-    """Return the files that a new world of this name would replace.
-
-    Raises:
-        ConfigError: something is there that may not be replaced.
-    """
-    existing = [path for path in (target / f"{name}.yaml", target / f"{name}.md", target / name) if _exists(path)]
-    if target.exists() and not target.is_dir():
-        raise ConfigError(f"{shown(target)} is not a folder; choose another one")
-    if existing and not force:
-        raise ConfigError(f"{shown(existing[0])} exists already; choose another name, or force to replace it")
-    for path in existing:
-        wanted = path.is_dir() == (path.name == name)
-        if path.is_symlink() or not wanted or (path.is_dir() and {entry.name for entry in path.iterdir()} - {"props"}):
-            raise ConfigError(f"{shown(path)} was not made by an import, so it is not replaced; choose another name")
-    return existing
-
-
-def _exists(path: Path) -> bool:
-    return path.is_symlink() or path.exists()
-
-
 def _ignore_progress(_text: str) -> None:
     """Ignore a progress message."""
-
-
-def _plain(name: str) -> str:
-    """Return a file name made of a world's name."""
-    plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_").lower()[:64]
-    return plain if re.match(r"[a-z]", plain) and not is_word(plain) else f"world_{plain}"[:64].rstrip("_")

@@ -12,7 +12,8 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
-from mirdrake.importing.worlds.entry import Entry, degrees, is_word, number
+from mirdrake.importing.target import is_word
+from mirdrake.importing.worlds.entry import Entry, degrees, number
 from mirdrake.importing.worlds.ground import lowered
 from mirdrake.importing.worlds.known import Known, colour_in, find_known, plain_name, stand_in
 from mirdrake.importing.worlds.model import Crowd, SourceObject, SourceWorld

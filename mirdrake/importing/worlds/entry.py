@@ -69,11 +69,6 @@ class Entry:
         return (self.what, angles, height, self.size, self.scale, self.color, self.static, self.mass, self.layout)
 
 
-def is_word(name: str) -> bool:
-    """Return whether YAML reads a name as another type than text."""
-    return name.lower() in {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
-
-
 def number(value: float) -> str:
     """Return a length rounded to 0.1 mm as short text."""
     text = f"{round(float(value), 4) + 0.0:.4f}".rstrip("0").rstrip(".")

@@ -14,6 +14,7 @@ from pydrake.math import RigidTransform
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.meshes.read import MeshError
 from mirdrake.importing.shape import Shape
+from mirdrake.importing.target import is_word
 from mirdrake.importing.worlds.drivable import (
     ROAD_WORDS,
     Surface,
@@ -24,7 +25,7 @@ from mirdrake.importing.worlds.drivable import (
     surfaces_of,
     without,
 )
-from mirdrake.importing.worlds.entry import degrees, is_word, number
+from mirdrake.importing.worlds.entry import degrees, number
 from mirdrake.importing.worlds.model import Array, Plane, Road, SourceObject, SourceWorld
 from mirdrake.importing.worlds.routes import Route, route_in_area, route_of_line
 from mirdrake.importing.worlds.surfaces import FLAT, outline

@@ -7,11 +7,12 @@ from pydantic import Field, model_validator
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import Schema, where
+from mirdrake.worlds.networks.commonroad import read_commonroad
 from mirdrake.worlds.networks.network import Network
 from mirdrake.worlds.networks.opendrive_network import read_network
 from mirdrake.worlds.schema_types import SurfaceName, exactly_one, given_one
 
-READERS = {"xodr": read_network}
+READERS = {"xodr": read_network, "commonroad": read_commonroad}
 """Sources of a network: key in the world file, and the function that reads its file."""
 
 
@@ -20,6 +21,9 @@ class NetworkSpec(Schema):
 
     xodr: Annotated[str, Field(min_length=1)] | None = Field(
         default=None, description="OpenDRIVE file, relative to the world file [-]"
+    )
+    commonroad: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None, description="CommonRoad scenario, relative to the world file; its lanelets are the lanes [-]"
     )
     surface: SurfaceName = Field(default="asphalt", description="appearance of its lanes [-]")
     mu: Annotated[float, Field(gt=0.0, le=2.0)] | None = Field(

@@ -1,0 +1,200 @@
+"""CommonRoad scenarios as worlds: lanelets as the network, static obstacles as props, goals, recorded traffic.
+
+The states of dynamic obstacles become files ``recorded/<id>.csv`` with time, position of the middle, heading and speed:
+data for actors.
+"""
+
+import csv
+import io
+import math
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.xml_reader import XmlDocument
+from mirdrake.core.yaml_io import shown
+from mirdrake.importing.changes import Changes, Code
+from mirdrake.importing.roads.road_world import RoadWorld, note_changes, number, pose, start_on_longest
+from mirdrake.worlds.networks import Network
+from mirdrake.worlds.networks.commonroad import number_at, parse_commonroad, points_of, read_commonroad
+
+_HEIGHTS = {"car": 1.5, "parkedVehicle": 1.5, "truck": 3.0, "bus": 3.0, "pedestrian": 1.75, "building": 6.0}
+_HEIGHT = 1.2  # [m] of obstacles of other types
+_KNOWN = {
+    "lanelet", "trafficSign", "trafficLight", "intersection", "staticObstacle", "dynamicObstacle", "obstacle",
+    "planningProblem",
+}  # fmt: skip
+_WITHOUT_EFFECT = {"location", "scenarioTags"}
+
+
+def read_commonroad_world(source: Path, name: str) -> RoadWorld:
+    """Return the world of a CommonRoad scenario.
+
+    Raises:
+        ConfigError: the file has faults.
+    """
+    document = parse_commonroad(source)
+    root, network = document.root, read_commonroad(source)
+    made = RoadWorld("", [source])
+    files = {"map.xml": source.read_bytes()}
+    note_changes(network, source, made.changes)
+
+    # Obstacles by their role, which 2018b gives in a child.
+    obstacles = [e for e in root if e.tag in {"staticObstacle", "dynamicObstacle", "obstacle"}]
+    static = [e for e in obstacles if "static" in e.tag or e.findtext("role") == "static"]
+    props = [prop for e in static if (prop := _prop(e, document, made.changes)) is not None]
+    try:
+        step = float(root.get("timeStepSize", "0.1"))
+    except ValueError:
+        raise ConfigError(f"{document.where(root)}: timeStepSize should be a number in s") from None
+    recorded = [e for e in obstacles if e not in static]
+    for element in recorded:
+        table = _states(element, step, document)
+        key = element.get("id", "")
+        if table is None:
+            made.changes.add(
+                Code.MODEL, document.where(element), f"obstacle {key}", _type(element), None, "no trajectory"
+            )
+        else:
+            files[f"recorded/{key}.csv"] = table
+    if recorded:
+        old = ", ".join(f"{count} × {kind}" for kind, count in sorted(Counter(map(_type, recorded)).items()))
+        why = "recorded traffic is not part of the world file yet"
+        made.changes.add(Code.POPULATION, document.where(recorded[0]), "dynamic obstacles", old, "recorded/*.csv", why)
+
+    starts, goals = _problems(root, network, document, made.changes)
+    _report_rest(root, document, made.changes)
+    lines = ["mirdrake: world/1", f"name: {name}", "", "ground: {surface: grass}"]
+    lines += [f"network: {{commonroad: {name}/map.xml}}", "", "start:"]
+    lines += [f"  {key}: {{{value}}}" for key, value in (starts or {"road": start_on_longest(network)}).items()]
+    lines += ["", "goals:", *(f"  {key}: {{{value}}}" for key, value in goals.items())] if goals else []
+    lines += ["", "props:", *props] if props else []
+    lines += ["", "rules:", '  - {allow_overlap: ["*", "*"]}'] if len(props) > 1 else []
+    made.text, made.files = "\n".join(lines) + "\n", files
+    made.entries = len(props) + len(network.driving())
+    return made
+
+
+def _type(element: Element) -> str:
+    return element.findtext("type") or "unknown"
+
+
+def _prop(element: Element, document: XmlDocument, changes: Changes) -> str | None:
+    """Return an entry of `props` for a static obstacle: a box or a cylinder; None if it has no such shape."""
+    key, kind, shape = element.get("id", ""), _type(element), element.find("shape")
+    state = element.find("initialState")
+    if shape is None or state is None:
+        changes.add(Code.MODEL, document.where(element), f"obstacle {key}", kind, None, "no shape or no state")
+        return None
+    places = points_of(state.find("position"), document)
+    if not len(places):
+        changes.add(Code.MODEL, document.where(element), f"obstacle {key}", kind, None, "its position is an area")
+        return None
+    (x, y), yaw, height = places[0], number_at(state, "orientation", document, 0.0), _HEIGHTS.get(kind, _HEIGHT)
+    rectangle, circle = shape.find("rectangle"), shape.find("circle")
+    where = pose(float(x), float(y), yaw)
+    if rectangle is not None:
+        sides = [number_at(rectangle, side, document) for side in ("length", "width")]
+        return f"  - {{box: [{number(sides[0])}, {number(sides[1])}, {height:g}], name: o{key}, {where}}}"
+    if circle is not None:
+        radius = number_at(circle, "radius", document)
+        return f"  - {{cylinder: [{number(radius)}, {height:g}], name: o{key}, {where}}}"
+    corners = points_of(shape.find("polygon"), document)
+    if len(corners) < 3:
+        changes.add(Code.SHAPE, document.where(element), f"obstacle {key}", kind, None, "no shape that a prop can have")
+        return None
+    # A polygon becomes the box around it, along its own axes.
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    c, s = math.cos(yaw), math.sin(yaw)
+    middle = np.array([[c, -s], [s, c]]) @ ((low + high) / 2.0) + places[0]
+    size = high - low
+    changes.add(
+        Code.SHAPE, document.where(element), f"obstacle {key}", "polygon", "box around it", "props are convex solids"
+    )
+    box = f"box: [{number(size[0])}, {number(size[1])}, {height:g}]"
+    return f"  - {{{box}, name: o{key}, {pose(float(middle[0]), float(middle[1]), yaw)}}}"
+
+
+def _states(element: Element, step: float, document: XmlDocument) -> bytes | None:
+    """Return the states of an obstacle as CSV; None without a trajectory of points."""
+    states = [e for e in (element.find("initialState"), *element.iterfind("trajectory/state")) if e is not None]
+    rows = io.StringIO()
+    writer = csv.writer(rows, lineterminator="\n")
+    writer.writerow(("t_s", "x_m", "y_m", "yaw_rad", "speed_m_s"))
+    for state in states:
+        places = points_of(state.find("position"), document)
+        if not len(places):
+            return None
+        time = number_at(state, "time", document, 0.0) * step
+        yaw, speed = (number_at(state, key, document, 0.0) for key in ("orientation", "velocity"))
+        writer.writerow((f"{time:.4f}", f"{places[0, 0]:.4f}", f"{places[0, 1]:.4f}", f"{yaw:.6f}", f"{speed:.4f}"))
+    return rows.getvalue().encode() if len(states) > 1 else None
+
+
+def _problems(
+    root: Element, network: Network, document: XmlDocument, changes: Changes
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return starts and goals of the planning problems; a goal that is an area becomes a disc around its middle."""
+    starts: dict[str, str] = {}
+    goals: dict[str, str] = {}
+    for problem in root.iterfind("planningProblem"):
+        key, state = f"p{problem.get('id', '')}", problem.find("initialState")
+        places = points_of(None if state is None else state.find("position"), document)
+        if state is not None and len(places):
+            yaw, speed = (number_at(state, part, document, 0.0) for part in ("orientation", "velocity"))
+            starts[key] = f"{pose(*map(float, places[0]), yaw)}, speed: {number(max(speed, 0.0))}"
+        for i, goal in enumerate(problem.iterfind("goalState")):
+            label = key if not i else f"{key}_{i}"
+            disc = next(_discs(goal.find("position"), network, document), None)
+            what = "goal without position" if disc is None else "area of the goal"
+            if disc is None:
+                changes.add(
+                    Code.START, document.where(goal), f"goal {label}", what, None, "a goal of a world is a place"
+                )
+                continue
+            x, y, radius = disc
+            goals[label] = f"at: [{number(x)}, {number(y)}], radius: {number(radius)}"
+            why = "goals are discs; times, speeds and headings of goals belong to tests"
+            changes.add(Code.START, document.where(goal), f"goal {label}", what, f"disc of {radius:.3g} m", why)
+    return starts, goals
+
+
+def _discs(position: Element | None, network: Network, document: XmlDocument) -> Iterator[tuple[float, float, float]]:
+    """Yield discs for the areas of a goal: x, y and radius [m]."""
+    for part in [] if position is None else position:
+        if part.tag == "lanelet" and part.get("ref") in network.lanes:
+            lane = network.lanes[part.get("ref", "")]
+            x, y, _ = lane.pose(lane.length / 2.0)
+            yield float(x), float(y), max(float(lane.width.max()) / 2.0, 1.0)
+        elif part.tag in {"rectangle", "circle"}:
+            centre = part.find("center")
+            x, y = (0.0 if centre is None else number_at(centre, axis, document) for axis in "xy")
+            size = number_at(part, "radius" if part.tag == "circle" else "width", document)
+            yield x, y, max(size if part.tag == "circle" else size / 2.0, 0.5)
+        elif part.tag == "point":
+            yield number_at(part, "x", document), number_at(part, "y", document), 1.0
+
+
+def _report_rest(root: Element, document: XmlDocument, changes: Changes) -> None:
+    """Add what a world does not represent: one change for each kind of element."""
+    cycles = root.findall("trafficLight/cycle")
+    if cycles:
+        why = "phases of lights are not part of the world file yet"
+        changes.add(Code.ELEMENT, document.where(cycles[0]), "cycles of lights", str(len(cycles)), None, why)
+    for tag in dict.fromkeys(e.tag for e in root if e.tag not in _KNOWN | _WITHOUT_EFFECT):
+        elements = root.findall(tag)
+        changes.add(Code.ELEMENT, document.where(elements[0]), f"<{tag}>", str(len(elements)), None, "no counterpart")
+    uncertain = [e for e in root.iter("initialState") if any(p.tag != "point" for p in e.find("position") or ())]
+    if uncertain:
+        changes.add(
+            Code.START,
+            shown(Path(document.name)),
+            "uncertain states",
+            str(len(uncertain)),
+            "middle",
+            "a state is a value",
+        )

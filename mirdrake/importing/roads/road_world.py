@@ -1,0 +1,61 @@
+"""A world of roads that an importer makes, before it is written."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mirdrake.core.yaml_io import shown
+from mirdrake.importing.changes import Changes, Code
+from mirdrake.worlds.networks import Lane, Network
+
+_INTO = 10.0  # [m] from the beginning of a lane to a start
+
+
+@dataclass
+class RoadWorld:
+    """A world of roads.
+
+    Attributes:
+        text: text of the world file.
+        sources: files that were read.
+        files: content of the files beside it, by path below the folder of the world.
+        changes: everything that differs from the source.
+        checks: sentences on what the user should check.
+        entries: number of entries, for the summary.
+    """
+
+    text: str
+    sources: list[Path]
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    changes: Changes = field(default_factory=Changes)
+    checks: list[str] = field(default_factory=list)
+    entries: int = 0
+
+
+def number(value: float) -> str:
+    """Return a number with at most 4 decimals."""
+    text = f"{value:.4f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def pose(x: float, y: float, yaw: float) -> str:
+    """Return keys of a pose; the heading has a resolution of 1e-4 deg."""
+    turned = math.degrees(math.remainder(yaw, 2.0 * math.pi))
+    return f"at: [{number(x)}, {number(y)}], yaw: {number(turned)} deg"
+
+
+def note_changes(network: Network, source: Path, changes: Changes) -> None:
+    """Add the notes of a network as changes: parts of its file that it does not represent."""
+    for note in network.notes:
+        part, _, rest = note.partition(": ")
+        why = "without counterpart in a network, or approximated"
+        changes.add(Code.ROAD, f"{shown(source)}:1", part, rest or part, None, why)
+
+
+def start_on_longest(network: Network) -> str:
+    """Return keys of a start on the longest lane for motor vehicles outside junctions, 10 m after its beginning."""
+    lanes: list[Lane] = [lane for lane in network.driving() if lane.junction is None] or network.driving()
+    lane = max(lanes, key=lambda lane: (round(lane.length, 6), lane.id))
+    x, y, yaw = (float(value) for value in lane.pose(min(_INTO, lane.length / 2.0)))
+    return pose(x, y, yaw)

@@ -1,0 +1,47 @@
+"""Place of the files of an imported world, and its name."""
+
+import re
+from collections.abc import Collection
+from pathlib import Path
+
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import shown
+
+
+def check_target(target: Path, name: str, *, force: bool, made: Collection[str]) -> list[Path]:
+    """Return the files that a new world of this name would replace.
+
+    Args:
+        target: folder of the world.
+        name: its name.
+        force: existing files may be replaced.
+        made: names of the files and folders that an import makes in the folder of the world.
+
+    Raises:
+        ConfigError: something is there that may not be replaced.
+    """
+    existing = [path for path in (target / f"{name}.yaml", target / f"{name}.md", target / name) if _exists(path)]
+    if target.exists() and not target.is_dir():
+        raise ConfigError(f"{shown(target)} is not a folder; choose another one")
+    if existing and not force:
+        raise ConfigError(f"{shown(existing[0])} exists already; choose another name, or force to replace it")
+    for path in existing:
+        wanted = path.is_dir() == (path.name == name)
+        if path.is_symlink() or not wanted or (path.is_dir() and {entry.name for entry in path.iterdir()} - set(made)):
+            raise ConfigError(f"{shown(path)} was not made by an import, so it is not replaced; choose another name")
+    return existing
+
+
+def plain_name(name: str) -> str:
+    """Return a file name made of a world's name."""
+    plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_").lower()[:64]
+    return plain if re.match(r"[a-z]", plain) and not is_word(plain) else f"world_{plain}"[:64].rstrip("_")
+
+
+def is_word(name: str) -> bool:
+    """Return whether YAML reads a name as another type than text."""
+    return name.lower() in {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
+
+
+def _exists(path: Path) -> bool:
+    return path.is_symlink() or path.exists()

@@ -1,0 +1,230 @@
+"""Import of road maps, scenarios and GPS tracks: what becomes of them, and one line for what is left out."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pymap3d
+import pytest
+
+from mirdrake.core.errors import ConfigError
+from mirdrake.importing.roads import import_road_world, is_road_file
+from mirdrake.importing.worlds import WorldImport
+from mirdrake.worlds import World, load_world
+from tests.opendrive_maps import crossing, document, geometry, lane, road, section, signal
+
+
+def imported(folder: Path, file: str, text: str, **options: object) -> tuple[WorldImport, World]:
+    source = folder / file
+    source.write_text(text, encoding="utf-8")
+    result = import_road_world(source, folder=folder / "worlds", **options)  # type: ignore[arg-type]
+    return result, load_world(str(result.path))
+
+
+def lost(result: WorldImport) -> list[str]:
+    return [f"{change.part}: {change.old}" for change in result.changes if change.left_out]
+
+
+def test_opendrive_map_becomes_the_network_of_a_world_with_a_start_on_a_lane(tmp_path: Path) -> None:
+    sign = signal("s", 5.0, "274.1")
+    result, world = imported(tmp_path, "My Town.xodr", crossing(signals={180: sign}))
+    assert result.path.name == "my_town.yaml"
+    assert world.network is not None
+    assert len(world.network.lanes) == 20
+    assert lost(result) == ["signs of type 274.1, without effect: 1"]
+    start = world.starts["road"]
+    found, s, offset = world.network.locate(start.x, start.y)
+    assert (s, offset) == pytest.approx((10.0, 0.0), abs=1e-3)
+    assert math.cos(start.yaw - float(found.pose(s)[2])) == pytest.approx(1.0, abs=1e-6)
+    with pytest.raises(ConfigError, match="exists already; choose another name, or force to replace it"):
+        import_road_world(tmp_path / "My Town.xodr", folder=tmp_path / "worlds")
+    import_road_world(tmp_path / "My Town.xodr", folder=tmp_path / "worlds", force=True)
+
+
+def gpx(places: np.ndarray, heights: np.ndarray | None = None) -> str:
+    lat, lon, _ = pymap3d.enu2geodetic(places[:, 0], places[:, 1], 0.0, 48.0, 11.0, 0.0)
+    rows = [
+        f'<trkpt lat="{a:.9f}" lon="{b:.9f}">'
+        + ("" if heights is None else f"<ele>{heights[i]:.2f}</ele>")
+        + "</trkpt>"
+        for i, (a, b) in enumerate(zip(lat, lon, strict=True))
+    ]
+    return "<gpx xmlns='http://www.topografix.com/GPX/1/1'><trk><trkseg>" + "\n".join(rows) + "</trkseg></trk></gpx>"
+
+
+def test_exact_gpx_circle_keeps_its_length_and_closes(tmp_path: Path) -> None:
+    angle = np.linspace(0.0, 2.0 * math.pi, 121)[:-1]
+    places = 60.0 * np.column_stack((np.sin(angle), 1.0 - np.cos(angle)))
+    result, world = imported(tmp_path, "lap.gpx", gpx(places))
+    track = world.tracks["main"]
+    assert track.closed
+    assert track.length == pytest.approx(2.0 * math.pi * 60.0, rel=1e-4)
+    assert track.min_radius == pytest.approx(60.0, rel=0.02)
+    assert not any("smoothed" in (change.new or "") for change in result.changes)
+
+
+def test_noisy_track_is_smoothed_by_the_smallest_amount_that_a_car_can_follow(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1)
+    x = np.arange(0.0, 300.0, 3.0)
+    places = np.column_stack((x, 10.0 * np.sin(x / 40.0))) + noise.normal(0.0, 0.5, (len(x), 2))
+    result, world = imported(tmp_path, "noisy.gpx", gpx(places))
+    track = world.tracks["main"]
+    assert track.min_radius >= 8.0
+    assert track.folds() is None
+    spec = world.spec.tracks["main"].csv
+    assert spec is not None
+    assert 0.1 < spec.smooth < 0.8  # of the order of the noise
+    assert any("smallest amount" in change.reason for change in result.changes)
+    _, offset = track.project(x, 10.0 * np.sin(x / 40.0))
+    assert float(np.sqrt(np.mean(np.square(offset)))) < 0.6
+
+
+def test_csv_with_latitude_longitude_and_height_has_relief(tmp_path: Path) -> None:
+    x = np.arange(0.0, 400.0, 4.0)
+    lat, lon, _ = pymap3d.enu2geodetic(x, 0.0 * x, 0.0, 48.0, 11.0, 0.0)
+    rows = [
+        f"{t},{a:.9f},{b:.9f},{500.0 + 0.05 * e:.3f}" for t, a, b, e in zip(range(len(x)), lat, lon, x, strict=True)
+    ]
+    result, world = imported(tmp_path, "drive.csv", "time,lat,lon,alt\n" + "\n".join(rows) + "\n")
+    assert world.tracks["main"].length == pytest.approx(396.0, abs=0.5)
+    height = world.ground.terrain.height(np.array([100.0, 300.0]), np.array([0.0, 0.0]))
+    assert float(height[1] - height[0]) == pytest.approx(10.0, abs=0.3)
+    assert "width of the road, 6 m, is not in the source" in result.checks[0]
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("a.csv", "x,y\n1,2\n", r"a.csv:1: no columns of latitude and longitude; name them lat and lon \[deg\]"),
+        ("a.csv", "lat,lon\n1,2\n3,x\n", r"a.csv:3: a position is not a number; remove the line"),
+        ("a.csv", "lat,lon\n91,2\n", r"a.csv:2: 91, 2 deg is not a latitude and a longitude"),
+        ("a.gpx", "<gpx><trk/></gpx>", "a.gpx: 0 positions; a track needs four or more"),
+        ("a.gpx", "<kml/>", "a.gpx:1: <kml> is not GPX, whose root is <gpx>"),
+        ("a.xml", "<osm/>", "a.xml:1: <osm> is not CommonRoad, whose root is <commonRoad>"),
+        ("a.xml", "<commonRoad/>", "a.xml:1: contains no lanelet"),
+        ("a.xosc", "<OpenSCENARIO/>", "a.xosc:1: no <Storyboard>; catalogues and variations are no scenarios"),
+        ("a.xodr", "<OpenDRIVE/>", "a.xodr:1: contains no road"),
+    ],
+)
+def test_faults_of_files_have_one_line(tmp_path: Path, file: str, text: str, message: str) -> None:
+    (tmp_path / file).write_text(text, encoding="utf-8")
+    assert is_road_file(tmp_path / file)
+    with pytest.raises(ConfigError, match=message) as error:
+        import_road_world(tmp_path / file, folder=tmp_path / "worlds")
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "worlds").exists() or not any((tmp_path / "worlds").iterdir())
+
+
+# --- CommonRoad ---------------------------------------------------------------------------------------------------
+
+
+def bound(tag: str, places: list[tuple[float, float]], mark: str = "solid") -> str:
+    points = "".join(f"<point><x>{x}</x><y>{y}</y></point>" for x, y in places)
+    return f"<{tag}>{points}<lineMarking>{mark}</lineMarking></{tag}>"
+
+
+def lanelet(name: int, x: tuple[float, float], right: float, more: str = "", mark: str = "dashed") -> str:
+    """Return a straight lanelet of 4 m width to the east, or to the west if x decreases."""
+    left = right + (4.0 if x[1] > x[0] else -4.0)
+    stations = np.linspace(*x, 6).tolist()
+    sides = bound("leftBound", [(s, left) for s in stations], mark) + bound(
+        "rightBound", [(s, right) for s in stations]
+    )
+    return f'<lanelet id="{name}">{sides}{more}</lanelet>'
+
+
+def state(tag: str, x: float, y: float, time: int, speed: float = 0.0) -> str:
+    return (
+        f"<{tag}><position><point><x>{x}</x><y>{y}</y></point></position><orientation><exact>0.1</exact></orientation>"
+        f"<time><exact>{time}</exact></time><velocity><exact>{speed}</exact></velocity></{tag}>"
+    )
+
+
+BOX = "<shape><rectangle><length>4.5</length><width>1.8</width></rectangle></shape>"
+STATES = state("state", 11.0, 2.0, 1, 10.0) + state("state", 12.0, 2.1, 2, 9.5)
+LIMIT = "<trafficSignID>274</trafficSignID><additionalValue>13.9</additionalValue>"
+CYCLE = "<cycle><cycleElement><duration>60</duration><color>red</color></cycleElement></cycle>"
+FIRST = (
+    '<successor ref="2"/><adjacentLeft ref="3" drivingDir="same"/><trafficSignRef ref="7"/><trafficLightRef ref="8"/>'
+)
+PARTS = (
+    lanelet(1, (0.0, 100.0), 0.0, FIRST),
+    lanelet(2, (100.0, 150.0), 0.0, '<predecessor ref="1"/><laneletType>urban</laneletType>'),
+    lanelet(3, (0.0, 100.0), 4.0, '<adjacentRight ref="1" drivingDir="same"/>', "solid"),
+    lanelet(4, (100.0, 0.0), 12.0, "<laneletType>bicycleLane</laneletType>"),
+    f'<trafficSign id="7"><trafficSignElement>{LIMIT}</trafficSignElement></trafficSign>',
+    f'<trafficLight id="8">{CYCLE}</trafficLight>',
+    f'<staticObstacle id="20"><type>parkedVehicle</type>{BOX}{state("initialState", 60.0, 6.0, 0)}</staticObstacle>',
+    f'<dynamicObstacle id="30"><type>car</type>{BOX}{state("initialState", 10.0, 2.0, 0, 10.0)}',
+    f"<trajectory>{STATES}</trajectory></dynamicObstacle>",
+    f'<planningProblem id="40">{state("initialState", 5.0, 2.0, 0, 8.0)}',
+    '<goalState><position><lanelet ref="2"/></position></goalState></planningProblem>',
+)
+COMMONROAD = '<commonRoad timeStepSize="0.1" commonRoadVersion="2020a">' + "\n".join(PARTS) + "</commonRoad>"
+
+
+def test_commonroad_lanelets_obstacles_goals_and_recorded_traffic(tmp_path: Path) -> None:
+    result, world = imported(tmp_path, "ZAM_Test-1_1_T-1.xml", COMMONROAD)
+    network = world.network
+    assert network is not None
+    first = network.lanes["1"]
+    assert (first.length, first.width[0], first.left, first.successors) == (pytest.approx(100.0), 4.0, "3", ("2",))
+    assert first.speed_limit == pytest.approx(13.9)
+    assert (first.change, network.lanes["3"].change) == ("left", "none")
+    assert network.lanes["4"].kind == "biking"
+    assert float(network.lanes["4"].yaw[0]) == pytest.approx(math.pi)
+    assert [(line.lane, line.s, line.kind, line.signal) for line in network.stop_lines] == [("1", 100.0, "lights", "8")]
+    (prop,) = world.props
+    assert prop.X_WP.translation()[:2] == pytest.approx([60.0, 6.0])
+    assert prop.prop.size == pytest.approx((4.5, 1.8, 1.5))
+    assert world.starts["p40"].speed == pytest.approx(8.0)
+    area = world.goals["p40"].area
+    assert area is not None
+    assert (area.centroid.x, area.centroid.y) == pytest.approx((125.0, 2.0))
+    table = (result.path.parent / result.path.stem / "recorded" / "30.csv").read_text().splitlines()
+    assert table[0] == "t_s,x_m,y_m,yaw_rad,speed_m_s"
+    assert [float(cell) for cell in table[3].split(",")] == pytest.approx([0.2, 12.0, 2.1, 0.1, 9.5])
+    assert lost(result) == ["cycles of lights: 1"]
+
+
+# --- OpenSCENARIO -------------------------------------------------------------------------------------------------
+
+THREE_LANES = document(
+    road(
+        "0", geometry(0.0, 0.0, 0.0, 1000.0), section(right=[lane(-1, "border", 2.0), *(lane(n) for n in (-2, -3, -4))])
+    )
+)
+
+SCENARIO = (Path(__file__).parent / "cut_in.xosc").read_text(encoding="utf-8")
+
+
+def test_openscenario_positions_speeds_and_one_line_for_each_action(tmp_path: Path) -> None:
+    (tmp_path / "road.xodr").write_text(THREE_LANES, encoding="utf-8")
+    result, world = imported(tmp_path, "cut_in.xosc", SCENARIO)
+    ego = world.starts["ego"]
+    # Lane -3 is from 5.5 to 9 m right of the reference line; the offset is to its left.
+    assert (ego.x, ego.y, ego.yaw, ego.speed) == pytest.approx((5.0, -6.75, 0.0, 16.5))
+    props = {prop.name: prop for prop in world.props}
+    # One lane to the right and 85 m ahead; the middle of a prop is 1.4 m in front of the rear axle.
+    assert props["other"].X_WP.translation()[:2] == pytest.approx([91.4, -10.75])
+    assert props["other"].prop.name == "sedan"
+    assert props["barrel"].prop.size == pytest.approx((0.6, 0.7, 1.0))
+    lines = lost(result)
+    assert "entity 'Lost': car" in lines
+    assert "action on 'Ego' at the beginning: ActivateControllerAction" in lines
+    cut_in = next(line for line in lines if line.startswith("'CutIn' of Other: "))
+    for part in (
+        "LaneChangeActionDynamics dynamicsShape=sinusoidal value=2.0 dynamicsDimension=rate",
+        "TimeHeadwayCondition entityRef=Other value=1.5 rule=lessThan of Ego, rising edge, 0.5 s later",
+    ):
+        assert part in cut_in
+    assert any(re.match(r"end of the scenario: SimulationTimeCondition value=40", line) for line in lines)
+
+
+def test_openscenario_names_a_parameter_or_map_that_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"cut_in.xosc:8: no such file: 'road.xodr'; put the road network where"):
+        imported(tmp_path, "cut_in.xosc", SCENARIO)
+    (tmp_path / "road.xodr").write_text(THREE_LANES, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"cut_in.xosc:\d+: unknown parameter 'sped' in value; did you mean 'speed'"):
+        imported(tmp_path, "cut_in.xosc", SCENARIO.replace("${speed}", "$sped"))
