@@ -133,10 +133,10 @@ def make_town() -> Element:
     for degrees, name in names.items():
         begin = _aside(_polar((0.0, 0.0), MOUTH, degrees, degrees + 180.0), -LANE / 2.0)
         for turn, way in ((0.0, "straight"), (90.0, "left"), (-90.0, "right")):
-            out = names[int(degrees + 180.0 + turn) % 360]
+            target = names[int(degrees + 180.0 + turn) % 360]
             reach = MOUTH + LANE / 2.0 * (1.0 if turn > 0.0 else -1.0)
             pieces = [Piece(2.0 * MOUTH, 0.0, 0.0)] if not turn else _corner(reach, math.radians(turn))
-            ends = ((name, "start", "1"), (out, "start", "-1"))
+            ends = ((name, "start", "1"), (target, "start", "-1"))
             limit = TOWN_LIMIT if not turn else "30"
             town.connect("crossing", f"{name}_{way}", begin, pieces, ends, limit=limit, walk=turn < 0.0)
 

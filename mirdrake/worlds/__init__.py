@@ -8,6 +8,7 @@
         Piece ──► Curve ──► Track                      pieces.py, curve.py, tracks.py
         points ──► pieces                              csv_tracks.py, centre_lines.py, clothoids.py
         .xodr ──► pieces, edges                        opendrive.py, opendrive_lanes.py, opendrive_parts.py
+    network: ──► Network: lanes, signals, routes       networks/
     patches: ──► Patch                                 regions.py
     props: ──► Prop, PlacedProp                        props.py, solids.py, arrange.py; kinds: shapes.py, layouts.py
     props ──► outlines between heights                 outlines.py

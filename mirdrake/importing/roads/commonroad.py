@@ -146,7 +146,7 @@ def _problems(
         places = points_of(None if state is None else state.find("position"), document)
         if state is not None and len(places):
             yaw, speed = (number_at(state, part, document, 0.0) for part in ("orientation", "velocity"))
-            starts[key] = f"{pose(*map(float, places[0]), yaw)}, speed: {number(max(speed, 0.0))}"
+            starts[key] = f"{pose(float(places[0, 0]), float(places[0, 1]), yaw)}, speed: {number(max(speed, 0.0))}"
         for i, goal in enumerate(problem.iterfind("goalState")):
             label = key if not i else f"{key}_{i}"
             disc = next(_discs(goal.find("position"), network, document), None)
@@ -168,8 +168,8 @@ def _discs(position: Element | None, network: Network, document: XmlDocument) ->
     for part in [] if position is None else position:
         if part.tag == "lanelet" and part.get("ref") in network.lanes:
             lane = network.lanes[part.get("ref", "")]
-            x, y, _ = lane.pose(lane.length / 2.0)
-            yield float(x), float(y), max(float(lane.width.max()) / 2.0, 1.0)
+            middle_x, middle_y, _ = lane.pose(lane.length / 2.0)
+            yield float(middle_x), float(middle_y), max(float(lane.width.max()) / 2.0, 1.0)
         elif part.tag in {"rectangle", "circle"}:
             centre = part.find("center")
             x, y = (0.0 if centre is None else number_at(centre, axis, document) for axis in "xy")

@@ -20,7 +20,7 @@ from mirdrake.core.yaml_io import shown
 from mirdrake.importing.changes import Code
 from mirdrake.importing.roads.road_world import RoadWorld, number
 from mirdrake.worlds.centre_lines import pieces_through
-from mirdrake.worlds.pieces import Array
+from mirdrake.worlds.pieces import Array, Piece
 from mirdrake.worlds.tracks import Track
 
 _LARGEST = 100_000_000  # bytes
@@ -193,14 +193,14 @@ def _cut(places: Array) -> Array:
     return places[:last]
 
 
-def _smallest(places: Array, closed: bool, name: str) -> tuple[float, list[object]]:
+def _smallest(places: Array, closed: bool, name: str) -> tuple[float, list[Piece]]:
     """Return the smallest smoothing [m] with which a car can follow the line, and its pieces.
 
     Raises:
         ConfigError: there is none up to 20 m.
     """
 
-    def lay(smooth: float) -> list[object] | None:
+    def lay(smooth: float) -> list[Piece] | None:
         try:
             pieces, start = pieces_through(places, closed=closed, smooth=smooth)
         except WorldError:

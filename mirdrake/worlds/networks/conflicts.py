@@ -90,7 +90,7 @@ def _point(a: Lane, b: Lane, overlap: BaseGeometry) -> tuple[float, float]:
     if kind != "crossing":
         node = -1 if kind == "merge" else 0
         return float(a.x[node]), float(a.y[node])
-    lines = [shapely.LineString(np.column_stack((lane.x, lane.y))) for lane in (a, b)]
-    meeting = shapely.intersection(*lines)
+    first, second = (shapely.LineString(np.column_stack((lane.x, lane.y))) for lane in (a, b))
+    meeting = shapely.intersection(first, second)
     place = (overlap if meeting.is_empty else meeting).centroid
     return float(place.x), float(place.y)

@@ -94,11 +94,11 @@ class Lane:
 
     def width_at(self, s: ArrayLike) -> Array:
         """Return the width [m] at s [m], any shape."""
-        return np.asarray(np.interp(s, self.s, self.width))
+        return np.asarray(np.interp(np.asarray(s, dtype=float), self.s, self.width))
 
     def curvature_at(self, s: ArrayLike) -> Array:
         """Return the curvature [1/m] at s [m], any shape, + left."""
-        return np.asarray(np.interp(s, self.s, self.curvature))
+        return np.asarray(np.interp(np.asarray(s, dtype=float), self.s, self.curvature))
 
     def project(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         """Return s [m] and the offset [m, + left] of the nearest point of the centre line, for points of any shape."""

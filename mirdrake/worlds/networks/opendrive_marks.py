@@ -9,6 +9,7 @@ import numpy as np
 from mirdrake.worlds.networks.network import PaintedLine
 from mirdrake.worlds.networks.opendrive_road import RoadLanes, Section
 from mirdrake.worlds.opendrive_parts import Places, number_of
+from mirdrake.worlds.pieces import Array
 
 _WIDTH = 0.12  # [m] of marks without one
 _DASH = (3.0, 6.0)  # [m] length of dashes and gaps of marks without them
@@ -34,7 +35,7 @@ def _marks(road: RoadLanes, section: Section, places: Places) -> Iterator[Painte
             yield _line(mark, np.column_stack((edge.x, edge.y)), places)
 
 
-def _line(mark: Element, points: np.ndarray, places: Places) -> PaintedLine:  # type: ignore[type-arg]
+def _line(mark: Element, points: Array, places: Places) -> PaintedLine:
     """Return the painted line of a mark; double lines are one line of their width together."""
     width = number_of(mark, "width", places, 0.0) or _WIDTH
     color = mark.get("color", "standard")

@@ -221,7 +221,7 @@ class RoadLanes:
                     value, first, second = lane.widths(s, at)
                     positive = value > 0.0
                     rows = (np.where(positive, v, 0.0) for v in (value, first, second))
-                    inner = tuple(a + sign * b for a, b in zip(inner, rows, strict=True))  # type: ignore[assignment]
+                    inner = tuple(a + sign * b for a, b in zip(inner, rows, strict=True))
                 else:
                     inner = tuple(a + b for a, b in zip(middle, lane.borders(s, at), strict=True))  # type: ignore[assignment]
                 edges[number] = inner

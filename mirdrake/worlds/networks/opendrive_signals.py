@@ -9,7 +9,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -69,11 +69,12 @@ def read_signals(
                 unread[code or "none"] += 1
             else:
                 marks.append(_Mark(kind, signal.name if kind == "lights" else None, valid))
-        marks += _references(root, road, signals, lanes, places)
         for element in road.element.iterfind("objects/object"):
             text = " ".join(element.get(key, "") for key in ("type", "subtype", "name"))
             if re.search(r"stop[ _]?line", text, re.IGNORECASE):
                 lines.append(_Mark("none", None, _valid_places(element, road, lanes, places)))
+    for road in roads.values():
+        marks += _references(road, signals, lanes, places)
     notes = [f"signs of type {code}, without effect: {count}" for code, count in sorted(unread.items())]
     return signals, tuple(_stop_lines(marks, lines, lanes)), tuple(notes)
 
@@ -116,18 +117,16 @@ def _signal(
 
 
 def _references(
-    root: Element, road: RoadLanes, signals: dict[str, Signal], lanes: Mapping[str, Lane], places: Places
+    road: RoadLanes, signals: dict[str, Signal], lanes: Mapping[str, Lane], places: Places
 ) -> Iterator[_Mark]:
     """Yield the signals of other roads that are also valid for a road, and add its lanes to them."""
     for element in road.element.iterfind("signals/signalReference"):
-        name = element.get("id", "")
-        if name not in signals:
-            sources = (e for e in root.iterfind("road/signals/signal") if e.get("id") == name)
-            kind = next((_kind(e) for e in sources), "none")
-        else:
-            kind = signals[name].kind
-        if kind != "none":
-            yield _Mark(kind, name if kind == "lights" else None, _valid_places(element, road, lanes, places))
+        signal = signals.get(element.get("id", ""))
+        if signal is None or signal.kind == "none":
+            continue
+        valid = _valid_places(element, road, lanes, places)
+        signals[signal.name] = replace(signal, lanes=tuple(dict.fromkeys((*signal.lanes, *valid))))
+        yield _Mark(signal.kind, signal.name if signal.kind == "lights" else None, valid)
 
 
 def _valid_places(element: Element, road: RoadLanes, lanes: Mapping[str, Lane], places: Places) -> dict[str, float]:
