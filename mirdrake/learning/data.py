@@ -258,15 +258,15 @@ def _pairs(
         if name not in signals:
             raise ConfigError(f"{place}: no signal '{name}'; {did_you_mean(name, map(str, signals.columns))}")
     times = np.array([picture.time for picture in pictures])
+    end = float(signals.index[-1]) if len(signals) else -1.0
+    if times.max(initial=end) > end + 1.0:
+        raise ConfigError(
+            f"{place}: the driving log does not match the signals: its last picture is of {times.max():g} s, "
+            f"the last sample of {end:g} s"
+        )
     missing = next((picture.path for picture in pictures if not picture.path.is_file()), None)
     if missing is not None:
         raise ConfigError(f"{missing}: is in the driving log, but there is no such picture; record the run again")
-    end = float(signals.index[-1]) if len(signals) else -1.0
-    if len(times) and times[-1] > end + 1.0:
-        raise ConfigError(
-            f"{place}: the driving log does not match the signals: its last picture is of {times[-1]:g} s, "
-            f"the last sample of {end:g} s"
-        )
 
     # Labels that would be read after the end of the run do not exist.
     kept = times + lead <= end + 1e-9
