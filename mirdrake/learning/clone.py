@@ -181,10 +181,15 @@ def _labelled(worlds: list[str | dict[str, Any]]) -> dict[str, Any]:
     }
 
 
+def _entry(world: str | dict[str, Any]) -> dict[str, Any]:
+    """Return a world with its parameters as an entry of a diagram."""
+    return {"name": world} if isinstance(world, str) else world
+
+
 def _check_world(spec: LearningSpec, diagram: dict[str, Any], car: Car, world: Any, key: str) -> None:
     """Check that the diagram can be laid out in a world, and that the camera and its pictures fit the network."""
     try:
-        scene = make_scene(make_spec(with_camera(diagram, car, rate=spec.rate, world=world)))
+        scene = make_scene(make_spec({**diagram, "world": _entry(world)}))
     except ConfigError as error:
         raise ConfigError(f"{where(spec, key)}: {str(error).splitlines()[0].removeprefix('diagram: ')}") from None
     mounts = scene.vehicles[car.vehicle].sensors.mounts
@@ -215,7 +220,7 @@ def _delayed_expert(setup: _Setup) -> Drive:
     world = next(iter(setup.judged.values()))
 
     def work() -> dict[str, Any]:
-        diagram = {**setup.diagram, "world": {"name": world} if isinstance(world, str) else world}
+        diagram = {**setup.diagram, "world": _entry(world)}
         diagram = with_delay(diagram, car, rate=spec.rate, latency=spec.latency)
         return drive(
             diagram, car, setup.folder / "runs" / "delayed-expert",
