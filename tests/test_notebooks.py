@@ -2,6 +2,7 @@
 
 import json
 import os
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,13 @@ SLOW = {
     "08_identification",
     "10_pid_and_ackermann",
     "11_build_a_diagram_in_python",
+    "12_teach_a_car_to_drive",
+    "13_reinforcement_learning",
 }
 """Names that take long and whose commands other fast tests run."""
+
+NEEDS = {"12_teach_a_car_to_drive": "torch", "13_reinforcement_learning": "stable_baselines3"}
+"""Packages that are not part of the development extras; a notebook is skipped without its own."""
 
 LONGEST_CELL = 45
 """Lines; a file that a cell writes counts as well."""
@@ -57,6 +63,8 @@ def run_notebook(path: Path, folder: Path) -> Any:
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the notebook client; the kernel's own are errors
 @pytest.mark.parametrize("path", [_marked(path) for path in NOTEBOOKS])
 def test_a_notebook_runs_from_top_to_bottom(path: Path, tmp_path: Path):
+    if (needed := NEEDS.get(path.stem)) and find_spec(needed) is None:
+        pytest.skip(f"needs {needed}, which is not part of the development extras")
     notebook = run_notebook(path, tmp_path)
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(cell.execution_count for cell in cells if cell.source.strip())
