@@ -1,6 +1,7 @@
 """Cloning: the network, its export, training that repeats and continues, delay, drives, and faults of studies."""
 
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -116,9 +117,9 @@ def test_the_exported_network_equals_pytorch_within_1e_5_rad(
     network = OnnxNetwork(tmp_path / "pilot.onnx")
     assert network.rate == 10.0
     random = np.random.default_rng(1)
-    blocks = random.integers(0, 256, (100, 4, 8, 3), dtype=np.uint8)
+    blocks = random.integers(0, 256, (500, 4, 8, 3), dtype=np.uint8)
     pictures = blocks.repeat(28, axis=1).repeat(25, axis=2)
-    values = random.uniform(0.0, 10.0, (100, inputs))
+    values = random.uniform(0.0, 10.0, (500, inputs))
     expected = trained.evaluate(np.stack([preparation(picture) for picture in pictures]), values)[:, 0]
     given = [
         network({"image": picture, "inputs": value} if inputs else {"image": picture})["y"][0]
@@ -126,6 +127,39 @@ def test_the_exported_network_equals_pytorch_within_1e_5_rad(
     ]
     assert np.ptp(expected) > 1e-4  # the pictures make a difference
     assert given == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_a_loop_of_pictures_runs_at_three_times_real_time_and_a_network_takes_3_ms(tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason=NO_TORCH)
+    pytest.importorskip("onnxruntime")
+    from mirdrake.learning.exporting import export_onnx
+    from mirdrake.networks.onnx_file import OnnxNetwork
+    from mirdrake.runs.simulation import simulate
+
+    preparation = Preparation(200, 112, CropSpec(top=50))
+    file = tmp_path / "pilot.onnx"
+    export_onnx(_trained(tmp_path, preparation, 0), preparation, file, rate=10.0, outputs=(Signal("steering", "rad"),))
+    network, picture = OnnxNetwork(file), np.zeros((112, 200, 3), dtype=np.uint8)
+    began = time.process_time()
+    for _ in range(200):
+        network({"image": picture})
+    assert (time.process_time() - began) / 200 < 3e-3
+
+    camera = {"width": 200, "height": 112, "rate": 10}
+    diagram = {
+        "world": "test_track",
+        "vehicles": {"ego": {"model": "bolt", "start": "line", "mounts": {"front_camera": camera}}},
+        "control": {"ego": {"kind": "path_tracking", "track": "main", "speed": 5.0}},
+        "sensors": {"ego": ["front_camera"]},
+        "systems": {"pilot": {"kind": "network", "file": str(file), "image": "ego.front_camera"}},
+        "connect": [["pilot.y", "ego.control.steering_reference"]],
+        "plant": {"contact": "point"},
+    }
+    simulate(diagram, duration=1.0)  # the first run loads the renderer
+    began = time.process_time()
+    simulate(diagram, duration=30.0)
+    assert time.process_time() - began < 30.0 / 3.0
 
 
 def test_visual_back_prop_finds_the_line(tmp_path: Path) -> None:

@@ -65,7 +65,7 @@ def test_a_study_that_is_stopped_continues_and_gives_the_same_weights(
     assert "first: stopped; run it again to continue" in capsys.readouterr().err
     before = (tmp_path / "first" / "journal.jsonl").read_text(encoding="utf-8")
     assert [json.loads(line).get("key") for line in before.splitlines()][1:] == [
-        "delay", "delayed-expert", "expert-ring.yaml-1", "expert-ring.yaml-2",
+        "delay", "delayed-expert", "expert-ring-1", "expert-ring-2",
     ]  # fmt: skip
 
     # Continued: the finished steps are kept, the result has two rounds, a report and networks.

@@ -162,8 +162,8 @@ def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
             f"{where(spec, 'diagram')}: '{car.vehicle}' has no driver, so there is no expert to learn from"
         )
     own = diagram["world"]
-    worlds = _labelled(spec.worlds) or {own["name"]: own}
-    judged = _labelled(spec.drive.worlds) or {own["name"]: own}
+    worlds = _labelled(spec.worlds) or _labelled([own])
+    judged = _labelled(spec.drive.worlds) or _labelled([own])
     for key, chosen in (("worlds", worlds), ("drive", judged)):
         for world in chosen.values():
             _check_world(spec, diagram, car, world, key)
@@ -174,11 +174,12 @@ def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
 
 
 def _labelled(worlds: list[str | dict[str, Any]]) -> dict[str, Any]:
-    """Return worlds by a label: the name, with the number of the entry if it has parameters."""
-    return {
-        entry if isinstance(entry, str) else f"{entry.get('name')}-{index + 1}": entry
-        for index, entry in enumerate(worlds)
-    }
+    """Return worlds by a label: the name, with the number of the entry if there are several."""
+    entries = [_entry(world) for world in worlds]
+    names = [Path(str(entry.get("name"))).stem for entry in entries]
+    if len(names) > 1:
+        names = [f"{name}-{index + 1}" for index, name in enumerate(names)]
+    return dict(zip(names, entries, strict=True))
 
 
 def _entry(world: str | dict[str, Any]) -> dict[str, Any]:
