@@ -23,7 +23,7 @@ MENU = {
     "Tutorials": ("tutorials/*",),
     "How-to guides": (
         "vehicles", "coming_from_ros_and_gazebo", "diagrams", "python", "driving", "worlds", "world_editor", "tuning",
-        "identification", "batch",
+        "identification", "batch", "learning",
     ),
     "Reference": (
         "commands", "runs", "sensors", "tyres", "suspension", "powertrain", "manoeuvres", "glossary", "api", "modules",
