@@ -19,6 +19,7 @@ from mirdrake.learning.pilotnet import Architecture
 from mirdrake.learning.preparation import CropSpec, Preparation
 from mirdrake.learning.spec import LearningSpec, load_learning
 
+STUDIES = Path(__file__).resolve().parent.parent / "studies"
 NO_TORCH = "needs PyTorch, which is not part of the development extras: pip install 'mirdrake[learning]'"
 
 
@@ -227,9 +228,12 @@ def test_a_network_replaces_the_steering_of_the_expert_only() -> None:
 
 
 def test_the_shipped_study_can_be_read() -> None:
-    spec = load_learning(Path(__file__).resolve().parent.parent / "studies" / "clone_bolt.yaml")
+    spec = load_learning(STUDIES / "clone_bolt.yaml")
     assert spec.name == "clone_bolt"
     assert spec.label_lead == pytest.approx(0.025)
+    changed = load_learning(STUDIES / "clone_bolt.yaml", overrides=["overrides.control.ego.speed=8"])
+    assert changed.overrides["control.ego.speed"] == 8
+    assert changed.overrides["plant.contact"] == "point"
     assert LearningSpec(diagram="bolt_test_track", rounds=2).rounds.count == 2  # type: ignore[arg-type]
 
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from mirdrake.assembly.diagram import assemble
-from mirdrake.builder.linearise import linearise
 from mirdrake.learning.drives import Figures
+from mirdrake.tuning.linearise import linearise
 from mirdrake.tuning.margins import Margins, margins_of
 
 LARGEST_SENSITIVITY = 2.0

@@ -1,6 +1,6 @@
 """The learning file: a diagram with an expert, and how a network learns to steer from it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -78,7 +78,9 @@ class LearningSpec(Schema):
     mirdrake: Literal["learning/1"] = Field("learning/1", description="format of this file [-]")
     name: str = Field("learning", min_length=1, description="default: that of the file [-]")
     diagram: str | dict[str, Any] = Field(description="name of a diagram with an expert, a path, or the diagram [-]")
-    overrides: dict[str, Any] = Field(default_factory=dict, description="values of the diagram, by dotted path [-]")
+    overrides: dict[str, Any] = Field(
+        default_factory=dict, description="values of the diagram, nested or by dotted path [-]"
+    )
     vehicle: str = Field("ego", description="vehicle of the diagram that the network drives [-]")
     camera: str = Field("front_camera", description="its camera [-]")
     inputs: list[str] = Field(default_factory=list, description="signals that the network takes besides, as vx [-]")
@@ -101,6 +103,11 @@ class LearningSpec(Schema):
     rounds: RoundSpec = Field(default_factory=RoundSpec, description="rounds of DAgger [-]")
     seed: int = Field(0, ge=0, description="of errors, weights and the order of pictures [-]")
 
+    @field_validator("overrides")
+    @classmethod
+    def _by_path(cls, value: dict[str, Any]) -> dict[str, Any]:
+        return dict(_leaves(value))
+
     @field_validator("rounds", mode="before")
     @classmethod
     def _count(cls, value: Any) -> Any:
@@ -115,6 +122,15 @@ class LearningSpec(Schema):
     def label_lead(self) -> float:
         """Time after the exposure at which labels are read [s]."""
         return self.delay if self.lead is None else self.lead
+
+
+def _leaves(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested mappings by dotted path."""
+    for key, value in values.items():
+        if isinstance(value, Mapping) and value:
+            yield from _leaves(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", value
 
 
 def load_learning(path: Path | str, *, overrides: Iterable[str] = ()) -> LearningSpec:
