@@ -30,6 +30,12 @@ STATUS = signals(
 )
 
 
+COMMANDS = signals(
+    ("speed_command", "m/s", "command that the unit received"),
+    ("steering_command", "rad", "command that the unit received"),
+)
+
+
 class BatchControl:
     """Control units of the cars of a batch.
 
@@ -171,8 +177,8 @@ class BatchControl:
         return BatchRun(np.array(time[::every], dtype=np.float64), values, contents, cars.dead_cars)
 
     def signals(self) -> Signals:
-        """Return the signals that a run can have: states, motion, status of the unit, path error of a path tracker."""
-        return (*self.cars.signals(), *STATUS, *PATH_ERROR)
+        """Return the signals that a run can have: states, motion, status, path error, commands."""
+        return (*self.cars.signals(), *STATUS, *PATH_ERROR, *COMMANDS)
 
     def _contents(self, outputs: Sequence[str] | None) -> Signals:
         """Return the signals of some names; all if None."""

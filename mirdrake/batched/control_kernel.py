@@ -144,7 +144,7 @@ def drive(
         every: control periods between two rows of the outputs.
         step: step of the integration [s].
         steps: steps in a control period.
-        columns: columns of the full row (states, motion, status, path error) that the outputs have.
+        columns: columns of the full row (states, motion, status, path error, commands) that the outputs have.
         first: first car.
         last: car after the last one.
         states: states (n, states), updated.
@@ -158,7 +158,7 @@ def drive(
     """
     unit, periods = units[0], commands.shape[1]
     states_of_variant = states.shape[1]
-    row: Any = np.empty(states_of_variant + 7 + 3 + 4)
+    row: Any = np.empty(states_of_variant + 7 + 3 + 4 + 2)
     follows, scheduled = table.shape[0] > 0, schedule.shape[0] > 0
     x_measured: Any = np.zeros(MEASURED)
     desired: Any = np.zeros(2 * ACTUATORS)
@@ -187,6 +187,7 @@ def drive(
                 read_schedule(schedule, abs(speed), own_pid[i], present_pid[i])
                 gains = present_gains[i : i + 1]
             command = tracked[i] if follows else commands[which, k]
+            speed_command, steering_command = command[0], command[1]
             for wheel in range(7, 11):
                 x_measured[wheel] = rate
             torques[:] = 0.0
@@ -222,7 +223,8 @@ def drive(
                     write_state(row, positions, x)
                     apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
                     write_motion(row, states_of_variant, equations(law, flags[0], present[i], x, u)[1])
-                    row[states_of_variant + 10 :] = tracked[i, 3:7]
+                    row[states_of_variant + 10 : states_of_variant + 14] = tracked[i, 3:7]
+                    row[states_of_variant + 14], row[states_of_variant + 15] = speed_command, steering_command
                     for j in range(len(columns)):
                         outputs[i, k // every, j] = row[columns[j]]
             if dead[i]:

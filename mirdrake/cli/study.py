@@ -33,7 +33,8 @@ A study file:
     ego.mass_scale: {values: [0.8, 1, 1.2]}
   sampling: {kind: sobol, runs: 64}            or grid, list, random, latin_hypercube
   metrics: [ego.distance_m, ego.mean_speed_error_percent]
-  duration: 20 s"""
+  duration: 20 s
+  model: single_track                          optional: thousands of runs in seconds, without contact and suspension"""
 
 _MOST_ROWS = 12  # of the table
 _LONGEST_REASON = 60  # characters
@@ -80,6 +81,8 @@ def run(options: argparse.Namespace) -> int:
 def _print(result: "StudyResult") -> None:
     counts = ", ".join(f"{count} {status}" for status, count in result.counts.items() if count)
     print(f"{result.arrow.num_rows} of {result.runs} runs: {counts or 'none'}")
+    if result.model == "single_track":
+        print("single-track model: run the best candidates again with model: plant")
     table = result.table.drop(columns=["simulated"])
     if not table["reason"].any():
         table = table.drop(columns=["reason"])

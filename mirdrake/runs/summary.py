@@ -141,12 +141,21 @@ def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, float | None
         key = f"{name}.{suffix}"
         return signals[key].to_numpy() if key in signals and len(signals) else None
 
+    given = {suffix: values for suffix in _FIGURES if (values := column(suffix)) is not None}
+    return drive_figures(signals.index.to_numpy(), given)
+
+
+def drive_figures(times: Array, signals: Mapping[str, Array]) -> dict[str, float | None]:
+    """Return the figures of a drive by name; None for those whose signals are not there.
+
+    Args:
+        times: evenly spaced [s] (n).
+        signals: signals of a vehicle (n each): vx, speed_command, wheels_on_road, lap, lateral_error, curvature.
+    """
     figures: dict[str, float | None] = dict.fromkeys(VEHICLE_FIGURES)
-    vx, command, wheels = column("vx"), column("speed_command"), column("wheels_on_road")
-    lap, lateral, curvature = column("lap"), column("lateral_error"), column("curvature")
-    if vx is None or len(signals) < 2:
+    vx, command, wheels, lap, lateral, curvature = (signals.get(name) for name in _FIGURES)
+    if vx is None or len(times) < 2:
         return figures
-    times = signals.index.to_numpy()
     step = float(times[1] - times[0])
     figures["distance_m"] = round(float(np.sum(np.abs(vx)) * step), 3)
     figures["max_speed_mps"] = round(float(np.max(np.abs(vx))), 4)

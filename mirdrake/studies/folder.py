@@ -4,13 +4,15 @@
 
     study.json         the study, its diagram, versions, and the digest of all that
     results.jsonl      rows in the order in which runs finished, until the study is complete
+    shards/*.parquet   the same of a study of the single-track model: a file per shard, in place of results.jsonl
     results.parquet    all rows in the order of the runs, when it is complete; equal studies give equal bytes
 
 Whatever kills the process, the rows written until then can be read.
 """
 
 import json
-from collections.abc import Iterable, Mapping
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ from mirdrake.core.json_io import parse_json
 from mirdrake.core.recording.parts import read_part
 from mirdrake.execution.journal import Journal, Record, read_records
 
-STUDY_FILE, JOURNAL_FILE, RESULTS_FILE = "study.json", "results.jsonl", "results.parquet"
+STUDY_FILE, JOURNAL_FILE, RESULTS_FILE, SHARDS = "study.json", "results.jsonl", "results.parquet", "shards"
 
 Row = dict[str, Any]
 """A row of the table: run, parameters, status, reason, simulated, metrics."""
@@ -123,6 +125,73 @@ def make_table(records: Mapping[str, Record], schema: pa.Schema) -> pa.Table:
     """Return rows in the order of the runs as a table."""
     rows: list[Row] = [{"run": int(run), **records[run]} for run in sorted(records, key=int)]
     return pa.Table.from_pylist(rows, schema=schema)
+
+
+class ShardStore:
+    """Finished shards of a study of the single-track model.
+
+    Attributes:
+        numbers: of the finished shards.
+        rows: number of their rows.
+
+    Args:
+        folder: of the study; None keeps the tables in memory.
+        schema: columns of the table.
+
+    Raises:
+        RunError: a file is damaged.
+    """
+
+    def __init__(self, folder: Path | None, schema: pa.Schema) -> None:
+        self._folder = None if folder is None else folder / SHARDS
+        self._schema, self._tables = schema, dict[int, pa.Table]()
+        if self._folder is not None and self._folder.is_dir():
+            for file in sorted(self._folder.glob("*.parquet")):
+                with read_errors(file):
+                    self._tables[int(file.stem)] = pq.read_table(file, schema=schema)
+
+    @property
+    def numbers(self) -> set[int]:
+        """Numbers of the finished shards."""
+        return set(self._tables)
+
+    @property
+    def rows(self) -> int:
+        """Number of their rows."""
+        return sum(table.num_rows for table in self._tables.values())
+
+    def add(self, number: int, rows: Sequence[Row]) -> None:
+        """Keep the rows of a shard.
+
+        Raises:
+            RunError: the file cannot be written.
+        """
+        table = self._tables[number] = pa.Table.from_pylist(list(rows), schema=self._schema)
+        if self._folder is not None:
+            with write_errors(self._folder):
+                self._folder.mkdir(exist_ok=True)
+            with replacing(self._folder / f"{number:06d}.parquet") as temporary:
+                pq.write_table(table, temporary)
+
+    def table(self) -> pa.Table:
+        """Return the rows of all finished shards."""
+        tables = [self._tables[number] for number in sorted(self._tables)]
+        return pa.concat_tables(tables).combine_chunks() if tables else self._schema.empty_table()
+
+    def clear(self) -> None:
+        """Delete the files."""
+        if self._folder is not None and self._folder.is_dir():
+            with write_errors(self._folder):
+                shutil.rmtree(self._folder)
+
+
+def read_shards(folder: Path, schema: pa.Schema) -> pa.Table:
+    """Return the rows of the finished shards of a study folder.
+
+    Raises:
+        RunError: a file is damaged.
+    """
+    return ShardStore(folder, schema).table()
 
 
 def _read_table(file: Path) -> dict[str, Record]:

@@ -1,5 +1,6 @@
 """Run a study through an executor; each row is written as soon as its run is finished, so that it can be resumed."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager, suppress
@@ -18,15 +19,19 @@ from mirdrake.execution.job import Outcome, run_job
 from mirdrake.execution.journal import Journal
 from mirdrake.execution.worker_server import STUDY, start_server
 from mirdrake.studies.folder import (
+    RESULTS_FILE,
     Row,
+    ShardStore,
     make_schema,
     make_table,
     open_journal,
     read_manifest,
     read_rows,
+    read_shards,
     write_results,
 )  # fmt: skip
 from mirdrake.studies.plan import Plan, make_plan
+from mirdrake.studies.single_track import check_single_track, make_shards, run_shard
 from mirdrake.studies.spec import StudySpec, make_study
 
 GRACE = 30.0
@@ -45,11 +50,13 @@ class StudyResult:
             reason, simulated [s], the metrics (empty unless ok); units in the metadata of the columns.
         runs: number of all runs.
         folder: the study folder; None if the rows are only in memory.
+        model: plant or single_track.
     """
 
     arrow: pa.Table
     runs: int
     folder: Path | None = None
+    model: str = "plant"
 
     @cached_property
     def table(self) -> pd.DataFrame:
@@ -104,6 +111,8 @@ def run_study(
     spec = make_study(study)
     folder = Path(out) if out is not None else None
     plan = make_plan(spec)
+    if spec.model == "single_track":
+        return _run_shards(plan, folder, executor, workers, resume=resume, progress=progress)
     schema, total = make_schema(plan.units, spec.metrics), len(plan.rows)
     journal = open_journal(folder, plan.manifest(), resume=resume)
     missing = [index for index in range(total) if index not in journal]
@@ -134,7 +143,46 @@ def load_results(folder: Path | str) -> StudyResult:
         schema, runs = make_schema(manifest["units"], manifest["study"]["metrics"]), int(manifest["runs"])
     except (KeyError, TypeError, ValueError):
         raise ConfigError(f"{folder}: its study.json is incomplete") from None
-    return StudyResult(make_table(read_rows(folder), schema), runs, folder)
+    model = manifest["study"].get("model", "plant")
+    in_shards = model == "single_track" and not (folder / RESULTS_FILE).is_file()
+    table = read_shards(folder, schema) if in_shards else make_table(read_rows(folder), schema)
+    return StudyResult(table, runs, folder, model)
+
+
+def _run_shards(
+    plan: Plan,
+    folder: Path | None,
+    executor: Executor | None,
+    workers: int | None,
+    *,
+    resume: bool,
+    progress: StudyProgress | bool,
+) -> StudyResult:
+    """Run a study of the single-track model; each shard of it is a call, and a file of its own until the end."""
+    schema, total = make_schema(plan.units, plan.spec.metrics), len(plan.rows)
+    check_single_track(plan)
+    open_journal(folder, plan.manifest(), resume=resume)
+    if folder is not None and (folder / RESULTS_FILE).is_file():
+        return load_results(folder)
+    shards = make_shards(plan)
+    store = ShardStore(folder, schema)
+    missing = [shard for shard in shards if shard.number not in store.numbers]
+    with ExitStack() as stack:
+        runner, ahead = stack.enter_context(open_executor(executor, workers, calls=len(missing), limit=math.inf))
+        shows = stack.enter_context(_progress_bar(plan.spec.name, total, store.rows)) if progress is True else progress
+        with suppress(KeyboardInterrupt):  # the finished shards are kept
+            for position, result in call_all(runner, run_shard, ((shard,) for shard in missing), ahead=ahead):
+                shard = missing[position]
+                outcomes = shard.lost(result.reason) if isinstance(result, Lost) else result
+                rows = [_row(plan, outcome) for outcome in outcomes]
+                store.add(shard.number, rows)
+                if callable(shows):
+                    shows(store.rows, total, rows[-1])
+    result = StudyResult(store.table(), total, folder, plan.spec.model)
+    if folder is not None and result.complete:
+        write_results(folder, result.arrow)
+        store.clear()
+    return result
 
 
 def _run_all(

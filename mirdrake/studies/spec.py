@@ -77,6 +77,9 @@ class StudySpec(Schema):
     mirdrake: Literal["study/1"] = Field("study/1", description="format of this file [-]")
     name: str = Field("study", min_length=1, description="default: that of the file [-]")
     diagram: str | dict[str, Any] = Field(description="name of a diagram, a path, or the diagram itself [-]")
+    model: Literal["plant", "single_track"] = Field(
+        "plant", description="the full plant, or the single-track model in batches of many runs [-]"
+    )
     overrides: dict[str, Any] = Field(
         default_factory=dict, description="values of the diagram for all runs, by dotted path [-]"
     )
