@@ -182,3 +182,37 @@ def test_the_map_of_the_shipped_town_is_that_of_its_tool() -> None:
     assert {junction.rule for junction in made.network.junctions.values()} == {"lights", "priority"}
     # Vehicles on the ring have priority over those that enter.
     assert ("ring_west_on.0.-1", "ring_west_in.0.-1") in made.network.priorities
+
+
+def test_heights_of_lanes_are_those_of_the_ground(tmp_path: Path) -> None:
+    profile = '<elevationProfile><elevation s="0" a="1" b="0.05" c="-0.00025" d="0"/></elevationProfile>'
+    banked = profile + '<lateralProfile><superelevation s="0" a="0.05" b="0" c="0" d="0"/></lateralProfile>'
+    for more, slope in ((profile, 0.0), (banked, math.tan(0.05))):
+        text = document(road("1", geometry(0, 0, 0, 200.0), section([lane(1)], [lane(-1), lane(-2)]), more=more))
+        (tmp_path / "map.xodr").write_text(text, encoding="utf-8")
+        (tmp_path / "w.yaml").write_text(
+            "mirdrake: world/1\nground: {relief: [{network: {cell: 1 m}}]}\nnetwork: {xodr: map.xodr}\n",
+            encoding="utf-8",
+        )
+        made = load_world(str(tmp_path / "w.yaml"))
+        x, y = np.meshgrid(np.linspace(2.0, 198.0, 50), [-5.0, -1.75, 0.0, 1.75])
+        expected = 1.0 + 0.05 * x - 0.00025 * x**2 + slope * y
+        assert np.abs(made.ground.terrain.height(x, y) - expected).max() < 0.01
+        again = read_world(json.loads(json.dumps(world_data(made, str))), lambda _: None)
+        assert (again.ground.terrain.height(x, y) == made.ground.terrain.height(x, y)).all()
+
+
+def test_a_bridge_has_no_ground(tmp_path: Path) -> None:
+    high = '<elevationProfile><elevation s="0" a="6" b="0" c="0" d="0"/></elevationProfile>'
+    text = document(road("1", geometry(0, 0, 0, 100.0)), road("2", geometry(50, -50, math.pi / 2, 100.0), more=high))
+    (tmp_path / "map.xodr").write_text(text, encoding="utf-8")
+    head = "mirdrake: world/1\nnetwork: {xodr: map.xodr}\n"
+    (tmp_path / "w.yaml").write_text(f"{head}ground: {{relief: [{{network: {{}}}}]}}\n", encoding="utf-8")
+    with pytest.raises(
+        WorldError, match=r"w.yaml:3: ground.relief.0.network: lanes at .* differ in height by 6 m; the"
+    ):
+        load_world(str(tmp_path / "w.yaml"))
+    (tmp_path / "w.yaml").write_text(head, encoding="utf-8")
+    made = load_world(str(tmp_path / "w.yaml"))
+    assert made.network is not None
+    assert made.network.conflicts == ()

@@ -268,7 +268,7 @@ def _make_ground(spec: GroundSpec, tracks: dict[str, Track], network: Network | 
         middle, half = (low + high) / 2.0, np.array(spec.size) / 2.0
         low, high = middle - half, middle + half
     extent = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-    terrain = make_relief(spec.relief, tracks, folder)
+    terrain = make_relief(spec.relief, tracks, folder, network)
     return Ground(spec.surface, mu, extent, spec.slope.grade, spec.slope.heading, terrain)
 
 

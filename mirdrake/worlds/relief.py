@@ -9,6 +9,7 @@ Each entry is one layer on the base plane, in the order of the file, with exactl
         - kerb: {along: main, side: right, height: 12 cm}
         - bump: {on_track: {track: main, s: 40}, length: 0.6, height: 75 mm}
         - roughness: {class: B}
+        - network: {cell: 1 m}
 
 A kind is one class here and one field of :class:`ReliefSpec`.
 """
@@ -31,6 +32,8 @@ from mirdrake.ground import Terrain
 from mirdrake.ground.height_files import read_heights
 from mirdrake.ground.roughness import ROUGHNESS, Roughness, RoughnessClass
 from mirdrake.ground.terrain import Block, Grid, Kerb, LayerSource, Plane, Road, Wave
+from mirdrake.worlds.networks import Network
+from mirdrake.worlds.networks.network_relief import NetworkRelief
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.schema_types import exactly_one, given_one
 from mirdrake.worlds.tracks import Track
@@ -83,7 +86,7 @@ class PlaneRelief(Schema):
     heading: Heading = Field(default=0.0, description="uphill direction, from x towards y [rad]")
     height: Coordinate = Field(default=0.0, description="height at the origin of the world [m]")
 
-    def make(self, tracks: Mapping[str, Track], folder: Path) -> list[LayerSource]:  # noqa: ARG002
+    def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers."""
         return [Plane(self.height, self.grade * math.cos(self.heading), self.grade * math.sin(self.heading))]
 
@@ -103,7 +106,7 @@ class GridRelief(Schema):
         default="smooth", description="cubic spline, or bilinear for edges [-]"
     )
 
-    def make(self, tracks: Mapping[str, Track], folder: Path) -> list[LayerSource]:  # noqa: ARG002
+    def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers."""
         z, origin = read_heights(
             folder / self.file,
@@ -148,7 +151,7 @@ class RoadRelief(Schema):
             raise ValueError("banking: an angle must be within 60 deg")
         return self
 
-    def make(self, tracks: Mapping[str, Track], folder: Path) -> list[LayerSource]:  # noqa: ARG002
+    def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers.
 
         Raises:
@@ -191,7 +194,7 @@ class KerbRelief(Schema):
     from_: Coordinate | None = Field(default=None, alias="from", description="its start along the track [m]")
     to: Coordinate | None = Field(default=None, description="its end along the track [m]")
 
-    def make(self, tracks: Mapping[str, Track], folder: Path) -> list[LayerSource]:  # noqa: ARG002
+    def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers."""
         track = _track(self.along, tracks, where(self, "along"))
         begin = -math.inf if self.from_ is None else self.from_
@@ -211,7 +214,7 @@ class BumpRelief(_Placed):
         default=math.radians(45.0), description="slope of the faces of a trapezoid, and at the sides [rad]"
     )
 
-    def make(self, tracks: Mapping[str, Track], folder: Path) -> list[LayerSource]:  # noqa: ARG002
+    def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers."""
         face = self.height / math.tan(self.slope)
         pose = self.pose(tracks)
@@ -234,7 +237,7 @@ class RampRelief(_Placed):
     top: Annotated[Length, Field(ge=0.0, le=1e4)] = Field(default=0.0, description="length of its flat top [m]")
     fall: Annotated[Length, Field(ge=0.0, le=1e4)] = Field(default=0.0, description="length of its end; 0: 80 deg [m]")
 
-    def make(self, tracks: Mapping[str, Track], folder: Path) -> list[LayerSource]:  # noqa: ARG002
+    def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers."""
         face = self.height / math.tan(_STEEPEST)
         fall = max(self.fall, face)
@@ -249,7 +252,7 @@ class PotholeRelief(_Placed):
     width: Size = Field(default=0.5, description="across, at the top [m]")
     slope: FaceAngle = Field(default=math.radians(60.0), description="slope of its faces [rad]")
 
-    def make(self, tracks: Mapping[str, Track], folder: Path) -> list[LayerSource]:  # noqa: ARG002
+    def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers."""
         face = self.depth / math.tan(self.slope)
         if 2.0 * face > min(self.length, self.width):
@@ -276,7 +279,7 @@ class RoughnessRelief(Schema):
         exactly_one(self, ("class_", "density"))
         return self
 
-    def make(self, tracks: Mapping[str, Track], folder: Path) -> list[LayerSource]:  # noqa: ARG002
+    def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers."""
         density = self.density if self.class_ is None else ROUGHNESS[self.class_]
         assert density is not None
@@ -294,6 +297,7 @@ class ReliefSpec(Schema):
     ramp: RampRelief | None = Field(default=None, description="ramp [-]")
     pothole: PotholeRelief | None = Field(default=None, description="hollow [-]")
     roughness: RoughnessRelief | None = Field(default=None, description="random roughness [-]")
+    network: NetworkRelief | None = Field(default=None, description="heights of the lanes of the network [-]")
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -301,13 +305,16 @@ class ReliefSpec(Schema):
         return self
 
 
-def make_relief(specs: Sequence[ReliefSpec], tracks: Mapping[str, Track], folder: Path) -> Terrain:
+def make_relief(
+    specs: Sequence[ReliefSpec], tracks: Mapping[str, Track], folder: Path, network: Network | None = None
+) -> Terrain:
     """Return the terrain of a world.
 
     Args:
         specs: entries of `ground.relief`.
         tracks: the tracks of the world, by name.
         folder: folder to which paths of files are relative.
+        network: road network of the world.
 
     Raises:
         ConfigError: an entry has faults.
@@ -316,7 +323,7 @@ def make_relief(specs: Sequence[ReliefSpec], tracks: Mapping[str, Track], folder
     sources: list[LayerSource] = []
     for spec in specs:
         kind: Any = given_one(spec, tuple(ReliefSpec.model_fields))
-        sources += kind.make(tracks, folder)
+        sources += kind.make(tracks, folder, network)
     return Terrain(sources)
 
 

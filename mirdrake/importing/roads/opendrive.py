@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from mirdrake.importing.roads.road_world import RoadWorld, note_changes, start_on_longest
+from mirdrake.importing.roads.road_world import RoadWorld, ground_text, note_changes, start_on_longest
 from mirdrake.worlds.networks.opendrive_network import read_network
 
 TEXT = """\
 mirdrake: world/1
 name: {name}
 
-ground: {{surface: grass}}
+ground: {ground}
 network: {{{key}: {name}/{file}}}
 
 start:
@@ -24,7 +24,9 @@ def read_opendrive_world(source: Path, name: str) -> RoadWorld:
         ConfigError: the file has faults.
     """
     network = read_network(source)
-    text = TEXT.format(name=name, key="xodr", file="map.xodr", start=start_on_longest(network))
+    text = TEXT.format(
+        ground=ground_text(network), name=name, key="xodr", file="map.xodr", start=start_on_longest(network)
+    )
     made = RoadWorld(text, [source], {"map.xodr": source.read_bytes()}, entries=len(network.driving()))
     note_changes(network, source, made.changes)
     return made

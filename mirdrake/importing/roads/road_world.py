@@ -53,6 +53,13 @@ def note_changes(network: Network, source: Path, changes: Changes) -> None:
         changes.add(Code.ROAD, f"{shown(source)}:1", part, rest or part, None, why)
 
 
+def ground_text(network: Network | None) -> str:
+    """Return the ground: with the heights of the network if it is not flat."""
+    if network is None or not any(lane.z.any() for lane in network.lanes.values()):
+        return "{surface: grass}"
+    return "{surface: grass, relief: [{network: {cell: 1}}]}"
+
+
 def start_on_longest(network: Network) -> str:
     """Return keys of a start on the longest lane for motor vehicles outside junctions, 10 m after its beginning."""
     lanes: list[Lane] = [lane for lane in network.driving() if lane.junction is None] or network.driving()

@@ -63,6 +63,9 @@ class Lane:
     road_s: Array = field(default_factory=lambda: np.empty(0))
     """station of the nodes on the reference line of the road [m]; empty without one"""
 
+    bank: Array = field(default_factory=lambda: np.empty(0))
+    """slope across the lane [-], + where its left edge is higher; empty: none"""
+
     @property
     def length(self) -> float:
         """Length of the centre line [m]."""

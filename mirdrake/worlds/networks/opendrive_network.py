@@ -104,6 +104,7 @@ def _lanes_of(road: RoadLanes) -> Iterator[Lane]:
                 road=road.id,
                 number=number,
                 road_s=s[order][apart],
+                bank=(strip.bank if number * with_line > 0 else -strip.bank)[order][apart],
                 speed_limit=_limit(road, section, row),
                 change=_change(section, number, with_line),
             )

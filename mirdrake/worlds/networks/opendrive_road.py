@@ -84,6 +84,8 @@ class Strip:
     yaw: Array
     width: Array
     """[m]"""
+    bank: Array
+    """slope across the road [-], + where its left is higher"""
 
 
 class RoadLanes:
@@ -170,8 +172,9 @@ class RoadLanes:
         x, y, yaw, k = self._reference(s)
         scale = 1.0 - k * t
         turn = np.arctan2(slope, np.maximum(scale, _FOLD))
-        z = self._height(s) + t * np.tan(self._profile(self._banking, s))
-        return Strip(s, t, x - t * np.sin(yaw), y + t * np.cos(yaw), z, yaw + turn, width * np.cos(turn))
+        bank = np.tan(self._profile(self._banking, s))
+        z = self._height(s) + t * bank
+        return Strip(s, t, x - t * np.sin(yaw), y + t * np.cos(yaw), z, yaw + turn, width * np.cos(turn), bank)
 
     def place(self, s: float, t: float) -> tuple[float, float, float, float]:
         """Return x, y, z [m] and yaw [rad] of road coordinates s and t [m]."""

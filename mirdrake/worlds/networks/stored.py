@@ -66,4 +66,4 @@ def _arrays(data: Mapping[str, Any]) -> dict[str, Any]:
         return tuple(value) if not value or isinstance(value[0], str) else np.array(value, dtype=float)
 
     values = {key: read(value) for key, value in data.items()}
-    return values | ({"road_s": np.array(data["road_s"], dtype=float)} if "road_s" in data else {})
+    return values | {key: np.array(data[key], dtype=float) for key in ("road_s", "bank") if key in data}
