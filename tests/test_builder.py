@@ -213,3 +213,63 @@ def test_a_run_is_animated_and_its_statistics_have_units(tmp_path):
     assert table.loc["ego.vx", "unit"] == "m/s"
     assert table.loc["ego.vx", "max"] == run["ego.vx"].max()
     assert len(repr(run).splitlines()) <= 10
+
+
+# --- the example of the documentation, word for word -------------------------------------------------------------
+
+EXAMPLE = """\
+d = mir.Diagram(world="test_track", time_step=0.005)
+ego = d.add_vehicle("bolt", start="line")
+d.drive(ego, mir.PathTracking(track="main", speed=5.0))
+notch = d.add("notch", Notch(frequency=4.0))           # any pydrake system, or a kind of ours by name
+d.connect(ego.driver.steering_command, notch.u); d.connect(notch.y, ego.control.steering_reference)
+d.sensors(ego, "front_camera", "imu")
+d                                                      # in a notebook: the block diagram, ports on hover
+run = d.simulate(30); run.plot("ego.lateral_error", "ego.control.*_pid.output")
+"""
+
+
+class Notch(LeafSystem):
+    """Notch filter of second order, sampled at 50 Hz: zeros on the unit circle at its frequency, poles at 0.8 of it."""
+
+    def __init__(self, frequency):
+        super().__init__()
+        self.angle = 2.0 * np.pi * frequency * 0.02
+        self.u, state = self.DeclareVectorInputPort("u", 1), self.DeclareDiscreteState(4)
+        self.DeclareVectorOutputPort("y", 1, lambda context, output: output.SetFromVector([self.calculate(context)]))
+        self.DeclarePeriodicDiscreteUpdateEvent(0.02, 0.0, self.update)
+        self.state = state
+
+    def calculate(self, context):
+        u1, u2, y1, y2 = context.get_discrete_state(self.state).value()
+        c, r = 2.0 * np.cos(self.angle), 0.8
+        gain = (1.0 - r * c + r * r) / (2.0 - c)
+        return gain * (self.u.Eval(context)[0] - c * u1 + u2) + r * c * y1 - r * r * y2
+
+    def update(self, context, state):
+        u1, _, y1, _ = context.get_discrete_state(self.state).value()
+        state.set_value(self.state, [self.u.Eval(context)[0], u1, self.calculate(context), y1])
+
+
+@pytest.mark.parametrize("duration", ["0.3", pytest.param("30", marks=pytest.mark.slow)])
+def test_the_example_runs_word_for_word(duration, tmp_path):
+    names = {"mir": mir, "Notch": Notch}
+    exec(EXAMPLE.replace("simulate(30)", f"simulate({duration})"), names)
+    run = names["run"]
+    assert run["ego.lateral_error"].abs().max() < 0.3
+    assert "ego.control.speed_pid.output" in run.signals
+    assert "notch.y" in run.signals
+    assert names["d"].spec().sensors == {"ego": ["front_camera", "imu"]}
+    with pytest.raises(mir.MirdrakeError, match="block 'notch' cannot be written: it is an object"):
+        names["d"].to_yaml(tmp_path / "my.yaml")
+
+
+def test_a_low_pass_of_drake_works_in_yaml(tmp_path):
+    (tmp_path / "low_pass.yaml").write_text(
+        "world: empty\nvehicles: {ego: {model: bolt}}\ncontrol: {ego: {kind: constant, speed: 2}}\n"
+        "plant: {contact: point}\nrecord: {meshcat: false, report: false}\nsystems:\n"
+        '  filter: {kind: "pydrake.systems.primitives:FirstOrderLowPassFilter", time_constant: 0.2, size: 1}\n'
+        "connect: [[ego.speed_command, filter.u], [filter.y, ego.speed_reference]]\n"
+    )
+    run = mir.simulate(str(tmp_path / "low_pass.yaml"), duration=0.5)
+    assert run["filter.y"].iloc[-1] == pytest.approx(2.0 * (1.0 - np.exp(-0.5 / 0.2)), rel=0.01)

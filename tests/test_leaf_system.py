@@ -172,6 +172,10 @@ def test_a_shipped_diagram_is_freed(name: str) -> None:
     assert _left(lambda: assemble(name).diagram) == []
 
 
+def test_a_diagram_with_the_blocks_of_a_control_unit_is_freed() -> None:
+    assert _left(lambda: assemble("bolt_test_track", expand=True).diagram) == []
+
+
 @pytest.mark.parametrize("kind", mostly_slow(MOUNTS, fast=5))
 def test_a_diagram_with_a_sensor_is_freed(kind: str, tmp_path: Path) -> None:
     mount = {"kind": kind, "rate": 20, **MOUNTS[kind]}

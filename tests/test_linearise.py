@@ -76,3 +76,32 @@ def test_faults_are_one_line(driven):
             call()
         assert message in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_operating_point_bode_and_root_locus(driven):
+    import control
+
+    d, _, lag = driven
+    model = d.linearize(lag.u, lag.y, time=0.1)
+    u, y = model.operating_point
+    assert u == pytest.approx(5.0, abs=0.05)  # the speed of the vehicle
+    assert 0.0 < y < 2.0 * u  # the lag has not reached its static gain of 2 yet
+    # A proportional controller with gain k around 0.4 / (z - 0.8) has the pole 0.8 - 0.4 k.
+    gains = [0.0, 1.0, 3.0]
+    locus = control.root_locus_map(model.system, gains=gains)
+    assert np.real(np.ravel(locus.loci)) == pytest.approx([0.8 - 0.4 * gain for gain in gains], abs=1e-6)
+    magnitude, phase = (axes.lines[0].get_xydata() for axes in model.bode(lowest=1.0).axes)
+    z = np.exp(1j * magnitude[:, 0] * T)
+    assert magnitude[:, 1] == pytest.approx(np.abs(0.4 / (z - 0.8)), rel=1e-6)
+    assert phase[0, 1] == pytest.approx(np.degrees(np.angle(0.4 / (z[0] - 0.8))), abs=1e-3)
+
+
+def test_margins_equal_those_of_python_control(driven):
+    import control
+
+    d, ego, _ = driven
+    model = d.linearize(ego.control.wheel_speeds.correction, time=2.0)
+    _, phase_margin, _, crossover = control.margin(-model.system)
+    margins = model.margins()
+    assert np.degrees(margins.phase_margin) == pytest.approx(phase_margin, abs=0.1)
+    assert margins.gain_crossover == pytest.approx(crossover, rel=1e-3)

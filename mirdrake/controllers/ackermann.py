@@ -20,7 +20,6 @@ centre over that of the rear axle centre::
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal, NamedTuple, Protocol
 
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
@@ -389,11 +388,11 @@ class AckermannSteering(LeafSystem):
         self.steering = declare_vector_input(self, "steering", signals(("steering", "rad")))
         if period is None:
             needs = {self.steering.ticket()}
-            self.left, self.right = (
-                declare_vector_output(
-                    self, side, signals((side, "rad")), partial(self._calc_angle, index), prerequisites=needs
-                )
-                for index, side in enumerate(SIDES)
+            self.left = declare_vector_output(
+                self, "left", signals(("left", "rad")), self._calc_left, prerequisites=needs
+            )
+            self.right = declare_vector_output(
+                self, "right", signals(("right", "rad")), self._calc_right, prerequisites=needs
             )
             self.speed_ratios = declare_vector_output(
                 self, "speed_ratios", SPEED_RATIOS, self._calc_ratios, prerequisites=needs
@@ -421,8 +420,11 @@ class AckermannSteering(LeafSystem):
         for state, angle in zip(self._wheels, self.law.wheel_angles(self.law.clip(steering)), strict=True):
             context.SetDiscreteState(state, [angle])
 
-    def _calc_angle(self, index: int, context: Context, output: BasicVector) -> None:
-        output[0] = self.law.wheel_angles(self.law.clip(self.steering.Eval(context).item()))[index]
+    def _calc_left(self, context: Context, output: BasicVector) -> None:
+        output[0] = self.law.wheel_angles(self.law.clip(self.steering.Eval(context).item()))[0]
+
+    def _calc_right(self, context: Context, output: BasicVector) -> None:
+        output[0] = self.law.wheel_angles(self.law.clip(self.steering.Eval(context).item()))[1]
 
     def _calc_ratios(self, context: Context, output: BasicVector) -> None:
         if self.period is None:

@@ -10,7 +10,6 @@ until its first update.
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, OutputPort
@@ -117,8 +116,8 @@ class Measurements(LeafSystem):  # type: ignore[misc, unused-ignore]
             ("speed", SPEED, self._calc_speed),
             ("steering", STEERING, self._calc_steering),
             ("wheel_speeds", WHEEL_SPEEDS, self._calc_wheels),
-            ("left_angle", signals(("left_angle", "rad")), partial(self._calc_joint, 0)),
-            ("right_angle", signals(("right_angle", "rad")), partial(self._calc_joint, 1)),
+            ("left_angle", signals(("left_angle", "rad")), self._calc_left),
+            ("right_angle", signals(("right_angle", "rad")), self._calc_right),
         ):
             declare_vector_output(self, name, contents, calc, prerequisites={self.plant_state.ticket()})
 
@@ -131,8 +130,11 @@ class Measurements(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _calc_wheels(self, context: Context, output: BasicVector) -> None:
         output.set_value(self.plant_state.Eval(context)[self._wheels])
 
-    def _calc_joint(self, index: int, context: Context, output: BasicVector) -> None:
-        output[0] = self.plant_state.Eval(context)[self._joints[index]]
+    def _calc_left(self, context: Context, output: BasicVector) -> None:
+        output[0] = self.plant_state.Eval(context)[self._joints[0]]
+
+    def _calc_right(self, context: Context, output: BasicVector) -> None:
+        output[0] = self.plant_state.Eval(context)[self._joints[1]]
 
 
 class DeadMan(ControlBlock):

@@ -146,9 +146,12 @@ def control_step(
     slope = (speed - last_speed) / period
 
     # Steering actuator of vehicle.yaml: delay, lag and rate between the set-point and the joints.
-    last_angles, _ = steering_law(setup.steering, memory[STEERING_ACTUATOR + setup.actuator_size - 1])
+    last_angle = memory[STEERING_ACTUATOR + setup.actuator_size - 1]
     angle = actuator_step(memory, STEERING_ACTUATOR, setup.actuator_size, steering, setup.actuator)
     angles, ratios = steering_law(setup.steering, angle)
+    last_angles = angles
+    if setup.steering_servo and last_angle != angle:  # the law is a tenth of the step
+        last_angles = steering_law(setup.steering, last_angle)[0]
 
     # Speed loop and wheels, unless pedals drive: the trim corrects the wheel speeds until the vehicle has its speed.
     trimmed = speed

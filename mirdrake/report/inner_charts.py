@@ -9,7 +9,7 @@ import pandas
 from mirdrake.report.figures import Array, Curve, Panel, draw_chart
 from mirdrake.report.vehicle_charts import Chart, numbers
 
-COLOURS = ("main", "own1", "own2", "own3", "own4", "left", "right", "ink")
+COLOURS = ("main", "own1", "own2", "own3", "own4", "ink")
 """Colours of the curves of a panel; a panel has at most as many curves."""
 
 
@@ -59,24 +59,28 @@ def _chart(
     by_unit: dict[str, list[str]] = {}
     for name in finite:
         by_unit.setdefault(units.get(name, ""), []).append(name)
-    panels, colours = [], {name: COLOURS[index % len(COLOURS)] for index, name in enumerate(finite)}
+    panels = []
     for unit, names in by_unit.items():
         for start in range(0, len(names), len(COLOURS)):
+            short = [name.removeprefix(f"{block}.") for name in names[start : start + len(COLOURS)]]
+            label = _common_start(short)
             curves = [
-                Curve(name.removeprefix(f"{block}."), finite[name], colours[name])
-                for name in names[start : start + len(COLOURS)]
+                Curve(name.removeprefix(f"{label}."), finite[f"{block}.{name}"], colour)
+                for name, colour in zip(short, COLOURS, strict=False)
             ]
-            label = curves[0].name if len(curves) == 1 else _common_start([curve.name for curve in curves])
-            panels.append(Panel(label, unit, curves, relative_height=0.7))
+            panels.append(Panel(label, unit or "1", curves, relative_height=0.7))
     if not panels:
         return None
-    legend: list[tuple[str, str, str]] = [(curve.name, curve.colour, "") for panel in panels for curve in panel.curves]
+    entries = [(curve.name, curve.colour, "") for panel in panels for curve in panel.curves]
+    legend: list[tuple[str, str, str]] = list(dict.fromkeys(entries))
     caption = "As the actuators of the control unit sample them." if ".control." in block else ""
     picture = draw_chart(time, panels, f"inner{number}-", f"Signals of {block} against time.", marks=marks)
     return Chart(f"inner-{number}", block, caption, picture, legend)
 
 
 def _common_start(names: Sequence[str]) -> str:
-    """Return the first part of the names if they share it, such as ``torque``."""
+    """Return the only name, or the first part of all names, such as ``torque``; "signals" without one."""
+    if len(names) == 1:
+        return names[0]
     first: Any = {name.partition(".")[0] for name in names}
     return first.pop() if len(first) == 1 else "signals"
