@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+import mirdrake as mir
 from mirdrake.assembly.diagram import assemble, make_diagram, make_spec
 from mirdrake.assembly.drawing import write_dot
 from mirdrake.core.errors import ConfigError, DiagramError
@@ -171,6 +172,28 @@ def test_every_block_can_be_replaced_in_a_diagram_file(vehicle, tmp_path):
     for side in ("left", "right"):
         joint = s[f"{block}.measurements.{side}_angle"]
         assert s[f"{block}.{side}_steering_loop.torque"] == pytest.approx(3.0 * (0.1 - joint))
+
+
+@pytest.mark.parametrize("vehicle", ["bolt", "mkz", "catvehicle", "unior"])
+def test_every_block_can_be_replaced_in_python_with_the_same_bits(vehicle, tmp_path):
+    own = {}
+    exec(OWN_BLOCKS, own)
+    d = mir.Diagram("test_track", contact="point")
+    ego = d.add_vehicle(vehicle, start="line")
+    d.drive(ego, "constant", speed=2.0, steering=0.1)
+    d.record(meshcat=False, report=False)
+    for name, kind in REPLACED.items():
+        d.replace(ego.control[name], own[kind])
+    run = d.simulate(0.1)
+    spec = spec_of(
+        vehicle,
+        control={"ego": {"kind": "constant", "speed": 2.0, "steering": 0.1}},
+        systems=own_blocks(tmp_path, REPLACED),
+        folder=str(tmp_path),
+        record={"signals": ["ego.control.**"], "meshcat": False, "report": False},
+    )
+    file = Simulation(assemble(spec)).run(duration=0.1)
+    assert [name for name in map(str, file.signals) if not np.array_equal(file[name], run[name], equal_nan=True)] == []
 
 
 @pytest.mark.slow

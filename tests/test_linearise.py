@@ -101,7 +101,10 @@ def test_margins_equal_those_of_python_control(driven):
 
     d, ego, _ = driven
     model = d.linearize(ego.control.wheel_speeds.correction, time=2.0)
-    _, phase_margin, _, crossover = control.margin(-model.system)
+    frequencies = np.geomspace(0.01, 0.999 * np.pi / T, 20_000)
+    measured = control.frd(model.loop(frequencies), frequencies)
+    _, phase_margin, distance, _, crossover, _ = control.stability_margins(measured)
     margins = model.margins()
     assert np.degrees(margins.phase_margin) == pytest.approx(phase_margin, abs=0.1)
     assert margins.gain_crossover == pytest.approx(crossover, rel=1e-3)
+    assert margins.max_sensitivity == pytest.approx(1.0 / distance, rel=1e-3)

@@ -82,7 +82,7 @@ class LinearModel:
         input: name of the input.
         output: name of the output.
         operating_point: value of the input, and of the output, at which it was linearised.
-        is_loop: whether the connection to the input was cut.
+        is_loop: whether it is the whole loop through the input, cut there: the output is the source of the input.
     """
 
     system: "control.StateSpace"
@@ -100,7 +100,8 @@ class LinearModel:
     def loop(self, frequencies: Array) -> npt.NDArray[np.complex128]:
         """Return the loop transfer function with negative feedback at frequencies [rad/s].
 
-        Of a model whose input was cut it is the negative response: the signs within the loop are part of the model.
+        Of a whole loop it is the negative response: the signs within the loop are part of the model. Any other model is
+        taken as the plant of a loop with unit feedback.
         """
         return -self.response(frequencies) if self.is_loop else self.response(frequencies)
 
@@ -177,7 +178,7 @@ def linearise(
     A, B, C, D = stepper.differences(context)
     kept = _connected(A, B, C)
     system = control.ss(A[np.ix_(kept, kept)], B[kept], C[:, kept], D, period)
-    return LinearModel(system, input, output, (u0, y0), cut)
+    return LinearModel(system, input, output, (u0, y0), cut and output == source)
 
 
 def _insert_probe(
