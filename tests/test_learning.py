@@ -163,17 +163,20 @@ def test_a_loop_of_pictures_runs_at_three_times_real_time_and_a_network_takes_3_
     assert time.process_time() - began < 30.0 / 3.0
 
 
-def test_visual_back_prop_finds_the_line(tmp_path: Path) -> None:
-    pytest.importorskip("torch", reason=NO_TORCH)
-    from mirdrake.learning.explain import visual_back_prop
+def test_the_saliency_of_a_linear_network_is_the_size_of_its_weights() -> None:
+    torch = pytest.importorskip("torch", reason=NO_TORCH)
+    from mirdrake.learning.explain import find_saliency
 
-    data = _line_data(tmp_path, 4)
-    trained = _trained(tmp_path, data.preparation, 1)
-    pictures = np.stack([data[index][0] for index in range(4)])
-    saliency = visual_back_prop(trained.module, pictures)
-    assert saliency.shape == (4, 62, 64)
-    assert saliency.min() == 0.0
-    assert saliency.max() == 1.0
+    weights = torch.linspace(-1.0, 1.0, 6 * 8).reshape(6, 8)
+
+    def linear(pictures: Any, inputs: Any) -> Any:
+        assert inputs.shape == (len(pictures), 0)
+        return (pictures.sum(dim=1) * weights).sum(dim=(1, 2))[:, None]
+
+    saliency = find_saliency(linear, np.full((2, 6, 8, 3), 100, dtype=np.uint8))
+    expected = np.abs(weights.numpy()) / np.percentile(np.abs(weights.numpy()), 99.5)
+    assert saliency[0] == pytest.approx(np.minimum(expected, 1.0), abs=1e-5)
+    assert np.array_equal(saliency[0], saliency[1])
 
 
 MARGIN = DelayMargin(0.0, 0.025, 0.025, 0.4, 3.5, 1.4, 1.3, 1.27, 1.32)

@@ -77,7 +77,7 @@ def test_a_study_that_is_stopped_continues_and_gives_the_same_weights(
     assert result.rounds[1].pictures > result.rounds[0].pictures
     assert (tmp_path / "first" / result.last.file).is_file()
     page = (tmp_path / "first" / "learning.html").read_text(encoding="utf-8")
-    assert "VisualBackProp" in page
+    assert "Largest differences of network and expert" in page
     assert "additional delay" in page
 
     # A finished study is read, and another study in its folder is rejected.

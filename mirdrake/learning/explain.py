@@ -1,8 +1,8 @@
-"""What a network looks at: VisualBackProp, and the pictures at which it differs most from the expert.
+"""What a network looks at: the effect of each pixel on the steering, where it differs most from the expert.
 
-Source: M. Bojarski et al., "VisualBackProp: efficient visualization of CNNs", arXiv 1611.05418, 2016. The mean over the
-channels of each layer's activation is scaled up and multiplied with that of the layer before, from the last convolution
-back to the picture.
+The saliency of a pixel is the derivative of the output by its colours (K. Simonyan, A. Vedaldi, A. Zisserman, "Deep
+inside convolutional networks", arXiv 1312.6034, 2013), averaged over pictures with noise (D. Smilkov et al.,
+"SmoothGrad: removing noise by adding noise", arXiv 1706.03825, 2017).
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mirdrake.core.files import replacing
 from mirdrake.learning.drives import PILOT, Car
-from mirdrake.learning.pilotnet import CONVOLUTIONS, Architecture, import_torch, make_pilotnet
+from mirdrake.learning.pilotnet import Architecture, import_torch, make_pilotnet
 from mirdrake.learning.preparation import CropSpec, Preparation
 from mirdrake.learning.selection import value_at
 from mirdrake.learning.training import one_thread
@@ -26,38 +26,35 @@ SHOWN = 6
 APART = 20.0
 """Least distance along the track between two of them [m]."""
 
+NOISY, NOISE = 16, 0.05
+"""Number of pictures with noise, and its standard deviation, full scale 1."""
+
+LARGEST = 99.5
+"""Percentile of the saliency that counts as 1."""
+
 FILE = "explanation.npz"
 
 
-def visual_back_prop(module: Any, pictures: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the regions that the convolutions of a PilotNet respond to (n, height, width), from 0 to 1.
+def find_saliency(module: Any, pictures: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the effect of each pixel on the first output (n, height, width), from 0 to 1 in each picture.
 
     Args:
-        module: PyTorch module of :func:`~mirdrake.learning.pilotnet.make_pilotnet`.
+        module: PyTorch module of :func:`~mirdrake.learning.pilotnet.make_pilotnet`, without further inputs or with
+            inputs at their means.
         pictures: prepared pictures (n, height, width, 3), 0 to 255.
     """
     torch = import_torch()
-    functional = torch.nn.functional
-    with torch.no_grad(), one_thread():
-        value = torch.from_numpy(np.asarray(pictures, dtype=np.float32)).permute(0, 3, 1, 2) / 127.5 - 1.0
-        sizes, means = [value.shape[2:]], []
-        for layer in module.convolutions[: 2 * len(CONVOLUTIONS)]:
-            value = layer(value)
-            if isinstance(layer, torch.nn.ReLU):
-                means.append(value.mean(dim=1, keepdim=True))
-                sizes.append(value.shape[2:])
-        mask = means[-1]
-        for index in range(len(CONVOLUTIONS) - 1, -1, -1):
-            _, kernel, stride = CONVOLUTIONS[index]
-            height, width = sizes[index]
-            spare = [(height - kernel) % stride, (width - kernel) % stride]
-            mask = functional.conv_transpose2d(
-                mask, torch.ones(1, 1, kernel, kernel), stride=stride, output_padding=spare
-            )
-            mask = mask * means[index - 1] if index else mask
-        result = mask[:, 0].numpy().astype(np.float64)
-    least, most = result.min(axis=(1, 2), keepdims=True), result.max(axis=(1, 2), keepdims=True)
-    scaled: NDArray[np.float64] = (result - least) / np.maximum(most - least, 1e-12)
+    random, plain = np.random.default_rng(0), np.asarray(pictures, dtype=np.float32)
+    total = np.zeros(plain.shape[:3])
+    inputs = torch.zeros(len(plain), getattr(module, "inputs", 0))
+    with one_thread():
+        for _ in range(NOISY):
+            noisy = plain + 255.0 * NOISE * random.standard_normal(plain.shape, dtype=np.float32)
+            value = (torch.from_numpy(noisy).permute(0, 3, 1, 2) / 127.5 - 1.0).requires_grad_(True)
+            module(value, inputs)[:, 0].sum().backward()
+            total += value.grad.abs().sum(dim=1).numpy()
+    largest = np.percentile(total, LARGEST, axis=(1, 2), keepdims=True)
+    scaled: NDArray[np.float64] = np.clip(total / np.maximum(largest, 1e-12), 0.0, 1.0)
     return scaled
 
 
@@ -102,7 +99,8 @@ def write_pictures(
     arrays = {
         "pictures": np.stack(pixels),
         "prepared": prepared,
-        "saliency": visual_back_prop(module, prepared),
+        "cropped": np.array(preparation.cropped),
+        "saliency": find_saliency(module, prepared),
         "place": np.array([entry[1] for entry in chosen]),
         "network": np.array([entry[2] for entry in chosen]),
         "expert": np.array([entry[3] for entry in chosen]),

@@ -100,6 +100,7 @@ def make_pilotnet(architecture: Architecture) -> "torch.nn.Module":
         def __init__(self) -> None:
             super().__init__()
             self.convolutions, self.dense = convolutions, nn.Sequential(*dense)
+            self.inputs = architecture.inputs
 
         def forward(self, pictures: Any, inputs: Any) -> Any:
             """Return the outputs."""

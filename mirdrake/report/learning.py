@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from mirdrake.core.files import read_errors, write_file
@@ -23,17 +24,18 @@ _TEMPLATE = "learning.html.jinja"
 _COLOURS = ("main", "own1", "own2", "own3", "own4")
 _BUCKETS = 600
 _TINT = (255.0, 60.0, 0.0)
-"""Colour of the regions that the network responds to."""
+"""Colour of the pixels that change the steering most."""
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Sample:
-    """A picture at which network and expert differ: data URLs, and texts."""
+    """A picture at which network and expert differ: data URLs, ratio of width and height of the second, and texts."""
 
     picture: str
     saliency: str
+    ratio: float
     place: str
     network: str
     expert: str
@@ -132,6 +134,7 @@ def _training_chart(result: CloneResult) -> Markup:
         epochs = np.arange(1, len(one.validation_error) + 1)
         axes.plot(epochs, one.validation_error, color=THEME[_COLOURS[index % len(_COLOURS)]], linewidth=1.6)
     axes.set_ylim(bottom=0.0)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     label(axes, "Epoch", "Steering error [rad]")
     return embed(figure, "training", "Steering error at places that were not learnt, over the epochs")
 
@@ -143,23 +146,29 @@ def _samples(result: CloneResult) -> list[Sample]:
         return []
     with read_errors(file), np.load(file) as arrays:
         data = {name: arrays[name] for name in arrays.files}
+    height, width = data["cropped"]
     columns = (data["pictures"], data["prepared"], data["saliency"], data["place"], data["network"], data["expert"])
     return [
         Sample(
             _url(picture),
             _url(_tinted(prepared, saliency)),
+            round(float(width / height), 3),
             f"{place:.0f} m",
-            f"{network:+.3f} rad",
-            f"{expert:+.3f} rad",
+            _signed(network),
+            _signed(expert),
         )
         for picture, prepared, saliency, place, network, expert in zip(*columns, strict=True)
     ]
 
 
+def _signed(angle: float) -> str:
+    return f"{angle:+.3f} rad".replace("-", "−")
+
+
 def _tinted(picture: NDArray[Any], saliency: Array) -> NDArray[np.uint8]:
-    """Return a picture in grey with the regions that the network responds to in colour."""
+    """Return a picture in grey with the pixels that change the steering most in colour."""
     grey = picture.mean(axis=2, keepdims=True).repeat(3, axis=2)
-    share = np.sqrt(saliency)[:, :, np.newaxis]
+    share = saliency[:, :, np.newaxis] ** 2
     return np.clip((1.0 - share) * grey + share * np.asarray(_TINT), 0.0, 255.0).astype(np.uint8)
 
 
