@@ -25,6 +25,12 @@ STEERING = ("road_wheel_angle", "steering_wheel_angle", "steering_command")
 DELAY_ODDS = 100.0
 """Prior odds against a delay of a channel [1]."""
 
+MIN_COMMON = 0.3
+"""Least correlation of the rates of both signals, after alignment, for evidence of a delay [1]."""
+
+CERTAIN = 4.0
+"""Standard deviations, by its scatter over the log, that a delay must exceed [1]."""
+
 BLOCKS = 10
 """Parts of a log whose separate delays give uncertainty and drift."""
 
@@ -52,8 +58,10 @@ class Delay(NamedTuple):
 
     @property
     def is_likely(self) -> bool:
-        """Whether the fast part of the signals shows the delay, by the Bayesian information criterion."""
-        return self.gain > required_gain(self.effective, DELAY_ODDS)
+        """Whether the fast part of the signals shows the delay, by the Bayesian information criterion, and its parts
+        agree on it: slow signals with a common trend fit many delays alike."""
+        agrees = abs(self.value) > CERTAIN * self.sigma
+        return agrees and self.gain > required_gain(self.effective, DELAY_ODDS)
 
 
 def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
@@ -118,7 +126,9 @@ def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
     rest, slope, shifted = _compared(a[inner], curve, inner, -delay)
     correlation = float(np.corrcoef(a[inner], shifted)[0, 1])
     plain = _compared(a[inner], curve, inner, 0.0)[0]
-    gain = likelihood_gain(plain, rest)
+    # Without a common fast part, as on a circle, noise or a trend decides.
+    common = abs(float(np.corrcoef(own, slope)[0, 1]))
+    gain = likelihood_gain(plain, rest) if common > MIN_COMMON else (0.0, 1.0)
     # One more step in each part by itself, with an offset of its own, as offsets wander (grade, mounting).
     parts = np.array_split(np.arange(len(shifted)), BLOCKS)
     values, weights, times, sign = [], [], [], np.sign(own @ slope)

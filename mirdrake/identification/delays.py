@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirdrake.identification.alignment import STEERING, Delay, estimate_delay, pair_delays
+from mirdrake.identification.alignment import CERTAIN, STEERING, Delay, estimate_delay, pair_delays
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.findings import Finding, Severity, Statement, statement
 from mirdrake.identification.lateral_delays import LateralDelays, estimate_lateral_delays
@@ -374,7 +374,7 @@ def _balance(
 
     Args:
         ties: differences between channels.
-        least: smaller differences count as none.
+        least: smaller differences count as none, as do insignificant ones.
         sources: channels that come from one source, which count as one.
         lead: channel whose value is zero.
     """
@@ -391,16 +391,20 @@ def _balance(
         old, new = groups[second], groups[first]
         groups = {name: new if group == old else group for name, group in groups.items()}
     solved = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    covariance = np.linalg.pinv(matrix.T @ matrix)
 
-    # The zero of each group is the value that the fewest sources differ from.
+    # The zero of each group is the value that the fewest sources differ from; of several, the most certain one.
     balanced: dict[str, float] = {}
+    share = {name: 1.0 / len(source) for source in sources for name in source}
     for group in set(groups.values()):
-        members = {name: float(solved[names.index(name)]) for name in names if groups[name] == group}
-        values = np.array(sorted(members.values()))
-        share = {name: 1.0 / len(source) for source in sources for name in source}
-        others = [
-            sum(share.get(name, 1.0) for name, own in members.items() if abs(own - value) > least) for value in values
-        ]
-        zero = members[lead] if lead in members else float(values[int(np.argmin(others))])
-        balanced |= {name: value - zero for name, value in members.items()}
+        members = [name for name in names if groups[name] == group]
+        index = [names.index(name) for name in members]
+        spread = covariance[np.ix_(index, index)]
+        away = solved[index][:, None] - solved[index]
+        variance = np.maximum(np.diag(spread)[:, None] + np.diag(spread) - 2.0 * spread, 0.0)
+        differs = np.abs(away) > np.maximum(least, CERTAIN * np.sqrt(variance))
+        weight = np.array([share.get(name, 1.0) for name in members])
+        ranks = list(zip((weight @ differs).round(9).tolist(), variance.sum(axis=0).tolist(), strict=True))
+        zero = members.index(lead) if lead in members else ranks.index(min(ranks))
+        balanced |= {name: float(away[row, zero]) * bool(differs[row, zero]) for row, name in enumerate(members)}
     return balanced

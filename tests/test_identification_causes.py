@@ -1,0 +1,54 @@
+"""Causes of wrong verdicts that acceptance found: each is a class of drives, by an independent single track."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from benchmarks.calibration.truth import STEP, Motion, Vehicle, drive
+from mirdrake.identification import DataSet, Log
+from mirdrake.identification.check import check_data
+
+CAR = Vehicle("linear", 1500.0, 1.2, 1.5, 2400.0, 9e4, 1.1e5)
+
+
+def recorded(motion: Motion, random: np.random.Generator, late: dict[str, float]) -> DataSet:
+    """Return a log at 100 Hz with the noise of usual sensors; delays by channel [s]."""
+    time = np.arange(0.2, motion.time[-1] - 0.2, 0.01)
+    true = {
+        "vx": (motion.speed, 0.03), "yaw_rate": (motion.yaw_rate, 0.003), "yaw_rate@imu": (motion.yaw_rate, 0.003),
+        "lateral_acceleration": (motion.rate(motion.lateral) + motion.speed * motion.yaw_rate, 0.05),
+        "vy": (motion.lateral, 0.02), "road_wheel_angle": (motion.command, np.deg2rad(0.03)),
+    }  # fmt: skip
+    channels = {
+        name: np.interp(time - late.get(name, 0.0), motion.time, values) + random.normal(0.0, noise, len(time))
+        for name, (values, noise) in true.items()
+    }
+    return DataSet((Log("drive", "train", time, channels),), wheelbase=CAR.wheelbase)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_circle_with_rising_speed_has_no_delays(seed):
+    """30 m at 4 to 12 m/s: nothing fast moves but noise of 0.03 deg, which is no excitation of a delay."""
+    time = np.arange(0.0, 60.0, STEP)
+    speed = np.linspace(4.0, 12.0, len(time))
+    gradient = CAR.mass / CAR.wheelbase * (CAR.rear / CAR.stiffness_front - CAR.front / CAR.stiffness_rear)
+    angle = (CAR.wheelbase + gradient * speed**2) / 30.0 * np.minimum(time, 1.0)
+    report = check_data(recorded(drive(CAR, speed, angle), np.random.default_rng(seed), {}))
+    assert not [finding.channel for finding in report.of("delay") if finding.done or finding.severity != "info"]
+
+
+@pytest.mark.parametrize("late", ["yaw_rate", "yaw_rate@imu"])
+@pytest.mark.parametrize("seed", range(2))
+def test_of_two_yaw_rates_the_late_one_is_shifted_alone(late, seed):
+    """The clock is that of most channels."""
+    random = np.random.default_rng(seed)
+    time = np.arange(0.0, 40.0, STEP)
+    shape = gaussian_filter1d(random.normal(size=len(time)), 0.2 / STEP)
+    motion = drive(CAR, 15.0 + 3.0 * np.sin(0.3 * time), 0.03 * shape / np.std(shape))
+    report = check_data(recorded(motion, random, {late: 0.03}))
+    shifts = {}
+    for finding in report.of("delay"):
+        shifts |= {} if finding.done is None else finding.done.figures
+    values = {name: value for name, value in shifts.items() if name not in {"shifts", "together"}}
+    assert set(values) == {late}
+    assert values[late] == pytest.approx(0.03, abs=0.003)
