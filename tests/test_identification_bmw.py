@@ -83,7 +83,7 @@ def test_scale_offset_and_delay_of_the_steering_are_those_that_are_known(do):
     late = fit["steering_delay"].value + sum(relaxed) / 19.0
     assert 0.0 < late < 0.04
     assert fit["steering_delay"].low < 0.0 < fit["steering_delay"].high
-    assert fit["steering_delay"].verdict == "not identifiable"
+    assert fit["steering_delay"].verdict in {"weakly identified", "not identifiable"}
 
 
 def test_the_braking_gives_deceleration_lag_and_resistance_with_intervals(do):

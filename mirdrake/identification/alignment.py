@@ -58,8 +58,8 @@ class Delay(NamedTuple):
 
     @property
     def is_likely(self) -> bool:
-        """Whether the fast part of the signals shows the delay, by the Bayesian information criterion, and its parts
-        agree on it: slow signals with a common trend fit many delays alike."""
+        """Whether the fast part of the signals shows the delay, by the Bayesian information criterion."""
+        # Slow signals with a common trend fit many delays alike: the parts of the log must agree.
         agrees = abs(self.value) > CERTAIN * self.sigma
         return agrees and self.gain > required_gain(self.effective, DELAY_ODDS)
 

@@ -23,8 +23,7 @@ WEAK = 0.15
 """Largest standard deviation of a weakly identified parameter, relative or over its scale."""
 
 DOUBTFUL = 0.02
-"""Largest standard deviation of an identified parameter that the assumptions make more uncertain than the noise does;
-such a bias does not shrink in longer logs."""
+"""Standard deviation from which the assumption that causes it is named, relative or over the scale."""
 
 INSEPARABLE = 0.95
 """Correlation above which two parameters are not separable."""
@@ -45,6 +44,7 @@ class Uncertainty:
         correlation: correlations (p, p).
         bounds: bound that an estimate is at (p).
         effects: contributions of the assumptions.
+        between: standard deviations between parts of the logs (p).
         model_error: whether the residuals are far from white, so that an implausible value is not an estimate.
     """
 
@@ -52,6 +52,7 @@ class Uncertainty:
     correlation: Array
     bounds: Sequence[str | None]
     effects: Sequence[AssumptionEffect] = ()
+    between: Array | None = None
     model_error: bool = False
 
 
@@ -86,7 +87,7 @@ def judge(
                 info.name, info.unit, value, slope * judgement.sigma if finite[0] else None, low, high, unknown.kind,
                 at_bound, unknown.given, unknown.source, judgement.verdict, messages.explanation(judgement),
                 sigma_noise=slope * judgement.noise if finite[1] else None,
-                sigma_model=slope * judgement.by_assumptions,
+                sigma_model=slope * math.hypot(judgement.by_assumptions, judgement.between),
             )
         )  # fmt: skip
     return tuple(judgements)
@@ -110,8 +111,10 @@ def _judge(
     noise = float(uncertainty.sigmas[i])
     shifts = [(abs(float(effect.shift[i])), effect.assumption) for effect in uncertainty.effects]
     by_assumptions = math.hypot(*(shift for shift, _ in shifts))
-    sigma = math.hypot(noise, by_assumptions)
-    span = sigma if unknown.logarithmic else sigma / max(1.0, abs(value) / info.scale)
+    between = 0.0 if uncertainty.between is None else float(uncertainty.between[i])
+    sigma = math.hypot(noise, by_assumptions, between)
+    per_scale = 1.0 if unknown.logarithmic else 1.0 / max(1.0, abs(value) / info.scale)
+    span = sigma * per_scale
     plausible = model.plausible_range(info.name, values)
     is_plausible = plausible[0] <= value <= plausible[1]
     bound = uncertainty.bounds[i]
@@ -119,27 +122,28 @@ def _judge(
     # The verdict by uncertainty and plausibility alone.
     verdict: Verdict = "identified"
     is_meaningless = not is_plausible and (uncertainty.model_error or span > IDENTIFIED)
-    if bound is not None or not span <= WEAK or is_meaningless:
+    if bound is not None or not noise * per_scale <= WEAK or is_meaningless:
         verdict = "not identifiable"
-    elif span > IDENTIFIED or (by_assumptions > noise and span > DOUBTFUL):
-        verdict = "weakly identified"
+    elif span > IDENTIFIED:
+        verdict = "weakly identified"  # also if only the model makes it uncertain: the logs do determine it
 
-    # For an uncertain parameter the reason: assumptions, correlated parameters or noise.
+    # The reason of the uncertainty: assumptions, correlated parameters or noise.
     depends_on: Assumption | None = None
     inseparable: list[str] = []
     remedy = ""
+    if by_assumptions > max(noise, between) and span > DOUBTFUL:
+        depends_on = max(shifts, key=lambda shift: shift[0])[1]
     if verdict != "identified":
         ranked = sorted(zip(np.abs(uncertainty.correlation[i]), names, strict=True), reverse=True)
         inseparable = [name for rho, name in ranked if name != info.name and rho > INSEPARABLE][:2]
-        if by_assumptions > noise:
-            depends_on = max(shifts, key=lambda shift: shift[0])[1]
-        if inseparable or by_assumptions <= noise or noise * span > IDENTIFIED * sigma:
+        if inseparable or depends_on is None or noise * span > IDENTIFIED * sigma:
             remedy = model.suggest_experiment(frozenset({info.name, *inseparable}))
     elif unknown.given is not None and _contradicts(unknown, value, sigma, span):
         verdict = "contradicts the given value"
     prior_share = noise * unknown.slope(value) / unknown.prior[1] if unknown.kind == "prior" and unknown.prior else 0.0
     return Judgement(
-        unknown, value, verdict, noise, by_assumptions, sigma, "low" if bound == "low" else "high" if bound else None,
+        unknown, value, verdict, noise, by_assumptions, between, sigma,
+        "low" if bound == "low" else "high" if bound else None,
         span <= WEAK, is_meaningless, None if is_plausible else plausible, depends_on, tuple(inseparable), remedy,
         prior_share,
     )  # fmt: skip

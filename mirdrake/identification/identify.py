@@ -1,7 +1,7 @@
 """Identification study: data, data check, stages, final fit; results written into a folder."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from mirdrake.identification.data import DataSet, load_data, make_data
 from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.findings import DataReport
-from mirdrake.identification.fit import Fit
+from mirdrake.identification.fit import Fit, Verdict
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.models.base import Model
 from mirdrake.identification.models.registry import check_options, model_class
@@ -28,8 +28,12 @@ from mirdrake.vehicles import load_vehicle
 
 Progress = Callable[[str], None]
 
-MIN_FIT = 25.0
-"""Fit of the best training channel below which the estimates are not valid for the vehicle [%]."""
+MIN_FIT, FAIR_FIT = 25.0, 70.0
+"""Fit of the best training channel below which the estimates are not valid for the vehicle, and below which none is
+called identified if the noise allows a better one [%]."""
+
+ROOM = 15.0
+"""Difference between that fit and the largest one that the noise allows, from which the model lacks an effect [%]."""
 
 
 @dataclass(frozen=True)
@@ -272,14 +276,30 @@ def _check_moves(data: DataSet, model: Model) -> None:
 
 
 def reject_poor_fit(found: Fit) -> Fit:
-    """Return the fit with all verdicts "not identifiable" if the model does not follow the data it was fitted to."""
-    # One well-fitted channel is enough to show that the model describes the vehicle.
-    best = max((channel.nrmse_percent for channel in found.channels if channel.part == "train"), default=100.0)
-    if best >= MIN_FIT:
+    """Return the fit with weaker verdicts if the model does not follow the data it was fitted to.
+
+    One well-fitted channel is enough to show that the model describes the vehicle.
+    """
+    trained = [channel for channel in found.channels if channel.part == "train"]
+    best = max(trained, key=lambda channel: channel.nrmse_percent, default=None)
+    if best is None or best.nrmse_percent >= FAIR_FIT:
         return found
-    text = f"the model fits no channel by more than {max(best, 0.0):.0f} %: its values are not valid for the vehicle"
+    fit, limit = max(best.nrmse_percent, 0.0), best.noise_limit_percent
+    if fit < MIN_FIT:
+        text = f"the model fits no channel by more than {fit:.0f} %: its values are not valid for the vehicle"
+        return _weakened(
+            found, {"identified", "weakly identified", "contradicts the given value"}, "not identifiable", text
+        )
+    if limit - fit > ROOM:
+        text = f"the model fits no channel by more than {fit:.0f} %, the noise allows {limit:.0f} %: it lacks an effect"
+        return _weakened(found, {"identified", "contradicts the given value"}, "weakly identified", text)
+    return found
+
+
+def _weakened(found: Fit, verdicts: Collection[Verdict], verdict: Verdict, text: str) -> Fit:
+    """Return the fit with a note, and with another verdict in place of some."""
     parameters = tuple(
-        parameter if parameter.kind == "fixed" else replace(parameter, verdict="not identifiable", explanation=text)
+        replace(parameter, verdict=verdict, explanation=text) if parameter.verdict in verdicts else parameter
         for parameter in found.parameters
     )
     return replace(found, parameters=parameters, notes=(text, *found.notes))

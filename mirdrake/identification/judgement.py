@@ -18,7 +18,8 @@ class Judgement:
         verdict: verdict.
         noise: standard deviation of the scaled parameter by the noise [1].
         by_assumptions: the same by the assumptions [1].
-        sigma: root sum of squares of both [1].
+        between: the same between parts of the logs [1].
+        sigma: root sum of squares of the three [1].
         bound: bound that the estimate is at.
         is_certain: whether the uncertainty alone would allow the parameter to be used.
         is_meaningless: whether the value is outside of its plausible range and uncertain, or the model is wrong.
@@ -34,6 +35,7 @@ class Judgement:
     verdict: Verdict
     noise: float
     by_assumptions: float
+    between: float
     sigma: float
     bound: Literal["low", "high"] | None
     is_certain: bool

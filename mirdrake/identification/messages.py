@@ -26,6 +26,8 @@ def explanation(judgement: Judgement) -> str:
     else:
         text = f"known to {width}"
         text += f"; unusual ({usual})" if usual and judgement.verdict != "weakly identified" else ""
+    if judgement.verdict != "identified" and judgement.between > max(judgement.noise, judgement.by_assumptions):
+        text += f"; the logs differ by {_width(parameter, judgement.between)}: the model lacks an effect"
     if judgement.depends_on is not None:
         text += f"; depends on {judgement.depends_on.description}: {judgement.depends_on.remedy}"
     if judgement.inseparable:

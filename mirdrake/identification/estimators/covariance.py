@@ -46,15 +46,24 @@ class Stretch(NamedTuple):
     measured: NDArray[np.bool_]
 
 
-def score_covariance(stretches: Sequence[Stretch]) -> tuple[Array, Array]:
+def noise_models(stretches: Sequence[Stretch]) -> list[Array]:
+    """Return the autoregression of the residuals of each output."""
+    outputs = stretches[0].residuals.shape[1]
+    return [
+        autoregression([stretch.residuals[stretch.measured[:, k], k] for stretch in stretches]) for k in range(outputs)
+    ]
+
+
+def score_covariance(stretches: Sequence[Stretch], models: Sequence[Array] | None = None) -> tuple[Array, Array]:
     """Return the covariance of Σ Jᵀ r for autocorrelated and for white residuals (p, p) each.
 
     Different stretches are independent. Samples on both sides of a missing value count as neighbours.
+
+    Args:
+        stretches: stretches of consecutive samples.
+        models: autoregression of each output; None estimates it from these stretches.
     """
-    outputs = stretches[0].residuals.shape[1]
-    models = [
-        autoregression([stretch.residuals[stretch.measured[:, k], k] for stretch in stretches]) for k in range(outputs)
-    ]
+    models = noise_models(stretches) if models is None else models
     coloured, white = [_Sums(stretches[0].slopes.shape[2]) for _ in range(2)]
     for slopes, residuals, measured in stretches:
         sums = np.zeros((len(slopes), slopes.shape[2]))

@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.shooting import make_shots, simulate
 from mirdrake.identification.models.base import Model, Segment
 from mirdrake.identification.models.manoeuvres import STEP
 from mirdrake.identification.parameters import FitParameter
 
 Array = NDArray[np.float64]
-
-_FINER = 4
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,8 @@ def rank_manoeuvres(
     ranking = []
     plans = candidates or model.candidate_manoeuvres(values, speed)
     for name, drive in zip(plans, _driven(model, values, list(plans.values())), strict=True):
-        gained = information(model, unknowns, values, sigmas, drive)
+        is_driven = all(np.isfinite(channel).all() for channel in drive.outputs.values())
+        gained = information(model, unknowns, values, sigmas, drive) if is_driven else np.full_like(now, np.nan)
         if not np.isfinite(gained).all():
             continue
         after = np.linalg.inv(now + gained)
@@ -99,22 +99,9 @@ def _driven(model: Model, values: Mapping[str, float], plans: Sequence[Mapping[s
         many = len(next(iter(channels.values())))
         inputs = {name: channels[name] for name in model.inputs}
         outputs = {name: channels.get(name, np.zeros(many)) for name in model.outputs}
-        drives.append(Segment("plan", "train", 0.0, STEP, inputs, outputs))
-    # All plans are simulated side by side, padded to the longest.
-    longest = max(drive.size for drive in drives)
-    inputs_of = [model.input_signals(values, drive, drive.time) for drive in drives]
-    u = np.stack([np.pad(inputs, ((0, 0), (0, longest - inputs.shape[1])), "edge") for inputs in inputs_of], axis=-1)
-    first = np.zeros(1, dtype=np.intp)
-    x = np.concatenate([model.initial_states(values, drive, first) for drive in drives], axis=1)
-    seen = np.empty((len(model.outputs), longest, len(drives)))
-    step = STEP / _FINER  # a small robot is stiff: its yaw responds within milliseconds
-    with np.errstate(all="ignore"):
-        for k in range(longest):
-            now = u[:, k, None]
-            seen[:, k] = model.observe(x[:, None, :, None], now[..., None], values)[:, 0, :, 0]
-            for _ in range(_FINER):
-                x = x + step * model.rates(x[:, None], now, values)[:, 0]
-    return [
-        replace(drive, outputs=dict(zip(model.outputs, seen[:, : drive.size, i], strict=True)))
-        for i, drive in enumerate(drives)
-    ]
+        drive = Segment("plan", "train", 0.0, STEP, inputs, outputs)
+        first = model.initial_states(values, drive, np.zeros(1, dtype=np.intp))[:, 0]
+        run = simulate(model, make_shots(model, drive, values), [values], first, derivatives=False)
+        seen = np.full((len(model.outputs), many), np.nan) if run is None else run.y
+        drives.append(replace(drive, outputs=dict(zip(model.outputs, seen, strict=True))))
+    return drives

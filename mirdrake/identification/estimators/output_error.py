@@ -12,6 +12,7 @@ from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.identification import messages
 from mirdrake.identification.channels import channel
 from mirdrake.identification.data import DataSet, Log
+from mirdrake.identification.estimators.consistency import prior_information, split, variation
 from mirdrake.identification.estimators.experiment_design import Candidate, rank_manoeuvres
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem, transfer_states
@@ -73,8 +74,39 @@ def fit(
     effects = assumption_effects(
         solution, options, lambda more: make_model(replace(model, options={**model.options, **more}), data, known)
     )
-    result = summarise(data, solution, unknowns, name=name, options=options, notes=notes, effects=effects)
+    between = between_logs(data, solution, options)
+    result = summarise(
+        data, solution, unknowns, name=name, options=options, notes=notes, effects=effects, between=between
+    )
     return replace(result, seconds=time.perf_counter() - begun)
+
+
+def between_logs(data: DataSet, solution: Solution, options: EstimatorOptions) -> Array:
+    """Return the standard deviation of the scaled free parameters between the logs, those held out included."""
+    problem = solution.problem
+    span = sum(drive.size * drive.step for drive in problem.drives)
+    # A single log is cut into halves.
+    parts = split(problem, solution.z, options.loss, 0.5 * span if len(problem.drives) == 1 else np.inf)
+    values, count = problem.values(solution.z), len(problem.free)
+    for log in data.validation:
+        drives, _ = make_segments(problem.model, (log,))
+        fixed = Problem(problem.model, drives, _fixed(problem, values), problem.sigmas, problem.offsets)
+        other = replace(fixed, unknowns=problem.unknowns)
+        z = other.scaled(values)
+        try:
+            z[count:] = minimise(fixed, EstimatorOptions(iterations=20)).z
+        except RunError:
+            continue
+        parts += split(other, z, options.loss)
+    return variation(parts, prior_information(problem))
+
+
+def _fixed(problem: Problem, values: Mapping[str, float]) -> list[FitParameter]:
+    """Return the parameters of a problem, fixed to values."""
+    return [
+        replace(unknown, kind="fixed", prior=None, info=replace(unknown.info, guess=values[unknown.info.name]))
+        for unknown in problem.unknowns
+    ]
 
 
 def check_logs(data: DataSet) -> None:
@@ -113,6 +145,7 @@ def summarise(
     options: EstimatorOptions,
     notes: Sequence[str] = (),
     effects: Sequence[AssumptionEffect] = (),
+    between: Array | None = None,
 ) -> Fit:
     """Return the fit of a solution: intervals, verdicts, traces, validation."""
     problem, model = solution.problem, solution.problem.model
@@ -138,7 +171,7 @@ def summarise(
         channel.part == "train" and channel.whiteness_p is not None and channel.whiteness_p < 1e-3
         for channel in channels
     )
-    judged = judge(model, unknowns, values, Uncertainty(sigmas, correlation, solution.bound, effects, error))
+    judged = judge(model, unknowns, values, Uncertainty(sigmas, correlation, solution.bound, effects, between, error))
 
     # Notes and advice.
     lines = [*notes]
@@ -151,8 +184,11 @@ def summarise(
     advice = dict.fromkeys(
         model.suggest_experiment(frozenset({parameter.name}))
         for parameter in judged
-        if parameter.verdict in {"not identifiable", "weakly identified"}
-        and not (parameter.sigma_model or 0.0) > (parameter.sigma_noise or 0.0)
+        if parameter.verdict == "not identifiable"
+        or (
+            parameter.verdict == "weakly identified"
+            and not (parameter.sigma_model or 0.0) > (parameter.sigma_noise or 0.0)
+        )
     )
     if advice and (best := recommend_manoeuvre(solution)) is not None:
         advice[messages.recommendation(*best)] = None
@@ -193,10 +229,7 @@ def evaluate_logs(data: DataSet, solution: Solution) -> tuple[tuple[ChannelFit, 
     channels: list[ChannelFit] = []
     traces: dict[str, pd.DataFrame] = {}
     values = problem.values(solution.z)
-    fixed = [
-        replace(unknown, kind="fixed", prior=None, info=replace(unknown.info, guess=values[unknown.info.name]))
-        for unknown in problem.unknowns
-    ]
+    fixed = _fixed(problem, values)
     for log in data.logs:
         if log.use == "train":
             runs = problem.traces(solution.z)

@@ -24,12 +24,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import expit
 
+from mirdrake.core.errors import RunError
 from mirdrake.identification.estimators.covariance import Stretch, score_covariance
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.problem import Problem, transfer_states
-from mirdrake.identification.estimators.solve import Solution, inverse, loss_weights
+from mirdrake.identification.estimators.solve import Solution, inverse, loss_weights, minimise
 from mirdrake.identification.models.base import SMALL_FRACTION, Array, Assumption, AssumptionEffect, Model
 from mirdrake.identification.parameters import FitParameter
+
+LINEAR, REFIT = 0.3, 12
+"""Shift of a scaled parameter above which an assumption is refitted [1]; evaluations of a refit."""
 
 Remake = Callable[[Mapping[str, Any]], Model]
 """Makes the model with further options."""
@@ -114,8 +118,37 @@ def assumption_effects(solution: Solution, options: EstimatorOptions, remake: Re
             if assumption.is_omitted:
                 size = expected_square(evidence.estimate, analysis.variance(evidence)) ** 0.5
             size = min(size, assumption.max_size)
-            effects.append(AssumptionEffect(assumption, size * evidence.shift[: len(solution.problem.free)], size))
+            shift = size * evidence.shift[: len(solution.problem.free)]
+            if np.max(np.abs(shift)) > LINEAR:
+                shift = _refitted_shift(solution, assumption, size, options, remake, shift)
+            effects.append(AssumptionEffect(assumption, shift, size))
     return tuple(effects)
+
+
+def _refitted_shift(
+    solution: Solution, assumption: Assumption, size: float, options: EstimatorOptions, remake: Remake, linear: Array
+) -> Array:
+    """Return the shift of the estimates by a refit with the assumption changed by its size.
+
+    A linearisation overstates shifts along poorly determined directions many times. If the refit fails, it counts.
+    """
+    problem, count = solution.problem, len(solution.problem.free)
+    values, known = problem.values(solution.z), {unknown.info.name: unknown.info for unknown in problem.unknowns}
+    scale = 1.0 if assumption.options else size / assumption.fraction
+    changes = {}
+    for name, value in assumption.changes.items():
+        changes[name] = value
+        if name in known:
+            info = known[name]
+            changes[name] = min(max(values[name] + scale * (value - values[name]), info.low), info.high)
+    other = _changed_problem(problem, replace(assumption, changes=changes), remake)
+    start = np.concatenate((solution.z[:count], transfer_states(solution.z, problem, other)))
+    try:
+        refit = minimise(other, replace(options, iterations=REFIT), start, close=1e-4)
+    except RunError:
+        return linear
+    shift = refit.z[:count] - solution.z[:count]
+    return shift if not assumption.options else size / assumption.fraction * shift
 
 
 def expected_square(estimate: float, variance: float) -> float:
@@ -149,6 +182,13 @@ def list_assumptions(problem: Problem, z: Array) -> tuple[Assumption, ...]:
 
 def _residuals_without(problem: Problem, z: Array, assumption: Assumption, remake: Remake) -> Array | None:
     """Return the residuals of the measurements if an assumption is off by its fraction; None if the model diverges."""
+    other = _changed_problem(problem, assumption, remake)
+    residuals = other.residuals(np.concatenate((z[: len(problem.free)], transfer_states(z, problem, other))))
+    return residuals[: problem.measured] if np.isfinite(residuals).all() else None
+
+
+def _changed_problem(problem: Problem, assumption: Assumption, remake: Remake) -> Problem:
+    """Return the problem with the changes of an assumption."""
     model = problem.model
     if assumption.options:
         model = remake({**assumption.options, "outputs": list(model.outputs)})
@@ -160,6 +200,4 @@ def _residuals_without(problem: Problem, z: Array, assumption: Assumption, remak
         if value is not None:
             parameter = replace(parameter, info=replace(parameter.info, guess=value))
         unknowns.append(parameter)
-    other = Problem(model, problem.drives, unknowns, problem.sigmas, problem.offsets, problem.joined)
-    residuals = other.residuals(np.concatenate((z[: len(problem.free)], transfer_states(z, problem, other))))
-    return residuals[: problem.measured] if np.isfinite(residuals).all() else None
+    return Problem(model, problem.drives, unknowns, problem.sigmas, problem.offsets, problem.joined)

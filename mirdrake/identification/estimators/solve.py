@@ -94,7 +94,7 @@ def minimise(
     z = np.zeros(problem.size) if z is None else z.copy()
     low, high = problem.bounds()
     result, tolerance = None, problem.model.tolerance
-    fine, coarse = (1e-8, 1e-5) if tolerance < 1e-6 else (1e-4, 1e-2)
+    fine, coarse = (1e-6, 1e-5) if tolerance < 1e-6 else (1e-4, 1e-2)
     for turn in range(passes):
         near = turn > 0 or passes == 1 or begun
         z = _inside(z, low, high)

@@ -1,46 +1,43 @@
 """Structure search: which effects a model needs, where a study leaves them open.
 
 The plain model is fitted first, then each addition of :meth:`Model.additions` in turn, starting from the best fit so
-far and with the noise of the first one. An addition that makes the residuals clearly smaller and has plausible values
-is kept.
+far and with the noise of the first one. An addition is kept if its values are plausible and if it predicts parts of the
+logs better that it was not fitted to (:func:`~mirdrake.identification.estimators.consistency.prediction_costs`), by
+more than the standard error over the parts allows for chance (M. Stone, Cross-validatory choice, J. R. Statist. Soc. B
+36, 1974; the rule of standard errors is that of L. Breiman and others, Classification and Regression Trees, 1984).
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mirdrake.core.errors import RunError
 from mirdrake.identification.data import DataSet
+from mirdrake.identification.estimators.consistency import cross_validate
 from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.output_error import initial_noise
 from mirdrake.identification.estimators.problem import Problem, transfer_states
 from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.sensitivity import SensitivityAnalysis, list_assumptions
-from mirdrake.identification.estimators.solve import Minimum, assess, minimise
-from mirdrake.identification.models.base import Addition, Model, ModelSpec
+from mirdrake.identification.estimators.solve import Minimum, minimise
+from mirdrake.identification.models.base import Addition, Array, Model, ModelSpec
 from mirdrake.identification.models.registry import check_options, make_model, model_class
 from mirdrake.identification.parameters import Setting, known_values, resolve_parameters
 
-MAX_FRICTION_WIDTH = 0.3
-"""Half of the 95 % interval of a friction over its value, up to which saturating tyres are accepted: with a less
-certain friction the model may spin where the vehicle did not."""
+STANDARD_ERRORS = 1.5
+"""Standard errors by which an addition must predict better [1]."""
 
 MAX_ITERATIONS = 15
 """Evaluations of an addition: one that is needed shows by then."""
 
-MIN_PROMISE = 0.1
-"""Share of the required saving that the gradient of the cost must promise before an addition is fitted."""
+PROMISE = 2.0
+"""Gain of twice the log-likelihood that the gradient must promise before an addition is fitted [1]."""
 
-PASSES = 2
-"""Passes over the additions while the model changes: an earlier effect may have hidden a later one."""
-
-LAG_RANGE = (2e-3, 0.9)
-"""Range of a plausible steering lag [s]."""
-
-MIN_DELAY = -0.01
-"""Least dead time beside a lag [s]: an earlier one means that the lag compensates for something else."""
+ROUNDS = 6
+"""Largest number of additions, one a round: an earlier effect may have hidden a later one."""
 
 
 class Structure(NamedTuple):
@@ -75,38 +72,56 @@ def choose_structure(
     options = replace(options, bootstrap=0, profile=False)
     few = replace(options, iterations=min(options.iterations, MAX_ITERATIONS))
     least = first = _minimise(data, best, options, None)
+    costs = cross_validate(least, options.loss)
     kept: list[Addition] = []
-    notes: dict[str, str] = {}
-    tried_on: dict[str, Structure] = {}
-    for added in candidates * PASSES:
-        # Skip what is in the model already, or was tried on this very model.
-        if tried_on.get(added.description) is best or _has(best, added):
-            continue
-        if not least.values["steering_delay"] > added.delay:
-            continue
-        tried_on[added.description] = best
-        if not _promises(data, best, least, added, options):
-            continue
-        additions = [*(addition for addition in kept if not {*addition.options} & {*added.options}), added]
-        try:
-            minimum = _minimise(data, _with_additions(model, settings, additions), few, least)
-            faded = {addition.description for addition in kept if _has_faded(minimum, addition)}
+    gains: dict[str, float] = {}
+    for _ in range(ROUNDS):
+        # What the gradient promises most is tried first: similar effects, as lag and relaxation, exclude one another.
+        for added in _promising(data, best, least, candidates, options):
+            additions = [*(addition for addition in kept if not {*addition.options} & {*added.options}), added]
+            minimum = _best_start(data, _with_additions(model, settings, additions), few, least, added.starts)
+            # An effect that the new one drives to where it vanishes is left out again.
+            odd = set() if minimum is None else _implausible(minimum)
+            faded = [addition for addition in additions[:-1] if {*addition.settings, *addition.options} & odd]
             if faded:
-                additions = [addition for addition in additions if addition.description not in faded]
-                minimum = _minimise(data, _with_additions(model, settings, additions), few, least)
+                additions = [addition for addition in additions if addition not in faded]
+                minimum = _best_start(data, _with_additions(model, settings, additions), few, least, ())
+            if minimum is None or not _implausible(minimum) <= _implausible(first):
+                continue
+            own = cross_validate(minimum, options.loss)
+            if predicts_better(costs, own):
+                gains = {addition.description: gains.get(addition.description, 0.0) for addition in additions}
+                gains[added.description] = 100.0 * float(1.0 - np.sum(own) / np.sum(costs))
+                kept, costs = additions, own
+                best, least = _with_additions(model, settings, additions), minimum
+                break
+        else:
+            break
+    notes = tuple(
+        f"left open by the study, supported by the training logs: {name} ({gain:.2g} % less cost of prediction)"
+        for name, gain in gains.items()
+    )
+    return best._replace(start=least, notes=notes)
+
+
+def predicts_better(plain: Array, added: Array) -> bool:
+    """Return whether costs of prediction (parts) are less by enough standard errors."""
+    gain = plain - added
+    error = float(np.std(gain, ddof=1)) * len(gain) ** 0.5 if len(gain) > 1 else 0.0
+    return float(np.sum(gain)) > STANDARD_ERRORS * error
+
+
+def _best_start(
+    data: DataSet, trial: Structure, options: EstimatorOptions, least: Minimum, starts: Sequence[Mapping[str, float]]
+) -> Minimum | None:
+    """Return the least of the minima from several starts; None if the model diverges from all."""
+    minima = []
+    for start in ({}, *starts):
+        try:
+            minima.append(_minimise(data, trial, options, least, start))
         except RunError:  # the model diverges with this effect
             continue
-        saves = minimum.cost < (1.0 - added.min_saving) * least.cost
-        if saves and _is_plausible(minimum, first) and _frictions_are_certain(minimum, options):
-            notes = {name: note for name, note in notes.items() if name not in faded}
-            notes.pop(added.description, None)
-            saved = 100.0 * (1.0 - minimum.cost / least.cost)
-            notes[added.description] = (
-                f"left open by the study, supported by the training logs: {added.description} ({saved:.2g} % less cost)"
-            )
-            kept = additions
-            best, least = _with_additions(model, settings, additions), minimum
-    return best._replace(start=least, notes=tuple(notes.values()))
+    return min(minima, key=lambda minimum: minimum.cost, default=None)
 
 
 def _with_additions(model: ModelSpec, settings: Mapping[str, Setting], additions: Sequence[Addition]) -> Structure:
@@ -117,12 +132,6 @@ def _with_additions(model: ModelSpec, settings: Mapping[str, Setting], additions
     return Structure(replace(model, options=options), more)
 
 
-def _has_faded(minimum: Minimum, added: Addition) -> bool:
-    """Whether another addition has driven the parameter of this one out of its plausible range."""
-    name = added.fading_parameter
-    return bool(name) and minimum.values[name] <= minimum.problem.model.plausible_range(name, minimum.values)[0]
-
-
 def _has(best: Structure, added: Addition) -> bool:
     """Whether a structure contains an addition."""
     options = best.model.options
@@ -131,57 +140,49 @@ def _has(best: Structure, added: Addition) -> bool:
     )
 
 
-def _promises(data: DataSet, best: Structure, least: Minimum, added: Addition, options: EstimatorOptions) -> bool:
-    """Whether the residuals show traces of an addition, so that it is worth a fit: Rao's score test."""
+def _promising(
+    data: DataSet, best: Structure, least: Minimum, candidates: Sequence[Addition], options: EstimatorOptions
+) -> list[Addition]:
+    """Return the additions of which the residuals show traces, the clearest first: Rao's score test.
+
+    Effects that are not linear in their parameters, with initial values of their own, come last.
+    """
     known = known_values(best.settings)
 
     def remake(more: Mapping[str, Any]) -> Model:
         return make_model(replace(best.model, options={**best.model.options, **more}), data, known)
 
-    assumptions = [
-        assumption
-        for assumption in list_assumptions(least.problem, least.z)
-        if assumption.is_omitted
-        and assumption.options == added.options
-        and (added.options or {*assumption.changes} == {*added.settings})
-    ]
-    if not assumptions:
-        return True
+    omitted = [assumption for assumption in list_assumptions(least.problem, least.z) if assumption.is_omitted]
     analysis = SensitivityAnalysis(least.problem, least.z, options, remake)
-    threshold = MIN_PROMISE * added.min_saving * least.cost
-    evidence = [analysis.evidence(assumption) for assumption in assumptions]
-    return any(entry is None or 0.5 * entry.estimate**2 * entry.information > threshold for entry in evidence)
+    promises: list[tuple[float, Addition]] = []
+    for added in candidates:
+        own = [
+            assumption
+            for assumption in omitted
+            if assumption.options == added.options and (added.options or {*assumption.changes} == {*added.settings})
+        ]
+        evidence = [entry for assumption in own if (entry := analysis.evidence(assumption)) is not None]
+        gain = max((entry.estimate**2 * entry.information for entry in evidence), default=0.0 if omitted else np.inf)
+        if not _has(best, added) and (added.starts or gain > PROMISE):
+            promises.append((0.0 if added.starts else gain, added))
+    return [added for _, added in sorted(promises, key=lambda entry: -entry[0])]
 
 
-def _is_plausible(minimum: Minimum, first: Minimum) -> bool:
-    """Whether the added parameters have values that a vehicle can have."""
-    plain, now = ({parameter.info.name for parameter in each.problem.free} for each in (first, minimum))
-    values = minimum.values
-    for name in now - plain:
-        least, most = LAG_RANGE if name == "steering_lag" else minimum.problem.model.plausible_range(name, values)
-        if not least < values[name] < most:
-            return False
-    return "steering_lag" not in now - plain or values["steering_delay"] > MIN_DELAY
+def _implausible(minimum: Minimum) -> set[str]:
+    """Return the free parameters whose values no vehicle can have."""
+    values, names = minimum.values, [parameter.info.name for parameter in minimum.problem.free]
+    ranges = {name: minimum.problem.model.plausible_range(name, values) for name in names}
+    return {name for name, (least, most) in ranges.items() if not least < values[name] < most}
 
 
-def _frictions_are_certain(minimum: Minimum, options: EstimatorOptions) -> bool:
-    """Whether friction, if it is a free parameter, is known well enough to simulate with."""
-    names = [parameter.info.name for parameter in minimum.problem.free]
-    frictions = [i for i, name in enumerate(names) if name.startswith("friction")]
-    if not frictions:
-        return True
-    sigmas = np.sqrt(np.diag(assess(minimum, options).covariance))
-    for i in frictions:
-        shift = np.zeros_like(minimum.z)
-        shift[i] = 2.0 * sigmas[i]
-        low, high = (minimum.problem.values(minimum.z + sign * shift)[names[i]] for sign in (-1.0, 1.0))
-        if not high - low < 2.0 * MAX_FRICTION_WIDTH * minimum.values[names[i]]:
-            return False
-    return True
-
-
-def _minimise(data: DataSet, structure: Structure, options: EstimatorOptions, first: Minimum | None) -> Minimum:
-    """Return the minimum of a structure, starting from an earlier one and with its noise."""
+def _minimise(
+    data: DataSet,
+    structure: Structure,
+    options: EstimatorOptions,
+    first: Minimum | None,
+    factors: Mapping[str, float] = MappingProxyType({}),
+) -> Minimum:
+    """Return the minimum of a structure, starting from an earlier one times factors, and with its noise."""
     model = make_model(structure.model, data, known_values(structure.settings))
     drives, _ = make_segments(model, data.train, options.shooting)
     unknowns = resolve_parameters(model.parameters, structure.settings)
@@ -196,6 +197,10 @@ def _minimise(data: DataSet, structure: Structure, options: EstimatorOptions, fi
     if "steering_lag" not in same and "steering_lag" in {parameter.info.name for parameter in problem.free}:
         part = 0.3 * max(values["steering_delay"], 0.02)  # without a lag, the delay contained a part of it
         values |= {"steering_lag": part, "steering_delay": values["steering_delay"] - part}
+    for name, factor in factors.items():
+        info = next((parameter.info for parameter in problem.free if parameter.info.name == name), None)
+        if info is not None:
+            values[name] = min(max(factor * values[name], 1.001 * info.low), 0.999 * info.high)
     z = problem.scaled(values)
     z[len(problem.free) :] = transfer_states(first.z, first.problem, problem)
     return minimise(problem, options, z, close=1e-4)

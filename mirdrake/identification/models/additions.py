@@ -9,7 +9,6 @@ from scipy.ndimage import gaussian_filter1d
 from mirdrake.core.constants import GRAVITY
 from mirdrake.identification.data import DataSet
 from mirdrake.identification.models.base import Addition
-from mirdrake.identification.models.steer import SETPOINT_DELAY
 from mirdrake.identification.parameters import Setting
 
 SATURATION_ACCELERATION, DRY_FRICTION = 3.0, 0.9
@@ -21,18 +20,19 @@ MIN_ACCELERATION_RANGE = 2.0
 SMOOTHING = 0.2
 """Smoothing of the speed before it is differentiated [s]."""
 
+SATURATED = (
+    {"cornering_stiffness_front": 1.4, "cornering_stiffness_rear": 1.4, "friction_front": 0.7, "friction_rear": 0.7},
+)
+"""Factors on the initial values of saturating tyres: linear ones have too little stiffness where tyres saturate."""
+
 _FREE = Setting(free=True)
+
+STEERING_LAG = Addition("a lag of the steering", {"steering_lag": _FREE})
 
 
 def is_angle_measured(data: DataSet) -> bool:
     """Whether all logs have the road wheel angle."""
     return all("road_wheel_angle" in log.channels for log in data.logs)
-
-
-def steering_lag(data: DataSet) -> Addition:
-    """Return the addition of a steering lag; a measured angle contains it unless the angle leads like a set-point."""
-    delay = SETPOINT_DELAY if is_angle_measured(data) else -np.inf
-    return Addition("a lag of the steering", {"steering_lag": _FREE}, delay=delay)
 
 
 def single_track_additions(
@@ -43,11 +43,9 @@ def single_track_additions(
     outputs: Sequence[str] | None,
     rolls: bool,
 ) -> Iterator[Addition]:
-    """Yield what a single track may need, in the order in which it is tried.
+    """Yield what a single track may need.
 
-    Load transfer comes first: its effect on turns entered under braking looks like a delay. The steering comes before
-    the tyres, as relaxation delays the rear axle, too; it is tried again after roll, which may hide it. The front
-    axle's share of drive and braking is never tried: once free, the shares imitate tyre saturation.
+    The front axle's share of drive and braking is never tried: once free, the shares imitate tyre saturation.
 
     Args:
         data: training and validation logs.
@@ -57,11 +55,11 @@ def single_track_additions(
         rolls: whether the model has roll anyway.
     """
     if "load_transfer" not in settings and _acceleration_range(data) > MIN_ACCELERATION_RANGE:
-        yield Addition("load transfer in braking", {"load_transfer": _FREE}, min_saving=0.03)
-    if "steering_lag" not in settings and not is_angle_measured(data):
-        yield steering_lag(data)
+        yield Addition("load transfer in braking", {"load_transfer": _FREE})
+    if "steering_lag" not in settings:
+        yield STEERING_LAG
     if "relaxation" in open_options and not any(name.startswith("relaxation") for name in settings):
-        yield Addition("tyre relaxation", options={"relaxation": "shared"}, fading_parameter="relaxation")
+        yield Addition("tyre relaxation", options={"relaxation": "shared"})
 
     # The files of a vehicle give the values of roll, for a study that asks for it.
     has_vehicle = "yaw_inertia" in settings and settings["yaw_inertia"].given is not None
@@ -79,9 +77,7 @@ def single_track_additions(
             "vy": {"velocity_height": _FREE},
         }  # fmt: skip
         positions = dict(ChainMap(*(by_sensor[name] for name in compared)))
-        yield Addition("roll of the body", positions, {"roll": True}, min_saving=0.1)
-    if "steering_lag" not in settings:
-        yield steering_lag(data)
+        yield Addition("roll of the body", positions, {"roll": True})
     if len(compared) > 1 and "velocity_delay" not in settings:
         yield Addition("a delay of vy", {"velocity_delay": _FREE})
 
@@ -91,7 +87,7 @@ def single_track_additions(
         grip = Setting(free=True, guess=max(DRY_FRICTION, 1.5 * largest / GRAVITY))
         frictions = {name: grip for name in ("friction_front", "friction_rear") if name not in settings}
         for law in ("magic_formula", "fiala"):  # the former stays linear for longer, as measured tyres do
-            yield Addition(f"tyres: {law}", frictions, {"tyres": law})
+            yield Addition(f"tyres: {law}", frictions, {"tyres": law}, SATURATED)
 
 
 def _largest_lateral_acceleration(data: DataSet) -> float:

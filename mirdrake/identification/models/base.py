@@ -164,17 +164,13 @@ class Addition(NamedTuple):
         description: noun phrase for the notes of a fit.
         settings: parameters that become free.
         options: model options.
-        min_saving: share of the cost that the effect must save to be kept.
-        delay: the effect is tried only if the estimated steering delay so far exceeds this [s].
-        fading_parameter: if a later addition drives this parameter to its lower plausible bound, the effect is dropped.
+        starts: factors on parameters of further initial values, as the cost may have several minima.
     """
 
     description: str
     settings: Mapping[str, Setting] = MappingProxyType({})
     options: Mapping[str, Any] = MappingProxyType({})
-    min_saving: float = 0.01
-    delay: float = -np.inf
-    fading_parameter: str = ""
+    starts: tuple[Mapping[str, float], ...] = ()
 
 
 class Model(ABC):

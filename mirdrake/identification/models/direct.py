@@ -9,7 +9,7 @@ from pydantic import Field
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.identification.data import DataSet
-from mirdrake.identification.models.additions import is_angle_measured, steering_lag
+from mirdrake.identification.models.additions import STEERING_LAG, is_angle_measured
 from mirdrake.identification.models.base import (
     SPEED,
     Addition,
@@ -112,7 +112,7 @@ class KinematicModel(_DirectModel):
         """Yield a lag of the steering, where its set-point is recorded."""
         del options
         if "steering_lag" not in settings and not is_angle_measured(data):
-            yield steering_lag(data)
+            yield STEERING_LAG
 
 
 class SteeringOptions(ModelOptions):

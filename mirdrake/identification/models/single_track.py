@@ -379,6 +379,9 @@ class SingleTrackModel(Model):
             "friction_front": (0.1, 2.0),
             "friction_rear": (0.1, 2.0),
             "load_transfer": (0.0, _MAX_HEIGHT * (a + b)),
+            "steering_lag": (2e-3, 0.9),
+            # Beside a lag, a negative dead time means that the lag compensates for something else.
+            "steering_delay": (-0.01 if p["steering_lag"] > 0.0 else -np.inf, np.inf),
             "roll_gain": (0.001, 0.03),
             "roll_frequency": (4.0, 40.0),
             "roll_damping": (0.03, 2.0),

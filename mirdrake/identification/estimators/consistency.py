@@ -1,0 +1,123 @@
+"""Consistency of an estimate between logs, and cross-validation of a model by parts of the logs, both to first order.
+
+A wrong model fits each manoeuvre with other parameters. Its estimate depends on what was driven, by more than the noise
+explains, and a longer log of the same manoeuvres does not help. Each log k by itself moves the estimate by dₖ with the
+variance vₖ for autocorrelated residuals. If the logs differ by more than that, the true parameter "of a manoeuvre"
+scatters with a variance τ² between manoeuvres, by the random-effects model of meta-analysis (R. DerSimonian and
+N. Laird, Controlled Clinical Trials 7, 1986)::
+
+    Q = Σ (dₖ - d̄)² / vₖ        τ² = (Q - (K - 1)) / (Σ 1/vₖ - Σ 1/vₖ² / Σ 1/vₖ), at least 0
+
+τ is not divided by the number of logs, as the next manoeuvre differs again: an identified value is one that a further
+manoeuvre would confirm. Logs that were held out count as well: they are the test that the fit has not seen.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mirdrake.identification.estimators.covariance import Stretch, noise_models, score_covariance
+from mirdrake.identification.estimators.problem import Problem
+from mirdrake.identification.estimators.solve import Minimum, loss_weights, robust
+from mirdrake.identification.models.base import Array
+
+PARTS, MIN_LENGTH = 8, 2.0
+"""Number of parts of the training logs, nearly; shortest part [s]."""
+
+
+class Part(NamedTuple):
+    """Stretch of a log, to first order.
+
+    Attributes:
+        information: information on the free parameters, sensor offsets and initial states eliminated (p, p).
+        score: sum of the scores (p).
+        noise: covariance of the score (p, p).
+        cost: half the sum of the losses.
+    """
+
+    information: Array
+    score: Array
+    noise: Array
+    cost: float
+
+
+def part_length(problem: Problem) -> float:
+    """Return the length of the parts of a problem [s]."""
+    return max(sum(drive.size * drive.step for drive in problem.drives) / PARTS, MIN_LENGTH)
+
+
+def split(problem: Problem, z: Array, loss: str, length: float = np.inf) -> list[Part]:
+    """Return the parts of a problem at its minimum.
+
+    Args:
+        problem: least-squares problem.
+        z: unknowns at the minimum.
+        loss: loss function.
+        length: length of a part, nearly [s]; infinite: each segment is one.
+    """
+    residuals, slopes = problem.residuals(z), problem.jacobian(z)
+    weights = loss_weights(residuals, loss)
+    count, data = len(problem.free), problem.measured
+    # Offsets and initial states have their priors in each part, as a sensor may drift.
+    prior = slopes[data:, count:].T @ slopes[data:, count:]
+    blocks, row = [], 0
+    for drive, mask in zip(problem.drives, problem.masks, strict=True):
+        number = max(round(drive.size * drive.step / length), 1)
+        for rows in np.array_split(np.arange(drive.size), number):
+            part = slice(row + int(rows[0]) * len(mask), row + (int(rows[-1]) + 1) * len(mask))
+            inner = slopes[part]
+            whole = inner.T @ (weights[part, None] * inner)
+            turn = np.linalg.solve(whole[count:, count:] + prior, whole[count:, :count])
+            own = inner[:, :count] - inner[:, count:] @ turn
+            pulls = weights[part] * residuals[part]
+            shape = (len(rows), len(mask))
+            stretch = Stretch(own.reshape(*shape, count), pulls.reshape(shape), mask[:, rows].T)
+            inside = whole[:count, :count] - whole[:count, count:] @ turn
+            cost = 0.5 * float(np.sum(robust(loss, len(pulls))(residuals[part] ** 2)[0]))
+            blocks.append((stretch, inside, own.T @ pulls, cost))
+        row += mask.size
+    models = noise_models([stretch for stretch, *_ in blocks])
+    return [Part(inside, score, score_covariance([stretch], models)[0], cost)
+            for stretch, inside, score, cost in blocks]  # fmt: skip
+
+
+def cross_validate(minimum: Minimum, loss: str) -> Array:
+    """Return the cost of each part by the estimate of all others, to first order (parts).
+
+    Without part k the estimate is θ + d with (A - Aₖ) d = gₖ, as the scores of all parts and of the prior cancel.
+    """
+    problem, z = minimum.problem, minimum.z
+    parts, count = split(problem, z, loss, part_length(problem)), len(problem.free)
+    prior = problem.jacobian(z)[problem.measured :, :count]
+    whole = prior.T @ prior + sum(part.information for part in parts)
+    costs = []
+    for part in parts:
+        shift = np.linalg.lstsq(whole - part.information, part.score, rcond=1e-10)[0]
+        costs.append(part.cost + part.score @ shift + 0.5 * shift @ part.information @ shift)
+    return np.array(costs)
+
+
+def variation(parts: Sequence[Part], prior: Array) -> Array:
+    """Return the standard deviation τ of the scaled free parameters between parts of the logs (p).
+
+    Args:
+        parts: parts, each with enough information for an estimate of its own.
+        prior: information of the priors on the free parameters (p, p), for a part without information of its own.
+    """
+    shifts, variances = [], []
+    for part in parts:
+        inside = np.linalg.inv(part.information + prior)
+        shifts.append(-inside @ part.score)
+        variances.append(np.diag(inside @ (part.noise + prior) @ inside))
+    shift, weight = np.array(shifts), 1.0 / np.maximum(variances, 1e-300)
+    total = weight.sum(axis=0)
+    mean = (weight * shift).sum(axis=0) / total
+    excess = (weight * (shift - mean) ** 2).sum(axis=0) - (len(parts) - 1)
+    return np.asarray(np.sqrt(np.maximum(excess / (total - (weight**2).sum(axis=0) / total), 0.0)))
+
+
+def prior_information(problem: Problem) -> Array:
+    """Return the information of the priors on the free parameters (p, p)."""
+    return np.diag([1.0 / max(parameter.info.usual, 1e-3) ** 2 if parameter.info.usual > 0.0 else 1e-6
+                    for parameter in problem.free])  # fmt: skip
