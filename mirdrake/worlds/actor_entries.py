@@ -59,7 +59,7 @@ def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Sour
         if len(result) > LARGEST_COUNT:
             raise ConfigError(f"{source.where('actors', index)}: more than {LARGEST_COUNT} actors")
     lines = {key: line for key, line in source.lines.items() if key[:1] != ("actors",) or len(key) == 1}
-    below: dict[int, list[tuple[Key, int]]] = {}
+    below: dict[int, list[tuple[Key, int | None]]] = {}
     for key, line in source.lines.items():
         if key[:1] == ("actors",) and len(key) > 1 and isinstance(key[1], int):
             below.setdefault(key[1], []).append((key[2:], line))
