@@ -7,7 +7,7 @@ import numpy as np
 
 from mirdrake.actors import triggers
 from mirdrake.actors.behaviours.base import NUMBERS, LaneBehaviour
-from mirdrake.actors.lanes import LaneTable, lane_table
+from mirdrake.actors.lanes import Ints, LaneTable, lane_table
 from mirdrake.actors.motion import COLUMNS, GAP, LANE, OFFSET, OLD, SIDE, STARTED, WANTED, S, V, set_pose
 from mirdrake.actors.step import Crew
 from mirdrake.core.errors import ConfigError, did_you_mean
@@ -17,7 +17,7 @@ from mirdrake.worlds.actors_spec import Step, Trigger
 from mirdrake.worlds.clearance import Volume
 from mirdrake.worlds.pieces import Array
 
-_SPEEDS = {
+_TRIGGERS = {
     "distance": triggers.DISTANCE, "time": triggers.TIME, "past": triggers.PAST, "gap_below": triggers.GAP_BELOW,
     "gap_above": triggers.GAP_ABOVE, "speed_below": triggers.SPEED_BELOW, "speed_above": triggers.SPEED_ABOVE,
 }  # fmt: skip
@@ -82,7 +82,7 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         steps += [[*_trigger(one, world, objects), *_action(one)] for one in actor.steps]
         first.append(len(steps))
     shapes = [(actor.front, actor.rear, actor.half_width) for actor in actors]
-    shapes += [_shape(vehicle.volume) for vehicle in vehicles.values()]
+    shapes += [outline_sizes(vehicle.volume) for vehicle in vehicles.values()]
     crew = Crew(
         np.array([int(lane.kind == "path") for lane in world.lanes.values()], dtype=np.int64),
         np.array(shapes, dtype=float).reshape(-1, 3),
@@ -92,8 +92,21 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         np.array([actor.min_radius for actor in actors]),
         np.array(steps, dtype=float).reshape(-1, triggers.WIDE),
         np.array(first, dtype=np.int64),
+        *stop_lines(world),
     )
     return lanes, crew, Bodies(state_size, tuple(vehicles.values()))
+
+
+def stop_lines(world: World) -> tuple[Ints, Array, Array]:
+    """Return lane and light of each stop line (q, 2), its station (q) [m], and the programmes of the lights (p, 4) [s].
+
+    Lights are numbered in the order of the world, lanes in that of :attr:`World.lanes`.
+    """
+    numbers = {name: number for number, name in enumerate(world.lanes)}
+    lines = [(numbers[lane], light, s) for light, one in enumerate(world.lights.values()) for lane, s in one.lines]
+    table = np.array(lines, dtype=float).reshape(-1, 3)
+    programmes = [(one.green, one.amber, one.red, one.offset) for one in world.lights.values()]
+    return table[:, :2].astype(np.int64), table[:, 2].copy(), np.array(programmes, dtype=float).reshape(-1, 4)
 
 
 def start_states(world: World, lanes: LaneTable) -> Array:
@@ -110,7 +123,7 @@ def start_states(world: World, lanes: LaneTable) -> Array:
     return rows
 
 
-def _shape(volume: Volume) -> tuple[float, float, float]:
+def outline_sizes(volume: Volume) -> tuple[float, float, float]:
     """Return front, rear and half of the width of a vehicle [m]."""
     x, y = volume.outline.T
     return float(x.max()), -float(x.min()), float(np.abs(y).max())
@@ -136,7 +149,7 @@ def _trigger(trigger: Trigger, world: World, objects: Mapping[str, int]) -> list
         track = world.track(condition.track, where=where(trigger, "when"))
         half = _GATE + max(float(track.left_width(condition.value)), float(track.right_width(condition.value)))
         gate = [*track.pose_at(condition.value), half]
-    return [_SPEEDS[condition.kind], subject, condition.value, *gate]
+    return [_TRIGGERS[condition.kind], subject, condition.value, *gate]
 
 
 def _action(step: Step) -> list[float]:

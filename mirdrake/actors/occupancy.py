@@ -110,6 +110,31 @@ def _touch(
     return count + 1
 
 
+def fill_lines(
+    stops: Ints, places: Array, programmes: Array, time: float, lanes: Ints, owners: Ints, rows: Array, count: int
+) -> int:
+    """Write the stop lines whose light is red or amber; return the number of objects.
+
+    Args:
+        stops: lane and light of each stop line (k, 2).
+        places: stations of the stop lines (k) [m].
+        programmes: durations of green, amber, red and the offset of each light (p, 4) [s].
+        time: time since the start [s].
+        lanes: objects, see :func:`fill`, as are the next three.
+        owners: see `lanes`.
+        rows: see `lanes`.
+        count: see `lanes`.
+    """
+    for k in range(len(places)):
+        light = stops[k, 1]
+        green, amber = programmes[light, 0], programmes[light, 1]
+        phase = (time + programmes[light, 3]) % (green + amber + programmes[light, 2])
+        if phase >= green and count < len(lanes):
+            is_amber = 1.0 if phase < green + amber else 0.0
+            count = _put(lanes, owners, rows, count, stops[k, 0], LINE, places[k], 0.0, is_amber)
+    return count
+
+
 def ahead(
     t: LaneTable, lane: int, middle: float, half: float, low: float, high: float, me: int, look: float, stop: float,
     lanes: Ints, owners: Ints, rows: Array, count: int,
@@ -176,5 +201,5 @@ def behind(
     return gap, speed, owner
 
 
-PARTS = (fill, _put, _touch, ahead, behind, project, wrapped)
+PARTS = (fill, fill_lines, _put, _touch, ahead, behind, project, wrapped)
 """Compiled functions of this module."""

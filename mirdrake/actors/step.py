@@ -32,7 +32,7 @@ from mirdrake.actors.motion import (
     lateral,
     set_pose,
 )
-from mirdrake.actors.occupancy import ahead, behind, fill
+from mirdrake.actors.occupancy import ahead, behind, fill, fill_lines
 from mirdrake.actors.triggers import act, change_lane, is_due
 from mirdrake.core.compiled import compiled
 from mirdrake.worlds.pieces import Array
@@ -60,6 +60,12 @@ class Crew(NamedTuple):
     """steps of all scenarios (k, columns)"""
     first_step: Ints
     """first step of each actor; the last entry is k (n + 1)"""
+    stops: Ints
+    """lane and light of each stop line (q, 2)"""
+    places: Array
+    """stations of the stop lines (q) [m]"""
+    programmes: Array
+    """durations of green, amber, red and the offset of each light (p, 4) [s]"""
 
 
 def step(t: LaneTable, crew: Crew, now: Array, vehicles: Array, time: float, dt: float, after: Array) -> None:
@@ -75,9 +81,10 @@ def step(t: LaneTable, crew: Crew, now: Array, vehicles: Array, time: float, dt:
         after: states after the step; written.
     """
     n = len(now)
-    most = 2 * n + 8 * (n + len(vehicles))
+    most = 2 * n + 8 * (n + len(vehicles)) + len(crew.places)
     on, owners, rows = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, occupancy.WIDE))
     count = fill(t, crew.own, crew.shape, now, vehicles, on, owners, rows)
+    count = fill_lines(crew.stops, crew.places, crew.programmes, time, on, owners, rows, count)
     after[:] = now
     for i in range(n):
         number = crew.first_step[i] + int(now[i, STEP])

@@ -29,7 +29,9 @@ from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.controllers.behaviours.straight_and_avoid import StraightAndAvoidSpec
 from mirdrake.controllers.driver import DrivenWorld, Driver
 from mirdrake.controllers.path_tracking import PathTrackingSpec
+from mirdrake.controllers.platoon import AccSpec, CaccSpec
 from mirdrake.controllers.schedule import ConstantSpec, ScheduleSpec
+from mirdrake.controllers.traffic_driver import TrafficDriverSpec
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.user_systems import make_user_system
@@ -37,7 +39,9 @@ from mirdrake.core.vectors import COMMAND
 from mirdrake.core.yaml_io import Source, validate
 
 DRIVER_KINDS: tuple[type[Driver], ...] = (
+    AccSpec,
     BlindSpec,
+    CaccSpec,
     ConstantSpec,
     DriveToNearestSpec,
     FollowPathSpec,
@@ -46,6 +50,7 @@ DRIVER_KINDS: tuple[type[Driver], ...] = (
     PathTrackingSpec,
     ScheduleSpec,
     StraightAndAvoidSpec,
+    TrafficDriverSpec,
 )
 """Class of each kind."""
 

@@ -242,6 +242,7 @@ class PathTracker(LeafSystem):
             state.speed,
             bool(state.started),
         )
+        speed = self._limited(context, values, speed, vx)
         covered = 0.0
         if state.started:
             covered = place.s - state.progress
@@ -249,6 +250,17 @@ class PathTracker(LeafSystem):
         values.set_value(self._command, Command(speed, steering, time))
         error = [place.lateral, wrap_angle(yaw - place.yaw), place.s, state.laps + covered / length]
         values.set_value(self._error, error)
+
+    def _limited(self, context: Context, values: DiscreteValues, speed: float, vx: float) -> float:  # noqa: ARG002
+        """Return the speed to command [m/s]; a driver that regards traffic makes it smaller than that on a free road.
+
+        Args:
+            context: Context of this system.
+            values: next discrete state.
+            speed: speed on a free road [m/s].
+            vx: present speed of the vehicle [m/s].
+        """
+        return speed
 
     def _initialize(self, context: Context, values: DiscreteValues) -> None:
         """Output the first values; the first update, at the same time, is the first step that counts."""

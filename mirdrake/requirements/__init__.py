@@ -33,6 +33,7 @@ Signals (:data:`~mirdrake.requirements.observation.DERIVED`, :data:`~mirdrake.re
     clearance           m       to the nearest prop, vehicle or actor (collision shapes); negative: depth of overlap
     gap to NAME         m       clearance to one vehicle or actor
     time_to_collision   s       with vehicles, actors and props, if all keep their velocities; inf: never
+    signals.NAME                state of a traffic light: 0 red, 1 amber, 2 green
     actors.NAME.speed   m/s     and other signals of an actor: x, y, yaw, acceleration, yaw_rate, gap
     laps                        along the track since the start
     lap_time            s       since the current lap began
@@ -53,7 +54,8 @@ Signals (:data:`~mirdrake.requirements.observation.DERIVED`, :data:`~mirdrake.re
 
 Events: ``collision`` (margin: the clearance, taken negative, m), ``stopped`` (slower than 0.05 m/s; m/s), ``on road``
 (from the outermost wheel to the edge, m), ``rollover`` (tilt beyond 45 deg, rad), ``at goal`` and ``at NAME`` (m inside
-the goal's area or beyond its gate; laps for a goal of laps).
+the goal's area or beyond its gate; laps for a goal of laps), ``at red`` (m of the front beyond a stop line that it had
+not passed when its light became red).
 """
 
 from mirdrake.requirements.judging import Finding, Requirement

@@ -32,6 +32,7 @@ from mirdrake.vehicles.geometry import VehicleGeometry
 from mirdrake.vehicles.outline import Outline, measure_outline
 from mirdrake.worlds import World
 from mirdrake.worlds.clearance import clearance
+from mirdrake.worlds.lights import RED
 
 Array = NDArray[np.float64]
 Truth = NDArray[np.bool_]
@@ -45,6 +46,10 @@ TIPPED = math.radians(45.0)
 TOUCH = 1e-3
 """Least penetration of a contact [m]. The clearance of bodies in contact is zero, even if their outlines are apart."""
 
+AT_RED = "at red"
+"""Event of a world with lights: the vehicle runs over red."""
+
+_FAR = 50.0  # [m] distance from a stop line at which it has no meaning
 _SLOWEST = 1.0  # [m/s] smallest denominator of the slip, which is undefined (0/0) at standstill
 
 DERIVED = {
@@ -191,6 +196,8 @@ def observe(
         reached = _at_goal(world, aim, signals, run.spec, vehicle_name)
         if reached is not None:
             events[f"at {name}"] = reached
+    if world.lights:
+        events[AT_RED] = _at_red(world, signals, max(float(x) for x in own.volume.outline[:, 0]))
     if goal is None and "at goal" in events:
         goal = "goal"
     return Observation(times, signals, units, events, goal, corners)
@@ -283,6 +290,39 @@ def _on_road(world: World, signals: Mapping[str, Array], geometry: VehicleGeomet
     area = shapely.union_all(roads)
     inside = [_inside_by(area, x + a * cos - b * sin, y + a * sin + b * cos) for a, b in zip(ahead, aside, strict=True)]
     return _event(np.min(inside, axis=0), "m")
+
+
+def _at_red(world: World, signals: Mapping[str, Array], front: float) -> Event:
+    """Return the event that the front of the vehicle is beyond a stop line that it had not passed before red.
+
+    The margin is the distance of the front beyond the line while its light is red, negative before the line.
+
+    Args:
+        world: world with lights.
+        signals: signals of the vehicle.
+        front: distance of its front from its origin [m].
+    """
+    x, y, yaw = signals["x"], signals["y"], signals["yaw"]
+    nose_x, nose_y = x + front * np.cos(yaw), y + front * np.sin(yaw)
+    margin = np.full(x.size, -math.inf)
+    for light in world.lights.values():
+        red = light.state(signals["time"]) == RED
+        for lane_id, s in light.lines:
+            lane = world.lanes[lane_id]
+            px, py, heading = (float(value) for value in lane.pose(s))
+            dx, dy = nose_x - px, nose_y - py
+            beyond = dx * math.cos(heading) + dy * math.sin(heading)
+            aside = np.abs(dy * math.cos(heading) - dx * math.sin(heading))
+            near = (
+                red & (aside <= 0.5 * float(lane.width_at(s))) & (np.abs(beyond) < _FAR) & (np.cos(yaw - heading) > 0.0)
+            )
+            # A vehicle that is beyond the line when red begins may go on.
+            begins = red & ~np.concatenate(([False], red[:-1]))
+            row = np.where(begins, np.arange(x.size), 0)
+            begun = np.maximum.accumulate(row)
+            counts = near & (beyond[begun] <= 0.0)
+            margin = np.where(counts, np.maximum(margin, beyond), margin)
+    return Event(margin > 0.0, margin, "m")
 
 
 def _inside_by(area: Any, x: Array, y: Array) -> Array:

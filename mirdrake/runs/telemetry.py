@@ -72,6 +72,8 @@ class Telemetry:
                 self._put(columns, f"props.{name}.{signal.name}", values, signal.unit)
         if "actors" in assembly.taps:
             self._add_named(columns, assembly.taps["actors"], raw["actors"], prefix="actors")
+        for name, light in assembly.parts.world.lights.items():
+            self._put(columns, f"signals.{name}", light.state(times), "")
         for name in ("wheel_load", "resistance", "other_contacts"):
             self._add_named(columns, assembly.taps[name], raw[name], prefix="")
         for sensor in (f"{vehicle}.{sensor}" for vehicle, names in assembly.spec.sensors.items() for sensor in names):

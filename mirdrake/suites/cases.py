@@ -19,7 +19,7 @@ from mirdrake.requirements.observation import LAP_SIGNALS, TRACK_SIGNALS
 from mirdrake.requirements.surroundings import GAP
 from mirdrake.vehicles.vehicle import find_vehicle
 from mirdrake.worlds import World, load_world
-from mirdrake.worlds.case_spec import CaseSpec, SearchSpec
+from mirdrake.worlds.case_spec import CaseSpec, OtherSpec, SearchSpec
 
 Verdict = Literal["pass", "fail", "error", "invalid"]
 Value = float | str | bool | None
@@ -31,6 +31,21 @@ _MARKS = ("$", "..", "+-", "|")  # of values that are computed or drawn by chanc
 
 VEHICLE = "ego"
 """Name of the vehicle under test in its diagram."""
+
+
+@dataclass(frozen=True)
+class OtherExpectations:
+    """Requirements on another vehicle of a test.
+
+    Attributes:
+        vehicle: its name.
+        expect: requirements, each with its place in the file.
+        goal: meaning of ``at goal`` for it.
+    """
+
+    vehicle: str
+    expect: tuple[tuple[str, str], ...]
+    goal: str | None = None
 
 
 @dataclass(frozen=True)
@@ -47,6 +62,7 @@ class Case:
         goal: meaning of ``at goal``.
         content: SHA-256 of the world file, of those it uses, and of the module of the behaviour beside it.
         pinned: those of the values that do not stand in the world file.
+        others: requirements on the other vehicles.
     """
 
     name: str
@@ -58,6 +74,7 @@ class Case:
     goal: str | None = None
     content: str = ""
     pinned: Values = field(default_factory=dict)
+    others: tuple[OtherExpectations, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -83,7 +100,9 @@ class Case:
 
     def data(self) -> dict[str, Any]:
         """Return plain data for JSON."""
-        return asdict(self) | {"expect": [list(pair) for pair in self.expect]}
+        data = asdict(self) | {"expect": [list(pair) for pair in self.expect]}
+        others = [asdict(other) | {"expect": [list(pair) for pair in other.expect]} for other in self.others]
+        return data | {"others": others} if others else {key: data[key] for key in data if key != "others"}
 
 
 @dataclass(frozen=True)
@@ -248,14 +267,21 @@ def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator
     axes = {key: _axis(key, given, world.spec.seed) for key, given in test.variations.items()}
     axes |= {key: [value] for key, value in values.items()}
     expect = tuple((text, where(test, "expect", index)) for index, text in enumerate(test.expect))
+    others = tuple(
+        OtherExpectations(
+            name, tuple((text, where(other, "expect", index)) for index, text in enumerate(other.expect)), other.goal
+        )
+        for name, other in test.others.items()
+    )
     varies, content = _varies(test.name, path), _content(world, test, path)
     for number, chosen in enumerate(product(*axes.values()), start=1):
         picked = dict(zip(axes, chosen, strict=True))
         own = _varied(test.name, path, picked) if varies and picked else None
         diagram = _diagram(own or test, path, picked, _seed(picked, world.spec.seed))
         yield Case(
-            f"{test.name}#{number}", test.name, str(path), picked, diagram, expect, test.goal, content, dict(values)
-        )
+            f"{test.name}#{number}", test.name, str(path), picked, diagram, expect, test.goal, content, dict(values),
+            others,
+        )  # fmt: skip
 
 
 def _content(world: World, test: CaseSpec, path: Path) -> str:
@@ -270,7 +296,11 @@ def _varies(name: str, path: Path) -> bool:
     """Return whether the behaviour of a test depends on parameters or random values."""
     tree, _ = read_tree(path)
     raw = [test for test in tree.get("tests", ()) if test.get("name") == name]
-    return any(mark in f"{test.get('behaviour')} {test.get('duration')}" for test in raw for mark in _MARKS)
+    return any(
+        mark in f"{test.get('behaviour')} {test.get('duration')} {test.get('others')}"
+        for test in raw
+        for mark in _MARKS
+    )
 
 
 def _varied(name: str, path: Path, values: Values) -> CaseSpec | None:
@@ -300,12 +330,14 @@ def _axis(key: str, given: int | Sequence[Value], seed: int) -> list[Value]:
 
 
 def _diagram(test: CaseSpec, path: Path, values: Values, seed: int) -> dict[str, Any]:
-    behaviour = {"kind": test.behaviour} if isinstance(test.behaviour, str) else dict(test.behaviour)
+    drivers = {VEHICLE: test.behaviour} | {name: other.behaviour for name, other in test.others.items()}
+    control = {name: {"kind": given} if isinstance(given, str) else dict(given) for name, given in drivers.items()}
+    others = {name: {"model": other.vehicle, "start": other.start} for name, other in test.others.items()}
     return {
         "name": test.name,
         "world": _world_entry(str(path), values),
-        "vehicles": {VEHICLE: {"model": test.vehicle} | ({"start": test.start} if test.start else {})},
-        "control": {VEHICLE: behaviour},
+        "vehicles": {VEHICLE: {"model": test.vehicle} | ({"start": test.start} if test.start else {})} | others,
+        "control": control,
         "plant": {"contact": test.contact},
         "record": {"meshcat": False, "report": False},
         "duration": test.duration,
@@ -368,30 +400,45 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
     except ConfigError as error:
         for line in str(error).splitlines():
             yield f"{where(test, 'behaviour')}: {line}"
-    for index, text in enumerate(test.expect):
+    expected: list[tuple[CaseSpec | OtherSpec, str, int]] = [(test, text, row) for row, text in enumerate(test.expect)]
+    for name, other in test.others.items():
+        expected += [(other, text, row) for row, text in enumerate(other.expect)]
+        if name == VEHICLE:
+            yield f"{where(test, 'others', name)}: '{name}' is the vehicle under test; choose another name"
+        if other.start not in world.starts:
+            yield f"{where(other, 'start')}: unknown start '{other.start}'; {did_you_mean(other.start, world.starts)}"
+        if other.goal is not None and other.goal not in world.goals:
+            yield f"{where(other, 'goal')}: unknown goal '{other.goal}'; {did_you_mean(other.goal, world.goals)}"
         try:
-            requirement = parse_requirement(text, where=where(test, "expect", index))
+            find_vehicle(other.vehicle, where=where(other, "vehicle"))
+        except MirdrakeError as error:
+            yield str(error)
+    for owner, text, index in expected:
+        try:
+            requirement = parse_requirement(text, where=where(owner, "expect", index))
         except ConfigError as error:
             yield str(error)
         else:
-            yield from _unfit(requirement, world, test)
+            yield from _unfit(requirement, world, test, owner.goal)
 
 
-def _unfit(requirement: Requirement, world: World, test: CaseSpec) -> Iterator[str]:
-    """Yield what a requirement needs that the world or the test does not have."""
+def _unfit(requirement: Requirement, world: World, test: CaseSpec, own_goal: str | None) -> Iterator[str]:
+    """Yield what a requirement needs that the world or the test does not have; `own_goal` is that of the vehicle."""
     location = f"{requirement.where}: '{requirement}'"
     for goal in requirement.goals:
-        if goal == "goal" and test.goal is None and "goal" not in world.goals:
+        if goal == "red" and goal not in world.goals:
+            if not world.lights:
+                yield f"{location}: the world has no traffic lights; add them under signals"
+        elif goal == "goal" and own_goal is None and "goal" not in world.goals:
             yield f"{location}: the test has no goal; add goal: NAME to it, or write the name after 'at'"
         elif goal != "goal" and goal not in world.goals:
             hint = did_you_mean(goal, world.goals) if world.goals else "the world has none; add them under goals"
             yield f"{location}: unknown goal '{goal}'; {hint}"
     for signal in requirement.signals:
         name = signal.removeprefix(GAP)
-        names = [actor.name for actor in world.actors]
+        names = [*(actor.name for actor in world.actors), VEHICLE, *test.others]
         if name != signal and name not in names:
-            hint = did_you_mean(name, names) if names else "the world has no actors"
-            yield f"{location}: there is no actor '{name}'; {hint}"
+            yield f"{location}: there is no vehicle or actor '{name}'; {did_you_mean(name, names)}"
         if signal in TRACK_SIGNALS and not world.tracks:
             yield f"{location}: '{signal}' needs a track, and the world has none"
         elif signal in LAP_SIGNALS and not any(track.closed for track in world.tracks.values()):

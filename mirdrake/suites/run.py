@@ -11,7 +11,7 @@ from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.files import read_errors, write_errors, write_file
 from mirdrake.core.json_io import parse_json
 from mirdrake.execution.journal import Journal, Record, read_records
-from mirdrake.suites.cases import Case, Judgement, Result
+from mirdrake.suites.cases import Case, Judgement, OtherExpectations, Result
 from mirdrake.suites.worker import open_case_workers
 
 CASES_FILE, RESULTS_FILE = "suite.json", "results.jsonl"
@@ -130,7 +130,11 @@ def load_suite(folder: Path | str) -> Suite:
 
 
 def _case(data: dict[str, Any]) -> Case:
-    return Case(**(data | {"expect": tuple((text, target) for text, target in data["expect"])}))
+    others = tuple(
+        OtherExpectations(**(other | {"expect": tuple((text, target) for text, target in other["expect"])}))
+        for other in data.get("others", ())
+    )
+    return Case(**(data | {"expect": tuple((text, target) for text, target in data["expect"]), "others": others}))
 
 
 def _results(cases: Sequence[Case], records: Mapping[str, Record], folder: Path | None) -> tuple[Result, ...]:

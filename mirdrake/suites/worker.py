@@ -5,7 +5,7 @@ import random
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +21,7 @@ from mirdrake.runs.logs import Run, load_run
 from mirdrake.runs.simulation import Simulation
 from mirdrake.suites.cases import VEHICLE, Case, Judgement, Result, Verdict
 from mirdrake.suites.trace import make_trace, write_trace
+from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import World
 
 CASES, TRACES = "cases", "traces"
@@ -153,12 +154,26 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
         findings = [] if fault else [requirement.judge(seen) for requirement in requirements]
     except RunError as error:
         fault = fault or _line(error)
+    if not fault:
+        findings += _findings_of_others(case, run, world, vehicles)
     broken = [finding for finding in findings if not finding.passed]
     text = fault or "; ".join(_failure_text(finding) for finding in broken)
     verdict: Verdict = "error" if fault else "fail" if broken else "pass"
     if trace is not None and seen is not None:
         write_trace(trace, make_trace(seen, findings))
     return Result(case.name, verdict, text, tuple(map(_judgement, findings)), simulated)
+
+
+def _findings_of_others(case: Case, run: Run, world: World, vehicles: Mapping[str, Vehicle]) -> Iterator[Finding]:
+    """Yield the findings of the requirements on the other vehicles; their texts begin with the vehicle's name."""
+    for other in case.others:
+        requirements = [parse_requirement(text, where=location) for text, location in other.expect]
+        wanted = {name for requirement in requirements for name in requirement.signals}
+        own = vehicles[other.vehicle]
+        seen = observe(run, world, other.vehicle, own, goal=other.goal, others=vehicles, wanted=wanted)
+        for requirement in requirements:
+            finding = requirement.judge(seen)
+            yield finding._replace(text=f"{other.vehicle}: {finding.text}")
 
 
 def _lost_command(run: Run) -> str:

@@ -11,14 +11,14 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.core.yaml_io import where
-from mirdrake.worlds.actors_spec import ActorSpec, OnLaneSpec, Step
+from mirdrake.worlds.actors_spec import ActorSpec, OnLaneSpec, OnTrackLaneSpec, Step
 from mirdrake.worlds.arrange import css_color
 from mirdrake.worlds.clearance import Part, Volume
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.lane import Lane, lane_along
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import Color, PlacedProp, Prop, load_prop
-from mirdrake.worlds.track_lanes import lanes_of_track
+from mirdrake.worlds.track_lanes import lanes_of_world, station_on
 from mirdrake.worlds.tracks import Track
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def lay_out_actors(
     network: Network | None = None,
     props: Mapping[str, Prop] | None = None,
 ) -> tuple[tuple[Actor, ...], dict[str, Lane]]:
-    """Return the actors of a world, and the lanes of its tracks and of their paths; nothing without actors.
+    """Return the actors of a world, and their paths as lanes.
 
     Args:
         spec: the world file.
@@ -121,14 +121,8 @@ def lay_out_actors(
     """
     if not spec.actors and not spec.scenario:
         return (), {}
-    lanes: dict[str, Lane] = {}
-    for name, track in tracks.items():
-        one = spec.tracks[name]
-        lanes |= lanes_of_track(name, track, count=one.lanes, oncoming=one.oncoming)
-    if network is not None:
-        lanes |= {lane.id: lane for lane in network.driving()}
-    actors, paths = _make_actors(spec.actors, spec.scenario, tracks, lanes, props or {})
-    return actors, lanes | paths
+    lanes = lanes_of_world(spec.tracks, tracks, network)
+    return _make_actors(spec.actors, spec.scenario, tracks, lanes, props or {})
 
 
 def _make_actors(
@@ -154,6 +148,9 @@ def _make_actors(
         if spec.on_track is not None:
             lane, s = _on_track(spec.on_track, tracks, lanes)
             actors[spec.name] = Actor(spec.name, prop, lane.id, s, spec.on_track.offset, spec, steps, color)
+        elif spec.on_lane is not None:
+            lane = _lane_of(spec.on_lane, lanes)
+            actors[spec.name] = Actor(spec.name, prop, lane.id, spec.on_lane.s, spec.on_lane.offset, spec, steps, color)
         else:
             actor = Actor(spec.name, prop, f"path/{spec.name}", 0.0, 0.0, spec, steps, color)
             paths[actor.lane] = _path(actor)
@@ -165,7 +162,17 @@ def _make_actors(
     return tuple(actors[name] for name in sorted(actors)), paths
 
 
-def _on_track(spec: OnLaneSpec, tracks: Mapping[str, Track], lanes: Mapping[str, Lane]) -> tuple[Lane, float]:
+def _lane_of(spec: OnLaneSpec, lanes: Mapping[str, Lane]) -> Lane:
+    """Return the lane of a place on a lane."""
+    if spec.lane not in lanes:
+        raise ConfigError(f"{where(spec, 'lane')}: there is no lane '{spec.lane}'; {did_you_mean(spec.lane, lanes)}")
+    lane = lanes[spec.lane]
+    if not 0.0 <= spec.s <= lane.length:
+        raise ConfigError(f"{where(spec, 's')}: s = {spec.s:g} m; the lane is {lane.length:g} m long")
+    return lane
+
+
+def _on_track(spec: OnTrackLaneSpec, tracks: Mapping[str, Track], lanes: Mapping[str, Lane]) -> tuple[Lane, float]:
     """Return the lane of a place on a track, and the station on it [m]."""
     if spec.track not in tracks:
         hint = did_you_mean(spec.track, tracks) if tracks else "the world has no tracks"
@@ -182,13 +189,6 @@ def _on_track(spec: OnLaneSpec, tracks: Mapping[str, Track], lanes: Mapping[str,
     if not 0.0 <= s <= track.length:
         raise ConfigError(f"{where(spec, 's')}: s = {spec.s:g} m; the track is {track.length:g} m long")
     return lane, station_on(lane, s)
-
-
-def station_on(lane: Lane, s: float) -> float:
-    """Return the station on a lane [m] beside a station of its road [m]."""
-    if lane.direction > 0:
-        return float(np.interp(s, lane.road_s, lane.s))
-    return float(np.interp(s, lane.road_s[::-1], lane.s[::-1]))
 
 
 # --- paths --------------------------------------------------------------------------------------------------------

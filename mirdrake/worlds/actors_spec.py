@@ -173,7 +173,7 @@ class Step(Trigger):
 # --- actors -------------------------------------------------------------------------------------------------------
 
 
-class OnLaneSpec(Schema):
+class OnTrackLaneSpec(Schema):
     """A position on a track or in one of its lanes."""
 
     track: str = Field(description="name of the track [-]")
@@ -186,12 +186,23 @@ class OnLaneSpec(Schema):
     )
 
 
+class OnLaneSpec(Schema):
+    """A position on a lane of the network."""
+
+    lane: str = Field(description="id of the lane [-]")
+    s: Coordinate = Field(default=0.0, description="s of its rear axle along the lane [m]")
+    offset: Annotated[Length, Field(ge=-100.0, le=100.0)] = Field(
+        default=0.0, description="offset to the left of the middle of the lane [m]"
+    )
+
+
 class ActorSpec(Schema):
     """An actor: a prop that moves along a path or a lane."""
 
     actor: str = Field(min_length=1, description="name of a prop [-]")
     name: Label = Field(description="its name [-]")
-    on_track: OnLaneSpec | None = Field(default=None, description="on a track or a lane of it [-]")
+    on_track: OnTrackLaneSpec | None = Field(default=None, description="on a track or a lane of it [-]")
+    on_lane: OnLaneSpec | None = Field(default=None, description="on a lane of the network [-]")
     path: Annotated[list[tuple[Coordinate, Coordinate]], Field(min_length=2, max_length=1000)] | None = Field(
         default=None, description="corners of its path [m]"
     )
@@ -209,7 +220,7 @@ class ActorSpec(Schema):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        exactly_one(self, ("on_track", "path"))
+        exactly_one(self, ("on_track", "on_lane", "path"))
         if self.radius is not None and self.path is None:
             raise ValueError("radius belongs to path")
         return self

@@ -28,6 +28,16 @@ def is_seed(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
+class OtherSpec(Schema):
+    """Another full vehicle of a test, with its driver and its own requirements."""
+
+    vehicle: str = Field(default="bolt", description="name of a vehicle [-]")
+    start: str = Field(description="a start of the world [-]")
+    goal: str | None = Field(default=None, description="a goal of the world, to which 'at goal' refers [-]")
+    behaviour: str | dict[str, Any] = Field(description="a driver as in a diagram file, its kind, or module:Class [-]")
+    expect: list[str] = Field(default_factory=list, description="requirements on this vehicle [-]")
+
+
 class CaseSpec(Schema):
     """A test: a vehicle with a behaviour, and requirements on it."""
 
@@ -44,6 +54,7 @@ class CaseSpec(Schema):
         default_factory=dict, description="values of parameters and of seed; all combinations are run [-]"
     )
     expect: Annotated[list[str], Field(min_length=1)] = Field(description="requirements [-]")
+    others: dict[Label, OtherSpec] = Field(default_factory=dict, description="other full vehicles by name [-]")
     search: SearchSpec | None = Field(default=None, description="ranges in which failures are searched [-]")
 
     @field_validator("variations")

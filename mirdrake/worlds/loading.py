@@ -37,8 +37,8 @@ from mirdrake.worlds.world import SURFACE_MU, Goal, Ground, Start, World
 
 _MARGIN = 50.0  # [m] ground beyond the tracks
 _BARE_SIZE = 400.0  # [m] side of the ground of a world without tracks
-_EVALUATED = ("ground", "tracks", "network", "lights", "sky", "start", "goals", "rules")
-_EVALUATED_IN_TESTS = {"behaviour", "duration"}
+_EVALUATED = ("ground", "tracks", "network", "lights", "sky", "start", "goals", "rules", "signals")
+_EVALUATED_IN_TESTS = {"behaviour", "duration", "others"}
 
 _Made = TypeVar("_Made")
 
@@ -179,11 +179,13 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
     areas = NamedAreas(tracks, patches)
     rules = Rules(spec.rules, areas, starts, goals, draw)
     props, unplaced = _make_props(spec, areas, rules, draw, folder)
-    actors, lanes = lay_out_actors(spec, tracks, network)
-    return World(
+    actors, paths = lay_out_actors(spec, tracks, network)
+    world = World(
         name, spec, path, tracks, starts, ground, tuple(patches.values()), goals, tuple(props), tuple(unplaced), rules,
-        network, lanes=lanes, actors=actors,
+        network, paths=paths, actors=actors,
     )  # fmt: skip
+    world.lights  # noqa: B018 - reports faults of signals
+    return world
 
 
 def _collect(specs: Mapping[str, Any], make: Callable[[str, Any], _Made], faults: list[str]) -> dict[str, _Made]:

@@ -26,6 +26,7 @@ from mirdrake.core.errors import WorldError
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import resolved
 from mirdrake.worlds.actors import Actor
+from mirdrake.worlds.lights import LightSpec
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.stored import network_data
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
@@ -134,6 +135,7 @@ def lock_content(world: World) -> Json:
         "files": _files(world),
         **({"scenery": _rounded([mesh.model_dump() for mesh in spec.scenery])} if spec.scenery else {}),
         "props": [_prop(placed) for placed in world.props],
+        **({"signals": _signals(spec.signals)} if spec.signals else {}),
         **({"actors": [_actor(actor) for actor in world.actors]} if world.actors else {}),
     }  # fmt: skip
 
@@ -182,6 +184,11 @@ def _prop(placed: PlacedProp) -> Json:
     if prop.driven_over:
         entry["driven_over"] = True
     return entry
+
+
+def _signals(lights: Mapping[str, LightSpec]) -> Json:
+    """Return the entries of traffic lights by name."""
+    return {name: _rounded(light.model_dump()) for name, light in lights.items()}
 
 
 def _actor(actor: Actor) -> Json:

@@ -82,9 +82,9 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "worl
     terrain = make_relief(spec.ground.relief, tracks, path.parent if path is not None else Path.cwd(), network)
     of_actors = {name: kinds[index] for name, index in data.get("actors", {}).items()}
     network = read_network_data(data["network"]) if data.get("network") else None
-    actors, lanes = lay_out_actors(spec, tracks, network, of_actors)
+    actors, paths = lay_out_actors(spec, tracks, network, of_actors)
     return World(
-        lanes=lanes,
+        paths=paths,
         actors=actors,
         name=data["name"],
         spec=spec,

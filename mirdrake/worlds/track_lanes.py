@@ -4,13 +4,30 @@ A track without `lanes` is one lane along its centre line. The lanes of a direct
 the right, as seen by their traffic: ``main.1``, ``main.2``; oncoming ones are ``main.-1``, ``main.-2``.
 """
 
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.tracks import Track
 
+if TYPE_CHECKING:
+    from mirdrake.worlds.spec import TrackSpec
+
 _SPACING = 0.5  # [m] between the nodes of a lane
+
+
+def lanes_of_world(
+    specs: Mapping[str, "TrackSpec"], tracks: Mapping[str, Track], network: Network | None
+) -> dict[str, Lane]:
+    """Return the lanes of all tracks, then those for motor vehicles of the network, by id."""
+    lanes: dict[str, Lane] = {}
+    for name, track in tracks.items():
+        lanes |= lanes_of_track(name, track, count=specs[name].lanes, oncoming=specs[name].oncoming)
+    return lanes | ({} if network is None else {lane.id: lane for lane in network.driving()})
 
 
 def lanes_of_track(name: str, track: Track, *, count: int = 1, oncoming: int = 0) -> dict[str, Lane]:
@@ -90,3 +107,10 @@ def _slope(track: Track, s: Array, share: float) -> Array:
     """Return the change of that offset per metre of the centre line [-]."""
     h = 0.05
     return np.asarray((_offset(track, s + h, share) - _offset(track, s - h, share)) / (2.0 * h))
+
+
+def station_on(lane: Lane, s: float) -> float:
+    """Return the station on a lane [m] beside a station of its road [m]."""
+    if lane.direction > 0:
+        return float(np.interp(s, lane.road_s, lane.s))
+    return float(np.interp(s, lane.road_s[::-1], lane.s[::-1]))

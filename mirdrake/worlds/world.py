@@ -15,6 +15,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.worlds.actors import Actor
+from mirdrake.worlds.lights import Light, make_lights
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.networks.paving import paved_areas
@@ -22,6 +23,7 @@ from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.regions import Patch
 from mirdrake.worlds.spec import TrackSpec, WorldSpec
+from mirdrake.worlds.track_lanes import lanes_of_world
 from mirdrake.worlds.tracks import Track
 
 if TYPE_CHECKING:
@@ -146,10 +148,20 @@ class World:
     rules: "Rules | None" = field(default=None, compare=False)
     network: Network | None = field(default=None, compare=False)
     """lanes, stop lines and signals; None without"""
-    lanes: dict[str, Lane] = field(default_factory=dict, compare=False)
-    """lanes of tracks, networks and paths of actors, by id; none in a world without actors"""
+    paths: dict[str, Lane] = field(default_factory=dict, compare=False)
+    """paths of single actors, by id"""
     actors: tuple[Actor, ...] = ()
     """in the order of their names"""
+
+    @cached_property
+    def lanes(self) -> dict[str, Lane]:
+        """Lanes of tracks and of the network, and paths of single actors, by id."""
+        return lanes_of_world(self.spec.tracks, self.tracks, self.network) | self.paths
+
+    @cached_property
+    def lights(self) -> dict[str, Light]:
+        """Traffic lights by name."""
+        return make_lights(self.spec.signals, self.tracks, self.lanes, self.network) if self.spec.signals else {}
 
     @cached_property
     def road_mu(self) -> float:

@@ -55,7 +55,8 @@ def idm(numbers: Array, speed: float, wanted: float, gap: float, ahead: float) -
     wish = numbers[STANDSTILL] + max(0.0, dynamic)
     free = (speed / wanted) ** numbers[EXPONENT] if wanted > 0.0 else 1.0 + speed
     near = wish / max(gap, _TIGHT)
-    return a * (1.0 - free - near * near)
+    acceleration: float = a * (1.0 - free - near * near)
+    return acceleration
 
 
 PARTS = (idm,)

@@ -7,6 +7,7 @@ from pydrake.systems.framework import System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.parts.actors import add_road_ahead
 from mirdrake.assembly.parts.control import add_control
 from mirdrake.assembly.wiring import JOIN, SPLIT, Wiring
 from mirdrake.core.errors import ConfigError
@@ -77,6 +78,8 @@ def add_vehicle_systems(
     wiring.add(f"{name}.driver", driver)
     if driver.HasInputPort("ranges"):
         _add_range_scan(wiring, parts, part, truth)
+    if driver.HasInputPort("road_ahead") and track is not None:
+        add_road_ahead(wiring, parts, name, track)
     wiring.add(f"{name}.split", split)
     wiring.link(driver.GetOutputPort("command"), split.get_input_port())
     wiring.sources[f"{name}.command"] = (driver.GetOutputPort("command"), COMMAND)

@@ -1,0 +1,118 @@
+"""What a driver of a full vehicle knows about the road ahead: the next object on its lane and the next traffic light."""
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context
+
+from mirdrake.actors import lanes, occupancy
+from mirdrake.actors.crew import Bodies, FullVehicle, outline_sizes
+from mirdrake.actors.lanes import LaneTable, lane_table, project
+from mirdrake.actors.occupancy import ahead, fill
+from mirdrake.actors.traffic import PLANAR, actor_signals
+from mirdrake.core.compiled import compiled
+from mirdrake.core.leaf_system import LeafSystem
+from mirdrake.core.signals import declare_vector_input, declare_vector_output, signals
+from mirdrake.worlds import World
+from mirdrake.worlds.lights import GREEN
+from mirdrake.worlds.pieces import Array
+
+ROAD_AHEAD = signals(
+    ("gap", "m", "to the vehicle, actor or, with an outline on the lane, pedestrian ahead; inf: none"),
+    ("speed", "m/s", "of that along the lane"),
+    ("line", "m", "from the front to the stop line of the next traffic light; inf: none"),
+    ("light", "", "state of that light: 0 red, 1 amber, 2 green"),
+)
+"""What is ahead of a vehicle on its lane."""
+
+
+class RoadAhead(LeafSystem):
+    """The next object and the next traffic light on the lane of a vehicle: the nearest lane of a track.
+
+    Input ports:
+        plant_state: state of the plant.
+        actor_states (6 n): states of the actors; only in a world with actors.
+    Output ports:
+        road_ahead (4) [m, m/s, m, -]: :data:`ROAD_AHEAD`.
+
+    Args:
+        world: the world.
+        track: track that the vehicle follows.
+        name: name of the vehicle.
+        vehicles: all vehicles by name.
+        state_size: elements of the state of the plant.
+    """
+
+    def __init__(
+        self, world: World, track: str, name: str, vehicles: Mapping[str, FullVehicle], *, state_size: int
+    ) -> None:
+        super().__init__()
+        own = {lane.id: lane for lane in world.lanes.values() if lane.road == track and lane.direction > 0}
+        self._lanes, numbers = lane_table(own)
+        self._bodies = Bodies(state_size, tuple(vehicles.values()))
+        self._me = list(vehicles).index(name)
+        shapes = [outline_sizes(vehicle.volume) for vehicle in vehicles.values()]
+        shapes += [(actor.front, actor.rear, actor.half_width) for actor in world.actors]
+        self._shape = np.array(shapes, dtype=float)
+        self._lights = [
+            (light, numbers[lane], s) for light in world.lights.values() for lane, s in light.lines if lane in numbers
+        ]
+        self._look: Callable[..., tuple[float, float, int, float]] = compiled(
+            look_ahead, parts=(*lanes.PARTS, *occupancy.PARTS)
+        )
+        self.plant_state = self.DeclareVectorInputPort("plant_state", state_size)
+        needs = [self.plant_state.ticket(), self.time_ticket()]
+        self.actor_states = None
+        if world.actors:
+            contents = actor_signals([actor.name for actor in world.actors], PLANAR)
+            self.actor_states = declare_vector_input(self, "actor_states", contents)
+            needs.append(self.actor_states.ticket())
+        self.road_ahead = declare_vector_output(self, "road_ahead", ROAD_AHEAD, self._calc, prerequisites=needs)
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        objects = self._bodies.planar(self.plant_state.Eval(context))
+        if self.actor_states is not None:
+            actors = self.actor_states.Eval(context).reshape(-1, len(PLANAR))[:, :5]
+            objects = np.vstack((objects, actors))
+        gap, speed, lane, front = self._look(self._lanes, self._shape, objects, self._me)
+        line, state = self._next_light(lane, front, context.get_time())
+        output.SetFromVector([gap, speed, line, state])
+
+    def _next_light(self, lane: int, front: float, time: float) -> tuple[float, float]:
+        """Return the distance to the next stop line [m] and the state of its light."""
+        nearest, state = math.inf, float(GREEN)
+        for light, number, s in self._lights:
+            away = s - front
+            if self._lanes.closed[lane]:
+                length = float(self._lanes.length[lane])
+                away = (away + 1.0) % length - 1.0
+            if number == lane and -1.0 <= away < nearest:  # a line below the front bumper counts for a metre
+                nearest, state = away, float(light.state(time))
+        return nearest, state
+
+
+def look_ahead(t: LaneTable, shape: Array, objects: Array, me: int) -> tuple[float, float, int, float]:
+    """Return gap [m] and speed [m/s] of the next object, the lane of the vehicle, and the station of its front [m].
+
+    Args:
+        t: lanes of its track.
+        shape: front, rear and half of the width of all objects (n, 3) [m].
+        objects: x, y, yaw, vx, vy of all objects (n, 5) [m, rad, m/s].
+        me: number of the vehicle among them.
+    """
+    x, y, yaw = objects[me, 0], objects[me, 1], objects[me, 2]
+    front, rear, half_width = shape[me, 0], shape[me, 1], shape[me, 2]
+    middle, half = 0.5 * (front - rear), 0.5 * (front + rear)
+    best, lane, s, offset = math.inf, 0, 0.0, 0.0
+    for number in range(len(t.length)):
+        station, aside = project(t, number, x + middle * math.cos(yaw), y + middle * math.sin(yaw))
+        if abs(aside) < best:
+            best, lane, s, offset = abs(aside), number, station, aside
+    most = len(objects) * len(t.length)
+    on, owners, rows = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, occupancy.WIDE))
+    count = fill(t, np.zeros(len(t.length), np.int64), shape, np.empty((0, 1)), objects, on, owners, rows)
+    gap, speed, _ = ahead(
+        t, lane, s, half, offset - half_width, offset + half_width, me, math.inf, 0.0, on, owners, rows, count
+    )
+    return gap, speed, lane, s + half

@@ -1,0 +1,174 @@
+"""Drivers of a platoon: adaptive cruise control (ACC) and its cooperative form (CACC) with a constant time gap.
+
+With the spacing error e = gap - r - h v, speed v, acceleration a and time gap h::
+
+    ACC:   a_wanted = kp e + kd (v_lead - v)
+    CACC:  h u' = -u + kp e + kd e' + u_lead(t - theta),   a_wanted = u,   e' = v_lead - v - h a
+
+u_lead is the acceleration of the vehicle ahead, received theta seconds later (J. Ploeg et al., Design and experimental
+evaluation of cooperative adaptive cruise control, ITSC 2011). A message that is lost is replaced by the one before it.
+Disturbances of speed are amplified from vehicle to vehicle by |Gamma(j w)|, see :func:`amplification`.
+"""
+
+import cmath
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+from pydrake.systems.framework import Context, DiscreteValues
+
+from mirdrake.actors.road_ahead import ROAD_AHEAD
+from mirdrake.controllers.behaviours.outline import ShapedVehicle
+from mirdrake.controllers.driver import DrivenWorld
+from mirdrake.controllers.path_tracking import PathTracker, PathTrackingSpec
+from mirdrake.controllers.traffic_driver import LEAD, make_tracker
+from mirdrake.core.signals import declare_vector_input
+from mirdrake.core.yaml_io import Acceleration, Duration, Length
+
+
+def acc(gap: float, lead: float, speed: float, *, kp: float, kd: float, time_gap: float, standstill: float) -> float:
+    """Return the acceleration of the ACC [m/s^2].
+
+    Args:
+        gap: distance to the vehicle ahead [m].
+        lead: its speed [m/s].
+        speed: own speed [m/s].
+        kp: gain of the spacing error [1/s^2].
+        kd: gain of the speed difference [1/s].
+        time_gap: h [s].
+        standstill: r [m].
+    """
+    return kp * (gap - standstill - time_gap * speed) + kd * (lead - speed)
+
+
+def cacc_step(
+    u: float, gap: float, lead: float, speed: float, acceleration: float, received: float, dt: float,
+    *, kp: float, kd: float, time_gap: float, standstill: float,
+) -> float:  # fmt: skip
+    """Return the acceleration of the CACC after a time step [m/s^2]; its filter is exact for constant inputs.
+
+    Args:
+        u: its acceleration at the begin of the step [m/s^2].
+        gap: distance to the vehicle ahead [m].
+        lead: its speed [m/s].
+        speed: own speed [m/s].
+        acceleration: own acceleration [m/s^2].
+        received: acceleration of the vehicle ahead by the last message [m/s^2].
+        dt: time step [s].
+        kp: gain of the spacing error [1/s^2].
+        kd: gain of its derivative [1/s].
+        time_gap: h [s].
+        standstill: r [m].
+    """
+    error = gap - standstill - time_gap * speed
+    rate = lead - speed - time_gap * acceleration
+    wish = kp * error + kd * rate + received
+    return wish + (u - wish) * float(np.exp(-dt / time_gap))
+
+
+def amplification(
+    frequency: float, *, kp: float, kd: float, time_gap: float, lag: float, delay: float | None = None
+) -> float:
+    """Return |Gamma(j w)|: amplitude of the speed of a vehicle over that of the vehicle ahead [-]; string stable if <= 1.
+
+    With vehicles x'' = a, lag a' = -a + a_wanted, G = 1/(s² (lag s + 1)), K = kp + kd s and H = h s + 1:
+    CACC Gamma = (exp(-delay s) + G K) / (H (1 + G K)); ACC with the speed difference Gamma = G K / (1 + G (K + kp h s)).
+
+    Args:
+        frequency: w [rad/s].
+        kp: gain of the spacing error [1/s^2].
+        kd: gain of the speed difference [1/s].
+        time_gap: h [s].
+        lag: time constant of the vehicle [s].
+        delay: of messages [s]; None: ACC, without messages.
+    """
+    s = 1j * frequency
+    plant, control = 1.0 / (s * s * (lag * s + 1.0)), kp + kd * s
+    if delay is None:
+        return abs(plant * control / (1.0 + plant * (control + kp * time_gap * s)))
+    loop = plant * control
+    return abs((cmath.exp(-delay * s) + loop) / ((time_gap * s + 1.0) * (1.0 + loop)))
+
+
+class PlatoonDriver(PathTracker):
+    """A driver that follows a track at a constant time gap behind the vehicle ahead.
+
+    Ports as in :class:`PathTracker`, and:
+
+    Input ports:
+        road_ahead (4) [m, m/s, m, -]: see :class:`mirdrake.actors.road_ahead.RoadAhead`.
+
+    Args:
+        spec: its settings.
+        options: arguments of :class:`PathTracker`.
+    """
+
+    def __init__(self, spec: "AccSpec", *options: Any, **more: Any) -> None:
+        super().__init__(*options, **more)
+        self._spec = spec
+        self.road_ahead = declare_vector_input(self, "road_ahead", ROAD_AHEAD)
+        messages = 1 + (round(spec.delay / self.period) if isinstance(spec, CaccSpec) else 0)
+        # u, speed of the vehicle ahead and own speed one step before, number of the step, messages on their way
+        self._memory = self.DeclareDiscreteState(np.concatenate(([0.0, np.nan, np.nan, 0.0], np.zeros(messages))))
+
+    def _limited(self, context: Context, values: DiscreteValues, speed: float, vx: float) -> float:
+        gap, lead, _, _ = self.road_ahead.Eval(context).tolist()
+        spec, before = self._spec, self._read(context)
+        memory = context.get_discrete_state(self._memory).value().copy()
+        if gap > spec.range:
+            values.set_value(self._memory, np.concatenate(([0.0, np.nan, np.nan, memory[3] + 1.0], 0.0 * memory[4:])))
+            return speed
+        gains = {"kp": spec.kp, "kd": spec.kd, "time_gap": spec.time_gap, "standstill": spec.standstill}
+        if isinstance(spec, CaccSpec):
+            known = np.isfinite(memory[1])
+            message = (lead - memory[1]) / self.period if known else 0.0
+            own = (vx - memory[2]) / self.period if known else 0.0
+            if spec.is_lost(int(memory[3])):
+                message = memory[4]
+            queue = np.concatenate(([message], memory[4:-1]))
+            u = cacc_step(memory[0], gap, lead, vx, own, queue[-1], self.period, **gains)
+            memory[4:] = queue
+        else:
+            u = acc(gap, lead, vx, **gains)
+        u = max(-spec.braking_limit, min(u, self.limits.acceleration))
+        values.set_value(self._memory, np.concatenate(([u, lead, vx, memory[3] + 1.0], memory[4:])))
+        last = before.speed if before.started else vx
+        return max(0.0, min(speed, max(vx - LEAD, min(last + u * self.period, vx + LEAD))))
+
+
+class AccSpec(PathTrackingSpec):
+    """Follow a track at a constant time gap behind the vehicle ahead: adaptive cruise control."""
+
+    kind: Literal["acc"] = Field(description="adaptive cruise control [-]")  # type: ignore[assignment]
+    kp: float = Field(default=0.2, gt=0.0, le=10.0, description="gain of the spacing error [1/s^2]")
+    kd: float = Field(default=0.7, ge=0.0, le=10.0, description="gain of the speed difference [1/s]")
+    time_gap: Duration = Field(default=1.2, gt=0.0, le=10.0, description="time gap [s]")
+    standstill: Length = Field(default=2.0, ge=0.0, le=50.0, description="gap at standstill [m]")
+    range: Length = Field(default=150.0, gt=0.0, le=1000.0, description="largest distance to the vehicle ahead [m]")
+    braking_limit: Acceleration = Field(default=6.0, gt=0.0, le=20.0, description="largest deceleration [m/s^2]")
+
+    def make_system(
+        self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None
+    ) -> PathTracker:
+        """Return the driver as a system with the inputs ``state`` and ``road_ahead``.
+
+        Raises:
+            ConfigError: the world has no such track, or it is too tight for the vehicle.
+        """
+        del folder
+        return make_tracker(self, lambda *given, **more: PlatoonDriver(self, *given, **more), vehicle, world, where)
+
+
+class CaccSpec(AccSpec):
+    """The same with messages from the vehicle ahead: cooperative adaptive cruise control."""
+
+    kind: Literal["cacc"] = Field(description="cooperative adaptive cruise control [-]")  # type: ignore[assignment]
+    time_gap: Duration = Field(default=0.6, gt=0.0, le=10.0, description="time gap [s]")
+    delay: Duration = Field(default=0.1, ge=0.0, le=2.0, description="delay of messages [s]")
+    loss: float = Field(default=0.0, ge=0.0, lt=1.0, description="probability that a message is lost [-]")
+    seed: int = Field(default=0, ge=0, description="of the lost messages [-]")
+
+    def is_lost(self, number: int) -> bool:
+        """Return whether a message is lost, by its number: the same in every run."""
+        return bool(self.loss > 0.0 and np.random.default_rng((self.seed, number)).random() < self.loss)

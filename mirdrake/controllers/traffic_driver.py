@@ -1,0 +1,130 @@
+"""Follow a track in traffic: keep the distance to the object ahead by the intelligent driver model, obey lights."""
+
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from pydantic import Field
+from pydrake.systems.framework import Context, DiscreteValues
+
+from mirdrake.actors.behaviours.idm import Idm, idm
+from mirdrake.actors.road_ahead import ROAD_AHEAD
+from mirdrake.controllers.behaviours.laws import brake_speed, stopping_distance
+from mirdrake.controllers.behaviours.outline import ShapedVehicle
+from mirdrake.controllers.driver import DrivenWorld, Reaction
+from mirdrake.controllers.path_tracking import PathTracker, PathTrackingSpec
+from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.signals import declare_vector_input
+from mirdrake.core.yaml_io import Acceleration, Duration, Length
+from mirdrake.worlds.lights import AMBER, GREEN
+
+LEAD: Final = 1.5
+"""Largest difference of the commanded and the present speed [m/s], so that a slow vehicle does not accumulate it."""
+
+_UNDECIDED, _STOPS, _GOES = 0.0, 1.0, 2.0
+
+
+class TrafficDriver(PathTracker):
+    """A driver that follows a track behind others, and stops at red lights.
+
+    Ports as in :class:`PathTracker`, and:
+
+    Input ports:
+        road_ahead (4) [m, m/s, m, -]: see :class:`mirdrake.actors.road_ahead.RoadAhead`.
+
+    The acceleration of the intelligent driver model is added up to a speed set-point. At amber it stops if it can at
+    its comfortable deceleration; the decision is kept until green.
+
+    Args:
+        spec: its settings.
+        options: arguments of :class:`PathTracker`.
+    """
+
+    def __init__(self, spec: "TrafficDriverSpec", *options: Any, **more: Any) -> None:
+        super().__init__(*options, **more)
+        self._spec, self._numbers = spec, (0.0, *spec.idm().numbers())
+        self.road_ahead = declare_vector_input(self, "road_ahead", ROAD_AHEAD)
+        self._decision = self.DeclareDiscreteState([_UNDECIDED])
+
+    def _limited(self, context: Context, values: DiscreteValues, speed: float, vx: float) -> float:
+        gap, other, line, light = self.road_ahead.Eval(context).tolist()
+        spec, gains, before = self._spec, self.get_gains(context), self._read(context)
+        last = before.speed if before.started else vx
+        a = idm(self._numbers, max(vx, 0.0), gains.speed, gap, other)  # type: ignore[arg-type]
+        a = max(-spec.braking_limit, min(a, self.limits.acceleration))
+        commanded = max(vx - LEAD, min(last + a * self.period, vx + LEAD))
+        result = max(0.0, min(speed, commanded))
+        if not spec.obeys_lights:
+            return result
+
+        decision = context.get_discrete_state(self._decision).value().item()
+        if light == GREEN or line > spec.sight:
+            decision = _UNDECIDED
+        elif decision == _UNDECIDED:
+            needed = stopping_distance(vx, deceleration=self.limits.deceleration, reaction=spec.reaction)
+            decision = _GOES if light == AMBER and needed > line else _STOPS
+        values.set_value(self._decision, [decision])
+        if decision == _STOPS:
+            rest = max(line - spec.line_distance, 0.0)
+            result = min(result, brake_speed(rest, deceleration=self.limits.deceleration, reaction=spec.reaction))
+        return result
+
+
+class TrafficDriverSpec(PathTrackingSpec):
+    """Follow a track behind others, and stop at red lights."""
+
+    kind: Literal["traffic"] = Field(description="follow a track in traffic [-]")  # type: ignore[assignment]
+    headway: Duration = Field(default=1.5, ge=0.0, le=10.0, description="time headway [s]")
+    standstill: Length = Field(default=2.0, gt=0.0, le=50.0, description="gap at standstill [m]")
+    braking_limit: Acceleration = Field(default=8.0, gt=0.0, le=20.0, description="largest deceleration [m/s^2]")
+    obeys_lights: bool = Field(default=True, description="stop at red lights [-]")
+    line_distance: Length = Field(default=1.0, ge=0.0, le=20.0, description="distance of a stop before the line [m]")
+    sight: Length = Field(default=150.0, gt=0.0, le=1000.0, description="distance at which lights are regarded [m]")
+    reaction: Reaction = 0.3
+
+    def idm(self) -> Idm:
+        """Return the parameters of the intelligent driver model."""
+        return Idm(
+            kind="idm",
+            acceleration=self.acceleration,
+            deceleration=self.deceleration,
+            headway=self.headway,
+            standstill=self.standstill,
+        )
+
+    def make_system(
+        self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None
+    ) -> PathTracker:
+        """Return the driver as a system with the inputs ``state`` and ``road_ahead``.
+
+        Raises:
+            ConfigError: the world has no such track, or it is too tight for the vehicle.
+        """
+        del folder
+        return make_tracker(self, lambda *given, **more: TrafficDriver(self, *given, **more), vehicle, world, where)
+
+
+def make_tracker(
+    spec: PathTrackingSpec, make: Any, vehicle: ShapedVehicle, world: DrivenWorld, where: str
+) -> PathTracker:
+    """Return a tracker of the track of a spec.
+
+    Args:
+        spec: settings of the driver.
+        make: class of the tracker, or a function that returns one.
+        vehicle: vehicle to drive.
+        world: its world.
+        where: ``file:line: path`` for errors.
+
+    Raises:
+        ConfigError: the world has no such track, or it is too tight for the vehicle.
+    """
+    track = world.tracks.get(spec.track)
+    try:
+        if track is None:
+            hint = did_you_mean(spec.track, world.tracks) if world.tracks else "the world has none"
+            raise ConfigError(f"unknown track '{spec.track}'; {hint}")
+        options = {"gains": spec.gains(), "period": spec.period, "limits": spec.limits()}
+        tracker: PathTracker = make(track, vehicle.geometry, **options)
+    except ConfigError as error:
+        raise ConfigError(f"{spec.place('track', where)}: {error}") from None
+    return tracker
