@@ -13,6 +13,14 @@ CASES = {f"{case.world}:{case.test}": case for case in FIRST}
 BAD = {
     "circle": {"kind": "constant", "speed": 5.0, "steering": 0.1},  # too wide
     "stops_before_the_pedestrian": {"kind": "blind", "speed": 3.0},
+    "moving": {"kind": "constant", "speed": 14.0},
+    "braking": {"kind": "constant", "speed": 13.9},
+    "adult": {"kind": "constant", "speed": 5.56},
+    "running_child": {"kind": "constant", "speed": 4.17},
+    "child_from_behind_parked_cars": {"kind": "constant", "speed": 4.17},
+    "cut_in": {"kind": "constant", "speed": 13.9},
+    "cut_out": {"kind": "constant", "speed": 8.33},
+    "obeys": {"kind": "traffic", "track": "main", "speed": 12.5, "obeys_lights": False},
 }
 BLIND = {"kind": "blind", "speed": 8.0}
 

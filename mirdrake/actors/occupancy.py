@@ -20,6 +20,9 @@ WIDE: Final = 5
 LINE: Final = -1
 """Owner of a stop line."""
 
+ANTICIPATION: Final = 1.5
+"""Time for which drivers foresee the lateral motion of others [s]: an object that will be on the lane counts."""
+
 _ASIDE = 0.3  # [m] objects that are farther than this beside an actor are not in its way
 _HOPS = 20  # lanes ahead that are searched
 _EVERYWHERE = 1e9  # [m] offset of the sides of an object that counts on the whole width of its lane
@@ -86,19 +89,23 @@ def _touch(
     t: LaneTable, lane: int, owner: int, x: float, y: float, yaw: float, vx: float, vy: float,
     front: float, rear: float, half_width: float, lanes: Ints, owners: Ints, rows: Array, count: int,
 ) -> int:  # fmt: skip
-    """Write an object on a lane if the box around it touches the lane; return the number of objects."""
+    """Write an object on a lane if the box around it touches the lane, or will soon; return the number of objects."""
     middle = 0.5 * (front - rear)
     x, y, half = x + middle * math.cos(yaw), y + middle * math.sin(yaw), 0.5 * (front + rear)
-    if x < t.box[lane, 0] - half or x > t.box[lane, 2] + half or y < t.box[lane, 1] - half or y > t.box[lane, 3] + half:
+    reach = half + half_width + ANTICIPATION * math.hypot(vx, vy)
+    box = t.box[lane]
+    if x < box[0] - reach or x > box[2] + reach or y < box[1] - reach or y > box[3] + reach:
         return count
     s, offset = project(t, lane, x, y)
-    if abs(offset) > 0.5 * t.width[lane] + half + half_width:
+    if abs(offset) > 0.5 * t.width[lane] + reach:
         return count
     i = t.first[lane] + min(int(s / t.step[lane] + 0.5), t.count[lane] - 1)
     along = t.yaw[i]
     cosine, sine = abs(math.cos(yaw - along)), abs(math.sin(yaw - along))
     aside = half * sine + half_width * cosine
-    if abs(offset) - aside > 0.5 * t.width[lane] or count >= len(lanes):
+    towards = ANTICIPATION * (vy * math.cos(along) - vx * math.sin(along))  # how far it moves to the left
+    low, high = offset - aside + min(towards, 0.0), offset + aside + max(towards, 0.0)
+    if low > 0.5 * t.width[lane] or high < -0.5 * t.width[lane] or count >= len(lanes):
         return count
     beyond = (x - t.x[i]) * math.cos(along) + (y - t.y[i]) * math.sin(along)
     if t.closed[lane] == 0 and abs(beyond) > half + half_width + t.step[lane]:  # before the begin or beyond the end
@@ -106,7 +113,7 @@ def _touch(
     lanes[count], owners[count] = lane, owner
     rows[count, MIDDLE], rows[count, HALF] = s, half * cosine + half_width * sine
     rows[count, SPEED] = vx * math.cos(along) + vy * math.sin(along)
-    rows[count, LOW], rows[count, HIGH] = offset - aside, offset + aside
+    rows[count, LOW], rows[count, HIGH] = low, high
     return count + 1
 
 

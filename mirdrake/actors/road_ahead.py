@@ -1,4 +1,4 @@
-"""What a driver of a full vehicle knows about the road ahead: the next object on its lane and the next traffic light."""
+"""The road ahead of a full vehicle: the next object on its lane and the next traffic light."""
 
 import math
 from collections.abc import Callable, Mapping

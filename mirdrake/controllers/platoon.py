@@ -22,7 +22,7 @@ from mirdrake.actors.road_ahead import ROAD_AHEAD
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.controllers.driver import DrivenWorld
 from mirdrake.controllers.path_tracking import PathTracker, PathTrackingSpec
-from mirdrake.controllers.traffic_driver import LEAD, make_tracker
+from mirdrake.controllers.traffic_driver import LAG, LEAD, make_tracker
 from mirdrake.core.signals import declare_vector_input
 from mirdrake.core.yaml_io import Acceleration, Duration, Length
 
@@ -70,10 +70,10 @@ def cacc_step(
 def amplification(
     frequency: float, *, kp: float, kd: float, time_gap: float, lag: float, delay: float | None = None
 ) -> float:
-    """Return |Gamma(j w)|: amplitude of the speed of a vehicle over that of the vehicle ahead [-]; string stable if <= 1.
+    """Return |Gamma(j w)|: amplitude of the speed of a vehicle over that of the one ahead [-]; string stable if <= 1.
 
     With vehicles x'' = a, lag a' = -a + a_wanted, G = 1/(s² (lag s + 1)), K = kp + kd s and H = h s + 1:
-    CACC Gamma = (exp(-delay s) + G K) / (H (1 + G K)); ACC with the speed difference Gamma = G K / (1 + G (K + kp h s)).
+    CACC: Gamma = (exp(-delay s) + G K) / (H (1 + G K)); ACC: Gamma = G K / (1 + G (K + kp h s)).
 
     Args:
         frequency: w [rad/s].
@@ -134,7 +134,7 @@ class PlatoonDriver(PathTracker):
         u = max(-spec.braking_limit, min(u, self.limits.acceleration))
         values.set_value(self._memory, np.concatenate(([u, lead, vx, memory[3] + 1.0], memory[4:])))
         last = before.speed if before.started else vx
-        return max(0.0, min(speed, max(vx - LEAD, min(last + u * self.period, vx + LEAD))))
+        return max(0.0, min(speed, max(vx - LAG, min(last + u * self.period, vx + LEAD))))
 
 
 class AccSpec(PathTrackingSpec):

@@ -18,7 +18,10 @@ from mirdrake.core.yaml_io import Acceleration, Duration, Length
 from mirdrake.worlds.lights import AMBER, GREEN
 
 LEAD: Final = 1.5
-"""Largest difference of the commanded and the present speed [m/s], so that a slow vehicle does not accumulate it."""
+"""Largest excess of the commanded over the present speed [m/s], so that a slow vehicle does not accumulate it."""
+
+LAG: Final = 8.0
+"""Largest deficit [m/s]; full braking needs several m/s."""
 
 _UNDECIDED, _STOPS, _GOES = 0.0, 1.0, 2.0
 
@@ -51,7 +54,7 @@ class TrafficDriver(PathTracker):
         last = before.speed if before.started else vx
         a = idm(self._numbers, max(vx, 0.0), gains.speed, gap, other)  # type: ignore[arg-type]
         a = max(-spec.braking_limit, min(a, self.limits.acceleration))
-        commanded = max(vx - LEAD, min(last + a * self.period, vx + LEAD))
+        commanded = max(vx - LAG, min(last + a * self.period, vx + LEAD))
         result = max(0.0, min(speed, commanded))
         if not spec.obeys_lights:
             return result

@@ -5,6 +5,7 @@ topic                      schema                       content
 =========================  ===========================  ===========================================================
 /tf                        foxglove.FrameTransforms     vehicles, their links and sensors, and loose props
 /scene                     foxglove.SceneUpdate         once: the world, its props and the vehicles, for the 3D panel
+/actors                    foxglove.SceneUpdate         boxes of the actors of the world at record.rate
 /<vehicle>/joint_states    sensor_msgs/msg/JointState   wheels, steering and springs at record.rate (ROS 2, CDR)
 /<vehicle>/signals         mirdrake.Signals (JSON)      all signals of a vehicle at record.rate, units in the schema
 /<vehicle>/<camera>        foxglove.CompressedImage     JPEG of colours, PNG of 16 bits of depths (mm) and labels
@@ -38,15 +39,16 @@ from mirdrake.core.files import replacing
 from mirdrake.core.recording.arrays import Samples
 from mirdrake.core.recording.parts import read_groups, stored
 from mirdrake.core.recording.pictures import EPOCH, Picture
-from mirdrake.export.frames import Frames, Pose, eyes_of, joint_columns, optical_name, sensor_mounts
+from mirdrake.export.frames import WORLD, Frames, Pose, eyes_of, joint_columns, optical_name, sensor_mounts
 from mirdrake.export.models import Fields, scene_entities
 from mirdrake.export.ros import DEFINITIONS, ENCODING, SCHEMA, Ros2Message, imu_message, joint_message
 from mirdrake.plant.plant import VehicleInPlant
-from mirdrake.runs.logs import SIGNALS, Run, reads_run
+from mirdrake.runs.logs import ACTORS, SIGNALS, Run, reads_run
 
 Arrays = Mapping[str, NDArray[np.float64]]
 
 SECOND = 10**9  # ns
+_BLUE = (0.25, 0.45, 0.75)  # actors without a colour
 _FLOAT32, _INFO, _ERROR = 7, 2, 4  # of Foxglove's enumerations
 _IMU = ("wx", "wy", "wz", "fx", "fy", "fz")  # of the samples of an IMU
 _GPS = {"latitude", "longitude", "altitude"}  # of the samples of a receiver
@@ -152,6 +154,8 @@ class _Streams:
             streams += [self._joints(part) for part in self._frames.parts.vehicles.values()]
             streams.append(self._transforms())
             streams.append(self._scene())
+            if stored(run.folder / ACTORS):
+                streams.append(self._actors())
         for name, pictures in run.pictures.items():
             streams.append(self._images(name, pictures))
             if name in self._eyes:
@@ -221,6 +225,24 @@ class _Streams:
             for key, fields in primitives:
                 _fill(getattr(entity, key).add(), fields)
         yield Message(stamp, "/scene", content)
+
+    def _actors(self) -> Iterator[Message]:
+        """Yield the actors at each sample, each as a box of its size."""
+        actors, assembled = self._run.scene().world.actors, _make("SceneUpdate")
+        table = self._run.actors
+        columns = [table[[f"{actor.name}.{key}" for key in ("x", "y", "yaw")]].to_numpy() for actor in actors]
+        for row, time in enumerate(table.index.tolist()):
+            content, stamp = assembled(), self._stamp(time)
+            for actor, poses in zip(actors, columns, strict=True):
+                length, width, height = actor.prop.size
+                x, y, yaw = poses[row].tolist()
+                middle = (x + actor.rear_axle * math.cos(yaw), y + actor.rear_axle * math.sin(yaw), 0.5 * height)
+                pose = (*middle, math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
+                entity = content.entities.add(id=actor.name, frame_id=WORLD)
+                entity.timestamp.FromNanoseconds(stamp)
+                color = (*(actor.color or _BLUE), 1.0)
+                _fill(entity.cubes.add(), {"pose": pose, "size": (length, width, height), "color": color})
+            yield Message(stamp, "/actors", content)
 
     def _joints(self, part: VehicleInPlant) -> Iterator[Message]:
         joints, topic = joint_columns(self._run, part), f"/{part.name}/joint_states"

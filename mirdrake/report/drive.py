@@ -16,6 +16,9 @@ from mirdrake.report.words import format_quantity, format_time
 from mirdrake.report.world_map import draw_figure, props, signals, surfaces
 from mirdrake.worlds import World, make_world
 
+ACTOR_COLOUR = "muted"
+"""Colour of the paths of actors."""
+
 VEHICLE_COLOURS = ("main", "own1", "own2", "own3", "own4")
 
 _SIZES = {"wide": (960.0, 220.0, 700.0), "narrow": (400.0, 140.0, 480.0)}
@@ -54,19 +57,29 @@ class DriveMap:
     lines: bool
 
 
-def draw_drive(names: Sequence[str], signals: pandas.DataFrame, world: World | None) -> DriveMap | None:
+def draw_drive(
+    names: Sequence[str],
+    signals: pandas.DataFrame,
+    world: World | None,
+    actors: pandas.DataFrame | None = None,
+) -> DriveMap | None:
     """Return the map of a drive; None if there is nothing to draw.
 
     Args:
         names: names of the vehicles.
         signals: signals of all vehicles.
         world: world of the run; None if it is not known.
+        actors: samples of the actors; their paths are grey.
     """
     world = world if world is not None else make_world({"mirdrake": "world/1"})
     tracks = list(world.tracks.values())
     lines: list[DrivenLine] = []
     places: list[tuple[Place, str]] = []
     scale: ColourScale | None = None
+    for actor in world.actors if actors is not None else ():
+        if f"{actor.name}.x" in actors:
+            x, y = (actors[f"{actor.name}.{key}"].to_numpy(dtype=float) for key in ("x", "y"))
+            lines.append(DrivenLine(x, y, ACTOR_COLOUR))
     for index, name in enumerate(names):
         vehicle = VehicleSignals(signals, name)
         if not vehicle.has("x", "y"):

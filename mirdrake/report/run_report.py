@@ -88,7 +88,7 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
             )
             for index, name in enumerate(names)
         ]
-        drive = draw_drive(names, signals, None if scene is None else scene.world)
+        drive = draw_drive(names, signals, None if scene is None else scene.world, run.actors)
         inner = make_inner_charts(
             signals, run.units, vehicles=names, systems=spec.get("systems") or {}, marks=_marks(run)
         )
