@@ -55,6 +55,7 @@ class DriveMap:
     roads: bool
     props: bool
     lines: bool
+    actors: bool = False
 
 
 def draw_drive(
@@ -96,7 +97,13 @@ def draw_drive(
         for number, (place, caption) in enumerate(places, start=1)
     ]
     return DriveMap(
-        _draw_map(world, lines, spots), scale, views, bool(tracks), bool(world.props), any(len(x.points) for x in lines)
+        _draw_map(world, lines, spots),
+        scale,
+        views,
+        bool(tracks),
+        bool(world.props),
+        any(len(x.points) for x in lines),
+        actors=any(line.colour == ACTOR_COLOUR for line in lines),
     )
 
 
