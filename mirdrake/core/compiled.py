@@ -56,9 +56,9 @@ def records(kind: type[Any], values: Iterable[Any]) -> Records:
 
 def plain(value: Any) -> Any:
     """Return a named tuple or dataclass, nested or not, as plain tuples, which can be assigned to a record."""
-    if is_dataclass(value) and not isinstance(value, type):
-        value = astuple(value)
-    return tuple(map(plain, value)) if isinstance(value, tuple) else value
+    if isinstance(value, tuple):
+        return tuple([part if isinstance(part, float | int) else plain(part) for part in value])
+    return plain(astuple(value)) if is_dataclass(value) and not isinstance(value, type) else value
 
 
 def compiled(

@@ -50,6 +50,7 @@ class RelaxationSettings:
         damping: k0, damping between patch and rim at standstill [N s/m]; about 4 % of critical for a car on its tyres,
             a quarter of critical for the spin of a wheel.
         lateral_damping: d, damping parallel to the lateral spring at all speeds [N s/m].
+        lasting_damping: part of k that does not fade [N s/m]; it adds to the slip stiffness its product with the speed.
 
     Raises:
         ConfigError: not a finite number, or negative; low not positive.
@@ -58,6 +59,7 @@ class RelaxationSettings:
     low: float = 1.0
     damping: float = 1000.0
     lateral_damping: float = 0.0
+    lasting_damping: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -125,7 +127,7 @@ def relaxed_slip(
     """Return the slips kappa' and tan alpha' [1] for the law in steady state, with damping at low speed."""
     if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
         return 0.0, 0.0
-    damping = settings.damping * low_speed_weight(motion.vx, settings.low)
+    damping = settings.damping * low_speed_weight(motion.vx, settings.low) + settings.lasting_damping
     kappa = state.along / contact.length_x - damping / contact.stiffness_x * motion.slip_x
     tan_alpha = state.across / contact.length_y
     if settings.lateral_damping:

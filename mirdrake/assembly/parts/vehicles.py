@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from pydrake.systems.framework import System
-from pydrake.systems.primitives import Demultiplexer, Multiplexer
+from pydrake.systems.framework import InputPort, System
+from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.parts.actors import add_road_ahead
@@ -16,6 +16,7 @@ from mirdrake.core.vectors import COMMAND
 from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts, VehicleInPlant
 from mirdrake.plant.powertrain import PEDALS, Powertrain
+from mirdrake.plant.wheels import GroundTyres
 from mirdrake.sensors.ground_truth import GroundTruth
 from mirdrake.sensors.range_scan import PropPoses, RangeScan
 from mirdrake.worlds import Start
@@ -50,7 +51,7 @@ def add_vehicle_systems(
             "torque_command",
             control.GetOutputPort("actuation"),
             "torque_reference",
-            plant.get_actuation_input_port(part.instance),
+            _actuation(wiring, parts, part),
         ),
     )
     for source, output, sink, port in between:
@@ -105,6 +106,19 @@ def add_vehicle_systems(
         if f"{name}.{port.get_name()}" in wiring.sources:
             wiring.defaults.append((f"{name}.{port.get_name()}", f"{name}.driver_{port.get_name()}"))
     return track
+
+
+def _actuation(wiring: Wiring, parts: PlantParts, part: VehicleInPlant) -> InputPort:
+    """Return the input of the torques of the actuators; tyres that predict the spin of the wheels also get them."""
+    port = parts.plant.get_actuation_input_port(part.instance)
+    tyres = wiring.systems.get(f"{part.name}.tyres")
+    if not isinstance(tyres, GroundTyres):
+        return port
+    split = PassThrough(port.size())
+    wiring.add(f"{part.name}.actuation", split)
+    wiring.link(split.get_output_port(), port)
+    wiring.link(split.get_output_port(), tyres.actuation)
+    return split.get_input_port()
 
 
 def _add_powertrain(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, control: System) -> Powertrain | None:

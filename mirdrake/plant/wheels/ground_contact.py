@@ -11,6 +11,7 @@ Vehicle System Dynamics 4, 1975; the equivalent-plane method of Adams/Tire):
 
 The tyre thereby envelops short waves and bridges gaps. Both integrals are sums over samples along the disc of the
 difference to the tangent plane below the wheel, plus the closed form of that plane, so they are exact on every plane.
+Where the disc is far from the ground, only every fourth sample is taken.
 Two rows of samples at the Gauss points of the width, ± w / (2 √3), see an obstacle under one side of the tyre.
 """
 
@@ -22,6 +23,7 @@ from mirdrake.ground.layers import TerrainData, ground_at
 from mirdrake.plant.wheels.motion import BaseMotion, WheelPlace
 
 _REACH = 0.92  # half of the sampled chord over the radius: obstacles up to 0.6 R high [1]
+_STRIDE, _GAP = 4, 0.02  # every fourth sample is taken; those between only where the disc is nearer to the ground [m]
 _GAUSS = 0.5 / sqrt(3.0)  # distance of the rows from the middle over the width [1]
 _STEEP = 0.2  # smallest cosine between wheel plane and vertical
 _NEWTON = 4
@@ -64,6 +66,41 @@ class GroundContact(NamedTuple):
     turn: float
     rolling: float
     spin: float
+
+
+CONTACT_SIZE = 29
+"""Numbers of a :class:`GroundContact`."""
+
+
+def pack_contact(row: MutableSequence[float], contact: GroundContact) -> None:
+    """Write a contact into a row of :data:`CONTACT_SIZE` numbers."""
+    row[0], row[1], row[2], row[3] = contact.deflection, contact.rate, contact.inclination, contact.vx
+    row[4], row[5], row[6], row[7] = contact.vy, contact.turn, contact.rolling, contact.spin
+    for i in range(3):
+        row[8 + i], row[11 + i], row[14 + i] = contact.axle[i], contact.up[i], contact.ahead[i]
+        row[17 + i], row[20 + i] = contact.left[i], contact.normal[i]
+        row[23 + i], row[26 + i] = contact.arm_base[i], contact.arm_pivot[i]
+
+
+def unpack_contact(row: Sequence[float]) -> GroundContact:
+    """Return the contact in a row of :func:`pack_contact`."""
+    return GroundContact(
+        row[0],
+        row[1],
+        (row[8], row[9], row[10]),
+        (row[11], row[12], row[13]),
+        (row[14], row[15], row[16]),
+        (row[17], row[18], row[19]),
+        (row[20], row[21], row[22]),
+        (row[23], row[24], row[25]),
+        (row[26], row[27], row[28]),
+        row[2],
+        row[3],
+        row[4],
+        row[5],
+        row[6],
+        row[7],
+    )
 
 
 class EffectivePlane(NamedTuple):
@@ -212,20 +249,25 @@ def effective_plane(
         row_x, row_w = third * gradient / norm, -third / norm
         # Differences of area and moments to those of the tangent plane.
         step = 2.0 * _REACH * radius / (samples - 1) if samples > 1 else 0.0
-        for k in range(samples):
+        incline = zx * ex + zy * ey
+        gap = 0.0
+        for k in range(0, samples, _STRIDE):
             s = -_REACH * radius + k * step
             z, _, _ = ground_at(terrain, x0 + s * ex, y0 + s * ey)
-            raised = (z - z0 - s * (zx * ex + zy * ey)) / below
-            if raised == 0.0:
+            raised, gap_before = (z - z0 - s * incline) / below, gap
+            change, level_w, gap = _strip(radius, s, gradient * s - height, raised)
+            row_area += change * step
+            row_x += change * step * s
+            row_w += change * step * level_w
+            if k == 0 or min(gap, gap_before) > _GAP:
                 continue
-            edge = -sqrt(radius * radius - s * s)
-            tangent = -height + gradient * s - edge
-            top = min(max(tangent + raised, 0.0), -2.0 * edge)
-            bottom = min(max(tangent, 0.0), -2.0 * edge)
-            change = (top - bottom) * step
-            row_area += change
-            row_x += change * s
-            row_w += change * (edge + 0.5 * (top + bottom))
+            for j in range(k - _STRIDE + 1, k):
+                s = -_REACH * radius + j * step
+                z, _, _ = ground_at(terrain, x0 + s * ex, y0 + s * ey)
+                change, level_w, _ = _strip(radius, s, gradient * s - height, (z - z0 - s * incline) / below)
+                row_area += change * step
+                row_x += change * step * s
+                row_w += change * step * level_w
         row_area = max(row_area, 0.0)
         area += row_area
         moment_x += row_x
@@ -245,6 +287,25 @@ def effective_plane(
         deflection = min(deflection, 0.0)
     size = sqrt(slope * slope + rise * rise)
     return EffectivePlane(deflection, slope / size, rise / size, tilt / weight)
+
+
+def _strip(radius: float, s: float, tangent: float, raised: float) -> tuple[float, float, float]:
+    """Return the difference of a strip of the disc to that on the tangent plane.
+
+    Args:
+        radius: radius of the wheel [m].
+        s: position along the disc [m].
+        tangent: height of the tangent plane over the wheel centre [m].
+        raised: height of the ground over the tangent plane [m].
+
+    Returns:
+        Length of the strip below the ground, beyond that below the plane [m], the height of its middle over the wheel
+        centre [m], and the distance of the disc from the ground or the plane, whichever is higher [m].
+    """
+    edge = -sqrt(radius * radius - s * s)
+    top = min(max(tangent + raised - edge, 0.0), -2.0 * edge)
+    bottom = min(max(tangent - edge, 0.0), -2.0 * edge)
+    return top - bottom, edge + 0.5 * (top + bottom), edge - tangent - max(raised, 0.0)
 
 
 def _segment_area(radius: float, depth: float) -> float:
@@ -304,5 +365,14 @@ def add_ground_force(
         force[wheel.suspension[1]] += kx * x + ky * y + kz * z
 
 
-CONTACT_PARTS = (ground_contact, effective_plane, _segment_area, _segment_depth, add_ground_force)
+CONTACT_PARTS = (
+    ground_contact,
+    pack_contact,
+    unpack_contact,
+    effective_plane,
+    _strip,
+    _segment_area,
+    _segment_depth,
+    add_ground_force,
+)
 """Functions that :mod:`mirdrake.core.compiled` compiles for a step."""

@@ -12,12 +12,18 @@ of :mod:`mirdrake.tyres.relaxation` joins both.
 """
 
 from collections.abc import Callable, MutableSequence, Sequence
-from math import atan, tanh
+from math import atan, exp, floor, log, tanh
 from typing import Any, NamedTuple
 
 from mirdrake.core.compiled import Records
 from mirdrake.ground.layers import GROUND_PARTS, TerrainData
-from mirdrake.plant.wheels.ground_contact import CONTACT_PARTS, add_ground_force, ground_contact
+from mirdrake.plant.wheels.ground_contact import (
+    CONTACT_PARTS,
+    add_ground_force,
+    ground_contact,
+    pack_contact,
+    unpack_contact,
+)
 from mirdrake.plant.wheels.motion import base_motion
 from mirdrake.plant.wheels.rolling_resistance import SMOOTH_SPEED
 from mirdrake.plant.wheels.step import STEP_PARTS, SpinningWheel, slip_forces, turn_along
@@ -28,8 +34,10 @@ from mirdrake.tyres.vertical import VerticalTyre, vertical_force
 SAME_LOAD = 0.01
 """Relative change of the load up to which the curve of a tyre is scaled instead of evaluated anew [1]."""
 
-SAME_INCLINATION = 2e-3
+SAME_INCLINATION = 4e-3
 """Change of the inclination up to which a curve is kept [rad]."""
+
+_NODE_LOAD, _NODE_INCLINATION = 0.01, 2e-3  # relative distance of the loads, and of the inclinations [rad], of curves
 
 _LEAST_LOAD = 1e-3  # load over static load below which a tyre has no slip forces [1]
 
@@ -94,11 +102,14 @@ def ground_step(
     terrain: TerrainData,
     samples: int,
     torques: Sequence[float],
+    efforts: Sequence[float],
     frictions: Sequence[float],
     cars: Records,
     wheels: Records,
     curves: Records,
     memories: Records,
+    contacts: Any,
+    again: bool,
     force: MutableSequence[float],
     after: Records,
     logged: Any,
@@ -111,11 +122,14 @@ def ground_step(
         terrain: the ground.
         samples: number of samples along a wheel; zero on a plane.
         torques: drive torque of each wheel, signed, then the largest torque of each brake [N m].
+        efforts: torque of the actuator of each wheel joint, which the plant applies [N m].
         frictions: friction of the ground under each wheel, relative to dry asphalt [1].
         cars: one :class:`mirdrake.plant.wheels.step.SpinningCar`.
         wheels: :class:`GroundWheel`.
         curves: the tyres at their loads; load, inclination, friction, contact and curve.
         memories: :class:`GroundMemory` of the step before.
+        contacts: :class:`GroundContact` of each wheel as rows of numbers, overwritten; see :func:`pack_contact`.
+        again: whether `contacts` are those of this step already, from a call without valid curves.
         force: generalised forces of the plant (num_velocities) [N, N m], overwritten.
         after: memories for the next step, overwritten.
         logged: Fx, Fy, Mz, kappa, alpha, load and torque of the rolling resistance of each wheel, overwritten.
@@ -132,17 +146,24 @@ def ground_step(
     for i in range(len(wheels)):
         tyre, before, kept, curve = wheels[i], memories[i], after[i], curves[i]
         wheel = tyre.wheel
-        contact = ground_contact(x, wheel.place, wheel.radius, tyre.width, base, car.positions, terrain, samples)
+        if not again:  # the ground is sampled once a step
+            pack_contact(
+                contacts[i],
+                ground_contact(x, wheel.place, wheel.radius, tyre.width, base, car.positions, terrain, samples),
+            )
+        contact = unpack_contact(contacts[i])
         load = vertical_force(tyre.vertical, contact.deflection, contact.rate, contact.spin)
 
-        # Whether the curve is valid for this load; without a valid curve the caller makes one and repeats.
+        # Whether the curve is valid for this load; without a valid curve the caller makes one and repeats. Curves are
+        # evaluated at nodes of load and inclination, so that a drive over rough ground needs few of them.
         start = before.measured < 0.0
         curve_load, inclination = before.load, before.inclination
-        touches = load > _LEAST_LOAD * wheel.static_load
+        least = _LEAST_LOAD * wheel.static_load
+        touches = load > least
         if start or (touches and abs(load - curve_load) > SAME_LOAD * load):
-            curve_load = max(load, _LEAST_LOAD * wheel.static_load)
+            curve_load = exp(floor(log(max(load, least)) / _NODE_LOAD + 0.5) * _NODE_LOAD)
         if start or (touches and abs(contact.inclination - inclination) > SAME_INCLINATION):
-            inclination = contact.inclination
+            inclination = floor(contact.inclination / _NODE_INCLINATION + 0.5) * _NODE_INCLINATION
         kept.load, kept.inclination = curve_load, inclination
         if curve.load != curve_load or curve.inclination != inclination or curve.friction != frictions[i]:
             known = False
@@ -171,7 +192,7 @@ def ground_step(
             now,
             contact.spin,
             contact.rolling,
-            drive,
+            drive + efforts[i],
             brake,
             period,
         )
@@ -186,7 +207,7 @@ def ground_step(
             resistance,
             0.5 * period * base.turning[2],
         )
-        force[wheel.place.spin] += torque
+        force[wheel.place.spin] += torque - efforts[i]
 
         kept.measured, kept.turning, kept.twist = 1.0, base.turning[2], twist
         logged[i, 0], logged[i, 1], logged[i, 2], logged[i, 3], logged[i, 4] = (

@@ -6,7 +6,6 @@ tyres follow from the plant's state and the terrain, without delay; the equation
 """
 
 from collections.abc import Collection, Sequence
-from math import exp, log
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,10 +23,9 @@ from mirdrake.core.signals import Signal, declare_state_output, declare_vector_o
 from mirdrake.ground import Terrain
 from mirdrake.plant.plant import TyreSpring, VehicleInPlant
 from mirdrake.plant.rest_pose import check_balance
+from mirdrake.plant.wheels.ground_contact import CONTACT_SIZE
 from mirdrake.plant.wheels.ground_step import (
     GROUND_STEP_PARTS,
-    SAME_INCLINATION,
-    SAME_LOAD,
     GroundMemory,
     GroundWheel,
     ground_step,
@@ -36,7 +34,7 @@ from mirdrake.plant.wheels.motion import wheel_places
 from mirdrake.plant.wheels.step import SpinningWheel
 from mirdrake.plant.wheels.tyre_forces import DAMPING_BY_LOAD, FORCES, REFERENCE_FRICTION, TyreSystem, curve_type
 from mirdrake.tyres import SlipTyres, TyreLaw
-from mirdrake.tyres.coulomb import COULOMB_LAW, make_coulomb_law
+from mirdrake.tyres.coulomb import COULOMB_LAW, DAMPING, make_coulomb_law
 from mirdrake.tyres.relaxation import RelaxationSettings
 from mirdrake.tyres.vertical import VerticalTyre
 from mirdrake.vehicles import WHEELS
@@ -76,6 +74,7 @@ def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Grou
         vertical = part.compression[rear]
         assert isinstance(vertical, VerticalTyre)
         lateral_damping = tyres.lateral_damping if isinstance(tyres, SlipTyres) else 0.0
+        lasting = 0.0 if isinstance(tyres, SlipTyres) else DAMPING * load
         spinning = SpinningWheel(
             wheel_place,
             float(tensor[1, 1] + actuator.default_reflected_inertia()),
@@ -84,7 +83,9 @@ def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Grou
             geometry.wheel_radii[index],
             TyreSpring(1.0 / vertical.stiffness, 1.0),
             load,
-            RelaxationSettings(damping=DAMPING_BY_LOAD * load, lateral_damping=lateral_damping),
+            RelaxationSettings(
+                damping=DAMPING_BY_LOAD * load, lateral_damping=lateral_damping, lasting_damping=lasting
+            ),
         )
         width, pivots = geometry.wheel_widths[index], not isinstance(tyres, SlipTyres)
         wheels.append(GroundWheel(spinning, vertical, width, tyres.rolling_resistance, pivots))
@@ -98,6 +99,7 @@ class GroundTyres(TyreSystem):
         plant_state: the plant's state, positions and velocities.
         wheel_torque (8) [N m]: drive torques of the wheels, signed, then largest torques of their brakes, not negative;
             zeros if it is not connected.
+        actuation: torques of the actuators of the vehicle, which the plant applies [N m]; zeros if it is not connected.
     Output ports:
         generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m]; without delay.
         tyre_forces (20): per wheel Fx, Fy [N], Mz [N m], and the slips kappa [1] and alpha [rad], of the last step.
@@ -114,6 +116,8 @@ class GroundTyres(TyreSystem):
         friction: friction of the ground at the start [1].
         rolling_resistance: whether tyres have rolling resistance.
     """
+
+    optional_inputs = ("wheel_torque", "actuation")
 
     def __init__(
         self,
@@ -135,7 +139,14 @@ class GroundTyres(TyreSystem):
         self._terrain, self._samples = terrain.data, terrain.samples
         self._curves = np.zeros(len(wheels), curve_type(law))
         self._curves["load"] = np.nan  # not evaluated yet
-        self._known: list[dict[tuple[float, float, float], Any]] = [{} for _ in wheels]
+        self.actuation = self.DeclareVectorInputPort("actuation", plant.num_actuators(part.instance))
+        first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
+        self._actuators = [actuator.input_start() - first for actuator in part.wheel_actuators]
+        self._limits = np.array([actuator.effort_limit() for actuator in part.wheel_actuators])
+        self._contacts = np.zeros((len(wheels), CONTACT_SIZE))
+        # Wheels with the same law share their curves.
+        known: dict[int, dict[tuple[float, float, float], Any]] = {id(law): {} for law in self._laws}
+        self._known = [known[id(law)] for law in self._laws]
         self._loads = self.DeclareDiscreteState(len(wheels))
         self._torques = self.DeclareDiscreteState(len(wheels))
         loads = [Signal(f"{part.name}.wheel_load.{wheel}", "N", "normal load of the ground") for wheel in WHEELS]
@@ -160,41 +171,32 @@ class GroundTyres(TyreSystem):
         frictions = context.get_numeric_parameter(self.friction).value()
         before = context.get_discrete_state(self._memory).value().view(_MEMORY)
         force, memory, logged = np.empty(self._velocities), np.empty_like(before), np.empty((count, _LOGGED))
-        given = (x, self._terrain, self._samples, torques, frictions, self._car, self._wheels, self._curves, before)
-        if not self._step(*given, force, memory, logged):
+        efforts = self._no_torque[:count]
+        if self.actuation.HasValue(context):
+            efforts = np.clip(self.actuation.Eval(context)[self._actuators], -self._limits, self._limits)
+        given = (x, self._terrain, self._samples, torques, efforts, frictions, self._car, self._wheels, self._curves)
+        kept = (before, self._contacts)
+        if not self._step(*given, *kept, False, force, memory, logged):
             self._make_curves(memory, frictions)
-            if not self._step(*given, force, memory, logged):  # the state is NaN
+            if not self._step(*given, *kept, True, force, memory, logged):  # the state is NaN
                 force.fill(np.nan)
                 logged.fill(np.nan)
                 memory.view(float).fill(np.nan)
         result.set_value(_Solution(force, memory, logged))
 
     def _make_curves(self, memory: Records, frictions: npt.NDArray[np.float64]) -> None:
-        """Evaluate the tyre laws where the loads or inclinations in the memory differ from those of the curves.
-
-        A law is evaluated at steps of load and inclination that are half of the changes it is kept for, so that
-        a drive over rough ground needs few evaluations.
-        """
+        """Evaluate the tyre laws where the loads or inclinations in the memory differ from those of the curves."""
         for i, law in enumerate(self._laws):
-            load, inclination, friction = float(memory["load"][i]), float(memory["inclination"][i]), float(frictions[i])
-            curve = self._curves[i]
-            if (curve["load"], curve["inclination"], curve["friction"]) == (load, inclination, friction):
+            node = float(memory["load"][i]), float(memory["inclination"][i]), float(frictions[i])
+            curve, known = self._curves[i], self._known[i]
+            if (curve["load"], curve["inclination"], curve["friction"]) == node or not np.isfinite(node).all():
                 continue
-            if not np.isfinite([load, inclination]).all():
-                continue
-            step_load, step_inclination = 0.5 * SAME_LOAD, 0.5 * SAME_INCLINATION
-            nodes = (
-                exp(round(log(load) / step_load) * step_load),
-                round(inclination / step_inclination) * step_inclination,
-                friction,
-            )
-            known = self._known[i]
-            if nodes not in known:
+            if node not in known:
                 if len(known) >= _MOST_CURVES:
                     known.clear()
-                tyre = law(*nodes)
-                known[nodes] = (tyre.contact, plain(tyre.curve))
-            self._curves[i] = (load, inclination, friction, *known[nodes])
+                tyre = law(*node)
+                known[node] = np.array((*node, plain(tyre.contact), plain(tyre.curve)), self._curves.dtype)
+            self._curves[i] = known[node]
 
 
 def _laws(part: VehicleInPlant) -> tuple[Any, list[TyreLaw]]:

@@ -356,7 +356,8 @@ def _slip_change(
         return 0.0
     passed = 0.5 * period * abs(now.vx) / contact.length_x
     share = -expm1(-passed) / passed if passed > _SMALL else 1.0
-    damper = settings.damping * low_speed_weight(now.vx, settings.low) / contact.stiffness_x
+    damping = settings.damping * low_speed_weight(now.vx, settings.low) + settings.lasting_damping
+    damper = damping / contact.stiffness_x
     slope = 0.5 * radius * (0.5 * period * share / contact.length_x + damper)
     stiffness = contact.stiffness_x
     if abs(before.kappa) > _SMALL:

@@ -122,7 +122,7 @@ class TyreSystem(LeafSystem):  # type: ignore[misc, unused-ignore]
         friction: friction of the ground at the start [1].
     """
 
-    optional_inputs = ("wheel_torque",)
+    optional_inputs: tuple[str, ...] = ("wheel_torque",)
 
     def __init__(
         self, plant: MultibodyPlant, part: VehicleInPlant, *, memory: Sequence[float], friction: float
