@@ -10,6 +10,8 @@ import pytest
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.importing.roads import import_road_world, is_road_file
+from mirdrake.importing.roads.openscenario import read_scenario_world
+from mirdrake.importing.roads.road_world import RoadWorld
 from mirdrake.importing.worlds import WorldImport
 from mirdrake.worlds import World, load_world
 from tests.opendrive_maps import crossing, document, geometry, lane, road, section, signal
@@ -199,32 +201,91 @@ THREE_LANES = document(
 SCENARIO = (Path(__file__).parent / "cut_in.xosc").read_text(encoding="utf-8")
 
 
-def test_openscenario_positions_speeds_and_one_line_for_each_action(tmp_path: Path) -> None:
-    (tmp_path / "road.xodr").write_text(THREE_LANES, encoding="utf-8")
-    result, world = imported(tmp_path, "cut_in.xosc", SCENARIO)
-    ego = world.starts["ego"]
+def scenario(folder: Path, text: str = SCENARIO) -> RoadWorld:
+    (folder / "road.xodr").write_text(THREE_LANES, encoding="utf-8")
+    (folder / "cut_in.xosc").write_text(text, encoding="utf-8")
+    return read_scenario_world(folder / "cut_in.xosc", "cut_in")
+
+
+def block(made: RoadWorld, key: str) -> list[str]:
+    """Return the lines of a block of the world file."""
+    match = re.search(rf"^{key}:\n((?:  .*\n)+)", made.text, re.MULTILINE)
+    return [] if match is None else [line.strip() for line in match[1].splitlines()]
+
+
+def test_openscenario_positions_and_speeds(tmp_path: Path) -> None:
+    made = scenario(tmp_path)
     # Lane -3 is from 5.5 to 9 m right of the reference line; the offset is to its left.
-    assert (ego.x, ego.y, ego.yaw, ego.speed) == pytest.approx((5.0, -6.75, 0.0, 16.5))
-    props = {prop.name: prop for prop in world.props}
-    # One lane to the right and 85 m ahead; the middle of a prop is 1.4 m in front of the rear axle.
-    assert props["other"].X_WP.translation()[:2] == pytest.approx([91.4, -10.75])
-    assert props["other"].prop.name == "sedan"
-    assert props["barrel"].prop.size == pytest.approx((0.6, 0.7, 1.0))
-    lines = lost(result)
+    assert block(made, "start") == ["ego: {at: [5, -6.75], yaw: 0 deg, speed: 16.5}"]
+    # One lane to the right and 85 m ahead; the pose of an actor is that of its rear axle.
+    assert block(made, "actors") == [
+        "- {actor: sedan, name: other, on_lane: {lane: 0.0.-4, s: 90, offset: 0}, speed: 11}"
+    ]
+    assert block(made, "props") == ["- {box: [0.6, 0.7, 1], name: barrel, at: [300, -7], yaw: 28.6479 deg}"]
+    assert block(made, "tracks") == ["ego_lane: {route: {from: 0.0.-3@0, to: 0.0.-3@1000}}"]
+    assert "duration: 40 s" in block(made, "tests")
+
+
+def test_openscenario_lists_what_is_no_step(tmp_path: Path) -> None:
+    changes = [change for change in scenario(tmp_path).changes if change.left_out]
+    lines = [f"{change.part}: {change.old}" for change in changes]
     assert "entity 'Lost': car" in lines
     assert "action on 'Ego' at the beginning: ActivateControllerAction" in lines
-    cut_in = next(line for line in lines if line.startswith("'CutIn' of Other: "))
+    (cut_in,) = [change for change in changes if change.part == "'CutIn' of Other"]
+    assert cut_in.reason == "a condition of a step has no delay"
     for part in (
         "LaneChangeActionDynamics dynamicsShape=sinusoidal value=2.0 dynamicsDimension=rate",
         "TimeHeadwayCondition entityRef=Other value=1.5 rule=lessThan of Ego, rising edge, 0.5 s later",
     ):
-        assert part in cut_in
-    assert any(re.match(r"end of the scenario: SimulationTimeCondition value=40", line) for line in lines)
+        assert part in cut_in.old
+
+
+HEADWAY = '<TimeHeadwayCondition entityRef="Other" value="1.5" rule="lessThan"/>'
+DISTANCE = (
+    '<RelativeDistanceCondition entityRef="Other" relativeDistanceType="longitudinal" value="30" freespace="{}" '
+    'rule="lessThan"/>'
+)
+AFTER = "<SimulationTimeCondition value='4' rule='greaterThan'/>"
+
+
+@pytest.mark.parametrize(
+    ("condition", "expected"),
+    [
+        # 1.5 s behind at 16.5 m/s and 3.5 m beside: sqrt(24.75² + 3.5²) / 16.5 s, less 0.5 m of the lateral offset.
+        (HEADWAY, f"when: ego within {math.hypot(24.75, 4.0) / 16.5:.4f}".rstrip("0") + " s"),
+        (DISTANCE.format("false"), f"when: ego within {math.hypot(30.0, 4.0):.4f} m"),
+        # Front of the ego (2.25 + 1.35 m) and rear of the other (2.4 - 1.4 m) are within the boxes.
+        (DISTANCE.format("true"), f"when: ego within {math.hypot(34.6, 4.0):.4f} m"),
+        (AFTER, "at: 4 s"),
+    ],
+)
+def test_openscenario_triggers_become_triggers_of_steps(tmp_path: Path, condition: str, expected: str) -> None:
+    text = SCENARIO.replace('delay="0.5"', 'delay="0"').replace(HEADWAY, condition)
+    # The rate of a sinusoidal lane change is its peak: 3.5 m take π/2 · 3.5 / 2 s.
+    assert block(scenario(tmp_path, text), "scenario") == ["other:", f"- {{{expected}, change_lane: left in 2.7489 s}}"]
+
+
+def test_openscenario_speed_actions_become_rates(tmp_path: Path) -> None:
+    action = re.search(r"<LateralAction>.*</LateralAction>", SCENARIO, re.DOTALL)
+    assert action is not None
+    text = SCENARIO.replace('delay="0.5"', 'delay="0"').replace(HEADWAY, AFTER)
+
+    def step(shape: str, dimension: str, value: float) -> str:
+        target = '<SpeedActionTarget><AbsoluteTargetSpeed value="3"/></SpeedActionTarget>'
+        dynamics = f'<SpeedActionDynamics dynamicsShape="{shape}" value="{value}" dynamicsDimension="{dimension}"/>'
+        new = f"<LongitudinalAction><SpeedAction>{dynamics}{target}</SpeedAction></LongitudinalAction>"
+        return block(scenario(tmp_path, text.replace(action[0], new)), "scenario")[1]
+
+    # From 11 to 3 m/s: in 4 s, over 28 m (11² - 3² = 2 a 28), at a rate, at once.
+    assert step("linear", "time", 4.0) == "- {at: 4 s, change_speed: {to: 3, rate: 2}}"
+    assert step("linear", "distance", 28.0) == "- {at: 4 s, change_speed: {to: 3, rate: 2}}"
+    assert step("linear", "rate", 6.0) == "- {at: 4 s, change_speed: {to: 3, rate: 6}}"
+    assert step("step", "time", 0.0) == "- {at: 4 s, change_speed: {to: 3, rate: 50}}"
 
 
 def test_openscenario_names_a_parameter_or_map_that_is_missing(tmp_path: Path) -> None:
+    (tmp_path / "cut_in.xosc").write_text(SCENARIO, encoding="utf-8")
     with pytest.raises(ConfigError, match=r"cut_in.xosc:8: no such file: 'road.xodr'; put the road network where"):
-        imported(tmp_path, "cut_in.xosc", SCENARIO)
-    (tmp_path / "road.xodr").write_text(THREE_LANES, encoding="utf-8")
+        read_scenario_world(tmp_path / "cut_in.xosc", "cut_in")
     with pytest.raises(ConfigError, match=r"cut_in.xosc:\d+: unknown parameter 'sped' in value; did you mean 'speed'"):
-        imported(tmp_path, "cut_in.xosc", SCENARIO.replace("${speed}", "$sped"))
+        scenario(tmp_path, SCENARIO.replace("${speed}", "$sped"))

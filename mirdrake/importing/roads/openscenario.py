@@ -1,10 +1,10 @@
-"""OpenSCENARIO 1.x scenarios as worlds: the road network, the start of the ego vehicle, and the other entities.
+"""OpenSCENARIO 1.x scenarios as worlds: the road network, the ego vehicle with a test, actors with their steps, props.
 
-Actions and conditions of the storyboard are listed, one line each.
+Every action that is not a step of an actor is listed with its trigger, one line each.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -12,11 +12,13 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import shown
 from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.roads.osc_file import Entity, Scenario, Spot, find_spot
-from mirdrake.importing.roads.road_world import RoadWorld, note_changes, number, pose
+from mirdrake.importing.roads.road_world import RoadWorld, ground_text, note_changes, number, pose
+from mirdrake.importing.roads.storyboard import Board, conditions, read_steps
 from mirdrake.importing.target import plain_name
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.opendrive_network import read_network
 
+_BEFORE, _AHEAD = 50.0, 1500.0  # [m] of the track of the ego vehicle behind and ahead of it
 _EGO = ("ego", "ego_vehicle", "hero", "host", "vut")
 
 
@@ -43,30 +45,82 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
 
     entities = {entity.name: entity for entity in scenario.entities()}
     spots, speeds = _init(scenario, entities, network, made.changes)
-    ego = next((n for n in entities if n.lower() in _EGO), next(iter(spots), None))
-    lines = ["mirdrake: world/1", f"name: {name}", "", "ground: {surface: grass}"]
+    ego = next((n for n in entities if n.lower() in _EGO), next(iter(spots), ""))
+    name_of_ego = plain_name(ego or "ego")
+    board = Board(scenario, entities, network, spots, dict(speeds), (ego, "ego"))
+    steps = read_steps(board, made.changes)
+
+    # Entities that move, or that a trigger refers to, are actors; others are props.
+    lines = ["mirdrake: world/1", f"name: {name}", "", f"ground: {ground_text(network)}"]
     lines += [f"network: {{xodr: {name}/map.xodr}}"] if network is not None else []
-    if ego is not None and ego in spots:
-        lines += [
-            "",
-            "start:",
-            f"  {plain_name(ego)}: {{{pose(*spots[ego].pose)}, speed: {number(speeds.get(ego, 0.0))}}}",
-        ]
-    others = [_prop(entities[key], spot) for key, spot in spots.items() if key != ego]
-    if others:
-        lines += ["", "props:", *others]
+    if ego in spots:
+        lines += _ego(name_of_ego, spots[ego], speeds.get(ego, 0.0), network)
+    others = {key: spot for key, spot in spots.items() if key != ego}
+    needed = board.referenced | set(steps)
+    moving = [key for key in others if entities[key].prop and (speeds.get(key, 0.0) > 0.0 or key in needed)]
+    props = [_prop(entities[key], spot) for key, spot in others.items() if key not in moving]
+    lines += ["", "props:", *props] if props else []
+    if moving:
+        lines += ["", "actors:", *(_actor(entities[key], spots[key], speeds.get(key, 0.0)) for key in moving)]
+    if made_steps := {key: rows for key, rows in steps.items() if key in moving}:
+        lines += ["", "scenario:"]
+        for key, rows in made_steps.items():
+            lines += [f"  {plain_name(key)}:", *(f"    - {row}" for row in rows)]
+    stop = " or ".join(conditions(scenario, scenario.root.find("Storyboard/StopTrigger")))
+    if ego in spots:
+        lines += _test(name_of_ego, spots[ego], speeds.get(ego, 0.0), scenario)
+        made.checks.append("The driver of the test does not react to others; replace its behaviour by your own.")
+    if stop:
+        why = "the test has a duration"
+        made.changes.add(Code.ELEMENT, shown(source), "end of the scenario", stop, "duration", why)
     for key, entity in entities.items():
         if key not in spots:
             why = "no position at the beginning that is on the network"
             made.changes.add(Code.MODEL, shown(source), f"entity '{key}'", entity.kind, None, why)
-        elif key != ego:
-            old = f"{entity.kind}, {speeds.get(key, 0.0):.4g} m/s"
-            why = "it stands where it begins; motion is listed below"
-            made.changes.add(Code.POPULATION, shown(source), f"entity '{key}'", old, "prop", why)
-    _list_storyboard(scenario, made.changes)
+        elif key in others and key not in moving and speeds.get(key, 0.0) > 0.0:
+            old = f"{entity.kind}, {speeds[key]:.4g} m/s"
+            made.changes.add(Code.POPULATION, shown(source), f"entity '{key}'", old, "prop", "no actor of this kind")
     made.text = "\n".join(lines) + "\n"
     made.entries = len(others)
     return made
+
+
+def _ego(name: str, spot: Spot, speed: float, network: Network | None) -> list[str]:
+    """Return a track along the lane of the ego vehicle, and its start."""
+    lines = []
+    if network is not None and spot.lane is not None:
+        length = network.lanes[spot.lane].length
+        begin, end = max(spot.s - _BEFORE, 0.0), min(spot.s + _AHEAD, length)
+        if end - begin > 1.0:
+            places = f"from: {spot.lane}@{number(begin)}, to: {spot.lane}@{number(end)}"
+            lines += ["", "tracks:", f"  {name}_lane: {{route: {{{places}}}}}"]
+    return [*lines, "", "start:", f"  {name}: {{{pose(*spot.pose)}, speed: {number(speed)}}}"]
+
+
+def _actor(entity: Entity, spot: Spot, speed: float) -> str:
+    """Return an entry of `actors`: on its lane, or straight ahead."""
+    if spot.lane is not None:
+        place = f"on_lane: {{lane: {spot.lane}, s: {number(spot.s)}, offset: {number(spot.offset)}}}"
+    else:
+        x, y, yaw = spot.pose
+        end = _ahead(x, y, yaw, max(speed, 1.0) * 60.0)
+        place = f"path: [[{number(x)}, {number(y)}], [{number(end[0])}, {number(end[1])}]]"
+    return f"  - {{actor: {entity.prop}, name: {plain_name(entity.name)}, {place}, speed: {number(speed)}}}"
+
+
+def _test(name: str, spot: Spot, speed: float, scenario: Scenario) -> list[str]:
+    """Return a test that drives the ego vehicle along its lane for the duration of the scenario."""
+    times = [
+        scenario.number(element, "value")
+        for element in scenario.root.iterfind("Storyboard/StopTrigger//SimulationTimeCondition")
+    ]
+    duration = min([*times, 600.0]) if times else 20.0
+    driver = f"kind: path_tracking, track: {name}_lane, speed: {number(max(speed, 1.0))}"
+    if spot.lane is None:
+        driver = "kind: blind"
+    rows = [f"name: {plain_name(scenario.path.stem)}", f"start: {name}"]
+    rows += [f"behaviour: {{{driver}}}", f"duration: {number(max(duration, 1.0))} s", "expect: [never collision]"]
+    return ["", "tests:", f"  - {rows[0]}", *(f"    {row}" for row in rows[1:])]
 
 
 def _prop(entity: Entity, spot: Spot) -> str:
@@ -138,58 +192,6 @@ def _speed(scenario: Scenario, target: Element, speeds: Mapping[str, float]) -> 
     return base * value if relative.get("speedTargetValueType") == "factor" else base + value
 
 
-# --- the storyboard -----------------------------------------------------------------------------------------------
-
-
-def _list_storyboard(scenario: Scenario, changes: Changes) -> None:
-    """Add one change for each action, with its trigger, and for the stop trigger."""
-    for group in scenario.root.iterfind("Storyboard/Story/Act/ManeuverGroup"):
-        actors = ", ".join(reference.get("entityRef", "") for reference in group.iterfind("Actors/EntityRef"))
-        for event in group.iterfind("Maneuver/Event"):
-            trigger = " or ".join(_conditions(scenario, event.find("StartTrigger"))) or "at once"
-            for action in event.iterfind("Action"):
-                kind = next(iter(action), action)
-                name = action.get("name") or event.get("name") or "action"
-                old = f"{_values(scenario, kind)} when {trigger}"
-                why = "actions of the storyboard are not part of the world file yet"
-                changes.add(
-                    Code.POPULATION, scenario.where(action), f"'{name}' of {actors or 'nobody'}", old, None, why
-                )
-    stop = " or ".join(_conditions(scenario, scenario.root.find("Storyboard/StopTrigger")))
-    if stop:
-        element = scenario.root.find("Storyboard/StopTrigger")
-        assert element is not None
-        why = "the duration belongs to a test"
-        changes.add(Code.ELEMENT, scenario.where(element), "end of the scenario", stop, None, why)
-
-
-def _conditions(scenario: Scenario, trigger: Element | None) -> Iterator[str]:
-    """Yield the groups of conditions of a trigger as text: all conditions of a group must hold."""
-    for group in [] if trigger is None else trigger.iterfind("ConditionGroup"):
-        texts = []
-        for condition in group.iterfind("Condition"):
-            edge, delay = condition.get("conditionEdge", "none"), scenario.number(condition, "delay", 0.0)
-            entities = ", ".join(e.get("entityRef", "") for e in condition.iter("EntityRef"))
-            leaf = _leaf(condition)
-            text = _values(scenario, leaf) + (f" of {entities}" if entities else "")
-            text += f", {edge} edge" if edge not in {"none", ""} else ""
-            texts.append(text + (f", {delay:g} s later" if delay else ""))
-        yield " and ".join(texts)
-
-
-def _leaf(condition: Element) -> Element:
-    """Return the element of a condition that states it, for example <SimulationTimeCondition>."""
-    for element in condition.iter():
-        if element.tag.endswith("Condition") and element.tag not in {
-            "Condition",
-            "ByValueCondition",
-            "ByEntityCondition",
-            "EntityCondition",
-        }:
-            return element
-    return condition
-
-
 def _described(element: Element) -> str:
     """Return the names of an element and its first descendants."""
     names = [element.tag]
@@ -197,13 +199,3 @@ def _described(element: Element) -> str:
         element = element[0]
         names.append(element.tag)
     return " ".join(names)
-
-
-def _values(scenario: Scenario, element: Element) -> str:
-    """Return an element as text, with the values of all its attributes and parameters."""
-    parts = [
-        " ".join([part.tag, *(f"{key}={scenario.text(part, key)}" for key in part.attrib if key != "name")])
-        for part in element.iter()
-        if part.attrib
-    ]
-    return ", ".join(parts) or element.tag
