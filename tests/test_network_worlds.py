@@ -10,6 +10,7 @@ import shapely
 
 from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.report.plan import draw_plan
+from mirdrake.runs.simulation import simulate
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.lock import lock_text
 from mirdrake.worlds.networks import Network
@@ -216,3 +217,24 @@ def test_a_bridge_has_no_ground(tmp_path: Path) -> None:
     made = load_world(str(tmp_path / "w.yaml"))
     assert made.network is not None
     assert made.network.conflicts == ()
+
+
+@pytest.mark.slow
+def test_a_full_vehicle_drives_a_route_over_a_junction(tmp_path: Path) -> None:
+    world(
+        tmp_path, "tracks: {way: {route: {from: 180.0.1@20, to: 90.0.-1@25}}}\nstart: {a: {on_track: {track: way}}}\n"
+    )
+    file = tmp_path / "drive.yaml"
+    file.write_text(
+        "world: w.yaml\nvehicles: {ego: {model: bolt, start: a}}\n"
+        "control: {ego: {kind: path_tracking, track: way, speed: 6 m/s}}\nduration: 12 s\n",
+        encoding="utf-8",
+    )
+    run = simulate(str(file))
+    signals = run.signals
+    x, y = signals["ego.x"].to_numpy(), signals["ego.y"].to_numpy()
+    made = load_world(str(tmp_path / "w.yaml"))
+    s, offset = made.tracks["way"].project(x, y)
+    assert s[-1] > 50.0  # beyond the junction: it ends 48.5 m after the start
+    assert np.abs(offset).max() < 0.3
+    assert made.on_road(x, y).all()
