@@ -16,7 +16,7 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.core.xml_reader import XmlDocument, parse_xml, read_xml_bytes
 from mirdrake.core.yaml_io import shown
 from mirdrake.worlds.networks.lane import Lane, lane_along
-from mirdrake.worlds.networks.network import Control, Network, PaintedLine, Signal, StopLine
+from mirdrake.worlds.networks.network import Control, Network, PaintedLine, Signal, StopLine, signal_name
 from mirdrake.worlds.networks.right_of_way import decide
 from mirdrake.worlds.pieces import Array
 
@@ -207,7 +207,16 @@ def _signals(
             lane = lanes[controlled[0]] if controlled else None
             x, y = places[0] if len(places) else (lane.right_edge[-1] if lane is not None else (0.0, 0.0))
             yaw = 0.0 if lane is None else float(lane.yaw[-1])
-            yield Signal(name, kind, float(x), float(y), 2.0, yaw, controlled, code=codes[0] if codes else "")
+            yield Signal(
+                signal_name(tag[7:].lower(), name),
+                kind,
+                float(x),
+                float(y),
+                2.0,
+                yaw,
+                controlled,
+                code=codes[0] if codes else "",
+            )
 
 
 def _stop_lines(

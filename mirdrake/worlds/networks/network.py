@@ -1,5 +1,6 @@
 """Road networks: lanes and their connections, stop lines, signals, conflicts of lanes and right of way."""
 
+import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -18,6 +19,12 @@ Control = Literal["lights", "stop", "yield", "none"]
 
 DRIVEN = frozenset({"driving", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "bidirectional", "stop"})
 """Kinds of lanes for motor vehicles."""
+
+
+def signal_name(prefix: str, text: str) -> str:
+    """Return a name of letters, digits and underscores for an id in a file: the id itself, if it is such a name."""
+    plain = re.sub(r"\W+", "_", text, flags=re.ASCII)
+    return plain if re.match(r"[A-Za-z_]", plain) else f"{prefix}_{plain}"
 
 
 @dataclass(frozen=True)
@@ -41,7 +48,7 @@ class Signal:
     """A traffic light or a sign at its place. Phases of lights are not part of the network."""
 
     name: str
-    """unique in the network"""
+    """unique in the network; letters, digits and underscores"""
     kind: Control
     """lights, stop, yield, or none for other signs"""
     x: float

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from mirdrake.worlds.networks.lane import Lane
-from mirdrake.worlds.networks.network import DRIVEN, Control, Signal, StopLine
+from mirdrake.worlds.networks.network import DRIVEN, Control, Signal, StopLine, signal_name
 from mirdrake.worlds.networks.opendrive_links import lane_id
 from mirdrake.worlds.networks.opendrive_road import RoadLanes
 from mirdrake.worlds.opendrive_parts import Places, number_of
@@ -98,7 +98,8 @@ def _signal(
 ) -> Signal:
     """Return a signal at its place."""
     own = element.get("id", "")
-    name = own if own and own not in taken else f"{own or 'signal'}_{len(taken)}"
+    name = signal_name("signal", own)
+    name = f"{name}_{len(taken)}" if name in taken else name
     x, y, z, yaw = road.place(number_of(element, "s", places), number_of(element, "t", places, 0.0))
     if element.get("orientation") == "-":
         yaw += math.pi
@@ -121,7 +122,7 @@ def _references(
 ) -> Iterator[_Mark]:
     """Yield the signals of other roads that are also valid for a road, and add its lanes to them."""
     for element in road.element.iterfind("signals/signalReference"):
-        signal = signals.get(element.get("id", ""))
+        signal = signals.get(signal_name("signal", element.get("id", "")))
         if signal is None or signal.kind == "none":
             continue
         valid = _valid_places(element, road, lanes, places)
