@@ -146,7 +146,8 @@ def state(tag: str, x: float, y: float, time: int, speed: float = 0.0) -> str:
 BOX = "<shape><rectangle><length>4.5</length><width>1.8</width></rectangle></shape>"
 STATES = state("state", 11.0, 2.0, 1, 10.0) + state("state", 12.0, 2.1, 2, 9.5)
 LIMIT = "<trafficSignID>274</trafficSignID><additionalValue>13.9</additionalValue>"
-CYCLE = "<cycle><cycleElement><duration>60</duration><color>red</color></cycleElement></cycle>"
+PHASES = (("red", 50), ("redYellow", 10), ("green", 30), ("yellow", 10))
+CYCLE = "".join(f"<cycleElement><duration>{n}</duration><color>{c}</color></cycleElement>" for c, n in PHASES)
 FIRST = (
     '<successor ref="2"/><adjacentLeft ref="3" drivingDir="same"/><trafficSignRef ref="7"/><trafficLightRef ref="8"/>'
 )
@@ -156,7 +157,7 @@ PARTS = (
     lanelet(3, (0.0, 100.0), 4.0, '<adjacentRight ref="1" drivingDir="same"/>', "solid"),
     lanelet(4, (100.0, 0.0), 12.0, "<laneletType>bicycleLane</laneletType>"),
     f'<trafficSign id="7"><trafficSignElement>{LIMIT}</trafficSignElement></trafficSign>',
-    f'<trafficLight id="8">{CYCLE}</trafficLight>',
+    f'<trafficLight id="8"><cycle>{CYCLE}</cycle></trafficLight>',
     f'<staticObstacle id="20"><type>parkedVehicle</type>{BOX}{state("initialState", 60.0, 6.0, 0)}</staticObstacle>',
     f'<dynamicObstacle id="30"><type>car</type>{BOX}{state("initialState", 10.0, 2.0, 0, 10.0)}',
     f"<trajectory>{STATES}</trajectory></dynamicObstacle>",
@@ -176,7 +177,9 @@ def test_commonroad_lanelets_obstacles_goals_and_recorded_traffic(tmp_path: Path
     assert (first.change, network.lanes["3"].change) == ("left", "none")
     assert network.lanes["4"].kind == "biking"
     assert float(network.lanes["4"].yaw[0]) == pytest.approx(math.pi)
-    assert [(line.lane, line.s, line.kind, line.signal) for line in network.stop_lines] == [("1", 100.0, "lights", "8")]
+    assert [(line.lane, line.s, line.kind, line.signal) for line in network.stop_lines] == [
+        ("1", 100.0, "lights", "light_8")
+    ]
     (prop,) = world.props
     assert prop.X_WP.translation()[:2] == pytest.approx([60.0, 6.0])
     assert prop.prop.size == pytest.approx((4.5, 1.8, 1.5))
@@ -187,7 +190,11 @@ def test_commonroad_lanelets_obstacles_goals_and_recorded_traffic(tmp_path: Path
     table = (result.path.parent / result.path.stem / "recorded" / "30.csv").read_text().splitlines()
     assert table[0] == "t_s,x_m,y_m,yaw_rad,speed_m_s"
     assert [float(cell) for cell in table[3].split(",")] == pytest.approx([0.2, 12.0, 2.1, 0.1, 9.5])
-    assert lost(result) == ["cycles of lights: 1"]
+    assert lost(result) == []
+    # Green of 30 steps of 0.1 s begins 60 steps after the start, and the cycle takes 100 steps.
+    light = world.spec.signals["light_8"]
+    assert (light.programme.green, light.programme.amber, light.programme.red) == pytest.approx((3.0, 1.0, 6.0))
+    assert light.offset == pytest.approx(4.0)
 
 
 # --- OpenSCENARIO -------------------------------------------------------------------------------------------------

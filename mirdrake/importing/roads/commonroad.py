@@ -21,6 +21,7 @@ from mirdrake.importing.changes import Changes, Code
 from mirdrake.importing.roads.road_world import RoadWorld, note_changes, number, pose, start_on_longest
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.commonroad import number_at, parse_commonroad, points_of, read_commonroad
+from mirdrake.worlds.networks.network import signal_name
 
 _HEIGHTS = {"car": 1.5, "parkedVehicle": 1.5, "truck": 3.0, "bus": 3.0, "pedestrian": 1.75, "building": 6.0}
 _HEIGHT = 1.2  # [m] of obstacles of other types
@@ -69,7 +70,13 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
     starts, goals = _problems(root, network, document, made.changes)
     _report_rest(root, document, made.changes)
     lines = ["mirdrake: world/1", f"name: {name}", "", "ground: {surface: grass}"]
-    lines += [f"network: {{commonroad: {name}/map.xml}}", "", "start:"]
+    lines += [f"network: {{commonroad: {name}/map.xml}}"]
+    programmes = (
+        row for element in root.iterfind("trafficLight") for row in _programme(element, step, document, made.changes)
+    )
+    if lights := list(programmes):
+        lines += ["", "signals:", *lights]
+    lines += ["", "start:"]
     lines += [f"  {key}: {{{value}}}" for key, value in (starts or {"road": start_on_longest(network)}).items()]
     lines += ["", "goals:", *(f"  {key}: {{{value}}}" for key, value in goals.items())] if goals else []
     lines += ["", "props:", *props] if props else []
@@ -135,6 +142,31 @@ def _states(element: Element, step: float, document: XmlDocument) -> bytes | Non
     return rows.getvalue().encode() if len(states) > 1 else None
 
 
+def _programme(element: Element, step: float, document: XmlDocument, changes: Changes) -> Iterator[str]:
+    """Yield the entry of `signals` for the cycle of a light; red and amber together count as red."""
+    cycle = element.find("cycle")
+    if cycle is None:
+        return
+    rows = [
+        (part.findtext("color") or "", number_at(part, "duration", document) * step)
+        for part in cycle.iterfind("cycleElement")
+    ]
+    times = {color: math.fsum(time for name, time in rows if name == color) for color, _ in rows}
+    name = signal_name("light", element.get("id", ""))
+    if times.get("green", 0.0) <= 0.0 or sum(color == "green" for color, _ in rows) != 1:
+        old = ", ".join(f"{color} {time:g} s" for color, time in rows)
+        why = "a programme has one green phase"
+        changes.add(Code.ELEMENT, document.where(element), f"cycle of light '{name}'", old, None, why)
+        return
+    red = math.fsum(time for color, time in times.items() if color not in {"green", "yellow"})
+    whole = math.fsum(times.values())
+    first = [color for color, _ in rows].index("green")
+    before = math.fsum(time for _, time in rows[:first])
+    offset = (-number_at(cycle, "timeOffset", document, 0.0) * step - before) % whole
+    phases = f"green: {number(times['green'])}, amber: {number(times.get('yellow', 0.0))}, red: {number(red)}"
+    yield f"  {name}: {{programme: {{{phases}}}, offset: {number(offset)}}}"
+
+
 def _problems(
     root: Element, network: Network, document: XmlDocument, changes: Changes
 ) -> tuple[dict[str, str], dict[str, str]]:
@@ -181,10 +213,6 @@ def _discs(position: Element | None, network: Network, document: XmlDocument) ->
 
 def _report_rest(root: Element, document: XmlDocument, changes: Changes) -> None:
     """Add what a world does not represent: one change for each kind of element."""
-    cycles = root.findall("trafficLight/cycle")
-    if cycles:
-        why = "phases of lights are not part of the world file yet"
-        changes.add(Code.ELEMENT, document.where(cycles[0]), "cycles of lights", str(len(cycles)), None, why)
     for tag in dict.fromkeys(e.tag for e in root if e.tag not in _KNOWN | _WITHOUT_EFFECT):
         elements = root.findall(tag)
         changes.add(Code.ELEMENT, document.where(elements[0]), f"<{tag}>", str(len(elements)), None, "no counterpart")
