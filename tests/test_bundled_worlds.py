@@ -24,6 +24,7 @@ COUNTS = {  # props of each kind that the name of a world promises
     "thrift_store": {"thrift_store": 1, "jersey_barrier": 12, "lamp_post": 10, "sedan|van": 16},
     "barrels": {"barrel": 46, "wall": 2},
     "neighbourhood": {"house": 15, "tree": 23, "sedan|van": 6, "stop_sign": 1, "pedestrian": 8, "speed_bump": 2},
+    "town": {"traffic_light": 4, "tree": 13, "house": 8},
     "lane_change_1": {"cone": 54},
     "lane_change_2": {"cone": 30},
 }
