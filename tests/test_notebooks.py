@@ -49,7 +49,8 @@ def _marked(path: Path) -> Any:
 
 
 def run_notebook(path: Path, folder: Path) -> Any:
-    """Return the notebook with its outputs; its kernel works in a folder of its own."""
+    """Return the notebook with its outputs; its kernel works in a folder of its own, beside a copy of files/."""
+    shutil.copytree(FOLDER / "files", folder / "files")
     notebook = nbformat.read(path, as_version=4)
     notebook.cells.insert(0, nbformat.v4.new_code_cell(STRICT))
     client = nbclient.NotebookClient(

@@ -85,6 +85,7 @@ def collect_pages(stage: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         text = (ROOT / source).read_text(encoding="utf-8")
         target.write_text(rewrite_links(text, source, pages, stage.relative_to(ROOT).as_posix()), encoding="utf-8")
+    shutil.copytree(ROOT / "notebooks" / "files", stage / "tutorials" / "files")
     menu = [_menu(f":caption: {title}\n:hidden:", entries) for title, entries in MENU.items()]
     index = stage / "index.md"
     index.write_text("\n".join([index.read_text(encoding="utf-8"), *menu]), encoding="utf-8")
