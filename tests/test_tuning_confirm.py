@@ -8,7 +8,7 @@ import pytest
 
 from mirdrake.core.pid import PidGains
 from mirdrake.tuning import LinearProcess, TransferFunction, find_margins, simulate_loop
-from mirdrake.tuning.confirm import confirm_margins
+from mirdrake.tuning.confirm import LEAST, confirm_margins
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Fidelity
 from mirdrake.tuning.spec import breaks_limit
 
@@ -68,3 +68,11 @@ def test_a_value_that_prints_as_its_limit_does_not_break_it() -> None:
     assert not breaks_limit("delay_margin_s", 0.0749999, 0.075)
     assert breaks_limit("delay_margin_s", 0.0749, 0.075)
     assert breaks_limit("ms", float("nan"), 1.6)
+
+
+def test_a_loop_that_is_stable_at_no_part_of_its_delay_margin_has_none_and_limits_of_a_search_stay_finite() -> None:
+    """A study divides its limits by the ratio, which is at least the smallest part that is driven."""
+    wrong = {"delay_margin_s": 3.0 * margins()["delay_margin_s"]}
+    (check,) = confirm_margins(drive, GAINS, wrong, delay=DEAD_TIME, step=1.0)
+    assert check.claimed == 0.0
+    assert check.ratio == LEAST

@@ -47,8 +47,8 @@ class MarginCheck:
 
     @property
     def ratio(self) -> float:
-        """Claimed margin over that of the model [1]."""
-        return self.claimed / self.model
+        """Claimed margin over that of the model, at least :data:`LEAST`: smaller parts are not driven [1]."""
+        return max(self.claimed / self.model, LEAST)
 
 
 def confirm_margins(
