@@ -72,7 +72,7 @@ def test_a_value_that_prints_as_its_limit_does_not_break_it() -> None:
 
 def test_a_loop_that_is_stable_at_no_part_of_its_delay_margin_has_none_and_limits_of_a_search_stay_finite() -> None:
     """A study divides its limits by the ratio, which is at least the smallest part that is driven."""
-    wrong = {"delay_margin_s": 3.0 * margins()["delay_margin_s"]}
-    (check,) = confirm_margins(drive, GAINS, wrong, delay=DEAD_TIME, step=1.0)
+    # The true margin at a gain of 10 is about π / (2 · 10) - 0.1 = 0.06 s.
+    (check,) = confirm_margins(drive, GAINS | {"kp": 10.0}, {"delay_margin_s": 0.39}, delay=DEAD_TIME, step=1.0)
     assert check.claimed == 0.0
     assert check.ratio == LEAST
