@@ -1,12 +1,17 @@
 """Causes of wrong verdicts that acceptance found: each is a class of drives, by an independent single track."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from benchmarks.calibration.showcase import CAR as SHOWN
 from benchmarks.calibration.truth import STEP, Motion, Vehicle, drive
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.check import check_data
+from mirdrake.identification.identify import identify
+from mirdrake.identification.study import load_identification
 
 CAR = Vehicle("linear", 1500.0, 1.2, 1.5, 2400.0, 9e4, 1.1e5)
 
@@ -52,3 +57,21 @@ def test_of_two_yaw_rates_the_late_one_is_shifted_alone(late, seed):
     values = {name: value for name, value in shifts.items() if name not in {"shifts", "together"}}
     assert set(values) == {late}
     assert values[late] == pytest.approx(0.03, abs=0.003)
+
+
+@pytest.mark.slow
+def test_the_shipped_showcase_identifies_a_car_of_another_model():
+    """Stiffness, inertia, ratio and delay of a car with two tracks, roll and relaxation lie in their intervals."""
+    study = Path(__file__).parents[1] / "studies" / "identify_two_track.yaml"
+    fit = identify(load_identification(study), study.parent).fit
+    truth = {
+        "cornering_stiffness_front": SHOWN.stiffness_front, "cornering_stiffness_rear": SHOWN.stiffness_rear,
+        "yaw_inertia": SHOWN.yaw_inertia, "steering_ratio": SHOWN.ratio, "steering_delay": SHOWN.delay,
+    }  # fmt: skip
+    for name, value in truth.items():
+        parameter = fit[name]
+        assert parameter.verdict == "identified", name
+        assert parameter.low is not None
+        assert parameter.high is not None
+        assert parameter.low < value < parameter.high, name
+    assert min(channel.nrmse_percent for channel in fit.channels if channel.part == "validation") > 90.0

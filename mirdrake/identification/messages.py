@@ -1,10 +1,14 @@
 """Sentences about fits, made from their figures."""
 
 import math
+from collections.abc import Collection, Sequence
 
 from mirdrake.identification.estimators.experiment_design import Candidate
 from mirdrake.identification.judgement import Combination, Direction, Judgement
 from mirdrake.identification.parameters import FitParameter
+
+SHOWN = 5
+"""Number of parameters named with a recommended manoeuvre."""
 
 FACTOR = 0.5
 """Half of a 95 % interval of a logarithm above which it is written as a factor."""
@@ -100,9 +104,23 @@ def not_white(inflation: float) -> str:
     )
 
 
-def recommendation(best: Candidate, speed: float) -> str:
-    """Return the advice to drive a manoeuvre at up to a speed [m/s]."""
-    return (
-        f"of the standard manoeuvres at up to {speed:.3g} m/s, '{best.name}' would help most: standard deviations "
-        f"would be {best.d_gain:.2g} times the present ones on average"
-    )
+def recommendation(
+    best: Candidate, speed: float, parameters: Sequence[FitParameter], sigmas: Sequence[float], poor: Collection[str]
+) -> str:
+    """Return the advice to drive a manoeuvre, and the intervals that it would give.
+
+    Args:
+        best: the manoeuvre.
+        speed: highest speed [m/s].
+        parameters: free parameters.
+        sigmas: present standard deviations of the scaled parameters by noise [1].
+        poor: names of the parameters that are not identified.
+    """
+    rows = sorted(zip(best.sigmas, sigmas, parameters, strict=True), key=lambda row: float(row[0] / max(row[1], 1e-12)))
+    gains = [
+        f"{parameter.info.name} {_width(parameter, float(after))} (now {_width(parameter, float(now))})"
+        for after, now, parameter in rows
+        if parameter.info.name in poor
+    ]
+    what = f"next, drive '{best.name}' at up to {speed:.3g} m/s"
+    return f"{what}; expected 95 % intervals by noise: {', '.join(gains[:SHOWN])}"

@@ -363,15 +363,23 @@ def _profile(fit: Fit, name: str, number: int) -> Profile:
     return Profile(name, Markup(picture))
 
 
+def _worst(fits: Sequence[ChannelFit]) -> ChannelFit:
+    """Return the channel whose fit misses most of what its noise allows: a noisy sensor is no fault of the model."""
+    missed = [channel.noise_limit_percent - channel.nrmse_percent for channel in fits]
+    return fits[int(np.argmax(np.nan_to_num(missed, nan=-np.inf)))]
+
+
 def _least(fits: Sequence[ChannelFit]) -> str:
-    return f"{min(channel.nrmse_percent for channel in fits):.1f} %" if fits else "–"
+    return f"{_worst(fits).nrmse_percent:.1f} %" if fits else "–"
 
 
 def _least_of(fits: Sequence[ChannelFit]) -> str:
     if not fits:
         return "no such log"
-    worst = min(fits, key=lambda one: one.nrmse_percent)
-    return f"worst channel: {worst.channel} of {worst.log}; at most {worst.noise_limit_percent:.0f} % with its noise"
+    worst = _worst(fits)
+    # The noise limit is an estimate; a fit may be above it.
+    limit = max(worst.noise_limit_percent, worst.nrmse_percent)
+    return f"worst channel: {worst.channel} of {worst.log}; its noise allows {limit:.0f} %"
 
 
 def _number(value: float | None, none: str = "–") -> str:

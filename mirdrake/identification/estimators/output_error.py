@@ -191,7 +191,9 @@ def summarise(
         )
     )
     if advice and (best := recommend_manoeuvre(solution)) is not None:
-        advice[messages.recommendation(*best)] = None
+        poor = {parameter.name for parameter in judged if parameter.verdict not in {"identified", "fixed"}}
+        noise = np.sqrt(np.diag(solution.covariance))
+        advice = {messages.recommendation(*best, problem.free, noise.tolist(), poor): None, **advice}
     profiles = profiles_of(solution, options) if options.profile else {}
     how = f"output error, {options.loss} loss"
     if options.shooting is not None:
