@@ -62,6 +62,21 @@ def test_a_turn_on_a_plane_is_that_of_point_contact(tmp_path: Path, model: str) 
         assert tyre[name] == pytest.approx(point[name], rel=1e-2)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("model", "speed"), [("bolt", 6.0), ("unior", 1.5)])
+def test_figures_on_a_plane_do_not_depend_on_step_and_contact(tmp_path: Path, model: str, speed: float) -> None:
+    """Curvature of a circle at 0.1 rad, and speed over spin: 0.1 % from 10 to 2.5 ms, 1 % from point contact."""
+    figures = []
+    for contact, step in (("tyre", 0.01), ("tyre", 0.0025), ("point", 0.005)):
+        signals = drive(tmp_path, model=model, contact=contact, speed=speed, step=step, steering=0.1, duration=2.5)
+        last = signals[signals.index > 2.0].mean()
+        spin = last["ego.wheel_speed.rear_left"] + last["ego.wheel_speed.rear_right"]
+        figures.append((last["ego.wz"] / last["ego.vx"], 2.0 * last["ego.vx"] / spin))
+    coarse, fine, point = figures
+    assert coarse == pytest.approx(fine, rel=1e-3)
+    assert coarse == pytest.approx(point, rel=1e-2)
+
+
 def test_wheels_of_a_robot_with_torque_control_roll_at_every_step(tmp_path: Path) -> None:
     """The wheels of the Unior have 0.008 kg m² and loops of 100 Hz: speed over spin is the same from 10 to 2.5 ms.
 
