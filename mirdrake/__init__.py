@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from mirdrake.identification import load_identification as load_identification
     from mirdrake.identification.identify import identify as identify
     from mirdrake.importing.worlds import import_world as import_world
-    from mirdrake.learning import driving_data as driving_data
+    from mirdrake.learning.data import driving_data as driving_data
     from mirdrake.plant.plant import add_vehicle as add_vehicle
     from mirdrake.plant.plant import add_world as add_world
     from mirdrake.plant.plant import make_plant as make_plant

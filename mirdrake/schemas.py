@@ -208,11 +208,14 @@ def _add_short_forms(schema: Json) -> None:
 
 
 def _add_to_world(schema: Json) -> None:
-    """Add parameters and random values wherever a number is allowed."""
+    """Add parameters and random values wherever a number or one of several words is allowed."""
     for node in _nodes(schema):
         if node.get("type") in {"number", "integer"}:
             limits = {key: node.pop(key) for key in list(node) if key in _NUMERIC}
             node["anyOf"] = [limits, {"type": "string", "pattern": r"\$|\.\.|\+-|\|"}]
+        elif "enum" in node:
+            words = {key: node.pop(key) for key in ("enum", "type") if key in node}
+            node["anyOf"] = [words, {"type": "string", "pattern": r"\$|\|"}]
 
 
 _NUMERIC = {"type", "minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "multipleOf"}

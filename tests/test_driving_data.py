@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -68,7 +69,7 @@ def test_mirrored_pictures_have_opposite_labels(run: Path, tmp_path: Path) -> No
 
 def test_batches_repeat_with_a_seed_and_stay_within_the_range(run: Path, tmp_path: Path) -> None:
     data = mir.driving_data(run, folder=tmp_path)
-    options = {"mirror": True, "brightness": 0.3, "noise": 0.05}
+    options: dict[str, Any] = {"mirror": True, "brightness": 0.3, "noise": 0.05}
     first, second, other = (
         np.concatenate([batch.pictures for batch in data.batches(64, seed=seed, **options)]) for seed in (3, 3, 4)
     )
@@ -135,6 +136,7 @@ def test_the_pictures_are_stored_once(run: Path, tmp_path: Path) -> None:
 READ_ALL = """
 import resource, sys, time
 from pathlib import Path
+from typing import Any
 import numpy as np, pandas as pd
 from mirdrake.learning.data import DrivingData
 from mirdrake.learning.preparation import CropSpec, Preparation

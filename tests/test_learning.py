@@ -203,7 +203,7 @@ def test_the_autonomy_is_that_of_the_pilotnet_paper() -> None:
 
 
 def test_injected_errors_have_the_given_size_and_repeat() -> None:
-    diagram = {"vehicles": {"ego": {}}, "control": {"ego": {}}}
+    diagram: dict[str, Any] = {"vehicles": {"ego": {}}, "control": {"ego": {}}}
     car = Car("ego", "front_camera")
     changed = with_errors(diagram, car, rms=0.1, seed=(0, 1, 2))
     sines = [entry for entry in changed["systems"].values() if entry["kind"] == "sine"]
@@ -217,7 +217,10 @@ def test_injected_errors_have_the_given_size_and_repeat() -> None:
 
 def test_a_network_replaces_the_steering_of_the_expert_only() -> None:
     car = Car("ego", "front_camera")
-    diagram = {"connect": [["a.y", "ego.steering_reference"], ["b.y", "ego.speed_reference"]], "systems": {}}
+    diagram: dict[str, Any] = {
+        "connect": [["a.y", "ego.steering_reference"], ["b.y", "ego.speed_reference"]],
+        "systems": {},
+    }
     changed = with_network(diagram, car, file=Path("pilot.onnx"), latency=0.05, inputs=["vx", "wz"])
     assert changed["connect"] == [
         ["b.y", "ego.speed_reference"],
@@ -237,7 +240,7 @@ def test_the_shipped_study_can_be_read() -> None:
     changed = load_learning(STUDIES / "clone_bolt.yaml", overrides=["overrides.control.ego.speed=8"])
     assert changed.overrides["control.ego.speed"] == 8
     assert changed.overrides["plant.contact"] == "point"
-    assert LearningSpec(diagram="bolt_test_track", rounds=2).rounds.count == 2  # type: ignore[arg-type]
+    assert LearningSpec(diagram="bolt_test_track", rounds=2).rounds.count == 2
 
 
 def _study(folder: Path, **changes: Any) -> Path:

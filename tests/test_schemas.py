@@ -61,7 +61,7 @@ def test_shipped_files_are_valid(kind, path):
 
 
 def test_each_kind_of_shipped_file_was_tried():
-    assert {kind for kind, _ in FILES} == {*GLOBS, "tuning", "identification"}
+    assert {kind for kind, _ in FILES} == {*GLOBS, "tuning", "identification", "learning"}
     assert set(GLOBS) <= set(KINDS)
     shipped = {
         path for folder in ("models", "worlds", "diagrams", "studies") for path in (ROOT / folder).rglob("*.yaml")

@@ -88,6 +88,11 @@ class SystemEntry(Schema):
         """Return the keys other than the kind."""
         return dict(self.model_extra or {})
 
+    def set_parameter(self, name: str, value: Any) -> None:
+        """Set a key other than the kind."""
+        assert self.model_extra is not None
+        self.model_extra[name] = value
+
 
 class RecordSpec(Schema):
     """What a run records."""
@@ -272,7 +277,7 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
         entry.model = f"{_absolute(model, path.parent)}{mark}{variant}"
     for system in spec.systems.values():
         if ":" not in system.kind and isinstance(file := system.parameters().get("file"), str):
-            system.__pydantic_extra__["file"] = _absolute(file, path.parent, always=True)
+            system.set_parameter("file", _absolute(file, path.parent, always=True))
     for driver in spec.control.values():
         driver.resolve_paths(path.parent)
     return spec

@@ -151,7 +151,7 @@ def _check_packages() -> None:
 
 def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
     """Check a study, and create or continue its folder."""
-    diagram = read_diagram(spec).model_dump(mode="json")
+    diagram = read_diagram(spec, spec.diagram, spec.overrides).model_dump(mode="json")
     diagram.pop("provenance", None)
     car = Car(spec.vehicle, spec.camera)
     if car.vehicle not in diagram["vehicles"]:

@@ -99,8 +99,8 @@ class DrivingData:
         first = self.values[:, 0]
         counts, edges = np.histogram(first, bins=BINS)
         bins = np.clip(np.digitize(first, edges[1:-1]), 0, BINS - 1)
-        weights = 1.0 / np.sqrt(np.maximum(counts[bins], 1))
-        return weights / weights.mean() if len(weights) else weights
+        weights: Array = 1.0 / np.sqrt(np.maximum(counts[bins], 1))
+        return np.asarray(weights / weights.mean()) if len(weights) else weights
 
     def where(self, rows: NDArray[np.bool_]) -> "DrivingData":
         """Return the pairs for which `rows` (n) is true."""

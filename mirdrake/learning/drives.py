@@ -230,7 +230,9 @@ def drive(
     simulation, plant = Simulation(assembly), assembly.parts.plant
     time_left = duration or spec.duration * max(1.0, laps)
     whole, wanted, covered = time_left, laps * float(track.length), 0.0
-    speed, place, runs, folders = start.speed, None, [], []
+    speed, place = start.speed, None
+    runs: list[Run] = []
+    folders: list[str] = []
     while covered < wanted - 1e-6 and time_left > CHECK_PERIOD and len(runs) <= MOST_INTERVENTIONS:
         watch = _Watch(plant, part, track, limit=limit, distance=wanted - covered)
 
@@ -265,7 +267,8 @@ class _Watch:
     def __init__(self, plant: Any, part: Any, track: Any, *, limit: float, distance: float) -> None:
         self._plant, self._part, self._track = plant, part, track
         self._limit, self._distance, self._next = limit, distance, 0.0
-        self.covered, self.place, self.speed = 0.0, None, 0.0
+        self.covered, self.speed = 0.0, 0.0
+        self.place: float | None = None
 
     def __call__(self, context: Context) -> bool:
         if context.get_time() < self._next - 1e-9:

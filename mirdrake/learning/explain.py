@@ -96,7 +96,7 @@ def write_pictures(
     inputs = state["dense.0.weight"].shape[1] - Architecture(*preparation.shape).features()
     module = make_pilotnet(Architecture(*preparation.shape, inputs))
     module.load_state_dict(state)
-    arrays = {
+    arrays: dict[str, Any] = {
         "pictures": np.stack(pixels),
         "prepared": prepared,
         "cropped": np.array(preparation.cropped),

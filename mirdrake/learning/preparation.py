@@ -87,4 +87,4 @@ class Preparation:
             return np.ascontiguousarray(part)
         values = np.tensordot(self.row_matrix, part.astype(np.float32), axes=(1, 0))
         values = np.matmul(self.column_matrix, values)
-        return np.rint(values).astype(np.uint8)
+        return np.asarray(np.rint(values), dtype=np.uint8)

@@ -25,9 +25,8 @@ def value_at(signals: pd.DataFrame, name: str, times: Array, *, held: bool = Fal
     known, values = signals.index.to_numpy(dtype=float), signals[name].to_numpy(dtype=float)
     if held:
         rows = np.clip(np.searchsorted(known, times + 1e-9, side="right") - 1, 0, len(known) - 1)
-        result: Array = values[rows]
-        return result
-    return np.interp(times, known, values)
+        return np.asarray(values[rows])
+    return np.asarray(np.interp(times, known, values))
 
 
 def holds(condition: str, run: Run, vehicle: str, times: Array) -> NDArray[np.bool_]:

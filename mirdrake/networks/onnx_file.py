@@ -18,7 +18,11 @@ from mirdrake.core.signals import Signal
 METADATA = "mirdrake"
 """Key of the file's metadata under which an export states rate and contents of the outputs, as JSON."""
 
-_DTYPES = {"tensor(uint8)": np.uint8, "tensor(float)": np.float32, "tensor(double)": np.float64}
+_DTYPES: dict[str, type[np.generic]] = {
+    "tensor(uint8)": np.uint8,
+    "tensor(float)": np.float32,
+    "tensor(double)": np.float64,
+}
 
 Pictures = Literal["colour", "depth"]
 

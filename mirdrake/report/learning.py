@@ -111,7 +111,10 @@ def _error_chart(result: CloneResult, world: str) -> Markup:
         is_last = one is result.last
         for run in one.drives[world].runs(result.folder):
             for place, error in _laps(run, vehicle):
-                style = {"color": THEME["main" if is_last else "edge"], "linewidth": 1.4 if is_last else 0.8}
+                style: dict[str, Any] = {
+                    "color": THEME["main" if is_last else "edge"],
+                    "linewidth": 1.4 if is_last else 0.8,
+                }
                 axes.plot(*thin(place, error, _BUCKETS), zorder=2.0 + index, **style)
     axes.axhline(0.0, color=THEME["muted"], linewidth=1.0, zorder=1.0)
     label(axes, "Place along the track [m]", "Lateral error [m]")
@@ -169,7 +172,8 @@ def _tinted(picture: NDArray[Any], saliency: Array) -> NDArray[np.uint8]:
     """Return a picture in grey with the pixels that change the steering most in colour."""
     grey = picture.mean(axis=2, keepdims=True).repeat(3, axis=2)
     share = saliency[:, :, np.newaxis] ** 2
-    return np.clip((1.0 - share) * grey + share * np.asarray(_TINT), 0.0, 255.0).astype(np.uint8)
+    tinted = np.clip((1.0 - share) * grey + share * np.asarray(_TINT), 0.0, 255.0)
+    return np.asarray(tinted, dtype=np.uint8)
 
 
 def _url(pixels: NDArray[Any]) -> str:

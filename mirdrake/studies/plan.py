@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
@@ -13,7 +13,7 @@ from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.paths import installed_version
 from mirdrake.core.user_modules import load_user_function
-from mirdrake.core.yaml_io import Source, validate, where
+from mirdrake.core.yaml_io import Schema, Source, validate, where
 from mirdrake.execution.job import Job, function_of
 from mirdrake.execution.parameters import ContextParameter, find_context_parameters
 from mirdrake.runs.summary import VEHICLE_FIGURES
@@ -94,7 +94,7 @@ def make_plan(spec: StudySpec) -> Plan:
     Raises:
         ConfigError, ModelError, WorldError: ``file:line: path: what is wrong``.
     """
-    diagram = read_diagram(spec)
+    diagram = read_diagram(spec, spec.diagram, spec.overrides)
     assembly = _assemble(diagram)
     data = diagram.model_dump(mode="json")
     data.pop("provenance", None)
@@ -136,33 +136,30 @@ def put(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     return result  # type: ignore[no-any-return]
 
 
-class DiagramStudy(Protocol):
-    """A study file that names a diagram and changes it."""
-
-    diagram: str | dict[str, Any]
-    overrides: dict[str, Any]
-    _source: Source | None
-
-
-def read_diagram(spec: DiagramStudy) -> DiagramSpec:
+def read_diagram(spec: Schema, given: str | dict[str, Any], overrides: Mapping[str, Any]) -> DiagramSpec:
     """Return the diagram of a study with the changes for all of its runs.
+
+    Args:
+        spec: the study, for the places of errors.
+        given: its key `diagram`.
+        overrides: its key `overrides`: values by dotted path.
 
     Raises:
         ConfigError: there is no such diagram, or it has faults.
     """
     location = where(spec, "diagram")
-    if isinstance(spec.diagram, str):
+    if isinstance(given, str):
         try:
-            diagram = load_diagram(spec.diagram)
+            diagram = load_diagram(given)
         except ConfigError as error:
             raise ConfigError(f"{location}: {error}") from None
     else:
         source = spec._source or Source("study", {})
-        diagram = validate(dict(spec.diagram), DiagramSpec, source._replace(prefix=(*source.prefix, "diagram")))
-    if not spec.overrides:
+        diagram = validate(dict(given), DiagramSpec, source._replace(prefix=(*source.prefix, "diagram")))
+    if not overrides:
         return diagram
     data = diagram.model_dump(mode="json")
-    for path, value in spec.overrides.items():
+    for path, value in overrides.items():
         try:
             data = put(data, path, value)
             make_spec(data)

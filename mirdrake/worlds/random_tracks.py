@@ -11,10 +11,10 @@ rounding of R = 1 that starts at the origin along x and ends at (x, y) after a t
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mirdrake.core.digest import digest
@@ -154,8 +154,8 @@ def _has_gaps(pieces: Sequence[Piece], gap: float) -> bool:
                 advance(pose, Piece(share * piece.length, piece.start_curvature, end))[:2] if step else pose[:2]
             )
         pose = advance(pose, piece)
-    ring: NDArray[np.object_] = shapely.linearrings(np.asarray(points))
+    ring: Any = shapely.linearrings(np.asarray(points))
     if not bool(shapely.is_valid(shapely.polygons(ring))):
         return False
-    band = shapely.buffer(ring, 0.5 * gap)
+    band: Any = shapely.buffer(ring, 0.5 * gap)
     return gap == 0.0 or (band.geom_type == "Polygon" and len(band.interiors) == 1)
