@@ -26,6 +26,7 @@ from mirdrake.importing.vehicles.model import (
 )
 from mirdrake.importing.vehicles.recognise import recognise
 from mirdrake.importing.vehicles.repair import repair
+from mirdrake.importing.vehicles.ros_control import read_ros2_control
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 
@@ -754,6 +755,30 @@ def test_steering_without_usable_limits_gets_those_of_the_other_side_or_of_the_b
     result = repaired(model)
     assert result.numbers["steering_limit"].value == 0.6
     assert reports(result, "joint 'ka': limits", "0 … 0 rad")
+
+
+def test_ranges_of_ros2_control_replace_estimates():
+    """Commands are limited by the interface, so its range acts like the limit of a plugin."""
+    text = """<ros2_control name="s" type="system">
+      <joint name="ka"><command_interface name="position"><param name="min">-0.41</param><param name="max">0.43</param>
+      </command_interface><state_interface name="position"/></joint>
+      <joint name="kb"><command_interface name="position"><param name="min">0</param></command_interface></joint>
+      <joint name="j2a"><command_interface name="velocity"><param name="max">40</param></command_interface>
+        <command_interface name="effort"><param name="min">-300</param><param name="max">300</param></command_interface>
+      </joint>
+      <joint name="j1a"><command_interface name="velocity"><param name="max">5</param></command_interface></joint>
+      <joint name="nowhere"><command_interface name="velocity"><param name="max">many</param></command_interface></joint>
+    </ros2_control>"""
+    model = car()
+    read_ros2_control(ElementTree.fromstring(text), model, lambda _: "car.urdf:90")
+    assert [entry.ranges for entry in model.transmissions] == [
+        {"position": 0.41}, {}, {"velocity": 40.0, "effort": 300.0}, {"velocity": 5.0}, {}
+    ]  # fmt: skip
+    numbers = repaired(model, "rear").numbers
+    assert numbers["steering_limit"].value == 0.41
+    assert numbers["steering_limit"].source.endswith("car.urdf:90")
+    assert numbers["wheel_speed_limit"].value == pytest.approx(40.0)  # not that of the front wheel, which rolls
+    assert numbers["max_torque"].value == pytest.approx(600.0)
 
 
 def test_the_steering_limit_of_a_plugin_counts_where_the_joints_have_none():

@@ -92,7 +92,7 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
             changes.add(Code.LIMIT, where, what, was, f"±{reach:.4g} rad", why)
     inner = inner or [(reach, where) for reach, where, _, _ in loose]
     # A plugin commands at most its own limit, so the smaller one acts.
-    stated = [item for item in read_stated(roles.tree.model.plugins) if item.figure == "steering_limit"]
+    stated = [item for item in _all_stated(roles) if item.figure == "steering_limit"]
     tight = min((item for item in stated if item.value > 0.0), key=lambda item: item.value, default=None)
     if tight is not None and tight.value < min((reach for reach, _ in inner), default=inf):
         was = f"±{min(inner)[0]:.4g} rad at the joints" if inner else "none at the joints"
@@ -113,6 +113,25 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
         )
     changes += _check_usual("steering limit", "rad", limit, where, USUAL_LIMIT)
     return Number(limit, f"imported: {where}"), changes
+
+
+def _all_stated(roles: Roles) -> list[Stated]:
+    """Return the figures of plugins, and those of the command interfaces of ros2_control."""
+    stated, model = read_stated(roles.tree.model.plugins), roles.tree.model
+    steering = {joint.name for joint in roles.steering}
+    driven = {roles.wheels[name].joint.name: roles.wheels[name] for name in driven_wheels(roles.drive)}
+    for entry in model.transmissions:
+        scales: dict[str, tuple[str, float]] = {}  # figure and scale by interface
+        if entry.joint in steering:
+            scales = {"position": ("steering_limit", 1.0), "velocity": ("steering_rate", 1.0)}
+            scales["effort"] = ("steering_effort", 1.0)
+        elif entry.joint in driven:
+            scales = {"velocity": ("max_speed", driven[entry.joint].shape.radius), "effort": ("torque", 1.0)}
+        for interface, largest in entry.ranges.items():
+            if interface in scales:
+                figure, scale = scales[interface]
+                stated.append(Stated(figure, "", largest * scale, f"wheel {interface} range", entry.where))
+    return stated
 
 
 def _range(limits: Limits) -> tuple[float, float]:
@@ -139,7 +158,7 @@ def collect_numbers(
     changes = Changes()
     numbers = {"steering_limit": limit}
     steering, wheels = roles.steering, roles.wheels
-    stated = read_stated(roles.tree.model.plugins)
+    stated = _all_stated(roles)
     radius = min(wheel.shape.radius for wheel in wheels.values())
 
     def plugins(figure: str, scale: float = 1.0) -> list[Given]:

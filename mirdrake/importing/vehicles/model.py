@@ -5,6 +5,7 @@ impossible ones: readers correct nothing. Each part has its place in the source,
 :class:`Change`.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -151,6 +152,8 @@ class Transmission:
     """Command interfaces in lower case, without package and "JointInterface": effort, velocity, position."""
     reduction: float = 1.0
     where: str = ""
+    ranges: Mapping[str, float] = field(default_factory=dict)
+    """Largest command of an interface in both directions, where stated; SI."""
 
 
 @dataclass

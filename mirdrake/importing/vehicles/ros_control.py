@@ -1,6 +1,7 @@
 """ros_control: transmissions in the URDF, controllers and gains in YAML files."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from math import isfinite
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -8,6 +9,7 @@ from xml.etree import ElementTree
 import yaml
 
 from mirdrake.core.yaml_io import shown
+from mirdrake.importing.values import to_number
 from mirdrake.importing.vehicles.model import Controller, SourceModel, Transmission
 
 _LARGEST = 1_000_000  # bytes of a YAML file that is still read
@@ -37,7 +39,19 @@ def read_ros2_control(
         kinds = tuple(interface.get("name", "") for interface in joint.findall("command_interface"))
         if kinds:
             known = tuple(kind for kind in _INTERFACES if kind in kinds)
-            model.transmissions.append(Transmission(joint.get("name", ""), known, 1.0, where(joint)))
+            ranges = {
+                interface.get("name", ""): largest
+                for interface in joint.findall("command_interface")
+                if (largest := _largest_command(interface)) is not None
+            }
+            model.transmissions.append(Transmission(joint.get("name", ""), known, 1.0, where(joint), ranges))
+
+
+def _largest_command(interface: ElementTree.Element) -> float | None:
+    """Return the largest command that an interface allows in both directions, if it states one."""
+    values = {param.get("name"): to_number(param.text or "") for param in interface.findall("param")}
+    sizes = [abs(value) for name in ("min", "max") if (value := values.get(name)) is not None and isfinite(value)]
+    return min((size for size in sizes if size > 0.0), default=None)
 
 
 def read_controllers(folders: Iterable[Path], model: SourceModel, *, only: Set[str] | None = None) -> None:
