@@ -767,7 +767,7 @@ def test_ranges_of_ros2_control_replace_estimates():
         <command_interface name="effort"><param name="min">-300</param><param name="max">300</param></command_interface>
       </joint>
       <joint name="j1a"><command_interface name="velocity"><param name="max">5</param></command_interface></joint>
-      <joint name="nowhere"><command_interface name="velocity"><param name="max">many</param></command_interface></joint>
+      <joint name="no"><command_interface name="velocity"><param name="max">many</param></command_interface></joint>
     </ros2_control>"""
     model = car()
     read_ros2_control(ElementTree.fromstring(text), model, lambda _: "car.urdf:90")

@@ -775,6 +775,20 @@ def test_loose_objects_above_the_ground_are_lowered(tmp_path):
     assert not any("world check" in line for line in result.checks)
 
 
+def test_loose_objects_a_little_in_the_ground_are_put_onto_it(tmp_path):
+    """A barrel placed on the plane below a slab of 25 mm would be pushed out; a buried block stays and is reported."""
+    slab = traps.model("slab", size="60 9 0.025", pose="0 0 0.0125 0 0 0")
+    barrel = traps.model("barrel", size="0.6 0.6 0.9", pose="5 3 0.45 0 0 0", static=False)
+    deep = traps.model("deep", pose="9 3 0 0 0 0", static=False)
+    result, world = imported(traps.world(tmp_path, slab + barrel + deep), tmp_path / "worlds")
+    assert placed(world)["barrel"].bottom == pytest.approx(0.0, abs=1e-6)
+    assert placed(world)["deep"].bottom < -0.4
+    assert [line for line in result.checks if "world check" in line and "'deep'" in line]
+    assert not [line for line in result.checks if "'barrel'" in line]
+    (change,) = changes_of(result, "loose objects in the ground")
+    assert change.old == "1 up to 0.025 m in the ground: barrel"
+
+
 def test_a_world_that_makes_the_solver_fail_is_found(tmp_path, monkeypatch):
     _, world = imported(traps.world(tmp_path, traps.model("crate", pose="9 0 0.5 0 0 0", static=False)), tmp_path / "w")
     assert not first_steps_of.find_first_step_fault(world, (), "bolt")

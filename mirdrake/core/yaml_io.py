@@ -11,6 +11,7 @@ Numbers may carry a unit (``90 deg``, ``8 m/s``, ``36 km/h``, ``20 ms``): annota
 import math
 import re
 from collections.abc import Hashable, Iterable, Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -321,9 +322,15 @@ def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
     return source.error(" ".join(message.split()), *path, code=code)
 
 
+@lru_cache(maxsize=64)
+def _json_schema(schema: type[Schema]) -> Json:
+    """Return the JSON Schema of a class, which is made once."""
+    return schema.model_json_schema()
+
+
 def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
     """Return the keys that a mapping at this location may have, from the JSON Schema."""
-    root = schema.model_json_schema()
+    root = _json_schema(schema)
     nodes = [root]
 
     def resolve(node: Json) -> list[Json]:

@@ -29,6 +29,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex
 
+from mirdrake.core.hulls import read_hull
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.viewer.pages import data_address
@@ -116,7 +117,7 @@ def _triangulate(
             return [(points * scale, faces, colours) for points, faces, colours in parts]
         _report_hull(str(shape.source().path()))
     if mesh is None:
-        hull = inspector.GetConvexHull(geometry)
+        hull = read_hull(inspector, geometry)
         if hull is None:
             return []
         points = [hull.vertex(index) for index in range(hull.num_vertices())]

@@ -13,6 +13,20 @@ import numpy as np
 from mirdrake.core.errors import ModelError
 
 _SCALARS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
+_CONSTANTS: Mapping[str, Mapping[str, tuple[int | str, ...]]] = {
+    "bufferViews": {"target": (34962, 34963)},
+    "samplers": {
+        "magFilter": (9728, 9729),
+        "minFilter": (9728, 9729, 9984, 9985, 9986, 9987),
+        "wrapS": (33071, 33648, 10497),
+        "wrapT": (33071, 33648, 10497),
+    },
+    "materials": {"alphaMode": ("OPAQUE", "MASK", "BLEND")},
+}
+"""Allowed values of enumerated keys, from the JSON Schemas of glTF 2.0."""
+
+_MODES = tuple(range(7))  # of a primitive, points to a triangle fan
+_STRIDES = (4, 252)  # of a bufferView [byte]
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 
@@ -74,6 +88,12 @@ def _check_links(content: Mapping[str, Any]) -> None:
     """
     if not isinstance(content["asset"]["version"], str):
         raise ValueError("asset.version is not a string")
+    for kind, keys in _CONSTANTS.items():
+        for index, entry in enumerate(content.get(kind, [])):
+            for key, allowed in keys.items():
+                if key in entry and (isinstance(entry[key], bool) or entry[key] not in allowed):
+                    words = ", ".join(map(str, allowed))
+                    raise ValueError(f"{kind}[{index}].{key} is {str(entry[key])[:40]}, not one of {words}")
     for texture in content.get("textures", []):
         for key, kind in (("source", "images"), ("sampler", "samplers")):
             if key in texture:
@@ -130,6 +150,9 @@ def _check_data(content: Mapping[str, Any], path: Path) -> None:
     for index, view in enumerate(content.get("bufferViews", [])):
         _entry(content, "buffers", view["buffer"])
         begin, length = view.get("byteOffset", 0), view["byteLength"]
+        stride = view.get("byteStride", _STRIDES[0])
+        if type(stride) is not int or stride % 4 or not _STRIDES[0] <= stride <= _STRIDES[1]:
+            raise ValueError(f"bufferViews[{index}].byteStride is {str(stride)[:40]}, not a multiple of 4 up to 252")
         if begin < 0 or length <= 0 or begin + length > len(buffers[view["buffer"]]):
             raise ValueError(f"bufferViews[{index}] does not lie in its buffer")
 
@@ -152,6 +175,8 @@ def _check_data(content: Mapping[str, Any], path: Path) -> None:
         values(index)
     for index, mesh in enumerate(content["meshes"]):
         for primitive in mesh["primitives"]:
+            if primitive.get("mode", 4) not in _MODES:
+                raise ValueError(f"meshes[{index}] has primitives of the unknown mode {str(primitive['mode'])[:40]}")
             points = values(primitive["attributes"]["POSITION"])
             if points.shape[1] != 3 or points.dtype != np.float32 or not (np.abs(points) < 1e6).all():
                 raise ValueError(f"meshes[{index}] has points that are not three finite numbers")

@@ -25,6 +25,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 
 from mirdrake.core.constants import GRAVITY
+from mirdrake.core.hulls import read_hull
 from mirdrake.vehicles.figures import (
     ActuatorFigures,
     Inspection,
@@ -142,7 +143,7 @@ def _corners(inspector: SceneGraphInspector, X_WB: RigidTransform, geometries: S
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
     for geometry in geometries:
         X_WG = X_WB @ inspector.GetPoseInFrame(geometry)
-        hull = inspector.GetConvexHull(geometry)
+        hull = read_hull(inspector, geometry)
         if hull is not None:
             points = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
         elif (box := inspector.GetObbInGeometryFrame(geometry)) is not None:

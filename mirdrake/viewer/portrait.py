@@ -31,6 +31,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from mirdrake.core.errors import MirdrakeError, MissingDependencyError
+from mirdrake.core.hulls import read_hull
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
 from mirdrake.sensors.cameras.rendering import add_renderer, use_plain_textures
 from mirdrake.vehicles import Vehicle, load_vehicle
@@ -128,7 +129,7 @@ def _seen_points(parts: PlantParts, part: VehicleInPlant, context: Context) -> l
         X_WB = parts.plant.EvalBodyPoseInWorld(context, body)
         for geometry in parts.plant.GetVisualGeometriesForBody(body):
             X_WG = X_WB @ inspector.GetPoseInFrame(geometry)
-            hull = inspector.GetConvexHull(geometry)
+            hull = read_hull(inspector, geometry)
             if hull is not None:
                 points = np.array([hull.vertex(number) for number in range(hull.num_vertices())])
             elif (box := inspector.GetObbInGeometryFrame(geometry)) is not None:

@@ -49,6 +49,7 @@ __all__ = ["Change", "WorldImport", "import_world"]
 _AHEAD = 30.0  # [m] to be free ahead of the origin, where a world without starts has its start
 _REACH = 200.0  # [m] of the ground of a world without tracks and size
 _FARTHEST = 2000.0  # [m] up to which the ground is widened to surfaces; solvers lose digits far from the origin
+_SHALLOW = 0.1  # [m] depth in the ground up to which a loose object is put onto it
 _MARGIN = 20.0  # [m] ground beyond the props
 _MOST_PAIRS = 60  # overlaps that are named one by one
 _MOST_ENTRIES = 5000  # of a world
@@ -142,7 +143,7 @@ def _build(
     show_progress("placing")
     props = place(entries, building)
     overlaps = _overlap_rules(props, where, changes)
-    if _let_fall(entries, props, where, changes):
+    if _settle(entries, props, where, changes):
         props = place(entries, building)
     heights = _height_rules(props, where, changes)
     # Rules name single props, so entries are merged into grids only without rules.
@@ -227,25 +228,34 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
     )
 
 
-def _let_fall(entries: list[Entry], props: list[PlacedProp], where: str, changes: Changes) -> bool:
-    """Lower loose objects above the ground onto it, stacks together; return whether there were any."""
-    hanging = {fault.names[0] for fault in find_unsupported(Neighbours(props), None) if fault.kind == "floating"}
-    loose = [prop for prop in props if prop.name in hanging and not prop.static]
-    if not loose:
-        return False
+def _settle(entries: list[Entry], props: list[PlacedProp], where: str, changes: Changes) -> bool:
+    """Put loose objects that are above the ground, or a little in it, onto it, stacks together.
+
+    Returns:
+        whether there were any.
+    """
     by_name = {entry.name: entry for entry in entries}
-    highest = 0.0
-    for prop in loose:
-        near = [other.bottom for other in loose if other.footprint.intersects(prop.footprint)]
-        drop = min(near)
-        highest = max(highest, drop)
-        X = by_name[prop.name].X_WP
-        by_name[prop.name].X_WP = RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, drop]))
-    was = f"{len(loose)} up to {highest:.3g} m above the ground: {', '.join(prop.name for prop in loose[:5])}"
-    changes.add(
-        Code.MODEL, where, "loose objects above the ground", was, "on the ground", "they would fall in the source"
-    )
-    return True
+    faults = find_unsupported(Neighbours(props), None)
+    shallow = {fault.names[0] for fault in faults if fault.kind == "buried" and (fault.depth or 0.0) <= _SHALLOW}
+    moved = False
+    for names, state, why in (
+        ({fault.names[0] for fault in faults if fault.kind == "floating"}, "above", "fall"),
+        (shallow, "in", "be pushed out"),
+    ):
+        loose = [prop for prop in props if prop.name in names and not prop.static]
+        moved = moved or bool(loose)
+        if not loose:
+            continue
+        farthest = 0.0
+        for prop in loose:
+            bottom = min(other.bottom for other in loose if other.footprint.intersects(prop.footprint))
+            farthest = max(farthest, abs(bottom))
+            X = by_name[prop.name].X_WP
+            by_name[prop.name].X_WP = RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, bottom]))
+        was = f"{len(loose)} up to {farthest:.3g} m {state} the ground: {', '.join(prop.name for prop in loose[:5])}"
+        what = f"loose objects {state} the ground"
+        changes.add(Code.MODEL, where, what, was, "on the ground", f"they would {why} in the source")
+    return moved
 
 
 def _height_rules(props: list[PlacedProp], where: str, changes: Changes) -> dict[str, float]:
