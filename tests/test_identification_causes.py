@@ -10,6 +10,8 @@ from benchmarks.calibration.showcase import CAR as SHOWN
 from benchmarks.calibration.truth import STEP, Motion, Vehicle, drive
 from mirdrake.identification import DataSet, Log
 from mirdrake.identification.check import check_data
+from mirdrake.identification.estimators.consistency import Part, variation
+from mirdrake.identification.estimators.structure import predicts_better
 from mirdrake.identification.identify import identify
 from mirdrake.identification.study import load_identification
 
@@ -75,3 +77,26 @@ def test_the_shipped_showcase_identifies_a_car_of_another_model():
         assert parameter.high is not None
         assert parameter.low < value < parameter.high, name
     assert min(channel.nrmse_percent for channel in fit.channels if channel.part == "validation") > 90.0
+
+
+def test_variation_between_logs_is_their_variance_less_that_of_the_noise():
+    """Two logs of equal variance v that are d to both sides: the random-effects estimate is 2 d² - v, at least 0."""
+    information, weak = 400.0, np.array([[1e-9]])
+
+    def between(shift, noise):
+        parts = [
+            Part(np.array([[information]]), np.array([sign * information * shift]), np.array([[noise]]), 0.0)
+            for sign in (-1.0, 1.0)
+        ]
+        return float(variation(parts, weak)[0])
+
+    variance = 100.0 / information**2
+    assert between(0.1, 100.0) == pytest.approx((2.0 * 0.1**2 - variance) ** 0.5, rel=1e-6)
+    assert between(0.5 * variance**0.5, 100.0) == 0.0
+
+
+def test_an_effect_is_kept_if_most_parts_of_the_logs_are_predicted_better():
+    plain = np.full(8, 100.0)
+    assert predicts_better(plain, plain - np.array([3.0, 2.0, 4.0, 3.0, 2.0, 3.0, 4.0, 3.0]))
+    assert not predicts_better(plain, plain - np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))  # one part only
+    assert not predicts_better(plain, plain + 1.0)

@@ -7,6 +7,9 @@ from mirdrake.identification.estimators.experiment_design import Candidate
 from mirdrake.identification.judgement import Combination, Direction, Judgement
 from mirdrake.identification.parameters import FitParameter
 
+NOTABLE = 0.02
+"""Standard deviation between logs from which it is named [1]."""
+
 SHOWN = 5
 """Number of parameters named with a recommended manoeuvre."""
 
@@ -30,7 +33,7 @@ def explanation(judgement: Judgement) -> str:
     else:
         text = f"known to {width}"
         text += f"; unusual ({usual})" if usual and judgement.verdict != "weakly identified" else ""
-    if judgement.verdict != "identified" and judgement.between > max(judgement.noise, judgement.by_assumptions):
+    if judgement.between > max(judgement.noise, judgement.by_assumptions, NOTABLE):
         text += f"; the logs differ by {_width(parameter, judgement.between)}: the model lacks an effect"
     if judgement.depends_on is not None:
         text += f"; depends on {judgement.depends_on.description}: {judgement.depends_on.remedy}"
