@@ -129,4 +129,4 @@ def test_a_study_of_such_a_loop_has_rules_margins_and_a_robust_winner(study, tmp
     assert best.figures["ms"] <= 1.6
     assert best.figures["delay_margin_s"] >= 1.5 * 0.04
     assert {check.name for check in best.margins} <= {"gain_margin", "delay_margin_s"}
-    assert all(check.ratio == 1.0 for check in best.margins)
+    assert all(0.9 <= check.ratio <= 1.0 for check in best.margins)  # at the margin itself the loop oscillates
