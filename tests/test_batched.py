@@ -106,14 +106,14 @@ def test_a_failed_car_is_reported_and_the_others_continue():
     cars.state[1, 3] = 1e300
     for each in (cars, alone):
         each.step([0.05, 0.0, 0.0], 50)
-    assert cars.dead_cars.tolist() == [1]
+    assert cars.diverged_cars.tolist() == [1]
     assert cars.state[0].tolist() == cars.state[2].tolist() == alone.state[0].tolist()
     run = cars.run(np.zeros((2, 3)))
     assert np.isnan(run["vx"][1]).all()
     assert np.isfinite(run["vx"][[0, 2]]).all()
-    assert run.dead.tolist() == [1]
+    assert run.diverged.tolist() == [1]
     cars.reset([1], vx=15.0)
-    assert cars.dead_cars.tolist() == []
+    assert cars.diverged_cars.tolist() == []
     assert cars["vx"][1] == 15.0 != cars["vx"][0]
 
 

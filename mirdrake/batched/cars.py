@@ -61,7 +61,7 @@ class Batch:
         time: time since the start [s].
         state: states (n, states) in the order of :attr:`state_names`; may be written.
         parameters: a record per car with the fields of :class:`SingleTrackParameters`; may be written.
-        dead: flags of the diverged cars (n).
+        diverged: flags of the diverged cars (n).
 
     Args:
         parameters: parameters that the cars share.
@@ -97,7 +97,7 @@ class Batch:
         self._ground = NO_GROUND if ground is None else (ground.frame, ground.grid)
         self.state_names = variant.state_names
         self.state: Floats = np.zeros((self.count, len(self.state_names)))
-        self.dead: Mask = np.zeros(self.count, dtype=bool)
+        self.diverged: Mask = np.zeros(self.count, dtype=bool)
         self.time = 0.0
 
     @property
@@ -106,9 +106,9 @@ class Batch:
         return self.variant.input_names
 
     @property
-    def dead_cars(self) -> Integers:
+    def diverged_cars(self) -> Integers:
         """Indices of the diverged cars."""
-        return np.flatnonzero(self.dead)
+        return np.flatnonzero(self.diverged)
 
     def __getitem__(self, name: str) -> Floats:
         """Return a state of all cars (n) by name, as a view of :attr:`state`.
@@ -136,7 +136,7 @@ class Batch:
         self.state[chosen] = 0.0
         for name, value in values.items():
             self.state[chosen, self.state_names.index(name)] = value
-        self.dead[chosen] = False
+        self.diverged[chosen] = False
         if cars is None:
             self.time = 0.0
         return self
@@ -153,7 +153,7 @@ class Batch:
         """
         held = np.ascontiguousarray(np.broadcast_to(self._pad(inputs, ndim=(1, 2)), (self.count, len(Inputs._fields))))
         arguments = (*self.model(), held, self.step_time, int(steps))
-        self.share(self._advance, arguments, (self.state, self.dead))
+        self.share(self._advance, arguments, (self.state, self.diverged))
         self.time += steps * self.step_time
 
     def run(self, inputs: ArrayLike, *, hold: int = 1) -> BatchRun:
@@ -177,10 +177,10 @@ class Batch:
         contents = self.signals()
         values = np.empty((self.count, times + 1, len(contents)))
         arguments = (*self.model(), rows, self.step_time, int(hold))
-        self.share(self._advance_over_time, arguments, (self.state, self.dead, values))
+        self.share(self._advance_over_time, arguments, (self.state, self.diverged, values))
         time = self.time + np.arange(times + 1) * (hold * self.step_time)
         self.time = float(time[-1])
-        return BatchRun(time, values, contents, self.dead_cars)
+        return BatchRun(time, values, contents, self.diverged_cars)
 
     def signals(self) -> Signals:
         """Return the signals that :meth:`run` returns: states of the variant, then the motion."""

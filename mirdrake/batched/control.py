@@ -170,11 +170,11 @@ class BatchControl:
             *cars.model(), *self._numbers, *path, stamped, self._noise, self._seed,
             self._periods, int(every), cars.step_time, self._steps, columns,
         )  # fmt: skip
-        changed = (cars.state, cars.dead, self._memory, self._delayed, self._delays, self._tracked, values)
+        changed = (cars.state, cars.diverged, self._memory, self._delayed, self._delays, self._tracked, values)
         cars.share(self._drive, arguments, changed)
         self._periods += periods
         cars.time += periods * self.period
-        return BatchRun(np.array(time[::every], dtype=np.float64), values, contents, cars.dead_cars)
+        return BatchRun(np.array(time[::every], dtype=np.float64), values, contents, cars.diverged_cars)
 
     def signals(self) -> Signals:
         """Return the signals that a run can have: states, motion, status, path error, commands."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from mirdrake.batched.arrays import Floats, Integers, Mask
 from mirdrake.batched.ground import apply_ground
-from mirdrake.batched.kernels import KERNEL_PARTS, is_finite, read_state, runge_kutta, write_motion, write_state
+from mirdrake.batched.kernels import KERNEL_PARTS, read_state, steps_of_car, write_motion, write_state
 from mirdrake.batched.noise import NOISE_PARTS, normal
 from mirdrake.controllers.ackermann import (
     SteeringLaw,
@@ -97,7 +97,7 @@ def drive(
     first: int,
     last: int,
     states: Floats,
-    dead: Mask,
+    diverged: Mask,
     memory: Floats,
     delayed: Floats,
     delays: Integers,
@@ -148,7 +148,7 @@ def drive(
         first: first car.
         last: car after the last one.
         states: states (n, states), updated.
-        dead: flags of the diverged cars (n), updated.
+        diverged: flags of the diverged cars (n), updated.
         memory: memory of each unit (n, memory), updated.
         delayed: outputs of each unit that do not act yet (n, longest delay + 1, 5), a ring, updated; the present ones
             are at the place of the last control instant.
@@ -171,7 +171,7 @@ def drive(
         status, gains = row[states_of_variant + 7 :], wheel_gains[i : i + 1]
         for k in range(periods):
             now, period = begin + k, unit.period
-            if follows and tracked[i, 7] == 0.0 and not dead[i]:  # the first command is there from the start
+            if follows and tracked[i, 7] == 0.0 and not diverged[i]:  # the first command is there from the start
                 track(
                     paths[0], table, lines[which_line[i]], path_gains[i], trackers[0], x, parameters[i].rear_length,
                     now * period, tracked[i],
@@ -209,7 +209,7 @@ def drive(
             )  # fmt: skip
 
             # Path tracker: its new command acts at the next control instant.
-            if follows and now % tracker_every == 0 and not dead[i]:
+            if follows and now % tracker_every == 0 and not diverged[i]:
                 track(
                     paths[0], table, lines[which_line[i]], path_gains[i], trackers[0], x, parameters[i].rear_length,
                     now * period, tracked[i],
@@ -217,7 +217,7 @@ def drive(
 
             # Outputs at the control instant.
             if k % every == 0:
-                if dead[i]:
+                if diverged[i]:
                     outputs[i, k // every, :] = np.nan
                 else:
                     write_state(row, positions, x)
@@ -227,17 +227,12 @@ def drive(
                     row[states_of_variant + 14], row[states_of_variant + 15] = speed_command, steering_command
                     for j in range(len(columns)):
                         outputs[i, k // every, j] = row[columns[j]]
-            if dead[i]:
+            if diverged[i]:
                 continue
 
             # The model until the next control instant.
-            for _ in range(steps):
-                apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
-                after = runge_kutta(law, flags[0], present[i], x, u, step)
-                if not is_finite(after):
-                    dead[i] = True
-                    break
-                x = after
+            alive, x = steps_of_car(law, flags[0], frame, grid, parameters[i], present[i], x, u, step, steps)
+            diverged[i] = not alive
         write_state(states[i], positions, x)
 
 

@@ -38,7 +38,7 @@ def advance(
     first: int,
     last: int,
     states: Floats,
-    dead: Mask,
+    diverged: Mask,
 ) -> None:
     """Advance cars under inputs that are held.
 
@@ -56,20 +56,15 @@ def advance(
         first: first car.
         last: car after the last one.
         states: states of the variant (n, states), updated.
-        dead: cars whose state is not finite, updated; their last finite state remains.
+        diverged: cars whose state is not finite, updated; their last finite state remains.
     """
     for i in range(first, last):
-        if dead[i]:
+        if diverged[i]:
             continue
         x = read_state(states[i], positions)
         u = Inputs(inputs[i, 0], inputs[i, 1], inputs[i, 2], inputs[i, 3], inputs[i, 4])
-        for _ in range(steps):
-            apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
-            after = runge_kutta(law, flags[0], present[i], x, u, step)
-            if not is_finite(after):
-                dead[i] = True
-                break
-            x = after
+        alive, x = steps_of_car(law, flags[0], frame, grid, parameters[i], present[i], x, u, step, steps)
+        diverged[i] = not alive
         write_state(states[i], positions, x)
 
 
@@ -87,7 +82,7 @@ def advance_over_time(
     first: int,
     last: int,
     states: Floats,
-    dead: Mask,
+    diverged: Mask,
     outputs: Floats,
 ) -> None:
     """Advance cars under inputs over time.
@@ -101,12 +96,12 @@ def advance_over_time(
         frame: see there.
         grid: see there.
         inputs: values of :class:`Inputs` (1 or n, times, 5); each row is held for `steps` steps.
-        step: as in :func:`advance`, like the others up to `dead`.
+        step: as in :func:`advance`, like the others up to `diverged`.
         steps: see there.
         first: see there.
         last: see there.
         states: see there.
-        dead: see there.
+        diverged: see there.
         outputs: states and motion (n, times + 1, states + motion), at the start and after each row; overwritten,
             not a number from the row on in which a car diverged.
     """
@@ -120,7 +115,7 @@ def advance_over_time(
                 u = Inputs(
                     inputs[row, k, 0], inputs[row, k, 1], inputs[row, k, 2], inputs[row, k, 3], inputs[row, k, 4]
                 )
-            if dead[i]:
+            if diverged[i]:
                 outputs[i, k, :] = np.nan
                 continue
             # The motion of the last row is that under the last inputs.
@@ -129,14 +124,44 @@ def advance_over_time(
             write_motion(outputs[i, k], states_of_variant, equations(law, flags[0], present[i], x, u)[1])
             if k == inputs.shape[1]:
                 continue
-            for _ in range(steps):
-                apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
-                after = runge_kutta(law, flags[0], present[i], x, u, step)
-                if not is_finite(after):
-                    dead[i] = True
-                    break
-                x = after
+            alive, x = steps_of_car(law, flags[0], frame, grid, parameters[i], present[i], x, u, step, steps)
+            diverged[i] = not alive
         write_state(states[i], positions, x)
+
+
+def steps_of_car(
+    law: LateralForce,
+    flags: Flags,
+    frame: Floats,
+    grid: Floats,
+    own: Any,
+    present: Any,
+    x: State,
+    u: Inputs,
+    step: float,
+    steps: int,
+) -> tuple[bool, State]:
+    """Return whether the state of a car is finite after some steps under held inputs, and its last finite state.
+
+    Args:
+        law: lateral force of an axle.
+        flags: variant of the equations.
+        frame: see :class:`mirdrake.batched.ground.Ground`.
+        grid: see there.
+        own: parameters of the car.
+        present: parameters at its place, overwritten; `own` itself without a ground.
+        x: state at the start.
+        u: inputs.
+        step: step of the integration [s].
+        steps: number of steps.
+    """
+    for _ in range(steps):
+        apply_ground(frame, grid, own, present, x.x, x.y)
+        after = runge_kutta(law, flags, present, x, u, step)
+        if not is_finite(after):
+            return False, x
+        x = after
+    return True, x
 
 
 def runge_kutta(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs, step: float) -> State:
@@ -230,6 +255,7 @@ KERNEL_PARTS = (
     *EQUATION_PARTS,
     *GROUND_PARTS,
     equations,
+    steps_of_car,
     runge_kutta,
     moved,
     is_finite,

@@ -8,8 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 from mirdrake.batched.arrays import Floats, Integers, Mask
-from mirdrake.batched.ground import apply_ground
-from mirdrake.batched.kernels import KERNEL_PARTS, is_finite, read_state, runge_kutta, write_state
+from mirdrake.batched.kernels import KERNEL_PARTS, read_state, steps_of_car, write_state
 from mirdrake.controllers.ackermann import SteeringNumbers, approach
 from mirdrake.controllers.cruise import cruise_step
 from mirdrake.core.compiled import Records
@@ -107,7 +106,7 @@ def drive_on_track(
     first: int,
     last: int,
     states: Floats,
-    dead: Mask,
+    diverged: Mask,
     memory: Floats,
     progress: Floats,
     signals: Floats,
@@ -133,28 +132,25 @@ def drive_on_track(
         first: first car.
         last: car after the last one.
         states: states (n, states), updated.
-        dead: flags of the diverged cars (n), updated.
+        diverged: flags of the diverged cars (n), updated.
         memory: memory of each control unit (n, memory), updated.
         progress: arc length of each car (n) [m], updated.
         signals: :data:`SIGNALS`, then the curvatures ahead (n, signals), overwritten.
     """
     lane = lanes[0]
     for i in range(first, last):
-        if dead[i]:
+        if diverged[i]:
             continue
         x = read_state(states[i], positions)
         trim = 0.0
         for _ in range(periods):
             u, trim = _control(lane, gains[0], memory[i], setpoints[i, 0], setpoints[i, 1], x.vx)
-            for _ in range(steps):
-                apply_ground(frame, grid, parameters[i], present[i], x.x, x.y)
-                after = runge_kutta(law, flags[0], present[i], x, u, step)
-                if not is_finite(after):
-                    dead[i] = True
-                    break
-                x = after
+            alive, x = steps_of_car(law, flags[0], frame, grid, parameters[i], present[i], x, u, step, steps)
+            if not alive:
+                diverged[i] = True
+                break
         write_state(states[i], positions, x)
-        if dead[i]:
+        if diverged[i]:
             continue
         projection = project(lane, tables, x.x, x.y, progress[i] + x.vx * periods * lane.period)
         progress[i] = projection.s

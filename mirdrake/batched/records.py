@@ -21,13 +21,13 @@ class BatchRun:
         time: times of the rows [s] (t).
         values: signals (n, t, signals); NaN after a car has diverged.
         signals: name, unit and description of each signal.
-        dead: indices of the diverged cars.
+        diverged: indices of the diverged cars.
     """
 
     time: Floats
     values: Floats
     signals: Signals
-    dead: Integers
+    diverged: Integers
 
     @property
     def names(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Elementary functions for floats, arrays, AutoDiffXd and symbolic Expressions: one equation serves all of them.
+"""Elementary functions for floats, arrays, arrays of JAX, AutoDiffXd and Expressions: one equation serves all of them.
 
 For a float they are those of the standard library, which are much faster than Drake's and NumPy's for single numbers.
 :mod:`mirdrake.core.compiled` compiles them to the same functions.
@@ -17,7 +17,13 @@ Value: TypeAlias = Any
 
 def _library(*values: Value) -> Any:
     """Return the module with the functions for values that are not all floats."""
-    return np if any(isinstance(value, np.ndarray) for value in values) else drake_math
+    if any(isinstance(value, np.ndarray) for value in values):
+        return np
+    if any(type(value).__module__.startswith("jax") for value in values):
+        import jax.numpy
+
+        return jax.numpy
+    return drake_math
 
 
 def sin(x: Value) -> Value:
@@ -39,7 +45,8 @@ def atan(x: Value) -> Value:
     """Return the arc tangent."""
     if isinstance(x, float):
         return math.atan(x)
-    return np.arctan(x) if isinstance(x, np.ndarray) else drake_math.atan(x)
+    library = _library(x)
+    return library.atan(x) if library is drake_math else library.arctan(x)
 
 
 def tanh(x: Value) -> Value:
@@ -67,7 +74,7 @@ def smaller(x: Value, y: Value) -> Value:
     if isinstance(x, float) and isinstance(y, float):
         return y if y < x else x
     library = _library(x, y)
-    return np.minimum(x, y) if library is np else library.min(x, y)
+    return library.min(x, y) if library is drake_math else library.minimum(x, y)
 
 
 def larger(x: Value, y: Value) -> Value:
@@ -75,7 +82,7 @@ def larger(x: Value, y: Value) -> Value:
     if isinstance(x, float) and isinstance(y, float):
         return y if y > x else x
     library = _library(x, y)
-    return np.maximum(x, y) if library is np else library.max(x, y)
+    return library.max(x, y) if library is drake_math else library.maximum(x, y)
 
 
 def choose(condition: Any, yes: Value, no: Value) -> Value:

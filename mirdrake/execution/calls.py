@@ -1,7 +1,7 @@
 """Many calls through an executor, of which each may be lost without affecting the others."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -67,7 +67,7 @@ def call_all(
     arguments: Iterable[tuple[Any, ...]],
     *,
     ahead: int,
-) -> Iterator[tuple[int, Any]]:
+) -> Generator[tuple[int, Any], None, None]:
     """Call a function with each of the arguments; yield position and result, or :class:`Lost`, as they finish.
 
     Args:

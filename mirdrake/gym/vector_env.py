@@ -189,12 +189,12 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         self._setpoints = 0.5 * (low + high + share * (high - low))
         again = np.flatnonzero(self._ended)
         if len(again):
-            held = self.cars.dead.copy()
+            held = self.cars.diverged.copy()
             held[again] = True  # they do not move in this step
-            self.cars.dead[:] = held
+            self.cars.diverged[:] = held
         self._advance(self._periods)
         self._steps += 1
-        diverged = self.cars.dead.copy()
+        diverged = self.cars.diverged.copy()
         if len(again):
             diverged[again] = False
             self._place(again)
@@ -237,7 +237,7 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
             *cars.model(), self._lanes, self._gains, self._tables, self._distances,
             setpoints, periods, cars.step_time, 1,
         )  # fmt: skip
-        cars.share(self._kernel, arguments, (cars.state, cars.dead, self._memory, self._progress, self._signals))
+        cars.share(self._kernel, arguments, (cars.state, cars.diverged, self._memory, self._progress, self._signals))
 
     def _observations(self, diverged: Flags | None = None) -> Observations:
         """Return the observations; those of diverged cars are zero, within their ranges."""

@@ -217,7 +217,7 @@ class _Model:
         outcomes = []
         for k in range(self._count):
             index = shard.first + k
-            if k in run.dead:
+            if k in run.diverged:
                 outcomes.append(Outcome(index, "unstable", "the state is not finite"))
                 continue
             # A run ends after its laps.

@@ -1,8 +1,9 @@
 """Operations of a study on its loop: tests of designs, searches, Monte Carlo, map. An interrupted one is resumed."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -142,14 +143,30 @@ class Stages:
 
     def test(self, designs: Sequence[Design], stage: str) -> tuple[Candidate, ...]:
         """Test designs on the plant; the candidates have their responses."""
-        evaluate = LoopEvaluator(self.loop, keep=True)
-        done: dict[int, Evaluation] = {}
-        calls = ((design.gains, NOMINAL, "plant") for design in designs)
-        with open_executor(self.executor, self.workers, calls=len(designs), limit=LIMIT) as (runner, ahead):
-            for index, given in call_all(runner, evaluate, calls, ahead=ahead):
-                done[index] = Evaluation("failed", reason=given.reason) if isinstance(given, Lost) else given
-                self.progress(stage, len(done), len(designs), math.nan)
+        calls = [(design.gains, NOMINAL) for design in designs]
+        done = list(self.evaluate(LoopEvaluator(self.loop, keep=True), calls, stage))
         return tuple(self.candidate(design, done[index], index) for index, design in enumerate(designs))
+
+    def evaluate(
+        self, evaluate: LoopEvaluator, calls: Sequence[tuple[Mapping[str, float], Conditions]], stage: str
+    ) -> Generator[Evaluation, None, None]:
+        """Test gains under conditions on the plant; yield the evaluations in their order.
+
+        The tests after the last evaluation that is asked for may not be made.
+        """
+        done: dict[int, Evaluation] = {}
+        following = 0
+        tests = ((gains, conditions, "plant") for gains, conditions in calls)
+        with (
+            open_executor(self.executor, self.workers, calls=len(calls), limit=LIMIT) as (runner, ahead),
+            closing(call_all(runner, evaluate, tests, ahead=ahead)) as results,
+        ):
+            for index, given in results:
+                done[index] = Evaluation("failed", reason=given.reason) if isinstance(given, Lost) else given
+                self.progress(stage, len(done), len(calls), math.nan)
+                while following in done:
+                    yield done[following]
+                    following += 1
 
     def candidate(self, design: Design, evaluation: Evaluation, number: int = 0) -> Candidate:
         """Return the candidate of an evaluated design."""
@@ -197,7 +214,7 @@ class Stages:
             start=starts[: max(count // 2, 1)] if method in ("tpe", "cma", "nsga2") else (),
             seed=spec.seed,
             fidelity=fidelity,
-            executor=self.executor,
+            executor=None if reduced else self.executor,
             workers=0 if reduced else self.workers,
             store=self.folder / f"{stage}.jsonl",
             purpose={"study": self.key, "scenarios": [repr(scenario) for scenario in scenarios]},
@@ -234,12 +251,11 @@ class Stages:
         self, gains: Mapping[str, float], scenarios: Sequence[Conditions], loop: LoopSpec | None = None
     ) -> Rejection | None:
         """Return the first of some scenarios in which gains are not stable; None if they are in all."""
-        evaluate = LoopEvaluator(loop or self.loop)
-        for number, scenario in enumerate(scenarios):
-            self.progress("scenarios", number, len(scenarios), math.nan)
-            result = evaluate(gains, scenario)
-            if result.status != "ok":
-                return Rejection("scenario", conditions=scenario, reason=result.reason)
+        calls = [(gains, scenario) for scenario in scenarios]
+        with closing(self.evaluate(LoopEvaluator(loop or self.loop), calls, "scenarios")) as results:
+            for scenario, result in zip(scenarios, results, strict=True):
+                if result.status != "ok":
+                    return Rejection("scenario", conditions=scenario, reason=result.reason)
         return None
 
     def monte_carlo(self, candidates: Sequence[Candidate]) -> MonteCarlo | None:

@@ -12,9 +12,11 @@ the study is repeated at the finer one. A study that was interrupted is resumed 
 """
 
 import math
+import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -26,6 +28,7 @@ from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_errors, write_file
 from mirdrake.core.paths import installed_version
+from mirdrake.execution.calls import open_executor
 from mirdrake.execution.worker_server import LOOP, start_server
 from mirdrake.tuning.acceptance import StepEffect, accept
 from mirdrake.tuning.check import baseline_gains, check_study
@@ -49,7 +52,7 @@ from mirdrake.tuning.selection import (
 )
 from mirdrake.tuning.space import inside, search_space, space_around
 from mirdrake.tuning.spec import TuningSpec, make_tuning
-from mirdrake.tuning.stages import Candidate, Progress, Stages, StoppedError, at_finer_step
+from mirdrake.tuning.stages import LIMIT, Candidate, Progress, Stages, StoppedError, at_finer_step
 from mirdrake.tuning.tables import frequency_table, responses_table, trials_table, with_grip
 from mirdrake.tuning.trials import Trial, Trials, finite
 
@@ -134,15 +137,26 @@ def tune(
     finished = _open(folder, key)
     if finished is not None:
         return finished
-    stages = Stages(spec, loop, folder, key, executor, workers, progress or (lambda *_: None))
     try:
-        result, tables = _run(stages)
-        effect = result.step_effect
-        if effect is not None and effect.is_significant and "time_step" not in spec.plant.model_fields_set:
-            result, tables = _repeat(stages, result, effect)
+        with _shared_executor(executor, workers) as shared:
+            stages = Stages(spec, loop, folder, key, shared, workers, progress or (lambda *_: None))
+            result, tables = _run(stages)
+            effect = result.step_effect
+            if effect is not None and effect.is_significant and "time_step" not in spec.plant.model_fields_set:
+                result, tables = _repeat(stages, result, effect)
     except (KeyboardInterrupt, StoppedError):
         raise StoppedError(f"{folder}: stopped; run it again to resume") from None
     return write_result(replace(result, folder=folder, wall_s=round(time.monotonic() - began, 1)), tables)
+
+
+@contextmanager
+def _shared_executor(executor: Executor | None, workers: int | None) -> Iterator[Executor | None]:
+    """Yield the executor of all stages, whose processes build the plant once; None: tests run in this process."""
+    if executor is not None or workers == 0:
+        yield executor
+        return
+    with open_executor(None, workers, calls=os.cpu_count() or 1 if workers is None else workers, limit=LIMIT) as opened:
+        yield opened[0]
 
 
 def _open(folder: Path, key: str) -> TuningResult | None:
@@ -342,11 +356,15 @@ def _corner_tests(stages: Stages, chosen: Sequence[Candidate]) -> dict[str, tupl
     """Test candidates at corners of the ranges, which are harder than nearly every draw."""
     if not stages.identifiable:
         return {}
-    evaluate = LoopEvaluator(stages.loop)
+    conditions = corners(stages.ranges)
+    calls = [(candidate.design.gains, corner) for candidate in chosen for corner in conditions]
+    rows = list(stages.evaluate(LoopEvaluator(stages.loop), calls, "corners"))
     tests: dict[str, tuple[CornerTest, ...]] = {}
-    for candidate in chosen:
-        rows = [(corner, evaluate(candidate.design.gains, corner)) for corner in corners(stages.ranges)]
-        tests[candidate.name] = tuple(CornerTest(corner, row.status, row.reason) for corner, row in rows)
+    for number, candidate in enumerate(chosen):
+        own = rows[number * len(conditions) : (number + 1) * len(conditions)]
+        tests[candidate.name] = tuple(
+            CornerTest(corner, row.status, row.reason) for corner, row in zip(conditions, own, strict=True)
+        )
     return tests
 
 
