@@ -179,6 +179,8 @@ def _tyres(folder: Path) -> None:
     shutil.copy(data_root() / "models/tyres/215_50R17.tir", folder / "models/car/own.tir")
     variant = folder / "models/car/variants/handling.yaml"
     variant.write_text(variant.read_text(encoding="utf-8").replace("215_50R17.tir", "own.tir"), encoding="utf-8")
+    text = "world: empty\nvehicles: {ego: {model: car@handling}}\ncontrol: {ego: {kind: constant, speed: 2}}\n"
+    (folder / "drive.yaml").write_text(text, encoding="utf-8")  # `inspect` does not read tyres
 
 
 def _world(folder: Path) -> None:
@@ -323,7 +325,7 @@ FORMATS: dict[str, Format] = {
     ),
     "xacro": Format(_vehicle, ("models/car/*.xacro",), (("inspect", "car"), ("inspect", "car@published"))),
     "gltf": Format(_vehicle, ("models/car/meshes/*.gltf", "models/car/meshes/*.bin"), (("inspect", "car"),)),
-    "tir": Format(_tyres, ("models/car/*.tir",), (("inspect", "car@handling"),)),
+    "tir": Format(_tyres, ("models/car/*.tir",), (("check", "drive.yaml"),)),
     "presets": Format(
         _yaml_file("presets.yaml", "models/sensors/presets.yaml"), ("*.yaml",), (("check", "presets.yaml"),)
     ),
