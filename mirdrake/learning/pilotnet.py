@@ -94,7 +94,7 @@ def make_pilotnet(architecture: Architecture) -> "torch.nn.Module":
         units = count
     dense.append(nn.Linear(units, architecture.outputs))
 
-    class PilotNet(nn.Module):  # type: ignore[misc, name-defined]
+    class PilotNet(nn.Module):  # type: ignore[name-defined]
         """Five convolutions, then four dense layers."""
 
         def __init__(self) -> None:
