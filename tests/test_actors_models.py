@@ -176,6 +176,45 @@ def test_results_are_the_same_twice_and_in_reverse_order() -> None:
     assert first.tobytes() == again.tobytes() == backwards.tobytes()
 
 
+def test_a_pedestrian_waits_for_a_car_that_arrives_within_its_critical_gap() -> None:
+    walker = {"actor": "pedestrian", "name": "walker", "path": [[200, -8], [200, 8]], "speed": 1.4}
+    walker |= {"behaviour": "walk"}
+
+    def time_at_road(cars: list[dict[str, Any]]) -> float:
+        entered: list[float] = []
+        world = traffic_world([walker, *cars], length=400.0)
+
+        def look(time: float, now: Array) -> None:
+            if now[-1, Y] > -1.5 and not entered:
+                entered.append(time)
+
+        simulate(world, 25.0, each=look)
+        return entered[0]
+
+    free = time_at_road([])
+    assert free == pytest.approx(6.5 / 1.4, abs=0.3)
+    # The car arrives 2 s after the pedestrian would. Another one, 8 s later, is no reason to wait.
+    near = 200.0 - 10.0 * (free + 2.0)
+    waited = time_at_road([car("near", near, 10.0, behaviour="follow")])
+    assert free + 1.5 < waited < free + 4.0
+    far = car("far", 200.0 - 10.0 * (free + 8.0), 10.0, behaviour="follow")
+    assert time_at_road([far]) == pytest.approx(free)
+
+
+def test_two_pedestrians_pass_each_other() -> None:
+    one = {"actor": "pedestrian", "name": "one", "path": [[0, 50], [20, 50]], "speed": 1.4, "behaviour": "walk"}
+    two = one | {"name": "two", "path": [[20, 50.1], [0, 50.1]]}
+    closest = [math.inf]
+
+    def look(_: float, now: Array) -> None:
+        closest[0] = min(closest[0], math.hypot(now[0, X] - now[1, X], now[0, Y] - now[1, Y]))
+
+    states = simulate(traffic_world([one, two], length=100.0), 30.0, each=look)
+    assert states[0, X] == pytest.approx(20.0, abs=0.05)
+    assert states[1, X] == pytest.approx(0.0, abs=0.05)
+    assert closest[0] > 0.3
+
+
 def test_an_offset_in_a_bend_shortens_the_way() -> None:
     # At R = 60 m and 3 m inside, a turn takes (1 - 3/60) of the time.
     length = 2.0 * math.pi * 60.0

@@ -8,6 +8,7 @@
         objects on lanes, the next one ahead and behind            occupancy.py
         acceleration by the law of a behaviour                     laws.py, behaviours/
         pose on a lane                                             motion.py
+        pedestrians                                                walkers.py
     Traffic: all of them as a system                               traffic.py
 
 A new behaviour is one file in ``behaviours/`` with its schema and its law, one line in

@@ -4,15 +4,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from mirdrake.actors import triggers
 from mirdrake.actors.behaviours.base import NUMBERS, LaneBehaviour
+from mirdrake.actors.behaviours.walk import BEGIN, END, Walk
 from mirdrake.actors.lanes import Ints, LaneTable, lane_table
 from mirdrake.actors.motion import COLUMNS, GAP, LANE, OFFSET, OLD, SIDE, STARTED, WANTED, S, V, set_pose
 from mirdrake.actors.step import Crew
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import where
-from mirdrake.worlds import World
+from mirdrake.worlds import Actor, World
 from mirdrake.worlds.actors_spec import Step, Trigger
 from mirdrake.worlds.clearance import Volume
 from mirdrake.worlds.pieces import Array
@@ -77,6 +79,8 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         values = (behaviour.braking_limit, *behaviour.numbers())
         laws.append(behaviour.law)
         row[: len(values)] = values
+        if isinstance(behaviour, Walk):
+            row[BEGIN], row[END] = road_on_path(world, actor)
         if actor.spec.starts is not None:
             steps.append([*_trigger(actor.spec.starts, world, objects), triggers.START, 0.0, 0.0])
         steps += [[*_trigger(one, world, objects), *_action(one)] for one in actor.steps]
@@ -95,6 +99,19 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         *stop_lines(world),
     )
     return lanes, crew, Bodies(state_size, tuple(vehicles.values()))
+
+
+def road_on_path(world: World, actor: Actor) -> tuple[float, float]:
+    """Return begin and end of the first road that the path of an actor crosses [m]; equal without one."""
+    path = world.lanes[actor.lane]
+    roads = shapely.union_all([lane.area for lane in world.lanes.values() if lane.kind != "path"])
+    inside = shapely.intersection(shapely.LineString(np.column_stack((path.x, path.y))), roads)
+    first = min(
+        (path.project(*shapely.get_coordinates(part).T)[0] for part in shapely.get_parts(inside) if not part.is_empty),
+        key=lambda stations: float(stations.min()),
+        default=np.zeros(1),
+    )
+    return float(first.min()), float(first.max())
 
 
 def stop_lines(world: World) -> tuple[Ints, Array, Array]:

@@ -21,7 +21,7 @@ class LaneTable(NamedTuple):
 
     first: Ints
     """first node of each lane (l)"""
-    count: Ints
+    nodes: Ints
     """number of its nodes (l)"""
     step: Array
     """distance of its nodes (l) [m]"""
@@ -57,7 +57,10 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
     """Return the table of lanes, and the number of each id."""
     numbers = {lane_id: number for number, lane in enumerate(lanes.values()) for lane_id in [lane.id]}
     nodes: list[tuple[Array, ...]] = []
-    first, count, step, box = [], [], [], []
+    first: list[int] = []
+    count: list[int] = []
+    step: list[float] = []
+    box: list[tuple[float, ...]] = []
     for lane in lanes.values():
         amount = max(2, math.ceil(lane.length / _SPACING) + 1)
         s = np.linspace(0.0, lane.length, amount)
@@ -107,7 +110,7 @@ def lane_cell(t: LaneTable, lane: int, s: float) -> tuple[int, float]:
     """Return the node before a station, and the share of the way to the next node."""
     at = s / t.step[lane]
     i = math.floor(at)
-    i = max(0, min(i, t.count[lane] - 2))
+    i = max(0, min(i, t.nodes[lane] - 2))
     return t.first[lane] + i, at - i
 
 
@@ -147,14 +150,15 @@ def station_beside(t: LaneTable, lane: int, s: float, left: bool) -> float:
         a, b, other = t.right_s[i], t.right_s[i + 1], t.right[lane]
     if t.closed[other] == 1:
         b = a + wrapped(b - a, t.length[other])
-        return (a + u * (b - a)) % t.length[other]
-    return a + u * (b - a)
+        a = a % t.length[other]
+    station: float = a + u * (b - a)
+    return station
 
 
 def project(t: LaneTable, lane: int, x: float, y: float) -> tuple[float, float]:
     """Return the station [m] and the offset [m, + left] of a point: the nearest node, then Newton's method."""
     best, nearest, i = math.inf, 0, 0
-    while i < t.count[lane]:
+    while i < t.nodes[lane]:
         node = t.first[lane] + i
         away = math.hypot(t.x[node] - x, t.y[node] - y)
         if away < best:

@@ -28,7 +28,7 @@ def acceleration(law: int, numbers: Array, speed: float, wanted: float, gap: flo
 
 def sees(law: int) -> bool:
     """Return whether a law depends on other objects."""
-    return law != follow.LAW
+    return law == idm.LAW or law == idm_mobil.LAW
 
 
 def stopping_distance(law: int, numbers: Array, speed: float) -> float:

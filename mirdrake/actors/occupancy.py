@@ -99,7 +99,7 @@ def _touch(
     s, offset = project(t, lane, x, y)
     if abs(offset) > 0.5 * t.width[lane] + reach:
         return count
-    i = t.first[lane] + min(int(s / t.step[lane] + 0.5), t.count[lane] - 1)
+    i = t.first[lane] + min(int(s / t.step[lane] + 0.5), t.nodes[lane] - 1)
     along = t.yaw[i]
     cosine, sine = abs(math.cos(yaw - along)), abs(math.sin(yaw - along))
     aside = half * sine + half_width * cosine

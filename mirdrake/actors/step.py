@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mirdrake.actors import lanes, laws, motion, occupancy, triggers
-from mirdrake.actors.behaviours import idm_mobil
+from mirdrake.actors import lanes, laws, motion, occupancy, triggers, walkers
+from mirdrake.actors.behaviours import idm_mobil, walk
 from mirdrake.actors.behaviours.base import LIMIT as BRAKING
 from mirdrake.actors.lanes import Ints, LaneTable, project
 from mirdrake.actors.laws import acceleration, at_end, sees, stopping_distance
@@ -34,11 +34,15 @@ from mirdrake.actors.motion import (
 )
 from mirdrake.actors.occupancy import ahead, behind, fill, fill_lines
 from mirdrake.actors.triggers import act, change_lane, is_due
+from mirdrake.actors.walkers import step_walker
 from mirdrake.core.compiled import compiled
 from mirdrake.worlds.pieces import Array
 
 LOOK = 300.0
 """Distance that actors look ahead [m]."""
+
+DECISION = 10
+"""Time steps between two decisions of an actor about its lane: 0.2 s."""
 
 
 class Crew(NamedTuple):
@@ -92,9 +96,12 @@ def step(t: LaneTable, crew: Crew, now: Array, vehicles: Array, time: float, dt:
             after[i, STEP] += 1.0
             after[i, SIDE] = math.nan
             act(t, crew.steps[number], now[i], after[i], crew.speed[i], crew.min_radius[i])
-    change_lanes(t, crew, now, dt, on, owners, rows, count, after)
+    change_lanes(t, crew, now, time, dt, on, owners, rows, count, after)
     for i in range(n):
-        move(t, crew, i, now[i], dt, on, owners, rows, count, after[i])
+        if crew.law[i] == walk.LAW:
+            step_walker(t, crew.law, crew.numbers[i], crew.shape, i, now, vehicles, dt, after[i])
+        else:
+            move(t, crew, i, now[i], dt, on, owners, rows, count, after[i])
 
 
 def move(
@@ -176,7 +183,16 @@ def move(
 
 
 def change_lanes(
-    t: LaneTable, crew: Crew, now: Array, dt: float, on: Ints, owners: Ints, rows: Array, count: int, after: Array
+    t: LaneTable,
+    crew: Crew,
+    now: Array,
+    time: float,
+    dt: float,
+    on: Ints,
+    owners: Ints,
+    rows: Array,
+    count: int,
+    after: Array,
 ) -> None:
     """Begin the lane changes of actors that decide on them; of two that want the same gap only the first one changes.
 
@@ -184,6 +200,7 @@ def change_lanes(
         t: lanes.
         crew: the actors.
         now: states of the actors (n, columns).
+        time: time of `now` since the start [s].
         dt: time step [s].
         on: objects on lanes, as are the next three.
         owners: see `on`.
@@ -193,7 +210,10 @@ def change_lanes(
     """
     n = len(now)
     taken_lane, taken_s = np.full(n, -1, np.int64), np.zeros(n)
+    number = math.floor(time / dt + 0.5)
     for i in range(n):
+        if (number + i) % DECISION != 0:  # each decides at its own time
+            continue
         if crew.law[i] != idm_mobil.LAW or now[i, SPAN] > 0.0 or after[i, SPAN] > 0.0 or now[i, STARTED] == 0.0:
             continue
         best, left = 0.0, False
@@ -303,6 +323,6 @@ def compiled_step() -> object:
     """Return :func:`step`, compiled."""
     parts = (
         move, change_lanes, advantage, followers,
-        *lanes.PARTS, *motion.PARTS, *occupancy.PARTS, *laws.PARTS, *triggers.PARTS,
+        *lanes.PARTS, *motion.PARTS, *occupancy.PARTS, *laws.PARTS, *triggers.PARTS, *walkers.PARTS,
     )  # fmt: skip
     return compiled(step, parts=parts)

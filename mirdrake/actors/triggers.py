@@ -73,15 +73,15 @@ def is_due(step: Array, i: int, now: Array, vehicles: Array, time: float, next_r
     """
     kind = int(step[TRIGGER])
     if kind == AT:
-        return time >= step[VALUE] - 1e-9
+        return bool(time >= step[VALUE] - 1e-9)
     if kind == GAP_BELOW:
-        return now[i, GAP] < step[VALUE]
+        return bool(now[i, GAP] < step[VALUE])
     if kind == GAP_ABOVE:
-        return now[i, GAP] > step[VALUE]
+        return bool(now[i, GAP] > step[VALUE])
     if kind == SPEED_BELOW:
-        return now[i, V] < step[VALUE]
+        return bool(now[i, V] < step[VALUE])
     if kind == SPEED_ABOVE:
-        return now[i, V] > step[VALUE]
+        return bool(now[i, V] > step[VALUE])
     subject = int(step[SUBJECT])
     if subject < len(now):
         x, y, vx, vy = now[subject, X], now[subject, Y], now[subject, VX], now[subject, VY]
@@ -93,11 +93,11 @@ def is_due(step: Array, i: int, now: Array, vehicles: Array, time: float, next_r
         side, aside = dx * cosine + dy * sine, dy * cosine - dx * sine
         before = now[i, SIDE]
         next_row[SIDE] = side
-        return before < 0.0 <= side and abs(aside) <= step[GATE_HALF]
+        return bool(before < 0.0 <= side and abs(aside) <= step[GATE_HALF])
     distance = math.hypot(x - now[i, X], y - now[i, Y])
     if kind == TIME:
-        return distance <= step[VALUE] * math.hypot(vx, vy)
-    return distance <= step[VALUE]
+        return bool(distance <= step[VALUE] * math.hypot(vx, vy))
+    return bool(distance <= step[VALUE])
 
 
 def act(t: LaneTable, step: Array, now_row: Array, row: Array, speed: float, min_radius: float) -> None:

@@ -29,6 +29,7 @@ BEHAVIOURS: dict[str, str] = {
     "follow": "mirdrake.actors.behaviours.follow:Follow",
     "idm": "mirdrake.actors.behaviours.idm:Idm",
     "idm_mobil": "mirdrake.actors.behaviours.idm_mobil:IdmMobil",
+    "walk": "mirdrake.actors.behaviours.walk:Walk",
 }
 """Class of each behaviour of actors, imported when a file has one of that kind."""
 

@@ -1,0 +1,110 @@
+"""One time step of a pedestrian, in the coordinates of its path: along it, and to its left."""
+
+import math
+
+from mirdrake.actors.behaviours import walk
+from mirdrake.actors.behaviours.walk import arrives_within, repulsion
+from mirdrake.actors.lanes import Ints, LaneTable, lane_pose
+from mirdrake.actors.motion import (
+    AIM,
+    FROM,
+    GAP,
+    HELD,
+    LANE,
+    OFFSET,
+    SPAN,
+    STARTED,
+    VX,
+    VY,
+    WAIT,
+    WANTED,
+    WZ,
+    YAW,
+    A,
+    S,
+    V,
+    X,
+    Y,
+    set_pose,
+)
+from mirdrake.worlds.pieces import Array
+
+_FASTEST = 1.3  # largest speed over the wanted one
+_KERB = 0.3  # [m] from a waiting pedestrian to the road
+_ASIDE = 1.0  # [m] beside the path that a vehicle may pass
+_SLOW = 0.5  # [m/s] speed below which vehicles are no danger
+
+
+def step_walker(
+    t: LaneTable, law: Ints, numbers: Array, shape: Array, i: int, now: Array, vehicles: Array, dt: float, row: Array
+) -> None:
+    """Write the next state of a pedestrian.
+
+    The force towards its wanted velocity and its path is critically damped.
+
+    Args:
+        t: lanes.
+        law: laws of the actors (n).
+        numbers: parameters of the pedestrian.
+        shape: front, rear and half of the width of the actors, then of the vehicles (n + m, 3) [m].
+        i: number of the pedestrian.
+        now: states of all actors (n, columns).
+        vehicles: x, y, yaw, vx, vy of the vehicles (m, 5).
+        dt: time step [s].
+        row: its next state; written.
+    """
+    me, tau, n = now[i], numbers[walk.RELAXATION], len(now)
+    lane, speed, aside, offset = int(me[LANE]), me[V], me[AIM], me[OFFSET]
+    row[GAP], row[A] = math.inf, 0.0
+    if row[STARTED] == 0.0:
+        return
+    wanted = 0.0 if row[HELD] > 0.0 else row[WANTED]
+
+    # At the kerb it waits until the gap to every vehicle is long enough.
+    begin, end = numbers[walk.BEGIN], numbers[walk.END]
+    row[WAIT] = 0.0
+    rest = begin - me[S]
+    if end > begin and 0.0 <= rest <= speed * tau + _KERB:
+        x, y, heading, _ = lane_pose(t, lane, 0.5 * (begin + end))
+        half = 0.5 * (end - begin) + _ASIDE
+        for j in range(n + len(vehicles)):
+            if j < n and law[j] != walk.LAW and math.hypot(now[j, VX], now[j, VY]) > _SLOW:
+                other = now[j]
+                if arrives_within(
+                    x, y, heading, half, other[X], other[Y], other[VX], other[VY], numbers[walk.CRITICAL]
+                ):
+                    row[WAIT] = 1.0
+            elif j >= n and math.hypot(vehicles[j - n, 3], vehicles[j - n, 4]) > _SLOW:
+                car = vehicles[j - n]
+                if arrives_within(x, y, heading, half, car[0], car[1], car[3], car[4], numbers[walk.CRITICAL]):
+                    row[WAIT] = 1.0
+    if row[WAIT] > 0.0:
+        wanted = 0.0
+
+    # Forces along the path and to its left.
+    _, _, direction, _ = lane_pose(t, lane, me[S])
+    cosine, sine = math.cos(direction), math.sin(direction)
+    along, across = (wanted - speed) / tau, -aside / tau - offset / (4.0 * tau * tau)
+    for j in range(n):
+        if j != i and law[j] == walk.LAW:
+            contact = max(shape[i, 0], shape[i, 2]) + max(shape[j, 0], shape[j, 2])
+            fx, fy = repulsion(numbers, me[X] - now[j, X], me[Y] - now[j, Y], contact)
+            along += fx * cosine + fy * sine
+            across += fy * cosine - fx * sine
+    row[V] = max(0.0, min(speed + along * dt, _FASTEST * row[WANTED]))
+    row[A] = (row[V] - speed) / dt
+    row[AIM] = aside + across * dt
+    row[S] = min(me[S] + row[V] * dt, t.length[lane])
+    row[OFFSET] = offset + row[AIM] * dt
+    row[FROM], row[SPAN] = row[OFFSET], 0.0
+    if row[S] >= t.length[lane]:
+        row[V], row[AIM] = 0.0, 0.0
+    set_pose(t, row)
+    row[VX] -= row[AIM] * math.sin(row[YAW])
+    row[VY] += row[AIM] * math.cos(row[YAW])
+    row[YAW] += math.atan2(row[AIM], max(row[V], 0.5))
+    row[WZ] = 0.0
+
+
+PARTS = (step_walker, *walk.PARTS)
+"""Compiled functions of this module."""
