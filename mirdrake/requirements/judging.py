@@ -79,8 +79,10 @@ class Requirement:
             RunError: a signal is not a number, or the run ended before it counts.
         """
         prefix = f"{self.where}: '{self.text}': " if self.where else f"'{self.text}': "
+        # Wrong names and units are errors before any result, whatever the truth of the other terms.
         for atom in self.atoms:
             atom.check(seen, prefix)
+        # A tolerance of 1 ns: sample times are sums of periods, and a boundary sample must not drop out by rounding.
         counts = (seen.times >= self.after - 1e-9) & (seen.times <= self.after + self.within + 1e-9)
         if not counts.any():
             end = seen.times[-1] if seen.times.size else 0.0
@@ -88,6 +90,8 @@ class Requirement:
         rows = np.flatnonzero(counts)
         main = _Cut(self.expression, seen, rows)
         truth, margin = main.truth, main.margin
+        # The margin of temporal logic: worst sample for always and never, best sample for eventually (robust
+        # semantics).
         if self.kind == "until":
             assert self.aim is not None
             passed, main, worst = _until(main, _Cut(self.aim, seen, rows))
@@ -100,6 +104,7 @@ class Requirement:
             if self.kind == "never":
                 truth, margin = ~truth, -margin
             worst, passed = int(margin.argmin()), bool(truth.all())
+        # The deciding sample also names the atom whose unit and scale the margin has; "until" may have cut the samples.
         decided, times = self.atoms[main.atom[worst]], seen.times[rows][: len(margin)]
         return Finding(
             text=self.text,
@@ -133,9 +138,11 @@ class _Cut:
 
 def _until(hold: _Cut, aim: _Cut) -> tuple[bool, _Cut, int]:
     """Return the truth of ``hold until aim``, which of the two decides, and the deciding sample."""
+    # Worst margin of the left side strictly before each sample: nothing has to hold before the first one.
     before = np.concatenate(([math.inf], np.minimum.accumulate(hold.margin)[:-1]))
     held = np.concatenate(([True], np.logical_and.accumulate(hold.truth)[:-1]))
     passed = bool((aim.truth & held).any())
+    # Robustness of until: the best time of the smaller of "aim reached now" and "held up to now".
     best = int(np.minimum(aim.margin, before).argmax())
     if aim.margin[best] <= before[best]:
         return passed, aim, best

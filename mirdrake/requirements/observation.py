@@ -152,6 +152,7 @@ def observe(
     Raises:
         RunError: the run has no samples.
     """
+    # Keep the first of samples with equal times: np.gradient would divide by zero between them.
     table = run.signals
     first = ~table.index.duplicated()
     table, actors = table[first], run.actors[first] if len(run.actors) else run.actors
@@ -160,6 +161,7 @@ def observe(
     times = table.index.to_numpy(dtype=float) - float(table.index[0])
     signals: dict[str, Array] = {str(name): table[name].to_numpy(dtype=float) for name in table}
     units = {name: run.units.get(name, "") for name in signals}
+    # Signals of the judged vehicle also get names without its prefix, as requirements are written about it.
     prefix = f"{vehicle_name}."
     for name in [name for name in signals if name.startswith(prefix)]:
         signals[name.removeprefix(prefix)], units[name.removeprefix(prefix)] = signals[name], units[name]
@@ -177,12 +179,15 @@ def observe(
     signals |= {f"{OF_ACTORS}{name}": actors[name].to_numpy(dtype=float) for name in actors}
     units |= {name: run.units.get(name, "") for name in signals if name.startswith(OF_ACTORS)}
     own = movers.pop(vehicle_name)
+    # Static props first: their clearance is the bound that lets far movers be skipped.
     signals["clearance"] = clearance_to(own, list(movers.values()), clearance(own.volume, own.poses, world.props))
+    # Gaps and times to collision are costly, so they are computed only if the requirement names them.
     for name in wanted:
         if name.startswith(GAP) and (other := movers.get(name.removeprefix(GAP))) is not None:
             signals[name], units[name] = gap_to(own, other), "m"
     if TIME_TO_COLLISION in wanted:
         signals[TIME_TO_COLLISION] = time_to_collision(own, movers.values(), world)
+    # Units last: they are for the signals that exist by now.
     units |= {name: unit for name, (unit, _) in DERIVED.items() if name in signals}
     events = {
         "collision": _collision(
@@ -197,6 +202,7 @@ def observe(
         if reached is not None:
             events[f"at {name}"] = reached
     if world.lights:
+        # Red lights are judged at the front of the collision shapes, not at the rear axle's centre.
         events[AT_RED] = _at_red(world, signals, max(float(x) for x in own.volume.outline[:, 0]))
     if goal is None and "at goal" in events:
         goal = "goal"
@@ -215,6 +221,7 @@ def outline(vehicle: Vehicle) -> Outline:
 def _motion(times: Array, signals: Mapping[str, Array]) -> dict[str, Array]:
     """Return speed and accelerations of the vehicle's origin, along its axes."""
     vx, vy, wz = signals["vx"], signals["vy"], signals["wz"]
+    # Derivatives in a rotating frame: the Coriolis terms ω × v are added to the rates of the components.
     rate_x, rate_y = (np.gradient(v, times) if times.size > 1 else np.zeros(1) for v in (vx, vy))
     return {"speed": np.hypot(vx, vy), "accel": rate_x - wz * vy, "lateral_accel": rate_y + wz * vx, "yaw_rate": wz}
 
@@ -222,11 +229,13 @@ def _motion(times: Array, signals: Mapping[str, Array]) -> dict[str, Array]:
 def _slip(signals: Mapping[str, Array], geometry: VehicleGeometry) -> Array:
     """Return the largest slip of the four wheels, with their unloaded radius."""
     slips = []
+    # Wheels in the order front left, front right, rear left, rear right: even numbers are on the left.
     for i, wheel in enumerate(WHEELS):
         front, side = i < 2, (1.0, -1.0)[i % 2]
         x = geometry.wheelbase if front else 0.0
         y = side * (geometry.front_track if front else geometry.rear_track) / 2.0
         angle = signals[f"steering_angle.{('left', 'right')[i % 2]}"] if front else 0.0
+        # Velocity of a wheel's contact point in the vehicle frame, v + ω × r, then along its steered direction.
         ahead, aside = signals["vx"] - signals["wz"] * y, signals["vy"] + signals["wz"] * x
         over_ground = ahead * np.cos(angle) + aside * np.sin(angle)
         rim = signals[f"wheel_speed.{wheel}"] * geometry.wheel_radii[i]
@@ -235,13 +244,16 @@ def _slip(signals: Mapping[str, Array], geometry: VehicleGeometry) -> Array:
 
 
 def _lap_time(times: Array, lap: Array) -> Array:
+    # A vehicle that rolls back over the line does not begin the lap again, hence the running maximum.
     begun = np.maximum.accumulate(np.floor(np.maximum(lap, 0.0) + 1e-9))
+    # Index of the sample at which the present lap began, carried forward.
     first = np.concatenate(([True], np.diff(begun) > 0.0))
     return times - times[np.maximum.accumulate(np.where(first, np.arange(times.size), 0))]
 
 
 def _tilt(signals: Mapping[str, Array]) -> Array:
     """Return the angle between the vehicle's z axis and that of W [rad]."""
+    # Element (3, 3) of the rotation matrix Rz Ry Rx; clip, as rounding may exceed 1.
     return np.asarray(np.arccos(np.clip(np.cos(signals["roll"]) * np.cos(signals["pitch"]), -1.0, 1.0)))
 
 
@@ -272,6 +284,7 @@ def _collision(signals: Mapping[str, Array], touched: Truth) -> Event:
         touched: whether it has touched an actor since the sample before (n).
     """
     free = signals["clearance"].copy()
+    # A contact force that is far from props, vehicles and actors acts between the body and the road: no collision.
     touching = (signals.get("other_contacts", np.zeros(free.size)) > 0.0) & (free < NEAR)
     touching |= touched
     free[touching] = np.minimum(free[touching], -TOUCH)
@@ -282,11 +295,13 @@ def _on_road(world: World, signals: Mapping[str, Array], geometry: VehicleGeomet
     """Return the event of being on the road, with the signed distance of the outermost wheel to its edge."""
     x, y, yaw = signals["x"], signals["y"], signals["yaw"]
     roads = [road.area for road in world.road_areas if road.drivable]
+    # A world without roads cannot be left: always true, with an infinite margin.
     if not roads:
         return Event(np.ones(x.size, dtype=bool), np.full(x.size, math.inf), "m")
     cos, sin = np.cos(yaw), np.sin(yaw)
     ahead = (geometry.wheelbase, geometry.wheelbase, 0.0, 0.0)
     aside = np.array([1.0, -1.0, 1.0, -1.0]) / 2.0 * np.repeat([geometry.front_track, geometry.rear_track], 2)
+    # The union removes inner edges between adjoining roads and lanes, which are no edges of the road.
     area = shapely.union_all(roads)
     inside = [_inside_by(area, x + a * cos - b * sin, y + a * sin + b * cos) for a, b in zip(ahead, aside, strict=True)]
     return _event(np.min(inside, axis=0), "m")
@@ -304,15 +319,19 @@ def _at_red(world: World, signals: Mapping[str, Array], front: float) -> Event:
     """
     x, y, yaw = signals["x"], signals["y"], signals["yaw"]
     nose_x, nose_y = x + front * np.cos(yaw), y + front * np.sin(yaw)
+    # Lines whose light is not red have no margin; -inf never wins the maximum over the lines.
     margin = np.full(x.size, -math.inf)
     for light in world.lights.values():
         red = light.state(signals["time"]) == RED
         for lane_id, s in light.lines:
             lane = world.lanes[lane_id]
+            # Position relative to the stop line: along the lane (beyond) and across it (aside).
             px, py, heading = (float(value) for value in lane.pose(s))
             dx, dy = nose_x - px, nose_y - py
             beyond = dx * math.cos(heading) + dy * math.sin(heading)
             aside = np.abs(dy * math.cos(heading) - dx * math.sin(heading))
+            # Only the vehicles in this lane, near the line and in its direction of travel; a line has no width
+            # elsewhere.
             near = (
                 red & (aside <= 0.5 * float(lane.width_at(s))) & (np.abs(beyond) < _FAR) & (np.cos(yaw - heading) > 0.0)
             )
@@ -327,12 +346,15 @@ def _at_red(world: World, signals: Mapping[str, Array], front: float) -> Event:
 
 def _inside_by(area: Any, x: Array, y: Array) -> Array:
     """Return the distance to the edge of an area [m] (n), negative outside."""
+    # Samples without a pose (NaN) keep a NaN margin, which is reported as "cannot be judged".
     result = np.full(x.size, math.nan)
     good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    # A tree of single segments, not one distance to the boundary: long runs on large maps need the fast look-up.
     lines = [shapely.get_coordinates(part) for part in shapely.get_parts(shapely.boundary(area))]
     ends = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
     segments = np.asarray(shapely.linestrings(ends))
     points = shapely.points(x[good], y[good])
+    # query_nearest returns pairs of indices in its own order; row leads back to the point.
     (row, _), distance = shapely.STRtree(segments).query_nearest(points, return_distance=True, all_matches=False)
     shapely.prepare(area)
     within = shapely.contains_xy(area, x[good], y[good])
@@ -348,6 +370,7 @@ def _at_goal(world: World, goal: Any, signals: Mapping[str, Array], spec: Mappin
     if goal.laps is not None:
         return _event(signals["lap"] - goal.laps, "") if "lap" in signals else None
     track_name, gate = goal.gate
+    # Progress is recorded for one track only; for another one the positions are projected onto it.
     track = world.tracks[track_name]
     followed = (spec.get("control") or {}).get(name) or {}
     measured = followed.get("track") or next(iter(world.tracks))
@@ -358,7 +381,9 @@ def _at_goal(world: World, goal: Any, signals: Mapping[str, Array], spec: Mappin
         s = track.project(x, y)[0]
     else:
         return None
+    # Distances from the start along the track, so that a gate behind the start of a closed track lies ahead.
     driven, ahead = s - s[0], gate - s[0]
+    # Undo the jumps of a whole length at the seam of a closed track.
     if track.closed:
         driven = driven - track.length * np.cumsum(np.round(np.diff(s, prepend=s[0]) / track.length))
         ahead = ahead % track.length

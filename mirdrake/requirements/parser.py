@@ -54,6 +54,7 @@ class _Parser:
     def requirement(self) -> Requirement:
         """Parse the whole text."""
         after, within = 0.0, math.inf
+        # Grammar: [after T] temporal operator, expression, [within T], with two tokens for "at end".
         if not self._tokens:
             self._fail("it is empty")
         if self._accept("after"):
@@ -68,9 +69,11 @@ class _Parser:
             kind, expression = "eventually", self._either()
             if self._accept("within"):
                 within = self._time()
+        # "at end" needs two tokens of lookahead: "at goal" begins with the same word.
         elif self._peek() == "at" and self._peek(1) == "end":
             self._at += 2
             kind, expression = "at end", self._either()
+        # "until" is an infix operator, so it is known only after its left side.
         else:
             kind, expression = "until", self._either()
             if not self._accept("until"):
@@ -78,6 +81,7 @@ class _Parser:
                     f"'{self._peek()}' is not expected" if self._peek() else "it lacks always, never or the like"
                 )
             aim = self._either()
+        # A remainder means that the grammar ended before the text.
         if self._peek():
             self._fail(f"'{self._peek()}' is not expected")
         text = " ".join(self._text.split())
@@ -106,6 +110,7 @@ class _Parser:
         return parts[0] if len(parts) == 1 else Junction(tuple(parts), every=word == "and")
 
     def _one(self) -> Expression:
+        # Limit the recursion, so that hostile input gives a parse error and no RecursionError.
         self._depth += 1
         if self._depth > _DEEPEST:
             self._fail("too many brackets")
@@ -124,9 +129,11 @@ class _Parser:
         absolute = self._accept("abs")
         bracket = absolute and self._accept("(")
         kind, word = self._tokens[self._at] if self._at < len(self._tokens) else ("", "")
+        # "at" and "on" are reserved, but also begin events: "at NAME", "on road".
         if kind != "word" or not _NAME.fullmatch(word) or word in _WORDS - {"at", "on"}:
             self._fail(f"a signal or an event is expected, not '{word}'" if word else "something is missing at the end")
         self._at += 1
+        # Two-word events; the prefix keeps a goal and a signal of the same name apart.
         if word == "at" and not absolute:
             name = self._peek()
             if not _NAME.fullmatch(name) or name in {"and", "or", "not", "until", "within"}:
@@ -143,8 +150,10 @@ class _Parser:
                 self._fail("the name of a vehicle or actor is expected after 'gap to'")
             self._at += 1
             return self._comparison(begin, f"{GAP}{name}", absolute)
+        # Events are tested before signals; abs of an event has no meaning and leads to the error for signals.
         if word in EVENTS and not absolute:
             return self._add(Happening(len(self._atoms), word, word))
+        # A name with a dot is a column of some run; whether it exists is known only when the run is judged.
         if "." not in word and word not in DERIVED and word not in RECORDED:
             known = [*DERIVED, *RECORDED, *EVENTS]
             self._fail(f"unknown signal '{word}'; {did_you_mean(word, known)}, or a column of the run with a dot in it")
@@ -158,17 +167,21 @@ class _Parser:
             self._fail(
                 f"'{signal}' needs a comparison with a value, one of < <= > >= == !=, for example '{signal} < 1'"
             )
+        # Equality of a measured number is never true, so it is allowed for counts only.
         if sign in {"==", "!="} and signal not in COUNTS:
             self._fail(f"'{signal}' is not a count, so {sign} is not allowed; compare it with < or >")
         self._at += 1
         known = {**RECORDED, **{name: unit for name, (unit, _) in DERIVED.items()}}.get(signal)
+        # A unit is checked now where the signal is known, else when the run is judged.
         value, unit = self._value("m" if signal.startswith(GAP) else known)
+        # Text of the atom as in the requirement, with the spaces of brackets removed.
         text = " ".join(text for _, text in self._tokens[begin : self._at]).replace("( ", "(").replace(" )", ")")
         return self._add(Comparison(len(self._atoms), signal, sign, value, unit, absolute, text))
 
     def _value(self, known: str | None) -> tuple[float, str | None]:
         """Parse a number; return it in SI with the unit in the text. `known` is the unit of the signal, if known."""
         number = self._number()
+        # Units may have several words ("N m"); they end at the next keyword.
         words = []
         while self._at < len(self._tokens) and self._tokens[self._at][0] == "word" and self._peek() not in _WORDS:
             words.append(self._peek())
@@ -176,10 +189,12 @@ class _Parser:
         given = " ".join(words)
         if not given:
             return number, None
+        # Percent scales a pure number; the conversion of units does not know it.
         if given == "%" and known in {"", None}:
             return number / 100.0, ""
         if known is not None and known not in _UNITS:
             self._fail(f"unit '{given}' does not fit; the signal is {f'in {known}' if known else 'a pure number'}")
+        # Without a known signal take the first SI unit that the given unit converts to.
         fault = f"unknown unit '{given}'"
         for unit in _UNITS if known is None else (known,):
             try:
@@ -191,6 +206,7 @@ class _Parser:
     def _time(self) -> float:
         number, word = self._number(), self._peek()
         try:
+            # A time without a unit is in seconds.
             scale = float(to_si(f"1 {word}", "s")) if word and word not in _WORDS else 1.0
             self._at += bool(word) and word not in _WORDS
         except ValueError:

@@ -50,12 +50,14 @@ def movers_of(
     for name, vehicle in vehicles.items():
         if f"{name}.x" in signals:
             x, y, yaw, vx, vy = (signals[f"{name}.{key}"] for key in ("x", "y", "yaw", "vx", "vy"))
+            # Vehicles record their velocity in their own frame; rotate it to W.
             turned = np.column_stack((vx * np.cos(yaw) - vy * np.sin(yaw), vx * np.sin(yaw) + vy * np.cos(yaw)))
             yield Mover(name, volume_of(vehicle), np.column_stack((x, y, yaw)), turned)
     for actor in world.actors:
         if f"{actor.name}.x" in actors:
             keys = [f"{actor.name}.{key}" for key in ("x", "y", "yaw", "speed")]
             x, y, yaw, speed = actors[keys].to_numpy(dtype=float).T
+            # The recorded speed of an actor is along its heading.
             velocity = np.column_stack((speed * np.cos(yaw), speed * np.sin(yaw)))
             yield Mover(actor.name, actor.volume, np.column_stack((x, y, yaw)), velocity)
 
@@ -72,6 +74,7 @@ def clearance_to(mover: Mover, others: Sequence[Mover], at_most: Array) -> Array
     """
     result = at_most.copy()
     for other in others:
+        # Lower bound of the clearance by circles around both; the exact distance is computed only where it can matter.
         away = np.hypot(*(mover.poses[:, :2] - other.poses[:, :2]).T)
         rows = np.flatnonzero(away - _reach(mover.volume) - _reach(other.volume) < result)
         if rows.size:
@@ -103,8 +106,10 @@ def time_to_collision(mover: Mover, others: Iterable[Mover], world: World) -> Ar
             times_to_contact(mover.volume, mover.poses, mover.velocities, other.volume, other.poses, other.velocities),
         )
     for prop in world.props:
+        # Only things at the same height can be touched; what is driven over or overhead cannot.
         if prop.prop.driven_over or prop.top <= mover.volume.low or prop.bottom >= mover.volume.high:
             continue
+        # Props do not move: a mover at its centroid with zero velocity, cut into slabs of equal height.
         middle = np.array([*prop.footprint.centroid.coords[0]])
         slabs = [
             Slab(np.asarray(area.exterior.coords[:-1]) - middle, slab.low, slab.high)

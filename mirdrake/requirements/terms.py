@@ -44,6 +44,7 @@ class Comparison:
         values = seen.signals[self.signal]
         values = np.abs(values) if self.absolute else values
         below, strict = self.sign in {"<", "<="}, self.sign in {"<", ">"}
+        # Counts differ by at least 1, so a margin of ±0.5 separates equal from different.
         if self.sign in {"==", "!="}:
             margin = (0.5 - np.abs(values - self.value)) * (1.0 if self.sign == "==" else -1.0)
             truth = np.asarray(values == self.value if self.sign == "==" else values != self.value)

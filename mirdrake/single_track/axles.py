@@ -108,30 +108,42 @@ def find_axles(
     if not isinstance(tyres, SlipTyres):
         return None
     laws = tyres.axle_laws(vehicle.folder)
+    # Tyre laws are measured on a reference surface; they take the friction of the road relative to it.
     ground = 1.0 if friction is None else friction / REFERENCE_FRICTION
     length = body.front + body.rear
+    # Share of the weight and, in a steady turn, of the lateral force on the front and the rear axle.
     shares = (body.rear / length, body.front / length)
+    # A turn to the left: positive lateral acceleration and force; the body rolls to the right.
     angle, transfers = _roll(vehicle, body, shares, lateral)
     loads = [0.5 * body.mass * GRAVITY * share for share in shares]
     forces = [body.mass * lateral * share for share in shares]
     slips, upright, moments = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
     # Fixed-point iteration: the aligning moments are a small part of the forces.
     for _ in range(4):
+        # The sum M of the aligning moments is balanced by a pair of lateral forces, -M / L in front and M / L at the
+        # rear.
         turning = sum(moments) / length
         for i, (law, extra) in enumerate(zip(laws, (-turning, turning), strict=True)):
             force = forces[i] + extra
+            # Both wheels of an axle share one slip angle, with the outer one loaded and the inner one unloaded by the
+            # transfer.
             cambered, upright_wheels = (
                 [_wheel(law, loads[i] + sign * transfers[i], inclination, ground) for sign in (1.0, -1.0)]
                 for inclination in (angle, 0.0)
             )
             slips[i], upright[i] = _slip(cambered, force), _slip(upright_wheels, force)
+            # The aligning moments of the wheels as they are, with camber, enter the next iteration.
             moments[i] = sum(wheel(slips[i])[1] for wheel in cambered)
+    # The front aligning moment turns the compliant steering; it adds slip to the front axle, which means understeer.
     servo = vehicle.control.steering
     compliance_angle = moments[0] / (2.0 * servo.stiffness) if servo.kind == "servo" and servo.stiffness > 0.0 else 0.0
+    # Effective stiffness by axle force over slip; friction, relaxation and shape are those of a tyre at the static
+    # load.
     axles = []
     for i, law in enumerate(laws):
         tyre = law(loads[i], 0.0, ground)
         contact = tyre.contact
+        # With roll states camber must not be counted twice: it acts through roll_slip instead of the stiffness.
         slip = (upright[i] if roll else slips[i]) + (compliance_angle if i == 0 else 0.0)
         roll_slip = (upright[i] - slips[i]) / angle if roll and angle > 0.0 else 0.0
         axles.append(
@@ -153,6 +165,7 @@ def _slip(wheels: Sequence[Callable[[float], tuple[float, float]]], force: float
 
 def _wheel(law: TyreLaw, load: float, inclination: float, ground: float) -> Callable[[float], tuple[float, float]]:
     """Return a function: slip angle of a wheel [rad] to lateral force [N] and aligning moment [N m]."""
+    # A lifted inner wheel keeps 1 N, since tyre laws divide by the load.
     tyre = law(max(load, 1.0), inclination, ground)
 
     def forces(slip: float) -> tuple[float, float]:
@@ -169,10 +182,12 @@ def _roll(
     tracks = (vehicle.geometry.front_track, vehicle.geometry.rear_track)
     springs = vehicle.spec.suspension
     moment = body.mass * body.height * lateral
+    # Without suspension roll stiffness is unknown; distribute the overturning moment like the load.
     if springs is None:
         front, rear = (moment * share / track for share, track in zip(shares, tracks, strict=True))
         return 0.0, (front, rear)
     stiffness = find_roll_stiffness(vehicle, body).stiffness
+    # Gravity of the leaning body acts against the roll stiffness (inverted pendulum).
     roll = moment / (sum(stiffness) - body.mass * GRAVITY * body.height)
     front, rear = (axle * roll / track for axle, track in zip(stiffness, tracks, strict=True))
     return roll, (front, rear)
@@ -193,14 +208,17 @@ def find_roll_stiffness(vehicle: Vehicle, body: Body, frequency: float = 0.0) ->
         frequency: frequency of the roll [rad/s].
     """
     tracks, springs = (vehicle.geometry.front_track, vehicle.geometry.rear_track), vehicle.spec.suspension
+    # The damping is an imaginary part over ω, whose limit at zero frequency needs ω > 0.
     omega = max(frequency, _SLOW)
     stiffness, damping = [], 0.0
     for axle, (track, tyre) in enumerate(zip(tracks, body.tyre_stiffness, strict=True)):
+        # Springs in series: compliances add. Complex stiffness k + i ω d holds spring and damper together.
         softness: complex = 1.0 / (tyre - body.unsprung[axle] * omega**2)
         if springs is not None:
             spring = (springs.front, springs.rear)[axle]
             # Wheels move in opposite directions, so the bar acts twice.
             softness += 1.0 / complex(spring.stiffness + 2.0 * spring.anti_roll, omega * spring.damping)
+        # Two wheels at the distance t/2: k (t/2)² for each.
         together = 0.5 * track**2 / softness
         stiffness.append(together.real)
         damping += together.imag / omega

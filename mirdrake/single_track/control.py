@@ -69,6 +69,7 @@ class SingleTrackControl(ControlUnit):
 
     def __init__(self, vehicle: Vehicle, *, mass: float, rotating: float = 0.0, delay: float = 0.0) -> None:
         geometry, spec, control = vehicle.geometry, vehicle.spec, vehicle.control
+        # Odometry and torques refer to the driven wheels; a wrong believed radius scales measured speed and set-point.
         self._radius = geometry.front_wheel_radius if spec.drive != "rear" else geometry.rear_wheel_radius
         believed = control.believes.wheel_radius or self._radius
         uses_pedals = control.wheel_speed.uses_pedals
@@ -83,12 +84,14 @@ class SingleTrackControl(ControlUnit):
             single_track=True,
         )
         check_number("SingleTrackControl", "delay", delay, unit="s", at_least=0.0)
+        # The delay is a shift register that moves once per update, so it must be a whole number of periods.
         self._delay_steps = round(delay / self._period)
         if abs(self._delay_steps * self._period - delay) > 1e-9:
             raise ConfigError(
                 f"SingleTrackControl: delay must be a multiple of the period, {self._period:g} s, got {delay:g} s"
             )
         self._true = Ackermann(geometry)
+        # The model needs true speeds and forces; the laws of the unit calculate with the believed radius.
         self._true_over_believed = self._radius / believed
         self._force_per_torque = len(spec.driven_wheels()) / self._radius
         self.command = declare_vector_input(self, "command", COMMAND)
@@ -98,6 +101,7 @@ class SingleTrackControl(ControlUnit):
         self._forces = self.DeclareDiscreteState(len(FORCES))  # or pedals, which are three numbers, too
         self._status = self.DeclareDiscreteState(len(STATUS))
         self._memory = self.DeclareDiscreteState(self._start_memory)
+        # All waiting outputs in one vector, oldest first: steering and its rate, then forces or pedals.
         self._delayed = self.DeclareDiscreteState(self._delay_steps * (len(STEERING) + len(FORCES)))
         self.steering = declare_state_output(self, "steering", STEERING, self._steering)
         if uses_pedals:
@@ -137,12 +141,14 @@ class SingleTrackControl(ControlUnit):
         """Return the memory of a unit whose set-points are a speed [m/s] and a true bicycle angle [rad]."""
         memory = np.array(self._start_memory)
         steering = self.steering_law.bicycle_angle(*self._true.wheel_angles(angle))
+        # Rate limits and filters start from the present set-points, the actuator from the present angle.
         memory[LAST : LAST + 2] = speed, steering
         memory[STEERING_ACTUATOR : STEERING_ACTUATOR + self.setup.actuator_size] = steering
         return memory
 
     def _read_state(self, context: Context) -> npt.NDArray[np.float64]:
         speed = self.state.Eval(context)[_VX].item()
+        # True wheel speed: radii hold the believed radius, and believed times true/believed is the true one.
         rate = speed / (self.setup.radii[0] * self._true_over_believed)
         return np.array([1.0, 0.0, 0.0, 0.0, speed, 0.0, 0.0, rate, rate, rate, rate, 0.0, 0.0])
 
@@ -151,6 +157,7 @@ class SingleTrackControl(ControlUnit):
         speed = self.state.Eval(context)[_VX].item()
         angle = self.steering_angle.Eval(context).item()
         steering = self.steering_law.bicycle_angle(*self._true.wheel_angles(angle))
+        # Third value: set-point of the wheel servos, or the gear (1: drive) where pedals drive the vehicle.
         pedals_or_forces = [0.0, 0.0, speed * self._true_over_believed if self.pedal_law is None else 1.0]
         now = [angle, 0.0, *pedals_or_forces]
         values.set_value(self._delayed, now * self._delay_steps)
@@ -162,8 +169,10 @@ class SingleTrackControl(ControlUnit):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         memory = context.get_discrete_state(self._memory).value()
         result = self._step(context, self._read_state(context), memory)
+        # The rate over one period lets the model's steering lag follow a ramp without a steady error.
         old, angle = self._actual_angle(memory), self._actual_angle(result.memory)
         now = [angle, (angle - old) / self._period, *self._pedals_or_forces(result)]
+        # Append the new outputs and take the oldest ones.
         if self._delay_steps:
             waiting = [*context.get_discrete_state(self._delayed).value().tolist(), *now]
             now, waiting = waiting[: len(now)], waiting[len(now) :]

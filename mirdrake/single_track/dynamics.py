@@ -255,6 +255,7 @@ def lateral_force_of(variant: Variant) -> LateralForce:
 def flags_of(variant: Variant) -> Flags:
     """Return the flags of a variant."""
     kinematic = variant.tyres == "kinematic"
+    # The linear law has no limit, so it also needs no load transfer and no friction ellipse.
     saturates = variant.tyres not in {"kinematic", "linear"}
     return Flags(kinematic, saturates, variant.relaxation, variant.actuators, variant.roll)
 
@@ -270,6 +271,7 @@ def evaluate(variant: Variant, parameters: Sequence[Value], state: Sequence[Valu
     """
     names = variant.state_names
     law = lateral_force_of(variant)
+    # States and inputs that the variant lacks take their default of zero, so that one set of equations serves all.
     x = State(**dict(zip(names, state, strict=True)))
     u = Inputs(**dict(zip(variant.input_names, inputs, strict=True)))
     derivatives, motion = equations(
@@ -292,43 +294,57 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
     base, vx = a + b, x.vx
 
     # Actuators: a first-order lag of the steering, a servo that holds the speed.
+    # Without actuators the input is the angle itself; its rate is then not needed.
     delta, drive, steering_rate = u.steering, u.drive, 0.0
     if flags.actuators:
         delta = x.steering
+        # The rate of the set-point is fed forward, so that the angle follows a ramp without a steady error.
         steering_rate = u.steering_rate + (u.steering - delta) / p.steering_lag
         drive = drive + p.servo_gain * (u.speed - vx)
+    # The motors limit servo force and commanded force together; smaller and larger also take AutoDiffXd and Expression.
     drive = smaller(larger(drive, -p.max_force), p.max_force)
     sine, cosine = sin(delta), cos(delta)
     tangent = sine / cosine
 
     # Longitudinal forces of the axles, along their wheels, and gravity along and across the vehicle.
     weight = -p.mass * p.gravity_z
+    # tanh in place of the sign: resistance and brakes stay differentiable at standstill.
     opposing = tanh(vx / STANDSTILL_SPEED)
     brake = u.brake * opposing
+    # Rolling resistance follows the static loads: b / L of the weight is on the front axle, a / L on the rear one.
     resistance = p.rolling_resistance * weight * opposing
     front = p.front_drive * drive - p.front_brake * brake - resistance * b / base
     rear = (1.0 - p.front_drive) * drive - (1.0 - p.front_brake) * brake - resistance * a / base
+    # Wind and gravity are given in the world; rotate them into the frame of the vehicle.
     sin_yaw, cos_yaw = sin(x.yaw), cos(x.yaw)
     air_speed = vx - (p.wind_x * cos_yaw + p.wind_y * sin_yaw)
     air = p.drag * absolute(air_speed) * air_speed
+    # A slope appears as gravity that has components in the plane of the road, in N.
     along = p.mass * (p.gravity_x * cos_yaw + p.gravity_y * sin_yaw)
     across = p.mass * (p.gravity_y * cos_yaw - p.gravity_x * sin_yaw)
 
     # Limits of friction; the load transfer is that of the demanded longitudinal forces.
     limit_front, limit_rear = 0.0, 0.0
     if flags.saturates:
+        # Clip the demand first, since a force that the tyres cannot transmit does not transfer load either.
         most = MAX_LONGITUDINAL_SHARE * weight * larger(p.front_friction, p.rear_friction)
         transfer = smaller(larger(front + rear, -most), most) * p.com_height
+        # Acceleration unloads the front axle; the smallest share keeps the limits, and thus the root, positive.
         grip_front = p.front_friction * larger((weight * b - transfer) / base, MIN_LOAD_SHARE * weight)
         grip_rear = p.rear_friction * larger((weight * a + transfer) / base, MIN_LOAD_SHARE * weight)
+        # Longitudinal forces have priority; what the friction circle leaves is the lateral limit P.
         front, limit_front = _limit_force(front, grip_front)
         rear, limit_rear = _limit_force(rear, grip_rear)
 
     # Kinematic single track.
+    # Curvature of the path of the rear axle's centre [1/m]: yaw rate over vx.
     turn = tangent / base
+    # Mass of the motion with one degree of freedom: lateral and yaw kinetic energy follow vx by the constraint.
     effective = p.mass + p.rotating_mass + (p.mass * b * b + p.yaw_inertia) * turn * turn
+    # The front wheel travels at vx / cos δ, so the power of its force divided by vx is F / cos δ.
     slow_vx = (front / cosine + rear - air + along + across * b * turn) / effective
     if flags.kinematic:
+        # Accelerations of the centre of mass with vy = b r and r = vx tan δ / L; the rate of δ is left out.
         lateral = (vx * vx + b * slow_vx) * turn
         longitudinal = slow_vx - b * vx * vx * turn * turn
         return (
@@ -338,11 +354,14 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
 
     # Slips of the axles, with relaxation and roll, and their lateral forces.
     v1, v2, vy, yaw_rate = p.blend_start, p.blend_end, x.vy, x.yaw_rate
+    # Rigid-body velocities across the vehicle at the axles, then in the direction of the steered front wheels.
     vy_front, vy_rear = vy + a * yaw_rate, vy - b * yaw_rate
+    # v1 as a floor of the denominator keeps the slip finite at standstill.
     speed_front = larger(absolute(vx * cosine + vy_front * sine), v1)
     speed_rear = larger(absolute(vx), v1)
     slip_front, slip_rear = (vy_front * cosine - vx * sine) / speed_front, vy_rear / speed_rear
     slip_rate_front, slip_rate_rear = 0.0, 0.0
+    # First-order relaxation over the distance rolled; the effective slip, a state, then replaces the present one.
     if flags.relaxation:
         slip_rate_front = (slip_front - x.front_slip) * speed_front / p.front_relaxation
         slip_rate_rear = (slip_rear - x.rear_slip) * speed_rear / p.rear_relaxation
@@ -357,17 +376,24 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
     fast_vx = (front * cosine - side_front * sine + rear - air + along + p.mass * yaw_rate * vy) / (
         p.mass + p.rotating_mass
     )
+    # Neutral values: without roll the lateral equation is that of a rigid body.
     arm, around, righting, roll_force = 0.0, 1.0, 0.0, 0.0
     if flags.roll:
         arm = p.roll_mass * p.roll_height
+        # Parallel axes: from the centre of the rolling mass to the roll axis (J in the head of the module).
         around = p.roll_inertia + p.roll_mass * p.roll_height * p.roll_height
+        # gravity_z is negative, so gravity lowers the stiffness: the body leans out of the turn like an inverted
+        # pendulum.
         righting = (p.roll_stiffness + arm * p.gravity_z) * x.roll + p.roll_damping * x.roll_rate
+        # ms h φ̈, from solving the lateral and the roll equation together: both contain v̇y and φ̈.
         roll_force = arm * (arm * (lateral + side_rear) / p.mass - righting) / (around - arm * arm / p.mass)
     fast_vy = (lateral + side_rear + across + roll_force) / p.mass - yaw_rate * vx
     fast_yaw = (a * lateral - b * side_rear) / p.yaw_inertia
 
     # Blend with the kinematic relations at low speed.
+    # Relaxation towards the rolling constraint, as vy and r remain states at low speed.
     slow_yaw, slow_vy = (vx * turn - yaw_rate) / BLEND_TIME, (b * vx * turn - vy) / BLEND_TIME
+    # The weight is a function of v², which has a derivative at v = 0, and smoothstep makes it C1 at v1 and v2.
     share = (vx * vx + vy * vy - v1 * v1) / (v2 * v2 - v1 * v1)
     share = smaller(larger(share, 0.0), 1.0)
     weigh = share * share * (3.0 - 2.0 * share)
@@ -376,8 +402,10 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
     dyaw = slow_yaw + weigh * (fast_yaw - slow_yaw)
     roll_acceleration = 0.0
     if flags.roll:
+        # Roll follows the blended acceleration; at speed this is the φ̈ that is already in roll_force.
         roll_acceleration = (arm * (dvy + yaw_rate * vx - across / p.mass) - righting) / around
 
+    # x, y are those of the rear axle's centre, thus vy_rear; vx is the same everywhere on the longitudinal axis.
     derivatives = State(
         vx * cos_yaw - vy_rear * sin_yaw,
         vx * sin_yaw + vy_rear * cos_yaw,
@@ -392,6 +420,7 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
         steering_rate,
     )
     motion = Motion(
+        # Below v1 the sideslip angle fades instead of jumping between ±90 degrees.
         atan(vy / larger(absolute(vx), v1)),
         dvx - yaw_rate * vy,
         dvy + yaw_rate * vx,
@@ -405,6 +434,7 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
 
 def _limit_force(force: Value, grip: Value) -> tuple[Value, Value]:
     """Return the longitudinal force of an axle within its friction, and the remaining lateral grip [N]."""
+    # A little grip is left over so that the square root has a finite derivative.
     most = MAX_LONGITUDINAL_SHARE * grip
     force = smaller(larger(force, -most), most)
     return force, sqrt(grip * grip - force * force)
@@ -432,6 +462,7 @@ class CompiledEquations:
         names = variant.state_names
         self._step = compiled(_fill_rates, law, parts=(equations, *EQUATION_PARTS))
         self._flags = records(Flags, [flags_of(variant)])
+        # Numba cannot look up fields by name at run time; -1 marks a state that this variant does not have.
         self._positions = np.array([names.index(name) if name in names else -1 for name in State._fields])
         self._states, self._inputs = len(names), len(variant.input_names)
 
@@ -442,6 +473,7 @@ class CompiledEquations:
 
     def inputs(self, values: Sequence[float]) -> npt.NDArray[np.float64]:
         """Return inputs in the order of :attr:`Variant.input_names` as the vector that :meth:`__call__` takes."""
+        # The compiled step always reads five inputs; those of the actuators stay zero without actuators.
         u = np.zeros(len(Inputs._fields))
         u[: self._inputs] = values
         return u
@@ -486,6 +518,7 @@ def _fill_rates(
         rates: derivatives of `x`, overwritten.
         motion: values of :class:`Motion`, overwritten.
     """
+    # Written out, not in a loop: Numba needs the fields of a named tuple at compile time.
     state = State(
         element(x, k[0]),
         element(x, k[1]),
@@ -501,6 +534,7 @@ def _fill_rates(
     )
     inputs = Inputs(u[0], u[1], u[2], u[3], u[4])
     derivatives, quantities = equations(law, flags[0], parameters[0], state, inputs)
+    # Rates of states that the variant lacks are dropped.
     for i in range(len(k)):
         if k[i] >= 0:
             rates[k[i]] = derivatives[i]

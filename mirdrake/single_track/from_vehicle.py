@@ -105,12 +105,14 @@ def estimate_parameters(
         ConfigError: an argument is not allowed; the centre of mass is not above the road and between the axles; with
             `roll`, it has no suspension.
     """
+    # Only the URDF counts here: masses, joints and collision shapes at the design position, base frame on the world's.
     plant, scene_graph, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
     context, spec, geometry = plant.CreateDefaultContext(), vehicle.spec, vehicle.geometry
     base = plant.GetBodyByName(spec.base_link)
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, base, RigidTransform())
     check_balance(plant, context, vehicle, base.model_instance(), above=True)
     wheels = [plant.GetJointByName(name) for name in spec.joints.wheels.names()]
+    # Rotor inertia and torque limits are properties of Drake's actuators, found by the name of their joint.
     actuators = {
         (actuator := plant.get_joint_actuator(index)).joint().name(): actuator
         for index in plant.GetJointActuatorIndices()
@@ -119,8 +121,10 @@ def estimate_parameters(
     # Mass, inertia, and the loads of the axles.
     mass = float(plant.CalcTotalMass(context))
     ahead, _, height = plant.CalcCenterOfMassPositionInWorld(context).tolist()
+    # Body 0 is the world.
     bodies = [BodyIndex(number) for number in range(1, plant.num_bodies())]
     spatial = plant.CalcSpatialInertia(context, plant.world_frame(), bodies)
+    # Yaw inertia of all bodies about the common centre of mass; the joints are at their zero angles.
     yaw_inertia = float(spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()[2, 2])
     down = -float(gravity[2])
     front_load, rear_load = mass * down * ahead / geometry.wheelbase, mass * down * (1.0 - ahead / geometry.wheelbase)
@@ -128,11 +132,13 @@ def estimate_parameters(
     # Wheels: rotating masses, friction and stiffness of their tyres.
     rotating, frictions, springs = 0.0, [], [1e6] * 4
     inspector = scene_graph.model_inspector()
+    # Inertia about the spin axis only; divided by r² it is a mass that accelerates with the vehicle.
     for index, (joint, radius) in enumerate(zip(wheels, geometry.wheel_radii, strict=True)):
         body = joint.child_body()
         axis = joint.frame_on_child().GetFixedPoseInBodyFrame().rotation().multiply(joint.revolute_axis())
         inertia = body.CalcSpatialInertiaInBodyFrame(context)
         tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+        # The inertia of a rotor is seen at the wheel with the square of the gear ratio.
         motor = actuators.get(joint.name())
         rotor = motor.default_rotor_inertia() * motor.default_gear_ratio() ** 2 if motor is not None else 0.0
         rotor += spec.powertrain.wheel_inertia(drive=spec.drive, front=index < 2)
@@ -144,9 +150,13 @@ def estimate_parameters(
             if properties is not None and properties.HasProperty("material", "coulomb_friction"):
                 frictions.append(float(properties.GetProperty("material", "coulomb_friction").dynamic_friction()))
     # The files have undeformed tyres; at rest they are compressed.
+
+    # Axle heights sink by load over the stiffness of two tyres; the centre of mass is between them.
     sag = front_load / (2.0 * springs[0]), rear_load / (2.0 * springs[2])
     height -= sag[1] + (sag[0] - sag[1]) * ahead / geometry.wheelbase
     # Limits and gains of the motors.
+    # Torque limits and damping of the wheel servos become forces at the road: τ / r, and d / r² between speed and
+    # force.
     driven = [WHEELS.index(name) for name in spec.driven_wheels()]
     most, gain = 0.0, 0.0
     for index in driven:
@@ -159,12 +169,15 @@ def estimate_parameters(
     body = Body(mass, geometry.wheelbase - ahead, ahead, height, (springs[0], springs[2]), unsprung)
     axles = find_axles(vehicle, body, friction=friction, roll=roll)
     if axles is None:
+        # The tyre with the least friction limits the vehicle; friction of the road replaces that of the tyres if given.
         grip = min(frictions, default=1.0) if friction is None else friction
         lengths = [RELAXATION_OVER_RADIUS * r for r in (geometry.front_wheel_radius, geometry.rear_wheel_radius)]
         axles = (
             Axle(FRONT_STIFFNESS * front_load, grip, lengths[0]),
             Axle(REAR_STIFFNESS * rear_load, grip, lengths[1]),
         )
+
+    # Froude scaling: small robots get a low-speed range that is small in proportion to sqrt(g L).
     v1 = BLEND_FROUDE * (down * geometry.wheelbase) ** 0.5
     return SingleTrackParameters(
         mass=mass,
@@ -207,6 +220,7 @@ def _unsprung(vehicle: Vehicle, plant: MultibodyPlant) -> tuple[float, float]:
     if names is None:
         return 0.0, 0.0
     front, rear = (
+        # All bodies that the suspension joint carries: wheel, hub, steering knuckle; left and right are assumed equal.
         sum(plant.get_body(body).default_mass() for body in plant.GetBodiesKinematicallyAffectedBy([joint.index()]))
         for joint in (plant.GetJointByName(name) for name in (names.front_left, names.rear_left))
     )
@@ -232,6 +246,8 @@ def _roll_parameters(
         for name in names.names()
         for index in plant.GetBodiesKinematicallyAffectedBy([plant.GetJointByName(name).index()])
     }
+    # Sum of the bodies about x of the world, the roll axis on the road; Steiner's part of the whole is removed at the
+    # end.
     roll_inertia = 0.0  # about the roll axis
     for number in range(1, plant.num_bodies()):
         index = BodyIndex(number)

@@ -125,6 +125,8 @@ def find_steady_state(
     Raises:
         ConfigError: no steady state exists: the tyres slide or the motor is too weak.
     """
+    # Start of Newton's method: the kinematic solution. x[4] and x[5] are vy and the yaw rate, u[-1] the servo's set-
+    # point.
     level = _level(parameters)
     count, inputs = len(variant.state_names), len(variant.input_names)
     turn = np.tan(steering) / parameters.wheelbase
@@ -134,15 +136,21 @@ def find_steady_state(
         x[4], x[5] = parameters.rear_length * speed * turn, speed * turn
     if variant.actuators:
         x[-1], u[-1] = steering, speed
+    # Unknowns are columns of the Jacobian by (x, u): count + 1 is the drive force. vx, angle and set-points are given.
     free = np.r_[np.arange(POSE + 1, count - int(variant.actuators)), count + 1]  # vy, r, slips; drive force
     rows = np.arange(POSE, count - int(variant.actuators))
     residual, jacobian, motion = _differentiate(variant, level, x, u)
+
+    # As many equations as unknowns: the rates of vx, vy, r, slips and roll must vanish.
     for _ in range(_ITERATIONS):
         size = np.abs(residual[rows]).max()
         if size < _TOLERANCE:
             break
         matrix = jacobian[np.ix_(rows, free)]
+        # Least squares instead of solve: a sliding axle can make the Jacobian singular, and then no steady state is
+        # found.
         step = np.linalg.lstsq(matrix, -residual[rows], rcond=None)[0]
+        # Backtracking line search: halve the step until the largest residual decreases.
         for shrink in 0.5 ** np.arange(12.0):
             z = np.r_[x, u]
             z[free] += shrink * step
@@ -151,6 +159,7 @@ def find_steady_state(
                 break
         x, u = z[:count], z[count:]
         residual, jacobian, motion = trial
+    # Looser than the tolerance of the iteration, which rounding may keep from getting any closer.
     if np.abs(residual[rows]).max() > 1e3 * _TOLERANCE:
         raise ConfigError(
             f"find_steady_state: the vehicle cannot hold {speed:g} m/s at {steering:g} rad; reduce speed or steering"
@@ -180,6 +189,7 @@ def linearize_single_track(
     count = len(x)
     _, rates, _ = _differentiate(variant, _level(parameters), x, u)
     motion = _differentiate(variant, _level(parameters), x, u, motion=True)[1]
+    # The first output is vx itself; the rate of yaw, row 2, is the yaw rate in every variant.
     outputs = np.vstack([np.eye(1, count + len(u), POSE), rates[2:3], motion])  # vx; the rate of yaw
     return LinearSingleTrack(
         steady=steady,
@@ -208,6 +218,7 @@ def characteristic_speed(parameters: SingleTrackParameters) -> float:
     sqrt(L / K) and -sqrt(-L / K); infinite for neutral steer. [m/s] Linear tyres.
     """
     gradient = understeer_gradient(parameters)
+    # Neutral steer has neither a characteristic nor a critical speed.
     if gradient == 0.0:
         return np.inf
     return float(np.copysign(sqrt(parameters.wheelbase / abs(gradient)), gradient))
@@ -229,6 +240,7 @@ def _differentiate(
     """Return the rates of the state (or the motion), their derivatives by (x, u), and the motion."""
     z = InitializeAutoDiff(np.r_[x, u]).ravel()
     result = evaluate(variant, parameters, z[: len(x)], z[len(x) :])
+    # Handling quantities that are constant come as floats; added to an AutoDiffXd zero they have derivatives, too.
     zero = 0.0 * z[0]  # converts floats to AutoDiffXd
     outputs = [zero + value for value in (result.motion if motion else result.state)]
     gradient = np.array([value.derivatives() for value in outputs])

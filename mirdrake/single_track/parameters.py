@@ -98,6 +98,7 @@ class SingleTrackParameters:
 
     def __post_init__(self) -> None:
         owner = "SingleTrackParameters"
+        # Keep the ranges equal to those of are_allowed, which checks whole tables without exceptions.
         for field in fields(self):
             value = getattr(self, field.name)
             if field.name in _POSITIVE:
@@ -114,6 +115,7 @@ class SingleTrackParameters:
             )
         if self.gravity_z >= 0.0:
             raise ConfigError(f"{owner}: gravity_z must be negative, got {self.gravity_z:g} m/s²; z is up")
+        # Static stability of roll: the springs must outweigh gravity of the leaning body.
         tipping = -self.roll_mass * self.gravity_z * self.roll_height
         if self.roll_stiffness <= tipping:
             raise ConfigError(
@@ -149,6 +151,7 @@ _NOT_NEGATIVE = {
 def are_allowed(table: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     """Return whether each row (n, parameters) has values that :class:`SingleTrackParameters` allows (n)."""
     columns = dict(zip(PARAMETERS, table.T, strict=True))
+    # The same ranges as in the constructor; NaN fails every comparison, and infinity is excluded here.
     allowed = np.isfinite(table).all(axis=1)
     for name, values in columns.items():
         if name in _POSITIVE:

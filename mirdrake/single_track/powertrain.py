@@ -54,6 +54,9 @@ class SingleTrackPowertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.pedals = declare_vector_input(self, "pedals", PEDALS)
         self.state = declare_vector_input(self, "state", STATE)
         self._forces = self.DeclareDiscreteState(len(FORCES))
+
+        # The law keeps a memory (gear, lags), so it is a discrete system with a fixed rate; forces are held between
+        # updates.
         self._status = self.DeclareDiscreteState(len(STATUS))
         self._memory = self.DeclareDiscreteState(law.rest())
         self.forces = declare_state_output(self, "forces", FORCES, self._forces)
@@ -67,6 +70,7 @@ class SingleTrackPowertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _update(self, context: Context, values: DiscreteValues) -> None:
         speed = self.state.Eval(context)[_VX].item()
         memory = context.get_discrete_state(self._memory).value().tolist()
+        # All wheels roll without slip, so each has the speed of the vehicle over its own radius.
         rates = [speed / radius for radius in self._law.radii]
         measured = Measured((rates[0], rates[1], rates[2], rates[3]), (speed,) * 4, speed)
         memory, torques = self._law.step(memory, self.pedals.Eval(context).tolist(), measured)
@@ -74,6 +78,7 @@ class SingleTrackPowertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
             sum(torque / radius for torque, radius in zip(four, self._law.radii, strict=True))
             for four in (torques.drive, torques.brake)
         )
+        # The third force is the set-point of the wheel servos; the present speed makes the servos add no force.
         values.set_value(self._forces, [drive, brake, speed])
         values.set_value(self._status, torques.status)
         values.set_value(self._memory, memory)

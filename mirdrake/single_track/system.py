@@ -63,17 +63,24 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             self._roll_index = self.state_names.index("roll") if variant.roll else 0
             self.set_name("single_track")
             servo = int(variant.actuators)
+            # Actuators add an input to both ports: the rate of the steering set-point and the set-point of the speed.
             self.steering = declare_vector_input(self, "steering", STEERING[: 1 + servo])
             self.forces = declare_vector_input(self, "forces", FORCES[: 2 + servo])
             self.DeclareContinuousState(len(self.state_names))
             self._parameters = self.DeclareNumericParameter(BasicVector_[T](parameters.values()))
+            # Compiled equations take floats only; AutoDiffXd and Expression use the same equations in Python.
             if plain:
                 self._equations = CompiledEquations(variant)
+                # Parameters and inputs change rarely in a run: Drake's cache converts them once, not in each integrator
+                # stage.
                 needs = {self.all_parameters_ticket()}
                 self._record = declare_cached_value(self, "parameters", Value[object], self._read_parameters, needs)
                 needs = {self.steering.ticket(), self.forces.ticket()}
                 self._held = declare_cached_value(self, "inputs", Value[object], self._read_inputs, needs)
+
+            # Without direct feedthrough the state can be connected to a controller without an algebraic loop.
             needs = {self.xc_ticket(), self.all_parameters_ticket()}
+            # The yaw rate of the kinematic model is a function of the steering input, which makes a feedthrough.
             if variant.tyres == "kinematic" and not variant.actuators:
                 needs.add(self.steering.ticket())
             self.state = self._declare("state", STATE, self._calc_state, needs)
@@ -83,6 +90,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             self.motion = self._declare("motion", MOTION, self._calc_motion, {self.all_sources_ticket()})
 
         def _declare(self, name: str, contents: Signals, calc: Callable[..., None], needs: set[Any]) -> OutputPort:
+            # Drake's own declaration for other scalar types: names and units of the signals are for floats only.
             if plain:
                 return declare_vector_output(self, name, contents, calc, prerequisites=needs)
             return self.DeclareVectorOutputPort(name, len(contents), calc, prerequisites_of_calc=needs)
@@ -123,9 +131,11 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             p = context.get_numeric_parameter(self._parameters)
             zero = T(0.0)
             if self.variant.tyres == "kinematic":
+                # p[2] and p[3] are front_length and rear_length, in the order of PARAMETERS.
                 delta = x[-1] if self.variant.actuators else self.steering.Eval(context)[0]
                 vy, spin = zero, x[3] * tan(delta) / (p[2] + p[3])
             else:
+                # From the centre of mass to the rear axle: vy - b r.
                 vy, spin = x[4] - p[3] * x[5], x[5]
             yaw = remainder(x[2], 2.0 * pi) if plain else x[2]  # in [-pi, pi], as the full vehicle's
             roll, roll_rate = (x[self._roll_index], x[self._roll_index + 1]) if self.variant.roll else (zero, zero)

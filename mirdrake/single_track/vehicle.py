@@ -42,9 +42,11 @@ def make_single_track_vehicle(
     builder = DiagramBuilder()
     variant = Variant(tyres, relaxation, actuators=True, roll=roll)
     model = builder.AddNamedSystem("single_track", SingleTrack(parameters, variant))
+    # The unit takes mass and rotating mass from the model's parameters, so that feedforward and model agree.
     mass, rotating = parameters.mass, parameters.rotating_mass
     control = builder.AddNamedSystem("control", SingleTrackControl(vehicle, mass=mass, rotating=rotating, delay=delay))
     outputs = {"state": model.state, "motion": model.motion, "status": control.status}
+    # With pedals the powertrain turns them into forces; else the control unit outputs forces itself.
     if control.HasOutputPort("pedals"):
         law = make_single_track_law(vehicle, mass=mass, rotating=rotating)
         powertrain = builder.AddNamedSystem("powertrain", SingleTrackPowertrain(law))
@@ -58,6 +60,8 @@ def make_single_track_vehicle(
     builder.Connect(model.state, control.state)
     builder.Connect(model.steering_angle, control.steering_angle)
     builder.ExportInput(control.command, "command")
+
+    # A diagram's exported ports lose the names of their signals: copy them for recording and labels.
     ports = [(port, builder.ExportOutput(port, name)) for name, port in outputs.items()]
     diagram = builder.Build()
     for port, index in ports:
