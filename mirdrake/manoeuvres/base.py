@@ -188,6 +188,7 @@ class Outcome:
             "standard": self.standard,
             "verdict": self.verdict,
             "reason": self.reason,
+            # Optional keys are left out, so that files of manoeuvres without notes and scales stay small.
             "metrics": {
                 m.key: {"value": m.value, "unit": m.unit, "text": m.text}
                 | ({"note": m.note} if m.note else {})
@@ -254,6 +255,7 @@ def scaled(spec: ManoeuvreSpec, scale: float) -> ManoeuvreSpec:
         extra: Any = info.json_schema_extra
         power = _LENGTH_POWERS.get(extra["unit"])
         value = getattr(spec, name)
+        # Settings of the user, without a length or time in their unit, or marked as not scaling stay as they are.
         if name in spec.model_fields_set or power is None or not extra["scales"] or scale == 1.0:
             continue
         factor = scale**power
@@ -261,6 +263,8 @@ def scaled(spec: ManoeuvreSpec, scale: float) -> ManoeuvreSpec:
             changes[name] = type(value)(element * factor for element in value)
         elif isinstance(value, float):
             changes[name] = value * factor
+
+    # model_copy marks the changed fields as given by the user; reports need to know which ones really were.
     given = set(spec.model_fields_set)
     copy = spec.model_copy(update=changes)
     copy.__pydantic_fields_set__.clear()

@@ -70,14 +70,18 @@ class Line:
             y: coordinate of the point [m].
             near: index around which :data:`_REACH` samples are searched to both sides; by default all are.
         """
+        # The search around the last sample keeps the station where a line crosses itself, and is faster.
         low = 0 if near is None else max(0, near - _REACH)
         high = len(self.s) if near is None else min(len(self.s), near + _REACH)
         distances = np.hypot(self.x[low:high] - x, self.y[low:high] - y)
         if near is None:  # a line of several laps passes the same point again: the first lap counts
+            # Among all samples within one step of the nearest one take the first, with the samples that follow it.
             step = float(self.s[1] - self.s[0])
             first = int(np.argmax(distances <= float(np.min(distances)) + step))
             distances = distances[: first + _REACH]
         index = low + int(np.argmin(distances))
+
+        # Project onto the tangent of the nearest sample; the parabola κ/2 x² corrects the offset for the curvature.
         yaw = float(self.yaw[index])
         dx, dy = x - float(self.x[index]), y - float(self.y[index])
         along, lateral = dx * math.cos(yaw) + dy * math.sin(yaw), dy * math.cos(yaw) - dx * math.sin(yaw)
@@ -87,6 +91,7 @@ class Line:
     def at(self, s: float) -> tuple[float, float]:
         """Return heading [rad] and curvature [1/m] at an arc length [m]."""
         step = float(self.s[1] - self.s[0])
+        # 1.001 keeps index + 1 within the line.
         position = min(max((s - float(self.s[0])) / step, 0.0), len(self.s) - 1.001)
         index = int(position)
         part = position - index
@@ -96,6 +101,7 @@ class Line:
 
 def from_curvature(curvature: Array, step: float) -> Line:
     """Return a line from the origin along x with given curvatures [1/m] at equal steps [m]."""
+    # Trapezoidal rule for curvature and direction: the error falls with the square of the step.
     heading = np.concatenate(([0.0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * step)))
     x = np.concatenate(([0.0], np.cumsum(0.5 * (np.cos(heading[1:]) + np.cos(heading[:-1])) * step)))
     y = np.concatenate(([0.0], np.cumsum(0.5 * (np.sin(heading[1:]) + np.sin(heading[:-1])) * step)))
@@ -124,9 +130,12 @@ def eight(*, radius: float, laps: int = 2, ease: float = 0.0) -> Line:
         ease: distance before and after the middle in which the curvature changes linearly from one circle to the other
             [m]; it moves both circles outwards by about ease² / (6 radius).
     """
+    # At least 240 samples a lap, and at most 0.25 m between two of them.
     step = 2.0 * math.pi * radius / max(240, math.ceil(2.0 * math.pi * radius / 0.25))
     count = round(2.0 * math.pi * radius * laps / step)
+    # From right (-1/R) to left (1/R) in the middle; a tenth more at the end gives a finishing run a line ahead.
     travelled = step * (np.arange(2 * count + count // 10) - count + 0.5)
+    # A clip of a linear function is the transition (clothoid); without one it takes a tenth of a step.
     line = from_curvature(np.clip(travelled / max(ease, 0.1 * step), -1.0, 1.0) / radius, step)
     # Rotate and translate the line so that the centres are on the y axis, at equal distances from the origin.
     centres = [
@@ -134,6 +143,7 @@ def eight(*, radius: float, laps: int = 2, ease: float = 0.0) -> Line:
         for i, turn in ((0, -1.0), (-1, 1.0))
     ]
     across, middle = centres[1] - centres[0], 0.5 * (centres[0] + centres[1])
+    # atan2(across_x, across_y) is the angle from the y axis to the line between the centres.
     angle = math.atan2(across[0], across[1])
     x, y = line.x - middle[0], line.y - middle[1]
     cos, sin = math.cos(angle), math.sin(angle)
@@ -169,6 +179,7 @@ def within(
     Raises:
         ConfigError: no path meets the bounds.
     """
+    # At most 400 samples bound the size of the linear program; half a metre or a tenth of the body is fine enough.
     step = max((end - start) / 400.0, min(0.5, front / 10.0))
     x = np.arange(start, end + step, step)
     count = len(x)
@@ -178,6 +189,7 @@ def within(
     limits: list[float] = []
     size = 2 * count + 2  # y, largest |y''|, largest |y'''|, all |y''|
 
+    # One row of A_ub z <= b_ub in coordinates, as a dense matrix would have millions of zeros.
     def add(coefficients: Mapping[int, float], limit: float) -> None:
         for index, value in coefficients.items():
             values.append(value)
@@ -187,9 +199,11 @@ def within(
 
     # Bounds of the derivatives: |y''| and |y'''| at every sample.
     for i in range(1, count - 1):
+        # A minimum of the largest absolute value is linear with bounds: |y''_i| <= w_i <= w_max, the same for y'''.
         add({count + 2 + i: 1.0, count: -1.0}, 0.0)
         for sign in (1.0, -1.0):
             add({i - 1: sign / step**2, i: -2.0 * sign / step**2, i + 1: sign / step**2, count + 2 + i: -1.0}, 0.0)
+    # The third difference covers four samples, so the loop ends one sample earlier.
     for i in range(1, count - 2):
         for sign in (1.0, -1.0):
             cubic = sign / step**3
@@ -197,25 +211,33 @@ def within(
     # The body between the cones: five points of each side, with the slope of the path as its heading.
     for section in sections:
         x0, x1 = float(section[0] or 0.0), float(section[1] or 0.0)
+        # An open side has no bound.
         low = -math.inf if section[2] is None else float(section[2])
         high = math.inf if section[3] is None else float(section[3])
+        # A lane that is too narrow for the margin keeps half of its free space on each side, and remains feasible.
         kept = min(margin, max(0.0, 0.25 * (high - low - 2.0 * half_width))) + half_width
         for i in range(1, count - 1):
             for lever in np.linspace(rear, front, 5):
+                # Half a step around the section counts as well, so that short sections have a sample.
                 if not x0 - 0.5 * step <= x[i] + lever <= x1 + 0.5 * step:
                     continue
+                # Lateral position of a body point: y + lever · slope, with the slope by central differences.
                 slope = float(lever) / (2.0 * step)
                 if high < math.inf:
                     add({i: 1.0, i + 1: slope, i - 1: -slope}, high - kept)
                 if low > -math.inf:
                     add({i: -1.0, i + 1: -slope, i - 1: slope}, -kept - low)
+
+    # The path begins straight along y = 0 and ends parallel to x.
     still = 4  # samples at the start without curvature
     fixed = np.zeros((still + 1, size))
     fixed[range(still), range(still)] = 1.0
     fixed[still, count - 1], fixed[still, count - 2] = 1.0, -1.0
+    # Least largest curvature first; smoothness weighs its derivative, and a small weight the sum of |y''|.
     cost = np.zeros(size)
     cost[count], cost[count + 1] = 1.0, smoothness
     cost[count + 2 :] = _STRAIGHT * step
+    # y is free, bounds of absolute values are not negative.
     bounds = [(None, None)] * count + [(0.0, None)] * (size - count)
     solution = linprog(
         cost,
@@ -232,6 +254,7 @@ def within(
 
 def resample(x: Array, y: Array) -> Line:
     """Return a line through points at steps of equal chord length, with heading and curvature by differences."""
+    # Samples of the linear program are even in x; a driver looks up the line by arc length.
     lengths = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
     s = np.linspace(0.0, lengths[-1], len(x))
     px, py = np.interp(s, lengths, x), np.interp(s, lengths, y)
@@ -263,6 +286,7 @@ def clearance(x: Array, y: Array, yaw: Array, body: Body, sections: Sequence[Sec
     Returns:
         a distance for each section; inf where the body never was in it.
     """
+    # The longest step of the record decides how many positions are checked between two samples.
     longest = float(np.max(np.hypot(np.diff(x), np.diff(y)), initial=0.0))
     parts = max(1, math.ceil(longest / (_CHECK_STEP * (body.front - body.rear))))
     positions = np.arange((len(x) - 1) * parts + 1) / parts
@@ -270,16 +294,21 @@ def clearance(x: Array, y: Array, yaw: Array, body: Body, sections: Sequence[Sec
     cos, sin = np.cos(yaw), np.sin(yaw)
     rooms = np.full(len(sections), np.inf)
     for side in (body.half_width, -body.half_width):
+        # x0, y0 is the rear corner and x1, y1 the front corner of this side.
         (x0, x1), (y0, y1) = (
             [x + lever * cos - side * sin for lever in (body.rear, body.front)],
             [y + lever * sin + side * cos for lever in (body.rear, body.front)],
         )
+        # A side across the course (x0 = x1) would divide by zero.
         along = np.where(np.abs(x1 - x0) > 1e-9, x1 - x0, 1e-9)
         for number, section in enumerate(sections):
+            # Positions along the side (0 rear, 1 front) at which the section begins and ends; clipped to the side
+            # below.
             cuts = ((section.x0 - x0) / along, (section.x1 - x0) / along)
             inside = (np.maximum(x0, x1) >= section.x0) & (np.minimum(x0, x1) <= section.x1)
             for cut in cuts:
                 across = y0 + np.clip(cut, 0.0, 1.0) * (y1 - y0)
+                # Smallest distance to the two lines of cones; negative beyond one of them.
                 room = np.minimum(section.high - across, across - section.low)
                 rooms[number] = min(rooms[number], float(np.min(room, where=inside, initial=np.inf)))
     return rooms

@@ -118,9 +118,11 @@ class _Driver(LeafSystem):
         self._pedal_rows = make_rows(pedals, 3, f"{owner}: pedals") if pedals is not None else None
         self._held = make_rows([held], 1, f"{owner}: held").rows[0] if held is not None else None
         self.period = check_number(owner, "period", period, unit="s", above=0.0)
+        # Updates at t = 0 and every period: outputs are discrete states, which breaks the loop from state to command.
         self.state = declare_vector_input(self, "state", STATE)
         self._command = self.DeclareDiscreteState(3)
         self.command = declare_state_output(self, "command", COMMAND, self._command)
+        # The port of the pedals exists only with pedals: the diagram then bypasses the speed control.
         if self._pedal_rows is not None:
             self._pedals = self.DeclareDiscreteState(3)
             self.pedals = declare_state_output(self, "pedals", PEDALS, self._pedals)
@@ -133,11 +135,13 @@ class _Driver(LeafSystem):
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         time, state = context.get_time(), self.state.Eval(context).tolist()
+        # Without a speed command the present speed is commanded, so that speed control adds no force.
         speed = self._speeds.at(time)[0] if self._speeds is not None else state[6]
         values.set_value(self._command, [speed, self._steer(time, state), time])
         if self._pedal_rows is None:
             return
         if self._held is not None and state[0] < self._held[1]:
+            # Up to the x at which it is released the throttle holds the speed; later the rows of the pedals apply.
             throttle = min(max(_THROTTLE * (self._held[0] - state[6]), 0.0), 1.0)
             values.set_value(self._pedals, [throttle, 0.0, 1.0])
         else:
@@ -223,6 +227,7 @@ class PathDriver(_Driver):
         if not self._hands:
             return 0.0
         x, y, yaw, vx, vy, rate = state[0], state[1], state[5], state[6], state[7], state[11]
+        # Time that goes back means a new run with the same driver: forget the station and the integral.
         elapsed = time - self._time
         if elapsed < 0.0:
             self._index, self._sum = None, 0.0
@@ -234,21 +239,31 @@ class PathDriver(_Driver):
         self._index, s, offset = self._line.project(x + ahead * cos, y + ahead * sin, near=self._index)
         speed = max(math.hypot(vx, vy), _LEAST_SPEED)
         heading, curvature = self._line.at(s)
+        # Curvature where the vehicle will be when the steering acts: the preview compensates its delay.
         _, curvature_ahead = self._line.at(s + speed * preview)
 
         # The yaw rate error acts on the steering without delay: its share is limited, or a slow car would oscillate.
+        # L + K v² is steering per curvature: v / (L + K v²) is the steady yaw-rate gain of the single-track model.
         reach = wheelbase + self._understeer * speed**2
+        # ω of at most v / L keeps the lever ℓ = 2 ζ v / ω at 2 ζ L or more at low speed.
         omega = min(self._frequency, speed / wheelbase)
         most = _YAW_RATE_FEEDBACK[0] + _YAW_RATE_FEEDBACK[1] * speed / math.sqrt(GRAVITY * wheelbase)
+        # The limit bounds the loop gain of the yaw rate, which the steering changes directly: 2 ζ ω (ahead / v + τ).
         share = min(1.0, most / (2.0 * self._damping * omega * (abs(ahead) / speed + preview)))
         turning = (rate - speed * curvature) * share
+        # Velocity of the point across the vehicle, with the yaw rate of the line and the share of the error.
         sideways = vy + ahead * (speed * curvature + turning)  # of the point that follows the line
+        # Between heading (course = 0) and direction of motion (course = 1) of the point.
         direction = yaw + self._course * math.atan2(sideways, max(vx, _LEAST_SPEED))
+        # The remainder is in [-π, π]: lines of several laps have headings beyond that. The prediction looks ahead by τ.
         error = math.remainder(direction - heading, 2.0 * math.pi) + turning * preview
 
         # Feedforward and feedback; a long pause, as between two runs, does not count for the integral.
         gain, lever = omega**2 * reach / speed**2, 2.0 * self._damping * speed / omega
         if 0.0 < elapsed < 1.0:
+            # The integral removes the steady error of the feedforward; it is clamped at the steering limit against
+            # windup.
             self._sum = min(max(self._sum + self._integral * gain * offset * elapsed, -self._limit), self._limit)
+        # Signs of ISO 8855: an offset to the left needs steering to the right.
         angle = math.atan(reach * curvature_ahead) - gain * (offset + lever * math.sin(error)) - self._sum
         return float(min(max(angle, -self._limit), self._limit))

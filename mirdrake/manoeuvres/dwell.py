@@ -70,12 +70,15 @@ class SineWithDwellSpec(ManoeuvreSpec):
         rig = rig.with_step(self.time_step)
         facts = rig.facts
         check_speed(facts, self.speed)
+        # All amplitudes are multiples of A, so that vehicles with other steering ratios and gains have an equal test.
         angle = self.angle or self._find_angle(rig, outcome)
         outcome.add("a", "A, the hand-wheel angle at 0.3 g", math.degrees(angle), "deg")
+        # The least last amplitude is an angle of a car's hand-wheel, so it does not apply to small vehicles.
         most = max(self.last * angle, self.least_last if facts.scale == 1.0 else 0.0)
         amplitudes = [self.first * angle]
         while amplitudes[-1] < most - 1e-9:
             amplitudes.append(min(amplitudes[-1] + self.increment * angle, most))
+        # A sine of amplitude A and frequency f has the largest rate 2 π f A.
         allowed = min(facts.steering_limit, facts.steering_rate / (2.0 * math.pi * self.frequency)) * facts.ratio
         kept = [amplitude for amplitude in amplitudes if amplitude <= allowed]
         if not kept:
@@ -112,6 +115,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
         # The worst figures of each side, and the largest amplitude that passed.
         for side, results in responses.items():
             for number, wait in enumerate(self.waits):
+                # The worst case over all amplitudes of a side, as each of them has to pass.
                 ratio = max(response.ratios[number] for _, response in results)
                 text = f"Largest yaw-rate ratio {wait:.3g} s after completion, {side}"
                 most = 100.0 * self.shares[number]
@@ -127,6 +131,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
             held = math.degrees(passed.get(side, math.nan))
             note = f"{held / math.degrees(angle):.1f} A" if side in passed else "none"
             outcome.add(f"passed_{side}", f"Largest amplitude that passed, {side}", held, "deg", note)
+        # "pass" needs all required amplitudes; without a failure but with omitted ones the test is not possible.
         outcome.verdict = "fail" if faults else "pass" if len(kept) == len(amplitudes) else "not possible"
         outcome.reason = "; ".join(faults)
         if outcome.verdict == "not possible":
@@ -147,16 +152,19 @@ class SineWithDwellSpec(ManoeuvreSpec):
     def _find_angle(self, rig: Rig, outcome: Outcome) -> float:
         """Return A [rad] from a slowly increasing steer."""
         inner = Outcome("", "", "")
+        # Run within this manoeuvre: its own outcome is not reported, but its notes are.
         spec = scaled(SlowlyIncreasingSteerSpec(), rig.facts.scale).model_copy(update={"speed": self.speed})
         spec.drive(rig, inner)
         outcome.notes += inner.notes
         return math.radians(inner.value("a") or math.nan)
 
     def _sine(self, rig: Rig, side: str, amplitude: float) -> Record:
+        # Amplitudes of the standard are those of the hand-wheel; drivers steer by the bicycle angle.
         angle = SIDES[side] * amplitude / rig.facts.ratio
         profile = {"kind": "sine_with_dwell", "amplitude": angle, "start": self.settle}
         profile |= {"frequency": self.frequency, "dwell": self.dwell}
         length = self.settle + 1.0 / self.frequency + self.dwell + max(self.waits) + 0.5
+        # The throttle is released: it coasts in neutral; without pedals the speed is held instead.
         pedals = [[0.0, 0.0, 0.0, 0.0]] if rig.pedals else None
         record = rig.run(
             f"{side}_{math.degrees(amplitude):.4g}deg",
@@ -184,6 +192,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
         """Return the reason why an amplitude fails; None if it passes."""
         title = f"{side}, {math.degrees(amplitude):.0f} deg"
         for ratio, share, wait in zip(response.ratios, self.shares, self.waits, strict=True):
+            # NaN (the run ended before) must fail as well, hence not <=.
             if not ratio <= share:
                 return f"{title}: yaw rate {100 * ratio:.0f} % of its peak {wait:.3g} s after completion of steer"
         if self._is_large(amplitude, angle) and not response.displacement >= self.displacement:
@@ -202,6 +211,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
         )
         for number, (label, unit, values) in enumerate(rows):
             line = Curve(name, record.time, values, "line", colour)
+            # Both sides share a chart per signal: the second side adds its line to the existing one.
             if len(outcome.charts) > number:
                 chart = outcome.charts[number]
                 outcome.charts[number] = Chart("Time", "s", label, unit, (*chart.lines, line))

@@ -108,10 +108,14 @@ def find_facts(vehicle: Vehicle) -> Facts:
     spec, geometry = vehicle.spec, vehicle.geometry
     parameters = estimate_parameters(vehicle)
     box = measure_outline(vehicle.urdf, packages=vehicle.packages, base_link=spec.base_link)
+    # Ends and sides of the collision shapes; without any, proportions of a usual car to the wheelbase.
     length = geometry.wheelbase
     half = 0.35 * length if box is None else max(-box.right, box.left)
     rear, front = (-0.3 * length, 1.4 * length) if box is None else (box.rear, box.front)
     radius = geometry.front_wheel_radius if spec.drive != "rear" else geometry.rear_wheel_radius
+
+    # The steering limit is that of the inner wheel; Ackermann: cot δ = cot δ_inner + track / (2 L) for the bicycle
+    # angle.
     inner = geometry.steering_limit
     limit = math.atan(1.0 / (1.0 / math.tan(inner) + geometry.kingpin_track / (2.0 * length)))
     return Facts(
@@ -141,6 +145,7 @@ def _top_speed(vehicle: Vehicle, parameters: SingleTrackParameters, radius: floa
     governed = getattr(vehicle.spec.powertrain, "governed_speed", None)
     rolling = parameters.rolling_resistance * parameters.mass * GRAVITY
     force = vehicle.spec.powertrain.max_torque / radius
+    # Bisection on the largest speed at which the driving force, limited by torque or power, exceeds the resistance.
     low, high = 0.0, 200.0
     for _ in range(60):
         middle = 0.5 * (low + high)

@@ -60,16 +60,19 @@ class CourseSpec(ManoeuvreSpec):
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Bisect the entry speed, and take the other figures at a lower speed."""
+        # At the cones a step of the plant that is too long changes which speed passes.
         rig = rig.with_step(self.time_step)
         facts = rig.facts
         if self.highest <= self.lowest:
             raise self.fault("highest", "must be above lowest")
+        # Cones are placed by the width of the vehicle, as the standards do.
         sections = self.sections(facts.width)
         tightest = min((section.high - section.low for section in sections), default=math.inf)
         if tightest <= facts.width:
             raise NotFeasible(f"the vehicle is {facts.width:.2f} m wide, the narrowest lane {tightest:.2f} m")
         if self.releases:
             note_held_speed(outcome, pedals=rig.pedals)
+        # Close to the top speed the vehicle could not hold its speed in the turns.
         highest = min(self.highest, 0.95 * facts.top_speed)
         check_speed(facts, self.lowest)
 
@@ -86,6 +89,7 @@ class CourseSpec(ManoeuvreSpec):
                 passes.append((speed, record))
             return (record, room), fault
 
+        # The speed of the figures has often been tried by the bisection: do not simulate it again.
         def repeat(speed: float) -> tuple[tuple[Record, list[float]] | None, str]:
             """Return the run of that speed if it has passed, else a new one."""
             known = [record for passed, record in passes if _label(passed) == _label(speed)]
@@ -95,6 +99,7 @@ class CourseSpec(ManoeuvreSpec):
         limit = find_highest(attempt, lowest=self.lowest, highest=highest, guess=guess, resolution=self.resolution)
         if limit.best is None:
             raise NotFeasible(f"it does not pass at {self.lowest / KMH:.0f} km/h, the lowest speed: {limit.reason}")
+        # The entry speed is that where the front passes the first cones, not the set-point.
         best, failed = limit.best[0], limit.failed
         entry = self._entry(best, facts) / KMH
         note = f"within {self.resolution / KMH:.2g} km/h"
@@ -105,9 +110,11 @@ class CourseSpec(ManoeuvreSpec):
             outcome.notes.append("it passes at the highest speed that was tried")
 
         # The limit depends on the step of the plant a little; figures at a round speed below it can be compared.
+        # A round speed in steps of `multiple`; the tolerance keeps an exact multiple from being rounded down.
         target = min(self.share * guess, limit.passed)
         speed = max(self.lowest, self.multiple * math.floor(target / self.multiple + 1e-9))
         result, fault = repeat(speed)
+        # Passing is not monotonous near the limit: go down until a run passes.
         while fault and speed - self.multiple >= self.lowest:
             speed -= self.multiple
             result, fault = repeat(speed)
@@ -117,6 +124,7 @@ class CourseSpec(ManoeuvreSpec):
         note = f"at {speed / KMH:.3g} km/h"
         outcome.add("figures_speed", "Speed at which the figures below are taken", speed / KMH, "km/h", fault)
         outcome.add("exit", "Speed at the end of the course", _exit(record, sections) / KMH, "km/h", note)
+        # Scale of the clearance: the width of the lateral motion; zero clearance has no relative deviation of its own.
         inside = record.y[(record.x > sections[0].x0) & (record.x < sections[-1].x1)]
         sideways = float(np.ptp(inside)) if len(inside) else None
         outcome.add("room", "Smallest distance to the cones", min(room), "m", note, scale=sideways)
@@ -144,6 +152,7 @@ class CourseSpec(ManoeuvreSpec):
         self, outcome: Outcome, passes: list[tuple[float, Record]], sections: list[Section], facts: Facts
     ) -> None:
         """Add a note with the peaks at the limit and their sensitivity to the speed; they are good to two digits."""
+        # The two fastest runs that passed; with a single one there is no sensitivity.
         low, high = sorted(passes, key=lambda run: run[0])[-2:] if len(passes) > 1 else passes * 2
         peaks = self._peaks(high[1], sections, facts)
         text = ", ".join(
@@ -161,6 +170,7 @@ class CourseSpec(ManoeuvreSpec):
             line = make_line(self._line(facts, sections, 0.3 * facts.wheelbase))
         except ConfigError as error:
             raise NotFeasible(str(error).rsplit(": ", 1)[-1]) from None
+        # A quarter of the friction is left for transients and the load transfer.
         grip = 0.75 * min(facts.parameters.front_friction, facts.parameters.rear_friction) * GRAVITY
         return math.sqrt(grip / max(float(np.max(np.abs(line.curvature))), 1e-6))
 
@@ -173,9 +183,11 @@ class CourseSpec(ManoeuvreSpec):
         start, end = self._range(facts, sections)
         return {
             "kind": "within",
+            # None stands for an open side, as a diagram file has no infinity.
             "sections": [[s.x0, s.x1, *(None if math.isinf(v) else v for v in (s.low, s.high))] for s in sections],
             "rear": facts.rear - point,
             "front": facts.front - point,
+            # The line is that of the pointing point, so body ends and cones are relative to it.
             "half_width": 0.5 * facts.width,
             "margin": self.margin,
             "start": start - 1.0,
@@ -185,8 +197,11 @@ class CourseSpec(ManoeuvreSpec):
 
     def _try(self, rig: Rig, sections: list[Section], speed: float) -> tuple[Record, list[float]]:
         facts = rig.facts
+        # The point without sideslip follows the line: there the direction of motion is that of the body.
         point = facts.pointing(speed)
         start, end = self._range(facts, sections)
+        # Throttle released: the pedals hold the speed up to the release, then nothing; without pedals the speed is
+        # held.
         coasts = self.releases and rig.pedals
         driver = rig.line_driver(
             self._line(facts, sections, point),
@@ -196,6 +211,7 @@ class CourseSpec(ManoeuvreSpec):
             held=[speed, self._release() - facts.front] if coasts else None,
             ahead=point,
         )
+        # A run that is 10 m (to scale) beside the outermost cones is lost; end it early.
         lane = max(s.high for s in sections if math.isfinite(s.high)) + 5.0 * facts.scale
 
         def stop(time: float, state: Sequence[float]) -> str | None:  # noqa: ARG001
@@ -207,7 +223,13 @@ class CourseSpec(ManoeuvreSpec):
 
         try:
             record = rig.run(
-                _label(speed), driver, duration=2.0 * (end - start) / speed, speed=speed, x=start, stop=stop
+                # Twice the time of the course at constant speed: a coasting vehicle is slower.
+                _label(speed),
+                driver,
+                duration=2.0 * (end - start) / speed,
+                speed=speed,
+                x=start,
+                stop=stop,
             )
         except ConfigError as error:
             raise NotFeasible(str(error).rsplit(": ", 1)[-1]) from None
@@ -233,6 +255,7 @@ class CourseSpec(ManoeuvreSpec):
                     name = "" if number or edges else "lines of cones"
                     x = np.array([section.x0, section.x1])
                     edges.append(Curve(name, x, np.array([level, level]), "line", 2))
+        # Only the course and a little before and after it, as the run-up is straight.
         chosen = (record.x > sections[0].x0 - 15.0 * facts.scale) & (record.x < sections[-1].x1 + 10.0 * facts.scale)
         cos, sin = np.cos(record.yaw[chosen]), np.sin(record.yaw[chosen])
         x, y, half = record.x[chosen], record.y[chosen], 0.5 * facts.width

@@ -54,10 +54,12 @@ class StepSteerSpec(ManoeuvreSpec):
         facts, sign = rig.facts, SIDES[self.turn]
         check_speed(facts, self.speed)
 
+        # Three attempts are sufficient near the linear range; the for-else raises an error if none of them fits.
         # The gain at this lateral acceleration is not known beforehand: the angle is corrected by the result.
         angle = _first_angle(facts, self.lateral, self.speed)
         for number in range(3):
             check_steering(facts, angle, what="the step")
+            # The steering actuator has a rate limit, so a step may take longer than asked for.
             fastest = angle / facts.steering_rate
             if self.rise < fastest:
                 outcome.notes.append(f"the steering needs {fastest:.2f} s for the step instead of {self.rise:.2f} s")
@@ -75,14 +77,19 @@ class StepSteerSpec(ManoeuvreSpec):
             steady = abs(float(np.mean(record.lateral_acceleration[end])))
             if abs(steady - self.lateral) < 0.05 * self.lateral:
                 break
+            # Steering is nearly proportional to the lateral acceleration; the factor is limited near the limit of
+            # friction.
             angle *= min(max(self.lateral / max(steady, 1e-3), 0.4), 2.0)
         else:
             raise NotFeasible(f"no angle gives {self.lateral:g} m/s²; the last one gave {steady:.2f} m/s²")
         # Figures from the signals of the last run.
+        # Every attempt may have added the same note.
         outcome.notes = list(dict.fromkeys(outcome.notes))
+        # ISO 7401 asks for a tolerance of the speed at the beginning of the step.
         before = float(np.interp(self.settle, record.time, record.vx))
         check_entry(before, self.speed, self.tolerance, where="at the step")
         time, steer = record.time, record.hand_wheel
+        # Yaw rate and lateral acceleration are evaluated against the recorded steering, not its set-point.
         yaw = step_response(time, steer, record.yaw_rate, last=self.average)
         side = step_response(time, steer, record.lateral_acceleration, last=self.average)
         ramp = _rise(time, steer)
@@ -99,8 +106,10 @@ class StepSteerSpec(ManoeuvreSpec):
         over = 100.0 * side.overshoot
         outcome.add("lateral_overshoot", "Overshoot of the lateral acceleration", over, "%", scale=_OVER)
         outcome.add("lateral_gain", "Lateral-acceleration gain", side.gain * math.radians(1.0), "m/s² per deg")
+        # Positive in the sense of the turn, so that left and right are comparable.
         slip = math.degrees(float(np.mean(record.sideslip[end]))) * sign
         outcome.add("sideslip", "Steady sideslip angle", slip, "deg", "negative: the nose points into the turn")
+        # NaN compares unequal to itself: without a peak there is no TB factor.
         factor = -slip * yaw.peak_time if yaw.peak_time == yaw.peak_time else math.nan
         outcome.add("tb", "TB factor", factor, "deg s", "sideslip x peak time of the yaw rate")
         shown = time > self.settle - 0.3
@@ -114,6 +123,7 @@ class StepSteerSpec(ManoeuvreSpec):
 
 def _first_angle(facts: Facts, lateral: float, speed: float) -> float:
     """Return an estimated bicycle angle [rad] for a lateral acceleration [m/s²]; never far below that at low speed."""
+    # An oversteering vehicle could have an estimate of zero or less near its critical speed.
     return max(facts.steering_for(lateral, speed), 0.2 * facts.wheelbase * lateral / speed**2)
 
 
@@ -152,8 +162,10 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
         """Simulate one run."""
         facts, sign = rig.facts, SIDES[self.turn]
         check_speed(facts, self.speed)
+        # The rate is that of a hand-wheel; small vehicles have no hand-wheel ratio and are given that of a car, 16.
         rate = self.rate / facts.ratio * (1.0 if facts.scale == 1.0 else facts.ratio / 16.0)
         check_rate(facts, rate, what="the steering")
+        # A margin of 2 % to the stop of the steering, where the angle would not follow.
         most = min(self.most / facts.ratio, 0.98 * facts.steering_limit)
         profile = {"kind": "ramp", "rate": sign * rate, "limit": most, "start": self.settle}
         record = rig.run(
@@ -163,11 +175,13 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
             speed=self.speed,
             stop=spun_or_steady(self.speed, self.settle, self.limit),
         )
+        # Moving averages have shorter windows at the ends, so these samples are left out.
         late = (record.time > self.settle) & (record.time < record.time[-1] - self.window)
         ay = means(record.time, sign * record.lateral_acceleration, self.window)[late]
         delta = means(record.time, sign * record.steering, self.window)[late]
         speed = means(record.time, record.speed, self.window)[late]
         line = fit_line(ay, delta, self.fit_from, self.fit_to)
+        # Speed drops at high lateral acceleration, so the share L / v² of a neutral car is removed per sample.
         fit = understeer_constant_speed(ay, delta, speed, facts.wheelbase, self.fit_from, self.fit_to)
         reason = "the steering was at its last angle" if record.stop == "duration" else record.stop
         if line is None or fit is None or float(np.max(ay, initial=0.0)) < self.at:
@@ -182,8 +196,10 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
         outcome.add("understeer", "Understeer gradient, road wheels", per_g, "deg/g", note)
         outcome.add("understeer_hand", "Understeer gradient, hand-wheel", per_g * facts.ratio, "deg/g")
         outcome.add("largest", "Largest lateral acceleration", float(np.max(ay)) / GRAVITY, "g", reason)
+        # Steering at the largest lateral acceleration, which need not be the largest angle.
         at_most = float(delta[int(np.argmax(ay))])
         outcome.add("hand_wheel", "Hand-wheel angle there", math.degrees(at_most) * facts.ratio, "deg")
+        # Every tenth sample, as logs have 200 per second.
         points = Curve("recorded", ay[::10], np.degrees(delta[::10]) * facts.ratio, "dots")
         ends = np.array([0.0, line.high * 1.3])
         fitted = Curve("regression", ends, np.degrees(line.offset + line.slope * ends) * facts.ratio, "dashed", 1)
@@ -217,6 +233,7 @@ class FrequencyResponseSpec(ManoeuvreSpec):
         check_speed(facts, self.speed)
         angle = _first_angle(facts, self.lateral, self.speed)
         check_steering(facts, angle, what="the steering")
+        # The largest rate of a sine of the highest frequency must be within the limit of the steering.
         check_rate(facts, 2.0 * math.pi * self.last * angle, what=f"{self.last:g} Hz")
         profile = {
             "kind": self.input,
@@ -238,6 +255,8 @@ class FrequencyResponseSpec(ManoeuvreSpec):
         if record.stop != "duration":
             raise NotFeasible(f"with {math.degrees(angle):.2f} deg at the road wheels {record.stop}")
         # Gains and phases within the excited band; outside of it the spectrum of the steering is too small.
+
+        # Welch's method with segments; both responses over the same excitation, so that they can be compared.
         band = {"first": self.first, "last": self.last, "segment": self.segment}
         yaw = frequency_response(record.time, record.hand_wheel, record.yaw_rate, **band)
         side = frequency_response(record.time, record.hand_wheel, record.lateral_acceleration, **band)
@@ -247,6 +266,7 @@ class FrequencyResponseSpec(ManoeuvreSpec):
         outcome.add("yaw_gain", f"Yaw-rate gain at {yaw.frequency[0]:.2f} Hz", slowest, "1/s")
         outcome.add("yaw_peak_ratio", f"Largest gain over that at {yaw.frequency[0]:.2f} Hz", highest / slowest, "1")
         outcome.add("yaw_peak_frequency", "Frequency of the largest gain", fastest, "Hz")
+        # 1 Hz for a car, at equal Froude number for a small vehicle.
         frequency = 1.0 / facts.scale**0.5
         signals = (("yaw", "yaw rate", yaw), ("lateral", "lateral acceleration", side))
         for key, name, response in signals:

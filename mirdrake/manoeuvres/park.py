@@ -33,6 +33,7 @@ class ParkSpec(ManoeuvreSpec):
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Simulate the three runs."""
+        # tanh of the speed replaces dry friction in that model, so a slope always moves it slowly.
         if rig.kind == "single_track":
             raise NotFeasible("the brakes of the single-track model cannot hold it on a slope: it creeps")
         lines, faults = [], []
@@ -49,6 +50,7 @@ class ParkSpec(ManoeuvreSpec):
             pedals = [[0.0, 0.0, self.brake, 0.0]] if rig.pedals else None
             speeds = None if rig.pedals else [[0.0, 0.0]]
             driver = rig.line_driver(line, pedals=pedals, speeds=speeds, hands=False)
+            # The slope tilts gravity; its heading relative to the vehicle makes it uphill or across.
             ground = {"slope": {"grade": grade, "heading": heading}} if grade else None
             record = rig.run(name, driver, duration=self.settle + self.length, ground=ground, parked=not rig.pedals)
             speed, drift = creep(record.time, record.x, record.y, settle=self.settle)
@@ -56,8 +58,10 @@ class ParkSpec(ManoeuvreSpec):
             outcome.add(
                 f"creep_{name}", f"Creep {text}", 1000.0 * speed, "mm/s", f"at most {allowed:g} mm/s", scale=allowed
             )
+            # A drift has no natural size; it is judged against the largest allowed one.
             most = allowed * self.length
             outcome.add(f"drift_{name}", f"Drift in {self.length:g} s {text}", 1000.0 * drift, "mm", scale=most)
+            # Also fails for NaN.
             if not speed <= self.allowed:
                 faults.append(f"{text} it creeps at {1000.0 * speed:.3g} mm/s")
             distance = 1000.0 * np.hypot(record.x - record.x[0], record.y - record.y[0])

@@ -47,6 +47,7 @@ def sine_with_dwell(*, amplitude: float, frequency: float, dwell: float, start: 
         since = t - start
         if since < 0.0 or since >= period + dwell:
             return 0.0
+        # Time stands still at the second peak for the dwell, then continues.
         phase = since if since < peak else max(peak, since - dwell)
         return amplitude * math.sin(2.0 * math.pi * frequency * phase)
 
@@ -60,6 +61,7 @@ def sweep(*, amplitude: float, first: float, last: float, length: float, start: 
         since = t - start
         if not 0.0 <= since < length:
             return 0.0
+        # The phase is the integral of the frequency, hence the half.
         return amplitude * math.sin(2.0 * math.pi * (first + 0.5 * (last - first) * since / length) * since)
 
     return angle
@@ -72,11 +74,14 @@ def random_steer(
 
     It begins and ends at zero, within :data:`EASE`, as a steering cannot jump.
     """
+    # A generator of its own, so that the seed fixes the angle on all machines and in all processes.
     rng = random.Random(seed)
     waves = [
+        # One random frequency in each of `lines` equal bands: an even spectrum without a common period.
         (2.0 * math.pi * (first + (last - first) * (number + rng.random()) / lines), rng.uniform(0.0, math.tau))
         for number in range(lines)
     ]
+    # Sines with independent phases: the RMS of the sum is height √(lines / 2).
     height = amplitude / math.sqrt(lines)
 
     def angle(t: float) -> float:

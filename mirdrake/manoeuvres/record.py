@@ -105,6 +105,7 @@ class Record:
 
     def until(self, end: float) -> "Record":
         """Return the record up to a time [s]; its last sample is interpolated."""
+        # An interpolated last sample, so that integrals and final values end exactly at that time.
         time = np.append(self.time[self.time < end], end)
 
         def cut(values: Array) -> Array:
@@ -117,6 +118,7 @@ class Record:
 
     def _slope(self, values: Array) -> Array:
         """Return the derivative by time: that of a parabola through the samples around."""
+        # Savitzky-Golay needs an odd window, and more than three samples for a parabola.
         window = max(5, 2 * round(0.5 * SMOOTHING / self.step) + 1)
         if len(values) <= window:
             return np.gradient(values, self.time)
@@ -130,6 +132,8 @@ def bicycle_angles(left: Array, right: Array) -> Array:
     """Return the bicycle angle of two wheels with Ackermann steering [rad]: cot δ = (cot left + cot right) / 2."""
     tl, tr = np.tan(left), np.tan(right)
     total = tl + tr
+    # np.where evaluates both branches, so the denominator must not be zero in the unused one.
     safe = np.where(np.abs(total) > 1e-9, total, 1.0)
     angles: Array = np.where(np.abs(total) > 1e-6, np.arctan(2.0 * tl * tr / safe), 0.5 * (left + right))
+    # Near straight ahead the cotangents are infinite, and wheels of opposite sign have no Ackermann centre: the mean.
     return np.where((tl * tr <= 0.0), 0.5 * (left + right), angles)

@@ -102,10 +102,13 @@ def run_manoeuvre(name: str, rig: Rig, spec: ManoeuvreSpec | None = None) -> Out
             f"small vehicle: lengths are scaled by {rig.facts.scale:.3g}, speeds and times by "
             f"{rig.facts.scale**0.5:.3g} (equal Froude number), except settings of the user"
         )
+    # Runs of this manoeuvre are those that are added to the rig from here on.
     start, before = time.perf_counter(), len(rig.records)
+    # A folder for each manoeuvre, as names of runs repeat; always restored, since the rig is shared.
     base = rig.folder
     rig.folder = base / name if base is not None else None
     try:
+        # An outcome in all cases: a set of manoeuvres continues after one that is not possible or diverges.
         spec.drive(rig, outcome)
     except NotFeasible as error:
         outcome.verdict, outcome.reason = "not possible", str(error)

@@ -76,9 +76,11 @@ def write_results(results: HandlingResults) -> None:
     table.writerow(["vehicle", "model", "manoeuvre", "verdict", "metric", "value", "unit", "text", "note"])
     for outcome in results.outcomes:
         start = [results.facts.name, results.model, outcome.name, outcome.verdict]
+        # A manoeuvre without figures keeps one row with its reason, so that no manoeuvre is missing in the table.
         if not outcome.metrics:
             table.writerow([*start, "", "", "", outcome.reason, ""])
         for m in outcome.metrics:
+            # repr keeps all digits, so that the table can be read back without loss.
             value = "" if m.value is None else repr(m.value)
             table.writerow([*start, m.key, value, m.unit, m.text, m.note])
     write_file(results.folder / METRICS, text.getvalue())
@@ -107,11 +109,13 @@ def format_setting(used: SettingRecord) -> str:
     value = used.value
     if isinstance(value, tuple | list):
         text = ", ".join(format_number(float(element)) for element in value)
+    # Before the numbers: bool is a subclass of int.
     elif isinstance(value, bool) or value is None:
         text = {None: "-", True: "yes", False: "no"}[value]
     else:
         text = format_number(float(value)) if isinstance(value, int | float) else str(value)
     extra = ""
+    # Files are in SI units; people read km/h and degrees.
     if used.unit == "m/s" and isinstance(value, float):
         extra = f" ({format_number(value * 3.6)} km/h)"
     elif used.unit.startswith("rad") and isinstance(value, float):
@@ -136,6 +140,7 @@ def describe(outcome: Outcome) -> Iterator[str]:
     reason = f": {outcome.reason}" if outcome.reason else ""
     yield f"{outcome.title} ({outcome.standard}) - {outcome.verdict}{reason} [{runs}]"
     width = max((len(m.text) for m in outcome.metrics), default=0)
+    # Columns are aligned within a manoeuvre.
     number_width = max((len(format_number(m.value)) for m in outcome.metrics), default=0)
     for m in outcome.metrics:
         note = f"   ({m.note})" if m.note else ""

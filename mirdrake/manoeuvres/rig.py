@@ -194,6 +194,7 @@ class Rig:
         stop: Stop | None,
     ) -> Record:
         folder = self.folder / label if self.folder is not None else None
+        # Diagrams name their world by a file; it is read while the diagram is assembled and not needed later.
         with tempfile.TemporaryDirectory() as scratch:
             file = Path(scratch) / "world.yaml"
             write_file(file, yaml.safe_dump(dict(world), sort_keys=False))
@@ -208,16 +209,20 @@ class Rig:
                 "seed": self.seed,
             }
             assembly = assemble(spec)
+        # Stop conditions read the ground truth of the vehicle, without noise and delay of sensors.
         truth = assembly.diagram.GetSubsystemByName("ego.truth")
         monitor = _StopMonitor(stop, lambda context: truth.state.Eval(truth.GetMyContextFromRoot(context)).tolist())
         try:
             run = Simulation(assembly).run(until=monitor if stop is not None else None)
+        # A plant that diverges is a result of the manoeuvre, not an error of the program.
         except RunError as error:
             raise Diverged(f"{label}: {error}") from None
+        # Simulation turns Ctrl-C into a stop reason; a set of manoeuvres must end, too.
         ended = run.stop.reason
         if ended is StopReason.INTERRUPTED:
             raise KeyboardInterrupt
         signals = run.signals
+        # Written also for a run that diverged, so that it can be examined.
         if folder is not None:
             data = run.spec | {"world": {**run.spec["world"], "name": "world.yaml"}}
             detail = monitor.reason if ended is StopReason.CONDITION else run.stop.detail
@@ -225,6 +230,7 @@ class Rig:
             _write(folder, data, signals, run.units, summary, world, run.scene())
         if run.diverged:
             raise Diverged(f"{label}: {run.stop}")
+        # Names without the vehicle, as in the single-track model, so that the same metrics read both.
         columns = {str(name).removeprefix("ego."): signals[name].to_numpy() for name in signals}
         units = {name.removeprefix("ego."): unit for name, unit in run.units.items()}
         angle = bicycle_angles(columns["steering_angle.left"], columns["steering_angle.right"])
@@ -245,6 +251,7 @@ class Rig:
     ) -> Record:
         begin = time.perf_counter()
         scene: World = make_world(dict(world))
+        # Roll only with a suspension: the parameters with roll need its stiffness.
         roll = self.vehicle.spec.suspension is not None
         parameters = estimate_parameters(
             self.vehicle, friction=self.friction, gravity=[float(part) for part in scene.ground.gravity], roll=roll
@@ -261,6 +268,7 @@ class Rig:
         if self.pedals:
             law = make_single_track_law(self.vehicle, mass=mass, rotating=rotating)
             powertrain = builder.AddNamedSystem("powertrain", SingleTrackPowertrain(law))
+            # The driver's pedals have precedence; without them those of the speed control.
             pedals = pilot.GetOutputPort("pedals") if pilot.HasOutputPort("pedals") else control.pedals
             builder.Connect(pedals, powertrain.pedals)
             builder.Connect(model.state, powertrain.state)
@@ -272,12 +280,15 @@ class Rig:
         builder.Connect(model.steering_angle, control.steering_angle)
         builder.Connect(pilot.GetOutputPort("command"), control.command)
         ports = (model.state, model.steering_angle, control.status, pilot.GetOutputPort("command"))
+        # Logged at the same rate as the full plant, so that the same filters and windows apply.
         logs = [LogVectorOutput(port, builder, publish_period=1.0 / RATE) for port in ports]
         diagram = builder.Build()
         simulator = Simulator(diagram)
         context = simulator.get_mutable_context()
+        # Only the speed is set; Initialize computes control outputs for it, so that a run starts in steady motion.
         model.set_state(model.GetMyContextFromRoot(context), x=start[0], y=start[1], vx=speed)
         monitor = _StopMonitor(stop, lambda context: model.state.Eval(model.GetMyContextFromRoot(context)).tolist())
+        # Drake's monitor ends the simulation by its status; the reason is kept for the record.
         simulator.set_monitor(
             lambda context: (
                 EventStatus.ReachedTermination(model, monitor.reason) if monitor(context) else EventStatus.DidNothing()
@@ -302,10 +313,12 @@ class Rig:
             strict=True,
         ):
             columns[name], units[name] = row, unit
+        # The single-track model has no check of its own for numbers that are not finite.
         if not all(np.isfinite(values).all() for values in columns.values()):
             raise Diverged(f"{label}: a state is not finite")
         if self.folder is not None:
             table = pd.DataFrame({f"ego.{name}": values for name, values in columns.items()}, index=times)
+            # The time column belongs to all vehicles and has no prefix.
             named = {f"ego.{name}" if name != "time" else name: unit for name, unit in units.items()}
             data = {"model": "single_track", "vehicle": self.model, "driver": dict(driver), "speed": speed}
             reason = StopReason.DURATION if monitor.reason == "duration" else StopReason.CONDITION
@@ -320,10 +333,12 @@ class Rig:
     def _record(
         self, label: str, times: Array, columns: dict[str, Array], angle: Array, units: Mapping[str, str], stop: str
     ) -> Record:
+        # These are fields of the record; all others are kept by name.
         taken = ("x", "y", "vx", "vy", "roll")
         return Record(
             label=label,
             time=times,
+            # Unwrapped: turns of more than 180 degrees must not jump.
             yaw=np.unwrap(columns["yaw"]),
             yaw_rate=columns["wz"],
             steering=angle,

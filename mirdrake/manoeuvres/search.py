@@ -51,14 +51,18 @@ def find_highest(
             failed, reason = speed, fault
         else:
             best, passed = result, speed
+
+        # No speed has passed yet: go down until one does, or the lowest fails.
         if best is None:
             if speed <= lowest:
                 return SpeedLimit(None, passed, failed, reason)
             speed = max(lowest, failed / _FACTOR)
+        # No speed has failed yet: go up until one does, or the highest passes.
         elif failed == float("inf"):
             if passed >= highest:
                 return SpeedLimit(best, passed, failed, reason)
             speed = min(highest, passed * _FACTOR)
+        # The limit is bracketed.
         elif failed - passed <= resolution:
             return SpeedLimit(best, passed, failed, reason)
         else:

@@ -58,6 +58,7 @@ class SkidpadSpec(ManoeuvreSpec):
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Bisect the speed."""
+        # A limit of grip is sensitive to the step of the plant.
         rig = rig.with_step(self.time_step)
         facts = rig.facts
         if self.highest <= self.lowest:
@@ -77,6 +78,7 @@ class SkidpadSpec(ManoeuvreSpec):
         limit = find_highest(
             attempt,
             lowest=self.lowest,
+            # 12 m/s² with a third more speed is beyond road tyres, so the bisection always has an upper end that fails.
             highest=min(self.highest, 0.95 * facts.top_speed, 1.3 * math.sqrt(12.0 * self.path_radius)),
             guess=math.sqrt((0.6 if self.layout == "eight" else 0.75) * GRAVITY * self.path_radius),
             resolution=self.resolution,
@@ -85,15 +87,18 @@ class SkidpadSpec(ManoeuvreSpec):
         best = limit.best
         if best is None:
             raise NotFeasible(f"at {self.lowest / KMH:.0f} km/h, the lowest speed, {limit.reason}")
+        # Expected time of the change of direction: two laps of the first circle, the slow start included.
         times = self._laps(best, switch=(2.0 + _EXTRA_TIME) * 2.0 * math.pi * self.path_radius / limit.passed)
         mean = float(np.mean(times))
         for side, lap in zip(_TIMED if self.layout == "eight" else ("left",), times, strict=False):
             outcome.add(f"lap_{side}", f"Timed lap, {side}", lap, "s")
         outcome.add("lap", "Lap time, mean", mean, "s")
+        # The formula is for the dimensions of the rules, which a small vehicle does not drive.
         if facts.scale == 1.0:
             note = "of the timed laps" if self.layout == "eight" else "D = 2 path radius"
             diameter = self.diameter if self.layout == "eight" else 2.0 * self.path_radius
             outcome.add("g_formula", "g = 2.012 D / t², D in m", 2.012 * diameter / mean**2, "g", note)
+        # The last lap only: it is in steady state.
         chosen = best.time > best.time[-1] - mean
         lateral = float(np.mean(np.abs((best.vx * best.yaw_rate)[chosen]))) / GRAVITY
         outcome.add("lateral", "Mean lateral acceleration, last lap", lateral, "g")
@@ -113,6 +118,7 @@ class SkidpadSpec(ManoeuvreSpec):
         lap = 2.0 * math.pi * radius
         if self.layout == "eight":
             swing = 2.0 * math.atan(facts.wheelbase / radius) / facts.steering_rate  # from one side to the other
+            # The curvature changes over the distance travelled while the steering turns from one side to the other.
             line = {"kind": "eight", "radius": radius, "laps": 2, "ease": 0.5 * swing * speed}
             length = 4.0 * lap
         else:
@@ -120,19 +126,24 @@ class SkidpadSpec(ManoeuvreSpec):
             length = 2.1 * lap
         # The speed rises in the first lap; only the second lap of each direction is timed.
         start = make_line(line)
+        # One per cent more path than the laps and 0.2 s, so that the last crossing is in the record.
         duration = (length * 1.01 + _EXTRA_TIME * lap) / speed + 0.2
+        # Durations of the parts of the first lap: constant slow speed, then at the mean of slow and full speed.
         slow, rising = _PARTS[0] * lap / (_APPROACH * speed), _PARTS[1] * lap / (0.5 * (1.0 + _APPROACH) * speed)
         speeds = [[0.0, _APPROACH * speed], [slow, _APPROACH * speed], [slow + rising, speed]]
         # Untimed laps may leave the lane by its width; a timed lap must stay inside and hold the speed.
         half = 0.5 * (self.width - facts.width)
+        # The figure of eight starts with the circle to the right, whose centre is at negative y.
         centres = (-radius, radius) if self.layout == "eight" else (radius,)
         faults: list[str] = []
 
         def stop(time: float, state: Sequence[float]) -> str | None:
+            # The centre of mass stands for the body: the lane is narrowed by the width of the vehicle.
             x = state[0] + facts.ahead * math.cos(state[5])
             y = state[1] + facts.ahead * math.sin(state[5])
             away = [math.hypot(x, y - centre) - radius for centre in centres]
             out = max(-min(away), min(away)) - half  # over the inner cones of a circle, or the outer ones of both
+            # Laps 0 and 2 are untimed, 1 and 3 timed, counted at constant speed after the slow start.
             timed = math.floor(time * speed / lap - _EXTRA_TIME) in {1, 3}
             if out > (0.02 if timed else self.width):
                 faults.append(f"it left its lane by {out:.2f} m")
@@ -142,11 +153,13 @@ class SkidpadSpec(ManoeuvreSpec):
                 return faults[-1]
             return None
 
+        # A driver with an integral part holds the radius without a steady error of the lane.
         record = rig.run(
             f"v{speed / KMH:.2f}kmh",
             rig.line_driver(line, speeds=speeds, integral=0.5, frequency=3.0 / facts.scale**0.5),
             duration=duration,
             speed=_APPROACH * speed,
+            # The centre of mass starts at the start of the line.
             x=float(start.x[0]) - facts.ahead,
             y=float(start.y[0]),
             stop=stop,
@@ -161,6 +174,7 @@ class SkidpadSpec(ManoeuvreSpec):
             switch: time at which a figure of eight changes from its first circle to the other [s].
         """
         laps = []
+        # Angles about the centre of each circle, unwrapped, count laps without a timing line.
         for number, centre in enumerate((-self.path_radius, self.path_radius)):
             if self.layout == "circle" and number == 0:
                 continue
@@ -171,6 +185,8 @@ class SkidpadSpec(ManoeuvreSpec):
             else:
                 part = record.time < switch if number == 0 else record.time >= 0.96 * switch
                 time, values = record.time[part], np.abs(angle[part] - angle[part][0])
+
+            # One full turn that ends within the part: the second lap if there are two, else the last complete one.
             end = float(values[-1])
             first = min(2.0 * math.pi, max(end - 2.0 * math.pi - 0.05, 0.1))
             laps.append(crossing(time, values, first + 2.0 * math.pi) - crossing(time, values, first))

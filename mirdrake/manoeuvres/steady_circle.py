@@ -57,10 +57,12 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
         """Simulate both turns."""
         if self.fit_to <= self.fit_from:
             raise self.fault("fit_to", "must be above fit_from")
+        # An asymmetric vehicle differs between the two turns.
         sides = ["left", "right"] if self.turns == "both" else [self.turns]
         gradients, peaks = [], []
         curves: dict[str, list[Curve]] = {"delta": [], "beta": [], "roll": []}
         for number, side in enumerate(sides):
+            # Both methods give δ over a_y; they differ in what is held, radius or speed.
             radius = self.method == "constant_radius"
             record = self._circle(rig, side) if radius else self._speed(rig, side)
             steady = self._points(record, SIDES[side])
@@ -72,6 +74,7 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
                 )
             ratio, wheelbase = rig.facts.ratio, rig.facts.wheelbase
             peak = float(np.max(steady["ay"]))
+            # All points are positive in the turn, so left and right can be averaged.
             gradients.append(fit.slope)
             peaks.append(peak)
             per_g = math.degrees(fit.slope) * GRAVITY
@@ -95,6 +98,7 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
         mean = float(np.mean(gradients))
         outcome.add("understeer", "Understeer gradient, mean", math.degrees(mean) * GRAVITY, "deg/g")
         outcome.add("largest", "Largest lateral acceleration, mean", float(np.mean(peaks)) / GRAVITY, "g")
+        # One of the two speeds exists at most: K > 0 has a characteristic, K < 0 a critical speed.
         for key, text, value, word in (
             ("characteristic_speed", "Characteristic speed", characteristic_speed(wheelbase, mean), "oversteers"),
             ("critical_speed", "Critical speed", critical_speed(wheelbase, mean), "understeers"),
@@ -105,27 +109,33 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
 
     def _circle(self, rig: Rig, side: str) -> Record:
         sign, radius = SIDES[side], self.radius
+        # v = sqrt(a_y R): start and end of the speed ramp from lateral accelerations.
         start = math.sqrt(self.first_lateral * radius)
         check_speed(rig.facts, math.sqrt(self.fit_to * radius))
         check_steering(rig.facts, math.atan(rig.facts.wheelbase / radius), what=f"a circle of {radius:g} m")
         top = min(math.sqrt(self.limit * radius), 0.98 * rig.facts.top_speed)
         rising = (top - start) / self.speed_rate
         speeds = [[0.0, start], [self.settle, start], [self.settle + rising, top]]
+        # Length of the line: distance at the start speed and on the ramp, and a fifth of a lap in reserve.
         distance = start * self.settle + 0.5 * (start + top) * rising
         line = {"kind": "circle", "radius": radius, "turn": sign, "laps": distance / (2.0 * math.pi * radius) + 0.2}
         centre = sign * radius
         ahead = rig.facts.ahead
 
+        # The test ends where the vehicle leaves the circle or the motor cannot raise the speed further: its limit.
         def stop(time: float, state: Sequence[float]) -> str | None:
             x, y, yaw = state[0], state[1], state[5]
             away = math.hypot(x + ahead * math.cos(yaw), y + ahead * math.sin(yaw) - centre) - radius
             if time > self.settle and abs(away) > self.tolerance:
                 return f"it left the circle by {self.tolerance:.3g} m"
+            # From twice the settling time on, so that the lag of the speed control at the start of the ramp does not
+            # count.
             setpoint = start + self.speed_rate * (time - self.settle)
             if time > 2.0 * self.settle and state[6] < setpoint - self.behind:
                 return f"its speed did not rise above {state[6] / KMH:.0f} km/h"
             return None
 
+        # The natural frequency of the driver scales with the inverse root of the size (Froude number).
         gain = self.driver_gain
         return rig.run(
             side,
@@ -137,6 +147,7 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
 
     def _speed(self, rig: Rig, side: str) -> Record:
         check_speed(rig.facts, self.speed)
+        # The rate of the standard is that of the hand-wheel.
         rate = self.steering_rate / rig.facts.ratio
         check_rate(rig.facts, rate, what="the steering")
         limit = 0.95 * rig.facts.steering_limit
@@ -151,6 +162,7 @@ class SteadyStateCircleSpec(ManoeuvreSpec):
 
     def _points(self, record: Record, sign: float) -> dict[str, Array]:
         """Return averaged signals of the part that is evaluated, positive in the turn."""
+        # Without the beginning, and without the end, where the window of the averages is shorter.
         late = record.time > self.settle
         late &= record.time < record.time[-1] - 0.5 * self.window
         ay = record.vx * record.yaw_rate * sign
@@ -176,6 +188,7 @@ def spun_or_steady(speed: float, settle: float, limit: float = math.inf) -> Stop
 
     def stop(time: float, state: Sequence[float]) -> str | None:
         vx, vy, rate = state[6], state[7], state[11]
+        # Sideslip above 31 degrees of the rear axle; the speed in the denominator keeps a stopped car from counting.
         if time > settle and abs(vy) > 0.6 * max(abs(vx), 0.3 * speed):
             return "it spun"
         if time > settle and vx < 0.6 * speed:

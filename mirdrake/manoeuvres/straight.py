@@ -68,6 +68,7 @@ class CoastDownSpec(ManoeuvreSpec):
             raise NotFeasible("coasting needs pedals with a neutral gear; control.yaml has servos on its wheels")
         check_speed(rig.facts, self.speed)
 
+        # 2 % below the last speed, so that its crossing is in the record; the start is 0.5 % above for the same reason.
         def stop(time: float, state: Sequence[float]) -> str | None:  # noqa: ARG001
             return "the last speed" if state[6] < self.last * 0.98 else None
 
@@ -76,6 +77,7 @@ class CoastDownSpec(ManoeuvreSpec):
         if record.vx[-1] > self.last:
             raise NotFeasible(f"after {self.longest:g} s it still coasted at {record.vx[-1] / KMH:.0f} km/h")
         parameters = rig.facts.parameters
+        # Wheels and rotors coast, too: their equivalent mass belongs to the inertia unless the figure is without it.
         mass = parameters.mass + (parameters.rotating_mass if self.rotating else 0.0)
         chosen = (record.vx <= self.speed) & (record.vx >= self.last)
         load = road_load(record.time[chosen], record.vx[chosen], mass)
@@ -88,6 +90,7 @@ class CoastDownSpec(ManoeuvreSpec):
         rotating = f"{parameters.rotating_mass:.0f} kg of rotating parts"
         outcome.add("mass", "Mass in the fit", mass, "kg", f"{'with' if self.rotating else 'without'} {rotating}")
         steps = [(self.speed, self.last)]
+        # Intervals that are usual in road-load tests, as far as the coast-down covers them from above.
         steps += [(a * KMH, b * KMH) for a, b in ((100, 80), (80, 60), (60, 40), (40, 20)) if a * KMH < self.speed]
         for (high, low), took in zip(steps, coast_times(record.time, record.vx, steps), strict=True):
             name = f"{high / KMH:.0f}_{low / KMH:.0f}"
@@ -118,11 +121,14 @@ class AccelerationSpec(ManoeuvreSpec):
         """Simulate one run."""
         rig = rig.with_step(self.time_step)
         facts = rig.facts
+        # The usual distances and speeds, or for a small vehicle those at equal Froude number; never above its top
+        # speed.
         fast, quarter = 100.0 * KMH, 0.25 * MILE
         target = min(fast, 0.97 * facts.top_speed)
         if facts.scale < 1.0:
             quarter *= facts.scale
             target = min(target, fast * facts.scale**0.5)
+        # The brake holds the vehicle until the throttle opens; equal times in two rows make a step.
         if rig.pedals:
             rows = [[0.0, 0.0, 0.3, 1.0], [self.wait, 0.0, 0.3, 1.0], [self.wait, self.throttle, 0.0, 1.0]]
             driver = rig.line_driver(_line(60.0 * self.longest), pedals=rows)
@@ -132,6 +138,7 @@ class AccelerationSpec(ManoeuvreSpec):
             driver = rig.line_driver(_line(60.0 * self.longest), speeds=rows)
             outcome.notes.append("the vehicle has no pedals: the speed command steps up, and the speed control follows")
 
+        # Both targets are passed by a little, so that their crossings are in the record.
         def stop(time: float, state: Sequence[float]) -> str | None:  # noqa: ARG001
             return "speed and distance reached" if state[6] > target * 1.001 and state[0] > quarter * 1.01 else None
 
@@ -145,10 +152,12 @@ class AccelerationSpec(ManoeuvreSpec):
         reached = float(np.max(record.vx))
         speeds = [("30mph", 30.0 * MPH, "30 mph"), ("60mph", 60.0 * MPH, "60 mph"), ("75mph", 75.0 * MPH, "75 mph")]
         speeds.append(("100kmh", fast, "100 km/h"))
+        # 60 mph means nothing to a small vehicle: only its own target speed.
         if facts.scale < 1.0:
             speeds = [("top", target, f"{target / KMH:.1f} km/h")]
         for key, speed, text in speeds:
             took = time_to_speed(record.time, record.vx, speed, start=begin)
+            # Not all cars reach 75 mph within the time; the other speeds are reported as missing.
             if key == "75mph" and not math.isfinite(took):
                 continue
             note = "from first movement" if math.isfinite(took) else f"it reached {reached / KMH:.0f} km/h"
@@ -188,6 +197,7 @@ class BrakingSpec(ManoeuvreSpec):
 
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Simulate one run."""
+        # The brake is pressed at a higher speed, so that at the speed of the figure the deceleration has built up.
         record = brake_run(rig, outcome, "brake", self.speed + self.lead, self.brake, lowest=self.lowest)
         for speed in (self.speed, *(other for other in self.others if other < self.speed + 0.9 * self.lead)):
             braking = stop_from(record.time, record.vx, record.distance, speed)
@@ -201,6 +211,7 @@ class BrakingSpec(ManoeuvreSpec):
             if first:
                 note = "80 to 10 % of the speed"
                 outcome.add("mfdd", "Mean fully developed deceleration", braking.developed, "m/s²", note)
+        # The width is the scale of a change: the displacement itself is near zero.
         sideways = float(np.max(np.abs(record.y)))
         outcome.add("sideways", "Largest lateral displacement", sideways, "m", scale=rig.facts.width)
         _note_locked(outcome, record)
@@ -228,6 +239,7 @@ class SplitFrictionSpec(ManoeuvreSpec):
         if rig.kind == "single_track":
             raise NotFeasible("the single-track model has no left and right wheels")
         rig = rig.with_step(self.time_step)
+        # Left half of the road; it begins before the braking and ends far behind it.
         strip = {"rect": {"center": [2500.0, 50.0], "size": [6000.0, 100.0]}, "mu": self.slippery, "name": "slippery"}
         record = brake_run(
             rig,
@@ -238,15 +250,18 @@ class SplitFrictionSpec(ManoeuvreSpec):
             lowest=self.lowest,
             hands=self.hands == "corrects",
             ground={"patches": [strip]},
+            # End the run only well beyond the allowed displacement, so that its size is reported.
             wide=4.0 * self.sideways,
         )
         # A car that turns beyond _SPIN spins: only what is before that time is evaluated.
         heading = np.abs(record.yaw)
         turned = crossing(record.time, heading, _SPIN)
+        # Not "<=": the comparison with NaN (never turned) is false, so all samples are then seen.
         seen = ~(record.time > turned)
         offset, most = float(np.max(np.abs(record.y[seen]))), float(np.max(heading[seen]))
         angle, rate = np.abs(np.degrees(record.hand_wheel)), np.abs(np.degrees(record.yaw_rate))
         if math.isnan(turned):
+            # 95 % of the speed: at the brake's first contact the deceleration has not built up.
             braking = stop_from(record.time, record.vx, record.distance, 0.95 * self.speed)
             driven = (record.vx > 0.2 * self.speed) & (record.vx < 0.8 * self.speed)
             steered = float(np.mean(np.degrees(record.hand_wheel[driven]))) if driven.any() else math.nan
@@ -256,11 +271,14 @@ class SplitFrictionSpec(ManoeuvreSpec):
         else:
             text = f"Time until it had turned by {math.degrees(_SPIN):.0f} deg, after which no figures are reported"
             outcome.add("turned", text, turned - _BEFORE, "s")
+
+            # Interpolated, as the crossing is between two samples.
             offset, most = max(offset, abs(float(np.interp(turned, record.time, record.y)))), _SPIN
         outcome.add("sideways", "Largest lateral displacement", offset, "m", f"at most {self.sideways:.3g} m")
         note = f"at most {math.degrees(self.yaw):.0f} deg"
         outcome.add("yaw", "Largest heading error", math.degrees(most), "deg", note)
         outcome.add("yaw_rate", "Largest yaw rate", float(np.max(rate[seen])), "deg/s")
+        # Negated for NaN: also evaluated if it never turned.
         if not turned < _BEFORE + 1.0:
             later = float(np.interp(_BEFORE + 1.0, record.time, np.degrees(record.yaw)))
             outcome.add("yaw_1s", "Heading after 1 s of braking", later, "deg")
@@ -307,6 +325,7 @@ def brake_run(
         wide: lateral displacement at which the run ends [m].
     """
     check_speed(rig.facts, speed)
+    # At the lowest allowed deceleration it stops exactly at the end of the run.
     longest = _BEFORE + speed / lowest
     settings = {"hands": hands, **_BRAKING_DRIVER}
     if rig.pedals:
@@ -324,6 +343,8 @@ def brake_run(
     def stop(time: float, state: Sequence[float]) -> str | None:
         if abs(state[1]) > wide:
             return f"it moved {wide:g} m to the side"
+        # Standstill is a crossing of zero, a state that compliant tyres may only approach: 0.1 s after nearly zero
+        # counts.
         if time > _BEFORE and state[6] < 0.01 and abs(state[7]) < 0.1:
             stood.append(time)
         return STANDSTILL if stood and (state[6] <= 0.0 or time > stood[0] + 0.1) else None
@@ -331,6 +352,7 @@ def brake_run(
     record = rig.run(label, driver, duration=longest, speed=speed, ground=ground, stop=stop)
     entry = float(np.interp(_BEFORE, record.time, record.vx))
     check_entry(entry, speed, 0.02 * speed, where="when the brake is pressed")
+    # The time ran out: the deceleration is below the lowest allowed one.
     if record.stop == "duration" and record.vx[-1] > 0.05:
         raise NotFeasible(f"it still drove at {record.vx[-1] / KMH:.0f} km/h after {longest:.0f} s of braking")
     if record.stop == STANDSTILL and record.vx[-1] < 0.0:

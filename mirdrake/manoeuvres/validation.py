@@ -65,6 +65,7 @@ class Comparison:
             return "not compared"
         if self.error is None:
             return "not simulated"
+        # A bound is missed on one side only.
         above, below = self.error > self.tolerance, self.error < -self.tolerance
         missed = {"about": above or below, "at_most": above, "at_least": below}[self.figure.bound]
         return "outside" if missed else "within"
@@ -204,6 +205,7 @@ def validate_vehicle(
         if not figure.not_compared:
             conditions = _payload(figure, published), tuple(sorted(figure.arguments.items()))
             groups.setdefault((figure.run, *conditions), []).append(index)
+    # Loading a vehicle with other arguments takes long: one rig per payload and set of arguments.
     rigs: dict[tuple[object, ...], Rig] = {}
     readings: dict[int, Reading] = {}
     outcomes = []
@@ -218,9 +220,11 @@ def validate_vehicle(
         outcomes.append(drive.outcome)
         readings.update(zip(indices, group_readings, strict=True))
 
+    # In the order of the file, also those that are not compared or could not be simulated.
     comparisons = []
     for index, figure in enumerate(figures):
         reading = readings.get(index, Reading(None))
+        # Readings are SI, published figures in their own unit.
         value = None if reading.value is None else reading.value / figure.factor
         comparisons.append(Comparison(figure, value, reading.note, _payload(figure, published), tolerance))
     used = next(iter(rigs.values()), None)
@@ -245,6 +249,7 @@ def _make_rig(
     report: Callable[[str], None],
 ) -> Rig:
     """Return the rig of the vehicle with a payload [kg] and other xacro arguments."""
+    # Payload is a xacro argument of the vehicle; without payload the argument is left out, as not all vehicles have it.
     arguments = dict(arguments) | ({"payload": f"{payload:.10g}"} if payload else {})
     vehicle = load_vehicle(name, arguments=arguments)
     plant = settings.plant.model_dump(exclude_unset=True)
@@ -301,6 +306,7 @@ def describe_validation(results: ValidationResults) -> list[str]:
     if results.published.none_because:
         lines.append(f"  {results.published.none_because}")
     heads = ("figure", "published", "simulated", "error", "", "source")
+    # One table per role, with columns of equal width over all of them.
     tables = {role: [_cells(comparison) for comparison in results.having(role)] for role in ROLES}
     rows = [heads, *(row for table in tables.values() for row in table)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(heads))]
@@ -310,6 +316,7 @@ def describe_validation(results: ValidationResults) -> list[str]:
         for row in [heads, *table] if table else []:
             cells = [row[0].ljust(widths[0]), *(row[i].rjust(widths[i]) for i in (1, 2, 3))]
             lines.append("  " + "  ".join([*cells, row[4].ljust(widths[4]), row[5]]).rstrip())
+    # Each reason once: many figures share a run.
     reasons = dict.fromkeys(x.note for x in results.comparisons if x.verdict == "not simulated" and x.note)
     return [*lines, *(f"  not simulated: {reason}" for reason in reasons)]
 

@@ -62,6 +62,7 @@ def _drive_top_speed(rig: Rig) -> Outcome:
         outcome.verdict = "not possible"
         outcome.reason = "the vehicle has no pedals: its speed control limits the speed, not its motor"
         return outcome
+    # Starting just below the estimated top speed saves simulating the acceleration up to it.
     length, base = 40.0, rig.folder
     line = {"kind": "straight", "length": 1.5 * rig.facts.top_speed * length}
     driver = rig.line_driver(line, pedals=[[0.0, 1.0, 0.0, 1.0]])
@@ -73,6 +74,7 @@ def _drive_top_speed(rig: Rig) -> Outcome:
         return outcome
     finally:
         rig.folder = base
+    # A mean over 2 s, as the last sample alone may be anywhere within a ripple.
     last = record.time > record.time[-1] - 2.0
     outcome.add("top_speed", "Speed over the last 2 s", float(np.mean(record.vx[last])) / KMH, "km/h")
     outcome.charts.append(Chart("Time", "s", "Speed", "km/h", (Curve("Speed", record.time, record.vx / KMH),)))
@@ -104,8 +106,10 @@ def _spec(figures: Sequence[Figure]) -> tuple[str, ManoeuvreSpec | None]:
     if isinstance(first, TopSpeed):
         return "top_speed", None
     if isinstance(first, BrakingDistance):
+        # The figures of the manoeuvre at other speeds are not needed.
         return "braking", BrakingSpec(speed=first.speed, others=())
     if isinstance(first, LateralLimit):
+        # The range of the fit lies below the published limit, whatever its size.
         limit = first.si
         return "steady_state_circle", SteadyStateCircleSpec(
             radius=0.5 * first.diameter,
@@ -115,6 +119,7 @@ def _spec(figures: Sequence[Figure]) -> tuple[str, ManoeuvreSpec | None]:
             fit_to=0.7 * limit,
         )
     if isinstance(first, CoastTime | RoadLoad):
+        # The fit of the road load needs the speeds of all figures, with a margin for their crossings.
         speeds = [speed for figure in figures for speed in _coasted(figure)]
         low = min(speeds)
         return "coast_down", CoastDownSpec(speed=max(speeds) + _MARGIN, last=max(low - _MARGIN, 0.5 * low))
@@ -143,6 +148,7 @@ def _read(figure: Figure, drive: Drive) -> Reading:
     record = drive.records[0]
     if isinstance(figure, RoadLoad):
         a, b, c = (outcome.value(key) or 0.0 for key in "abc")
+        # The published road load is a force at one speed; the fit has it as a polynomial.
         return Reading(a + b * figure.speed + c * figure.speed**2)
     if isinstance(figure, CoastTime):
         took = coast_times(record.time, record.vx, [(figure.first, figure.last)])[0]
@@ -150,12 +156,15 @@ def _read(figure: Figure, drive: Drive) -> Reading:
         rotating = f"with {parameters.rotating_mass:.0f} kg of rotating parts"
         if figure.rotating_mass:
             return _number(took, rotating)
+
+        # Coasting time is proportional to the inertia: remove the share of the rotating parts.
         reduced = took * parameters.mass / (parameters.mass + parameters.rotating_mass)
         return _number(reduced, f"{took:.1f} s {rotating}")
     return _accelerated(figure, record)
 
 
 def _accelerated(figure: TimeToSpeed | TimeToDistance | SpeedAtDistance, record: Record) -> Reading:
+    # Magazines start the clock at the first movement, or after a rollout of one foot.
     begin = moves_off(record.time, record.vx, MOVED)
     roll = time_to_distance(record.time, record.distance, FOOT, start=begin)
     reached = f"it reached {float(np.max(record.vx)) / KMH:.0f} km/h"
@@ -164,6 +173,7 @@ def _accelerated(figure: TimeToSpeed | TimeToDistance | SpeedAtDistance, record:
         return _number(took - figure.rollout * roll, "" if math.isfinite(took) else reached)
     if isinstance(figure, TimeToDistance):
         took = time_to_distance(record.time, record.distance, figure.distance, start=begin)
+        # With rollout the distance is measured from the end of the first foot, not only the time.
         if figure.rollout:
             took = time_to_distance(record.time, record.distance, figure.distance, start=begin + roll)
         other = f"{took - roll:.2f} s less the first foot" if not figure.rollout else ""

@@ -33,6 +33,7 @@ def fit_line(x: Array, y: Array, low: float, high: float) -> Fit | None:
     """Return the least-squares line of the points with low <= x <= high; None for fewer than three distinct points."""
     chosen = (x >= low) & (x <= high) & np.isfinite(x) & np.isfinite(y)
     px, py = x[chosen], y[chosen]
+    # A line through equal abscissas has no slope.
     if len(px) < 3 or float(np.ptp(px)) < 1e-9:
         return None
     slope, offset = np.polyfit(px, py, 1)
@@ -43,6 +44,7 @@ def fit_line(x: Array, y: Array, low: float, high: float) -> Fit | None:
 def means(time: Array, values: Array, window: float) -> Array:
     """Return the centred moving mean over a window [s]; the window is shorter at the ends."""
     half = max(0, round(0.5 * window / float(time[1] - time[0])))
+    # Differences of a cumulative sum: the cost does not depend on the window.
     total = np.concatenate(([0.0], np.cumsum(values)))
     index = np.arange(len(values))
     low, high = np.maximum(index - half, 0), np.minimum(index + half + 1, len(values))

@@ -74,6 +74,7 @@ def stop_from(time: Array, speed: Array, distance: Array, first: float) -> Stop:
 
     begin = crossing(time, speed, first)
     end = standstill(time, speed, after=begin)
+    # Mean fully developed deceleration of UN R13-H: (v1² - v2²) / 2 s between 80 and 10 % of the speed.
     developed = between(*(crossing(time, speed, share * first, after=begin) for share in (0.8, 0.1)))
     return Stop(
         distance=between(begin, end),
@@ -118,13 +119,17 @@ def road_load(time: Array, speed: Array, mass: float) -> RoadLoad:
     """
     step = np.diff(time)
 
+    # Trapezoidal integrals of 1, v and v² over time: each coefficient then multiplies a column.
     def integral(values: Array) -> Array:
         return np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * step)))
 
     since = time - time[0]
     matrix = np.column_stack([since, integral(speed), integral(speed**2)])
+    # Columns differ by the powers of v; scaling them keeps the least squares well conditioned.
     scale = np.abs(matrix).max(axis=0)
     momentum = mass * (speed[0] - speed)
+
+    # Non-negative least squares: a small negative coefficient of a noisy fit has no physical meaning.
     coefficients = nnls(matrix / scale, momentum)[0] / scale
     error = float(np.sqrt(np.mean((matrix @ coefficients - momentum) ** 2))) / mass
     a, b, c = coefficients.tolist()
@@ -147,5 +152,6 @@ def creep(time: Array, x: Array, y: Array, *, settle: float) -> tuple[float, flo
     """
     chosen = time >= settle
     t, px, py = time[chosen], x[chosen], y[chosen]
+    # The slope of a line is robust against oscillation on tyres and springs, a difference of two positions is not.
     speed = math.hypot(float(np.polyfit(t, px, 1)[0]), float(np.polyfit(t, py, 1)[0]))
     return speed, float(np.max(np.hypot(px - px[0], py - py[0])))

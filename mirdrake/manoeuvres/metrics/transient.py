@@ -57,11 +57,15 @@ def step_response(time: Array, steering: Array, answer: Array, *, last: float) -
     """
     end = time >= time[-1] - last
     final, steady = float(np.mean(steering[end])), float(np.mean(answer[end]))
+    # ISO 7401: the time origin is where the steering has reached half of its final value.
     start = crossing(time, steering, 0.5 * final)
     relative = answer / steady
     since = time >= start
+
+    # Before the origin the response is not that of the step; -inf keeps such samples from being the peak.
     peak = int(np.argmax(np.where(since, relative, -np.inf)))
     overshoot = float(relative[peak]) - 1.0
+    # An overshoot below the remaining oscillation, or 0.5 %, has no peak time.
     noise = float(np.ptp(relative[end]))
     return StepResponse(
         start=start,
@@ -77,6 +81,7 @@ def _top(time: Array, values: Array, index: int) -> float:
     """Return the time of the peak of a parabola fitted around the largest sample; times are from the start on."""
     largest = float(time[index])
     width = ROUND_PEAK * largest
+    # A parabola through the flat top: the largest sample alone jumps with noise and step.
     near = np.abs(time - largest) <= width
     if np.count_nonzero(near) < 3:
         return largest
@@ -116,6 +121,7 @@ class FrequencyResponse:
         f, g = self.frequency[index - 1 : index + 2], self.gain[index - 1 : index + 2]
         if not 0 < index < len(self.gain) - 1 or not g[0] + g[2] < 2.0 * g[1]:
             return float(self.frequency[index]), float(self.gain[index])
+        # Vertex of the parabola, in steps of the grid from the middle point.
         part = 0.5 * float(g[0] - g[2]) / float(g[0] - 2.0 * g[1] + g[2])
         return float(f[1] + part * (f[2] - f[1])), float(g[1] - 0.25 * (g[0] - g[2]) * part)
 
@@ -134,6 +140,7 @@ def frequency_response(
         segment: length of the segments over which spectra are averaged [s]; its inverse is the resolution.
     """
     rate = 1.0 / float(time[1] - time[0])
+    # Same segments for all spectra, else the ratio H1 = S_uy / S_uu is biased.
     count = min(len(time), round(segment * rate))
     settings = {"fs": rate, "nperseg": count, "noverlap": count // 2, "detrend": "constant"}
     frequency, cross = csd(steering, answer, **settings)
@@ -141,6 +148,7 @@ def frequency_response(
     _, out = welch(answer, **settings)
     chosen = (frequency >= first) & (frequency <= last) & (power > 0.0)
     response = cross[chosen] / power[chosen]
+    # The floor avoids 0/0 where the response has no power.
     coherence = np.abs(cross[chosen]) ** 2 / (power[chosen] * np.maximum(out[chosen], 1e-300))
     return FrequencyResponse(frequency[chosen], np.abs(response), np.unwrap(np.angle(response)), coherence)
 
@@ -192,20 +200,27 @@ def dwell_response(
         after_beginning: time after the beginning of steer at which the displacement is evaluated [s].
         threshold: angle beyond which the hand-wheel counts as turned [rad].
     """
+    # Beginning and completion of steer by a threshold, since the ideal zero crossings are not observable.
     size = np.abs(hand_wheel)
     turned = np.flatnonzero(size >= threshold)
     if not len(turned):
         return DwellResponse(math.nan, math.nan, math.nan, (math.nan,) * len(after_completion), math.nan, 0.0)
+    # Turned from the first sample on: no crossing exists before it.
     begin = crossing(time, size, threshold) if turned[0] else float(time[0])
     last = int(turned[-1])
     complete = crossing(time[last:], size[last:], threshold) if last + 1 < len(time) else float(time[-1])
+    # Direction of the first half-wave; it makes all following signs independent of the side.
     first = math.copysign(1.0, float(hand_wheel[turned[0]]))
+
+    # Peak yaw rate of the second half-wave, as in FMVSS 126, up to 1 s after the completion.
     other = np.flatnonzero(first * hand_wheel <= -threshold)
     change = float(time[other[0]]) if len(other) else begin
     second = (time >= change) & (time <= complete + 1.0)
     peak = float(np.max(-first * yaw_rate[second]))
     ratios = tuple(
-        float(-first * np.interp(complete + wait, time, yaw_rate, right=math.nan)) / peak for wait in after_completion
+        # right=nan: a run that ended too early has no value, and not its last one.
+        float(-first * np.interp(complete + wait, time, yaw_rate, right=math.nan)) / peak
+        for wait in after_completion
     )
     displacement = first * float(np.interp(begin + after_beginning, time, across, right=math.nan))
     return DwellResponse(begin, complete, peak, ratios, displacement, float(np.max(np.abs(hand_wheel))))
