@@ -202,11 +202,13 @@ def assemble(
     parts = replace(parts, actors=add_actors(parts.scene_graph, world))
     wiring = Wiring(builder, spec, factories=factories or {})
     add_traffic(wiring, parts, spec)
+    # Tyres with their own ground contact come first here: the vehicles' systems connect the actuators to them.
     rolling = add_rolling_resistance(wiring, parts, spec)
     tracks = {}
     for part in parts.vehicles.values():
         tracks[part.name] = add_vehicle_systems(wiring, parts, part, spec, starts[part.name], expand=expand)
         add_sensors(wiring, parts, part, spec)
+    # After the vehicles, whose powertrains are the default sources of the wheel torques; the sum of forces is last.
     tyres = add_tyres(wiring, parts, rolling)
     add_outer_forces(wiring, parts, rolling, spec)
 
@@ -226,8 +228,11 @@ def assemble(
     if meshcat is not None:
         drawn = {name for name, system in wiring.systems.items() if getattr(system, "has_cloud_overlay", False)}
         add_cloud_overlays(builder, meshcat, {name: wiring.systems[name] for name in drawn})
+
+    # Logs and exports come after the connections: they depend on what is connected and on what is still open.
     taps = add_taps(wiring, parts, rolling, spec) if spec.record.signals else {}
     unread = wiring.export(parts)
+    # Cameras that nothing reads were not added; they count as unread outputs all the same.
     idle = [f"{vehicle}.{sensor}" for vehicle, sensor in cameras_of(spec, vehicles)]
     unread = (*unread, *(f"{name}.color_image" for name in idle if name not in wiring.systems))
     try:
@@ -261,6 +266,7 @@ def assemble(
         outputs,
         inputs,
         wiring.aliases,
+        # Reversed, so that the first default of an input wins, as in Wiring.connect.
         {sink: source for source, sink in reversed(wiring.defaults)},
         {name: port for name, (port, _) in wiring.sources.items()},
     )

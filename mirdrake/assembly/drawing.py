@@ -50,6 +50,7 @@ def write_dot(assembly: Assembly, *, expand: Collection[str] = ()) -> str:
     systems = {system.get_name(): system for system in diagram.GetSystems()}
     shown = {name: system for name, system in systems.items() if not name.startswith("log/")}
     inner = {name: _blocks_of(name, shown) for name in expand}
+    # One frame per vehicle, then the systems that belong to none.
     lines = [_HEAD]
     for vehicle in assembly.parts.vehicles:
         lines.append(f'  subgraph "cluster_{vehicle}" {{')
@@ -62,6 +63,7 @@ def write_dot(assembly: Assembly, *, expand: Collection[str] = ()) -> str:
         lines.append("  }")
     lines += [_node(name, shown[name], assembly) for name in shown if _vehicle_of(name, assembly) is None]
 
+    # Several connections between two blocks are one arrow with all labels; ends in expanded systems are their blocks.
     edges: dict[tuple[str, str], list[str]] = defaultdict(list)
     for (sink, sink_index), (source, source_index) in diagram.connection_map().items():
         tail, head = source.get_name(), sink.get_name()
@@ -107,6 +109,7 @@ def _end(system: str, port: str, inner: Mapping[str, Mapping[str, System]]) -> t
         return system, port
     block, dot, own = port.partition(".")
     if not dot:
+        # Ports of the whole unit have no block in their name: its inputs go to the first blocks, the rest to the hold.
         block, own = {"command": "dead_man", "plant_state": "measurements"}.get(port, HOLD), port
     if block not in inner[system]:  # an input that stands for a block which is left out
         block = HOLD
@@ -171,6 +174,7 @@ def _edge(tail: str, head: str, labels: list[str]) -> str:
     text = "\\n".join(dict.fromkeys(label for label in labels if label))
     if {tail, head} == {"plant", "scene_graph"}:
         text = "poses" if tail == "plant" else "contact"
+    # Feedback arrows are written backwards or without rank, so that dot keeps the order driver, control, plant.
     if tail == "scene_graph" or (head == "plant" and tail in _SERVANTS):
         return f'  "{head}" -> "{tail}" [label="{text}", dir=back];'
     back = tail == "plant" and head not in _SERVANTS

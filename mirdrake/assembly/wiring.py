@@ -93,10 +93,13 @@ class Wiring:
                 raise ConfigError(f"{place}: input '{sink}' is already fed by '{taken[other]}'; remove one of the two")
             self._check(source, (output, given), sink, (port, wanted), place)
             taken[sink] = source
+        # A default is skipped as soon as the user feeds any part of the port; the first default of an input wins.
         fed = {_port_of(sink, self.sinks) for sink in taken}
         for source, sink in self.defaults:
             if sink not in fed:
                 taken.setdefault(sink, source)
+
+        # Connections of elements are collected first, as a port has one multiplexer for all of them.
         elements: dict[str, dict[str, str]] = {}
         for sink, source in taken.items():
             port = _port_of(sink, self.sinks)
@@ -132,9 +135,12 @@ class Wiring:
                 raise ConfigError(f"{place}: the elements of '{port}' have no names; connect the whole port")
             listed = ", ".join(f"{signal.name} [{signal.unit or '-'}]" for signal in contents)
             raise ConfigError(f"{place}: '{port}' has no element '{element}'; its elements: {listed}")
+        # The reversed pair [input, output] is a frequent mistake and gets its own message.
         if _port_of(name, others):
             other = {"output": "an input", "input": "an output"}[kind]
             raise ConfigError(f"{place}: '{name}' is {other}; {advice}")
+
+        # Unknown name: list the ports of the longest beginning that exists, and the nearest name.
         owner, own = self._nearest_owner(name, ports)
         shown = sorted(own)[:MOST_PORTS] + (["…"] if len(own) > MOST_PORTS else [])
         listed = f"; {kind}s of '{owner}': {', '.join(shown)}" if own else ""
@@ -188,6 +194,7 @@ class Wiring:
         for index, element in enumerate(names):
             source = given.get(element)
             if source is None:
+                # The elements of the default source may have other names; their order is the same.
                 known = [signal.name for signal in self.sources[str(default)][1] or ()]
                 source = f"{default}.{known[index]}"
             self.link(self._output(source), join.get_input_port(index))
@@ -215,6 +222,7 @@ class Wiring:
             if taken_size == 1 and contents:
                 hint = f"; connect one of them, as '{source}.{contents[0].name}'"
             raise ConfigError(f"{place}: '{source}' has {size} elements, '{sink}' takes {taken_size}{hint}")
+        # Units are compared only where both sides state one; lengths may differ for ports without names.
         for have, want in zip(contents or (), wanted or (), strict=False):
             if have.unit != want.unit and have.unit and want.unit:
                 raise ConfigError(
@@ -223,6 +231,7 @@ class Wiring:
 
     def export(self, parts: PlantParts) -> tuple[str, ...]:
         """Export ports, reject open inputs, and return the names of outputs that are not connected."""
+        # Inputs of a vehicle without a driver become inputs of the diagram, so that it can be driven from outside.
         for name in parts.vehicles:
             self.builder.ExportOutput(self.sources[f"{name}.state"][0], f"{name}.state")
             for port in JOIN:
@@ -233,6 +242,7 @@ class Wiring:
             if not self.builder.IsConnectedOrExported(self.sinks[sink][0]):
                 self.builder.ExportInput(self.sinks[sink][0], sink)
         for sink, (port, _) in self.sinks.items():
+            # The builder does not know what is connected within a subsystem.
             if sink in self.inner:
                 continue
             system = sink.split(".", maxsplit=1)[0]
@@ -260,6 +270,7 @@ def _port_of(name: str, ports: Mapping[str, Any]) -> str:
 
 def _check_images(source: str, port: OutputPort, sink: str, taking: InputPort, place: str) -> None:
     """Check that an input of pictures of a fixed size gets pictures of this kind and size."""
+    # Kind and size of a picture are in the default value of an abstract port only.
     given = port.Allocate().get_value()
     wanted = taking.get_system().AllocateInputAbstract(taking).get_value()
     if not (hasattr(wanted, "width") and hasattr(wanted, "height")):
@@ -267,6 +278,7 @@ def _check_images(source: str, port: OutputPort, sink: str, taking: InputPort, p
     if type(given) is not type(wanted):
         raise ConfigError(f"{place}: '{source}' gives {_noun(given)}, '{sink}' takes {_noun(wanted)}")
     have, want = (given.width(), given.height()), (wanted.width(), wanted.height())
+    # Pictures of size zero: an input that takes every size.
     if want != (0, 0) and have != want:
         raise ConfigError(
             f"{place}: '{source}' gives pictures of {have[0]} x {have[1]} pixels, '{sink}' takes {want[0]} x "

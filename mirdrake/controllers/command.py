@@ -97,6 +97,7 @@ def command_step(
     Returns:
         The state for the next step, and the set-point.
     """
+    # One test for three numbers: a sum with NaN or an infinity is not finite.
     if math.isfinite(speed + steering + stamp) and state.stamp <= stamp <= time + TOLERANCE:
         state = CommandState(speed, steering, stamp)
     alive = time - state.stamp <= limits.timeout + TOLERANCE

@@ -193,11 +193,14 @@ def expand_control(
     blocks = {block: replaced.get(block, own) for block, own in standard.items() if block not in absent}
 
     builder = DiagramBuilder()
+
+    # Wires of this vehicle: both ends exist, or the source has a default or is left to the user.
     outputs, inputs = _ports(blocks, standard)
     wires = [wire for wire in WIRES if wire.sink in inputs or wire.sink.startswith(f"{HOLD}.")]
     wires = [wire for wire in wires if _exists(wire, outputs, standard, absent)]
     uses = [wire.sink.removeprefix(f"{HOLD}.") for wire in wires if wire.sink.startswith(f"{HOLD}.")]
     setup = unit.setup
+    # One block holds all outputs for a period, as the fused unit does; so both give the same bits.
     hold = ActuatorHold(
         setup.wheel_inputs, setup.steering_inputs, actuators=unit.actuators, period=setup.period, uses=uses
     )
@@ -211,6 +214,7 @@ def expand_control(
     if "dead_man.command" in inputs:
         builder.ExportInput(inputs.pop("dead_man.command"), "command")
     else:
+        # A replaced dead-man may have no command; the unit still needs the port, so an unread gain has it.
         builder.ExportInput(builder.AddNamedSystem("no_command", Gain(1.0, len(COMMAND))).get_input_port(), "command")
     builder.ExportInput(inputs.pop("measurements.plant_state"), "plant_state")
 
@@ -225,6 +229,7 @@ def expand_control(
         elif wire.source in outputs:
             builder.Connect(outputs[wire.source], sink)
         elif wire.source.split(".")[0] in absent:
+            # A diagram input exists once; later sinks of the same name are connected to it.
             if wire.source in exported:
                 builder.ConnectInput(wire.source, sink)
             else:
@@ -239,11 +244,14 @@ def expand_control(
         builder.ExportOutput(port, source)
     own = {"desired_state": hold.desired_state, "actuation": hold.actuation, "status": hold.status}
     own |= {"pedals": hold.pedals} if "pedals" in uses else {}
+
+    # Ports of the unit have the names that those of the fused unit have.
     for port_name, port in own.items():
         builder.ExportOutput(port, port_name)
     diagram = builder.Build()
     diagram.set_name(name)
     for port_name, port in own.items():
+        # The exported port is another object than that of the block and has no names of its elements yet.
         copy_signals(port, diagram.GetOutputPort(port_name))
 
     given = {wire.source: (diagram.GetInputPort(wire.source), signals_of(inputs[wire.sink])) for wire in wires
@@ -271,6 +279,7 @@ def _ports(
     for block, system in blocks.items():
         own_outputs = [system.get_output_port(i) for i in range(system.num_output_ports())]
         own_inputs = [system.get_input_port(i) for i in range(system.num_input_ports())]
+        # The only port of a system may have any name; it takes that of the block's first port.
         first_output = standard[block].get_output_port(0).get_name()
         first_input = standard[block].get_input_port(0).get_name()
         for port in own_outputs:
@@ -302,6 +311,7 @@ def _check_replacement(
         theirs = {port.get_name(): port.size() for port in known}
         listed = ", ".join(f"{name} ({size})" for name, size in theirs.items())
         for name, port in mine.items():
+            # Sizes are checked here, since Drake's own message would name neither block nor file.
             if name in theirs and port.size() != theirs[name]:
                 raise ConfigError(
                     f"{direction} '{name}' of {kind} has {port.size()} elements; that of {block} has {theirs[name]}"

@@ -136,6 +136,8 @@ def control_step(
     memory[MESSAGE], memory[MESSAGE + 1], memory[MESSAGE + 2] = message.speed, message.steering, message.stamp
 
     # Set-points: the slope of the speed and the rate of the steering are limited.
+
+    # A vehicle in reverse accelerates while its signed speed falls, so the two limits change places.
     last_speed = memory[LAST]
     up, down = setup.acceleration * period, setup.deceleration * period
     if last_speed < 0.0:
@@ -146,6 +148,8 @@ def control_step(
     slope = (speed - last_speed) / period
 
     # Steering actuator of vehicle.yaml: delay, lag and rate between the set-point and the joints.
+
+    # The last element of the actuator's memory is its output.
     last_angle = memory[STEERING_ACTUATOR + setup.actuator_size - 1]
     angle = actuator_step(memory, STEERING_ACTUATOR, setup.actuator_size, steering, setup.actuator)
     angles, ratios = steering_law(setup.steering, angle)
@@ -178,6 +182,7 @@ def control_step(
                 if setup.open_differential:
                     # Each servo of Drake controls its own wheel. If its set-point contains the measured difference of
                     # the two wheels, its error is that of the axle's mean speed, and both torques are equal.
+                    # The order is front left, front right, rear left, rear right: the lowest bit selects the side.
                     other = i ^ 1
                     difference = x[setup.wheel_velocities[i]] - x[setup.wheel_velocities[other]]
                     rate = 0.5 * (rates[i] + rates[other] + difference)
@@ -192,6 +197,7 @@ def control_step(
         )  # fmt: skip
         if setup.steering_servo:
             desired[joint] = angles[i]
+            # The servo damps the error of the rate; without this set-point it would damp the steering itself.
             desired[actuators + joint] = (angles[i] - last_angles[i]) / period
     status[0], status[1], status[2] = speed, steering, trimmed - speed
     return slope, trimmed
@@ -208,6 +214,7 @@ def forward_speed(x: Sequence[float], quaternion: int, velocity: int) -> float:
     w, i, j, k = x[quaternion], x[quaternion + 1], x[quaternion + 2], x[quaternion + 3]
     vx, vy, vz = x[velocity], x[velocity + 1], x[velocity + 2]
     half = 0.5 * (w * w + i * i + j * j + k * k)  # Drake lets the quaternion's norm drift from 1
+    # First column of the rotation matrix times the velocity in the world.
     return vx * (1.0 - (j * j + k * k) / half) + (vy * (i * j + w * k) + vz * (i * k - w * j)) / half
 
 

@@ -60,6 +60,7 @@ def cruise_step(
     Returns:
         The state for the next step, and the trimmed speed [m/s] for :func:`wheel_speed_setpoints`.
     """
+    # An integral left from the drive would move a vehicle that has to stand.
     if reference == 0.0:
         return _EMPTY, 0.0
     after, trim = pid_step(state, reference, measurement, gains, period, limits)

@@ -105,6 +105,7 @@ def make_speed_profile(
     Returns:
         Speeds (N) [m/s].
     """
+    # In v² the limits are straight lines over the distance.
     square = np.asarray(ceiling, dtype=float) ** 2
     count = square.size
     if not closed:
@@ -120,6 +121,7 @@ def make_speed_profile(
 
 def _pass(square: Array, gain: float) -> Array:
     """Limit the rise of v^2 per point: min over all earlier j of square[j] + gain (i - j)."""
+    # The recursion v²[i] = min(v²[i], v²[i-1] + gain) without a loop.
     ramp = gain * np.arange(square.size)
     return np.asarray(np.minimum.accumulate(square - ramp) + ramp)
 
@@ -157,6 +159,7 @@ def make_centre_line(track: Track, *, spacing: float = _STEP) -> CentreLine:
     length = float(track.length)
     count = max(8, math.ceil(length / spacing - 1e-9))
     s = np.linspace(0.0, length, count + 1)
+    # The last point of a closed track is exactly the first one; `unwrap` adds the full turn to its direction.
     inside = s.copy()
     if track.closed:
         inside[-1] = 0.0
@@ -228,6 +231,7 @@ def make_drivable_line(
             end_speed=math.inf if centre.closed else 0.0,
         )
 
+    # Line and speeds depend on each other: plan the line for the speeds, then lower these where it deviates too far.
     rate = (1.0 - _MARGIN) * steering_rate
     raw = _at_points(0.5 * (kappa[:-1] + kappa[1:]))
     cap = np.full(raw.size, speed)
@@ -250,6 +254,7 @@ def make_drivable_line(
         cap = np.minimum(cap, rate / turning)
     speeds = profile(curvature, cap)
     slope = np.gradient(offset, centre.spacing)
+    # Remove the repeated ends again.
     keep = slice(margin, margin + count + 1)
     return DrivableLine(offset[keep], slope[keep], curvature[keep], speeds[keep])
 
@@ -263,7 +268,9 @@ def _smooth(kappa: Array, h: float, speeds: Array, *, wheelbase: float, rate: fl
     """
     inner = 0.5 * (kappa[:-1] + kappa[1:])
     rise = np.diff(inner) / h
+    # w of the filter 1/(1 + w k^6), hence the sixth power of a length.
     weight = np.full(rise.size, _BASE_LENGTH**6)
+    # Speeds in the middle between inner points; not zero, as the bound would be infinite at a stop.
     speeds = np.maximum(0.5 * (speeds[1:-2] + speeds[2:-1]), 0.5)
     for _ in range(_ROUNDS):
         offset = _solve(weight, rise, h)
@@ -273,14 +280,17 @@ def _smooth(kappa: Array, h: float, speeds: Array, *, wheelbase: float, rate: fl
         middle = 0.5 * (curvature[:-1] + curvature[1:])
         bound = (1.0 + (wheelbase * middle) ** 2) * rate / (wheelbase * speeds)
         excess = np.abs(np.diff(curvature)) / h / bound
+        # Two per cent are far within the part of the rate that is left to the feedback.
         if np.max(excess) < 1.02:
             break
+        # Exterior penalty: only places that break the bound get more weight.
         weight *= np.maximum(excess, 1.0) ** 2
     return offset, _at_points(curvature)
 
 
 def _solve(weight: Array, rise: Array, h: float) -> Array:
     """Return the e that minimises the sum of e² + weight (third difference of e / h³ + rise)²: a banded system."""
+    # Normal equations I + D'WD of the third difference D, in the lower bands that `solveh_banded` takes.
     third = np.array([-1.0, 3.0, -3.0, 1.0]) / h**3
     rows = weight.size
     band = np.zeros((4, rows + 3))

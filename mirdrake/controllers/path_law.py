@@ -110,17 +110,20 @@ def project(path: PathNumbers, table: Table, x: float, y: float, near: float) ->
     """
     s, h, place = near, path.spacing, Place(near, 0.0, 0.0, 0.0)
     for _ in range(STEPS):
+        # Newton's iterate may leave a closed track at either end.
         if path.closed:
             s %= path.length
         i = min(max(int(s / h), 0), path.last)
         curvature, along = table[i][3], s - i * h
         turn = curvature * along
+        # Each interval is an arc of constant curvature; chord to third order in its angle.
         middle = table[i][2] + 0.5 * turn
         chord = along * (1.0 - turn * turn / 24.0)
         dx, dy = x - table[i][0] - chord * math.cos(middle), y - table[i][1] - chord * math.sin(middle)
         yaw = middle + 0.5 * turn
         cosine, sine = math.cos(yaw), math.sin(yaw)
         lateral = dy * cosine - dx * sine
+        # Derivative of the foot point, 1 - κ e; bounded near the centre of the curve, where it vanishes.
         step = (dx * cosine + dy * sine) / max(1.0 - curvature * lateral, _NEAREST)
         place = Place(s, lateral, yaw, curvature)
         if -SETTLED < step < SETTLED:
@@ -171,6 +174,7 @@ def steering_step(
         course: direction of its velocity (its yaw when it rolls without slip) [rad].
         speed: forward speed [m/s].
     """
+    # Second-order approach over the distance d with the damping ratio of the gains, as in the head of path_tracking.
     i, part = line_place(path, line, place.s)
     offset, slope, curvature = line_value(line, i, part, 0), line_value(line, i, part, 1), line_value(line, i, part, 2)
     distance = max(gains.convergence_distance, speed * gains.convergence_time)
@@ -182,11 +186,13 @@ def steering_step(
     theta = min(max(wrap_angle(course - place.yaw), -_STEEPEST_COURSE), _STEEPEST_COURSE)
     most += max(0.0, abs(theta) - 0.5) * 4.0 / vehicle.wheelbase
     cos, tan = max(math.cos(theta), 0.7), math.tan(theta)
+    # Kinematics over the arc length s of the track: z = e' = (1 - κ e) tan θ; u is the demanded z'.
     lever = max(1.0 - place.curvature * place.lateral, _NEAREST)
     z = lever * tan
     approach = min(max((place.lateral - offset) / (distance * distance * k2), -steepest), steepest)
     u = curvature - place.curvature - min(max(k2 * (z - slope + approach), -most), most)
     turning = cos / lever * (place.curvature + cos * cos / lever * (u + place.curvature * z * tan))
+    # Bicycle angle of this curvature, and the understeer that the tyres add at speed.
     steering = math.atan(vehicle.wheelbase * turning) + gains.understeer_gradient * speed * speed * turning
     return min(max(steering, -vehicle.limit), vehicle.limit)
 
@@ -212,10 +218,12 @@ def speed_step(
         steering: bicycle angle that is commanded [rad]; one much tighter than planned slows down as well.
     """
     i, part = line_place(path, line, place.s)
+    # A correction that is tighter than planned must not exceed the lateral limit.
     wanted = min(line_value(line, i, part, 3), gains.speed)
     turning = abs(math.tan(steering) / vehicle.wheelbase)
     if turning * wanted * wanted > _TURN_MARGIN * vehicle.lateral:
         wanted = math.sqrt(_TURN_MARGIN * vehicle.lateral / turning)
+    # Planned speeds fall with the limit; the margin lets the command catch up with them.
     lowest = previous - _BRAKE_MARGIN * vehicle.deceleration * vehicle.period
     return max(min(wanted, previous + vehicle.acceleration * vehicle.period), lowest, 0.0)
 
@@ -253,6 +261,7 @@ def tracker_step(
     middle = course + 0.5 * turn
     x, y = motion.x + way * math.cos(middle), motion.y + way * math.sin(middle)
     settled, ahead = project(path, table, x, y, place.s + way)
+    # Near the centre of a curve the projection does not settle; the present place is good enough.
     if not settled:
         ahead = place
     steering = steering_step(path, line, gains, vehicle, ahead, course + turn, speed)

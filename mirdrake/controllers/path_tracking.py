@@ -185,6 +185,7 @@ class PathTracker(LeafSystem):
         centre = make_centre_line(track)
         self.path = PathTables(centre)
         self.line_for = _planner(centre, self.law, self.limits)
+        # Plan once now, so that a track that is too tight is an error before the run.
         self.line_for(gains.speed)
         self.numbers = TrackerNumbers(
             self.law.wheelbase, self.law.limit, self.law.rate, self.limits.lateral, self.limits.acceleration,
@@ -246,6 +247,7 @@ class PathTracker(LeafSystem):
         covered = 0.0
         if state.started:
             covered = place.s - state.progress
+            # Shortest way around a closed track, also across its start.
             covered = math.remainder(covered, length) if self.path.closed else covered
         values.set_value(self._command, Command(speed, steering, time))
         error = [place.lateral, wrap_angle(yaw - place.yaw), place.s, state.laps + covered / length]

@@ -196,6 +196,7 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _start(self, context: Context, speed: float, steering: float) -> Vector:
         """Return the memory of a unit whose last set-points are the present speed and steering angle."""
         memory: Vector = context.get_discrete_state(self._memory).value().copy()
+        # The actuator starts settled, with its whole delay line at the present angle.
         memory[LAST : LAST + 2] = speed, steering
         memory[STEERING_ACTUATOR : STEERING_ACTUATOR + self.setup.actuator_size] = steering
         return memory
@@ -236,6 +237,8 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         )
         if self.pedal_law is None:
             return trimmed, None
+
+        # Pedals follow the limited set-point and its slope, which the step has just calculated.
         memory[self._pedal_memory], pedals = self.pedal_law.step(
             memory[self._pedal_memory],
             float(status[0]),
@@ -253,8 +256,10 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         values = context.get_numeric_parameter(self._gains[group]).value().tolist()
         table = self._tables[group]
         if table is not None:
+            # Forward and reverse have the same gains: a schedule is over the magnitude of the speed.
             for name, value in table.at(abs(self._forward_speed(x))).items():
                 values[self._gain_names[group].index(name)] = value
+        # Equal values give the same object, by which the caller sees that nothing has to be written.
         known = self._known_gains[group]
         if known is None or known[0] != values:
             known = self._known_gains[group] = values, self._make_numbers[group](values)
@@ -285,8 +290,10 @@ class VehicleControl(ControlUnit):
 
     def __init__(self, plant: MultibodyPlant, part: "VehicleInPlant", *, machine_code: bool = False) -> None:
         vehicle, positions = part.vehicle, plant.num_positions()
+        # Ports of one model instance begin at its first actuator, indices of Drake at that of the plant.
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
         inputs = [int(actuator.input_start()) - first for actuator in (*part.wheel_actuators, *part.steering_actuators)]
+        # The controllers may have a wrong wheel radius on purpose (`believes`), as a real unit does.
         believed = vehicle.control.believes.wheel_radius
         front, rear = [believed or radius for radius in part.rolling_radii(plant)]
         driven = vehicle.spec.driven_wheels()
@@ -302,6 +309,7 @@ class VehicleControl(ControlUnit):
                 "wheel_velocities": tuple(positions + joint.velocity_start() for joint in part.wheels),
                 "steering_positions": tuple(joint.position_start() for joint in part.steering),
                 "quaternion": part.base.floating_positions_start(),
+                # The linear velocity of a floating base comes after the three angular ones.
                 "velocity": positions + part.base.floating_velocities_start_in_v() + 3,
             },
             actuators=plant.num_actuators(part.instance),
@@ -337,6 +345,7 @@ class VehicleControl(ControlUnit):
         speed, steering = self._forward_speed(x), self.steering_law.bicycle_angle(left, right)
         memory = self._start(context, speed, steering)
         self._write(state, self._step(context, x, memory))
+        # The first step gives the outputs; memory and status stay those of the start, or the step would count twice.
         state.set_value(self._status, [speed, steering, 0.0])
         state.set_value(self._memory, memory)
 

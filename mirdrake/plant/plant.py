@@ -70,6 +70,7 @@ MAX_SHAPES_WITH_HALF_SPACE = 12
 broad-phase tree; where the tree is more than ten levels deeper than a balanced one, rebalancing it aborts the process
 (measured with Drake 1.51 and 1.58: 15 shapes may, 100 always do). With a dozen shapes it cannot become so deep."""
 
+# Vehicles may leave the scenery without falling off the box.
 _MARGIN, _DEPTH = 1000.0, 10.0  # box for the ground: margin around the world, and depth [m]
 
 _SLIGHT = 0.01  # depth of hollows in which other bodies do not touch the ground [m]
@@ -178,6 +179,7 @@ class VehicleInPlant:
         """Return the compression of a front and a rear tyre at rest on level ground [m], in the finalised plant."""
         context = plant.CreateDefaultContext()
         plant.SetFloatingBaseBodyPoseInWorldFrame(context, self.base, RigidTransform())
+        # With the vehicle frame at the origin, x of the centre of mass is its distance from the rear axle.
         weight = plant.CalcTotalMass(context, [self.instance]) * GRAVITY
         share = plant.CalcCenterOfMassPositionInWorld(context, [self.instance])[0] / self.vehicle.geometry.wheelbase
         front, rear = self.compression
@@ -259,6 +261,7 @@ def make_plant(
         )
         for name, vehicle in vehicles.items()
     }
+    # Wheels that have a tyre of their own on the ground must not touch the contact geometry as well.
     ground, props = add_world(plant, world)
     for part in parts.values():
         _match_tyres(plant, scene_graph, part, world)
@@ -300,6 +303,7 @@ def add_vehicle(
     scene_graph = parser.scene_graph()
     if scene_graph is None:
         raise ModelError(f"add_vehicle: the plant has no scene graph, so '{name}' cannot touch the road")
+    # Two vehicles of one diagram may be of the same model.
     parser.SetAutoRenaming(True)
     parser.package_map().AddMap(make_package_map(vehicle.packages))
     urdf = vehicle.urdf
@@ -313,6 +317,7 @@ def add_vehicle(
     joints = vehicle.spec.joints
     wheels = tuple(plant.GetJointByName(getattr(joints.wheels, wheel), instance) for wheel in WHEELS)
     steering = tuple(plant.GetJointByName(getattr(joints.steering, side), instance) for side in SIDES)
+    # Actuators are found by their joints, as the names of transmissions are free.
     actuators = {
         actuator.joint().index(): actuator
         for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
@@ -320,6 +325,7 @@ def add_vehicle(
     wheel_actuators = tuple(actuators[joint.index()] for joint in wheels)
     steering_actuators = tuple(actuators[joint.index()] for joint in steering)
 
+    # Drake solves PD gains and rotor inertia implicitly with the contact, so stiff servos are stable at any step.
     wheel_gains, driven = vehicle.control.wheel_servo(), vehicle.spec.driven_wheels()
     for wheel, actuator in zip(WHEELS, wheel_actuators, strict=True):
         if parked:
@@ -328,6 +334,7 @@ def add_vehicle(
             actuator.set_default_rotor_inertia(PARKING_INERTIA)
         elif wheel_gains is not None and wheel in driven:
             actuator.set_controller_gains(PdControllerGains(p=wheel_gains.stiffness, d=wheel_gains.damping))
+        # The inertia is already referred to the wheel, hence the gear ratio 1.
         rotor = vehicle.spec.powertrain.wheel_inertia(drive=vehicle.spec.drive, front=wheel in WHEELS[:2])
         if rotor > 0.0 and not parked:
             actuator.set_default_gear_ratio(1.0)
@@ -353,6 +360,7 @@ def add_vehicle(
         shape_tyre = _shape_turning_tyre if turning else _shape_fixed_tyre
         tyres.append(shape_tyre(plant, scene_graph, joint, geometries[0], shape))
     inspector = scene_graph.model_inspector()
+    # Both wheels of an axle have the same tyre.
     compression = _compressions(vehicle, contact, [inspector.GetProximityProperties(tyres[i]) for i in (0, 2)])
     return VehicleInPlant(
         name=name,
@@ -380,6 +388,7 @@ def _add_springs(plant: MultibodyPlant, vehicle: Vehicle, instance: ModelInstanc
     if names is None or suspension is None:
         return ()
     joints = tuple(plant.GetJointByName(name, instance) for name in names.names())
+    # PrismaticSpring gives -k (x - x0): at zero travel the spring presses the wheel down with its static load.
     for joint, corner, load in zip(joints, suspension.corners(), vehicle.spring_loads, strict=True):
         plant.AddForceElement(PrismaticSpring(joint, -load / corner.stiffness, corner.stiffness))
         joint.set_default_damping(corner.damping)
@@ -390,6 +399,7 @@ def _shape_turning_tyre(
     plant: MultibodyPlant, scene_graph: SceneGraph, _: Joint, tyre: GeometryId, shape: Shape
 ) -> GeometryId:
     """Change the shape of a wheel's collision geometry; return its id."""
+    # Drake forgets the filters of a geometry whose shape changes; they are applied again.
     apart = _filtered_geometries(scene_graph, tyre)
     source = plant.get_source_id()
     scene_graph.ChangeShape(source_id=source, geometry_id=tyre, shape=shape, X_FG=RigidTransform())
@@ -409,6 +419,7 @@ def _shape_fixed_tyre(
     apart, source = _filtered_geometries(scene_graph, tyre), plant.get_source_id()
     properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
     scene_graph.RemoveRole(source, tyre, Role.kProximity)
+    # Pose of the wheel in its carrier at zero joint angle.
     X_PJ, X_WJ = (frame.GetFixedPoseInBodyFrame() for frame in (wheel.frame_on_parent(), wheel.frame_on_child()))
     X_PW = X_PJ.multiply(X_WJ.inverse())
     fixed = plant.RegisterCollisionGeometry(wheel.parent_body(), X_PW, shape, f"{wheel.name()}_tyre", properties)
@@ -494,12 +505,14 @@ def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[Geometry
         the collision geometries of the road, and the props.
     """
     world = load_world(world) if isinstance(world, str) else world
+    # Props first: their number of shapes decides between half space and box.
     props = add_props(plant, world)
     material = ProximityProperties()
     friction = CoulombFriction(world.road_mu, world.road_mu)
     AddContactMaterial(friction=friction, dissipation=0.0, point_stiffness=ROAD_STIFFNESS, properties=material)
     AddRigidHydroelasticProperties(material)
     lowest = _lowest_point(world)
+    # SceneGraph has one tree for geometries of the world body and one for all others, also of welded bodies.
     body, shape, X_BG = plant.world_body(), HalfSpace(), RigidTransform([0.0, 0.0, lowest])
     still = len(plant.GetCollisionGeometriesForBody(body))
     if still > MAX_SHAPES_WITH_HALF_SPACE:
@@ -523,6 +536,7 @@ def _lowest_point(world: World) -> float:
     if terrain.flat:
         return 0.0
     xmin, ymin, xmax, ymax = world.ground.extent
+    # A grid of 101 x 101 points is dense enough for a plane with a clearance.
     x, y = np.meshgrid(np.linspace(xmin, xmax, 101), np.linspace(ymin, ymax, 101))
     lowest = float(terrain.height(x, y).min())
     return lowest - _CLEARANCE if lowest < -_SLIGHT else 0.0
@@ -549,6 +563,7 @@ def set_start(
         yaw: heading [rad].
         speed: forward speed [m/s]; the wheels roll, unless the vehicle is parked: then they slide.
     """
+    # P: the plane below the wheels, x along the heading. B rests on it with pitch and roll of its own.
     if part.terrain.flat:
         pose = _rest_pose(plant, part, yaw=yaw)
         X_WB, direction = RigidTransform(RollPitchYaw(pose.roll, pose.pitch, yaw), [x, y, pose.z]), None
@@ -561,6 +576,8 @@ def set_start(
     for joint, travel in zip(part.suspension, pose.travel, strict=False):
         joint.set_translation(context, travel)
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, X_WB)
+
+    # The floating base has angular, then linear velocities, both in the world.
     velocities = plant.GetVelocities(context).copy()
     start = part.base.floating_velocities_start_in_v()
     velocities[start : start + 6] = [0.0, 0.0, 0.0, speed * cos(yaw), speed * sin(yaw), 0.0]
@@ -592,6 +609,7 @@ def _tangent_plane(part: VehicleInPlant, x: float, y: float, yaw: float) -> tupl
     wheels = np.array([[length, half_front], [length, -half_front], [0.0, half_rear], [0.0, -half_rear]])
     R = np.array([[cos(yaw), -sin(yaw)], [sin(yaw), cos(yaw)]])
     places = wheels @ R.T + [x, y]
+    # Least squares for z = height + along x + across y, with x and y in the axes of the vehicle.
     z = part.terrain.height(places[:, 0], places[:, 1])
     height, along, across = np.linalg.lstsq(np.column_stack([np.ones(4), wheels]), z, rcond=None)[0].tolist()
     ahead = np.array([cos(yaw), sin(yaw), along]) / sqrt(1.0 + along * along)

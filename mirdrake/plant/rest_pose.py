@@ -24,6 +24,7 @@ from pydrake.systems.framework import Context
 from mirdrake.core.errors import ConfigError
 from mirdrake.vehicles import Vehicle
 
+# Newton's method needs a few; more mean that there is no such pose.
 _ITERATIONS = 20
 _SCALE = np.array([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0, 1.0])  # steps of the finite differences [m, rad, rad, N]
 
@@ -85,6 +86,7 @@ def check_balance(
         reason, axis, start = f"{-z:.3g} m below the road", 2, 0.0
     else:
         return
+    # The sign makes the contribution positive for links that move the centre of mass to the wrong side.
     sign = 1.0 if x >= length else -1.0
     bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
 
@@ -113,6 +115,8 @@ def find_rest_pose(
         R_WP: axes of the plane on which it rests, x along its heading; by default the plane z = 0.
     """
     # Mass, gravity in vehicle axes, wheel centres, and the load of each wheel at zero travel.
+
+    # Centre of mass and gravity are taken in vehicle axes, with the suspension at zero travel.
     geometry, springs = part.vehicle.geometry, part.vehicle.spec.suspension
     context = plant.CreateDefaultContext()
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
@@ -127,6 +131,7 @@ def find_rest_pose(
     if springs is not None:
         below = [plant.GetBodiesKinematicallyAffectedBy([joint.index()]) for joint in part.suspension]
         unsprung = [sum(plant.get_body(body).default_mass() for body in bodies) for bodies in below]
+        # The road carries the unsprung mass of a wheel directly, beside the load of its spring.
         carried = np.array(part.vehicle.spring_loads) - g[2] * np.array(unsprung)
 
     # Travel of the wheels under loads: springs and anti-roll bars.
@@ -136,6 +141,7 @@ def find_rest_pose(
         spring_loads = []
         for axle, spring in ((0, springs.front), (2, springs.rear)):
             left, right = (loads - carried)[axle : axle + 2]
+            # In heave only the springs act, in roll also the anti-roll bar, on the difference of the two travels.
             both, apart = (
                 (left + right) / spring.stiffness,
                 (left - right) / (spring.stiffness + 2.0 * spring.anti_roll),
@@ -154,6 +160,7 @@ def find_rest_pose(
         sums = [N.sum() + mass * g[2], p[:, 0] @ N - mass * (c[2] * g[0] - c[0] * g[2])]
         across = p[:, 1] - radii * R_WB[1, 2]  # an inclined wheel touches the road in its own plane
         sums += [across @ N - mass * (c[2] * g[1] - c[1] * g[2])]
+        # Forces over about the weight, so that all residuals have the size of millimetres and one tolerance fits.
         return np.concatenate([radii - p[:, 2] - pressed, np.array(sums) / (mass * 10.0)])
 
     # Start from the level pose with the static loads.
@@ -161,14 +168,17 @@ def find_rest_pose(
     start = -0.5 * mass * g[2] * np.array([share, share, 1.0 - share, 1.0 - share])
     pressed = [part.compression[i // 2](load) for i, load in enumerate(start)]
     unknown = np.array([-pressed[2], (pressed[0] - pressed[2]) / geometry.wheelbase, 0.0, *start])
+    # The centre of mass is not between the axles.
     if (start <= 0.0).any():
         return None
     for _ in range(_ITERATIONS):
         now = residual(unknown)
         if np.abs(now).max() < 1e-12:
             break
+        # Each step is a row of a diagonal matrix, so its sum is its length.
         slopes = [(residual(unknown + step) - now) / step.sum() for step in np.diag(_SCALE)]
         unknown = unknown - np.linalg.solve(np.column_stack(slopes), now)
+        # A wheel that would have to pull at the road lifts: there is no rest on four wheels.
         if not np.isfinite(unknown).all() or (unknown[3:] <= 0.0).any():
             return None
     if np.abs(residual(unknown)).max() > 1e-9:

@@ -122,6 +122,7 @@ def brush_at_load(tyre: BrushTyre, load: Value, *, friction: Value = 1.0) -> Bru
     """
     load = larger(load, 0.0)
     ratio = load / tyre.nominal_load
+    # The linear change of the friction over the load would become negative at very high loads.
     change = larger(1.0 + tyre.friction_by_load * (ratio - 1.0), _LEAST_FRICTION)
     # sin(2 atan x) = 2 x / (1 + x²), relative to its value at the nominal load.
     nominal, now = tyre.nominal_load / tyre.peak_load, load / tyre.peak_load
@@ -164,6 +165,7 @@ def brush_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, vx: Value) -> tu
         Fx [N], Fy [N], Mz [N m].
     """
     # Theoretical slips, and the force if every bristle stuck.
+    # The theoretical slips refer to the speed of the tread, which runs backwards beyond kappa = -1.
     forward = choose(kappa < -1.0, -1.0, 1.0)
     scale = larger(forward * (1.0 + kappa), _LOCKED)
     slip_x, slip_y = kappa / scale, tan_alpha / scale
@@ -176,6 +178,8 @@ def brush_on(curve: BrushCurve, kappa: Value, tan_alpha: Value, vx: Value) -> tu
     share = 1.0 - sliding_share
     square = share * share
     slide = curve.limit * sliding_share * sliding_share * (1.0 + 2.0 * share) / slip
+
+    # Moments of the sticking and of the sliding part about the middle of the patch.
     arm = stuck_y * (square - 4.0 / 3.0 * square * share)
     back = 3.0 * curve.limit * square * sliding_share * sliding_share * slip_y / slip
     fx, fy = stuck_x * square + slide * slip_x, -(stuck_y * square + slide * slip_y)
@@ -202,6 +206,7 @@ def brush_lateral_force(
         shape: not used, like `curvature`.
         curvature: see there.
     """
+    # Below full sliding the cubic of Fiala; beyond it the quotient leaves ±limit.
     share = stiffness * absolute(tan_alpha) / (3.0 * limit)
     sticking = smaller(share, 1.0)
     return -stiffness * tan_alpha * (1.0 - sticking + sticking * sticking / 3.0) / larger(share, 1.0)

@@ -370,6 +370,7 @@ def curve_at(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCurve
     gamma, dfz, camber, mu = point.gamma, point.dfz, point.camber, point.mu
     fx_pure, fy_pure = _longitudinal(p, point, slopes), _lateral(p, point, slopes)
     # The trail acts on the lateral force without camber (4.E74), except in 5.2.
+    # Arrays and AutoDiff values count as inclined: a zero may have a derivative.
     cambered = p.version != "5.2" and not (isinstance(gamma, float) and gamma == 0.0)
     fy_upright = fy_pure
     if cambered:
@@ -458,6 +459,7 @@ def magic_formula_on(curve: MagicFormulaCurve, kappa: Value, tan_alpha: Value, v
 
 def _combined_slip(curve: MagicFormulaCurve, kappa: Value, tan_alpha: Value, vx: Value) -> tuple[Value, Value, Value]:
     """Return Fx, Fy and Mz at the load of the coefficients."""
+    # Shifts would push a vehicle at standstill; the square is 1 in both directions of rolling and 0 there.
     direction = _direction(vx, curve.vxlow)
     fade = direction * direction
     # Slips of equal effect on the road of the data, by similarity.
@@ -477,6 +479,7 @@ def _combined_slip(curve: MagicFormulaCurve, kappa: Value, tan_alpha: Value, vx:
     # Aligning moment (4.E71): trail, residual moment, and Fx on its arm.
     cosine = direction / sqrt(1.0 + tan_alpha * tan_alpha)  # cos α', (4.E6)
     by_kappa = curve.stiffness_ratio * kappa
+    # The small term keeps the derivative of the root finite at zero slip (AutoDiff).
     by_kappa = by_kappa * by_kappa + _TINY
     trail, residual = curve.trail, curve.residual
     trail_slip = tan_alpha + trail.shift_h  # (4.E34)
@@ -507,6 +510,7 @@ def _weight(weight: SlipWeight, own: Value, other: Value) -> Value:
     # cos(atan x) = 1 / sqrt(1 + x²)
     bx = weight.b_own * (own - weight.own_shift)
     b = weight.b / sqrt(1.0 + bx * bx)
+    # Normalised to 1 without the other slip, also with a horizontal shift.
     share = _cosine_formula(b * (other + weight.shift_h), weight.e, weight.c)
     if weight.shifted:
         share = share / _cosine_formula(b * weight.shift_h, weight.e, weight.c)

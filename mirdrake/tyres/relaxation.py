@@ -127,6 +127,7 @@ def relaxed_slip(
     """Return the slips kappa' and tan alpha' [1] for the law in steady state, with damping at low speed."""
     if contact.stiffness_x <= 0.0 or contact.stiffness_y <= 0.0:
         return 0.0, 0.0
+    # Without damping the tyre is an undamped spring at standstill, where relaxation does not decay.
     damping = settings.damping * low_speed_weight(motion.vx, settings.low) + settings.lasting_damping
     kappa = state.along / contact.length_x - damping / contact.stiffness_x * motion.slip_x
     tan_alpha = state.across / contact.length_y
@@ -193,6 +194,7 @@ def _sliding(deflection: float, velocity: float, limit: float, weight: float) ->
         return 0.0
     limit = max(limit, _SMALL)
     n = abs(deflection) / limit
+    # f(n) is n⁴ up to the limit and its tangent 4 n - 3 beyond it, so λ has no kink.
     share = n**3 if n < 1.0 else 4.0 - 3.0 / n  # f(n) / n
     return weight * share * abs(velocity) / limit
 
@@ -203,6 +205,7 @@ def relaxation_step(
     """Return the solution of u' = V - λ u with λ in mid-step; the step is divided where the patch slides far."""
     if weight == 0.0:
         return _advance(deflection, velocity, decay, period)
+    # Sliding changes λ with the deflection, so steps are short against the limit; λ is taken in mid-step.
     parts = min(_MAX_PARTS, 1 + int(abs(velocity) * period / (_MAX_SLIDING * max(limit, _SMALL))))
     period /= parts
     for _ in range(parts):
@@ -212,6 +215,7 @@ def relaxation_step(
 
 
 def _advance(deflection: float, velocity: float, decay: float, period: float) -> float:
+    # Exact for constant V and λ; the series of (1 - e^-p) / p where the quotient would lose digits.
     passed = decay * period
     mean = -math.expm1(-passed) / passed if passed > _SMALL else 1.0 - 0.5 * passed
     return deflection * math.exp(-passed) + velocity * period * mean

@@ -326,6 +326,8 @@ def estimate(
     radius = wheel_radius
     load = mass * GRAVITY / 4.0
     slow = sqrt(radius / BOLT_RADIUS)  # Froude: times of this vehicle over those of the Bolt
+
+    # Sizes and masses, in proportion to those of reference vehicles; see HOW.
     length = max(1.65 * wheelbase, wheelbase + 2.6 * radius) if length is None else length
     width = 1.03 * (track + wheel_width) if width is None else width
     height = 4.6 * radius if height is None else height
@@ -334,6 +336,7 @@ def estimate(
     wheel_mass = min(283.0 * pi * radius**2 * wheel_width, 0.025 * mass)
     knuckle_mass = wheel_mass / 2.0
     kingpin_offset = 0.06 * radius
+    # A given yaw inertia has to be met exactly, an estimated one is approximated by the box.
     wanted = yaw_coefficient(mass) * mass * wheelbase * length if yaw_inertia is None else yaw_inertia
     edges, (roll, pitch, yaw) = _inertia(
         yaw=wanted,
@@ -347,6 +350,8 @@ def estimate(
         com=(share * wheelbase, com_height),
         parts=(wheel_mass, knuckle_mass),
     )
+
+    # Contact of the tyre: softer for small wheels, so that the patch is long enough for the step of the plant.
     soft, softest = HYDROELASTIC_COMPRESSION
     compression = min(soft * max(BOLT_RADIUS / radius, 1.0), softest)
     wheel_speed_limit = min(130.0, 45.0 / radius) if top_speed is None else top_speed / radius
@@ -355,15 +360,19 @@ def estimate(
     modulus = 0.75 * load / (sqrt(2.0) * compression**1.5 * wheel_width * radius)
     # The tread comes down with v a / R at the front end of the patch; a = sqrt(2 R d) is its half length.
     downward = wheel_speed_limit * radius * sqrt(2.0 * compression)
+
+    # Steering motor: a linear speed-torque line whose no-load speed is four times the rate.
     effort, rate = 0.8 * load * radius, 0.16 / radius
     resistance = effort / (4.0 * rate)
     # Scrub moment of a tyre that turns on the spot: the patch is as wide as the tread and 2 sqrt(2 R d) long.
     friction, patch = 0.9, 2.0 * radius * sqrt(2.0 * compression)
     scrub = friction * load * sqrt((wheel_width**2 + patch**2) / 8.0 + kingpin_offset**2)
+    # Inertia that the servo turns: wheel about the kingpin, and rotor; the least stiffness gives it 10 Hz.
     turned = _wheel_inertia(wheel_mass, radius, wheel_width) + wheel_mass * kingpin_offset**2 + 0.016 * resistance
     least = turned * (2.0 * pi * STEERING_FREQUENCY) ** 2
     stiffness, compliant = max(scrub / STEERING_ERROR, least), max(39.0 * load * radius, least)
     # Cornering stiffness over load; see HOW.
+    # Lorry tyres lose cornering stiffness over load with the root of the load above 10 kN.
     grip = 6.5 if mass < ROBOT_MASS else 11.0 * min(1.0, sqrt(10e3 / load))
     loads = 2.0 * share * load, 2.0 * (1.0 - share) * load
     cornering = grip * loads[0], 1.15 * grip * loads[1]
@@ -414,6 +423,7 @@ def estimate(
         suspension_travel=0.31 * radius,
         **_springs(
             bodies=(
+                # Sprung mass of a corner: half of the axle's share less wheel, carrier (half a wheel) and knuckle.
                 0.5 * mass * share - 1.5 * wheel_mass - knuckle_mass,
                 0.5 * mass * (1.0 - share) - 1.5 * wheel_mass,
             ),
@@ -440,6 +450,7 @@ def estimate(
 
 def yaw_coefficient(mass: float) -> float:
     """Return yaw inertia over mass x wheelbase x length [-] of a vehicle of this mass [kg]; :data:`YAW_COEFFICIENT`."""
+    # Interpolated over log(mass) between 100 and 200 kg, so that the estimate has no jump.
     robot, road = YAW_COEFFICIENT
     return robot + (road - robot) * min(max(log(mass / ROBOT_MASS) / log(2.0), 0.0), 1.0)
 
@@ -472,6 +483,7 @@ def steering_limit_of_circle(circle: float, *, wheelbase: float, track: float, w
     kingpin = track / 2.0 - scrub
     outer = circle / 2.0 - scrub  # from the turning centre to the outer kingpin
     inner = sqrt(max(outer**2 - wheelbase**2, 0.0)) - 2.0 * kingpin  # to the inner one, along the rear axle
+    # The turning centre would not be outside of the inner kingpin.
     if inner <= 0.0:
         raise ConfigError(
             f"turning_circle {circle:g} m is not possible with a wheelbase of {wheelbase:g} m and a track of {track:g} "
@@ -500,12 +512,14 @@ def _springs(
     """
     springs: dict[str, float] = {}
     for axle, body, ride in (("front", bodies[0], 1.25), ("rear", bodies[1], 1.4)):
+        # The ride frequency is that of spring and tyre in series, so the spring alone is stiffer.
         with_tyre = body * (2.0 * pi * ride / slow) ** 2
         springs[f"{axle}_stiffness"] = stiffness = 1.0 / (1.0 / with_tyre - 1.0 / tyre)
         springs[f"{axle}_damping"] = 2.0 * 0.3 * sqrt(stiffness * body)
     # Roll stiffness for 5 degrees at 1 g, the weight leaning along; tyres in series; less what the springs have.
     wanted = tipping / radians(5.0) + tipping
     stiffness_of_axles = wanted / (1.0 - min(wanted / (tyre * track**2), 0.8))
+    # Springs of both axles resist roll with k t² / 2 each, bars with their stiffness times t²; never less than zero.
     bars = max(stiffness_of_axles / track**2 - 0.5 * (springs["front_stiffness"] + springs["rear_stiffness"]), 0.0)
     return springs | {"front_anti_roll": 0.65 * bars, "rear_anti_roll": 0.35 * bars}
 
@@ -518,6 +532,7 @@ def _reach(radius: float, side: float, limit: float) -> float:
         side: distance from the steering axis to the wheel's outer face [m].
         limit: limit of the angle [rad].
     """
+    # The front corner of the tyre is farthest ahead when it is straight ahead of the kingpin.
     worst = atan2(side, radius)
     return hypot(radius, side) if worst < limit else radius * cos(limit) + side * sin(limit)
 
@@ -559,12 +574,15 @@ def _inertia(
     Raises:
         ConfigError: no box has the given yaw inertia.
     """
+    # Body from whole vehicle: mass and centre of mass of the wheels and knuckles are subtracted.
     wheel, knuckle = parts
     front, rear = 2.0 * (wheel + knuckle), 2.0 * wheel
     body = mass - front - rear
     x, z = com
     body_x = (mass * x - front * wheelbase) / body
     body_z = (mass * z - (front + rear) * radius) / body
+
+    # Steiner terms about the centre of mass of the vehicle; `rest` is the yaw inertia without the box itself.
     along = front * (wheelbase - x) ** 2 + rear * x**2 + body * (body_x - x) ** 2
     across = (front + rear) * track**2 / 4.0
     up = (front + rear) * (radius - z) ** 2 + body * (body_z - z) ** 2
@@ -574,6 +592,7 @@ def _inertia(
     # The box is at least as long as 0.4 of the vehicle, and so little wider that the yaw inertia is met.
     b = min(b, sqrt(max(12.0 * (yaw - rest) / body - (0.4 * size[0]) ** 2, (0.4 * b) ** 2)))
     square = 12.0 * (yaw - rest) / body - b**2
+    # A given yaw inertia is accepted for boxes of 0.25 to 2 times the length of the vehicle.
     low, high = (rest + body * ((0.25 * part) ** 2 + b**2) / 12.0 for part in (size[0], 8.0 * size[0]))
     if given and not low <= yaw <= high:
         raise ConfigError(

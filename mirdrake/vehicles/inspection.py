@@ -59,6 +59,7 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
     mass = float(plant.CalcTotalMass(context))
     x, y, z = (float(value) for value in plant.CalcCenterOfMassPositionInWorld(context))
     front_share = x / geometry.wheelbase
+    # Inertia of the whole vehicle about its centre of mass.
     spatial = plant.CalcSpatialInertia(context, plant.world_frame(), [body.index() for body in _bodies(plant)])
     about_com = spatial.Shift(spatial.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
     ahead, behind = geometry.wheelbase - x, x
@@ -71,6 +72,8 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
     outermost = math.hypot(geometry.wheelbase, radius + 0.5 * geometry.kingpin_track) + scrub
 
     inspector = scene_graph.model_inspector()
+
+    # Extent of the vehicle: clearance and wall circle are those of the body without its wheels.
     wheels = {plant.GetJointByName(name).child_body().name() for name in vehicle.spec.joints.wheels.names()}
     solid = {
         body.name(): _corners(inspector, plant.EvalBodyPoseInWorld(context, body), _solids(plant, inspector, body))
@@ -81,6 +84,7 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
         for body in _bodies(plant)
     ]
     corners, rest = np.vstack(list(solid.values())), np.vstack([solid[name] for name in solid if name not in wheels])
+    # Wall circle: the farthest point from the turning centre, which is `radius` to one side on the rear axle.
     wall = max(float(np.hypot(rest[:, 0], radius + np.abs(rest[:, 1])).max(initial=0.0)), outermost)
     inertia = _three(np.diag(about_com))
     links = tuple(_link(plant, context, inspector, body, solid[body.name()], vehicle) for body in _bodies(plant))
@@ -94,6 +98,7 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
         com=(x, y, z),
         loads=(mass * GRAVITY * front_share, mass * GRAVITY * (1.0 - front_share)),
         front_share=front_share,
+        # Share of the left wheels in the weight: lateral moments with the load-weighted mean of the tracks.
         side_share=0.5 + y / (front_share * geometry.front_track + (1.0 - front_share) * geometry.rear_track),
         wheelbase=geometry.wheelbase,
         tracks=(geometry.front_track, geometry.rear_track),
@@ -109,6 +114,7 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
         wall_circle=2.0 * wall,
         inertia=inertia,
         gyration=_three([math.sqrt(moment / mass) for moment in inertia]),
+        # Yaw dynamic index Izz / (m a b); at 1 each axle is the centre of percussion of the other.
         dynamic_index=float(about_com[2, 2] / mass / (ahead * behind)) if ahead * behind > 0.0 else math.inf,
         static_stability=0.5 * min(geometry.front_track, geometry.rear_track) / z if z > 0.0 else math.inf,
         overlaps=find_overlaps(plant, scene_graph, vehicle, angles=(inner, outer)),
@@ -118,6 +124,7 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
         sensors=_sensors(plant, context, vehicle),
         warnings=(),
     )
+    # Warnings are found from the figures, hence after the (frozen) record of these exists.
     object.__setattr__(figures, "warnings", (*find_oddities(figures, vehicle), *vehicle.warnings))
     return figures
 
@@ -127,6 +134,7 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
 
 def _bodies(plant: MultibodyPlant) -> list[RigidBody]:
     """Return all bodies of the vehicle, without the world."""
+    # Drake's first two model instances are the world and the default one.
     instances = [ModelInstanceIndex(number) for number in range(2, plant.num_model_instances())]
     return [plant.get_body(index) for instance in instances for index in plant.GetBodyIndices(instance)]
 
@@ -186,6 +194,7 @@ def _link(
     # A box with edges a, b, c has I_a = m (b² + c²) / 12 and so on.
     squares = [6.0 * (moments.sum() - 2.0 * moment) / mass for moment in moments]
     edges = sorted((math.sqrt(max(square, 0.0)) for square in squares), reverse=True)
+    # A wheel: inertia about the axis of its joint, in the axes of the body.
     spin = None
     for name, radius in zip(vehicle.spec.joints.wheels.names(), vehicle.geometry.wheel_radii, strict=True):
         joint = plant.GetJointByName(name)
@@ -226,6 +235,7 @@ def _joints(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Join
         for index in plant.GetJointActuatorIndices()
     }
     rows = []
+    # Joints are listed in the order of the file, with fixed ones.
     for element in ElementTree.fromstring(vehicle.urdf).findall("joint"):
         name, kind = element.get("name", ""), element.get("type", "")
         joint = plant.GetJointByName(name)
@@ -280,6 +290,7 @@ def _sensors(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Sen
     rows = []
     for name, mount in vehicle.sensors.mounts.items():
         X_BS = plant.CalcRelativeTransform(context, plant.world_frame(), plant.GetFrameByName(mount.frame))
+        # Direction of view: x axis of the mounted frame; + 0.0 turns -0.0 into 0.0 in tables.
         ahead = X_BS.rotation().matrix()[:, 0]
         view = mount.field_of_view()
         rows.append(

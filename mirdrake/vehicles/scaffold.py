@@ -142,6 +142,7 @@ def write_vehicle(
     """Write the folder of a planned vehicle; see :func:`new_vehicle`."""
     check_name(name)
     target = vehicle_place(name, folder=folder, force=force)
+    # The folder is published only when the vehicle and its variants load, so a failure leaves nothing behind.
     with staging(target.parent) as stage:
         building = stage.path / target.name
         building.mkdir()
@@ -175,6 +176,7 @@ def vehicle_place(name: str, *, folder: Path | str | None = None, force: bool = 
     if target.is_symlink() or target.exists():
         if not force:
             raise ConfigError(f"{shown(target)} exists already; choose another name, or use --force to replace it")
+        # Even --force never removes a folder that is not a vehicle, nor follows a link.
         if target.is_symlink() or not (target / "vehicle.yaml").is_file():
             raise ConfigError(f"{shown(target)} is not a vehicle folder and is not replaced; choose another name")
     return target
@@ -193,8 +195,10 @@ def write_diagram(vehicle: Path, *, folder: Path | str, force: bool = False) -> 
     """
     loaded = load_vehicle(str(vehicle))
     geometry, name = loaded.geometry, vehicle.name
+    # A vehicle on the search path is written by name, any other one by a path relative to the diagram file.
     known = any(parent == vehicle.resolve().parent for parent in search_folders("models"))
     model = name if known else os.path.relpath(vehicle.resolve(), Path(folder).resolve())
+    # The skidpad needs a circle with a margin of 20 % to full lock, and the outer front wheel within the track.
     tightest = geometry.wheelbase / tan(geometry.steering_limit) + geometry.kingpin_track / 2.0
     side = (geometry.front_track + geometry.front_wheel_width) / 2.0
     sweep = hypot(SKIDPAD_RADIUS + side, geometry.wheelbase) - SKIDPAD_RADIUS  # of the outer front wheel
@@ -254,6 +258,7 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
             )
         )
     driven = "All-wheel-driven" if plan.drive == "all" else f"{plan.drive.capitalize()}-driven"
+    # Everything the templates name; StrictUndefined makes a missing word an error.
     words = {
         **values,
         "name": name,
@@ -323,9 +328,11 @@ def place_sensors(plan: Plan) -> list[PlacedSensor]:
     values, robot = plan.values, plan.body == "robot"
     wheelbase, height, radius = values["wheelbase"], values["height"], values["wheel_radius"]
     front = (wheelbase + values["length"]) / 2.0
+    # Positions in base_link: origin on the road below the rear axle, x ahead.
     com = values["front_axle_share"] * wheelbase
     roof = (front - values["length"], 0.92 * wheelbase)  # as in contact.xacro
     half_roof = (roof[1] - roof[0]) / 2.0
+    # Velodyne: 15 degrees below the horizon and 1 degree of margin over half of the roof.
     over = height + (0.06 * height if robot else max(0.05, tan(radians(16.0)) * half_roof))
     bumper = 1.2 * radius if robot else 0.35 * height
     known = {
@@ -352,6 +359,7 @@ def write_visuals(folder: Path, plan: Plan) -> None:
     """Write meshes/body.gltf and meshes/wheel.gltf, in the frames of base_link and of a wheel."""
     values = plan.values
     names = ("wheelbase", "length", "width", "height", "wheel_radius", "wheel_width", "ground_clearance")
+    # Front overhang: half of what the length exceeds the wheelbase by, but never zero.
     overhang = max((values["length"] - values["wheelbase"]) / 2.0, 0.02 * values["wheelbase"])
     track = max(values["track"], values["track_rear"])
     size = BodySize(track=track, front_overhang=overhang, **{name: values[name] for name in names})

@@ -169,10 +169,13 @@ def plan_vehicle(
     if faults:
         raise ConfigError("\n".join(faults))
     sources = {key: GIVEN if _is_plain(given[key]) else f"{GIVEN}: {given[key]}" for key in values}
+
+    # A tyre size gives radius and width; `tyre` those of both axles.
     for place, text in tyres.items():
         for axle in ("", "rear_") if place == "tyre" else ("rear_",) if place == "tyre_rear" else ("",):
             for part, size in zip(("wheel_radius", "wheel_width"), parse_tyre(text, where=place), strict=True):
                 values[axle + part], sources[axle + part] = size, f"{GIVEN}: tyre {text.strip()}"
+    # Order matters: a front track given as `track_front` becomes `track`, which the rear axle may take.
     for axle_key, common in (("track", "track_front"), ("track_rear", "track")):
         if axle_key not in values:
             values[axle_key], sources[axle_key] = values[common], sources[common]
@@ -185,6 +188,7 @@ def plan_vehicle(
 
     # Input quantities that are not given.
     _estimate_sizes(values, sources, body := body or _usual_body(values["mass"]))
+    # Front-driven cars carry engine and gearbox in front: share of the Bolt.
     share, share_text = (0.56, _FRONT_SHARE) if drive == "front" else (None, HOW["front_axle_share"])
     result = estimate(
         mass=values["mass"],
@@ -197,16 +201,20 @@ def plan_vehicle(
         yaw_inertia=values.get("yaw_inertia"),
         power=values.get("power"),
         top_speed=values.get("top_speed"),
+        # The estimates know one axle; where axles differ they get the mean.
         track=(values["track"] + values["track_rear"]) / 2.0,
         wheel_radius=(values["wheel_radius"] + values["rear_wheel_radius"]) / 2.0,
         wheel_width=(values["wheel_width"] + values["rear_wheel_width"]) / 2.0,
         front_axle_share=values.get("front_axle_share", share),
         driven_wheels=4 if drive == "all" else 2,
     )
+
+    # Given power and top speed are inputs; the files have the limits that follow from them, with their origin.
     for key, name in (("power", "max_power"), ("top_speed", "wheel_speed_limit")):
         if key in values:
             sources[name] = sources.pop(key) + (", over the wheel radius" if key == "top_speed" else "")
     _check_power(asdict(result) | values)
+    # Given values stay as they are; only estimates are rounded to their precision.
     numbers: dict[str, float | tuple[float, ...]] = {**values}
     for key, value in asdict(result).items():
         if key not in numbers:
@@ -259,6 +267,7 @@ def _estimate_sizes(values: dict[str, float], sources: dict[str, str], body: str
         "height": f"estimated: {high:g} wheel radii ({body}: {why})",
     }
     steering = {"wheelbase": wheelbase, "track": track, "wheel_radius": radius}
+    # A turning circle determines the steering limit, which must be one that a joint can have.
     if "turning_circle" in values:
         limit = QUANTITIES["steering_limit"]
         angle = steering_limit_of_circle(values["turning_circle"], **steering)
@@ -274,6 +283,7 @@ def _estimate_sizes(values: dict[str, float], sources: dict[str, str], body: str
     for key, value in estimates.items():
         if key not in values:
             values[key], sources[key] = rounded(value), texts[key]
+    # The rear axle has the wheels of the front one unless given, with the same origin.
     for key in ("wheel_radius", "wheel_width"):
         if f"rear_{key}" not in values:
             values[f"rear_{key}"], sources[f"rear_{key}"] = values[key], sources[key]
@@ -288,6 +298,7 @@ def _check_power(values: Mapping[str, Any]) -> None:
     if "top_speed" not in values or "power" not in values:
         return
     speed = values["top_speed"]
+    # Rolling resistance and drag, ρ / 2 = 0.6 kg/m³.
     force = values["mass"] * GRAVITY * values["rolling_resistance"] + 0.6 * values["drag_area"] * speed**2
     if force * speed > values["power"]:
         raise ConfigError(

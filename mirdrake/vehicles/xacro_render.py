@@ -120,6 +120,7 @@ class _Expansion:
 
     def tick(self) -> None:
         """Raise an error when the time of the expansion is over."""
+        # Processor time of this thread: a busy machine must not reject a valid file.
         if time.thread_time() - self.began > SECONDS:
             raise ModelError(f"{self.where()}: the expansion takes more than {SECONDS:g} s of processor time")
 
@@ -165,6 +166,8 @@ class _Expansion:
         if problem:
             prefix = f"{self.where()}: include: " if self.files else ""
             raise ModelError(f"{prefix}{name}: {problem}")
+
+        # The own parser knows the line of each element; minidom gives the tree that xacro needs.
         self.files.append(path)
         lines = parse_xml(data, name, error=ModelError).lines.values()
         try:
@@ -206,11 +209,13 @@ class _Expansion:
             raise xacro.XacroException(f"load_yaml: {shown(path)}: no such file")
         if resolved.stat().st_size > YAML_SIZE:
             raise xacro.XacroException(f"load_yaml: {shown(path)} has more than {YAML_SIZE} bytes")
+        # Units such as !degrees are tags of xacro; a file is limited before any value is constructed.
         for unit in xacro.ConstructUnits:
             _Yaml.add_constructor(unit.value.tag, unit.constructor)
         xacro.filestack.append(str(path))
         try:
             text = resolved.read_text(encoding="utf-8")
+            # Events come before any tree exists, so a hostile file takes no memory; aliases are counted afterwards.
             depth = 0
             for number, event in enumerate(yaml.parse(text, Loader=_Yaml)):
                 depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -249,6 +254,7 @@ class _Expansion:
         if name in allowed and name in os.environ:
             return os.environ[name]
         what = "is not set" if name in allowed else f"is not read; allow it with {MORE_VARIABLES}={name}"
+        # A default replaces a variable that may not be read, with a warning if it is set.
         if default is None:
             raise xacro.XacroException(f"environment variable '{_printable(name)}' {what}")
         if name not in allowed and name in os.environ:
@@ -272,6 +278,7 @@ def _expanded_size(node: Any, known: dict[int, int]) -> int:
         if known[id(node)] == 0:
             raise xacro.XacroException("load_yaml: a value contains itself")
         return known[id(node)]
+    # Zero marks a node that is being counted: meeting it again means a cycle.
     known[id(node)] = 0
     pairs = isinstance(node, yaml.MappingNode)
     parts = [part for pair in node.value for part in pair] if pairs else node.value
@@ -333,12 +340,14 @@ def render_xacro(
             document = note.parse(path)
             xacro.process_doc(document, mappings=dict(defaults or {}) | given, verbosity=0)
         except xacro.XacroException as error:
+            # An unknown argument may be the cause of xacro's error, so it is reported first.
             _check_arguments(given, note, where)
             cause: Any = error
             while isinstance(cause, xacro.XacroException):  # each property that is evaluated adds one
                 cause = cause.exc
             if isinstance(cause, ModelError):
                 raise cause from None
+            # xacro stops at the first missing argument; report all of them at once.
             missing = note.missing()
             if missing and ("argument" in str(error) or "'default'" in str(error)):
                 raise MissingArgumentsError(missing) from None
@@ -374,6 +383,7 @@ def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
         places.append(last)
     _drop_space_and_comments(root_node)
     text: str = root_node.toprettyxml(indent="  ")
+    # The pretty-printed text is parsed again: its elements come in the same order as those of the tree.
     starts = list(parse_xml(text, shown(note.files[0]), error=ModelError).lines.values())
     root = ElementTree.fromstring(text)
     lines = dict(zip(root.iter(), starts, strict=True))
@@ -383,6 +393,7 @@ def _finish(document: xml.dom.minidom.Document, note: _Expansion) -> Urdf:
 @contextlib.contextmanager
 def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
     """Make xacro parse and evaluate through `note`, with its position, without printing."""
+    # Originals first: the wrappers call them.
     check_attrs, handle_macro_call, eval_all = xacro.check_attrs, xacro.handle_macro_call, xacro.eval_all
     eval_extension, eval_text = xacro.eval_extension, xacro.eval_text
     arguments = xacro.substitution_args_context
@@ -426,6 +437,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
         return convert_value(str(arguments["arg"][name]), "auto")
 
     def extension(text: str) -> Any:
+        # Substitutions that read files or the environment are evaluated here, harmless ones by xacro.
         inside = text.removeprefix("$(").removesuffix(")")
         words = inside.split()
         if inside.startswith("eval "):
@@ -446,6 +458,7 @@ def _wrapped_xacro(note: _Expansion) -> Iterator[None]:
             )
         return eval_extension(text)
 
+    # xacro would reject the attribute in its own tags, and take it as a parameter of a macro.
     def _take(node: Any) -> None:
         note.note(node)
         if node.hasAttribute(_AT):

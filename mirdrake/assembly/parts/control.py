@@ -57,6 +57,7 @@ def add_control(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
             replaced[name.removeprefix(prefix)] = make_block(
                 entry.kind, entry.parameters(), source=source, folder=folder, factory=wiring.factories.get(name)
             )
+    # Inputs of blocks that the user connects must be ports of the unit; names are vehicle.control.block.port.
     opened = {".".join(sink.split(".")[2:4]) for _, sink in spec.connect if sink.startswith(prefix)}
     try:
         control = expand_control(unit, replaced=replaced, opened=opened)
@@ -66,9 +67,11 @@ def add_control(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
     wiring.blocks[f"{part.name}.control"] = control
     for name, port in control.outputs.items():
         wiring.sources[prefix + name] = port
+        # A block with one vector output lets its elements be named without the port.
         if len(port[1] or ()) > 1:
             wiring.name_elements(prefix + name, prefix + name.split(".")[0])
     wiring.sinks |= {prefix + name: port for name, port in control.inputs.items()}
+    # Inputs connected within the unit may be named, but are not open.
     wiring.inner |= {prefix + name for name in control.inputs if name not in opened and name not in control.open}
     wiring.open |= {prefix + name for name in control.open}
     wiring.defaults += [(prefix + source, prefix + sink) for source, sink in control.defaults]

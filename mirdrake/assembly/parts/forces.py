@@ -23,6 +23,7 @@ from mirdrake.plant.wheels import (
 def add_ground_tyres(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> GroundReadings:
     """Add the tyres that touch the ground themselves, and the system that collects their loads."""
     plant, names = parts.plant, list(parts.vehicles)
+    # Contacts are counted as often as the fastest control unit runs.
     rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
     scenery = {*parts.ground, *parts.props.owners}
     readings = GroundReadings(names, scenery=scenery, period=1.0 / rate)
@@ -50,6 +51,7 @@ def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec)
     plant = parts.plant
     rate = max(part.vehicle.control.rate for part in parts.vehicles.values())
     wheels = [wheel for part in parts.vehicles.values() for wheel in make_rolling_wheels(part)]
+    # `raw` keeps the numerical resistance of Drake and adds none; point contact has none to cancel.
     raw = spec.plant.rolling_resistance == "raw"
     cancel = not raw and parts.wheel_contact == "hydroelastic"
     tyre_models = any(part.tyre_model for part in parts.vehicles.values())
@@ -58,6 +60,7 @@ def add_rolling_resistance(wiring: Wiring, parts: PlantParts, spec: DiagramSpec)
         [wheel._replace(coefficient=0.0) for wheel in wheels] if raw else wheels,
         ground=parts.ground,
         scenery=parts.props.owners,
+        # Cancellation and tyre laws need loads at the rate of the control; otherwise a slow update is sufficient.
         period=1.0 / rate if cancel or tyre_models else LOAD_PERIOD,
         cancel_numerical=cancel,
         machine_code=tyre_models or spec.plant.machine_code,
@@ -77,6 +80,7 @@ def add_tyres(
     for index, (name, part) in enumerate(parts.vehicles.items()):
         tyres: WheelTyres | GroundTyres | None = None
         if isinstance(rolling, RollingResistance):
+            # One system has the loads of all vehicles; each tyre system reads its part of them.
             first, loads = index * len(part.wheels), len(parts.vehicles) * len(part.wheels)
             wheel_tyres = make_wheel_tyres(plant, part, loads=loads, first=first, friction=parts.world.road_mu)
             if wheel_tyres is None:
@@ -100,6 +104,7 @@ def add_outer_forces(
 ) -> None:
     """Add aerodynamics and anti-roll bars, and the sum of all external forces."""
     plant = parts.plant
+    # Ground tyres contain the rolling resistance, so their readings have no force.
     forces: list[OutputPort] = [rolling.generalized_force] if isinstance(rolling, RollingResistance) else []
     for name, part in parts.vehicles.items():
         tyres = wiring.systems.get(f"{name}.tyres")

@@ -63,6 +63,7 @@ def add_sensors(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
                 f"{where(spec, 'sensors', part.name, index)}: '{name}' is the name of an output of every vehicle; "
                 f"rename the mount in {part.vehicle.folder / 'sensors.yaml'}"
             )
+        # Rendering takes longer than everything else: a camera is added only if its pictures are used.
         unread = not any(source.startswith(f"{name}.") for source, _, _ in connections_of(spec))
         if part.vehicle.sensors.mounts[sensor].takes_pictures and unread and not spec.record.cameras:
             continue
@@ -71,6 +72,7 @@ def add_sensors(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
         for port in map(system.get_input_port, range(system.num_input_ports())):
             wiring.link(feeds[port.get_name()], port)
         for port in map(system.get_output_port, range(system.num_output_ports())):
+            # The main output has the name of the sensor itself.
             full = name if port.get_name() == "sample" else f"{name}.{port.get_name()}"
             wiring.sources[full] = (port, signals_of(port))
             wiring.builder.ExportOutput(port, full)

@@ -60,6 +60,7 @@ class HeldSignals(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
 
     def _sample(self, context: Context, state: DiscreteValues) -> None:
+        # One vector for all blocks of a unit: one log sink instead of one for each signal.
         state.set_value(0, np.concatenate([port.Eval(context) for port in self.inputs]))
 
 
@@ -67,6 +68,7 @@ def add_taps(
     wiring: Wiring, parts: PlantParts, rolling: RollingResistance | GroundReadings, spec: DiagramSpec
 ) -> dict[str, Tap]:
     """Add log sinks for the recorded signals; they are C++ and take little time."""
+    # Vectors that every run records, as the columns of its table are computed from them.
     wanted: dict[str, tuple[OutputPort, tuple[Signal, ...] | None]] = {
         "plant_state": (parts.plant.get_state_output_port(), None),
         "wheel_load": (rolling.wheel_load, signals_of(rolling.wheel_load)),
@@ -76,11 +78,14 @@ def add_taps(
     if "traffic" in wiring.systems:
         actors = wiring.systems["traffic"].GetOutputPort("signals")
         wanted["actors"] = (actors, signals_of(actors))
+    # Sensors whose samples are pictures or arrays are recorded elsewhere.
     for name in parts.vehicles:
         sensors = [sensor for sensor in spec.sensors.get(name, ()) if how_recorded(wiring, f"{name}.{sensor}") is None]
         for port in ("status", "command", "joint_torques", "powertrain_status", "tyre_forces", *sensors):
             if f"{name}.{port}" in wiring.sources:
                 wanted[f"{name}.{port}"] = wiring.sources[f"{name}.{port}"]
+
+    # Sensors and user systems may have several outputs: all vectors below their names.
     inner = [f"{full}." for full in wiring.systems if full in sensors_of(spec) and how_recorded(wiring, full) is None]
     inner += [f"{name}." for name in spec.systems if "." not in name]
     for full, (port, contents) in wiring.sources.items():
@@ -114,6 +119,7 @@ def _add_chosen_taps(
         for name, (port, contents) in wiring.sources.items()
         if port.get_data_type() == PortDataType.kVectorValued
     }
+    # Blocks that replace those of a control unit are user systems, and are recorded without a pattern.
     own_blocks = tuple(f"{name}." for name in spec.systems if "." in name)
     chosen = dict.fromkeys(name for name in columns if own_blocks and name.startswith(own_blocks))
     for index, pattern in enumerate(spec.record.inner_signals):
@@ -126,6 +132,8 @@ def _add_chosen_taps(
             place, near = where(spec, "record", "signals", index), did_you_mean(pattern, columns)
             raise ConfigError(f"{place}: no signal matches '{pattern}'; {near}. `mirdrake ports` lists all")
         chosen |= dict.fromkeys(name for name in names if name not in known)
+
+    # Signals of one control unit are sampled together; each other port has a log of its own.
     groups: dict[str, list[str]] = {}
     for name in chosen:
         vehicle, _, rest = name.partition(".")

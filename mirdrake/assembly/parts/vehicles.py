@@ -84,6 +84,7 @@ def add_vehicle_systems(
     wiring.add(f"{name}.split", split)
     wiring.link(driver.GetOutputPort("command"), split.get_input_port())
     wiring.sources[f"{name}.command"] = (driver.GetOutputPort("command"), COMMAND)
+    # Command and control unit meet element by element, so that user blocks fit between any two of them.
     for index, (port, signal) in enumerate(zip(SPLIT, COMMAND, strict=True)):
         wiring.sources[f"{name}.{port}"] = (split.get_output_port(index), (signal,))
         wiring.defaults.append((f"{name}.{port}", f"{name}.{JOIN[index]}"))
@@ -95,7 +96,10 @@ def add_vehicle_systems(
                 "wheel_speed of kind pedals in control.yaml, and not parked"
             )
         wiring.sources[f"{name}.driver_pedals"] = (driver.GetOutputPort("pedals"), PEDALS)
+        # The first default of an input wins: pedals of the driver come before those of the control unit.
         wiring.defaults.insert(0, (f"{name}.driver_pedals", f"{name}.pedals_reference"))
+
+    # Any other port of a driver has its own name; an input is fed by the vehicle's output of the same name.
     for index in range(driver.num_output_ports()):
         port = driver.get_output_port(index)
         wiring.sources.setdefault(f"{name}.{port.get_name()}", (port, signals_of(port)))
@@ -114,6 +118,7 @@ def _actuation(wiring: Wiring, parts: PlantParts, part: VehicleInPlant) -> Input
     tyres = wiring.systems.get(f"{part.name}.tyres")
     if not isinstance(tyres, GroundTyres):
         return port
+    # The input of the plant and that of the tyres must get the same torques, also if the user replaces them.
     split = PassThrough(port.size())
     wiring.add(f"{part.name}.actuation", split)
     wiring.link(split.get_output_port(), port)
@@ -149,6 +154,7 @@ def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, tru
     wiring.add(f"{part.name}.scan", scan)
     wiring.link(truth.state, scan.state)
     if scan.prop_poses is not None:
+        # The movable obstacles are the props, then the other vehicles; the poses must have this order.
         props = scan.movable[: len(scan.movable) - len(others)]
         bodies = [parts.props.bodies[name].index() for name in props] + [
             other.base.index() for other in others.values()

@@ -77,6 +77,7 @@ def actuator_step(memory: MutableSequence[float], at: int, size: int, value: flo
     Returns:
         The output at the end of the period.
     """
+    # Layout: delay line, oldest value first, then the output.
     last = at + size - 1
     due = memory[at] if size > 1 else value
     for i in range(at, last - 1):
@@ -104,5 +105,6 @@ def follow(output: float, wanted: float, period: float, time_constant: float, ra
     running = max(distance - rate * time_constant, 0.0) / rate  # time at the full rate
     if running >= period:
         return output + sign * rate * period
+    # Full rate while the gap exceeds rate x τ, then the exponential of the lag: both parts are exact.
     rest = distance - rate * running
     return wanted - sign * rest * exp(-(period - running) / time_constant) if time_constant > 0.0 else wanted

@@ -70,12 +70,15 @@ def hold_slip(
     """
     slip = direction * (rate * radius - speed) / max(speed, options.min_speed)
     too_slow = direction == BRAKING and speed < options.min_speed
+    # A first step has no earlier rate to compare with; below the lowest speed the brake may lock the wheel.
     if not state.started or too_slow or wanted <= 0.0:
         return SlipState(0.0, wanted, rate, speed, 1.0), wanted
+    # o, the torque of all other sources, and u, with which the slip error decays; see the head of the module.
     others = inertia * (rate - state.rate) / period - direction * state.torque
     pull = inertia * (speed - state.speed) / (period * radius)
     reach = inertia * options.gain * max(speed, options.min_speed) / radius
     limit = max(direction * (pull - others) - reach * (slip - options.target_slip), 0.0)
+    # Hysteresis: control starts at half of the target slip and ends when the demand is below its limit.
     active = limit < wanted and (state.active > 0.0 or slip > 0.5 * options.target_slip)
     torque = limit if active else wanted
     return SlipState(float(active), torque, rate, speed, 1.0), torque

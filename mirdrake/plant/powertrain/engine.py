@@ -78,9 +78,11 @@ class Engine:
             period: length of the step [s].
         """
         gear, shifting = state
+        # A gearbox that shifts does not decide again.
         if shifting > 0.0:
             return GearState(gear, max(shifting - period, 0.0))
         speed = rate * self.ratio(gear)
+        # Speeds of shifting rise with the throttle, from closed to open.
         up, down = (
             closed + throttle * (opened - closed) for closed, opened in (self.spec.shift_up, self.spec.shift_down)
         )
@@ -106,16 +108,19 @@ class Engine:
             rate: mean spin rate of the driven wheels, along the gear [rad/s].
         """
         spec, converter, ratio = self.spec, self.spec.converter, self.ratio(gear)
+        # The converter lets the engine run at its stall speed while the turbine is slower.
         behind = max(rate * ratio, 0.0)
         speed = max(behind, converter.stall_speed)
         full = read_map(spec.torque_curve, speed) if speed <= spec.torque_curve[-1][0] else 0.0
         full = min(full, spec.max_torque / self.ratio(1.0), spec.max_power / speed)
         slip = behind / speed
+        # Torque gain of the converter: from the stall ratio at standstill, linearly, to 1 at coupling.
         gain = max(converter.stall_ratio - (converter.stall_ratio - 1.0) * slip / converter.coupling, 1.0)
         if behind < spec.idle:
             closed = converter.creep_torque * (1.0 - behind / spec.idle)
         else:
             closed = -spec.drag_torque * min((behind - spec.idle) / spec.idle, 1.0)
+        # Share of the torque that reaches the wheels while the engine accelerates its own inertia as well.
         reach = self.wheel_inertia / (self.wheel_inertia + spec.inertia * ratio * ratio)
         losses = spec.efficiency if closed > 0.0 else 1.0 / spec.efficiency
         return EnginePoint(speed, full, closed * ratio * losses, full * gain * ratio * spec.efficiency * reach)

@@ -94,6 +94,7 @@ class PowertrainLaw:
         self._period, self._wheelbase = period, wheelbase
         self.radii, self._inertias = tuple(radii), tuple(inertias)
         self.mass = mass
+        # Wheels accelerate with the vehicle: I / R² is added to its mass.
         turning = sum(inertia / radius**2 for inertia, radius in zip(inertias, radii, strict=False))
         self.rotating = turning if rotating is None else rotating
         self._brakes, self._traction = spec.brakes, spec.powertrain.traction
@@ -107,6 +108,7 @@ class PowertrainLaw:
             self.engine = Engine(spec.powertrain, mass * self.radius**2)
         else:
             self._motor = make_motor(spec.powertrain, radius=self.radius)
+        # Sections of the memory: throttle, brake, gearbox, slip of four braked, then of four driven wheels.
         first = self._throttle.size
         self._parts = (slice(0, first), slice(first, first + self._brake.size))
         self._gear = slice(first + self._brake.size, first + self._brake.size + _GEAR)
@@ -149,6 +151,7 @@ class PowertrainLaw:
         # Pedals behind their actuators and maps.
         memory = list(memory)
         throttle_part, brake_part = self._parts
+        # The gear comes as a float signal: round to -1, 0, 1.
         gear = float((pedals[2] > 0.5) - (pedals[2] < -0.5))
         asked = (min(max(pedals[0], 0.0), 1.0), min(max(pedals[1], 0.0), 1.0))
         memory[throttle_part], throttle = self._throttle.step(memory[throttle_part], asked[0])
@@ -161,18 +164,22 @@ class PowertrainLaw:
         if self.engine is not None:
             state = self.engine.shift(GearState(*memory[self._gear]), rate, opening, period=self._period)
             memory[self._gear] = state
+            # Neutral and reverse are shown as demanded, drive as the engaged gear.
             shown = state.gear if gear > 0.0 else gear
             closed, opened = self.limits(gear, rate, engaged=state.gear)
+            # No torque flows while the gearbox shifts.
             if state.shifting > 0.0 and gear > 0.0:
                 closed = opened = 0.0
         else:
             closed, opened = self.limits(gear, rate)
+        # Torque is linear in the opening, from drag or creep to full load.
         torque = closed + opening * (opened - closed)
 
         # Brakes; the motor does not regenerate while antilock acts.
         generator = 0.0
         slipping = any(memory[part.start] > 0.0 for part in self._slips[:4])
         if self.engine is None and gear != 0.0 and demand > 0.0 and not slipping:
+            # Releasing the throttle already regenerates: only the rest is left for the brake pedal.
             generator = max(wheel_regeneration(self._motor, gear * rate) + min(torque, 0.0), 0.0)
         motor_brake, brakes = split_brakes(demand, self._brakes.front_share, generator=generator, shares=self.shares)
         torque -= motor_brake
@@ -196,6 +203,7 @@ class PowertrainLaw:
             brakes = (held[0], held[1], held[2], held[3])
         drive = split_drive(gear * torque, self.shares)
         if self._inertias and self._traction is not None and torque > 0.0:
+            # One motor drives all of them: the wheel that slips most limits the torque of all.
             part = min(
                 self._hold(memory, i, abs(drive[i]), gear, measured, DRIVING) / abs(drive[i])
                 for i in range(4)
@@ -234,6 +242,7 @@ class PowertrainLaw:
         """Return speed [rad/s] and torque [N m] of motor or engine, for the log."""
         if self.engine is None:
             motor = self._motor
+            # Losses act against the flow of power: a regenerating motor gets less than the wheels give.
             losses = motor.efficiency if torque < 0.0 else 1.0 / motor.efficiency
             return rate * motor.gear, gear * torque * losses / motor.gear
         spec = self.engine.spec

@@ -26,6 +26,7 @@ _REACH = 0.92  # half of the sampled chord over the radius: obstacles up to 0.6 
 _STRIDE, _GAP = 4, 0.02  # every fourth sample is taken; those between only where the disc is nearer to the ground [m]
 _GAUSS = 0.5 / sqrt(3.0)  # distance of the rows from the middle over the width [1]
 _STEEP = 0.2  # smallest cosine between wheel plane and vertical
+# A fixed number of iterations: the parabola of the first guess is near, and the time per step is constant.
 _NEWTON = 4
 _SMALL = 1e-12
 
@@ -162,6 +163,7 @@ def ground_contact(
     ex, ey = ay / level, -ax / level
     ux, uy = ey * az, -ex * az
     plane = effective_plane(terrain, samples, radius, width, (cx, cy, cz), (ex, ey), (ux, uy, level), (ax, ay, az))
+    # i: effective normal within the disc; n: with its component along the axle.
     ix, iy, iz = plane.slope * ex + plane.rise * ux, plane.slope * ey + plane.rise * uy, plane.rise * level
     scale = 1.0 / sqrt(1.0 + plane.tilt * plane.tilt)
     nx, ny, nz = scale * (ix + plane.tilt * ax), scale * (iy + plane.tilt * ay), scale * (iz + plane.tilt * az)
@@ -230,6 +232,7 @@ def effective_plane(
     area, moment_x, moment_w, tilt, weight = 0.0, 0.0, 0.0, 0.0, 0.0
     slope, rise, deflection = 0.0, 0.0, 0.0
     rows = 2 if samples > 0 else 1
+    # Each row is a disc of its own, displaced along the axle; a plane needs the middle one only.
     for row in range(rows):
         offset = 0.0 if rows == 1 else (2 * row - 1) * _GAUSS * width
         x0, y0 = cx - radius * ux + offset * axle[0], cy - radius * uy + offset * axle[1]
@@ -240,6 +243,7 @@ def effective_plane(
         px, py, pz = cx + offset * axle[0], cy + offset * axle[1], cz + offset * axle[2]
         height = (pz - z0 + zx * (x0 - px) + zy * (y0 - py)) / below
         norm = sqrt(1.0 + gradient * gradient)
+        # Closed form for the tangent plane: circular segment, and its first moment along the normal.
         depth = radius - height / norm
         row_area, chord = 0.0, 0.0
         if depth > 0.0:
@@ -259,6 +263,7 @@ def effective_plane(
             row_area += change * step
             row_x += change * step * s
             row_w += change * step * level_w
+            # Far from the ground the skipped samples cannot contribute.
             if k == 0 or min(gap, gap_before) > _GAP:
                 continue
             for j in range(k - _STRIDE + 1, k):
@@ -273,17 +278,21 @@ def effective_plane(
         moment_x += row_x
         moment_w += row_w
         # Tilt across the wheel, weighted by the area: normal (-zx, -zy, 1) along the axle over that in the disc.
+        # The small weight lets rows without contact define the plane of a wheel in the air.
         share = row_area + _SMALL
         tilt += share * (axle[2] - zx * axle[0] - zy * axle[1]) / (below * norm)
         weight += share
         slope -= share * gradient / norm
         rise += share / norm
         deflection += depth / rows
+
+    # Plane of equal area, unless nothing is below the ground or the ground is above the wheel centre.
     area, moment_x, moment_w = area / rows, moment_x / rows, moment_w / rows
     if samples > 0:
         size = sqrt(moment_x * moment_x + moment_w * moment_w)
         if area > _SMALL and size > _SMALL and moment_w < 0.0:
             return EffectivePlane(_segment_depth(radius, area), -moment_x / size, -moment_w / size, tilt / weight)
+        # Without deflected area the tangent plane must not report contact.
         deflection = min(deflection, 0.0)
     size = sqrt(slope * slope + rise * rise)
     return EffectivePlane(deflection, slope / size, rise / size, tilt / weight)
@@ -302,6 +311,7 @@ def _strip(radius: float, s: float, tangent: float, raised: float) -> tuple[floa
         Length of the strip below the ground, beyond that below the plane [m], the height of its middle over the wheel
         centre [m], and the distance of the disc from the ground or the plane, whichever is higher [m].
     """
+    # The strip runs from the lower edge of the disc to the ground, at most over the whole chord.
     edge = -sqrt(radius * radius - s * s)
     top = min(max(tangent + raised - edge, 0.0), -2.0 * edge)
     bottom = min(max(tangent - edge, 0.0), -2.0 * edge)
@@ -316,9 +326,11 @@ def _segment_area(radius: float, depth: float) -> float:
 
 def _segment_depth(radius: float, area: float) -> float:
     """Return the depth of a segment of a circle of an area [m²], at most the radius; by Newton's method."""
+    # First guess: a shallow segment has the area (4/3) √(2 R) d^1.5. The derivative of the area is the chord.
     depth: float = min((0.75 * area / sqrt(2.0 * radius)) ** (2.0 / 3.0), radius)
     for _ in range(_NEWTON):
         chord = 2.0 * sqrt(max(2.0 * radius * depth - depth * depth, _SMALL))
+        # The lower bound keeps the iterate positive, where the chord is not zero.
         depth = min(max(depth - (_segment_area(radius, depth) - area) / chord, 0.25 * depth), radius)
     return depth
 
@@ -344,11 +356,13 @@ def add_ground_force(
         turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
     """
     fx, fy, fz = forces
+    # Force in the world. Its rotation by half a step is for the vehicle; the spin below takes the unrotated Fx.
     fx, fy = fx - turn * fy, fy + turn * fx
     (tx, ty, tz), (lx, ly, lz), (nx, ny, nz) = contact.ahead, contact.left, contact.normal
     x, y, z = fx * tx + fy * lx + fz * nx, fx * ty + fy * ly + fz * ny, fx * tz + fy * lz + fz * nz
     rx, ry, rz = contact.arm_base
     (ax, ay, az), base = contact.axle, wheel.base[1]
+    # Moments about the vehicle frame's origin, in the order of Drake's floating base: angular, then linear.
     force[base] += ry * z - rz * y + mz * nx + resistance * ax
     force[base + 1] += rz * x - rx * z + mz * ny + resistance * ay
     force[base + 2] += rx * y - ry * x + mz * nz + resistance * az
@@ -356,6 +370,8 @@ def add_ground_force(
     force[base + 4] += y
     force[base + 5] += z
     force[wheel.spin] += mz * (ax * nx + ay * ny + az * nz) - contact.rolling * forces[0] + resistance
+
+    # Steering joint: moment about its axis, at the kingpin. Suspension: force along the same direction, z of B.
     kx, ky, kz = contact.up
     if wheel.steering[0] >= 0:
         qx, qy, qz = contact.arm_pivot

@@ -151,6 +151,8 @@ def ground_step(
                 contacts[i],
                 ground_contact(x, wheel.place, wheel.radius, tyre.width, base, car.positions, terrain, samples),
             )
+
+        # The contact goes through plain numbers, so that the repeated call of this step has the same one.
         contact = unpack_contact(contacts[i])
         load = vertical_force(tyre.vertical, contact.deflection, contact.rate, contact.spin)
 
@@ -166,8 +168,11 @@ def ground_step(
             inclination = floor(contact.inclination / _NODE_INCLINATION + 0.5) * _NODE_INCLINATION
         kept.load, kept.inclination = curve_load, inclination
         if curve.load != curve_load or curve.inclination != inclination or curve.friction != frictions[i]:
+            # The other wheels are still checked, so that the caller makes all missing curves before it repeats.
             known = False
             continue
+
+        # Stiffness and friction are scaled with the small rest between the present load and that of the curve.
         scale = load / curve_load if touches else 0.0
         now = Motion(contact.vx, contact.vx - contact.spin * contact.rolling, contact.vy)
         patch = Contact(
@@ -180,6 +185,7 @@ def ground_step(
         )
 
         # Slip forces, pivoting moment, rolling resistance.
+        # The actuator's effort is part of the spin balance, but the plant applies it itself: it is subtracted below.
         drive, brake = torques[i], torques[len(wheels) + i]
         fx, fy, mz, kappa, tan_alpha, torque = slip_forces(
             law,
@@ -196,8 +202,11 @@ def ground_step(
             brake,
             period,
         )
+
+        # Moments that the slip forces do not have: pivoting about the normal, and Crr N Re, smooth through standstill.
         twist, moment = _pivoting(tyre, load, before.twist, contact.turn, now.vx, patch, period)
         resistance = -tyre.resistance * load * contact.rolling * tanh(contact.spin / SMOOTH_SPEED)
+        # Forces turn with the vehicle to the middle of the step, by half of its yaw per step.
         add_ground_force(
             force,
             wheel.place,
@@ -218,6 +227,7 @@ def ground_step(
             atan(tan_alpha),
         )
         logged[i, 5], logged[i, 6] = load, resistance
+    # In the first step there is no earlier yaw rate to compare with.
     if memories[0].measured >= 0.0:
         turn_along(force, wheels[0].wheel.place.base[1], car, base, base.turning[2] - memories[0].turning)
     return known
@@ -229,6 +239,7 @@ def _pivoting(
     """Return the twist of the contact patch after a step [rad], and the pivoting moment [N m]."""
     if not tyre.pivots or patch.stiffness_x <= 0.0:
         return 0.0, 0.0
+    # Limit and stiffness of the head of the module: friction on a line of the width, and a spring at standstill.
     largest = 0.25 * patch.friction_y * tyre.width
     stiffness = PIVOT_STIFFNESS * load * tyre.width * tyre.width / (12.0 * patch.length_x)
     limit = largest / stiffness

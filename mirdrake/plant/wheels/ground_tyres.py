@@ -74,6 +74,7 @@ def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Grou
         vertical = part.compression[rear]
         assert isinstance(vertical, VerticalTyre)
         lateral_damping = tyres.lateral_damping if isinstance(tyres, SlipTyres) else 0.0
+        # On the brush of a Coulomb tyre a wheel would oscillate above walking pace, so this damping does not fade.
         lasting = 0.0 if isinstance(tyres, SlipTyres) else DAMPING * load
         spinning = SpinningWheel(
             wheel_place,
@@ -87,6 +88,7 @@ def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Grou
                 damping=DAMPING_BY_LOAD * load, lateral_damping=lateral_damping, lasting_damping=lasting
             ),
         )
+        # The moment against pivoting is part of the Coulomb law only.
         width, pivots = geometry.wheel_widths[index], not isinstance(tyres, SlipTyres)
         wheels.append(GroundWheel(spinning, vertical, width, tyres.rolling_resistance, pivots))
     return wheels
@@ -142,6 +144,7 @@ class GroundTyres(TyreSystem):
         self.actuation = self.DeclareVectorInputPort("actuation", plant.num_actuators(part.instance))
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
         self._actuators = [actuator.input_start() - first for actuator in part.wheel_actuators]
+        # The plant limits torques to the effort limits; the prediction of the spin must do the same.
         self._limits = np.array([actuator.effort_limit() for actuator in part.wheel_actuators])
         self._contacts = np.zeros((len(wheels), CONTACT_SIZE))
         # Wheels with the same law share their curves.
@@ -159,6 +162,7 @@ class GroundTyres(TyreSystem):
     def _update(self, context: Context, state: DiscreteValues) -> None:
         solution = self._solution.evaluate(context)
         state.get_mutable_value(self._memory)[:] = solution.memory.view(float)
+        # The first columns are those of all tyres; load and resistance torque follow.
         logged = solution.logged
         state.get_mutable_value(self._logged)[:] = logged[:, : len(FORCES)].ravel()
         state.get_mutable_value(self._loads)[:] = logged[:, len(FORCES)]
@@ -176,6 +180,7 @@ class GroundTyres(TyreSystem):
             efforts = np.clip(self.actuation.Eval(context)[self._actuators], -self._limits, self._limits)
         given = (x, self._terrain, self._samples, torques, efforts, frictions, self._car, self._wheels, self._curves)
         kept = (before, self._contacts)
+        # The second call keeps the sampled contacts (True) and finds its curves.
         if not self._step(*given, *kept, False, force, memory, logged):
             self._make_curves(memory, frictions)
             if not self._step(*given, *kept, True, force, memory, logged):  # the state is NaN
@@ -192,6 +197,7 @@ class GroundTyres(TyreSystem):
             if (curve["load"], curve["inclination"], curve["friction"]) == node or not np.isfinite(node).all():
                 continue
             if node not in known:
+                # A bound of memory; curves are cheap to make again.
                 if len(known) >= _MOST_CURVES:
                     known.clear()
                 tyre = law(*node)

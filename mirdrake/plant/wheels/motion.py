@@ -57,6 +57,7 @@ def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
     geometry = part.vehicle.geometry
     front, rear, kingpin = (0.5 * t for t in (geometry.front_track, geometry.rear_track, geometry.kingpin_track))
     length, high, low = geometry.wheelbase, geometry.front_wheel_radius, geometry.rear_wheel_radius
+    # Steered wheels are placed by their kingpin; the offset to the wheel centre turns with the steering.
     places = [((length, kingpin, high), front - kingpin), ((length, -kingpin, high), kingpin - front)]
     places += [((0.0, rear, low), 0.0), ((0.0, -rear, low), 0.0)]
     steering = [*((joint.position_start(), joint.velocity_start()) for joint in part.steering), NO_JOINT, NO_JOINT]
@@ -168,6 +169,7 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
     cx, cy, cz = kx + wheel.offset * ax, ky + wheel.offset * ay, kz + wheel.offset * az
 
     # Contact centre: from the wheel centre down the wheel plane.
+    # The wheel plane is inclined by asin(az), so its steepest line to the road is longer than the height.
     level = max(hypot(ax, ay), _FLAT)
     radius = max(cz / level, _LEAST_RADIUS)
     along, across = ay / level, ax / level  # tyre axes: x (along, -across), y (across, along)
@@ -197,6 +199,7 @@ def wheel_motion(x: Sequence[float], wheel: WheelPlace, base: BaseMotion, positi
         ahead - spin * rolling,
         rolling,
         spin,
+        # Velocity of the wheel centre downwards, that of the suspension included.
         wy * (cx - bx) - wx * (cy - by) - base.velocity[2] - rise * zz,
     )
 
@@ -224,16 +227,19 @@ def add_road_force(
         turn: small angle by which the force is rotated to the left [rad], for a vehicle that yaws during a step.
     """
     along, minus_across = motion.ahead
+    # Force in the world, rotated to the middle of the step; the spin below takes the unrotated Fx.
     x, y = fx * along - fy * minus_across, fx * minus_across + fy * along
     x, y = x - turn * y, y + turn * x
     rx, ry, rz = motion.arm_base
     base = wheel.base[1]
+    # Moments about the vehicle frame's origin, in the order of Drake's floating base: angular, then linear.
     force[base] += ry * fz - rz * y
     force[base + 1] += rz * x - rx * fz
     force[base + 2] += rx * y - ry * x + mz
     force[base + 3] += x
     force[base + 4] += y
     force[base + 5] += fz
+    # Fx has the lever Re about the axle, not the height of the axle; see the head of the module.
     force[wheel.spin] += mz * motion.axle[2] - motion.rolling * fx
     kx, ky, kz = motion.up
     if wheel.steering[0] >= 0:

@@ -179,6 +179,7 @@ def rolling_step(
                 continue
             tx, ty, tz, fx, fy, fz = touch[2], touch[3], touch[4], touch[5], touch[6], touch[7]
             load += fz
+            # Point contact has no patch, hence no numerical moment; only its load is used.
             if touch[1] != 0.0:
                 along += fx
                 across += fy
@@ -196,7 +197,9 @@ def rolling_step(
             filters[row + 1] += blend * (load * spin - filters[row + 1])
             slowly, flow = filters[row], filters[row + 1]
             fading, quick = SMOOTH_SPEED * load, spin / SMOOTH_SPEED
+            # Regularised quotient: it tends to zero with N·ω, also for a wheel in the air (0 / 0).
             ratio = slowly * flow / (flow * flow + fading * fading + 1.0)
+            # Weight of standstill; the fourth power makes it negligible at three times the smooth speed.
             slow = 1.0 / (1.0 + quick * quick * quick * quick)
             taken = slow * moment + (1.0 - slow) * ratio * load * spin
             torque -= taken
@@ -205,6 +208,7 @@ def rolling_step(
             filters[row + 2] += blend * (yaw + moment * lever - filters[row + 2])
             turn = taken * lever - (1.0 - slow) * filters[row + 2]
             force[base + 2] += turn
+            # The kingpin is along z of B: a moment about the vertical steers the wheel as well.
             if place.steering[0] >= 0:
                 force[place.steering[1]] += turn
         # An external moment: it acts on the spin and, as the joint does not carry it, on the base.
@@ -288,6 +292,7 @@ class RollingResistance(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
+        # Contact results are those of the step that has just been solved.
         touches, others = self._measure(context)
         x = self.plant_state.Eval(context)
         filters = context.get_discrete_state(self._filters).value().copy()
@@ -311,6 +316,7 @@ class RollingResistance(LeafSystem):
             pair = info.point_pair()
             row = self._wheel_on_road(pair.id_A, pair.id_B)
             if row is not None:
+                # The sign depends on which of the two geometries is A.
                 load = abs(float(info.contact_force()[2]))
                 touches.append((row, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, load, 0.0, 0.0))
             elif self._counts(pair.id_A, pair.id_B):
@@ -322,6 +328,7 @@ class RollingResistance(LeafSystem):
             if row is None:
                 others += self._counts(surface.id_M(), surface.id_N())
                 continue
+            # Torque, then force. The road only pushes: of the two opposite wrenches the upward one acts on the wheel.
             wrench = info.F_Ac_W().get_coeffs().tolist()
             upwards = wrench if wrench[5] >= 0.0 else [-value for value in wrench]
             touches.append((row, 1.0, *upwards, *surface.centroid().tolist()[:2]))

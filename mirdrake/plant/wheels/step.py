@@ -55,6 +55,7 @@ from mirdrake.tyres.relaxation import (
     relaxed_slip,
 )
 
+# Below this, differences of floats are noise: limits are taken instead of quotients.
 _SMALL = 1e-9
 
 _LIFTED = 0.1  # load over static load below which measured and spring load are not compared [1]
@@ -188,6 +189,7 @@ def tyre_step(
         start = before.measured < 0.0
         load, ratio, sprung = _load(wheel, motion, before, loads[i], period)
         curve_load, inclination = before.load, before.inclination
+        # Between two measurements the curve stays; forces are only scaled with the load.
         if start or (
             loads[i] != before.measured
             and (abs(load - curve_load) > _SAME * load or abs(motion.inclination - inclination) > _SAME)
@@ -195,8 +197,11 @@ def tyre_step(
             curve_load, inclination = load, motion.inclination
         kept.load, kept.inclination = curve_load, inclination
         if curve.load != curve_load or curve.inclination != inclination or curve.friction != frictions[i]:
+            # The other wheels are still checked, so that the caller makes all missing curves before it repeats.
             known = False
             continue
+
+        # Stiffness and friction follow the present load in proportion, until the next curve.
         scale = load / curve_load if curve_load > 0.0 else 0.0
         contact = Contact(
             contact_then.stiffness_x * scale,
@@ -223,6 +228,7 @@ def tyre_step(
             brake,
             period,
         )
+        # The plant applies the load at the end of the step; the vertical force changes it to that in the middle.
         add_road_force(
             force, wheel.place, motion, fx, fy, mz, load - ratio * sprung, turn=0.5 * period * base.turning[2]
         )
@@ -230,6 +236,7 @@ def tyre_step(
         kept.measured, kept.ratio, kept.sprung = loads[i], ratio, sprung
         kept.turning = base.turning[2]
         logged[i, 0], logged[i, 1], logged[i, 2], logged[i, 3], logged[i, 4] = fx, fy, mz, kappa, atan(tan_alpha)
+    # In the first step there is no earlier yaw rate to compare with.
     if memories[0].measured >= 0.0:
         turn_along(force, wheels[0].place.base[1], car, base, base.turning[2] - memories[0].turning)
     return known
@@ -277,6 +284,7 @@ def slip_forces(
     if before.measured >= 0.0:
         mean = Motion(0.5 * (before.vx + now.vx), 0.5 * (before.slip_x + now.slip_x), 0.5 * (before.vy + now.vy))
         deflection = deflection_step(deflection, mean, contact, period=period, settings=settings)
+        # T, the torque of all other sources: what the known torques leave unexplained of the last change of spin.
         rest = wheel.inertia * (spin - before.spin) / period - before.torque
     middle = deflection_step(deflection, now, contact, period=0.5 * period, settings=settings)
     kappa, tan_alpha = relaxed_slip(middle, now, contact, settings)
@@ -290,9 +298,11 @@ def slip_forces(
     fx, fy, mz = scale * fx, scale * fy, scale * mz
     torque = drive
     if brake > 0.0 and not wheel.held:
+        # Torque that stops the wheel by the end of the step: (I / dt + damping) (-ω) = T + drive + brake - Re Fx.
         needed = radius * fx - mobile * spin - rest - drive
         torque += max(-brake, min(brake, needed))
 
+    # The longitudinal force counts as a known torque, so that the next T does not contain it.
     kept.along, kept.across = deflection.along, deflection.across
     kept.vx, kept.slip_x, kept.vy, kept.spin = now.vx, now.slip_x, now.vy, spin
     kept.torque, kept.fx, kept.kappa = torque - radius * fx, fx, kappa
@@ -302,6 +312,7 @@ def slip_forces(
 def turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseMotion, change: float) -> None:
     """Add the force m v Δψ' / 2 at the centre of mass, to the left of its velocity; see the head of the module."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
+    # Arm and velocity of the centre of mass, in the world; the force is horizontal and perpendicular to the velocity.
     cx, cy, cz = car.centre[0], car.centre[1], car.centre[2]
     rx, ry, rz = xx * cx + xy * cy + xz * cz, yx * cx + yy * cy + yz * cz, zx * cx + zy * cy + zz * cz
     rate, push = base.turning[2], 0.5 * car.mass * change
@@ -315,10 +326,12 @@ def turn_along(force: MutableSequence[float], first: int, car: Any, base: BaseMo
 
 def _load(wheel: Any, motion: WheelMotion, before: Any, measured: float, period: float) -> tuple[float, float, float]:
     """Return the load in mid-step [N], the ratio of measured to spring load [1], and the spring load at the end [N]."""
+    # The plant uses the compression at the end of the step; that in the middle is known for linear springs only.
     depth = wheel.radius - motion.radius
     sprung = spring_load(wheel.spring, depth + period * motion.sink)
     middle = spring_load(wheel.spring, depth) if wheel.spring.power == 1.0 else sprung
     ratio = before.ratio
+    # A measurement is of the last step, so it is compared with the spring load predicted for the end of that step.
     if before.measured >= 0.0 and before.measured != measured and before.sprung > _LIFTED * wheel.static_load:
         ratio += _BLEND * (max(1.0 / _MAX_RATIO, min(_MAX_RATIO, measured / before.sprung)) - ratio)
     return ratio * middle, ratio, sprung
@@ -354,15 +367,19 @@ def _slip_change(
     """
     if contact.stiffness_x <= 0.0:
         return 0.0
+    # b = ∂κ/∂ω in the middle: relaxation over half a step, and the damper that acts at once.
     passed = 0.5 * period * abs(now.vx) / contact.length_x
     share = -expm1(-passed) / passed if passed > _SMALL else 1.0
     damping = settings.damping * low_speed_weight(now.vx, settings.low) + settings.lasting_damping
     damper = damping / contact.stiffness_x
     slope = 0.5 * radius * (0.5 * period * share / contact.length_x + damper)
+    # The secant stays positive beyond the peak of the force, where the tangent would make the step unstable.
     stiffness = contact.stiffness_x
     if abs(before.kappa) > _SMALL:
         stiffness = max(0.0, min(stiffness, before.fx / before.kappa))
     inertia = mobile + radius * stiffness * slope
+
+    # Road force linearised about the last step; a brake gives at most the torque that stops the wheel.
     torque -= radius * (before.fx + stiffness * (kappa - before.kappa))
     if brake > 0.0:
         torque += max(-brake, min(brake, -inertia * spin - torque))

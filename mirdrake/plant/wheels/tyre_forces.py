@@ -58,6 +58,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
     context = plant.CreateDefaultContext()
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, plant.world_frame().CalcPoseInWorld(context))
     check_balance(plant, context, part.vehicle, part.instance)
+    # Static loads from the moment balance about the axles, half of each for either side.
     share = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / part.vehicle.geometry.wheelbase
     half = 0.5 * plant.CalcTotalMass(context, [part.instance]) * GRAVITY
     wheels = []
@@ -67,6 +68,7 @@ def make_spinning_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Sp
         rear = index >= 2
         body = joint.child_body()
         inertia = body.CalcSpatialInertiaInBodyFrame(context)
+        # Inertia about the centre of mass; the axle is y of the body. Rotor and servo act on the spin as well.
         tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
         gain = actuator.get_controller_gains().d if actuator.has_controller() else 0.0
         spring = part.compression[rear]
@@ -130,6 +132,7 @@ class TyreSystem(LeafSystem):  # type: ignore[misc, unused-ignore]
         super().__init__()
         count = len(WHEELS)
         self._velocities, self._period = plant.num_velocities(), plant.time_step()
+        # With the vehicle frame at the origin, world coordinates are those of the vehicle.
         context = plant.CreateDefaultContext()
         plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
         mass = plant.CalcTotalMass(context, [part.instance])
@@ -142,6 +145,7 @@ class TyreSystem(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.friction = self.DeclareNumericParameter(BasicVector(np.full(count, friction / REFERENCE_FRICTION)))
         self._memory = self.DeclareDiscreteState(np.tile(memory, count))
         self._logged = self.DeclareDiscreteState(count * len(FORCES))
+        # One cache entry for force, memory and log: the output and the update need the same solution of a step.
         self._solution = declare_cached_value(self, "tyre forces", lambda: AbstractValue.Make(object()), self._calc)
         self.generalized_force = self.DeclareVectorOutputPort(
             "generalized_force", self._velocities, self._copy_force, {self._solution.ticket()}
@@ -233,9 +237,11 @@ class WheelTyres(TyreSystem):
         loads = self.wheel_load.Eval(context)[self._first : self._first + count]
         torques = self.wheel_torque.Eval(context) if self.wheel_torque.HasValue(context) else self._no_torque
         frictions = context.get_numeric_parameter(self.friction).value()
+        # The state is a vector of floats for Drake, viewed as records without a copy.
         before = context.get_discrete_state(self._memory).value().view(_MEMORY)
         force, memory, logged = np.empty(self._velocities), np.empty_like(before), np.empty((count, len(FORCES)))
         given = (x, loads, torques, frictions, self._car, self._wheels, self._curves, before, force, memory, logged)
+        # The step reports loads without a valid curve; curves are made in Python, then the step is repeated.
         if not self._step(*given):
             self._make_curves(memory, frictions)
             if not self._step(*given):  # the state is NaN
