@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from actor_rigs import simulation, world_file
 from pydrake.systems.framework import Context
 
 from mirdrake.runs.logs import load_run
 from mirdrake.sensors.ranging.lidar import LidarScan
 from mirdrake.worlds.actors import WHEELBASE
+from tests.actor_rigs import simulation, world_file
 
 SPEED = 15.0  # [m/s] of the actor
 LENGTH, WIDTH, HEIGHT = 4.0, 0.2, 2.0  # [m] of the prop "wall"
@@ -24,7 +24,7 @@ def crossing(x: float, *, begin: float = -40.0) -> dict[str, Any]:
     return ACTOR | {"path": [[x, begin], [x, 400.0]]}
 
 
-def middle(time: float, begin: float = -40.0) -> float:
+def middle(time: Any, begin: float = -40.0) -> Any:
     """Return y of the middle of the crossing actor [m]: it moves at a constant speed from the begin of its path."""
     return begin + SPEED * time + AXLE
 
@@ -75,7 +75,7 @@ def test_label_picture_shows_an_actor_where_it_is(tmp_path: Path) -> None:
     drive = simulation(world, sensors=sensors, ego={"mounts": mount}, record=record)
     run = drive.run(duration=1.6, folder=tmp_path / "run")
     part = drive.assembly.parts.vehicles["ego"]
-    spec = part.vehicle.sensors.mounts["front_camera"]
+    spec: Any = part.vehicle.sensors.mounts["front_camera"]
     plant = drive.assembly.parts.plant
     frame = plant.GetFrameByName(spec.frame, part.instance)
     system = drive.assembly.cameras["ego.front_camera"][0]
@@ -162,4 +162,4 @@ def test_a_collision_between_samples_is_recorded(tmp_path: Path) -> None:
     assert stored.actors["bus.y"].iloc[25] == pytest.approx(begin + 0.5 * SPEED, abs=1e-9)
     assert stored.units["actors.bus.speed"] == "m/s"
     assert [actor.name for actor in stored.scene().world.actors] == ["bus"]
-    assert not any(name.startswith("bus") for name in stored.signals)
+    assert not any(str(name).startswith("bus") for name in stored.signals)

@@ -1,5 +1,7 @@
 """Diagrams built in Python: the same data, bits and errors as a diagram file."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
@@ -253,7 +255,7 @@ class Notch(LeafSystem):
 
 @pytest.mark.parametrize("duration", ["0.3", pytest.param("30", marks=pytest.mark.slow)])
 def test_the_example_runs_word_for_word(duration, tmp_path):
-    names = {"mir": mir, "Notch": Notch}
+    names: dict[str, Any] = {"mir": mir, "Notch": Notch}
     exec(EXAMPLE.replace("simulate(30)", f"simulate({duration})"), names)
     run = names["run"]
     assert run["ego.lateral_error"].abs().max() < 0.3

@@ -1,5 +1,7 @@
 """Wrong uses of `mir.Diagram` in Python: one line that states what was given and what is allowed."""
 
+from typing import Any
+
 import pytest
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import Gain
@@ -43,10 +45,13 @@ def wrong(change):
     return call
 
 
+MISSPELT: dict[str, Any] = {"timestep": 0.01}
+NO_NUMBER: dict[str, Any] = {"time_step": "fast"}
+
 CASES = {
     "unknown world 'test_trak'; did you mean 'test_track'": lambda: mir.Diagram("test_trak"),
-    "unknown argument 'timestep'; did you mean 'time_step'": lambda: mir.Diagram("empty", timestep=0.01),
-    "plant.time_step: 'fast' is not a number": lambda: mir.Diagram("empty", time_step="fast").add_vehicle("bolt"),
+    "unknown argument 'timestep'; did you mean 'time_step'": lambda: mir.Diagram("empty", **MISSPELT),
+    "plant.time_step: 'fast' is not a number": lambda: mir.Diagram("empty", **NO_NUMBER).add_vehicle("bolt"),
     "plant.contact: 'hydro' is not allowed": lambda: mir.Diagram("empty", contact="hydro").add_vehicle("bolt"),
     "unknown vehicle 'blot'; did you mean 'bolt'": lambda: mir.Diagram("empty").add_vehicle("blot"),
     "vehicles.ego.start.x: 'a' is not a number": lambda: mir.Diagram("empty").add_vehicle("bolt", start={"x": "a"}),

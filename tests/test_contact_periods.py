@@ -10,9 +10,9 @@ from mirdrake.runs.contact_periods import ContactPeriods
 from mirdrake.runs.simulation import Simulation
 
 
-def look(touches: np.ndarray, *, step: float = 0.01, blocks: int = 7) -> list[tuple[float, str]]:
+def look(touches: Any, *, step: float = 0.01, blocks: int = 7) -> list[tuple[float, str]]:
     """Return the events of a pair whose samples arrive in blocks."""
-    periods, times = ContactPeriods(), step * np.arange(len(touches))
+    periods, times = ContactPeriods(), step * np.arange(float(len(touches)))
     return [
         event
         for rows in np.array_split(np.arange(len(touches)), blocks)

@@ -1,5 +1,7 @@
 """The control unit as a Diagram of blocks: the same bits as the fused unit, and blocks that can be replaced."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -176,7 +178,7 @@ def test_every_block_can_be_replaced_in_a_diagram_file(vehicle, tmp_path):
 
 @pytest.mark.parametrize("vehicle", ["bolt", "mkz", "catvehicle", "unior"])
 def test_every_block_can_be_replaced_in_python_with_the_same_bits(vehicle, tmp_path):
-    own = {}
+    own: dict[str, Any] = {}
     exec(OWN_BLOCKS, own)
     d = mir.Diagram("test_track", contact="point")
     ego = d.add_vehicle(vehicle, start="line")

@@ -53,7 +53,7 @@ def test_of_two_yaw_rates_the_late_one_is_shifted_alone(late, seed):
     shape = gaussian_filter1d(random.normal(size=len(time)), 0.2 / STEP)
     motion = drive(CAR, 15.0 + 3.0 * np.sin(0.3 * time), 0.03 * shape / np.std(shape))
     report = check_data(recorded(motion, random, {late: 0.03}))
-    shifts = {}
+    shifts: dict[str, float | str] = {}
     for finding in report.of("delay"):
         shifts |= {} if finding.done is None else finding.done.figures
     values = {name: value for name, value in shifts.items() if name not in {"shifts", "together"}}

@@ -405,7 +405,7 @@ def test_braking_tyres_have_less_lateral_force(tyres):
     assert locked[0] == pytest.approx(0.3 * 0.9 * loads[0], rel=0.02)
 
 
-def test_a_segment_in_shots_equals_one_shot_and_the_machine_code():
+def test_a_segment_in_shots_equals_one_shot_and_the_machine_code(monkeypatch):
     """Gaps between shots are closed to first order at the end: the rest is far below the resolution of any sensor."""
     model = make_model(ModelSpec("single_track", {"tyres": "magic_formula", "relaxation": True}), lateral_data(), KNOWN)
     (drive,), _ = make_segments(model, lateral_data().logs, None)
@@ -415,7 +415,7 @@ def test_a_segment_in_shots_equals_one_shot_and_the_machine_code():
     first = shots.nodes[:, 0].copy()
     stiffer = p | {"cornering_stiffness_front": p["cornering_stiffness_front"] * (1.0 + 1e-5)}
     compiled = simulate(model, shots, [p, stiffer], first, changes=1e-5)
-    model.has_machine_code = False
+    monkeypatch.setattr(type(model), "has_machine_code", False)
     many = simulate(model, shots, [p, stiffer], first, changes=1e-5)
     whole = replace(shots, count=1, length=drive.size, nodes=first[:, None])
     unsplit = simulate(model, whole, [p], first, derivatives=False)

@@ -91,7 +91,8 @@ def test_places_by_lane_and_by_position(tmp_path: Path) -> None:
     assert find_place(network, "0.0.1@12.5 m") == ("0.0.1", 12.5)
     assert find_place(network, "0.0.1") == ("0.0.1", 0.0)
     name, s = find_place(network, (30.0, 1.5))
-    assert (name, s) == ("0.0.1", pytest.approx(30.0))
+    assert name == "0.0.1"
+    assert s == pytest.approx(30.0)
     for place, message in (
         ("0.0.1@99", "s = 99 m; lane '0.0.1' is 50 m long"),
         ("0.0.7", "no lane '0.0.7'; did you mean '0.0.1'"),

@@ -264,7 +264,7 @@ def test_arrays_of_varying_size_come_back_one_by_one(tmp_path: Path) -> None:
     for number, size in enumerate(sizes):
         log.write(float(number), np.full(size, float(number)))
     log.close()
-    echoes = RunArrays(tmp_path, signals="signals.parquet")["echoes"]
+    echoes = RunArrays(tmp_path, apart=["signals.parquet"])["echoes"]
     assert [array.tolist() for array in echoes["ranges"]] == [[0.0, 0.0], [], [2.0, 2.0, 2.0]]
     assert [(moment, arrays["ranges"].size) for moment, arrays in echoes.each()] == [(0.0, 2), (1.0, 0), (2.0, 3)]
 
@@ -289,7 +289,7 @@ def test_a_table_whose_process_was_killed_between_two_renames_opens(tmp_path: Pa
     parts = tmp_path / ".lidar.parquet.parts"
     parts.mkdir()
     (tmp_path / "lidar.parquet").rename(parts / "part-000000.parquet")
-    arrays = RunArrays(tmp_path, signals="signals.parquet")
+    arrays = RunArrays(tmp_path, apart=["signals.parquet"])
     assert arrays["lidar"].times.tolist() == [0.5]
     with pytest.raises(ConfigError, match=r"no array 'range'; did you mean 'ranges'"):
         arrays["lidar"]["range"]

@@ -1,6 +1,7 @@
 """What sensors see of uneven ground is what tyres touch: lidar and depth camera against the height function."""
 
 from math import pi
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,7 +61,7 @@ def test_a_depth_camera_sees_the_ground_that_tyres_touch() -> None:
     add_renderer(parts.scene_graph, "studio", render_params(parts.world))
     numbers = {"kind": "depth_camera", "frame": "mount", "rate": 10.0, "width": 160, "height": 120}
     numbers |= {"horizontal_fov": pi / 2, "depth_near": 0.5, "depth_far": 30.0}
-    mount = SENSOR_KINDS["depth_camera"].model_validate(numbers)
+    mount: Any = SENSOR_KINDS["depth_camera"].model_validate(numbers)
     camera = builder.AddSystem(Camera(parts.plant, parts.plant.world_frame(), mount, renderer="studio", stream=1))
     builder.Connect(parts.scene_graph.get_query_output_port(), camera.query_object)
     depth = camera.look(Simulator(builder.Build()).get_context())["depth"].reshape(120, 160)

@@ -70,8 +70,8 @@ def test_random_crossings_equal_an_exact_test_of_swept_polygons(count: int) -> N
             continue
         assert touched == (smallest <= 0.0)
         if touched:
-            row = int(np.argmax(np.isfinite(found)))
-            assert times[max(row - 1, 0)] + found[row] * PERIOD == pytest.approx(first, abs=PERIOD / 30.0)
+            hit = int(np.argmax(np.isfinite(found)))
+            assert times[max(hit - 1, 0)] + found[hit] * PERIOD == pytest.approx(first, abs=PERIOD / 30.0)
             hits += 1
     assert 0.2 * count < hits < 0.98 * count
 

@@ -33,9 +33,9 @@ def sees(law: int) -> bool:
 
 def stopping_distance(law: int, numbers: Array, speed: float) -> float:
     """Return the distance of a comfortable stop [m]."""
-    if law == follow.LAW:
-        return 0.5 * speed * speed / numbers[follow.DECELERATION]
-    return 0.5 * speed * speed / numbers[idm.DECELERATION]
+    deceleration = numbers[follow.DECELERATION] if law == follow.LAW else numbers[idm.DECELERATION]
+    distance: float = 0.5 * speed * speed / deceleration
+    return distance
 
 
 def at_end(law: int, numbers: Array, speed: float, wanted: float, rest: float) -> float:

@@ -1,6 +1,7 @@
 """One time step of all actors, from the states of all at its begin, so that their order has no effect."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -319,10 +320,11 @@ def followers(
     )
 
 
-def compiled_step() -> object:
+def compiled_step() -> Callable[..., None]:
     """Return :func:`step`, compiled."""
     parts = (
         move, change_lanes, advantage, followers,
         *lanes.PARTS, *motion.PARTS, *occupancy.PARTS, *laws.PARTS, *triggers.PARTS, *walkers.PARTS,
     )  # fmt: skip
-    return compiled(step, parts=parts)
+    machine_code: Callable[..., None] = compiled(step, parts=parts)
+    return machine_code

@@ -264,7 +264,8 @@ def _meshes(scene: Scene) -> list[Path]:
         addresses = [mesh.getAttribute("filename") for mesh in document.getElementsByTagName("mesh")]
         roots += [_mesh_path(address, vehicle.packages) for address in addresses]
     roots += [scenery_file(scene.world, mesh) for mesh in scene.world.spec.scenery]
-    for prop in dict.fromkeys(placed.prop for placed in (*scene.world.props, *scene.world.actors)):
+    world = scene.world
+    for prop in dict.fromkeys([*(placed.prop for placed in world.props), *(actor.prop for actor in world.actors)]):
         roots += [prop.visual] if prop.visual is not None else []
         roots += [Path(solid.shape.source().path()) for solid in prop.solids if isinstance(solid.shape, Convex)]
     files = [file for root in dict.fromkeys(roots) if root.is_file() for file in mesh_files(root)]

@@ -311,7 +311,8 @@ def scheduled_gain(schedule: Floats, after: int, speed: float, column: int) -> f
         return held
     low, high = schedule[after - 1, 0], schedule[after, 0]
     value: float = schedule[after - 1, column]
-    return value + (speed - low) / (high - low) * (schedule[after, column] - value)
+    value += (speed - low) / (high - low) * (schedule[after, column] - value)
+    return value
 
 
 def ackermann_rolling(numbers: SteeringNumbers, steering: float) -> tuple[WheelAngles, WheelRatios]:

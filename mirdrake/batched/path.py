@@ -67,8 +67,8 @@ class PathDriver:
                 raise ConfigError(
                     f"path driver: '{name}' has the shape {values.shape}; give a number, or one per car, ({count},)"
                 )
-        values = [np.broadcast_to(self._columns.get(name, getattr(self.gains, name)), (count,)) for name in names]
-        gains = [PathGains(*row) for row in np.column_stack(values).tolist()]
+        columns = [np.broadcast_to(self._columns.get(name, getattr(self.gains, name)), (count,)) for name in names]
+        gains = [PathGains(*row) for row in np.column_stack(columns).tolist()]
 
         # Cars share the line of their set-point.
         lines: dict[int, int] = {}

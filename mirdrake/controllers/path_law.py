@@ -8,9 +8,12 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mirdrake.core.maths import wrap_angle
 
-Table = Sequence[Sequence[float]]
+Table = Sequence[Sequence[float]] | NDArray[np.float64]
 """Rows of numbers; a list of lists is fastest in Python."""
 
 SETTLED, STEPS = 1e-6, 20
@@ -193,7 +196,7 @@ def steering_step(
     u = curvature - place.curvature - min(max(k2 * (z - slope + approach), -most), most)
     turning = cos / lever * (place.curvature + cos * cos / lever * (u + place.curvature * z * tan))
     # Bicycle angle of this curvature, and the understeer that the tyres add at speed.
-    steering = math.atan(vehicle.wheelbase * turning) + gains.understeer_gradient * speed * speed * turning
+    steering: float = math.atan(vehicle.wheelbase * turning) + gains.understeer_gradient * speed * speed * turning
     return min(max(steering, -vehicle.limit), vehicle.limit)
 
 
@@ -219,7 +222,7 @@ def speed_step(
     """
     i, part = line_place(path, line, place.s)
     # A correction that is tighter than planned must not exceed the lateral limit.
-    wanted = min(line_value(line, i, part, 3), gains.speed)
+    wanted: float = min(line_value(line, i, part, 3), gains.speed)
     turning = abs(math.tan(steering) / vehicle.wheelbase)
     if turning * wanted * wanted > _TURN_MARGIN * vehicle.lateral:
         wanted = math.sqrt(_TURN_MARGIN * vehicle.lateral / turning)

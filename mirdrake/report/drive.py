@@ -77,8 +77,8 @@ def draw_drive(
     lines: list[DrivenLine] = []
     places: list[tuple[Place, str]] = []
     scale: ColourScale | None = None
-    for actor in world.actors if actors is not None else ():
-        if f"{actor.name}.x" in actors:
+    for actor in world.actors:
+        if actors is not None and f"{actor.name}.x" in actors:
             x, y = (actors[f"{actor.name}.{key}"].to_numpy(dtype=float) for key in ("x", "y"))
             lines.append(DrivenLine(x, y, ACTOR_COLOUR))
     for index, name in enumerate(names):

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import shapely
+from numpy.typing import NDArray
 
 from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.vehicles import Vehicle
@@ -88,7 +90,7 @@ def gap_to(mover: Mover, other: Mover) -> Array:
     return clearance_between(mover.volume, mover.poses, other.volume, other.poses)
 
 
-def touches(mover: Mover, others: Iterable[Mover]) -> Array:
+def touches(mover: Mover, others: Iterable[Mover]) -> NDArray[np.bool_]:
     """Return whether a mover has touched another one since the sample before (n)."""
     result = np.zeros(len(mover.poses), dtype=bool)
     for other in others:
@@ -112,7 +114,7 @@ def time_to_collision(mover: Mover, others: Iterable[Mover], world: World) -> Ar
         # Props do not move: a mover at its centroid with zero velocity, cut into slabs of equal height.
         middle = np.array([*prop.footprint.centroid.coords[0]])
         slabs = [
-            Slab(np.asarray(area.exterior.coords[:-1]) - middle, slab.low, slab.high)
+            Slab(shapely.get_coordinates(area)[:-1] - middle, slab.low, slab.high)
             for slab in mover.volume.slabs
             for area in prop.between(slab.low, slab.high)
         ]

@@ -237,8 +237,9 @@ class RangeScan(LeafSystem):
             needs.append(self.prop_poses.ticket())
         self.actor_states = None
         if actors:
-            contents = actor_signals([actor.name for actor in actors], PLANAR)
-            self.actor_states = declare_vector_input(self, "actor_states", contents)
+            self.actor_states = declare_vector_input(
+                self, "actor_states", actor_signals([actor.name for actor in actors], PLANAR)
+            )
             needs.append(self.actor_states.ticket())
         contents = list(range_signals(beams))
         self.ranges = declare_vector_output(self, "ranges", contents, self._calc, prerequisites=needs)

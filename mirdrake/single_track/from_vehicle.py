@@ -8,6 +8,8 @@ default is assumed.
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import Role
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
@@ -82,7 +84,7 @@ def estimate_parameters(
     front_stiffness: float | None = None,
     rear_stiffness: float | None = None,
     friction: float | None = None,
-    gravity: Sequence[float] = (0.0, 0.0, -GRAVITY),
+    gravity: Sequence[float] | NDArray[np.float64] = (0.0, 0.0, -GRAVITY),
     drag: bool = True,
     roll: bool = False,
     roll_frequency: float = 0.0,

@@ -261,8 +261,8 @@ def _check_track(name: str, tracks: Mapping[str, Track], location: str) -> None:
 
 def _make_ground(spec: GroundSpec, tracks: dict[str, Track], network: Network | None, folder: Path) -> Ground:
     mu = SURFACE_MU[spec.surface] if spec.mu is None else spec.mu
-    if roads := [*tracks.values(), *([] if network is None else [network])]:
-        boxes = np.array([road.bounds for road in roads])
+    boxes = np.array([road.bounds for road in (*tracks.values(), network) if road is not None])
+    if len(boxes):
         low, high = boxes[:, :2].min(axis=0) - _MARGIN, boxes[:, 2:].max(axis=0) + _MARGIN
     else:
         low, high = np.full(2, -_BARE_SIZE / 2.0), np.full(2, _BARE_SIZE / 2.0)

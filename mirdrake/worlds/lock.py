@@ -272,7 +272,7 @@ def _files(world: World) -> dict[str, str]:
         files[_named(folder / world.spec.network.file, folder)] = folder / world.spec.network.file
     for mesh in world.spec.scenery:
         files |= {_named(path, folder): path for path in mesh_files(folder / mesh.file)}
-    for prop in dict.fromkeys(placed.prop for placed in (*world.props, *world.actors)):
+    for prop in dict.fromkeys([*(placed.prop for placed in world.props), *(actor.prop for actor in world.actors)]):
         meshes = [solid.mesh for solid in prop.solids if solid.mesh is not None]
         meshes += [prop.visual] if prop.visual is not None else []
         library_path = library.get(prop.name)

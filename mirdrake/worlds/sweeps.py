@@ -34,7 +34,7 @@ def first_contacts(one: Volume, poses: Array, other: Volume, other_poses: Array)
     """
     result = np.full(len(poses), math.inf)
     pairs = [(a, b) for a in one.slabs for b in other.slabs if a.low < b.high and b.low < a.high]
-    good = np.isfinite(poses).all(axis=1) & np.isfinite(other_poses).all(axis=1)
+    good = np.asarray(np.isfinite(np.column_stack((poses, other_poses))).all(axis=1))
     if not pairs or not good.any():
         return result
     # Only samples between which the circles around both may meet are examined.

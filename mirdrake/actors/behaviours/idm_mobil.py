@@ -52,7 +52,9 @@ def mobil(
     """
     if new_then < -numbers[SAFE] or own_then < -numbers[SAFE]:
         return -math.inf
-    return own_then - own + numbers[POLITENESS] * (new_then - new + old_then - old) - numbers[THRESHOLD]
+    others = new_then - new + old_then - old
+    advantage: float = own_then - own + numbers[POLITENESS] * others - numbers[THRESHOLD]
+    return advantage
 
 
 PARTS = (mobil,)
