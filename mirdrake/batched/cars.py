@@ -93,6 +93,8 @@ class Batch:
         self.threads = _check_threads(threads)
         self.parameters: Records = record_of(make_table(parameters, columns or {}, count))
         self.count = len(self.parameters)
+        # Loops overwrite the present parameters with those at the place of a car; without a ground nothing is
+        # written, so a copy would only cost memory.
         self._present = self.parameters if ground is None else self.parameters.copy()
         self._ground = NO_GROUND if ground is None else (ground.frame, ground.grid)
         self.state_names = variant.state_names
@@ -130,6 +132,7 @@ class Batch:
         Raises:
             ConfigError: the variant has no such state.
         """
+        # All names are checked before any state changes, so that an error leaves the cars as they were.
         chosen: Any = slice(None) if cars is None else np.asarray(cars)
         for name in values:
             self[name]  # checks the name
@@ -151,6 +154,7 @@ class Batch:
         Raises:
             ConfigError: the shape of the inputs is wrong.
         """
+        # A broadcast view has strides of zero, which the compiled signature does not accept, hence the copy.
         held = np.ascontiguousarray(np.broadcast_to(self._pad(inputs, ndim=(1, 2)), (self.count, len(Inputs._fields))))
         arguments = (*self.model(), held, self.step_time, int(steps))
         self.share(self._advance, arguments, (self.state, self.diverged))
@@ -170,6 +174,7 @@ class Batch:
             ConfigError: the shape of the inputs is wrong.
         """
         rows = self._pad(inputs, ndim=(2, 3))
+        # Inputs for all cars stay one row: the kernel reads the last row that exists, which saves n - 1 copies.
         rows = np.ascontiguousarray(rows if rows.ndim == 3 else rows[None])
         if hold < 1:
             raise ConfigError(f"batch: hold is {hold}; it must be 1 step or more")
@@ -198,6 +203,7 @@ class Batch:
                 f"batch: inputs have the shape {given.shape}; give {shape} for all {self.count} cars, or such an array "
                 f"per car; the columns are {', '.join(names)}"
             )
+        # A variant takes the first fields of Inputs; the others are zero, so that one compiled loop serves all of them.
         padded = np.zeros((*given.shape[:-1], len(Inputs._fields)))
         padded[..., : len(names)] = given
         return padded
@@ -208,11 +214,14 @@ class Batch:
 
     def share(self, kernel: Callable[..., Any], arguments: tuple[Any, ...], changed: tuple[Any, ...]) -> None:
         """Call a kernel for all cars, divided among the threads."""
+        # Contiguous ranges of cars: threads write to separate rows, so that no lock is needed (kernels release the
+        # GIL).
         bounds = np.linspace(0, self.count, min(self.threads, self.count) + 1).astype(int).tolist()
         if len(bounds) == 2:
             kernel(*arguments, 0, self.count, *changed)
             return
         calls = [self._pool.submit(kernel, *arguments, first, last, *changed) for first, last in pairwise(bounds)]
+        # The result is awaited to raise the exception of a thread here, which submit alone would hide.
         for call in calls:
             call.result()
 
@@ -270,6 +279,8 @@ def batch(
         from mirdrake.single_track.from_vehicle import estimate_parameters
         from mirdrake.vehicles import load_vehicle
 
+        # With roll states in the variant, the effect of roll on the slip of the axles must not be in their stiffness,
+        # too.
         car = estimate_parameters(load_vehicle(car) if isinstance(car, str) else car, roll=variant.roll)
     return Batch(car, variant, columns=parameters, count=count, step=step, threads=threads, ground=ground)
 

@@ -74,6 +74,7 @@ class BatchControl:
         wheel = vehicle.control.wheel_speed
         _check_vehicle(cars, vehicle)
         self.cars, self.period, self._seed = cars, 1.0 / vehicle.control.rate, np.uint64(seed)
+        # The unit acts at whole steps only: a period between two steps would change its sampling and with it its delay.
         self._steps = round(self.period / cars.step_time)
         if self._steps < 1 or abs(self._steps * cars.step_time - self.period) > 1e-9:
             raise ConfigError(
@@ -85,6 +86,7 @@ class BatchControl:
         self._delays = self._delay_steps(delay)
         self._noise = self._per_car("noise", noise)
         self._numbers = self._make_numbers(vehicle, gains or {})
+        # Steering and wheel laws are compiled into the loop, as Numba cannot call a method that is chosen at run time.
         rolling = ackermann_rolling if vehicle.spec.steering.law == "ackermann" else unior_rolling
         laws = (lateral_force_of(cars.variant), rolling, wheel.torque_law())
         self._drive: Callable[..., None] = compiled(
@@ -94,6 +96,7 @@ class BatchControl:
 
     def start(self) -> None:
         """Start the units from the present speeds and steering angles, so that the set-points do not jump."""
+        # The memory of a unit at rest depends on its angle only; cars that share an angle share the computation.
         speeds, angles = self.cars["vx"], self.cars["steering"]
         memories: dict[float, Floats] = {}
         rows = []
@@ -104,6 +107,7 @@ class BatchControl:
             row[LAST] = speed
             rows.append(row)
         self._memory: Floats = np.array(rows)
+        # Until the first delayed output acts, servos hold the present angle and speed; drive force and rate are zero.
         self._delayed: Floats = np.zeros((self.cars.count, int(self._delays.max()) + 1, 5))
         self._delayed[:, :, 0] = angles[:, None]
         self._delayed[:, :, 4] = speeds[:, None] * self._unit.true_over_believed
@@ -141,6 +145,7 @@ class BatchControl:
         Raises:
             ConfigError: an unknown signal, or a driver that does not fit the cars.
         """
+        # The kernel takes the number of periods from the shape of the commands, whose values are not read on a track.
         unused = np.zeros((1, check_count("periods", periods), 2))
         return self._run(unused, driver.numbers(self.cars.count, self.period), outputs, every)
 
@@ -159,11 +164,14 @@ class BatchControl:
         """Drive all cars under commands, or along a path."""
         periods = rows.shape[1]
         time = (self._periods + np.arange(periods)) * self.period
+        # The stamp of a command is its own control instant: it is never old, and only rows with NaN are missing
+        # messages.
         stamped = np.empty((*rows.shape[:2], 3))
         stamped[..., :2], stamped[..., 2] = rows, time
         contents = self._contents(outputs)
         names = [signal.name for signal in self.signals()]
         columns = np.array([names.index(signal.name) for signal in contents])
+        # Rounded up: row 0 is the first period, and every further row `every` periods later.
         values = np.empty((self.cars.count, -(-periods // check_count("every", every)), len(columns)))
         cars = self.cars
         arguments = (
@@ -201,6 +209,7 @@ class BatchControl:
     def _delay_steps(self, delay: ArrayLike) -> Integers:
         """Return the delays in control periods (n)."""
         delays = self._per_car("delay", delay)
+        # The ring of outputs has a place for each period, so a delay between two periods cannot be represented.
         steps: Integers = np.rint(delays / self.period).astype(np.int64)
         wrong = np.flatnonzero(np.abs(steps * self.period - delays) > 1e-9)
         if len(wrong):
@@ -220,10 +229,13 @@ class BatchControl:
         for name in columns:
             if name not in known:
                 raise ConfigError(f"batch: no gain '{name}'; {did_you_mean(name, known)}")
+        # One row of gains per car; gains that are not given are those of control.yaml. A law without gains has empty
+        # rows.
         rows: dict[str, list[list[float]]] = {}
         for loop, values in loops.items():
             table = [columns.get(f"{loop}.{name}", self._per_car(name, value)) for name, value in values.items()]
             rows[loop] = np.column_stack(table).tolist() if table else [[]] * self.cars.count
+        # The laws make a record for each car, so that derived numbers (anti-windup) follow from its own gains.
         speed = [PidGains(*row).numbers() for row in rows["speed"]]
         wheel = [control.wheel_speed.numbers(row) for row in rows["wheel_speed"]]
         numbers = UnitNumbers(
@@ -243,9 +255,11 @@ class BatchControl:
         """Return the gains of the wheels and those at the present speed, both again as PID gains, and the schedule."""
         schedule = vehicle.control.wheel_speed.gain_schedule()
         if schedule is None:
+            # Numba needs typed arrays also for arguments that are not read; a schedule without rows disables it.
             unused = records(PidNumbers, [])
             return own, own, unused, unused, np.empty((0, 4))
         table, present = schedule.table(), own.copy()
+        # NaN marks gains that are not scheduled: the kernel then keeps the gain of the car.
         columns = [table.gains.get(name, [np.nan] * len(table.speeds)) for name in ("kp", "ki", "kd")]
         return own, present, own, present, np.column_stack([table.speeds, *columns])
 

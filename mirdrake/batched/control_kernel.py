@@ -158,15 +158,19 @@ def drive(
     """
     unit, periods = units[0], commands.shape[1]
     states_of_variant = states.shape[1]
+    # A full row: states, motion (7), status (3), path error (4), commands (2); `columns` selects from it.
     row: Any = np.empty(states_of_variant + 7 + 3 + 4 + 2)
     follows, scheduled = table.shape[0] > 0, schedule.shape[0] > 0
+    # Buffers are allocated once for all cars, as an allocation in the inner loop would dominate its cost.
     x_measured: Any = np.zeros(MEASURED)
     desired: Any = np.zeros(2 * ACTUATORS)
     torques: Any = np.zeros(ACTUATORS)
+    # Identity quaternion: the unit rotates the velocity into the vehicle frame, where it is given already.
     x_measured[0] = 1.0
     last_output = STEERING_ACTUATOR + setups[0].actuator_size - 1
     for i in range(first, last):
         x = read_state(states[i], positions)
+        # The views are taken once per car; `status` is written by the unit directly into its place in the row.
         which, ring = min(i, commands.shape[0] - 1), delays[i] + 1
         status, gains = row[states_of_variant + 7 :], wheel_gains[i : i + 1]
         for k in range(periods):
@@ -176,9 +180,11 @@ def drive(
                     paths[0], table, lines[which_line[i]], path_gains[i], trackers[0], x, parameters[i].rear_length,
                     now * period, tracked[i],
                 )  # fmt: skip
+                # Still counts as not started: the tracker's own first step, below, begins anew.
                 tracked[i, 7] = 0.0
             # Control unit: its measured speed, its step, and the angle and rate of the steering actuator.
             speed = x.vx
+            # The counter is the period since the start, so that several calls of run give the noise of one.
             if noise[i] > 0.0:
                 speed += noise[i] * normal(seed, np.uint64(i), np.uint64(now), np.uint64(0))
             rate = speed / unit.radius
@@ -188,6 +194,7 @@ def drive(
                 gains = present_gains[i : i + 1]
             command = tracked[i] if follows else commands[which, k]
             speed_command, steering_command = command[0], command[1]
+            # All wheels roll at the speed of the car: the single-track model has no wheel speeds of its own.
             for wheel in range(7, 11):
                 x_measured[wheel] = rate
             torques[:] = 0.0
@@ -201,6 +208,7 @@ def drive(
             # Delay: a ring with a place for each control period. The oldest output acts.
             slot, acting = now % ring, (now + 1) % ring
             delayed[i, slot, 0], delayed[i, slot, 1] = angle, torques[0] * unit.force_per_torque
+            # Brake force 0: with servos the speed set-point brakes. The rate is the mean over the last period.
             delayed[i, slot, 2], delayed[i, slot, 3] = 0.0, (angle - before) / period
             delayed[i, slot, 4] = trimmed * unit.true_over_believed
             u = Inputs(
@@ -266,6 +274,7 @@ def track(
         time: present time [s].
         tracked: command, path error, and whether it has started; updated.
     """
+    # Newton's projection from the last place is cheap; the search over all points is for the start and for lost cars.
     started = tracked[7] != 0.0
     settled, place = False, Place(tracked[5], 0.0, 0.0, 0.0)
     if started:
@@ -274,6 +283,7 @@ def track(
         _, place = project(path, table, x.x, x.y, nearest_point(path, table, x.x, x.y))
     motion = PathMotion(x.x, x.y, wrap_angle(x.yaw), x.vx, x.vy - rear_length * x.yaw_rate, x.yaw_rate)
     speed, steering = tracker_step(path, table, line, gains, tracker, place, motion, tracked[0], started)
+    # On a closed track the shorter way round counts, so that crossing the start line adds no lap of its own.
     covered = place.s - tracked[5] if started else 0.0
     if path.closed:
         covered -= path.length * math.floor(covered / path.length + 0.5)
@@ -291,21 +301,25 @@ def read_schedule(schedule: Floats, speed: float, own: PidNumbers, present: Any)
         own: gains of the car.
         present: overwritten.
     """
+    # Number of speeds up to the present one; schedules have few rows, so a linear search is enough.
     after, last = 0, schedule.shape[0]
     while after < last and schedule[after, 0] <= speed:
         after += 1
     present.kp, present.ki, present.kd = own.kp, own.ki, own.kd
+    # Only NaN differs from itself: such a gain is not scheduled and stays that of the car.
     if schedule[0, 1] == schedule[0, 1]:
         present.kp = scheduled_gain(schedule, after, speed, 1)
     if schedule[0, 2] == schedule[0, 2]:
         present.ki = scheduled_gain(schedule, after, speed, 2)
     if schedule[0, 3] == schedule[0, 3]:
         present.kd = scheduled_gain(schedule, after, speed, 3)
+    # The tracking time of the anti-windup follows from the gains, so it changes with them.
     present.anti_windup_time = tracking_time(present.kp, present.ki, present.kd)
 
 
 def scheduled_gain(schedule: Floats, after: int, speed: float, column: int) -> float:
     """Return a gain at a speed; `after` is the number of speeds in the schedule up to it."""
+    # Gains are held beyond the ends of the schedule; extrapolated ones could become negative.
     if after in (0, schedule.shape[0]):
         held: float = schedule[max(after - 1, 0), column]
         return held

@@ -35,6 +35,7 @@ def make_drive(variant: Variant, *, step: float = STEP, hold: int = 1) -> Drive:
     except ImportError:
         raise MissingDependencyError("gradients need JAX: pip install 'mirdrake[jax]'") from None
     variant.check()
+    # The setting is global to JAX and must precede its first array, so it is reported instead of changed here.
     if not jax.config.jax_enable_x64:
         raise ConfigError(
             "JAX computes in single precision, in which positions drift; first call "
@@ -46,6 +47,7 @@ def make_drive(variant: Variant, *, step: float = STEP, hold: int = 1) -> Drive:
     def drive(parameters: Any, start: Any, inputs: Any) -> Any:
         numbers, start = jax.numpy.asarray(parameters, dtype=float), jax.numpy.asarray(start, dtype=float)
         inputs = jax.numpy.asarray(inputs, dtype=float)
+        # Traced numbers under the names of the record: the equations read both in the same way.
         p = SimpleNamespace(**{name: numbers[k] for k, name in enumerate(PARAMETERS)})
         zero = jax.numpy.zeros(())  # an array, so that the states that the variant does not have are arrays, too
 
@@ -57,6 +59,7 @@ def make_drive(variant: Variant, *, step: float = STEP, hold: int = 1) -> Drive:
                 after = runge_kutta(law, flags, p, state, u, step)
                 return jax.numpy.stack([getattr(after, name) for name in names])
 
+            # Loops of JAX, not of Python: the graph stays one step long, whatever the number of rows.
             row = jax.lax.fori_loop(0, hold, once, row)
             return row, row
 

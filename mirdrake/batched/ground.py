@@ -49,6 +49,7 @@ class Ground:
     ) -> None:
         axes: list[Floats] = [np.asarray(values, dtype=float) for values in (x, y)]
         for name, axis in zip("xy", axes, strict=True):
+            # Even spacing makes the look-up of a cell a division, without a search in the inner loop.
             steps = np.diff(axis) if axis.ndim == 1 else np.empty(0)
             if not len(steps) or not (steps > 0.0).all() or np.ptp(steps) > 1e-6 * steps[0]:
                 raise ConfigError(f"ground: {name} must be two or more evenly spaced, rising coordinates [m]")

@@ -108,6 +108,7 @@ def advance_over_time(
     states_of_variant = states.shape[1]
     for i in range(first, last):
         x = read_state(states[i], positions)
+        # Row 0 holds the inputs of all cars if there is only one.
         row = min(i, inputs.shape[0] - 1)
         u = Inputs(0.0, 0.0, 0.0, 0.0, 0.0)
         for k in range(inputs.shape[1] + 1):
@@ -156,6 +157,7 @@ def steps_of_car(
         steps: number of steps.
     """
     for _ in range(steps):
+        # The ground is read once per step, not per stage: friction, slope and wind are constant within a step.
         apply_ground(frame, grid, own, present, x.x, x.y)
         after = runge_kutta(law, flags, present, x, u, step)
         if not is_finite(after):
@@ -177,6 +179,7 @@ def runge_kutta(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs, st
         u: inputs, held.
         step: step [s].
     """
+    # Written out by field: Numba and JAX both trace it, and the fixed order of additions keeps results bit-identical.
     half, sixth = 0.5 * step, step / 6.0
     k1 = equations(law, flags, p, x, u)[0]
     k2 = equations(law, flags, p, moved(x, half, k1), u)[0]
@@ -216,6 +219,7 @@ def moved(x: State, time: float, rates: State) -> State:
 
 def is_finite(x: State) -> bool:
     """Return whether every state is a finite number."""
+    # NaN and infinity survive the sum, and only they differ from zero when subtracted from themselves.
     total = x.x + x.y + x.yaw + x.vx + x.vy + x.yaw_rate
     total += x.front_slip + x.rear_slip + x.roll + x.roll_rate + x.steering
     return bool(total - total == 0.0)

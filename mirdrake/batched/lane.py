@@ -142,6 +142,7 @@ def drive_on_track(
         if diverged[i]:
             continue
         x = read_state(states[i], positions)
+        # Without control periods only the signals are written, for cars that were just placed.
         trim = 0.0
         for _ in range(periods):
             u, trim = _control(lane, gains[0], memory[i], setpoints[i, 0], setpoints[i, 1], x.vx)
@@ -152,6 +153,7 @@ def drive_on_track(
         write_state(states[i], positions, x)
         if diverged[i]:
             continue
+        # Newton's method starts from the predicted arc length, so that one or two steps suffice at any speed.
         projection = project(lane, tables, x.x, x.y, progress[i] + x.vx * periods * lane.period)
         progress[i] = projection.s
         _write_signals(lane, tables, distances, parameters[i].rear_length, x, memory[i], trim, projection, signals[i])
@@ -166,16 +168,19 @@ def _control(
     angles of single wheels.
     """
     last_speed = memory[SETPOINTS]
+    # Limits are those of the magnitude of the speed: in reverse, braking increases the signed set-point.
     up, down = lane.acceleration * lane.period, lane.deceleration * lane.period
     if last_speed < 0.0:
         up, down = down, up
     speed = min(max(speed_command, last_speed - down), last_speed + up)
     steering = approach(lane.steering, memory[SETPOINTS + 1], steering_command, lane.period)
     memory[SETPOINTS], memory[SETPOINTS + 1] = speed, steering
+    # The last element of the actuator's memory is its output; the servo of the model also needs its rate.
     before = memory[ACTUATOR + lane.actuator_size - 1]
     angle = actuator_step(memory, ACTUATOR, lane.actuator_size, steering, lane.actuator)
     loop, trimmed = cruise_step(read_pid(memory, PID), speed, measured, lane.period, gains, lane.speed_limits)
     write_pid(memory, PID, loop)
+    # Feed-forward of the drive force by the set-point before the trim: the trim corrects the speed only.
     rate, drive = (angle - before) / lane.period, lane.force_per_acceleration * (speed - last_speed) / lane.period
     return Inputs(angle, drive, 0.0, rate, trimmed * lane.true_over_believed), trimmed - speed
 
@@ -192,6 +197,8 @@ def project(lane: Any, tables: Floats, x: float, y: float, near: float) -> LaneP
     """
     s, lateral, yaw, curvature = near, 0.0, 0.0, 0.0
     for _ in range(_STEPS):
+        # Point on an arc of constant curvature by its chord and mean direction; sin(t/2)/(t/2) ≈ 1 - t²/24 for a turn
+        # t.
         i = interval(lane, tables, s)
         s = wrapped(lane, s)
         curvature, along = tables[i, 3], s - i * lane.spacing
@@ -201,11 +208,14 @@ def project(lane: Any, tables: Floats, x: float, y: float, near: float) -> LaneP
         dx, dy = x - tables[i, 0] - chord * math.cos(middle), y - tables[i, 1] - chord * math.sin(middle)
         yaw = middle + 0.5 * turn
         cosine, sine = math.cos(yaw), math.sin(yaw)
+        # Newton's step of the distance along the tangent, whose slope is 1 - κ e; its bound prevents jumps near the
+        # centre of the curve.
         lateral = dy * cosine - dx * sine
         move = (dx * cosine + dy * sine) / max(1.0 - curvature * lateral, _NEAREST)
         s += move
         if -_SETTLED < move < _SETTLED:
             break
+    # Beyond the ends of an open track the nearest point is the end itself.
     s = wrapped(lane, s) if lane.closed else min(max(s, 0.0), lane.length)
     return LanePlace(s, lateral, yaw, curvature)
 
@@ -233,10 +243,12 @@ def _write_signals(
     row: Any,
 ) -> None:
     """Write the signals of a car."""
+    # Wrapped to [-π, π), as the yaw of the model counts whole turns.
     heading = x.yaw - place.yaw
     heading -= 2.0 * math.pi * math.floor(heading / (2.0 * math.pi) + 0.5)
     row[0], row[1] = x.x, x.y
     row[2] = x.yaw - 2.0 * math.pi * math.floor(x.yaw / (2.0 * math.pi) + 0.5)
+    # The model's vy is that of the centre of mass; signals are those of the rear axle's centre, as in a run.
     row[3], row[4], row[5] = x.vx, x.vy - rear_length * x.yaw_rate, x.yaw_rate
     row[6], row[7], row[8] = memory[SETPOINTS], memory[SETPOINTS + 1], trim
     row[9], row[10], row[11] = place.lateral, heading, place.s
@@ -256,6 +268,7 @@ def _wheels_on_road(lane: Any, tables: Floats, place: LanePlace, heading: float)
         ahead, half = (lane.wheelbase, lane.front) if axle == 0 else (0.0, lane.rear)
         for side in range(2):
             w = half if side == 0 else -half
+            # Widths are read at the wheel's own place along the line, as a track may widen.
             along = ahead * cosine - w * sine
             offset = place.lateral + ahead * sine + w * cosine - 0.5 * place.curvature * along * along
             i = interval(lane, tables, place.s + along)

@@ -63,6 +63,7 @@ def run_log(
         substeps: steps per sample.
         outputs: number of outputs.
     """
+    # A copy: the kernel overwrites the states.
     last = np.array(starts, dtype=float)
     samples = (inputs.shape[1] - 1) // (2 * substeps)
     seen: Floats = np.empty((len(last), samples, outputs))
@@ -85,6 +86,7 @@ def _run(
     outputs: Floats,
 ) -> None:
     """Integrate each run along the log; arguments as in :func:`run_log`, states and outputs are overwritten."""
+    # The stages of the Runge-Kutta method share buffers over all runs.
     width = states.shape[1]
     x, between = np.empty(width), np.empty(width)
     k1, k2, k3, k4 = np.empty(width), np.empty(width), np.empty(width), np.empty(width)
@@ -95,6 +97,7 @@ def _run(
         for sample in range(outputs.shape[1]):
             observe(settings[0], own, x, inputs[row, 2 * substeps * sample], outputs[i, sample])
             for substep in range(substeps):
+                # Inputs are tabulated at the ends and middles of steps, where the four stages need them.
                 at = 2 * (substeps * sample + substep)
                 rates(settings[0], own, x, inputs[row, at], k1)
                 for j in range(width):

@@ -28,6 +28,7 @@ def mix(value: Any) -> Any:
 
 def counter_hash(seed: Any, car: Any, step: Any, channel: Any) -> Any:
     """Return the hash of a counter of four uint64."""
+    # The constant is added to every word, as mix maps zero to zero. Hashing word by word keeps their order significant.
     value = mix(seed + _GAMMA)
     value = mix(value ^ (car + _GAMMA))
     value = mix(value ^ (step + _GAMMA))
@@ -36,6 +37,7 @@ def counter_hash(seed: Any, car: Any, step: Any, channel: Any) -> Any:
 
 def uniform(hashed: Any) -> Any:
     """Return a number in (0, 1) for a hash."""
+    # The upper 53 bits fit a double exactly; half a unit keeps zero out, whose logarithm is infinite.
     return ((hashed >> _ELEVEN) + 0.5) * _SCALE
 
 

@@ -41,6 +41,7 @@ class PathDriver:
         period: float = 0.02,
         limits: DrivingLimits | None = None,
     ) -> None:
+        # The tracker of one car checks the track against the vehicle, and its numbers serve all cars.
         self._tracker = PathTracker(track, geometry, gains=gains, period=period, limits=limits)
         self.gains, self.period = gains, period
         self._columns = {name: np.asarray(values, dtype=float) for name, values in (columns or {}).items()}

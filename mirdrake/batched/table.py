@@ -28,6 +28,7 @@ def make_table(parameters: SingleTrackParameters, columns: Mapping[str, ArrayLik
         if values.ndim > 1:
             raise ConfigError(f"batch: '{name}' has the shape {values.shape}; give a number, or one per car")
     lengths = {name: len(values) for name, values in arrays.items() if values.ndim == 1}
+    # The number of cars is that of the first column with several values; the others must agree.
     n = count if count is not None else next(iter(lengths.values()), 1)
     if n < 1:
         raise ConfigError(f"batch: there are {n} cars; there must be 1 or more")
@@ -37,6 +38,7 @@ def make_table(parameters: SingleTrackParameters, columns: Mapping[str, ArrayLik
     table = np.tile(parameters.values(), (n, 1))
     for name, values in arrays.items():
         table[:, PARAMETERS.index(name)] = values
+    # The whole table is checked at once; only the first wrong car is built by itself, for the message of its fault.
     wrong = np.flatnonzero(~are_allowed(table))
     if len(wrong):
         row = dict(zip(PARAMETERS, table[wrong[0]].tolist(), strict=True))

@@ -90,6 +90,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         duration: float | None = None,
         render_mode: str | None = None,
     ) -> None:
+        # A deep copy, as blocks and connections are inserted below: the caller's spec stays as it was.
         spec = load_diagram(diagram, overrides=overrides) if isinstance(diagram, str) else diagram
         spec = spec.model_copy(deep=True) if isinstance(spec, DiagramSpec) else make_spec(spec)
         self.vehicle = next(iter(spec.vehicles)) if vehicle is None else vehicle
@@ -152,12 +153,14 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         """
         super().reset(seed=seed)
         assembly = self.assembly
+        # A new Context instead of a reset one: state of every system, also of user blocks, starts from its default.
         context = assembly.make_context()
         plant_context = assembly.parts.plant.GetMyMutableContextFromRoot(context)
         places: dict[str, Sequence[float]] = {}
         if self.start is not None:
             starts = self.start(assembly, self.np_random)
             places = {name: (start.x, start.y, start.yaw, start.speed) for name, start in starts.items()}
+        # Starts by options come last, so that they override those of the start function.
         places |= (options or {}).get("start", {})
         for name, (x, y, yaw, speed) in places.items():
             if name not in assembly.parts.vehicles:
@@ -167,6 +170,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         if self._friction.varies:
             self._friction.start()
         self._context, self._steps = context, 0
+        # Commands exist before events at time 0: the control unit then starts from the start speed, without a jump.
         self._command(self._at_rest())
         self._simulator.reset_context(context)
         self._simulator.Initialize()
@@ -182,6 +186,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         """
         if self._context is None:
             raise ConfigError("step: call reset first")
+        # Times are multiples of the period, not sums: rounding would drift away from the control instants.
         values = self._command(np.asarray(action, dtype=float))
         self._steps += 1
         info: Info = {}
@@ -191,6 +196,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
             state = self.assembly.parts.plant.GetPositionsAndVelocities(
                 self.assembly.parts.plant.GetMyContextFromRoot(self._context)
             )
+            # Drake may integrate NaN without an error, hence the test of the state besides the exception.
             diverged = not np.isfinite(state).all()
         except RuntimeError as error:  # Drake cannot continue
             diverged, info["error"] = True, str(error).strip().splitlines()[0]
@@ -212,10 +218,12 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         """Set the inputs from an action, and return it by name in SI units."""
         assert self._context is not None
         low, high = self.action_bounds[:, 0], self.action_bounds[:, 1]
+        # NaN of a diverged policy counts as the middle of the range.
         share = np.clip(np.nan_to_num(action), -1.0, 1.0)
         values = dict(zip(self.action_names, (0.5 * (low + high + share * (high - low))).tolist(), strict=True))
         for held, source in self._sources:
             vector = [values.get(name, rest) for name, rest in zip(held.elements, held.rest, strict=True)]
+            # The stamp is the time of the command: it resets the watchdog of the control unit at every step.
             if held.stamp:
                 vector = [self._context.get_time()]
             inner = source.GetMyMutableContextFromRoot(self._context)
@@ -226,6 +234,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         """Return the action before the first one: the speed of the start, and zero for everything else."""
         low, high = self.action_bounds.T
         speeds = {f"{name}.{_SPEED}": start.speed for name, start in self.assembly.starts.items()}
+        # Inverse of the scaling of actions; a value out of the range is clipped by _command.
         values = np.array([speeds.get(name, 0.0) for name in self.action_names])
         share: NDArray[np.float64] = 2.0 * (values - low) / (high - low) - 1.0
         return share
@@ -298,6 +307,7 @@ def _ports_of(spec: DiagramSpec, names: Sequence[str]) -> dict[str, list[str]]:
         raise ConfigError(f"act: '{repeated[0]}' is named twice; remove one")
     ports: dict[str, list[str]] = {}
     for name in names:
+        # The longest owner, as the name of a system may begin with that of another.
         owner = max((own for own in [*spec.systems, *spec.vehicles] if name.startswith(f"{own}.")), key=len, default="")
         if not owner:
             known = [f"{vehicle}.{port}" for vehicle in spec.vehicles for port in (_SPEED, _STEERING, _PEDALS)]
@@ -311,16 +321,20 @@ def _insert_actions(spec: DiagramSpec, names: Sequence[str], bounded: set[str]) 
     """Insert a block that holds a vector before each input that an action sets; the spec is changed."""
     ports = _ports_of(spec, names)
     for vehicle in spec.vehicles:
+        # The driver is removed only if both its outputs are replaced; otherwise it still gives the other command and
+        # stamps.
         reference = {f"{vehicle}.{_SPEED}", f"{vehicle}.{_STEERING}"}
         if reference <= set(ports):
             spec.control.pop(vehicle, None)  # the actions replace the driver
         if vehicle not in spec.control and reference & set(ports):
             ports[f"{vehicle}.{_STAMP}"] = []
+        # Pedals without a driver: speed and steering get constants, as an open input port cannot be evaluated.
         if f"{vehicle}.{_PEDALS}" in ports and vehicle not in spec.control:
             for port in (_SPEED, _STEERING, _STAMP):
                 ports.setdefault(f"{vehicle}.{port}", [])
     inputs = []
     for number, (port, acting) in enumerate(ports.items()):
+        # The gear is no action by default but is held at first gear; a range in `bounds` makes it one.
         elements = [f"{port}.{element}" for element in _ELEMENTS.get(port.rpartition(".")[2], [])] or [port]
         if acting == [port] and len(elements) > 1:
             acting = [name for name in elements if name.partition(".")[2] not in _AT_REST or name in bounded]
@@ -331,5 +345,6 @@ def _insert_actions(spec: DiagramSpec, names: Sequence[str], bounded: set[str]) 
         spec.systems[block] = SystemEntry(kind="constant", value=[0.0] * len(elements))
         spec.connect = [pair for pair in spec.connect if pair[1] != port] + [(f"{block}.y", port)]
         inputs.append(_Input(port, block, elements, acting))
+    # Recording would cost time and memory in each episode; readings evaluate only the ports that are observed.
     spec.record = spec.record.model_copy(update={"signals": False, "cameras": False, "arrays": False})
     return inputs

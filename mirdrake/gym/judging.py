@@ -69,6 +69,7 @@ Starts = Callable[[Assembly, np.random.Generator], dict[str, Start]]
 def progress(moment: Moment) -> float:
     """Return the progress along the track in this step [m]; without a track, the distance travelled forward."""
     speed = moment.of_vehicle("vx")
+    # Along the track, not along the vehicle: turning away from the line gains nothing, and driving back costs.
     if f"{moment.vehicle}.heading_error" in moment.readings.known:
         speed *= cos(moment.of_vehicle("heading_error"))
     return speed * moment.period
@@ -98,6 +99,7 @@ def anywhere_on_track(assembly: Assembly, rng: np.random.Generator) -> dict[str,
     """Start every vehicle at a random station of its track, aligned with it, at its own start speed."""
     starts = {}
     for name, start in assembly.starts.items():
+        # All random numbers come from the environment's generator, so that the seed of reset determines the starts.
         track_name = assembly.tracks[name]
         if track_name is None:
             raise ConfigError(f"start 'anywhere_on_track': {name} has no track in world '{assembly.parts.world.name}'")

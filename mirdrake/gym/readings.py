@@ -66,6 +66,7 @@ class Readings:
             self.known |= {reading.name: reading for reading in self._of_vehicle(name, part)}
         contacts = self._port_of_others()
         self.known["other_contacts"] = Reading("other_contacts", "", 0.0, LARGE, _reader(*contacts, 0))
+        # Only the user's blocks and sensors: systems that the assembly adds are no signals of a run.
         own = [*assembly.spec.systems, *(f"{v}.{s}" for v, names in assembly.spec.sensors.items() for s in names)]
         for name in own:
             if name in self._systems:
@@ -81,6 +82,7 @@ class Readings:
         Raises:
             ConfigError: the signal is unknown, or a range is empty.
         """
+        # Curvatures ahead are made on demand, as any distance is allowed.
         vehicle, _, rest = name.partition(".")
         if rest.startswith(f"{AHEAD}.") and self._assembly.tracks.get(vehicle):
             self.known.setdefault(name, self._ahead(name, vehicle, rest.removeprefix(f"{AHEAD}.")))
@@ -88,6 +90,7 @@ class Readings:
         readings = readings or [reading for full, reading in self.known.items() if full.startswith(f"{name}.")]
         if not readings:
             raise ConfigError(f"the diagram has no signal '{name}'; {did_you_mean(name, self.known)}")
+        # The range of a single signal comes before that of its group.
         ranges = bounds or {}
         return [_within(reading, ranges.get(reading.name, ranges.get(name))) for reading in readings]
 
@@ -95,6 +98,7 @@ class Readings:
         """Add ground truth, track coordinates and set-points of one vehicle."""
         assembly = self._assembly
         truth, control = self._systems[f"{name}.truth"], self._systems[f"{name}.control"]
+        # Ranges only bound the observation space, so they are generous; observations are clipped to them.
         left, south, right, north = assembly.parts.world.ground.extent
         speed, turn = top_speed(part), 10.0
         spin = 2.0 * speed / min(part.vehicle.geometry.wheel_radii)
@@ -113,6 +117,7 @@ class Readings:
         ):
             for signal, index, port in _elements(truth.GetOutputPort(group)):
                 yield Reading(f"{name}.{prefix}.{signal.name}", signal.unit, *range_, _reader(truth, port, index))
+        # Set-points come from the control unit, not from the truth: they are what it has limited.
         wanted = {"speed_setpoint": speed, "steering_setpoint": limit, "speed_trim": speed}
         for signal, index, port in _elements(control.GetOutputPort("status")):
             most = wanted[signal.name]
@@ -122,6 +127,7 @@ class Readings:
         if track_name is None:
             return
         track = assembly.parts.world.tracks[track_name]
+        # The diagonal of the ground bounds any distance from a line on it.
         wide = float(np.hypot(right - left, north - south))
         path = truth.GetOutputPort("path")
         names = {"lateral": "lateral_error", "heading": "heading_error", "progress": "progress"}
@@ -146,6 +152,7 @@ class Readings:
 
         def curvature(context: Context) -> float:
             s = progress(context) + distance
+            # Ahead of the end of an open track the curvature of its end is read.
             s = s % track.length if track.closed else min(s, track.length)
             return float(track.curvature(s))
 
@@ -167,6 +174,7 @@ class Readings:
         for port in ports:
             if port.get_data_type() != PortDataType.kVectorValued:
                 continue
+            # Drake's names of single outputs are those that a run shortens to y, or to the name of the sensor alone.
             word = port.get_name()
             word = {"y0": "y", "delayed_u": "y"}.get(word, word) if len(ports) == 1 else word
             prefix = name if word == "sample" else f"{name}.{word}"
@@ -182,6 +190,7 @@ class Readings:
 
 def top_speed(part: VehicleInPlant) -> float:
     """Return the top speed of motor or governor, at most :data:`TOP_SPEED` [m/s]."""
+    # The smallest wheel gives the lowest speed for a motor speed.
     ahead, _ = part.vehicle.spec.powertrain.top_speeds(min(part.vehicle.geometry.wheel_radii))
     return min(ahead, TOP_SPEED)
 

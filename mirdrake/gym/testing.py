@@ -89,16 +89,19 @@ def drive(
         raise ConfigError(f"period {period} s is not allowed; it must be above 0")
     if not isinstance(system, System):
         return _drive_file(system, inputs or {}, duration, outputs, period, prepare)
+    # Defaults: 100 intervals; with duration 0 any step, as there is one row only.
     bench = _bench(system, inputs or {})
     step = period or (duration / 100.0 if duration else 1.0)
     context = bench.diagram.CreateDefaultContext()
     if prepare is not None:
         prepare(system.GetMyMutableContextFromRoot(context))
     simulator = Simulator(bench.diagram, context)
+    # The default accuracy of Drake's integrators would exceed the tolerances of a closed form.
     if context.num_continuous_states():
         simulator.get_mutable_integrator().set_target_accuracy(_ACCURACY)
     simulator.Initialize()
     columns = _columns(system, outputs)
+    # Multiples of the step, not sums, with a tolerance so that rounding does not drop the last row.
     times = np.arange(int(np.floor(duration / step + 1e-6)) + 1) * step
     rows = []
     for time in times:
@@ -159,6 +162,7 @@ def assert_follows(
         targets = np.full(values.shape, float(targets)) if targets.ndim == 0 else targets
     if targets.shape != values.shape:
         raise ConfigError(f"expected has {targets.size} numbers for {values.size} samples; give as many, or a function")
+    # Tests that evaluate no sample would always pass, hence the error.
     evaluated = times >= after - _TIME_TOLERANCE
     if not evaluated.any():
         raise ConfigError(f"no samples after {after:g} s; the last one is at {times[-1] if times.size else 0.0:g} s")
@@ -167,6 +171,7 @@ def assert_follows(
     outside = ~(excess <= 0.0)  # also NaN
     if not outside.any():
         return
+    # NaN counts as the largest difference.
     worst = int(np.argmax(np.where(np.isfinite(excess), excess, np.inf)))
     name = actual.name if actual.name is not None else "the signal"
     raise AssertionError(
@@ -220,12 +225,14 @@ def _bench(system: System, inputs: Mapping[str, Input]) -> _Bench:
     ports = _ports([system.get_input_port(index) for index in range(system.num_input_ports())])
     wanted: dict[str, dict[str, Input]] = {}
     for name, value in inputs.items():
+        # Names of ports may contain points, and so may elements: the last point is tried first, then the first one.
         port, _, element = (name, "", "") if name in ports else name.rpartition(".")
         if port not in ports:
             port, _, element = name.partition(".")
         if port not in ports:
             raise DiagramError(f"{_title(system)} has no input '{name}'; {did_you_mean(name, ports)}")
         wanted.setdefault(port, {})[element] = value
+    # An open input would fail in Drake with a message that names no input of the user.
     optional = getattr(system, "optional_inputs", ())
     missing = [name for name, port in ports.items() if name not in wanted and port.get_name() not in optional]
     if missing:
@@ -233,6 +240,7 @@ def _bench(system: System, inputs: Mapping[str, Input]) -> _Bench:
             f"{_title(system)}: nothing drives its input {_quoted(missing)}; give inputs={{'{missing[0]}': ...}}"
         )
     functions = {name: _port_function(ports[name], name, parts) for name, parts in wanted.items()}
+    # A system cannot leave its diagram, so the bench is kept with it and only its sources change.
     bench: _Bench | None = getattr(system, "_mirdrake_bench", None)
     if bench is None or set(bench.sources) != set(functions):
         bench = _Bench(system, list(functions), ports)
@@ -273,6 +281,7 @@ def _function(value: Input, name: str, size: int) -> Callable[[float], Array]:
         return vector
 
     if callable(value):
+        # Sizes are checked before the simulation, where the message can name the input.
         checked(value(0.0))
         return lambda time: checked(value(time))
     if isinstance(value, pd.Series | pd.DataFrame):
@@ -281,6 +290,7 @@ def _function(value: Input, name: str, size: int) -> Callable[[float], Array]:
         times, values = np.asarray(value[0], dtype=float), np.asarray(value[1], dtype=float)
         if len(times) != len(values) or not len(times) or (np.diff(times) <= 0.0).any():
             raise DiagramError(f"input '{name}': a table needs increasing times and a value for each")
+        # np.interp holds the first and the last value beyond the ends of the table.
         columns = values.reshape(len(times), -1).T
         checked(columns[:, 0])
         return lambda time: np.array([np.interp(time, times, column) for column in columns])
@@ -294,6 +304,7 @@ def _always(value: Any) -> Callable[[float], Any]:
 def _columns(system: System, outputs: Sequence[str] | None) -> list[tuple[str, OutputPort, int | None, str]]:
     """Return name, port, element and unit of every column."""
     ports = _ports([system.get_output_port(index) for index in range(system.num_output_ports())])
+    # Every column by its own name, and the columns of each port, so that both names can be asked for.
     every: dict[str, tuple[str, OutputPort, int | None, str]] = {}
     whole: dict[str, list[str]] = {}
     for name, port in ports.items():
@@ -351,6 +362,7 @@ def _drive_file(
     spec = spec.model_copy(deep=True) if isinstance(spec, DiagramSpec) else make_spec(spec)
     if period is not None:
         spec.record.rate = 1.0 / period
+    # A run that ends with the laps would be shorter than the duration that was asked for.
     spec.laps = None
     assembly = assemble(spec)
     system = assembly.diagram
@@ -361,6 +373,7 @@ def _drive_file(
             raise DiagramError(f"'{name}' is driven by control.{vehicle} of the file; remove one of the two")
         if name not in ports:
             raise DiagramError(f"{_title(system)} has no open input '{name}'; {did_you_mean(name, ports)}")
+    # Stamps follow the simulated time, so that the watchdog sees fresh commands.
     stamps = [name for name in ports if name.endswith(f".{JOIN[2]}") and name not in inputs]
     wanted = {**inputs, **dict.fromkeys(stamps, lambda time: time)}
     functions = {name: _function(value, name, ports[name].size()) for name, value in wanted.items()}
@@ -376,6 +389,7 @@ def _drive_file(
         for name, function in functions.items():
             held[name].GetMutableData().get_mutable_value().SetFromVector(function(context.get_time()))
 
+    # Inputs of a diagram are fixed values that the monitor replaces after each step, as sources cannot be added to it.
     run = Simulation(assembly).run(duration=duration, change=start, monitor=follow if functions else None)
     if run.stop.reason is not StopReason.DURATION:
         raise DiagramError(f"{_title(system)}: the run ended early: {run.stop}")

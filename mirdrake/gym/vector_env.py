@@ -99,10 +99,12 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         threads: int = 1,
         render_mode: str | None = None,
     ) -> None:
+        # Functions of a Moment cannot run in the compiled loop, so only built-in names are allowed.
         for what, given, allowed in (("reward", [reward], REWARDS), ("end", ends, ENDS), ("start", [start], STARTS)):
             for name in given:
                 if name is not None and name not in allowed:
                     raise ConfigError(f"vector environment: unknown {what} '{name}'; {did_you_mean(name, allowed)}")
+        # The single environment is built once for its names, ranges and checks, so that a policy fits both.
         single = DriveEnv(
             diagram, overrides=overrides, vehicle=vehicle, observe=observe, rate=rate, start=start, duration=duration
         )
@@ -128,11 +130,13 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         control = part.vehicle.control
         self._control_period = control_period or 1.0 / control.rate
         self._periods = round(self.period / self._control_period)
+        # A step is a whole number of control periods: actions change at control instants only.
         if self._periods < 1 or abs(self._periods * self._control_period - self.period) > 1e-9:
             raise ConfigError(
                 f"vector environment: a step of {self.period:g} s is not a multiple of the control period of "
                 f"{self._control_period:g} s; give control_period"
             )
+        # Gravity of the diagram's world, as in the single environment, instead of the default.
         gravity = [float(value) for value in assembly.parts.world.ground.gravity]
         self.cars = Batch(
             estimate_parameters(part.vehicle, gravity=gravity),
@@ -142,11 +146,13 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
             step=self._control_period,
             threads=threads,
         )
+        # The unit computes with the nominal mass: it does not know how the cars differ.
         numbers, self._size = lane_numbers(part.vehicle, track, self._control_period, self.cars.nominal.mass)
         self._lanes = records(LaneNumbers, [numbers])
         self._gains = records(PidNumbers, [PidGains(control.speed.kp, control.speed.ki).numbers()])
         self._tables = lane_tables(track)
 
+        # State of the units and episodes. Signals stay between steps, so that a diverged car keeps finite ones.
         n = self.num_envs
         self._memory: Floats = np.zeros((n, self._size))
         self._progress: Floats = np.zeros(n)
@@ -184,11 +190,13 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
             state is not a number. Cars whose episode ended in the step before start a new one: their action is ignored
             and their reward is 0.
         """
+        # NaN counts as the middle of the range, as in the single environment.
         low, high = self.action_bounds[:, 0], self.action_bounds[:, 1]
         share = np.clip(np.nan_to_num(np.asarray(actions, dtype=float)), -1.0, 1.0)
         self._setpoints = 0.5 * (low + high + share * (high - low))
         again = np.flatnonzero(self._ended)
         if len(again):
+            # The flag of divergence makes the kernel skip cars that wait for their reset; _place clears it.
             held = self.cars.diverged.copy()
             held[again] = True  # they do not move in this step
             self.cars.diverged[:] = held
@@ -196,6 +204,7 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         self._steps += 1
         diverged = self.cars.diverged.copy()
         if len(again):
+            # Cars that start again are placed after the step and only their signals are written, without motion.
             diverged[again] = False
             self._place(again)
             self._advance(0)
@@ -208,6 +217,7 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         terminated = diverged.copy()
         if self._ends_off_road:
             terminated |= signals[:, 12] < MINIMUM_WHEELS
+        # With NEXT_STEP autoreset the step that resets has reward 0 and ends nothing, whatever the place of the car.
         truncated = self._steps * self.period >= self.duration - 1e-9
         rewards[diverged] = 0.0
         rewards[again], terminated[again], truncated[again] = 0.0, False, False
@@ -220,11 +230,13 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         start, track = self._start, self._track
         x, y, yaw = (np.full(len(cars), value) for value in (start.x, start.y, start.yaw))
         if self._random_start:
+            # Uniform along the track; the pose on the centre line also gives the first guess of the projection.
             s = self.np_random.uniform(0.0, track.length, len(cars))
             x, y, yaw = track.pose(s)
         else:
             s = np.full(len(cars), float(track.project(start.x, start.y)[0]))
         self.cars.reset(cars, x=x, y=y, yaw=yaw, vx=start.speed)
+        # Set-points start at the start speed and straight ahead, so that no ramp begins an episode.
         memory = np.zeros(self._size)
         memory[SETPOINTS] = start.speed
         memory[PID:ACTUATOR] = PidState()
@@ -232,6 +244,7 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
 
     def _advance(self, periods: int) -> None:
         cars = self.cars
+        # Without periods set-points are not read, and before the first action there are none.
         setpoints = self._setpoints if periods else np.zeros((self.num_envs, 2))
         arguments = (
             *cars.model(), self._lanes, self._gains, self._tables, self._distances,
@@ -287,6 +300,7 @@ def lane_numbers(vehicle: Vehicle, track: Track, period: float, mass: float) -> 
         )
     if control.believes.wheelbase is not None or control.believes.track is not None:
         raise ConfigError(f"vector environment: '{vehicle.name}' believes other dimensions; leave out `believes`")
+    # The radius of a driven wheel converts its torque and speed; the believed one is that of the control unit.
     radius = geometry.front_wheel_radius if spec.drive != "rear" else geometry.rear_wheel_radius
     correction, actuator = control.speed.max_correction, ActuatorLaw(spec.actuators.steering, period=period)
     centre = make_centre_line(track)
@@ -314,8 +328,10 @@ def lane_numbers(vehicle: Vehicle, track: Track, period: float, mass: float) -> 
 def lane_tables(track: Track) -> Floats:
     """Return x, y, yaw, curvature, left and right width at the points of the centre line (points, 6)."""
     centre = make_centre_line(track)
+    # The last point may exceed the length by rounding, beyond which widths are not defined.
     s = np.arange(len(centre.x)) * centre.spacing
     inside = np.minimum(s, centre.length)
+    # Curvatures belong to intervals, of which there is one fewer than points; the last row is never read.
     curvature = np.append(centre.curvature, 0.0)
     return np.column_stack(
         [centre.x, centre.y, centre.yaw, curvature, track.left_width(inside), track.right_width(inside)]

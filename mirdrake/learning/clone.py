@@ -106,6 +106,7 @@ def clone(
     spec = study if isinstance(study, LearningSpec) else load_learning(study)
     _check_packages()
     setup = _set_up(spec, Path(out), progress or (lambda *_: None))
+    # Before any training: a delay that the expert itself cannot tolerate makes learning futile.
     delay = DelayMargin(**_without_time(setup.step("delay", lambda: _delay(setup))))
     delayed = _delayed_expert(setup)
     if warn is not None and is_delay_the_cause(delay, delayed.figures):
@@ -115,6 +116,7 @@ def clone(
         for label, world in setup.worlds.items()
         for index in range(spec.collect.runs)
     ]
+    # DAgger: each round trains on all data so far; the last network only drives, its runs would train no other.
     rounds: list[RoundResult] = []
     own: list[Drive] = []
     for number in range(spec.rounds.count + 1):
@@ -169,6 +171,7 @@ def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
             _check_world(spec, diagram, car, world, key)
     with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
+    # The name of the study is no part of its purpose, so that renaming does not discard finished steps.
     purpose = {"study": digest_data(spec.model_dump(mode="json", exclude={"name"})), "diagram": digest_data(diagram)}
     return _Setup(spec, diagram, car, worlds, judged, folder.resolve(), Journal(folder / JOURNAL, purpose), progress)
 
@@ -176,6 +179,7 @@ def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
 def _labelled(worlds: list[str | dict[str, Any]]) -> dict[str, Any]:
     """Return worlds by a label: the name, with the number of the entry if there are several."""
     entries = [_entry(world) for world in worlds]
+    # Labels name folders and steps of the journal, so they must be unique and free of path separators.
     names = [Path(str(entry.get("name"))).stem for entry in entries]
     if len(names) > 1:
         names = [f"{name}-{index + 1}" for index, name in enumerate(names)]
@@ -190,6 +194,7 @@ def _entry(world: str | dict[str, Any]) -> dict[str, Any]:
 def _check_world(spec: LearningSpec, diagram: dict[str, Any], car: Car, world: Any, key: str) -> None:
     """Check that the diagram can be laid out in a world, and that the camera and its pictures fit the network."""
     try:
+        # Every world is laid out before the first run: a fault in the last one would otherwise show after hours.
         scene = make_scene(make_spec({**diagram, "world": _entry(world)}))
     except ConfigError as error:
         raise ConfigError(f"{where(spec, key)}: {str(error).splitlines()[0].removeprefix('diagram: ')}") from None
@@ -239,10 +244,12 @@ def _without_time(record: dict[str, Any]) -> dict[str, Any]:
 def _expert_run(setup: _Setup, label: str, world: Any, index: int) -> Drive:
     """Return a run of the expert with injected errors; they increase from none in the first run of a world."""
     spec, car = setup.spec, setup.car
+    # Labels are unique, so the index of the world is a stable part of the seed.
     key = f"expert-{label}-{index + 1}"
     number = list(setup.worlds).index(label)
 
     def work() -> dict[str, Any]:
+        # From zero to the largest error: clean runs for precision, disturbed ones for recoveries.
         size = spec.collect.errors * index / max(spec.collect.runs - 1, 1)
         diagram = with_camera(setup.diagram, car, rate=spec.collect.rate, world=world)
         diagram = with_errors(diagram, car, rms=size, seed=(spec.seed, number, index))
@@ -259,6 +266,7 @@ def _network_run(setup: _Setup, key: str, number: int, world: Any, laps: float) 
     spec, car = setup.spec, setup.car
 
     def work() -> dict[str, Any]:
+        # At the network's own rate, so that pictures and evaluations coincide in time.
         diagram = with_camera(setup.diagram, car, rate=spec.rate, world=world)
         file = _round_folder(setup, number) / "pilot.onnx"
         diagram = with_network(diagram, car, file=file, latency=spec.latency, inputs=spec.inputs)
@@ -292,6 +300,7 @@ def _round(setup: _Setup, number: int, collected: list[Drive], own: list[Drive])
 
     def work() -> dict[str, Any]:
         setup.progress(f"pictures of round {number}", 0.0)
+        # Validation by place, not at random: neighbouring pictures are nearly equal.
         data = _data(setup, collected, own)
         training, validation = data.split(spec.train.validation, gap=spec.train.gap)
 
@@ -309,6 +318,7 @@ def _round(setup: _Setup, number: int, collected: list[Drive], own: list[Drive])
 
     record = setup.step(f"train-{number}", work)
     with read_errors(file):
+        # Drives of a continued study must be those of the network that the journal describes.
         if digest(file.read_bytes()) != record["sha256"]:
             raise ConfigError(f"{file}: has changed since it was trained; choose another folder with --out")
     drives = {
@@ -333,6 +343,7 @@ def _data(setup: _Setup, collected: list[Drive], own: list[Drive]) -> DrivingDat
     spec, car = setup.spec, setup.car
     expert = [run for one in collected for run in one.runs(setup.folder)]
     driven = [run for one in own for run in one.runs(setup.folder)]
+    # Runs of the expert come first, so that the index of a run shows whether the expert or the network drove.
     condition = spec.collect.where
     data = driving_data(
         [*expert, *driven],
@@ -352,8 +363,10 @@ def _data(setup: _Setup, collected: list[Drive], own: list[Drive]) -> DrivingDat
     for index, run in enumerate(driven, start=len(expert)):
         rows = np.flatnonzero(runs == index)
         at = times[rows]
+        # The network's command acts `lead` after its picture; the label was read at the same time.
         given = value_at(run.signals, f"{PILOT}.y", at + spec.label_lead)
         lateral = value_at(run.signals, f"{car.vehicle}.lateral_error", at)
+        # Labels far from the command or far off the line belong to an unstable drive and would dominate the loss.
         near = np.abs(labels[rows] - given) < spec.rounds.label
         kept[rows] = near & (np.abs(lateral) < spec.rounds.lateral)
     return data.where(kept)

@@ -97,6 +97,7 @@ class DrivingData:
     def weights(self) -> Array:
         """Weights that balance rare labels, 1 on average: by the square root of how rare the first label is."""
         first = self.values[:, 0]
+        # The square root is a compromise: full balancing would give single rare labels the weight of whole bins.
         counts, edges = np.histogram(first, bins=BINS)
         bins = np.clip(np.digitize(first, edges[1:-1]), 0, BINS - 1)
         weights: Array = 1.0 / np.sqrt(np.maximum(counts[bins], 1))
@@ -122,12 +123,15 @@ class DrivingData:
         Raises:
             ConfigError: the runs have no place along a track, or are too short for the gap.
         """
+        # A random split would put near duplicates of training pictures into the validation.
         if self.table["place"].isna().any():
             raise ConfigError("the runs have no progress along a track, so the pictures cannot be split by place")
         training, held = np.zeros(len(self), dtype=bool), np.zeros(len(self), dtype=bool)
+        # Runs of the same world share a track, so that no place is in both parts by different runs.
         for rows in self.table.groupby("track").indices.values():
             place = self.table["place"].to_numpy(dtype=float)[rows]
             length = float(self.table["length"].to_numpy(dtype=float)[rows[0]])
+            # Every part loses a gap at both ends, next to the validation of this part and of the one before.
             part = length / parts
             if part * (1.0 - validation) <= 2.0 * gap:
                 raise ConfigError(
@@ -160,14 +164,19 @@ class DrivingData:
             noise: standard deviation of noise on each colour, full scale 1.
         """
         random = np.random.default_rng(seed)
+        # One random stream in a fixed order of calls: equal seeds give equal batches.
         order = random.permutation(len(self)) if seed is not None else np.arange(len(self))
         rows, labels = self.table["row"].to_numpy(), self.values.astype(np.float32)
         inputs, weights = self.table[list(self.inputs)].to_numpy(dtype=np.float32), self.weights.astype(np.float32)
+        # Drawing new noise for every pixel would take longer than the training step.
         bank = random.standard_normal(NOISE_BANK, dtype=np.float32) * np.float32(255.0 * noise) if noise else None
         for begin in range(0, len(order), size):
             chosen = order[begin : begin + size]
             stored = self._pictures()  # mapped anew, so that pages that were read do not stay in memory
+            # Reading in the order of the file, then back into that of the batch: the double argsort is the inverse
+            # permutation.
             pictures = stored[np.sort(rows[chosen])][np.argsort(np.argsort(rows[chosen]))].astype(np.float32)
+            # Indexing with an array copies, so that the change of signs stays within this batch.
             label = labels[chosen]
             if mirror:
                 turned = random.random(len(chosen)) < 0.5
@@ -180,6 +189,7 @@ class DrivingData:
                 count = pictures[0].size
                 for picture, start in zip(pictures, random.integers(0, NOISE_BANK - count, len(chosen)), strict=True):
                     picture += bank[start : start + count].reshape(picture.shape)
+            # Cameras saturate, too.
             if brightness or noise:
                 np.clip(pictures, 0.0, 255.0, out=pictures)
             yield Batch(pictures, inputs[chosen], label, weights[chosen])
@@ -224,6 +234,7 @@ def driving_data(
     spec = crop if isinstance(crop, CropSpec) else validate(dict(crop or {}), CropSpec, Source("crop", {}))
     tables, pictures = [], []
     for index, run in enumerate(loaded):
+        # Tables keep the index of their run, by which DAgger treats runs separately.
         rows, used = _pairs(run, index, image, labels, names, where=where, lead=lead)
         tables.append(rows)
         pictures += used
@@ -257,6 +268,7 @@ def _pairs(
     for name in (*labels, *inputs):
         if name not in signals:
             raise ConfigError(f"{place}: no signal '{name}'; {did_you_mean(name, map(str, signals.columns))}")
+    # A second of tolerance: the last picture may be exposed after the last sample of the signals.
     times = np.array([picture.time for picture in pictures])
     end = float(signals.index[-1]) if len(signals) else -1.0
     if times.max(initial=end) > end + 1.0:
@@ -277,7 +289,9 @@ def _pairs(
     data |= {name: value_at(signals, name, times) for name in inputs}
     data |= {name: value_at(signals, name, times + lead) for name in labels}
     progress = f"{vehicle}.progress"
+    # Held, not interpolated: between the end of a lap and the next one, interpolation would give places in between.
     data["place"] = value_at(signals, progress, times, held=True) if progress in signals else np.nan
+    # The world identifies the track, also between runs of different studies.
     data["track"] = digest_data({"world": run.spec.get("world"), "progress": progress})[:12]
     data["length"] = float(signals[progress].max()) if progress in signals and len(signals) else np.nan
     table = pd.DataFrame(data)[kept]
@@ -286,6 +300,7 @@ def _pairs(
 
 def _store(pictures: Sequence[Picture], preparation: Preparation, crop: CropSpec, folder: Path | None) -> Path:
     """Write the prepared pictures as one array, unless it exists, and return its file."""
+    # Times of modification instead of contents: hashing thousands of pictures would take as long as preparing them.
     stamps = [(str(picture.path.resolve()), picture.path.stat().st_mtime_ns) for picture in pictures]
     key = digest_data({"pictures": stamps, "crop": crop.model_dump(), "shape": preparation.shape})
     file = (folder or cache_folder("driving_data")) / f"pictures-{key[:16]}.npy"
@@ -302,5 +317,6 @@ def _store(pictures: Sequence[Picture], preparation: Preparation, crop: CropSpec
                 text = str(error)
                 raise ConfigError(text if str(picture.path) in text else f"{picture.path}: {text}") from None
         array.flush()
+        # Closes the mapping before the file is renamed.
         del array
     return file

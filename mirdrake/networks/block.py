@@ -109,6 +109,8 @@ class Network(LeafSystem):  # type: ignore[misc, unused-ignore]
             declare_state_output(self, "y" if len(sizes) == 1 else name, contents, state)
         self._sizes = sizes
         self.DeclarePeriodicDiscreteUpdateEvent(1.0 / self.rate, 0.0, self._evaluate)
+        # The queue has a row for each result on its way, one more for a result that is written while another is read,
+        # and -inf in rows that have no result yet.
         if latency > 0.0:
             self._slots = floor(latency * self.rate + 1e-6) + 2
             self._queue = self.DeclareDiscreteState(np.full(self._slots * (1 + sum(sizes)), -inf))
@@ -121,10 +123,12 @@ class Network(LeafSystem):  # type: ignore[misc, unused-ignore]
             value = self._inputs[entry.name].Eval(context)
             if entry.pictures is not None:
                 value = _pixels(entry, value)
+                # Without a picture the output stays as it is; the event comes again a period later.
                 if value is None:
                     return
             values[entry.name] = value
         result = np.concatenate(list(self._network(values).values()))
+        # Rounding the time to a number of the evaluation identifies its row without an equality of floats.
         if not self._latency:
             self._put(state, result)
             return
@@ -136,11 +140,13 @@ class Network(LeafSystem):  # type: ignore[misc, unused-ignore]
         """Output the result whose latency has passed."""
         number = round((context.get_time() - self._latency) * self.rate)
         row = context.get_discrete_state(self._queue).get_value()[self._row(number)]
+        # An evaluation without a picture has written no result: the row then has an older number.
         if row[0] == number:
             self._put(state, row[1:])
 
     def _row(self, number: int) -> slice:
         width = 1 + sum(self._sizes)
+        # A ring: rows of the numbers are reused after their latency has passed.
         begin = number % self._slots * width
         return slice(begin, begin + width)
 
@@ -163,4 +169,5 @@ def _pixels(entry: NetworkInput, image: Any) -> Any:
     """Return the pixels of a picture (height, width, channels); None if no picture has been taken."""
     if entry.pictures == "depth":
         return image.data
+    # Rendered pictures are opaque; alpha 0 marks the image that a camera has before its first picture.
     return image.data[:, :, :3] if image.data[0, 0, 3] else None

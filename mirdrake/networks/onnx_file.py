@@ -83,6 +83,7 @@ class OnnxNetwork:
         if not file.is_file():
             raise ConfigError(f"{file}: there is no such file; expected a network as an ONNX file")
         with read_errors(file):
+            # Hash and session have the same bytes, even if the file is replaced in between.
             content = file.read_bytes()
         self.sha256 = digest(content)
         self._session = _make_session(content, file)
@@ -114,6 +115,7 @@ def _make_session(content: bytes, file: Path) -> Any:
     except ImportError:
         raise MissingDependencyError(f"{file}: a network needs ONNX Runtime: pip install 'mirdrake[network]'") from None
     options = onnxruntime.SessionOptions()
+    # One thread and sequential execution: sums have a fixed order, so that results are bit-identical.
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
     options.log_severity_level = 4  # faults are raised; its log would be printed among ours
@@ -125,6 +127,7 @@ def _make_session(content: bytes, file: Path) -> Any:
 
 
 def _read_input(entry: Any, file: Path) -> NetworkInput:
+    # Free dimensions are names or None in ONNX Runtime.
     shape = [size if isinstance(size, int) else None for size in entry.shape]
     place = f"{file}: input '{entry.name}'"
     if entry.type not in _DTYPES:
@@ -135,9 +138,11 @@ def _read_input(entry: Any, file: Path) -> NetworkInput:
     if len(shape) == 2 and shape[1] is not None:
         return NetworkInput(entry.name, dtype, size=shape[1])
     if len(shape) == 4 and (shape[3] in {1, 3} or shape[1] in {1, 3}):
+        # Channels last wins if both readings are possible, as it is the layout of cameras.
         first = shape[3] not in {1, 3}
         channels, height, width = (shape[1], shape[2], shape[3]) if first else (shape[3], shape[1], shape[2])
         pictures: Pictures = "colour" if channels == 3 else "depth"
+        # Whole numbers would round depths in m.
         if pictures == "depth" and dtype == np.uint8:
             raise ConfigError(f"{place} takes depths as whole numbers; depths are numbers in m: use float")
         return NetworkInput(entry.name, dtype, pictures, height, width, first)
@@ -151,6 +156,7 @@ def _read_output(entry: Any, named: Any, file: Path) -> tuple[Signal, ...]:
     size = entry.shape[-1] if entry.shape else 1
     if not isinstance(size, int) or len(entry.shape) > 2:
         raise ConfigError(f"{file}: output '{entry.name}' has shape {entry.shape}; allowed: vectors (1, n)")
+    # Names of an export are used if they fit; files of others have none.
     if named is not None and len(named) == size:
         return tuple(Signal(str(name), str(unit)) for name, unit in named)
     return tuple(Signal(f"y{index}", "") for index in range(size))
