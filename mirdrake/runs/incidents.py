@@ -107,6 +107,7 @@ class Incidents:
         self._last_time = float(times[-1])
         incidents += [incident for name in poses for incident in self._left_ground(name, poses[name], times)]
         self.reported += sorted(incidents, key=lambda incident: incident.time)
+        # Contacts need the collisions already reported, and are events only: they do not join `reported`.
         incidents += self._contacts(times, touching, columns)
         return sorted(incidents, key=lambda incident: incident.time)
 
@@ -114,15 +115,18 @@ class Incidents:
 
     def _start_faults(self, name: str, start: Start, starts: Mapping[str, Start]) -> Iterator[str]:
         volume, pose = self.volumes[name], np.array([[start.x, start.y, start.yaw]])
+        # Clearance is negative inside an object, so the depth of penetration is its negative.
         for prop in self._near(volume, pose):
             depth = -float(clearance(volume, pose, [prop])[0])
             if depth > LEAST_DEPTH:
                 yield f"starts in '{prop.name}', {depth:.2f} m deep; move the start or the prop"
+        # Each pair once: a vehicle is only compared with those listed before it.
         for other in list(starts)[: list(starts).index(name)]:
             other_pose = np.array([[starts[other].x, starts[other].y, starts[other].yaw]])
             depth = -float(clearance_between(volume, pose, self.volumes[other], other_pose)[0])
             if depth > LEAST_DEPTH:
                 yield f"starts in '{other}', {depth:.2f} m deep; move one of them"
+        # Every corner of the outline must be on the ground, or a wheel may start over the edge.
         if volume.slabs and not self._is_on_ground(place_outline(volume.outline, pose)[0]).all():
             yield f"starts beyond the ground, {self._ground}; move the start or set ground.size"
         yield from self._speed_faults(name, start)
@@ -139,6 +143,7 @@ class Incidents:
         if start.track is not None and start.s is not None:
             curvature = abs(float(self.world.tracks[start.track].curvature_at(start.s)))
             mu = float(self.world.mu(start.x, start.y))
+            # Limit of lateral grip v = sqrt(mu g / kappa) of a point mass; on a straight there is none.
             limit = math.sqrt(mu * float(-self.world.ground.gravity[2]) / curvature) if curvature > 0.0 else math.inf
             if abs(speed) > limit:
                 yield (
@@ -153,12 +158,15 @@ class Incidents:
     ) -> dict[str, NDArray[np.bool_]]:
         """Return when a vehicle touches each object: overlapping shapes, or a contact force near the nearest one."""
         volume, mine = self.volumes[name], poses[name]
+        # `other_contacts` counts contacts without naming the objects, so a contact is assigned to the nearest one.
         contacts = columns.get("other_contacts", np.zeros(len(times))) > 0.0
         gaps = {prop.name: clearance(volume, mine, [prop]) for prop in self._near(volume, mine)}
         for other, theirs in poses.items():
             if other != name and self._may_meet(name, mine, other, theirs):
                 gaps[other] = clearance_between(volume, mine, self.volumes[other], theirs)
         nearest = np.min(list(gaps.values()), axis=0) if gaps else np.empty(0)
+        # Overlap alone misses contacts of stiff bodies, which stay apart in the
+        # samples; force alone does not name the object.
         return {other: (gap <= 0.0) | (contacts & (gap < NEAR) & (gap <= nearest)) for other, gap in gaps.items()}
 
     def _collisions(
@@ -184,7 +192,9 @@ class Incidents:
         # A contact with no prop or vehicle near is one of the bodywork with the ground, of whichever vehicle.
         touches = np.any([*by_pair.values()], axis=0) if by_pair else np.zeros(len(times), dtype=bool)
         name = next(iter(self.vehicles)) if len(self.vehicles) == 1 else "a vehicle"
+        # What remains is contact of the bodywork with the ground, which no clearance describes.
         by_pair[name, ""] = (columns.get("other_contacts", np.zeros(len(times))) > 0.0) & ~touches
+        # Pairs of earlier blocks that are not near any more still need their end, so they are looked at too.
         for pair in {**self._periods, **by_pair}:
             periods = self._periods.setdefault(pair, ContactPeriods())
             other = f"'{pair[1]}'" if pair[1] else "the ground or a low prop"
@@ -195,6 +205,7 @@ class Incidents:
     def _actors(self, name: str, mine: Array, times: Array, columns: Mapping[str, Array]) -> Iterator[Incident]:
         """Return the first contacts of a vehicle with each actor, also between samples."""
         known = {incident.other for incident in self.reported if incident.vehicle == name}
+        # The path begins with the last pose of the block before, or a contact between two blocks would be missed.
         begin = self._last.get(name)
         stamps = times if begin is None else np.concatenate(([self._last_time], times))
         path = mine if begin is None else np.vstack((begin, mine))
@@ -209,18 +220,23 @@ class Incidents:
             self._last_actors[name, actor.name] = theirs[-1]
             if actor.name in known:
                 continue
+            # Actors have no contact force in the plant, so their contacts are found by
+            # sweeping both outlines between samples.
             contacts = first_contacts(self.volumes[name], path, actor.volume, theirs)
             if not np.isfinite(contacts).any():
                 continue
             row = int(np.argmax(np.isfinite(contacts)))
             before = max(row - 1, 0)
+            # A contact lies at a fraction of the interval before its row; times are interpolated linearly.
             time = float(stamps[before] + contacts[row] * (stamps[row] - stamps[before]))
+            # `stamps` has one more entry than the columns if the last pose was prepended.
             sample = min(max(before - (begin is not None), 0), len(times) - 1)
             yield self._with_actor(name, actor.name, time, sample, columns)
 
     def _with_actor(self, name: str, actor: str, time: float, row: int, columns: Mapping[str, Array]) -> Incident:
         """Return the collision of a vehicle and an actor, with the speeds of a sample."""
         vx, vy, yaw = (float(columns[f"{name}.{key}"][row]) for key in ("vx", "vy", "yaw"))
+        # Velocity of the vehicle in the world frame, from its components in the vehicle frame.
         own = np.array([vx * math.cos(yaw) - vy * math.sin(yaw), vx * math.sin(yaw) + vy * math.cos(yaw)])
         key = f"{OF_ACTORS}{actor}"
         speed, heading = float(columns[f"{key}.speed"][row]), float(columns[f"{key}.yaw"][row])
@@ -232,6 +248,7 @@ class Incidents:
 
     def _left_ground(self, name: str, poses: Array, times: Array) -> Iterator[Incident]:
         good = np.isfinite(poses).all(axis=1)
+        # Poses of a diverged vehicle are NaN, which would count as outside.
         outside = good & ~self._is_on_ground(poses[:, :2])
         if outside.any() and name not in self._outside:
             row = int(np.argmax(outside))
@@ -248,12 +265,14 @@ class Incidents:
         good = poses[np.isfinite(poses).all(axis=1)]
         if not self._props or not volume.slabs or not len(good):
             return []
+        # Radius of the circle around the origin that contains the outline, for a coarse search along the driven line.
         reach = float(np.hypot(*volume.outline.T).max()) + NEAR
         line = shapely.LineString(good[:, :2]) if len(good) > 1 else shapely.Point(good[0, :2])
         return [self._props[index] for index in sorted(self._tree.query(line, predicate="dwithin", distance=reach))]
 
     def _may_meet(self, name: str, mine: Array, other: str, theirs: Array) -> bool:
         volumes = (self.volumes[name], self.volumes[other])
+        # Two circles around the origins that do not come near each other cannot touch: the exact test is not needed.
         reach = NEAR + sum(float(np.hypot(*volume.outline.T).max()) for volume in volumes if volume.slabs)
         apart = np.hypot(*(mine[:, :2] - theirs[:, :2]).T)
         return bool((apart[np.isfinite(apart)] < reach).any())

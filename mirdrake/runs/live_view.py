@@ -43,6 +43,7 @@ class LiveView:
     def __call__(self, context: Context) -> None:
         """Draw, if a picture is due."""
         time = context.get_time()
+        # A drawing every step would slow the run down without being visible.
         if time >= self._next:
             self._next = time + DRAWING_PERIOD
             self.update(context)
@@ -62,10 +63,12 @@ class LiveView:
         Raises:
             RuntimeError: Meshcat has ended.
         """
+        # Poses are copied as fixed values into the copy, because the two diagrams have separate Contexts.
         poses = self._plant.get_geometry_pose_output_port()
         self._poses.FixValue(self._poses_context, poses.EvalAbstract(self._plant.GetMyContextFromRoot(context)))
         if self._traffic is not None:
             states = self._traffic.states.Eval(self._traffic.GetMyContextFromRoot(context))
+            # States of actors are (x, y, yaw, ...) in rows of six; the pose needs the first three.
             self._actor_poses.FixValue(self._poses_context, self._actors.poses(states.reshape(-1, 6)[:, :3]))
         self._context.SetTime(context.get_time())
         self._diagram.ForcedPublish(self._context)

@@ -214,6 +214,7 @@ def load_run(folder: Path | str) -> Run:
     with read_errors(folder / SPEC):
         spec = _mapping(yaml.safe_load((folder / SPEC).read_text(encoding="utf-8")))
     with read_errors(folder / SUMMARY):
+        # A killed run has no summary.json, but all of its samples up to then.
         written = (folder / SUMMARY).exists()
         killed = {"stop_reason": StopReason.KILLED, "stop_detail": ""}
         summary = _mapping(parse_json((folder / SUMMARY).read_text(encoding="utf-8")) if written else killed)
@@ -225,6 +226,7 @@ def load_run(folder: Path | str) -> Run:
         events = _read_events(folder)
     run = Run(folder, spec, summary, units, events)
     with read_errors(folder / SIGNALS):
+        # The duration of a killed run is that of its samples.
         if "simulated_s" not in summary and len(run.signals):
             summary["simulated_s"] = float(run.signals.index[-1])
     return run
@@ -282,6 +284,7 @@ def read_table(path: Path | None, columns: Sequence[str] | None = None) -> pd.Da
         parts = stored(path) if path is not None else []
         if not parts:
             return pd.DataFrame(index=pd.Index([], name="time"))
+        # Parts of a table have the same columns, so the schema of the first is that of all.
         known = pq.read_schema(parts[0]).names
         wanted = None if columns is None else ["time", *(name for name in columns if name in known)]
         table: pd.DataFrame = pa.concat_tables([read_part(part, wanted) for part in parts]).to_pandas()
@@ -298,6 +301,7 @@ def _units(path: Path) -> dict[str, str]:
 def _read_events(folder: Path) -> list[Event]:
     if not (folder / EVENTS).is_file():
         return []
+    # A kill may truncate the last line; only lines that end are complete.
     lines = (folder / EVENTS).read_text(encoding="utf-8").splitlines(keepends=True)
     return [cast(Event, _mapping(parse_json(line))) for line in lines if line.endswith("\n")]
 
@@ -318,6 +322,7 @@ class RunWriter:
         self.folder = folder
         self._signals = PartedTable(folder / SIGNALS, rows=ROWS)
         self._actors = PartedTable(folder / ACTORS, rows=ROWS)
+        # Remembered, so that a failure below removes only a folder that did not exist before.
         new = not folder.exists()
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -338,6 +343,8 @@ class RunWriter:
         """Add a block of samples; it is on disk within a quarter of a second."""
         if not len(times):
             return
+        # Actors have a table of their own, without the prefix: their number differs
+        # between worlds, that of vehicles does not.
         actors = {name: values for name, values in columns.items() if name.startswith(OF_ACTORS)}
         self._signals.add(make_table(times, {name: columns[name] for name in columns if name not in actors}, units))
         if actors:
@@ -367,6 +374,8 @@ class RunWriter:
         self._signals.finish()
         self._actors.finish()
         figures = dict(summary())
+        # Arrow keeps freed pages in its pool; in a study of many runs that memory would grow from run to run.
         pa.default_memory_pool().release_unused()
+        # Written last: a summary.json marks a run folder as complete.
         write_file(self.folder / SUMMARY, json.dumps(figures, indent=2) + "\n")
         return figures

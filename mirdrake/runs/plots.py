@@ -15,6 +15,7 @@ from mirdrake.core.errors import ConfigError, did_you_mean
 if TYPE_CHECKING:
     from mirdrake.runs.logs import Run
 
+# Named as text and resolved when needed: the viewer imports this package, not the other way round.
 ANIMATION = "mirdrake.viewer.inline:RunView"
 """Class of :func:`animate_run`, of a later package."""
 
@@ -69,6 +70,7 @@ def make_statistics(run: "Run", patterns: Sequence[str]) -> pd.DataFrame:
         "mean": table.mean(),
         "max": table.max(),
         "rms": np.sqrt((table**2).mean()),
+        # `iloc[-1]` of an empty table raises; the mean of an empty table is NaN, as is every other column.
         "last": table.iloc[-1] if len(table) else table.mean(),
     }
     result = pd.DataFrame(columns)
@@ -109,6 +111,7 @@ def plot_runs(runs: dict[str, "Run"], patterns: Sequence[str]) -> Any:
     Raises:
         ConfigError: a pattern chooses nothing in one of the runs.
     """
+    # Imported here: matplotlib is slow to load and not needed for runs without plots.
     import matplotlib.pyplot as plt
 
     names = {label: choose_signals(run, patterns) for label, run in runs.items()}

@@ -77,13 +77,17 @@ class Events:
         for key, kind in watched.items():
             if key not in columns:
                 continue
+            # Laps are fractions: floor finds whole laps, and the tolerance keeps 1.0 -
+            # rounding from counting one sample late.
             values = np.floor(columns[key] + 1e-6)
+            # Before the first block, the start is no event: a vehicle may start with two wheels beside the road.
             before = self._last.get(key, float(values[0]))
             for index in np.flatnonzero(np.diff(values, prepend=before)):
                 self._report(float(times[index]), kind, key.split(".")[0], float(values[index]))
             self._last[key] = float(values[-1])
         for key in columns:
             if key.startswith(OF_ACTORS) and key.endswith(".braking_limit"):
+                # Only rising edges: the begin of braking at the limit, not its end.
                 begun = np.flatnonzero(np.diff(columns[key], prepend=self._last.get(key, 0.0)) > 0.0)
                 self._last[key] = float(columns[key][-1])
                 for index in begun:
@@ -147,6 +151,7 @@ class Recorder:
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         """Write pending samples and those in memory; after a failure, as many as possible."""
+        # Each stream is finished and closed even if another fails (full disk); the first fault is reported at the end.
         fault: RunError | None = None
         for stream in self._streams:
             try:
@@ -160,6 +165,7 @@ class Recorder:
                 fault = fault or error
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
+        # An exception of the run itself explains more than a fault of closing files after it.
         if fault is not None and kind is None:
             raise fault
 
@@ -212,9 +218,12 @@ class _Camera:
         A camera with a ``stamp`` renders by itself, others render here.
         """
         time = context.get_time()
+        # From the count, not by adding the period: rounding errors do not accumulate. The tolerance is for event times.
         due = time >= self.taken / self.camera.rate - 1e-9
         if due:
             self.taken += 1
+            # Steering and speed are those at the exposure; the picture appears only
+            # after the latency, so they queue here.
             truth = self.truth.GetMyContextFromRoot(context)
             steering = self.ackermann.bicycle_angle(*self.truth.steering_angles.Eval(truth))
             self._drives.append((time, steering, float(self.truth.state.Eval(truth)[_VX])))
@@ -253,6 +262,7 @@ class _Camera:
 
     def close(self) -> None:
         """Write all pictures to disk."""
+        # Each log is closed even if another could not be written.
         _close_all(list(self.logs.values()))
 
 
@@ -270,6 +280,7 @@ class _Samples:
         by_name = {port.get_name(): port for port in ports}
         self._stamp = by_name.pop("stamp", None)
         self._port = by_name.get("sample", next(iter(by_name.values())))
+        # Sampling events lie on a grid of 1/rate, so evaluating the port earlier would be wasted; it may be expensive.
         latency, rate = getattr(self.sensor, "latency", 0.0), float(self.sensor.rate)
         self._wait = (1.0 / rate if self._stamp is not None else 0.0) + latency - 1e-9
         self._count = 0
@@ -289,6 +300,7 @@ class _Samples:
                 self.late += 1
 
     def _look(self, context: Context) -> None:
+        # A sensor without a stamp computes on request: it is evaluated on its own grid of k/rate plus latency.
         if self._stamp is None and context.get_time() <= self._due() + 1e-9:
             return
         own = self.sensor.GetMyContextFromRoot(context)

@@ -123,15 +123,19 @@ class Simulation:
         """
         assembly, simulator = self.assembly, self._simulator
         end = assembly.spec.duration if duration is None else duration
+        # Also rejects NaN and text: `run` is called from Python with values that no schema has checked.
         if not (isinstance(end, int | float) and math.isfinite(end) and end > 0.0):
             raise ConfigError(f"duration {end!r} s is not allowed; it must be a positive time")
         # A new Context, the run folder, and the watchers that are called after every step.
+        # Resolved before the run, so that spec.yaml of a killed run already has the digests and versions.
         data = resolved_spec(assembly, duration=end)
         context = assembly.make_context()
+        # `change` acts before the check of the inputs, because it may fix the value of an open port.
         if change is not None:
             change(context)
         self._check_inputs(context)
         writer = RunWriter(Path(folder), data, assembly.scene) if folder is not None else None
+        # The Simulator is reused; a monitor of the last run would still act on the new Context.
         simulator.reset_context(context)
         simulator.set_target_realtime_rate(realtime_rate)
         simulator.clear_monitor()
@@ -139,9 +143,11 @@ class Simulation:
         view = LiveView(assembly, assembly.meshcat) if assembly.meshcat is not None else None
         if view is not None:
             watchers.append(view)
+        # Friction under the wheels must be set before any other watcher evaluates forces at this state.
         if self._friction.varies:
             self._friction.start()
             watchers.insert(0, self._friction.watch)
+        # The recorder is a context manager: it has to close its files also after an exception in the middle of the run.
         recorder = None
         if writer is not None and (assembly.cameras or assembly.arrays or vector_sensors(assembly)):
             recorder = Recorder(assembly, writer.folder)
@@ -155,6 +161,7 @@ class Simulation:
         stop = Stop(StopReason.DURATION)
         incidents = Incidents(assembly.parts.world, assembly.parts.vehicles, self._volumes)
         logs = _Logs(telemetry, blocks, events, incidents, report)
+        # Before Initialize, so that an impossible start is reported even if the run fails right away.
         logs.report(incidents.check_starts(self._starts(context)))
         try:
             with _interrupt() as interrupted, recorder or nullcontext():
@@ -179,15 +186,18 @@ class Simulation:
         logs.report(incidents.look(times, columns))
         wall = time.perf_counter() - start
         simulated = float(context.get_time())
+        # A failed run keeps its folder up to the failure; only a stop that nobody asked for is an event.
         if stop.reason is StopReason.FAILED:
             events.add(simulated, "failure", stop.detail)
         elif not stop.as_asked:
             events.add(simulated, "stop", str(stop))
 
+        # The drawing period skips most steps; without this call the page would not show the final state.
         if view is not None:
             view.update(context)
             if view.failed:
                 events.add(view.failed_at, "view", "Meshcat has ended; the run continued without its page")
+        # With a folder, the figures are read back from disk: the samples need not be kept in memory.
         figures = partial(
             make_summary, assembly, data, simulated=simulated, wall=wall, stop=stop, incidents=incidents.reported
         )
@@ -199,6 +209,7 @@ class Simulation:
         else:
             table = blocks.frame()
             summary = figures(table)
+        # Raised only now, when the folder with the samples that explain the failure is complete.
         if stop.reason is StopReason.FAILED:
             prefix = f"{writer.folder}: " if writer is not None else ""
             raise RunError(f"{prefix}the run failed at t = {simulated:.3f} s: {stop.detail}")
@@ -207,6 +218,7 @@ class Simulation:
 
     def _starts(self, context: Context) -> dict[str, Start]:
         """Return the starts of the vehicles: those of the diagram, or as changed by `change`."""
+        # Read from the Context, because `change` may have moved a vehicle or set its speed.
         plant = self.assembly.parts.plant
         plant_context, starts = plant.GetMyContextFromRoot(context), {}
         for name, part in self.assembly.parts.vehicles.items():
@@ -215,7 +227,10 @@ class Simulation:
             velocity = part.base.EvalSpatialVelocityInWorld(plant_context).translational()
             x, y, _ = pose.translation().tolist()
             yaw = float(RollPitchYaw(pose.rotation()).yaw_angle())
+            # Forward speed is the component of the velocity along the vehicle's x axis (ISO 8855), negative in reverse.
             speed = float(velocity @ pose.rotation().matrix()[:, 0])
+            # A start that was moved is no longer on its track, so the curvature there
+            # must not be used to judge its speed.
             moved = math.hypot(x - asked.x, y - asked.y) > 1e-6
             starts[name] = Start(x, y, yaw, speed, None if moved else asked.track, None if moved else asked.s)
         return starts
@@ -249,27 +264,36 @@ class Simulation:
         vehicles = list(self.assembly.parts.vehicles)
         count = 0
         commands = [source for source, sink in self.assembly.spec.connect if sink.split(".")[0] in vehicles]
+        # Samples are read rarely if nobody looks at them, often if a kill would lose pictures.
         watched = blocks.written or laps is not None or progress is not None
         slices = round((BLOCK if watched else LONG_BLOCK) / SLICE)
         if blocks.written and self.assembly.cameras:  # it may be slower than real time; a kill must not lose more
             slices = round(SLOW_BLOCK / SLICE)
+        # The tolerance prevents a last step of rounding error size when the end is not a multiple of the slice.
         while context.get_time() < end - 1e-9:
             count += 1
+            # The monitor may have met the condition in Initialize already; then no step is taken.
             if not met.is_set():
+                # A multiple of the slice instead of a sum: the times of the logs are equal for all block lengths.
                 self._simulator.AdvanceTo(min(count * SLICE, end))
             stopping = interrupted.is_set() or met.is_set()
             if count % slices and not stopping and context.get_time() < end - 1e-9:
                 continue
+            # Samples are written before the checks below, so that the folder includes the samples that caused the stop.
             times, columns = telemetry.read(context)
             blocks.add(times, columns, telemetry.units)
             events.look(times, columns, vehicles)
             logs.report(logs.incidents.look(times, columns))
             if progress is not None:
                 progress(context.get_time(), end)
+            # Divergence: the state itself, not the samples, because the record period
+            # may skip the state that is not finite.
             if not np.all(np.isfinite(plant.GetPositionsAndVelocities(plant_context))):
+                # A message should name a signal of a vehicle, the cause; the actors only react to it.
                 own = {name: values for name, values in columns.items() if not name.startswith(OF_ACTORS)}
                 detail = _not_finite(times, own) or "a position or velocity is not finite"
                 return Stop(StopReason.DIVERGED, detail)
+            # A command that is not finite need not reach the state (limits, held values), but makes the run worthless.
             fault = _not_finite(times, {name: columns[name] for name in commands if name in columns})
             if fault is not None:
                 return Stop(StopReason.DIVERGED, fault)
@@ -278,6 +302,7 @@ class Simulation:
                 return Stop(StopReason.LAPS)
             if met.is_set():
                 return Stop(StopReason.CONDITION)
+            # At the very end, an interrupt changes nothing: all of the time has been simulated.
             if interrupted.is_set() and context.get_time() < end - 1e-9:
                 return Stop(StopReason.INTERRUPTED)
         return Stop(StopReason.DURATION)
@@ -302,6 +327,7 @@ class _Logs(NamedTuple):
 
 def _is_divergence(error: BaseException) -> bool:
     """Return whether Drake itself, not a block written in Python, has failed because of a divergent state."""
+    # Innermost frame of the traceback: that of this file means that the exception comes from C++ below AdvanceTo.
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:
         frame = frame.tb_next
@@ -315,6 +341,7 @@ def _not_finite(times: Array, columns: Columns) -> str | None:
     wrong = [(int(np.argmax(rows)), name) for name, rows in bad.items() if rows.any()]
     if not wrong:
         return None
+    # Earliest sample first; of several at the same sample, the first by name, so that the message is deterministic.
     row, name = min(wrong)
     return f"{name} is {columns[name][row]:g} at t = {times[row]:g} s"
 
@@ -332,6 +359,7 @@ def _interrupt() -> Iterator[threading.Event]:
         yield event
         return
 
+    # A second Ctrl-C must end a run whose single step does not return.
     def handle(number: int, frame: Any) -> None:
         if event.is_set():
             signal.default_int_handler(number, frame)
@@ -348,11 +376,13 @@ def _failure(error: BaseException) -> str:
     """Return the exception of a block as one line, with file and line if the code is the user's."""
     lines = str(error).strip().splitlines()
     text = f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+    # Innermost frame: where the exception was raised, not where the Simulator was called.
     frame = error.__traceback__
     while frame is not None and frame.tb_next is not None:
         frame = frame.tb_next
     if frame is None:
         return text
+    # A line of mirdrake's own code would not help the user; the message of the exception does.
     file = Path(frame.tb_frame.f_code.co_filename)
     return text if file.is_relative_to(Path(__file__).parents[1]) else f"{shown(file)}:{frame.tb_lineno}: {text}"
 
@@ -367,6 +397,7 @@ def _watch(
     """Call all watchers; set `met` and terminate once `until` holds. This is Drake's monitor."""
     for watcher in watchers:
         watcher(context)
+    # DidNothing lets the Simulator continue; ReachedTermination makes AdvanceTo return after this step.
     if until is None or not until(context):
         return EventStatus.DidNothing()
     met.set()

@@ -35,10 +35,12 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
     """Return the spec with all defaults, digests of its models and worlds, and versions: enough to repeat a run."""
     data = assembly.spec.model_dump(mode="json")
     data["duration"] = duration
+    # The provenance of a replayed spec.yaml is that of an older run and must not enter the new digest.
     data.pop("provenance", None)
     folder = data.pop("folder", None)  # the digest is that of the contents, in whatever folder
     vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
     content = scene_hashes(Scene(assembly.parts.world, vehicles))
+    # Content outside the spec that changes the result: command files, source of user systems, weights of networks.
     for name, driver in assembly.spec.control.items():
         if isinstance(driver, ScheduleSpec) and driver.file is not None:
             content[f"{name}.commands"] = digest_data({"rows": driver.schedule().rows})
@@ -50,6 +52,7 @@ def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
     versions = {name: installed_version(name) or "not installed" for name in ("mirdrake", "drake", "numpy")}
     versions["python"] = platform.python_version()
     digest = digest_data({"spec": data, "content": content})
+    # The folder is needed to find relative paths again, so it returns after the digest was computed.
     if folder is not None:
         data["folder"] = folder
     data["provenance"] = {"spec_sha256": digest, "content_sha256": content, "versions": versions}
@@ -157,14 +160,17 @@ def drive_figures(times: Array, signals: Mapping[str, Array]) -> dict[str, float
     if vx is None or len(times) < 2:
         return figures
     step = float(times[1] - times[0])
+    # abs: distance travelled also counts in reverse.
     figures["distance_m"] = round(float(np.sum(np.abs(vx)) * step), 3)
     figures["max_speed_mps"] = round(float(np.max(np.abs(vx))), 4)
     if wheels is not None:
+        # Off the road as soon as one of the four wheels is.
         figures["off_road_s"] = round(float(np.sum(wheels < 4) * step), 3)
     if lap is not None:
         figures["laps"] = round(float(lap[-1]), 4)
     if lateral is not None:
         figures["max_abs_lateral_error_m"] = round(float(np.max(np.abs(lateral))), 4)
+    # Speed control is judged in steady state on straight sections only; near zero, a relative error is meaningless.
     if command is not None:
         steady = _steady(command, samples=max(1, round(STEADY / step))) & (np.abs(command) > 0.1)
         if curvature is not None:
@@ -177,6 +183,7 @@ def drive_figures(times: Array, signals: Mapping[str, Array]) -> dict[str, float
 
 def _steady(values: Array, *, samples: int) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Return at which samples a signal has been constant for a number of samples."""
+    # Index of the last change up to each sample; the run starts with a change, as the command before it is unknown.
     changed = np.abs(np.diff(values, prepend=values[0])) > 1e-9
     changed[0] = True
     last = np.maximum.accumulate(np.where(changed, np.arange(values.size), 0))

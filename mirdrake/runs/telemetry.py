@@ -54,10 +54,12 @@ class Telemetry:
         assembly = self._assembly
         raw: dict[str, Array] = {}
         times: Array = np.empty(0)
+        # Copies, because Clear and the next step overwrite the buffers that Drake returns as views.
         for name, tap in assembly.taps.items():
             log = tap.sink.FindMutableLog(context)
             taken, raw[name] = log.sample_times().copy(), log.data().copy()
             log.Clear()
+            # All sinks publish at the same times; the shortest log has the samples that every log has.
             times = taken if len(raw) == 1 or taken.size < times.size else times
         if any(values.shape[1] > times.size for values in raw.values()):  # after an error in a block
             raw = {name: values[:, : times.size] for name, values in raw.items()}
@@ -66,16 +68,19 @@ class Telemetry:
             return times, columns
         for part in assembly.parts.vehicles.values():
             self._add_vehicle(columns, part, raw)
+        # Poses of props: no velocities are recorded, so zeros stand in and only the first six signals are kept.
         for name, body in assembly.parts.props.bodies.items():
             pose = raw["plant_state"][body.floating_positions_start() :][:7]
             for signal, values in zip(STATE[:6], vehicle_states(pose, np.zeros((6, times.size))), strict=False):
                 self._put(columns, f"props.{name}.{signal.name}", values, signal.unit)
         if "actors" in assembly.taps:
             self._add_named(columns, assembly.taps["actors"], raw["actors"], prefix="actors")
+        # Lights follow a fixed programme in time, so their state is computed, not logged.
         for name, light in assembly.parts.world.lights.items():
             self._put(columns, f"signals.{name}", light.state(times), "")
         for name in ("wheel_load", "resistance", "other_contacts"):
             self._add_named(columns, assembly.taps[name], raw[name], prefix="")
+        # Sensors and user systems may have several ports, each its own tap `<system>.<port>`.
         for sensor in (f"{vehicle}.{sensor}" for vehicle, names in assembly.spec.sensors.items() for sensor in names):
             for name in raw:
                 if name == sensor or name.startswith(f"{sensor}."):
@@ -100,12 +105,14 @@ class Telemetry:
                 name = prefix if len(values) == 1 else f"{prefix}.{index}"
                 self._put(columns, name, row, "")
             else:
+                # A port with a single element takes the name of the port; otherwise each signal adds its own name.
                 signal = tap.contents[index]
                 name = signal.name if not prefix else prefix if len(values) == 1 else f"{prefix}.{signal.name}"
                 self._put(columns, name, row, signal.unit)
 
     def _add_vehicle(self, columns: Columns, part: VehicleInPlant, raw: dict[str, Array]) -> None:
         """Add pose, twist, joints, commands and track coordinates of one vehicle."""
+        # Drake's state is [q, v]; a floating base has 7 positions (quaternion first) and 6 velocities (angular first).
         x, plant, name = raw["plant_state"], self._assembly.parts.plant, part.name
         positions = plant.num_positions()
         pose = x[part.base.floating_positions_start() :][:7]
@@ -121,15 +128,18 @@ class Telemetry:
             self._put(columns, f"{name}.wheel_speed.{wheel}", x[positions + joint.velocity_start()], "rad/s")
         for wheel, joint in zip(WHEELS, part.suspension, strict=False):  # none without springs
             self._put(columns, f"{name}.travel.{wheel}", x[joint.position_start()], "m")
+        # The logged torques are those of this model instance only, while input_start counts over the whole plant.
         torques = raw[f"{name}.joint_torques"]
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
         for wheel, actuator in zip(WHEELS, part.wheel_actuators, strict=True):
             self._put(columns, f"{name}.wheel_torque.{wheel}", torques[actuator.input_start() - first], "N m")
+        # Commands and status values share names such as steering_angle; the suffix keeps them apart.
         for port, suffix in (("status", ""), ("command", "_command")):
             tap = self._assembly.taps.get(f"{name}.{port}")
             if tap is None or tap.contents is None:
                 continue
             for signal, values in zip(tap.contents, raw[tap.name], strict=True):
+                # The stamp is a time of the message, not a signal of the vehicle.
                 if signal.name != "stamp":
                     self._put(columns, f"{name}.{signal.name}{suffix}", values, signal.unit)
         if (tap := self._assembly.taps.get(f"{name}.powertrain_status")) is not None:
@@ -147,11 +157,15 @@ class Telemetry:
         if track_name is None or px.size == 0:
             return
         track = world.tracks[track_name]
+        # s continues from the last block, so that a crossing at the border of two blocks does not change the section.
         s, lateral = _follow(track, px, py, self._progress.get(name))
         _, _, direction = track.pose(s)
         last = self._progress.get(name, float(s[0]))
         if track.closed:
+            # Unroll s over the start line: a step of nearly a whole length is a lap forward (-1) or backward (+1).
             turns = np.round(np.diff(s, prepend=np.mod(last, track.length)) / track.length)
+            # Sum of the turns inside the block plus the laps of the blocks before, so
+            # that laps do not restart per block.
             unrolled = s - track.length * np.cumsum(turns) + np.floor(last / track.length) * track.length
         else:
             unrolled = s
@@ -159,10 +173,12 @@ class Telemetry:
         start = self._start.setdefault(name, float(unrolled[0]))
         self._put(columns, f"{name}.progress", s, "m")
         self._put(columns, f"{name}.lateral_error", lateral, "m")
+        # Wrapped to [-pi, pi): the difference of two headings may be off by whole turns.
         heading = np.mod(yaw - direction + np.pi, 2.0 * np.pi) - np.pi
         self._put(columns, f"{name}.heading_error", heading, "rad")
         self._put(columns, f"{name}.curvature", track.curvature(s), "1/m")
         if track.closed:
+            # Laps count from where the vehicle started, not from the start line of the track.
             self._put(columns, f"{name}.lap", (unrolled - start) / track.length, "")
 
 
@@ -178,6 +194,7 @@ def wheels_on_road(world: World, geometry: VehicleGeometry, x: Array, y: Array, 
     """
     base, front, rear = geometry.wheelbase, geometry.front_track / 2.0, geometry.rear_track / 2.0
     cos, sin = np.cos(yaw), np.sin(yaw)
+    # Wheel centres in the vehicle frame: origin on the rear axle, x forward, y to the left (ISO 8855).
     corners = ((base, front), (base, -front), (0.0, rear), (0.0, -rear))
     on_road = [world.on_road(x + a * cos - b * sin, y + a * sin + b * cos) for a, b in corners]
     count: Array = np.count_nonzero(on_road, axis=0).astype(float)
@@ -196,10 +213,13 @@ def _follow(track: Track, x: Array, y: Array, last: float | None) -> tuple[Array
     s, lateral = track.project(x, y)
     if not s.size:
         return s, lateral
+    # project returns s within one lap, so the last value is reduced to the same range before the comparison.
     near = float(s[0] if last is None else np.mod(last, track.length) if track.closed else last)
     leaps = np.abs(np.diff(s, prepend=near))
+    # Over the start line of a closed track, the shorter way round is the real change of s.
     if track.closed:
         leaps = np.minimum(leaps, track.length - leaps)
+    # The nearest point jumps where the track crosses itself; only then is the slower search sample by sample needed.
     if (leaps > 2.0 * np.hypot(np.diff(x, prepend=x[0]), np.diff(y, prepend=y[0])) + LEAP).any():
         for i in range(x.size):
             near, lateral[i] = track.project(float(x[i]), float(y[i]), near=near)
@@ -227,7 +247,9 @@ def vehicle_states(pose: Array, twist: Array) -> Array:
             [2 * (i * k - w * j), 2 * (j * k + w * i), 1 - 2 * (i * i + j * j)],
         ]
     )
+    # Clipped, because rounding may push the sine slightly beyond 1, where arcsin returns NaN.
     roll, pitch = np.arctan2(R[2, 1], R[2, 2]), np.arcsin(np.clip(-R[2, 0], -1.0, 1.0))
     yaw = np.arctan2(R[1, 0], R[0, 0])
+    # v_B = R_WB^T v_W: "abn,an" sums over the first index, which is the transpose, for all samples at once.
     v_B, w_B = np.einsum("abn,an->bn", R, v_W), np.einsum("abn,an->bn", R, w_W)
     return np.vstack([x, y, z, roll, pitch, yaw, v_B, w_B])

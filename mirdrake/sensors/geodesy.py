@@ -41,7 +41,10 @@ def to_geodetic(point: Sequence[float] | Array, datum: DatumSpec) -> Array:
     """
     x, y, z = (float(value) for value in point)
     c, s = cos(datum.heading), sin(datum.heading)
+    # pymap3d takes degrees; the local frame is east, north, up at the datum.
     origin = (degrees(datum.latitude), degrees(datum.longitude), datum.altitude)
+    # Heading is clockwise from north: the x axis points (sin h, cos h) in (east,
+    # north), y is a quarter turn to its left.
     return np.array(enu2geodetic(x * s - y * c, x * c + y * s, z, *origin), dtype=float)
 
 

@@ -59,6 +59,7 @@ class Gps(SampledSensor):
 
     def __init__(self, frame: Frame, mount: "GpsMount", *, stream: int = 0) -> None:
         noise = [mount.noise, mount.noise, mount.vertical_noise, *[mount.velocity_noise] * 3]
+        # Noise is added to the six measured values; latitude and longitude follow from them, so both agree.
         super().__init__(GPS, mount, stream=stream, initial=[nan] * 9, noise=Noise.of(noise, mount.rate))
         body, X_BS = mount_pose(frame)
         self._datum, self._quality = mount.datum, QUALITY[mount.fix]
@@ -66,6 +67,7 @@ class Gps(SampledSensor):
         self.body_poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         velocities = AbstractValue.Make([SpatialVelocity()])
         self.body_velocities = self.DeclareAbstractInputPort("body_spatial_velocities", velocities)
+        # The text follows from the held sample only; without this, Drake assumes a dependence on all inputs.
         needs = {self.discrete_state_ticket(self._held), self.discrete_state_ticket(self._held_stamp)}
         self.nmea = self.DeclareAbstractOutputPort("nmea", lambda: AbstractValue.Make(""), self._calc_nmea, needs)
         self.declare_first_sample()
@@ -73,6 +75,7 @@ class Gps(SampledSensor):
     def measure(self, context: Context) -> Array:
         """Return position [m] and velocity [m/s] of the antenna in the world (6)."""
         X_WB, V_WB = self.body_poses.Eval(context)[self._body], self.body_velocities.Eval(context)[self._body]
+        # Velocity of a point fixed to the body: v_P = v_B + w x p_BP, all in the world frame.
         arm = X_WB.rotation().multiply(self._place)
         return np.concatenate((X_WB.translation() + arm, V_WB.translational() + np.cross(V_WB.rotational(), arm)))
 

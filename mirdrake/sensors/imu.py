@@ -59,6 +59,7 @@ class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
         super().__init__()
         builder = DiagramBuilder()
         body, X_BS = mount_pose(frame)
+        # Drake's accelerometer outputs specific force a - g, hence +g upwards at rest; it needs the field of the plant.
         gravity = plant.gravity_field().gravity_vector()
         force = builder.AddNamedSystem("accelerometer", Accelerometer(body, X_BS, gravity))
         rates = builder.AddNamedSystem("gyroscope", Gyroscope(body, X_BS))
@@ -77,7 +78,9 @@ class Imu(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
         builder.ExportOutput(sampler.sample, "sample")
         builder.ExportOutput(sampler.stamp, "stamp")
         builder.BuildInto(self)
+        # BuildInto replaces the contents of the Diagram, so ports can be kept only afterwards.
         self.sample, self.stamp = self.GetOutputPort("sample"), self.GetOutputPort("stamp")
+        # Exported ports lose their signal names and units.
         copy_signals(sampler.sample, self.sample)
         copy_signals(sampler.stamp, self.stamp)
 

@@ -42,6 +42,7 @@ def rmc(fix: Fix) -> str:
     """Return the sentence RMC with its end of line: time, date, position, speed [knots] and course of a fix."""
     clock, date = _clock(fix.time)
     position = f"{_angle(fix.latitude, 'NS', 2)},{_angle(fix.longitude, 'EW', 3)}"
+    # 359.996 deg is rounded to 360.00, which NMEA does not allow; the remainder makes it 0.00.
     course = round(fix.course, 2) % 360.0
     mode = {2: "D", 4: "R"}.get(fix.quality, "A")
     return _sentence(f"GPRMC,{clock},A,{position},{fix.speed / KNOT:.3f},{course:.2f},{date},,,{mode}")
@@ -61,6 +62,7 @@ def _sentence(body: str) -> str:
 
 def _clock(time: float) -> tuple[str, str]:
     """Return a time as hhmmss.ss and ddmmyy."""
+    # Rounded to hundredths in whole milliseconds first, so that 59.999 s carries into the next minute.
     moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(milliseconds=10 * round(time * 100.0))
     return f"{moment:%H%M%S}.{moment.microsecond // 10_000:02d}", f"{moment:%d%m%y}"
 

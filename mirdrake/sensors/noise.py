@@ -30,6 +30,7 @@ def noise_stream(seed: int, name: str) -> int:
         seed: seed of the whole diagram.
         name: name of the sensor, for example ``ego.imu``.
     """
+    # Python's own hash of a text differs from process to process; SHA-256 does not.
     return int.from_bytes(hashlib.sha256(f"{seed}/{name}".encode()).digest()[:16], "little")
 
 
@@ -45,11 +46,13 @@ def sample_noise(stream: int, index: int) -> np.random.Generator:
         stream: stream from :func:`noise_stream`.
         index: number of the sample, 0 or more.
     """
+    # Each sample gets the upper 64 bits of the 256-bit counter, so the numbers of two samples never overlap.
     return np.random.Generator(np.random.Philox(key=stream, counter=index << 192))
 
 
 def is_lost(stream: int, index: int, dropout: float) -> bool:
     """Return whether a sample is lost, with the probability `dropout`."""
+    # A stream of its own: a dropout probability of a sensor does not change the noise of its other samples.
     return dropout > 0.0 and bool(sample_noise(substream(stream, "dropout"), index).random() < dropout)
 
 
@@ -78,7 +81,9 @@ class Noise:
             white=np.array([spec.sample_deviation(rate) for spec in specs]),
             bias=np.array([spec.bias for spec in specs]),
             drift=np.array([spec.instability / PLATEAU for spec in specs]),
+            # A Gauss-Markov process sampled at intervals T has the correlation exp(-T / Tc) from sample to sample.
             memory=np.array([np.exp(-1.0 / (rate * spec.correlation)) for spec in specs]),
+            # Variance of a random walk grows with time: each of `rate` steps per second adds walk² / rate.
             walk=np.array([spec.walk / np.sqrt(rate) for spec in specs]),
         )
 
@@ -96,6 +101,7 @@ class Noise:
         """Return the slowly varying errors at the first sample: random walk and drift (2 n), or (0) without them."""
         if not (self.walk.any() or self.drift.any()):
             return np.zeros(0)
+        # Drift starts from its stationary distribution, not from zero, or the first Tc seconds would be too good.
         first = sample_noise(substream(stream, "drift"), 0).standard_normal(self.drift.size)
         return np.concatenate((np.zeros(self.walk.size), self.drift * first))
 
@@ -115,6 +121,8 @@ class Noise:
         if not state.size:
             return error, state
         step = generator.standard_normal(2 * n)
+        # Scaled so that the variance of the process stays drift²: m² drift² + (1 - m²) drift² = drift².
         kick = self.drift * np.sqrt(1.0 - self.memory**2)
         following = np.concatenate((state[:n] + self.walk * step[:n], self.memory * state[n:] + kick * step[n:]))
+        # The error uses the state at this sample; `following` is that of the next one.
         return error + state[:n] + state[n:], following

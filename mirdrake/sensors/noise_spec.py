@@ -32,6 +32,7 @@ def _to_si(value: Any, units: Units) -> Any:
     match = _NUMBER.fullmatch(value) if isinstance(value, str) else None
     if match is None:
         return value
+    # Spellings of the same unit, and both code points of the micro sign, are accepted.
     unit = re.sub(r"sqrt\((\w+)\)", r"√\1", match[2]).replace("^2", "²").replace("μ", "µ").replace("ug", "µg")
     if unit and unit not in units:
         raise ValueError(f"unit '{match[2][:20]}' does not fit; allowed: {', '.join(units)}")
@@ -84,6 +85,7 @@ class NoiseSpec(Schema):
 
     def sample_deviation(self, rate: float) -> float:
         """Return the standard deviation of the white noise of one sample [u] at a rate [Hz]."""
+        # Convention of the Allan deviation, N/√τ: samples at a rate f have the standard deviation N √f.
         return self.white if self.density is None else self.density * sqrt(rate)
 
 

@@ -46,6 +46,7 @@ def nearest_return(
     seen = np.flatnonzero((angle >= low) & (angle <= high) & np.isfinite(distance))
     if not seen.size:
         return inf, 0.0
+    # argmin within the sector, then back to the index over all beams.
     best = seen[np.argmin(distance[seen])]
     return float(distance[best]), float(angle[best])
 
@@ -125,8 +126,10 @@ class DistanceEstimator(LeafSystem):
             return
         distance, angle = nearest_return(self.ranges.Eval(context), self.angles, low=self._low, high=self._high)
         last, _, speed = context.get_discrete_state(self._held).get_value().tolist()
+        # NaN for an unknown speed fails every comparison below, so that the speed starts from 0.
         change = (distance - last) / (stamp - before) if isfinite(before) and isfinite(last + distance) else nan
         if abs(change) <= self._max_speed:
+            # Exact discretisation of a first-order filter for the time between two scans, which varies with dropout.
             share = 1.0 if not self._filter_time else 1.0 - np.exp(-(stamp - before) / self._filter_time)
             speed += share * (change - speed)
         else:
@@ -194,6 +197,7 @@ def show_points(
     if len(places):
         cloud.mutable_xyzs()[:] = places.T
         share = np.clip(places[:, 2] / height, 0.0, 1.0)
+        # Blue on the ground, green at half the height, red at the top.
         colours = np.array([255.0 * share, 255.0 * (1.0 - np.abs(2.0 * share - 1.0)), 255.0 * (1.0 - share)])
         cloud.mutable_rgbs()[:] = colours.astype(np.uint8)
     meshcat.SetObject(path, cloud, point_size, Rgba(1.0, 1.0, 1.0))  # which the points' own are multiplied with

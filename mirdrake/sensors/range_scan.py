@@ -52,11 +52,13 @@ def scan(segments: ArrayLike, x: float, y: float, yaw: float, angles: ArrayLike,
         Distances (n) [m], inf beyond `reach`. A segment seen end-on is hit at its nearer end.
     """
     beams = np.asarray(angles, dtype=float)
+    # Sorted angles within [-pi, pi): the beams of a segment are then one contiguous range of indices.
     wrapped = np.remainder(beams + math.pi, 2.0 * math.pi) - math.pi
     order = np.argsort(wrapped, kind="stable")
     corners = np.asarray(segments, dtype=float).reshape(-1, 2) - (x, y)
     cos, sin = math.cos(yaw), math.sin(yaw)
     px, py = cos * corners[:, 0] + sin * corners[:, 1], cos * corners[:, 1] - sin * corners[:, 0]
+    # Corners come in pairs, so that only every second gap between two corners is a segment.
     edge = np.arange(len(corners)) % 2 == 0
     result = np.full(beams.size, math.inf)
     result[order] = _cut(px, py, edge[:-1], wrapped[order], reach)
@@ -74,11 +76,13 @@ def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: 
         reach: largest distance [m].
         step: distance between adjacent angles, if constant [rad]; it saves the search for the beams.
     """
+    # A segment that is seen from bearing a to bearing b is hit by exactly the beams in between.
     bearing = np.arctan2(y, x)
     number = np.flatnonzero(edge)
     first, second = bearing[number], bearing[number + 1]
     low, high = np.minimum(first, second), np.maximum(first, second)
     behind = high - low > math.pi  # these are seen across the backward direction
+    # Such a segment is split: one part up to +pi, a copy from -pi.
     if behind.any():
         number = np.concatenate((number, number[behind]))
         low, high = (
@@ -86,6 +90,7 @@ def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: 
             np.concatenate((np.where(behind, math.pi, high), low[behind])),
         )
     if step:
+        # Beams are evenly spaced: their indices follow from a division, which saves two binary searches per segment.
         start = np.maximum(np.ceil((low - angles[0] - _GRAZING) / step), 0.0).astype(int)
         stop = np.minimum(np.floor((high - angles[0] + _GRAZING) / step), angles.size - 1.0).astype(int) + 1
     else:
@@ -98,18 +103,22 @@ def _cut(x: Array, y: Array, edge: Bools, angles: Array, reach: float, *, step: 
 
     number, start = number[seen], start[seen]
     count = stop[seen] - start
+    # Pairs (segment, beam) as flat arrays: for each segment the indices start ... stop - 1, one after the other.
     beam = np.arange(count.sum()) + np.repeat(start - np.cumsum(count) + count, count)
     number = np.repeat(number, count)
     cos, sin = np.cos(angles)[beam], np.sin(angles)[beam]
     px, py = x[number], y[number]
     dx, dy = x[number + 1] - px, y[number + 1] - py
+    # Intersection of the ray t (cos, sin) with the line p + u d: t = (p x d) / (e x d), with the cross products in 2D.
     across = cos * dy - sin * dx
     with np.errstate(invalid="ignore", divide="ignore"):
         distance = (px * dy - py * dx) / across
+    # Beam and segment are parallel: the quotient is not defined, the nearer end is the distance.
     end_on = np.abs(across) <= 1e-12 * (np.abs(dx) + np.abs(dy))
     if end_on.any():
         nearer = np.minimum(np.hypot(px, py), np.hypot(px + dx, py + dy))
         distance = np.where(end_on, nearer, distance)
+    # Several segments may hit the same beam; plain indexing would keep the last one instead of the least.
     np.minimum.at(result, beam, np.maximum(distance, 0.0))
     result[result > reach] = math.inf
     return result
@@ -120,20 +129,25 @@ class _Shapes:
 
     def __init__(self, polygons: Sequence[Any]):
         self.polygons = np.array(polygons, dtype=object)
+        # Prepared geometries make the repeated point-in-polygon tests fast.
         shapely.prepare(self.polygons)
         rings = [_rings(polygon) for polygon in polygons]
         self.count = np.array([sum(map(len, part)) for part in rings], dtype=int)
         flat = [ring for part in rings for ring in part]
         self.x, self.y = np.vstack(flat).T.copy() if flat else np.empty((2, 0))
+        # Rings are stored one after the other; there is no segment from the last
+        # corner of a ring to the first of the next.
         self.edge = np.ones(self.x.size, dtype=bool)  # from each corner to the next
         self.edge[np.cumsum([len(ring) for ring in flat], dtype=int) - 1] = False
         bounds = shapely.bounds(self.polygons).reshape(-1, 4)
+        # A circle around each polygon, for a quick test of what is in reach.
         self.centre = 0.5 * (bounds[:, :2] + bounds[:, 2:])
         self.radius = 0.5 * np.hypot(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
 
 
 def _rings(polygon: Any) -> list[Array]:
     """Return the closed rings of a polygon, each (m, 2) [m]; the polygon is on their left."""
+    # Orientation is needed later: only sides that face the scanner are intersected.
     polygon = orient(polygon)
     return [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
 
@@ -201,6 +215,7 @@ class RangeScan(LeafSystem):
         check_number(owner, "beams", beams, at_least=1)
         check_number(owner, "start_angle", start_angle, unit="rad", at_least=-math.pi)
         check_number(owner, "end_angle", end_angle, unit="rad", at_least=start_angle, at_most=math.pi)
+        # Two or more beams at one angle would give a step of zero, by which indices are divided.
         if start_angle == end_angle and beams > 1:
             raise ConfigError(
                 f"{owner}: {beams} beams need an end_angle above start_angle, got {end_angle:g} rad twice"
@@ -210,6 +225,7 @@ class RangeScan(LeafSystem):
         self.front = check_number(owner, "front", outline.front if front is None else front, unit="m")
         self.angles = beam_angles(beams, start_angle, end_angle)
         self._step = float(self.angles[1] - self.angles[0]) if beams > 1 else 0.0
+        # With a view of at most half a turn ahead, everything behind the bumper can be skipped.
         self._ahead_only = start_angle >= -0.5 * math.pi and end_angle <= 0.5 * math.pi
 
         # Fixed outlines are merged in the world; movable ones are stored in the frames of their bodies.
@@ -218,12 +234,15 @@ class RangeScan(LeafSystem):
         self._fixed = _Shapes(_polygons(shapely.union_all(fixed)) if fixed else [])
         moving = [(prop.name, _planar_pose(prop.X_WP), _at_origin(prop, areas)) for prop, areas in seen
                   if not prop.static and areas]  # fmt: skip
+        # Placed out of reach until the port is connected, so that vehicles are not detected without it.
         moving += [
             (name, _NOWHERE, _outline_between(other, low, volume.high)) for name, other in (vehicles or {}).items()
         ]
         self.movable = tuple(name for name, _, _ in moving)
+        # Actors come last, as their poses are from another port.
         moving += [(actor.name, _NOWHERE, _area_between(actor.volume, low, volume.high)) for actor in actors]
         parts = [(index, part) for index, (_, _, area) in enumerate(moving) for part in _polygons(area)]
+        # A footprint of several polygons has one pose: `_owner` is the index of the pose of each polygon.
         self._moving, self._owner = _Shapes([part for _, part in parts]), np.array([index for index, _ in parts], int)
         self._placed = np.array([pose for _, pose, _ in moving]).reshape(-1, 3)
 
@@ -251,6 +270,7 @@ class RangeScan(LeafSystem):
             poses = self.prop_poses.Eval(context).reshape(-1, 3)
         if self.actor_states is not None:
             actors = self.actor_states.Eval(context).reshape(-1, len(PLANAR))[:, :3]
+            # Without connected prop poses, only the placed part before the actors is kept.
             poses = np.vstack((poses[: len(self.movable)], actors))
         output.SetFromVector(self.look(x + self.front * math.cos(yaw), y + self.front * math.sin(yaw), yaw, poses))
 
@@ -269,9 +289,11 @@ class RangeScan(LeafSystem):
         (px, py, edge), inside = self._near_fixed(x, y, yaw)
         if self._owner.size and not inside:
             more, inside = self._near_moving(x, y, yaw, self._placed if poses is None else poses)
+            # Chains may be concatenated, because each of them ends without a segment to the next corner.
             px, py, edge = (np.concatenate(both) for both in zip((px, py, edge), more, strict=True))
         if inside:
             return np.zeros(self.angles.size)
+        # Polygons are on the left of their rings, so a side that faces the scanner runs clockwise seen from it.
         edge = edge[:-1] & (px[:-1] * py[1:] < py[:-1] * px[1:])  # the others are on the far sides of their polygons
         return _cut(px, py, edge, self.angles, self.reach, step=self._step)
 
@@ -279,6 +301,7 @@ class RangeScan(LeafSystem):
         """Return which circles in the frame of the scan may be hit by a beam, and which contain its origin (m)."""
         square = x * x + y * y
         seen = square <= (self.reach + radius) ** 2
+        # A circle that reaches the half plane x >= 0 may still be hit.
         if self._ahead_only:
             seen &= x >= -radius
         return seen, square <= radius * radius
@@ -286,6 +309,7 @@ class RangeScan(LeafSystem):
     def _near_fixed(self, x: float, y: float, yaw: float) -> tuple[Chains, bool]:
         """Return the static footprints in the frame of the scan, and whether one contains its origin."""
         shapes, cos, sin = self._fixed, math.cos(yaw), math.sin(yaw)
+        # Circles are tested first: transforming all corners of a large world would dominate the time of a scan.
         dx, dy = shapes.centre[:, 0] - x, shapes.centre[:, 1] - y
         seen, around = self._in_view(cos * dx + sin * dy, cos * dy - sin * dx, shapes.radius)
         inside = bool(around.any() and shapely.intersects_xy(shapes.polygons[around], x, y).any())
@@ -306,6 +330,7 @@ class RangeScan(LeafSystem):
         inside = False
         if around.any():
             ax, ay, ac, asin = px[around], py[around], c[around], s[around]
+            # Inverse transformation R^T (0 - p): the polygons stay in their own frames, where they are prepared.
             own = -ac * ax - asin * ay, asin * ax - ac * ay  # the scan's origin in the frames of these props
             inside = bool(shapely.intersects_xy(shapes.polygons[around], *own).any())
         which = np.flatnonzero(np.repeat(seen, shapes.count))

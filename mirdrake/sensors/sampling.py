@@ -71,15 +71,18 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         noise = [0.0] * len(contents) if noise is None else noise
         self._noise = noise if isinstance(noise, Noise) else Noise.plain(noise)
         self._bias, start = self._noise.constant(stream), self._noise.start(stream)
+        # All memory is in the Context: cloned Contexts, repeated runs and steps taken twice give the same samples.
         self._held = self.DeclareDiscreteState(list(initial))
         self._held_stamp = self.DeclareDiscreteState([-inf])
         self._wandering = self.DeclareDiscreteState(start) if start.size else None
         self.sample = declare_state_output(self, "sample", contents, self._held)
         self.stamp = declare_state_output(self, "stamp", STAMP, self._held_stamp)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        # The buffer is a ring; each slot holds a stamp and a sample, with -inf for an empty or lost one.
         if self.latency > 0.0:
             self._row, self._slots = 1 + len(initial), slots(self.latency, self.rate)
             self._queue = self.DeclareDiscreteState(np.full(self._row * self._slots, -inf))
+            # Output times are the sample times shifted by the latency; they need not be multiples of the period.
             self.DeclarePeriodicDiscreteUpdateEvent(period, self.latency, self._show)
 
     @abstractmethod
@@ -103,6 +106,7 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
             return []
         shown = float(context.get_discrete_state(self._held_stamp).get_value()[0])
         rows = context.get_discrete_state(self._queue).get_value().reshape(self._slots, self._row)
+        # Slots that were output already still hold their old stamps, which are not later than the one shown.
         return [(float(row[0]), row[1:].copy()) for row in rows[np.argsort(rows[:, 0])] if row[0] > shown]
 
     def declare_first_sample(self) -> None:
@@ -119,7 +123,9 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         values, wandering = self._read(context)
         if self._wandering is not None:
             state.get_mutable_vector(self._wandering).SetFromVector(wandering)
+        # After the measurement, as `keep` stores the reading for the next sample.
         self.keep(context, state)
+        # Rounded, because sampling events are 1e-15 early; index / rate is then the nominal time.
         index = round(context.get_time() * self.rate)
         time = index / self.rate
         lost = is_lost(self._stream, index, self._dropout)
@@ -147,8 +153,11 @@ class SampledSensor(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def _show(self, context: Context, state: DiscreteValues) -> None:
         """Output the sample whose latency has passed."""
+        # The slot follows from the time at which the sample was taken, not from a
+        # pointer that a lost sample could shift.
         index = round((context.get_time() - self.latency) * self.rate)
         row = context.get_discrete_state(self._queue).get_value()[self._slot(index)]
+        # A lost sample leaves the previous one at the output.
         if row[0] > -inf:
             self._put(state, row[0], row[1:])
 
@@ -206,6 +215,7 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
     def _update(self, context: Context, state: State) -> None:
         index = round(context.get_time() * self.rate)
         time = index / self.rate
+        # The decision about loss is made before the sample is taken: a lost picture is not rendered.
         lost = is_lost(self._stream, index, self._dropout)
         if self.latency:
             slot = index % len(self._queue)
@@ -214,6 +224,7 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
         else:
             if not lost:
                 state.get_mutable_discrete_state(self._held_stamp).SetFromVector([time])
+            # Without latency the sample is written in place of the held one, which saves a copy.
             target = self._held
         if not lost:
             self.take(context, index, state.get_mutable_abstract_state(int(target)))
@@ -251,6 +262,7 @@ def aligned_period(rate: float, step: float) -> float:
         step: step of the discrete plant [s]; 0: continuous.
     """
     number = np.arange(1.0, 1e6)
+    # Drake computes event times as offset + number x period; both sequences must agree bit for bit.
     steps = round(1.0 / (rate * step)) if step > 0.0 else 0
     if steps and np.all(number * (1.0 / rate) == number * steps * step):
         return 1.0 / rate

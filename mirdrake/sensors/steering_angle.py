@@ -62,6 +62,7 @@ class SteeringAngle(SampledSensor):
 
     def measure(self, context: Context) -> Array:
         """Return the angle before rounding (1) [rad]."""
+        # Mean of both road wheels: with Ackermann steering left and right differ.
         angle = self._ratio * self.plant_state.Eval(context)[self._angles].mean() + self._offset
         return np.array([angle])
 
@@ -69,6 +70,7 @@ class SteeringAngle(SampledSensor):
         """Return the angle in whole steps [rad] and their number (2)."""
         if not self._resolution:
             return np.array([values[0], 0.0])
+        # Noise is added before the rounding, as the electronics of a sensor quantise the noisy signal.
         steps = float(np.rint(values[0] / self._resolution))
         return np.array([steps * self._resolution, steps])
 

@@ -49,14 +49,17 @@ class WheelEncoder(SampledSensor):
         self.declare_first_sample()
 
     def _steps(self, context: Context) -> int:
+        # floor, not truncation: steps must have equal width on both sides of zero. The tolerance keeps an exact edge.
         return floor(float(self.plant_state.Eval(context)[self._angle]) * self._per_radian + 1e-9)
 
     def measure(self, context: Context) -> Array:
         """Return the count (1) [-]."""
         steps = self._steps(context)
         if self._seen is not None:
+            # The total is a state: without quadrature the count does not follow from the angle alone.
             before, total = context.get_discrete_state(self._seen).get_value()
             steps = int(total) + abs(steps - int(before))
+        # Python's remainder is never negative, so a counter that turns backwards wraps to modulus - 1 as in hardware.
         return np.array([float(steps if self._wrap is None else steps % self._wrap)])
 
     def keep(self, context: Context, state: DiscreteValues) -> None:

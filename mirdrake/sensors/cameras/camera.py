@@ -115,12 +115,14 @@ class Camera(SampledValue):
         self.query_object = self.DeclareAbstractInputPort("query_object", AbstractValue.Make(QueryObject()))
         body, X_BS = mount_pose(frame)
         self._body_frame = plant.GetBodyFrameIdOrThrow(body.index())
+        # Each eye: mounting frame, half a baseline along y (left positive), then Drake's axes of a camera.
         half = 0.5 * mount.baseline if isinstance(mount, StereoCameraMount) else 0.0
         self._eyes = {
             name: X_BS @ RigidTransform([0.0, {"left": half, "right": -half}.get(name, 0.0), 0.0]) @ X_SC
             for name in empty.pictures
         }
         self._color_camera, self._depth_camera = self._render_cameras(renderer)
+        # Also dependent on time: the number of the sample seeds its noise.
         needs = {self.query_object.ticket(), self.time_ticket()}
         self._now = declare_cached_value(self, "picture", AbstractValue.Make(empty).Clone, self._draw, needs)
         for name in empty.pictures:
@@ -147,9 +149,12 @@ class Camera(SampledValue):
             width, height, focal = self._lens.width, self._lens.height, self._lens.focal
         # The principal point is measured from the outer corner of the first pixel.
         info = CameraInfo(width, height, focal, focal, 0.5 * width, 0.5 * height)
+        # One projection serves colour and labels, another the depth: a depth sensor has its own limits.
         limits = (mount.near, mount.far)
         if isinstance(mount, DepthCameraMount):
             limits = (mount.depth_near, mount.depth_far)
+        # The clipping planes must contain the depth limits, or objects between them
+        # are cut off before the depth is taken.
         near, far = min(mount.near, limits[0]), max(mount.far, limits[1])
 
         def core(near: float, far: float) -> RenderCameraCore:
@@ -175,6 +180,7 @@ class Camera(SampledValue):
             return depth_noise(depths if lens is None else lens.nearest(depths), mount, stream=stream, index=index)
         if name == "label":
             labels = query.RenderLabelImage(self._color_camera, self._body_frame, X_BC).data[:, :, 0].view(np.uint16)
+            # `data` is a view of memory of Drake's image, and labels are changed below.
             labels = labels.copy() if lens is None else lens.nearest(labels)
             labels[labels == _EMPTY] = SKY
             return labels
@@ -198,6 +204,7 @@ class Camera(SampledValue):
                 return
             for channel in range(3):
                 out[:, :, channel] = picture[:, :, channel]
+            # Before the first sample, the black picture is transparent.
             out[:, :, 3] = 255 if context.get_discrete_state(stamp_index).get_value()[0] >= 0.0 else 0
 
         empty = AbstractValue.Make(kind(mount.width, mount.height))
@@ -241,14 +248,17 @@ def check_memory(mount: PictureMount, part: "VehicleInPlant") -> None:
     if not hasattr(os, "sysconf") or "SC_PHYS_PAGES" not in os.sysconf_names:
         return
     pixels, eyes = mount.width * mount.height, 2 if isinstance(mount, StereoCameraMount) else 1
+    # Each picture in flight needs its own slot of the queue.
     waiting = slots(mount.latency, mount.rate) if mount.latency else 1
     drawn = pixels
     if mount.distortion is not None:
         x, y = view_of(mount.distortion, width=mount.width, height=mount.height, horizontal_fov=mount.horizontal_fov)
         focal = 0.5 * mount.width / tan(0.5 * mount.horizontal_fov)
+        # A distorted picture is resampled from a larger one, which dominates the memory.
         drawn = round(4.0 * x * y * focal * focal)
     needed = BYTES_PER_PIXEL * (drawn + (pixels if mount.distortion is not None else 0)) + 9 * pixels * eyes * waiting
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    # Half of the memory, as the plant, the meshes and other sensors need the rest.
     if needed > 0.5 * memory:
         spec = part.vehicle.sensors
         name = next((name for name, other in spec.mounts.items() if other is mount), "")

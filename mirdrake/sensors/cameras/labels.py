@@ -26,6 +26,7 @@ def assign_labels(parts: "PlantParts") -> None:
     numbers, plant, scene_graph = _numbers(parts), parts.plant, parts.scene_graph
     actors = {geometry for geometries in parts.actors.geometries.values() for geometry in geometries}
     for geometry, name in _owners(parts):
+        # Drake cannot change the label of a geometry; the role must be removed and assigned again.
         look = PerceptionProperties(scene_graph.model_inspector().GetPerceptionProperties(geometry))
         look.UpdateProperty("label", "id", RenderLabel(numbers[name]))
         source = parts.actors.source if geometry in actors else plant.get_source_id()
@@ -47,6 +48,7 @@ def _owners(parts: "PlantParts") -> Iterator[tuple[GeometryId, str]]:
         for geometry in plant.GetVisualGeometriesForBody(body):
             if inspector.GetPerceptionProperties(geometry) is None:
                 continue
+            # Drake prefixes names with the model instance.
             name = inspector.GetName(geometry).rpartition("::")[2]
             owner = vehicles.get(body.model_instance()) or props.get(body.index())
             yield geometry, owner or _fixed(name) or body.name()

@@ -54,10 +54,14 @@ class LensSpec(Schema):
                 seen_x, seen_y = self.distort(u, v)
                 off_x, off_y = seen_x - x, seen_y - y
                 xx, xy, yy = self._slopes(u, v)
+                # Newton's method with the inverse of the 2 x 2 Jacobian, which is symmetric for this model.
                 det = xx * yy - xy * xy
                 u, v = u - (yy * off_x - xy * off_y) / det, v - (xx * off_y - xy * off_x) / det
             seen_x, seen_y = self.distort(u, v)
+            # Divergent coordinates are NaN or far off; both fail this comparison.
             good = np.hypot(seen_x - x, seen_y - y) < _EXACT * (1.0 + np.hypot(x, y))
+            # A polynomial may turn back: the Jacobian must be positive definite all
+            # the way from the centre to the point.
             for part in (0.25, 0.5, 0.75, 1.0):
                 xx, xy, yy = self._slopes(part * u, part * v)
                 good &= (xx * yy - xy * xy > 0.0) & (xx + yy > 0.0)
@@ -90,6 +94,7 @@ def view_of(lens: LensSpec, *, width: int, height: int, horizontal_fov: float) -
         ValueError: the distortion cannot be inverted everywhere in the picture.
     """
     edge = tan(0.5 * horizontal_fov)
+    # 33 x 33 points: the extreme view need not be at a corner of the picture if the distortion is strong.
     across, down = np.meshgrid(np.linspace(-edge, edge, 33), np.linspace(-edge, edge, 33) * height / width)
     x, y = lens.undistort(across, down)
     return float(np.abs(x).max()), float(np.abs(y).max())

@@ -30,6 +30,7 @@ class LensMap:
         x, y = mount.distortion.undistort(across, down)
         self.shape = (mount.height, mount.width)
         self.focal = focal
+        # An odd size with one pixel of border: the four neighbours of every point exist, and a pixel is at the centre.
         self.width, self.height = (2 * ceil(focal * np.abs(side).max() + 1.0) + 1 for side in (x, y))
         u, v = (focal * x + 0.5 * (self.width - 1)).ravel(), (focal * y + 0.5 * (self.height - 1)).ravel()
         self._nearest = (np.rint(v) * self.width + np.rint(u)).astype(np.intp)
@@ -39,6 +40,7 @@ class LensMap:
         index = np.stack((first, first + 1, first + self.width, first + self.width + 1), axis=1)
         weights = ((1.0 - right) * (1.0 - lower), right * (1.0 - lower), (1.0 - right) * lower, right * lower)
         begins = np.arange(0, 4 * u.size + 1, 4)
+        # Bilinear interpolation as a sparse matrix: four weights per pixel, computed once for all pictures.
         self._mix = scipy.sparse.csr_array(
             (np.stack(weights, axis=1).ravel().astype(np.float32), index.ravel(), begins),
             shape=(u.size, self.width * self.height),
@@ -48,6 +50,7 @@ class LensMap:
         """Return the colours of the distorted picture from those rendered (self.height, self.width, n)."""
         channels = drawn.shape[2]
         mixed = self._mix @ drawn.reshape(-1, channels).astype(np.float32)
+        # Half a level, because the conversion to uint8 truncates.
         mixed += 0.5
         colors: NDArray[np.uint8] = mixed.astype(np.uint8).reshape(*self.shape, channels)
         return colors

@@ -28,6 +28,7 @@ def seen_by(renderers: Iterable[str]) -> PerceptionProperties:
 
     Drake expects a C++ set, which cannot be made in Python; it is taken from a parsed URDF.
     """
+    # "none" keeps the set non-empty: Drake shows a geometry with an empty set in all renderers.
     tags = "".join(f'<drake:accepting_renderer name="{name}"/>' for name in (*renderers, "none"))
     visual = f'<visual><geometry><box size="1 1 1"/></geometry>{tags}</visual>'
     urdf = f'<robot name="m" xmlns:drake="http://drake.mit.edu"><link name="l">{visual}</link></robot>'

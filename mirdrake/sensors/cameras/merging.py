@@ -65,6 +65,7 @@ def merge_still_things(
             faces = _box(shape) if isinstance(shape, Box) else _cylinder(shape)
             faces_by_color.setdefault(color, []).append(_moved(faces, inspector.GetPoseInFrame(geometry)))
             merged.append(geometry)
+    # A single object would gain nothing.
     if len(merged) < 2:
         return 0
     surfaces = [_surface(color, parts) for color, parts in faces_by_color.items()]
@@ -72,8 +73,10 @@ def merge_still_things(
     source = plant.get_source_id()
     whole = scene_graph.RegisterAnchoredGeometry(source, GeometryInstance(RigidTransform(), mesh, NAME))
     look = seen_by(merged_in)
+    # Labels do not apply: the renderer that draws labels uses the separate objects.
     look.UpdateProperty("label", "id", RenderLabel.kDontCare)
     scene_graph.AssignRole(source, whole, look)
+    # The originals keep their geometry for rays and labels; only the listed renderers draw them from now on.
     apart = seen_by(apart_in)
     for geometry in merged:
         add_to_look(plant, scene_graph, geometry, apart)
@@ -91,6 +94,7 @@ def _plain_color(look: PerceptionProperties | None) -> Color | None:
 
 
 def _surface(color: Color, parts: list[Faces]) -> Surface:
+    # Indices of triangles are shifted by the number of points before them.
     begin = np.cumsum([0, *(len(points) for points, _, _ in parts)])
     points, normals = (np.concatenate([part[number] for part in parts]) for number in (0, 1))
     triangles = np.concatenate([part[2] + first for part, first in zip(parts, begin, strict=False)])
@@ -98,6 +102,7 @@ def _surface(color: Color, parts: list[Faces]) -> Surface:
 
 
 def _moved(faces: Faces, X_WG: RigidTransform) -> Faces:
+    # Points are rows, so a rotation is a multiplication by R^T from the right.
     points, normals, triangles = faces
     R = X_WG.rotation().matrix()
     return points @ R.T + X_WG.translation(), normals @ R.T, triangles
@@ -110,6 +115,8 @@ def _box(box: Box) -> Faces:
     triangles: list[NDArray[np.int64]] = []
     square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     for axis in range(3):
+        # The order of the corners is reversed on the negative side, so that triangles
+        # are counter-clockwise seen from outside.
         for side in (-1.0, 1.0):
             corners = np.insert(square[:: int(side)], axis, side, axis=1)
             corners[:, [(axis + 1) % 3, (axis + 2) % 3]] = square[:: int(side)]
@@ -130,6 +137,8 @@ def _cylinder(cylinder: Cylinder) -> Faces:
     sides = [np.column_stack((here, after, after + SIDES)), np.column_stack((here, after + SIDES, here + SIDES))]
     inner = np.arange(1, SIDES - 1)
     fan = np.column_stack((np.zeros_like(inner), inner, inner + 1))
+    # Rings are stored twice: at the edges, side and cap have different normals.
     points = np.concatenate((low, high, low, high))
     normals = np.concatenate((ring, ring, np.tile(-up, (SIDES, 1)), np.tile(up, (SIDES, 1))))
+    # The lower cap is reversed, so that it faces down.
     return points, normals, np.concatenate((*sides, fan[:, ::-1] + 2 * SIDES, fan + 3 * SIDES))

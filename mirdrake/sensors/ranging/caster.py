@@ -52,6 +52,7 @@ class Caster:
         body, self.X_BS = mount_pose(frame)
         self.carrier = int(body.index())
         self._movers = world.movers(hidden)
+        # The layout of the stored states follows this order.
         self._bodies = [self.carrier, *self._movers]
         self._rolling = bool(beams.times.any())
         self._poses = system.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
@@ -63,6 +64,7 @@ class Caster:
             self._actors = system.DeclareVectorInputPort("actor_states", len(PLANAR) * world.actors)
         self._before = None
         if self._rolling:
+            # -inf as the time of the stored states: none are known yet.
             self._before = system.DeclareDiscreteState(np.full(1 + NUMBERS * len(self._bodies), -np.inf))
 
     def states(self, context: Context) -> dict[int, BodyState]:
@@ -89,6 +91,7 @@ class Caster:
         before: dict[int, BodyState] = {}
         if self._before is not None:
             numbers = context.get_discrete_state(self._before).get_value()
+            # States of another time (first sample, changed Context) must not be interpolated.
             if abs(context.get_time() - 1.0 / self.rate - numbers[0]) < 1e-6:
                 rows = numbers[1:].reshape(-1, NUMBERS)
                 before = {body: body_state(row) for body, row in zip(self._bodies, rows, strict=True)}
@@ -114,7 +117,9 @@ class Caster:
         Whether there is a return depends on the true distance; the reading then stays within the limits.
         """
         mount = self._mount
+        # Limits apply to the true distance: noise must not create or remove returns at the limits.
         seen = (distance >= mount.near) & (distance <= mount.far)
+        # Without errors no random numbers are needed, which are a large part of the time of a scan.
         if not (mount.noise or mount.resolution or mount.lost_beams):
             return np.where(seen, distance, np.inf)
         generator = sample_noise(substream(self._stream, "beams"), index)

@@ -74,12 +74,15 @@ def poses_at(times: Array, before: BodyState | None, now: BodyState, period: flo
     t = times[:, None]
     if before is None:
         return _turned(now, times), now.p + t * now.v
+    # Cubic Hermite polynomials in s from 0 (sample before) to 1 (now), with the velocities at both ends.
     s = 1.0 + t / period
     bend, rise = s * s * (3.0 - 2.0 * s), s * s * (s - 1.0)
     start = s * (s - 1.0) ** 2
     p = before.p + bend * (now.p - before.p) + period * (start * before.v + rise * now.v)
+    # The rotation vector is only unique for less than half a turn; a wheel turns farther between two samples.
     if max(now.spin, before.spin) * period > _FAST:
         return _turned(now, times), p
+    # Rotation since the sample before, in the frame at that sample; its rate at the start is the angular velocity.
     whole = rotation_vector(before.R.T @ now.R)
     w0, w1 = before.R.T @ before.w, now.R.T @ now.w
     cross = _cross(whole)
@@ -98,6 +101,7 @@ def rotations(vectors: Array) -> Array:
     """Return the rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad], by Rodrigues' formula."""
     square = np.einsum("ij,ij->i", vectors, vectors)
     angle = np.sqrt(square)
+    # Series for small angles: sin(a)/a and (1 - cos(a))/a² are 0/0 at zero.
     small = angle < 1e-6
     safe = np.where(small, 1.0, angle)
     sine = np.where(small, 1.0, np.sin(safe) / safe)
@@ -114,6 +118,7 @@ def rotation_vector(R: Array) -> Array:
     """Return the rotation vector (3) [rad] of a rotation by less than half a turn."""
     twice = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sine, cosine = 0.5 * hypot(*twice.tolist()), 0.5 * (float(np.trace(R)) - 1.0)
+    # atan2 is accurate for small angles and near a quarter turn, where acos and asin lose digits.
     return 0.5 * twice * (atan2(sine, cosine) / sine if sine > 1e-9 else 1.0)
 
 

@@ -37,14 +37,17 @@ class RayScene:
     def __init__(self, faces: Faces) -> None:
         points = faces.corners.reshape(-1, 3)
         self.centre = 0.5 * (points.min(axis=0) + points.max(axis=0)) if len(points) else np.zeros(3)
+        # Relative to the centre, so that single precision has its resolution where the faces are.
         self._corners = (faces.corners - self.centre).astype(np.float32)  # from the centre of the scene
         outermost = np.einsum("nij,nij->ni", self._corners, self._corners).max(initial=0.0)
+        # Slightly enlarged for roundings of single precision.
         self.radius = 1.000001 * float(np.sqrt(outermost))
         self.count = len(faces.corners)
         edge1 = faces.corners[:, 1] - faces.corners[:, 0]
         edge2 = faces.corners[:, 2] - faces.corners[:, 0]
         normal = np.cross(edge1, edge2)
         length = np.linalg.norm(normal, axis=1)
+        # Degenerate triangles get a zero normal instead of NaN.
         self._normal = normal / np.where(length > 0.0, length, 1.0)[:, None]
         self._offset = np.einsum("ij,ij->i", self._normal, faces.corners[:, 0])
         self._curve, self._cap = faces.curve, faces.cap
@@ -114,6 +117,7 @@ class RayScene:
         normal = self._normal.take(faces, axis=0)  # much quicker than by brackets, for rows
         towards, from_origin = _dot(normal, directions), _dot(normal, origins)
         distance = (self._offset[faces] - from_origin) / towards
+        # Parallel to the plane the quotient is useless; the nearest corner is what such a ray meets.
         if np.abs(towards).min() < _EDGE_ON:
             edge_on = np.abs(towards) < _EDGE_ON
             distance[edge_on] = self._nearest_corner(origins, directions, faces, edge_on)
@@ -128,6 +132,7 @@ class RayScene:
         cap = self._cap[faces[which]]
         if cap.any():  # within the edge of an end the flat face counts
             ends = which[cap]
+            # One origin for all rays is not repeated, as the brackets would need.
             o = origins if len(origins) == 1 else origins[ends]
             at_end = self._within(o + distance[ends, None] * directions[ends], curve[ends])
             near[cap] = np.where(at_end, distance[ends], near[cap])
@@ -153,6 +158,7 @@ class RayScene:
             from_middle = origins - self._middle.take(curve, axis=0)
             fo = _products(factor, from_middle[:, None])
             c, start = _dot(fo, fo) - 1.0, _dot(axis, from_middle)
+        # |F (o + t d - m)|² = 1 is a quadratic a t² + 2 b t + c = 0; the smaller root is where the ray enters.
         a, b = _dot(fd, fd), _dot(fd, fo)
         near = (-b - np.sqrt(b * b - a * c)) / a  # nan: passes by
         along = start + near * _dot(axis, directions)
@@ -181,6 +187,7 @@ def ray_scene(faces: Faces) -> RayScene:
 
     A world or a vehicle that is built again is not prepared again, and takes no more memory.
     """
+    # A hash of the contents is the key: models that are parsed again give new arrays with equal numbers.
     digest = blake2b(faces.corners.tobytes())
     digest.update(faces.curve.tobytes() + faces.cap.tobytes())
     for quadric in faces.quadrics:
@@ -216,6 +223,7 @@ def _make_embree(corners: NDArray[np.float32]) -> Any:
         raise MissingDependencyError(
             "lasers, radars and sonars need embreex to cast rays: pip install embreex, or leave those sensors out"
         ) from None
+    # robust: rays along shared edges do not slip through between two triangles.
     scene = EmbreeScene(robust=True)
     TriangleMesh(scene, np.ascontiguousarray(corners))
     return scene

@@ -120,6 +120,7 @@ class RayWorld:
         inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
         fixed: list[Faces] = []
         owners: list[Ints] = []
+        # Bodies welded to the world never move and share one scene with it: one ray cast instead of one per prop.
         welded = plant.GetBodiesWeldedTo(plant.world_body())
         for body in welded:
             X_WB = plant.EvalBodyPoseInWorld(context, body)
@@ -127,12 +128,14 @@ class RayWorld:
                 fixed.append(faces.moved(X_WB))
                 owners.append(np.full(len(faces.corners), self._number(name)))
         self._fixed = ray_scene(joined(fixed))
+        # Index -1 of a ray that hits no face selects the last entry, which is NOTHING.
         self._fixed_thing = np.concatenate([*owners, [NOTHING]])  # the last one for "no face"
         self._fixed_body = np.where(self._fixed_thing == NOTHING, NOTHING, 0)
         self._relief: RayScene | None = None
         if ground and not terrain.flat:
             self._relief = ray_scene(joined(_ground_faces(plant, inspector)))
         self._movers: list[_Mover] = []
+        # Sorted, so that the numbers of objects do not depend on the order of a set.
         for index in sorted(set(range(plant.num_bodies())) - {int(body.index()) for body in welded}):
             body = plant.get_body(BodyIndex(index))
             looks = [faces for _, faces in _looks(plant, inspector, body)]
@@ -179,6 +182,7 @@ class RayWorld:
         columns, rows = beams.directions.shape[:2]
         local, times = beams.directions, beams.times
         seen = [mover for mover in self._movers if mover.body in movers]
+        # If nothing moves noticeably during a turn, all columns share one pose, and the cast is several times faster.
         moving = not _rests(*carrier, period, far) or not all(
             _rests(*movers[mover.body], period, mover.size) for mover in seen
         )
@@ -189,6 +193,7 @@ class RayWorld:
             R_WB, p_WB = carrier[1].R[None], carrier[1].p[None]
         R_WS = R_WB @ X_BS.rotation().matrix()
         origins = p_WB + R_WB @ X_BS.translation()
+        # Directions are rows: R d becomes d R^T.
         directions = np.matmul(local, R_WS.transpose(0, 2, 1))
         rays = _Rays(origins, directions.reshape(-1, 3), times, period, far)
 
@@ -198,8 +203,10 @@ class RayWorld:
             _meet_relief(self._relief, self._terrain, rays, hits)
         elif ground and self._ground:
             _meet_ground(rays, hits)
+        # Largest speed of the sensor: of the carrier's origin plus the lever arm times its turn rate.
         reach = _travel(*carrier) + _spin(*carrier) * hypot(*X_BS.translation())
         for mover in seen:
+            # After the ground, as each mover only overwrites hits that are farther away.
             _meet(mover, movers[mover.body], reach, rays, hits)
         shape = (columns, rows)
         return Hits(hits.distance.reshape(shape), hits.thing.reshape(shape), hits.body.reshape(shape))
@@ -248,6 +255,7 @@ def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) 
     now, centre = states[1], mover.scene.centre
     middle = now.p + now.R @ centre - rays.origins[-1]
     speed = _travel(*states) + _spin(*states) * hypot(*centre.tolist())
+    # Times are negative, the first is the earliest; the factor allows for speeds that exceed both samples in between.
     radius = mover.scene.radius - 1.2 * (reach + speed) * float(rays.times[0]) + _MARGIN
     away = hypot(*middle.tolist())
     if away - radius > rays.far:
@@ -255,6 +263,7 @@ def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) 
     if away <= radius:
         seen = np.arange(len(rays.directions))
     else:
+        # A ray meets a sphere if the angle to its centre is less than asin(radius / distance).
         seen = np.flatnonzero(rays.directions @ (middle / away) >= np.sqrt(1.0 - (radius / away) ** 2))
     if not seen.size:
         return
@@ -263,10 +272,12 @@ def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) 
         directions, starts = rays.directions[seen] @ now.R, (rays.origins - now.p) @ now.R
         starts = starts if len(starts) == 1 else starts[column]
     else:
+        # Only the columns of the rays that may hit are interpolated.
         first = int(column.min())
         times, column = rays.times[first : int(column.max()) + 1], column - first
         R_WM, p_WM = poses_at(times, *states, rays.period)
         origins = rays.origins if len(rays.origins) == 1 else rays.origins[first : first + len(times)]
+        # Into the frame of the body, R^T d by einsum: its scene stays fixed there.
         directions = np.einsum("nij,ni->nj", R_WM[column], rays.directions[seen])
         starts = np.einsum("nij,ni->nj", R_WM, np.broadcast_to(origins - p_WM, p_WM.shape))[column]
     distance, _ = mover.scene.cast(starts, directions, rays.far)
@@ -278,6 +289,7 @@ def _meet(mover: _Mover, states: States, reach: float, rays: _Rays, hits: Hits) 
 def _meet_ground(rays: _Rays, hits: Hits) -> None:
     """Update `hits` where the plane z = 0 is nearer."""
     down = rays.directions[:, 2]
+    # A ray that does not descend cannot meet the plane z = 0.
     seen = np.flatnonzero(down < 0.0)
     if not seen.size:
         return
@@ -290,6 +302,7 @@ def _meet_ground(rays: _Rays, hits: Hits) -> None:
 
 def _meet_relief(mesh: RayScene, terrain: Terrain, rays: _Rays, hits: Hits) -> None:
     """Update `hits` where uneven ground is nearer."""
+    # The mesh is only approximate; hits slightly beyond the limit may be within it on the exact surface.
     distance, _ = mesh.cast(rays.starts(), rays.directions, rays.far + _MESH_ERROR)
     seen = np.flatnonzero(distance < hits.distance + _MESH_ERROR)
     if not seen.size:
