@@ -102,6 +102,7 @@ SteeringLaw = Callable[[SteeringNumbers, float], tuple[WheelAngles, WheelRatios]
 
 def approach(numbers: SteeringNumbers, steering: float, wanted: float, period: float) -> float:
     """:meth:`Ackermann.approach` of a law's numbers."""
+    # The rate limits first, so that an angle beyond the limit comes back at once.
     step = numbers.rate * period
     return min(max(min(max(wanted, steering - step), steering + step), -numbers.limit), numbers.limit)
 
@@ -109,6 +110,7 @@ def approach(numbers: SteeringNumbers, steering: float, wanted: float, period: f
 def wheel_angles(numbers: SteeringNumbers, steering: float) -> WheelAngles:
     """:meth:`Ackermann.wheel_angles` of a law's numbers."""
     tangent = math.tan(steering)
+    # tan δ = 1 / R for unit wheelbase; the turning centre is R ∓ half of the kingpin track from the kingpins.
     shift = tangent * numbers.kingpin
     return math.atan2(tangent, 1.0 - shift), math.atan2(tangent, 1.0 + shift)
 
@@ -117,6 +119,7 @@ def wheel_speed_ratios(numbers: SteeringNumbers, steering: float) -> WheelRatios
     """:meth:`Ackermann.wheel_speed_ratios` of a law's numbers."""
     tangent = math.tan(steering)
     shift, scrub, rear = tangent * numbers.kingpin, tangent * numbers.scrub, tangent * numbers.rear
+    # Distances from the turning centre over R. The wheel is offset from its kingpin along the axle by the scrub radius.
     left, right = 1.0 - shift, 1.0 + shift
     square = tangent * tangent
     return (
@@ -130,6 +133,7 @@ def wheel_speed_ratios(numbers: SteeringNumbers, steering: float) -> WheelRatios
 def bicycle_angle(numbers: SteeringNumbers, left: float, right: float) -> float:
     """:meth:`Ackermann.bicycle_angle` of a law's numbers."""
     tan_left, tan_right = math.tan(left), math.tan(right)
+    # The inverse of wheel_angles for each wheel; the mean where the two disagree.
     from_left = tan_left / (1.0 + tan_left * numbers.kingpin)
     from_right = tan_right / (1.0 - tan_right * numbers.kingpin)
     return math.atan(0.5 * (from_left + from_right))
@@ -142,6 +146,7 @@ def unior_angles(numbers: SteeringNumbers, wanted: float) -> WheelAngles:
     ratio = 2.0 * numbers.kingpin
     # cot(other) = cot(direct) -+ T/L; in both cases the other wheel turns more.
     other = math.copysign(math.atan2(abs(tangent), 1.0 - abs(tangent) * ratio), tangent)
+    # As printed, the wheel set directly is the inner one with angles positive to the left.
     if (wanted > 0.0) == numbers.printed:
         return direct, other
     return other, direct
@@ -189,6 +194,7 @@ class Ackermann:
         rate = geometry.steering_rate
         if rate is not None:
             check_number(owner, "steering_rate", rate, unit="rad/s", above=0.0, infinite=True)
+        # Lengths over the wheelbase: the laws need no other scale.
         kingpin = 0.5 * kingpin_track / self.wheelbase
         # vehicles.md 2.1: z_max = atan(L / (L / tan(inner) + T/2))
         tangent = math.tan(inner)
@@ -386,6 +392,7 @@ class AckermannSteering(LeafSystem):
         self.law = given or make_steering_law(geometry, linkage, factor=factor)  # type: ignore[arg-type]
         self.period = period
         self.steering = declare_vector_input(self, "steering", signals(("steering", "rad")))
+        # Without a period the outputs follow the input at once; with one, rate and limit need a state.
         if period is None:
             needs = {self.steering.ticket()}
             self.left = declare_vector_output(

@@ -108,6 +108,7 @@ class PlatoonDriver(PathTracker):
         super().__init__(*options, **more)
         self._spec = spec
         self.road_ahead = declare_vector_input(self, "road_ahead", ROAD_AHEAD)
+        # One message is the newest, the others are on their way for the delay.
         messages = 1 + (round(spec.delay / self.period) if isinstance(spec, CaccSpec) else 0)
         # u, speed of the vehicle ahead and own speed one step before, number of the step, messages on their way
         self._memory = self.DeclareDiscreteState(np.concatenate(([0.0, np.nan, np.nan, 0.0], np.zeros(messages))))
@@ -116,6 +117,7 @@ class PlatoonDriver(PathTracker):
         gap, lead, _, _ = self.road_ahead.Eval(context).tolist()
         spec, before = self._spec, self._read(context)
         memory = context.get_discrete_state(self._memory).value().copy()
+        # Free road: NaN marks that there is no earlier speed to differentiate.
         if gap > spec.range:
             values.set_value(self._memory, np.concatenate(([0.0, np.nan, np.nan, memory[3] + 1.0], 0.0 * memory[4:])))
             return speed
@@ -124,6 +126,7 @@ class PlatoonDriver(PathTracker):
             known = np.isfinite(memory[1])
             message = (lead - memory[1]) / self.period if known else 0.0
             own = (vx - memory[2]) / self.period if known else 0.0
+            # The receiver keeps the last message.
             if spec.is_lost(int(memory[3])):
                 message = memory[4]
             queue = np.concatenate(([message], memory[4:-1]))
@@ -133,6 +136,7 @@ class PlatoonDriver(PathTracker):
             u = acc(gap, lead, vx, **gains)
         u = max(-spec.braking_limit, min(u, self.limits.acceleration))
         values.set_value(self._memory, np.concatenate(([u, lead, vx, memory[3] + 1.0], memory[4:])))
+        # The command integrates u, but stays near the measured speed: an integral away from it would wind up.
         last = before.speed if before.started else vx
         return max(0.0, min(speed, max(vx - LAG, min(last + u * self.period, vx + LEAD))))
 

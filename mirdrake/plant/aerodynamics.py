@@ -53,6 +53,7 @@ class AirForces(LeafSystem):
         if not density >= 0.0:
             raise ConfigError(f"AirForces: density {density} is not allowed; it must be zero or above, in kg/m³")
         shape = part.vehicle.spec.aerodynamics
+        # ρ / 2 times area: forces follow by the square of the relative speed.
         self._drag, self._lifts = (
             0.5 * density * shape.drag_area,
             (
@@ -86,12 +87,14 @@ class AirForces(LeafSystem):
         # Drag at the pressure centre, by the relative wind there, parallel to the road.
         air_x = self._wind[0] - (base.velocity[0] + wy * rz - wz * ry)
         air_y = self._wind[1] - (base.velocity[1] + wz * rx - wx * rz)
+        # |v| v: the force has the direction of the relative wind.
         pull = self._drag * hypot(air_x, air_y)
         fx, fy = pull * air_x, pull * air_y
 
         # Lift at the axles, in the plane y = 0 of B: moments about B's origin are about its y axis only.
         along = air_x * xx + air_y * yx
         front, rear = (area * along * along for area in self._lifts)
+        # Lift at the front axle turns the nose up: a negative moment about y, to the left.
         lift, moment = front + rear, -front * self._wheelbase
         force = [0.0] * self._velocities
         v = self._base[1]

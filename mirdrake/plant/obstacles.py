@@ -88,8 +88,10 @@ def add_props(plant: MultibodyPlant, world: World) -> PropsInPlant:
             point_stiffness=STIFFNESS,
             properties=material,
         )
+        # Rigid: the compliance is that of the tyre.
         if prop.driven_over:
             AddRigidHydroelasticProperties(0.05, material)
+        # Static props are part of the world body, dynamic ones free bodies with a start pose.
         if placed.static:
             body, X_BP = plant.world_body(), placed.X_WP
         else:
@@ -128,6 +130,8 @@ def _tops(placed: PlacedProp, ground: Terrain) -> list[Grid]:
         corners = np.array([placed.X_WP @ corner for corner in solid.corners.reshape(-1, 3)])
         outline = shapely.oriented_envelope(shapely.MultiPoint(corners[:, :2]))
         ring = shapely.get_coordinates(outline)
+
+        # Grid along the edges of the smallest rectangle around the solid, with a right-handed pair of axes.
         along = ring[1] - ring[0]
         length, yaw = float(np.hypot(*along)), float(np.arctan2(along[1], along[0]))
         across = ring[3] - ring[0] if len(ring) > 4 else ring[2] - ring[1]
@@ -139,6 +143,7 @@ def _tops(placed: PlacedProp, ground: Terrain) -> list[Grid]:
         u = _CELL * np.arange(-1, int(np.ceil(length / _CELL)) + 2)
         v = _CELL * np.arange(-1, int(np.ceil(width / _CELL)) + 2)
         points = origin + u[None, :, None] * e + v[:, None, None] * n
+        # Facets a x + b y + c z + d = 0 with outward normals: heights of upper and lower facets, and vertical walls.
         planes = scipy.spatial.ConvexHull(corners).equations
         heights = [-(points @ plane[:2] + plane[3]) / plane[2] for plane in planes if abs(plane[2]) > _STEEP]
         upwards = planes[np.abs(planes[:, 2]) > _STEEP, 2] > 0.0
@@ -190,6 +195,7 @@ def _painted(path: Path, material: str, color: Color) -> InMemoryMesh:
         if entry.get("name") == material:
             shading = entry.setdefault("pbrMetallicRoughness", {})
             shading["baseColorFactor"] = [component**2.2 for component in color] + [1.0]  # sRGB to linear
+    # Buffers beside the file are not in its text; Drake needs them as supporting files.
     uris = [item["uri"] for key in ("buffers", "images") for item in data.get(key, ()) if "uri" in item]
     beside = {uri: path.parent / uri for uri in uris if not uri.startswith("data:")}
     return InMemoryMesh(mesh_file=MemoryFile(json.dumps(data), ".gltf", path.stem), supporting_files=beside)

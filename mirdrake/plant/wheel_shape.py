@@ -72,11 +72,13 @@ def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: boo
     """
     sector = 2.0 * pi / segments
     corner = radius * sqrt(sector / sin(sector))  # the polygon has the area of the circle
+    # In the design position the middle of a facet is straight below the axle, not a corner.
     angles = [sector * (i + 0.5) for i in range(segments)]
     width = -width if mirrored else width
     right: list[Point] = [(corner * cos(a), -width / 2.0, corner * sin(a)) for a in angles]
     left: list[Point] = [(x, -y, z) for x, y, z in right]
     points = [*right, *left, (0.0, 0.0, 0.0), (0.0, -width / 2.0, 0.0), (0.0, width / 2.0, 0.0)]
+    # Pressure is interpolated between the centre (largest) and all other points (zero).
     centre, cap_right, cap_left = range(2 * segments, 2 * segments + 3)
 
     cells: list[tuple[int, int, int, int]] = []
@@ -88,6 +90,7 @@ def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: boo
             (right_i, right_j, cap_right, centre),
             (left_i, left_j, cap_left, centre),
         ]
+    # Drake needs tetrahedra with positive volume; mirroring turns them inside out.
     oriented = [cell if _volume(points, cell) > 0.0 else (cell[0], cell[2], cell[1], cell[3]) for cell in cells]
     lines = [
         "# vtk DataFile Version 3.0",

@@ -71,6 +71,7 @@ def measure_geometry(
     Raises:
         ModelError: an axis is not lateral or vertical, the vehicle is not symmetric, or a wheel is not on the road.
     """
+    # All measures are taken with the joints at zero, relative to the frame of base_link.
     context = plant.CreateDefaultContext()
     base = plant.GetFrameByName(spec.base_link)
     wheels = [plant.GetJointByName(name) for name in spec.joints.wheels.names()]
@@ -136,6 +137,7 @@ def _check_pair(joints: list[RevoluteJoint], points: np.ndarray, where: Callable
         raise ModelError(
             f"{where(joints[0].name())}: '{joints[0].name()}' lies to the right of '{joints[1].name()}'; exchange them"
         )
+    # The mirror plane is y = 0 of base_link.
     mirrored = right * np.array([1.0, -1.0, 1.0])
     if np.abs(left - mirrored).max() > TOLERANCE:
         raise ModelError(
@@ -163,6 +165,7 @@ def _measure_axle(
                 f"{where(joint.name())}: wheel '{body.name()}' has no collision shape that is round about its axis; "
                 "give it a cylinder about y"
             )
+        # The largest shape touches the road; smaller ones, such as a hub, are inside it.
         sizes.append(max(sized))
     low, high = np.min(sizes, axis=0), np.max(sizes, axis=0)
     if high[0] - low[0] > TOLERANCE:
@@ -175,10 +178,12 @@ def _measure_axle(
 
 def _wheel_size(shape: Shape, X_WS: RigidTransform) -> tuple[float, float] | None:
     """Return radius and width of a shape that is centred on the wheel and round about its y axis, else None."""
+    # An offset along the axle is allowed, as of a tyre beside its joint; one in the disc would be eccentric.
     if np.abs(X_WS.translation()[[0, 2]]).max() > TOLERANCE:
         return None
     if isinstance(shape, Sphere):
         return shape.radius(), 2.0 * shape.radius()
+    # Drake's cylinders, capsules and ellipsoids have their axis along z of the shape.
     along_y = abs(abs(X_WS.rotation().matrix()[1, 2]) - 1.0) < TOLERANCE
     if isinstance(shape, Cylinder) and along_y:
         return shape.radius(), shape.length()
@@ -198,6 +203,7 @@ def _steering_limits(kingpins: list[RevoluteJoint], where: Callable[[str], str])
                 f"{where(joint.name())}: steering joint '{joint.name()}' is limited to {low:g} … {high:g} rad; "
                 "it needs a limit on each side of zero, below pi/2"
             )
+    # The smaller side counts, since a limit is one number for left and right.
     limit = min(min(joint.position_upper_limit(), -joint.position_lower_limit()) for joint in kingpins)
     rate = min(min(joint.velocity_upper_limit(), -joint.velocity_lower_limit()) for joint in kingpins)
     return float(limit), float(rate)

@@ -35,7 +35,11 @@ def check_gltf(path: Path, at: str) -> None:
     try:
         text = path.read_text(encoding="utf-8")
         content = json.loads(
-            text, parse_float=_finite, parse_int=lambda word: int(_finite(word)), parse_constant=_finite
+            # Python reads NaN, Infinity and numbers beyond the range of a float; VTK does not.
+            text,
+            parse_float=_finite,
+            parse_int=lambda word: int(_finite(word)),
+            parse_constant=_finite,
         )
         addresses = [entry.get("uri", "") for key in ("buffers", "images") for entry in content.get(key, [])]
         missing = [
@@ -91,6 +95,7 @@ def _check_links(content: Mapping[str, Any]) -> None:
     for kind, keys in _CONSTANTS.items():
         for index, entry in enumerate(content.get(kind, [])):
             for key, allowed in keys.items():
+                # A bool is an int in Python and would pass as 0 or 1.
                 if key in entry and (isinstance(entry[key], bool) or entry[key] not in allowed):
                     words = ", ".join(map(str, allowed))
                     raise ValueError(f"{kind}[{index}].{key} is {str(entry[key])[:40]}, not one of {words}")
@@ -122,6 +127,7 @@ def _check_links(content: Mapping[str, Any]) -> None:
             _entry(content, "nodes", index)
             if index in parents:
                 raise ValueError(f"nodes[{index}] is in a scene and below another node")
+    # Walk the default scene: a file whose scene has no mesh would be an invisible shape.
     waiting = list(_entry(content, "scenes", content.get("scene", 0)).get("nodes", []))
     shown = False
     while waiting:
@@ -150,6 +156,7 @@ def _check_data(content: Mapping[str, Any], path: Path) -> None:
     for index, view in enumerate(content.get("bufferViews", [])):
         _entry(content, "buffers", view["buffer"])
         begin, length = view.get("byteOffset", 0), view["byteLength"]
+        # Without a stride the elements are packed; the smallest one stands for it here.
         stride = view.get("byteStride", _STRIDES[0])
         if type(stride) is not int or stride % 4 or not _STRIDES[0] <= stride <= _STRIDES[1]:
             raise ValueError(f"bufferViews[{index}].byteStride is {str(stride)[:40]}, not a multiple of 4 up to 252")
@@ -164,6 +171,7 @@ def _check_data(content: Mapping[str, Any], path: Path) -> None:
         view = _entry(content, "bufferViews", accessor["bufferView"])
         begin, size = accessor.get("byteOffset", 0), width * np.dtype(kind).itemsize
         stride = view.get("byteStride", size)
+        # The last element must end within the view, which is within its buffer: so the strided view below is safe.
         if begin < 0 or count < 1 or stride < size or begin + stride * (count - 1) + size > view["byteLength"]:
             raise ValueError(f"accessors[{index}] does not lie in its bufferView")
         data = np.frombuffer(buffers[view["buffer"]], np.uint8, offset=view.get("byteOffset", 0) + begin)

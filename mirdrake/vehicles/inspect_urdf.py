@@ -43,6 +43,7 @@ def find_faults(urdf: Urdf, *, spec: VehicleSpec | None, sensors: SensorsSpec | 
     """Yield all faults of links, joints, actuators and frames; checks that need a spec that is None are left out."""
     links = {link.get("name", ""): link for link in urdf.root.findall("link")}
     joints = {joint.get("name", ""): joint for joint in urdf.root.findall("joint")}
+    # Element by element, so that each one can report a fault.
     for element in urdf.root:
         yield from _raised(check_numbers, replace(urdf, root=element))
     yield from _twice(urdf)
@@ -99,6 +100,7 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
     Raises:
         ModelError: unknown packages, missing files, collision meshes in a format that Drake does not read: a line each.
     """
+    # The name `mirdrake` is taken by the package of the data folder.
     name = folder.name if folder.name != "mirdrake" else "mirdrake_vehicle"
     packages = {name: str(folder), "mirdrake": str(data_root())}
     text = urdf.text.split("\n")
@@ -112,6 +114,7 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
                 package, path = _mesh_file(address, folder, packages, location)
                 if not path.is_file():
                     raise ModelError(f"{location}: no such file: {path}")
+                # VTK may crash on a broken file; each file is read once.
                 if path.suffix == ".gltf" and path not in seen:
                     seen.add(path)
                     check_gltf(path, location)
@@ -147,6 +150,7 @@ def _mesh_file(address: str, folder: Path, packages: Mapping[str, str], at: str)
         raise ModelError(f"{at}: give a path below the vehicle's folder, or package://<package>/<path>")
     if Path(address).is_absolute():
         return "", Path(address)
+    # The first package is the vehicle's own.
     name = next(iter(packages))
     return f"package://{name}/{address}", folder / address
 
@@ -194,6 +198,7 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
     shown = f"{small:.6g}, {middle:.6g}, {large:.6g} kg m²"
     if small <= 0.0:
         raise ModelError(f"{location}: principal moments of inertia {shown}; all should be above zero")
+    # For a thin plate the largest moment is exactly the sum of the others; the tolerance is for its rounding errors.
     if small + middle < large * (1.0 - 1e-9):
         raise ModelError(
             f"{location}: principal moments of inertia {shown} break the triangle inequality "
@@ -211,6 +216,8 @@ def _massless(
         if joint.get("type") == "fixed" and parent is not None and child is not None:
             parent_of[child.get("link", "")] = parent.get("link", "")
     mass = dict.fromkeys(links, 0.0)
+
+    # Links on fixed joints count to the first link above that moves.
     for name, link in links.items():
         root, seen = name, {name}
         while parent_of.get(root) in links and parent_of[root] not in seen:
@@ -232,6 +239,7 @@ def _unconnected(
     for joint in joints.values():
         ends = [end.get("link", "") if (end := joint.find(tag)) is not None else "" for tag in ("parent", "child")]
         children.setdefault(ends[0], []).append(ends[1])
+    # Search from base_link along the joints; `world` may exist without one.
     reached, waiting = {"world"}, [spec.base_link]
     while waiting:
         name = waiting.pop()
@@ -272,6 +280,7 @@ def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
             joint = joints[name]
             if (given := joint.get("type")) != kind:
                 yield ModelError(f"{urdf.where(joint)}: joint '{name}' is {given}; as {used[name]} it should be {kind}")
+    # Suspension joints have springs instead of actuators.
     actuated = {joint.get("name") for joint in urdf.root.findall("transmission/joint")}
     for name in (name for name in used if not used[name].startswith("joints.suspension")):
         location, effort = urdf.where(joints[name]), _effort(joints[name])
@@ -322,6 +331,7 @@ def _weak_joints(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
         if effort is None or not effort > 0.0:
             continue
         drive = spec.powertrain.max_torque / len(driven) if wheel in driven else 0.0
+        # The brakes act through the wheel joint, so its limit must allow drive and brake together.
         brake = spec.brakes.max_torque * (share if wheel.startswith("front") else 1.0 - share) / 2.0
         if effort < (drive + brake) * (1.0 - 1e-6):
             yield ModelError(

@@ -29,6 +29,7 @@ def find_overlaps(
     steering = [plant.GetJointByName(name) for name in vehicle.spec.joints.steering.names()]
     moved = {joint.child_body().index() for joint in (*wheels, *steering)}
     inspector = scene_graph.model_inspector()
+    # Body 0 is the world.
     solids = {
         body.index(): [
             shape
@@ -48,10 +49,12 @@ def find_overlaps(
     for left, right in ((0.0, 0.0), (inner, outer), (-outer, -inner)):
         for joint, angle in zip(steering, (left, right), strict=True):
             joint.set_angle(plant_context, angle)
+        # SceneGraph has a Context of its own here, so the poses are copied into its input.
         poses = plant.get_geometry_pose_output_port().Eval(plant_context)
         scene_graph.get_source_pose_port(plant.get_source_id()).FixValue(context, poses)
         query = scene_graph.get_query_output_port().Eval(context)
         pose = "straight ahead" if left == 0.0 else "at full lock"
+        # Only front wheels move with the steering.
         for joint in wheels[: len(WHEELS) if left == 0.0 else 2]:
             wheel = joint.child_body()
             for index, shapes in solids.items():

@@ -51,6 +51,7 @@ def find_suspension_faults(
         if roles[0] not in joints:
             continue  # reported by the check of roles
         chain, link = [], _end(joints[roles[0]], "child")
+        # From the wheel up to base_link; the last condition ends at a loop of joints.
         while link in above and link != spec.base_link and above[link] not in chain:
             chain.append(above[link])
             link = _end(above[link], "parent")
@@ -121,6 +122,7 @@ def measure_spring_loads(
         below = plant.GetBodiesKinematicallyAffectedBy([joint.index()])
         unsprung = sum(float(plant.get_body(body).default_mass()) for body in below) * GRAVITY
         axle = weight * (share if i < 2 else 1.0 - share)
+        # Left wheels carry more if the centre of mass is to the left (y > 0).
         side = 0.5 + (1.0 if i % 2 == 0 else -1.0) * y / mean_track
         load = axle * side - unsprung
         if load <= 0.0:

@@ -75,6 +75,7 @@ class Evaluator:
             return ""
 
         def deprecated(space: str, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+            # The same functions are allowed directly, with the warning that xacro gives.
             def call(*values: Any, **named: Any) -> Any:
                 warn(f"Using {name}() directly is deprecated. Use {space}.{name}() instead.")
                 return function(*values, **named)
@@ -125,6 +126,7 @@ class Evaluator:
         if len(text) > LONGEST:
             raise XacroException(f"an expression of {len(text)} characters; {LONGEST} are allowed")
         try:
+            # Python only parses the text; nothing is compiled or executed.
             tree = ast.parse(text.strip(), mode="eval")
         except (MemoryError, RecursionError):
             raise XacroException("the expression is nested too deeply") from None
@@ -148,6 +150,7 @@ class Evaluator:
         self._steps += 1
         if self._steps > STEPS:
             raise XacroException(f"the expression takes more than {STEPS} steps")
+        # Reading the processor time is a system call, so it is not done for each node.
         if self._steps % 16 == 0:
             self._tick()
             if time.thread_time() > self._until:
@@ -157,6 +160,7 @@ class Evaluator:
         method = _NODES.get(type(node))
         if method is None:
             raise XacroException(f"{_WORDS.get(type(node), type(node).__name__)} is not allowed in an expression")
+        # Values from a look-up were checked when they were made.
         value = method(self, node, local, depth + 1)
         return checked(value, self._callable, new=type(node) not in _LOOKUPS)
 
@@ -169,6 +173,7 @@ class Evaluator:
         name = node.id
         if name.startswith("__"):
             raise XacroException(f"Use of invalid name(s): {name}")
+        # Variables of a comprehension hide arguments, and these hide properties.
         for names in (local, self._first):
             if name in names:
                 return names[name]
@@ -218,6 +223,7 @@ class Evaluator:
             else:
                 items.append(self._value(node, local, depth))
                 size += measure(items[-1])
+            # Checked after every item: a list may be too large before it is complete.
             check_size(size + len(items))
         return items
 
@@ -255,6 +261,7 @@ class Evaluator:
         value = None
         for operand in node.values:
             value = self._value(operand, local, depth)
+            # The value of the last operand that was evaluated, as in Python.
             if bool(value) != isinstance(node.op, ast.And):
                 break
         return value
@@ -288,6 +295,7 @@ class Evaluator:
 
         def each(number: int, scope: Mapping[str, Any]) -> None:
             nonlocal size
+            # All loops have a value: one item of the result.
             if number == len(node.generators):
                 if isinstance(node, ast.DictComp):
                     results.append((self._value(node.key, scope, depth), self._value(node.value, scope, depth)))
@@ -314,6 +322,7 @@ class Evaluator:
     def _call(self, node: ast.Call, local: Mapping[str, Any], depth: int) -> Any:
         """Call a function of xacro, or a method of :data:`METHODS`."""
         function, owner = None, None
+        # Methods are allowed by type and name; any other function must be one of the known objects.
         if isinstance(node.func, ast.Attribute):
             owner = self._value(node.func.value, local, depth)
             kinds = [kind for kind in METHODS if isinstance(owner, kind) and not isinstance(owner, Table | Functions)]

@@ -48,6 +48,7 @@ def track_through(points: Sequence[tuple[float, float]], *, radius: float) -> Tr
     for number, turn in enumerate(turns):
         if abs(turn) > math.radians(170.0):
             raise ConfigError(f"points: the path turns back on itself at point {number + 1}; a car needs a wider turn")
+        # A corner may use half of the straight to the next corner, and all of the first and last one.
         room = min(
             legs[number] * (1.0 if number == 0 else 0.5), legs[number + 1] * (1.0 if number == len(turns) - 1 else 0.5)
         )
@@ -59,6 +60,7 @@ def track_through(points: Sequence[tuple[float, float]], *, radius: float) -> Tr
         if straight > 1e-9:
             pieces.append(Piece(straight, 0.0, 0.0))
         if number < len(turns) and abs(turns[number]) > 1e-9:
+            # The arc touches both straights at the cut: R = cut / tan(turn / 2).
             curvature = math.copysign(math.tan(0.5 * abs(turns[number])) / cuts[number + 1], turns[number])
             pieces.append(Piece(turns[number] / curvature, curvature, curvature))
     return Track(pieces, start=(*points[0], headings[0]), closed=False, name="path")

@@ -133,6 +133,7 @@ class HoldLane(PathTracker):
         matters = self.distance + stopping_distance(
             self.get_gains(context).speed, deceleration=self.limits.deceleration, reaction=self.reaction
         )
+        # Projection is costly: only points within the stopping distance are projected.
         points = points[np.hypot(points[:, 0] - self.outline.front, points[:, 1]) <= matters + self._half]
         if len(points) == 0:
             return math.inf
@@ -142,8 +143,10 @@ class HoldLane(PathTracker):
         )
         ahead = np.asarray(s) - progress
         if self.path.closed:
+            # Signed distance on a closed track, from -L/2 to L/2.
             ahead = np.mod(ahead + 0.5 * self.path.length, self.path.length) - 0.5 * self.path.length
         ahead = (ahead - self.outline.front)[np.abs(lateral) < self._half]
+        # Behind the rear axle a point is no obstacle to driving on.
         ahead = ahead[ahead > -self.outline.front]
         return max(float(ahead.min()), 0.0) if ahead.size else math.inf
 

@@ -56,6 +56,7 @@ def line_curvature(lateral: float, heading: float, *, distance: float) -> float:
         distance: d [m].
     """
     theta = min(max(math.remainder(heading, 2.0 * math.pi), -_STEEPEST_COURSE), _STEEPEST_COURSE)
+    # 2/d (tan θ + e / (2 d)), with the offset limited to the steepest angle of approach.
     approach = min(max(0.5 * lateral / distance, -_STEEPEST), _STEEPEST)
     return -2.0 / distance * (math.tan(theta) + approach) * math.cos(theta) ** 3
 
@@ -91,6 +92,7 @@ def free_distance(points: Array, curvatures: ArrayLike, outline: Outline, *, rea
     if np.any((x > rear) & (x < front) & (np.abs(y) < half)):
         return np.zeros_like(result)
     straight = np.abs(kappa) < _STRAIGHT
+    # Straight: only points in the strip ahead of the front end are met.
     ahead = x[(np.abs(y) < half) & (x >= front)]
     if ahead.size:
         result[straight] = min(reach, float(ahead.min()) - front)
@@ -102,6 +104,7 @@ def free_distance(points: Array, curvatures: ArrayLike, outline: Outline, *, rea
     side = np.sign(kappa[turning])[:, None] * y  # mirrored: every turn is to the left
     rho = np.hypot(x, side - radius)
     now = np.arctan2(x, radius - side)  # angle from the foot of C, falling as the vehicle goes on
+    # NaN where a circle does not meet an edge: fmin below ignores it.
     with np.errstate(invalid="ignore", divide="ignore"):
         front_y = radius - np.sqrt(rho * rho - front * front)
         at_front = np.where(np.abs(front_y) <= half, np.arcsin(front / rho), np.nan)
@@ -111,6 +114,7 @@ def free_distance(points: Array, curvatures: ArrayLike, outline: Outline, *, rea
         at_outer = np.where(outer_x <= -rear, -np.arccos((radius + half) / rho), np.nan)
     angle = np.full(rho.shape, math.inf)
     for entry in (at_front, at_inner, at_outer):
+        # An entry behind the point is met after nearly a full turn.
         to_go = now - entry
         angle = np.fmin(angle, np.where(to_go < -1e-9, to_go + 2.0 * math.pi, to_go))
     result[turning] = np.clip(np.min(angle, axis=1) * radius[:, 0], 0.0, reach)
@@ -127,8 +131,10 @@ def headway(distance: Array, curvatures: Array, heading: float, *, lever: float 
         lever: how far ahead of the rear axle the point is whose way counts [m].
     """
     end = heading + curvatures * distance
+    # Progress counts until the course is perpendicular to the line; beyond, the vehicle would go back.
     end = np.clip(end, min(heading, -0.5 * math.pi), max(heading, 0.5 * math.pi))
     bent = np.abs(curvatures) > _STRAIGHT
+    # The limit of the quotient for a straight path.
     safe = np.where(bent, curvatures, 1.0)
     way = np.where(bent, (np.sin(end) - math.sin(heading)) / safe, distance * math.cos(heading))
     return np.asarray(way + lever * (np.cos(end) - math.cos(heading)))

@@ -86,6 +86,7 @@ class StraightAndAvoid(Behaviour):
 
     def decide(self, view: View, memory: Array) -> Decision:
         """Choose the best circle, and the speed allowed on it."""
+        # The line is fixed by the pose at the first decision.
         if math.isnan(memory[0]):
             memory[:4] = view.x, view.y, view.yaw, 0.0
         x0, y0, yaw0, previous = memory[:4].tolist()
@@ -95,16 +96,19 @@ class StraightAndAvoid(Behaviour):
         speed = max(view.speed, 0.0)
 
         look = self.distance + stopping_distance(speed, deceleration=self.deceleration, reaction=self.reaction)
+        # It looks farther than it needs to stop, so that it can still choose.
         look = max(self.lookahead, 1.2 * look)
         most = min(self.law.curvature(self.law.limit), self.lateral / max(speed, 1.0) ** 2)
         distance = max(self.convergence, 0.8 * speed)
         wanted = min(max(line_curvature(lateral, heading, distance=distance), -most), most)
         points = points[np.hypot(points[:, 0], points[:, 1]) < look + self.outline.front + self.outline.half_width]
         curvature, way = wanted, math.inf
+        # Circles are compared only if the way back to the line is not free.
         if way_with(self.clearance, points, np.array([wanted]), self.outline, reach=look)[0] < look:
             kappa = np.append(self._shares * most, wanted)
             wide = way_with(self.clearance, points, kappa, self.outline, reach=look)
             narrow = way_with(0.5 * self.clearance, points, kappa, self.outline, reach=look)
+            # Mean progress with full and with half clearance; the cost keeps it from alternating between the sides.
             made = sum(headway(way, kappa, heading, lever=self.outline.front) for way in (wide, narrow)) / (2.0 * look)
             cost = (np.abs(kappa - wanted) + np.abs(kappa - previous)) / (2.0 * most)
             chosen = int(np.argmax(made - _PREFERENCE * cost))
@@ -113,6 +117,7 @@ class StraightAndAvoid(Behaviour):
         profile = math.inf
         if way < look:
             profile = brake_speed(way - self.distance, deceleration=self.deceleration, reaction=self.reaction)
+        # Lateral acceleration v² κ.
         limit = math.sqrt(self.lateral / max(abs(curvature), 1e-6))
         return Decision(min(self.speed, profile, limit), self.law.steering(curvature))
 
@@ -126,6 +131,7 @@ class StraightAndAvoid(Behaviour):
         near = np.hypot(view.points[:, 0] - self.outline.front, view.points[:, 1]) < 2.0 * _BESIDE
         keep = np.vstack((passed[beside & (np.abs(passed[:, 1]) < _BESIDE)], view.points[near]))
         in_world = keep @ R.T + (view.x, view.y)
+        # One point per cell of the grid in the world; if there are too many, the nearest are kept.
         _, first = np.unique(np.round(in_world / _GRAIN), axis=0, return_index=True)
         nearest = np.sort(first)[np.argsort(np.hypot(*keep[np.sort(first)].T), kind="stable")][:_MOST]
         memory[4:] = math.nan
@@ -142,6 +148,7 @@ def way_with(clearance: float, points: Array, curvatures: Array, outline: Outlin
     rear, front, half, _ = outline
     box = outline._replace(half_width=half + clearance)
     x, side = points[:, 0], np.abs(points[:, 1])
+    # Points within the clearance already would make every free distance zero.
     close = (x > rear) & (x < front) & (side < half + clearance) & (side > half)
     free = free_distance(points[~close], curvatures, box, reach=reach)
     return np.minimum(free, free_distance(points[close], curvatures, outline, reach=reach))

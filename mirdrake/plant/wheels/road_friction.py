@@ -72,6 +72,7 @@ class RoadFriction:
         time = context.get_time()
         if not self._due:
             self.start()
+        # Called after each step: it must cost nothing while no wheel can have reached an edge.
         if time < min(self._due):
             return
         plant = self._parts.plant
@@ -97,6 +98,7 @@ class RoadFriction:
             model.set_friction(model.GetMyMutableContextFromRoot(context), number, mu)
             return
         scene_graph, (_, tyre, own) = self._parts.scene_graph, self._wheels[index]
+        # Without a tyre law friction is a property of the contact shape, and changes by a new role in the Context.
         properties = ProximityProperties(scene_graph.model_inspector().GetProximityProperties(tyre))
         value = matched_friction(own, mu, plane=self._world.road_mu)
         properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(value, value))

@@ -134,6 +134,7 @@ def write_car(folder: Path, *, style: str, size: BodySize) -> None:
         raise ModelError(f"unknown body style {style!r}; allowed: {', '.join(_STYLES)}")
     size.check()
     form = _STYLES[style]
+    # Draw at the usual length and scale back: all widths of lines and roundings are those of a car.
     scale = size.length / _LENGTH
     scaled = BodySize(**{item.name: getattr(size, item.name) / scale for item in fields(size)})
     body = build_robot(scaled) if form.curves is None else _build_car(form, form.curves, scaled)
@@ -147,6 +148,7 @@ def write_car(folder: Path, *, style: str, size: BodySize) -> None:
 
 def _build_car(style: Style, curves: Curves, size: BodySize) -> Mesh:
     """Return the body of a car, a van or a lorry."""
+    # Room that a wheel needs at full lock, ahead of its steering axis and towards the middle.
     reach, inwards = arch_clearance(size.wheel_radius, size.wheel_width)
     inner = max(size.track / 2.0 - inwards - 0.03, 0.12 * size.width)
     # The arches end below the deck: above it is the bonnet.
@@ -168,6 +170,8 @@ def _build_car(style: Style, curves: Curves, size: BodySize) -> Mesh:
         size.height,
         arch,
     )
+
+    # Only the left half is drawn; the right one is its mirror image.
     shell = Shell(curves, frame)
     axles = (0.0, size.wheelbase) if style.cab == -1.0 else (frame.wheelbase,)
     _draw_body(shell, style)
@@ -198,6 +202,7 @@ def _draw_body(shell: Shell, style: Style) -> None:
     def z(height: float) -> float:
         return f.low + height * tall
 
+    # Order matters: later cuts are drawn over earlier ones.
     shell.cut("dark", BELOW, shapely.box(-9, -9, 9, 9), facing=0.75)
     sill = 0.115 * tall
     for view in (LEFT, FRONT, REAR):
@@ -209,6 +214,7 @@ def _draw_body(shell: Shell, style: Style) -> None:
     rail = [(x, shell.value("roof", x) - 0.075 * tall) for x in xs]
     band = shapely.Polygon([*belt, *rail[::-1]]).buffer(0) if style.windows else shapely.Polygon()
     band = max(shapely.get_parts(band), key=lambda part: float(part.area))
+    # Shrinking and growing back rounds the corners of an outline.
     band = band.buffer(-0.025).buffer(0.025, quad_segs=4)
     shell.cut("gloss_black", LEFT, band, facing=0.15)
     for rear, front in style.windows:
@@ -282,10 +288,12 @@ def _draw_body(shell: Shell, style: Style) -> None:
 def _wheelhouse(shell: Shell, axle: float, radius: float, arch: float, inner: float) -> Mesh:
     """Return the dark inside of the left wheel arch at an axle."""
     mesh = Mesh()
+    # A half circle over the wheel, extended downwards at both ends.
     angle = np.concatenate([np.zeros(3), np.linspace(0.0, np.pi, 33), np.full(3, np.pi)])
     drop = np.concatenate([[0.12, 0.08, 0.04], np.zeros(33), [0.04, 0.08, 0.12]])
     x = axle + arch * np.cos(angle)
     z = np.maximum(radius + arch * np.sin(angle) - drop, shell.frame.low + 0.005)
+    # A little inside of the skin, so that the two surfaces do not coincide.
     outer = np.array([shell.side(float(p), float(q)) for p, q in zip(x, z, strict=True)]) - 0.004
     normal = np.stack([-np.cos(angle), np.zeros_like(x), -np.sin(angle)], axis=1)
     outside, inside = (np.stack([x, y, z], axis=1) for y in (np.maximum(outer, inner), np.full_like(x, inner)))
@@ -299,6 +307,7 @@ def _wheelhouse(shell: Shell, axle: float, radius: float, arch: float, inner: fl
 def _parts(shell: Shell, style: Style) -> Mesh:
     """Return door mirror and handles of the left side."""
     mesh, tall = Mesh(), shell.frame.high - shell.frame.low
+    # The mirror is at the front end of the foremost window, a handle near the rear end of each door's window.
     x = shell.x(style.windows[-1][1]) - 0.16
     z = shell.value("deck", x) + 0.085 * tall
     side = shell.side(x, shell.value("deck", x))

@@ -65,6 +65,7 @@ class Mesh:
 
     def add(self, material: str, triangles: Array, normals: Array) -> None:
         """Add triangles (n, 3, 3) with the normals at their corners; turns those that face against their normals."""
+        # Degenerate triangles have no direction; the others are wound so that their face agrees with the normals.
         face = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         keep = np.linalg.norm(face, axis=1) > 1e-10
         triangles, normals, face = triangles[keep], normals[keep], face[keep]
@@ -78,6 +79,7 @@ class Mesh:
 
         def split(a: Array) -> Array:
             p, q, r, s = a[:-1, :-1], a[1:, :-1], a[1:, 1:], a[:-1, 1:]
+            # Two triangles for each quadrilateral.
             both = np.stack([np.stack([p, q, r], axis=2), np.stack([p, r, s], axis=2)])
             return both.reshape(-1, 3, 3)
 
@@ -145,10 +147,13 @@ class Mesh:
             corners = np.concatenate([t for t, _ in self.parts[name]]).reshape(-1, 3)
             normals = np.concatenate([n for _, n in self.parts[name]]).reshape(-1, 3)
             normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+            # Corners are merged if position and normal agree on a grid, so that sharp edges keep two normals.
             key = np.concatenate([np.round(corners / grid), np.round(normals * 60)], axis=1)
             _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
             faces = inverse.reshape(-1, 3)
+            # Merging may collapse small triangles.
             good = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+            # glTF: 65535 is the restart index of 16-bit indices and may not be used.
             faces = faces[good].astype(np.uint16 if len(first) < 65535 else np.uint32)
             if len(faces):
                 primitives.append(Primitive(corners[first], normals[first], faces, materials[name].entry(name)))

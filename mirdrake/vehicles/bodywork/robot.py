@@ -12,6 +12,7 @@ from mirdrake.vehicles.bodywork.sizes import BodySize, arch_clearance
 
 def build_robot(size: BodySize) -> Mesh:
     """Return the body of a robot: a tub between the wheels, a deck above them, a housing and bumpers."""
+    # Room that a wheel needs at full lock; the deck is above it, the tub between the wheels.
     reach, inwards = arch_clearance(size.wheel_radius, size.wheel_width)
     front, rear, low, tall = size.front, size.front - size.length, size.ground_clearance, size.height
     half = size.width / 2.0
@@ -89,6 +90,7 @@ def build_truck_bed(size: BodySize, cab: float, inner: float, arch: float) -> Me
         arch: radius of the wheel arches [m].
     """
     rear, half = size.front - size.length, size.width / 2.0
+    # The floor of the box is above the wheels with their arches.
     floor = max(size.wheel_radius + arch, size.ground_clearance + 0.25 * (size.height - size.ground_clearance))
     rail = min(0.6 * inner, 0.3)
     mesh = extrude("cladding", shapely.box(rear + 0.05, 0.0, size.wheelbase, rail), size.ground_clearance, floor - 0.06)

@@ -24,7 +24,9 @@ def triangulate(shape: BaseGeometry) -> Array:
     """Return the triangles (n, 3, 2) of a plane shape."""
     parts = [part for part in shapely.get_parts(shape) if isinstance(part, Polygon) and part.area > 1e-10]
     triangles = [
-        shapely.get_coordinates(shapely.constrained_delaunay_triangles(part)).reshape(-1, 4, 2)[:, :3] for part in parts
+        # A triangle is a ring of four points, the last one equal to the first.
+        shapely.get_coordinates(shapely.constrained_delaunay_triangles(part)).reshape(-1, 4, 2)[:, :3]
+        for part in parts
     ]
     return np.concatenate(triangles) if triangles else np.zeros((0, 3, 2))
 
@@ -50,6 +52,7 @@ def extrude(
     mesh.add_flat(material, place(triangulate(top), high), up)
     mesh.add_flat(material, place(triangulate(shape), low), -up)
     for part in shapely.get_parts(shape):
+        # Oriented rings have the material on their left, so the normal of the wall is to the right, also at holes.
         for ring in (shapely.orient_polygons(part).exterior, *shapely.orient_polygons(part).interiors):
             for a, b in pairwise(np.array(ring.coords)):
                 along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-12)
@@ -96,6 +99,7 @@ def rounded_box(
     b = np.linspace(-np.pi / 2, np.pi / 2, count[1])[None, :]
 
     def power(value: Array, exponent: float) -> Array:
+        # Rounding errors at zero would become large by a small exponent.
         value = np.where(np.abs(value) < 1e-12, 0.0, value)
         result: Array = np.sign(value) * np.abs(value) ** exponent
         return result
@@ -106,6 +110,7 @@ def rounded_box(
         return np.stack(parts, axis=-1)
 
     half = np.array(size) / 2
+    # Normals of a superellipsoid: the dual exponent, over the half axes.
     normals = surface(2 - sharpness) / half
     mesh = Mesh()
     mesh.add_grid(

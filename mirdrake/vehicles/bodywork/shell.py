@@ -124,6 +124,7 @@ class Shell:
     def side(self, x: float, z: float) -> float:
         """Return the half width of the body at a point of its side view [m]."""
         points = self._section(x)
+        # `interp` needs increasing heights: only the flank of the section, from the underside to the roof.
         rising = points[np.r_[True, np.diff(points[:, 1]) > 1e-9]]
         return float(np.interp(z, rising[:, 1], rising[:, 0]))
 
@@ -138,6 +139,7 @@ class Shell:
         tall, sag = deck - low, _SAG * wide
         base = self.cabin(x, deck)
         top = self.cabin(x, roof)
+        # Corners of the section, from the middle of the underside around the flank to the middle of the roof.
         corners = np.array([
             (0.0, low), (0.90 * wide, low), (0.985 * wide, low + 0.16 * tall), (wide, low + 0.60 * tall),
             (0.985 * wide, deck - 0.10 * tall), (base, deck - 0.3 * sag), (top, max(roof - sag, deck - 0.3 * sag)),
@@ -145,6 +147,7 @@ class Shell:
         ])  # fmt: skip
         radii = [0.08, 0.10, 0.30, 0.14, 0.03, 0.10, 0.5]
         points = [corners[:1]]
+        # Each corner is rounded by a quadratic Bézier curve, at most up to the middle of its edges.
         for before, corner, after, radius in zip(corners, corners[1:], corners[2:], radii, strict=False):
             ends = []
             for other in (before, after):
@@ -164,6 +167,7 @@ class Shell:
         change = sum(np.abs(np.gradient([self.value(name, float(v)) for v in x])) for name in ("deck", "roof", "plan"))
         share = np.cumsum(np.gradient(x) + change)
         stations = np.interp(np.linspace(share[0], share[-1], _STATIONS), share, x)
+        # All sections have the same number of points, so that they form the rows of a grid.
         sections = {float(v): self._section(float(v)) for v in stations}
         rows = [np.column_stack((np.full(len(s), v), s)) for v, s in sections.items()]
         caps = []
@@ -191,6 +195,7 @@ class Shell:
                            else (grid[..., 0] - start) / max(end - start, 1e-6), 0.0, 1.0) ** 2  # fmt: skip
             back = sweep * (grid[..., 1] / half[0]) ** 2.4 + bulge * np.abs((grid[..., 2] - middle) / half[1]) ** 2.4
             grid[..., 0] -= sign * f.half_width * ramp * np.minimum(back, 0.6)
+        # Rounding of the ends may narrow the body: the grid gets its full width again.
         grid[..., 1] *= f.half_width / grid[..., 1].max()
         return grid
 
@@ -210,6 +215,7 @@ class Shell:
         """
         axes = picture_axes(view)
         normal = np.cross(self.triangles[:, 1] - self.triangles[:, 0], self.triangles[:, 2] - self.triangles[:, 0])
+        # Triangles that face the view; the threshold leaves out those that are seen at a grazing angle.
         visible = normal @ np.array(view) > facing * np.linalg.norm(normal, axis=1)
         if view in (FRONT, REAR):  # what lies in front of the driver, or behind
             visible &= (self.triangles[:, :, 0].mean(axis=1) - 0.5 * self.frame.wheelbase) * view[0] > 0
@@ -223,11 +229,13 @@ class Shell:
         keep = np.ones(len(self.triangles), dtype=bool)
         pieces: list[tuple[Array, Array, str]] = []
         for index, polygon, whole in zip(candidates[touched], polygons[touched], inside[touched], strict=True):
+            # Triangles inside of the outline change their material, those across its edge are divided.
             if whole and material is not None:
                 self.materials[index] = material
                 continue
             keep[index] = False
             a, b, c = flat[index]
+            # Barycentric coordinates of the pieces in their triangle.
             basis = np.linalg.inv(np.stack([b - a, c - a], axis=1))
             parts = [] if whole else [(polygon.difference(shape), self.materials[index])]
             if material is not None:
@@ -273,5 +281,6 @@ def seen(view: Sequence[float], points: Sequence[Sequence[float]], *, rounding: 
     """Return the outline of points of space in the picture plane of a view, with rounded corners."""
     shape: BaseGeometry = shapely.Polygon(np.array(points) @ picture_axes(view).T).buffer(0)
     if rounding:
+        # Shrink, grow twice, shrink: rounds the convex and the concave corners.
         shape = shape.buffer(-rounding, quad_segs=4).buffer(2 * rounding, quad_segs=4).buffer(-rounding, quad_segs=4)
     return shape

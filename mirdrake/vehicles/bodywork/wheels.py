@@ -23,6 +23,7 @@ def build_wheel(radius: float, width: float, *, rim: float, cleats: int = 0) -> 
     """
     R, h, r = radius, width / 2, rim * radius
     tread = R - 0.07 * R if cleats else R
+    # Profile (y, radius) of the left half from the rim to the middle; the right half is its mirror image.
     flank = [(-0.86 * h, r), (-0.95 * h, r + 0.05 * R), (-h, 0.5 * (r + tread)), (-0.96 * h, tread - 0.09 * R)]
     crown = [(-0.84 * h, tread - 0.02 * R), (-0.6 * h, tread), (-0.42 * h, tread), (-0.38 * h, tread - 0.025 * R)]
     crown += [(-0.32 * h, tread - 0.025 * R), (-0.28 * h, tread)]  # a groove
@@ -31,6 +32,7 @@ def build_wheel(radius: float, width: float, *, rim: float, cleats: int = 0) -> 
     side = _rim_side(h, r)
     mesh.add_mesh(side)
     mesh.add_mesh(side.mirrored())
+    # Blocks of the two rows alternate around the tyre.
     for k in range(2 * cleats):
         angle, half = np.pi * k / cleats, 0.30 * np.pi / cleats
         sector = Polygon([(q * np.cos(angle + s), q * np.sin(angle + s))
@@ -60,6 +62,7 @@ def _rim_side(h: float, r: float) -> Mesh:
                                  for (q, _), a in zip(corners, angles, strict=True)]))  # fmt: skip
     star = shapely.union_all([*arms, Point(0, 0).buffer(0.27 * r, quad_segs=8)])
     side.add_mesh(extrude("rim_dark", star, 0.5 * h, 0.72 * h, axes=ALONG_Y))
+    # The bright face is a little smaller than the spoke below, whose edge stays dark.
     face = shapely.union_all([arm.buffer(-0.016 * r, join_style="mitre") for arm in arms])
     side.add_mesh(extrude("rim_machined", face, 0.72 * h, 0.74 * h, axes=ALONG_Y))
     side.add_mesh(disc("gloss_black", 0.15 * r, 0.78 * h, 0.06 * h))

@@ -44,6 +44,7 @@ class GainTable:
     def at(self, speed: float) -> dict[str, float]:
         """Return the gains at a speed [m/s]."""
         after = bisect_right(self.speeds, speed)
+        # Beyond the table the gains of its end hold.
         if after in (0, len(self.speeds)):
             return {name: values[max(after - 1, 0)] for name, values in self.gains.items()}
         low, high = self.speeds[after - 1], self.speeds[after]

@@ -95,6 +95,7 @@ class PedalLaw:
         self._rolling = spec.tyres.rolling_resistance * mass * GRAVITY
         self._drag = 0.5 * AIR_DENSITY * spec.aerodynamics.drag_area
         self._max_brake = spec.brakes.max_torque
+        # Torque on a grade of `hold_grade`, as far as the brakes have it.
         hold = min(options.hold_grade * mass * GRAVITY * drive_train.radius, self._max_brake)
         self._hold = drive_train.maps.brake_position(hold)
 
@@ -104,6 +105,7 @@ class PedalLaw:
 
     def numbers(self, gains: Sequence[float]) -> PidNumbers:
         """Return the gains of the loop [N s/m, N/m] for kp and ki per mass [1/s, 1/s²]."""
+        # The gains are per mass, so that they suit every vehicle.
         kp, ki = gains
         return PidGains(kp * self._inertia, ki * self._inertia, tracking_time=TRACKING_TIME).numbers()
 
@@ -125,10 +127,13 @@ class PedalLaw:
         standing = abs(speed) < self._options.hold_speed
         if setpoint == 0.0 and standing:
             return PedalState(gear), PedalPositions(0.0, self._hold, gear)
+        # A set-point in the other direction changes the gear only at standstill; the integral starts anew.
         if setpoint * gear < 0.0 and standing:
             gear, loop = -gear, PidState()
 
         # Force at the wheels, limited to what engine and brakes can give.
+
+        # Speeds and forces are taken along the gear, so that reverse needs no other signs.
         closed, opened = train.limits(gear, speed / radius)
         along = gear * speed
         resistance = self._drag * along * abs(along) + (self._rolling if along > 0.0 else 0.0)
@@ -144,6 +149,7 @@ class PedalLaw:
 
         # The brake gives what the closed throttle does not.
         torque, state = force * radius, PedalState(gear, loop)
+        # Drag or creep of the closed throttle acts in any case.
         if torque < closed:
             return state, PedalPositions(0.0, train.maps.brake_position(closed - torque), gear)
         share = (torque - closed) / (opened - closed) if opened > closed else 0.0
