@@ -67,6 +67,7 @@ def joint_columns(run: Run, part: VehicleInPlant) -> list[tuple[Joint, str, str 
         for wheel, joint in zip(WHEELS, part.wheels, strict=True)
     ]
     joints += [(joint, f"steering_angle.{side}", "") for side, joint in zip(SIDES, part.steering, strict=True)]
+    # A vehicle without suspension has no spring joints.
     joints += [(joint, f"travel.{wheel}", "") for wheel, joint in zip(WHEELS, part.suspension, strict=False)]
     named = [(joint, f"{part.name}.{key}", f"{part.name}.{rate}") for joint, key, rate in joints]
     return [(joint, key, rate if rate in run.units else None) for joint, key, rate in named if key in run.units]
@@ -84,6 +85,7 @@ class Frames:
 
     def __init__(self, run: Run) -> None:
         self._run, scene = run, run.scene()
+        # The plant is posed but never simulated, so that it needs no hydroelastic meshes.
         self.parts: PlantParts = make_plant(
             DiagramBuilder(), scene.world, scene.vehicles, spec=PlantSpec(contact="point")
         )
@@ -94,6 +96,7 @@ class Frames:
         """Yield the time [s] and the poses of all moving frames at each sample of the signals."""
         assert self._run.folder is not None
         units, vehicles = self._run.units, self.parts.vehicles
+        # Only loose props move and have recorded poses.
         props = [name.removesuffix(".yaw") for name in units if name.startswith("props.") and name.endswith(".yaw")]
         names = [name for name in (*vehicles, *props) if f"{name}.yaw" in units]
         columns = [f"{name}.{key}" for name in names for key in _KEYS]
@@ -111,8 +114,10 @@ class Frames:
                         entries.append((WORLD, name, pose_of(RigidTransform(RollPitchYaw(position[3:]), position[:3]))))
                 angles = values[6 * len(names) :]
                 for (joint, _, _), value in zip(joints, angles, strict=True):
+                    # A value that is not finite leaves the joint where it was.
                     if isfinite(value):
                         positions[joint.position_start()] = value
+                # Only joints are set: poses of links are relative to their base, which has an entry of its own.
                 self._plant.SetPositions(self._context, positions)
                 for name, bodies in links.items():
                     entries += [(name, link_name(name, body), self._pose_of(name, body)) for body in bodies]

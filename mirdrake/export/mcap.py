@@ -90,6 +90,7 @@ def write_mcap(run: Run, path: Path) -> dict[str, int]:
     with replacing(path) as temporary, temporary.open("wb") as file:
         writer = writing.Writer(file)
         writer.start("", library="mirdrake")
+        # Each stream is sorted, so that merging keeps one message of each in memory; contents cannot be compared.
         for message in heapq.merge(*streams.all(), key=lambda entry: entry[:2]):
             topic = message.topic
             if topic not in channels:
@@ -138,6 +139,7 @@ class _Streams:
 
     def __init__(self, run: Run) -> None:
         self._run = run
+        # datetime has microseconds: rounded there, the nanoseconds are exact.
         self._start = round((run.start - EPOCH).total_seconds() * 1e6) * 1000
         self.schemas: dict[str, Mapping[str, object]] = {}
         self._mounts = sensor_mounts(run)
@@ -180,6 +182,7 @@ class _Streams:
 
     def _signals(self, vehicle: str) -> Iterator[Message]:
         topic, names = f"/{vehicle}/signals", [name for name in self._run.units if name.startswith(f"{vehicle}.")]
+        # A dot separates fields in Foxglove's message paths.
         keys = [name.removeprefix(f"{vehicle}.").replace(".", "_") for name in names]
         numbers = {
             key: {"type": "number", "description": f"[{self._run.units[name] or '-'}]"}
@@ -187,6 +190,7 @@ class _Streams:
         }
         self.schemas[topic] = {"title": "mirdrake.Signals", "type": "object", "properties": numbers}
         for time, *values in self._rows(names):
+            # JSON has no NaN, so that such a value is null.
             finite = (value if math.isfinite(value) else None for value in values)
             yield Message(self._stamp(time), topic, dict(zip(keys, finite, strict=True)))
 
@@ -202,6 +206,7 @@ class _Streams:
         fixed, next_fixed = self._frames.sensors(), 0.0
         for time, poses in self._frames.moving():
             entries = list(poses)
+            # The tolerance absorbs rounding of the sample times.
             if time >= next_fixed - 1e-9:
                 entries += fixed
                 next_fixed += 1.0
@@ -220,6 +225,7 @@ class _Streams:
             return
         content, stamp = _make("SceneUpdate")(), self._stamp(first[0])
         for name, frame, primitives in scene_entities(self._frames):
+            # frame_locked: the shapes follow their frame instead of staying where it was at the stamp.
             entity = content.entities.add(id=name, frame_id=frame, frame_locked=True)
             entity.timestamp.FromNanoseconds(stamp)
             for key, fields in primitives:
@@ -236,7 +242,9 @@ class _Streams:
             for actor, poses in zip(actors, columns, strict=True):
                 length, width, height = actor.prop.size
                 x, y, yaw = poses[row].tolist()
+                # The pose of an actor is that of its rear axle, the pose of a box that of its middle.
                 middle = (x + actor.rear_axle * math.cos(yaw), y + actor.rear_axle * math.sin(yaw), 0.5 * height)
+                # Quaternion w, x, y, z of a rotation about z.
                 pose = (*middle, math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
                 entity = content.entities.add(id=actor.name, frame_id=WORLD)
                 entity.timestamp.FromNanoseconds(stamp)
@@ -251,6 +259,7 @@ class _Streams:
         indices = [rates.index(rate) if rate is not None else None for _, _, rate in joints]
         for time, *values in self._rows([*(column for _, column, _ in joints), *rates]):
             recorded = values[len(names) :]
+            # Lists of a JointState have one entry per joint, so that a rate that was not recorded is NaN.
             speeds = [math.nan if index is None else recorded[index] for index in indices]
             stamp = self._stamp(time)
             yield Message(stamp, topic, joint_message(stamp, names, values[: len(names)], speeds))
@@ -264,9 +273,12 @@ class _Streams:
 
     def _infos(self, name: str, pictures: list[Picture]) -> Iterator[Message]:
         (mount, y), frame, topic = self._eyes[name], optical_name(name), f"{_topic(name)}/info"
+        # Pinhole camera: focal length in pixels from the horizontal field of view.
         focal = 0.5 * mount.width / math.tan(0.5 * mount.horizontal_fov)
+        # The centre of the first pixel is (0, 0), so that the principal point is half a pixel before the middle.
         u, v = 0.5 * (mount.width - 1), 0.5 * (mount.height - 1)
         lens = getattr(mount, "distortion", None)
+        # ROS: P[0, 3] is -f times the baseline for the right lens, at y = -baseline / 2, and 0 for the left one.
         shift = 2.0 * focal * min(y, 0.0)  # of the right lens of a stereo camera against the left one
         fields = {
             "width": mount.width,
@@ -307,10 +319,12 @@ class _Streams:
         mount, ranges = self._mounts[name], arrays["ranges"].ravel().tolist()
         angles = {"start_angle": mount.start_angle, "end_angle": mount.end_angle}
         message = self._message(time, topic, "LaserScan", frame_id=name, ranges=ranges, **angles)
+        # The default quaternion of Protobuf has four zeros, which is not a rotation.
         message.content.pose.orientation.w = 1.0
         return message
 
     def _cloud(self, time: float, topic: str, name: str, arrays: Arrays) -> Message:
+        # Ranges have a row per elevation and a column per azimuth.
         azimuths, elevations = np.broadcast_arrays(arrays["azimuths"][None, :], arrays["elevations"][:, None])
         rays = [np.cos(elevations) * np.cos(azimuths), np.cos(elevations) * np.sin(azimuths), np.sin(elevations)]
         hits = np.isfinite(arrays["ranges"])
@@ -328,6 +342,7 @@ class _Streams:
         return Message(stamp, topic, imu_message(stamp, name, values[:3], values[3:]))
 
     def _values(self, time: float, topic: str, name: str, arrays: Arrays) -> Message:
+        # The converters of all kinds of samples have the same arguments.
         del name
         flat = {
             key: [value if math.isfinite(value) else None for value in np.ravel(values).tolist()]

@@ -78,6 +78,7 @@ def _primitives(shape: Shape, X_FG: RigidTransform, color: tuple[float, ...]) ->
                 end = pose_of(X_FG @ RigidTransform([0.0, 0.0, z]))
                 yield "spheres", {"pose": end, "color": color, "size": [width] * 3}
     elif isinstance(shape, Convex):
+        # The faces of Drake's hull are polygons; a panel draws triangles.
         hull = shape.GetConvexHull()
         corners = np.array([hull.vertex(index) for index in range(hull.num_vertices())])
         mesh = trimesh.convex.convex_hull(corners)
@@ -119,6 +120,7 @@ def pack_gltf(text: bytes, folder: Path, supporting: Mapping[str, Path | MemoryF
 
     data = json.loads(text)
     views = data.setdefault("bufferViews", [])
+    # A GLB has one buffer, in which each part starts at a multiple of four bytes, as glTF 2.0 demands.
     binary, starts = bytearray(), []
     for buffer in data.get("buffers", []):
         starts.append(len(binary))
@@ -135,6 +137,7 @@ def pack_gltf(text: bytes, folder: Path, supporting: Mapping[str, Path | MemoryF
             image["mimeType"] = "image/png" if content[:4] == b"\x89PNG" else "image/jpeg"
             binary += _padded(content, b"\0")
     data["buffers"] = [{"byteLength": len(binary)}]
+    # Two chunks of a multiple of four bytes: JSON padded with blanks, binary data with zeros (glTF 2.0).
     head = _padded(json.dumps(data, separators=(",", ":")).encode(), b" ")
     chunks = struct.pack("<I4s", len(head), b"JSON") + head + struct.pack("<I4s", len(binary), b"BIN\0") + binary
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks

@@ -73,6 +73,7 @@ class Ros2Message:
 
     def bytes(self) -> bytes:
         """Return the message in CDR."""
+        # Header of the encapsulation: CDR, little-endian, no options.
         return b"\x00\x01\x00\x00" + bytes(self._data)
 
     def numbers(self, values: Sequence[float]) -> "Ros2Message":
@@ -94,11 +95,13 @@ class Ros2Message:
         return self
 
     def _text(self, value: str) -> None:
+        # The length includes the zero byte at the end.
         data = value.encode() + b"\0"
         self._add("I", len(data))
         self._data += data
 
     def _add(self, code: str, value: float) -> None:
+        # A number is aligned to its own size.
         self._data += b"\0" * (-len(self._data) % struct.calcsize(code))
         self._data += struct.pack(f"<{code}", value)
 

@@ -33,6 +33,7 @@ def write_videos(run: Run, folder: Path) -> dict[Path, int]:
         MissingDependencyError: PyAV is not installed.
         RunError: no pictures were recorded, or a file cannot be written.
     """
+    # A missing package is reported before pictures are read.
     _import_av()
     cameras = {name: [p for p in pictures if p.path.suffix == ".jpg"] for name, pictures in run.pictures.items()}
     cameras = {name: pictures for name, pictures in cameras.items() if pictures}
@@ -57,19 +58,23 @@ def write_video(pictures: list[Picture], path: Path) -> int:
     """
     av = _import_av()
     gaps = np.diff([picture.time for picture in pictures])
+    # The frame rate is nominal, since each frame has its own time; the median ignores gaps.
     rate = Fraction(round(1.0 / float(np.median(gaps)))) if gaps.size else Fraction(1)
     options = {"video_track_timescale": str(TICKS)}
     with replacing(path) as temporary, av.open(str(temporary), "w", format="mp4", options=options) as container:
         stream = container.add_stream("libx264", rate=max(rate, Fraction(1)))
         height, width = pictures[0].pixels.shape[:2]
+        # yuv420p halves the resolution of colours and needs even edges.
         stream.width, stream.height, stream.pix_fmt = width // 2 * 2, height // 2 * 2, "yuv420p"
         stream.options = {"crf": str(QUALITY), "preset": "veryfast"}
+        # A clock much finer than the frame rate keeps the times of single frames.
         stream.codec_context.time_base = Fraction(1, TICKS)
         for picture in pictures:
             pixels = picture.pixels[: stream.height, : stream.width]
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
             frame.time_base, frame.pts = Fraction(1, TICKS), round(TICKS * (picture.time - pictures[0].time))
             container.mux(stream.encode(frame))
+        # The encoder holds back some frames until it is flushed.
         container.mux(stream.encode())
     return len(pictures)
 

@@ -60,6 +60,7 @@ def read_bag(request: Request) -> Table:
     received = "received" in requested
     # The topic with the most messages has the finest clock.
     clocks = {topic: _clock(times, stamps, received=received) for topic, (times, stamps, _) in rows.items()}
+    # The name decides between equal counts, whatever the order of topics in the file.
     base = max(clocks, key=lambda topic: (len(clocks[topic]), topic))
     time, notes = clocks[base], []
     values: dict[str, Any] = {}
@@ -70,12 +71,14 @@ def read_bag(request: Request) -> Table:
         stamped = "received" if received or not np.any(rows[topic][1]) else "stamped in their headers"
         how = "their times are the rows" if topic == base else "resampled to the rows"
         notes.append(f"{topic} ({bag.topics[topic]}): {len(clock)} messages, {rate:.4g} Hz, as {stamped}; {how}")
+    # Integers are subtracted before the conversion to float, which keeps all nanoseconds.
     start = time[0]
     table = {"received" if received else "time": (time - start) * 1e-9, **values}
     return Table(shown(path), list(table), table, dict.fromkeys(CLOCKS, "s"), None, notes)
 
 
 def _open(path: Path, stack: ExitStack) -> Bag:
+    # Files with JSON or Protobuf need no ROS; those with ROS messages are read by rosbags.
     if path.suffix == ".mcap" and (bag := _open_mcap(path, stack)) is not None:
         return bag
     try:
@@ -83,6 +86,7 @@ def _open(path: Path, stack: ExitStack) -> Bag:
     except ImportError:
         raise MissingDependencyError(f"{shown(path)}: bags need a package: pip install 'mirdrake[bags]'") from None
     try:
+        # Messages whose definition is not in the file are read with those of ROS 2 Humble.
         own = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         reader = stack.enter_context(highlevel.AnyReader([path], default_typestore=own))
     except Exception as error:  # the readers raise errors of many kinds on damaged files
@@ -138,6 +142,7 @@ def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
 def _split(path: Path, column: str, topics: Mapping[str, str]) -> tuple[str, tuple[str, ...]]:
     """Split a column into topic and field names."""
     name = column if column.startswith("/") else f"/{column}"
+    # Topics contain slashes, so that a column is split after the longest topic that it begins with.
     fitting = [topic for topic in topics if name.startswith(topic) and name[len(topic) : len(topic) + 1] in set(":./")]
     if not fitting:
         near = name.split(":")[0]
@@ -169,6 +174,7 @@ def _collect(path: Path, bag: Bag, places: Mapping[str, tuple[str, tuple[str, ..
     for topic in topics:
         if len(times[topic]) < 2:
             raise ConfigError(f"{shown(path)}: {topic} has {len(times[topic])} messages; at least 2 are needed")
+    # Messages without stamps among others would mix two clocks: stamps count only if all have one.
     return {
         topic: (
             np.array(times[topic]),
@@ -231,6 +237,7 @@ def _angle(item: Any, key: str) -> float | None:
     if any(part is None for part in parts):
         return None
     w, x, y, z = (float(part) for part in parts)
+    # Roll, pitch and yaw about the fixed axes x, y, z; rounding may exceed the domain of asin.
     if key == "roll":
         return atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     if key == "pitch":
@@ -250,15 +257,18 @@ def _resampled(time: NDArray[np.int64], own: NDArray[np.int64], values: NDArray[
     # Messages may be stored out of order.
     order = np.argsort(own, kind="stable")
     own, numbers = own[order], numbers[order]
+    # A switch has no value between two states, so that the last message is held.
     if values.dtype.kind in "bui":
         rows = np.searchsorted(own, time, side="right") - 1
         return np.where(rows >= 0, numbers[np.maximum(rows, 0)], np.nan)
+    # Nanoseconds since 1970 exceed the 53 bits of a float; those since the first message do not.
     start = own[0]
     clock, target = (own - start).astype(float), (time - start).astype(float)
     result = np.interp(target, clock, numbers, left=np.nan, right=np.nan)
     steps = np.diff(clock)
     longest = MAX_BRIDGE * float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
     before = np.clip(np.searchsorted(clock, target, side="right") - 1, 0, len(clock) - 2)
+    # At the time of a message the value is known, also at the edge of a gap.
     result[(steps[before] > longest) & (target != clock[before])] = np.nan
     return np.asarray(result)
 

@@ -132,6 +132,7 @@ def _with_units(text: _Text, header: _Header) -> _Header:
     for index, title in enumerate(names):
         match = _UNIT.fullmatch(title)
         if match is not None and match.group(1):
+            # A title that is requested with its brackets keeps them.
             names[index] = title if title in text.request.columns else match.group(1)
             units[names[index]] = match.group(2).strip()
     if header.line is not None and rows and _is_unit_row(below := text.cells(rows[0], header.delimiter)):
@@ -164,16 +165,19 @@ def _parse_rows(text: _Text, header: _Header) -> Table:
         text.notes.append("has decimal commas")
     numbers = np.array(rows) + 1
     try:
+        # Columns are numbered, because pandas renames repeated titles; `Table.numbers` reports them.
         frame = pd.read_csv(
             StringIO("\n".join(text.lines[index] for index in rows)),
             sep=r"\s+" if header.delimiter == "space" else header.delimiter,
             header=None,
             names=range(len(header.names)),
+            # Otherwise pandas takes the first column as index if rows end with a delimiter.
             index_col=False,
             decimal=decimal,
             na_values=_MISSING,
             keep_default_na=False,
             skipinitialspace=True,
+            # In chunks, pandas could give one column several types.
             low_memory=False,
             engine="c",
         )
@@ -226,11 +230,14 @@ def decode_text(raw: bytes, name: str, notes: list[str]) -> str:
         raise ConfigError(f"{name}: is {known}, not text; export it as CSV")
     encoding = next((known_encoding for head, known_encoding in _ENCODINGS.items() if raw.startswith(head)), None)
     if encoding is None and b"\0" in raw[:4000]:  # UTF-16 without a byte order mark
+        # Latin text in UTF-16 has zeros as every second byte; their place gives the byte order.
         even, odd = raw[0:4000:2].count(0), raw[1:4000:2].count(0)
         encoding = "utf-16-le" if odd > 0.4 * len(raw[1:4000:2]) > even else "utf-16-be" if even > odd else None
     try:
+        # utf-8-sig removes a byte order mark and needs none.
         text = raw.decode(encoding or "utf-8-sig")
     except UnicodeDecodeError:
+        # Every byte is a character of Latin-1, so that this cannot fail.
         text, encoding = raw.decode("latin-1"), "Latin-1"
     if encoding is not None:
         notes.append(f"is not UTF-8; read as {encoding}")
@@ -273,6 +280,7 @@ def _commented_header(text: _Text) -> int | None:
     numbers = text.cells(first, delimiter)
     if len(numbers) < 2 or np.mean([bool(_NUMBER.fullmatch(cell)) for cell in numbers]) < 0.5:
         return None
+    # The comment nearest to the numbers is the header; others may look like one.
     for index in reversed(range(first)):
         names = _without_comment_mark(_split(text.lines[index].strip(), delimiter), text.request, ())
         if len(names) == len(numbers) and not any(_NUMBER.fullmatch(name) for name in names):

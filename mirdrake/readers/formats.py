@@ -34,6 +34,7 @@ def read_table(path: Path, columns: Collection[str] = (), layout: CsvLayout | No
     """
     request = Request(path, columns, layout or CsvLayout())
     if path.is_dir():
+        # A ROS 2 bag is a folder with metadata.yaml.
         return (read_bag if (path / "metadata.yaml").is_file() else read_run)(request)
     if not path.exists():
         raise ConfigError(f"{request.name}: no such file")

@@ -28,9 +28,11 @@ def read_mat(request: Request) -> Table:
             for key, item in value.items():
                 collect(f"{prefix}.{key}" if prefix else key, item)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size > 1:
+            # A vector, whichever way it lies.
             if value.size == max(value.shape):
                 columns[prefix] = value.ravel()
             elif value.ndim == 2:  # columns of a matrix, counted from 1 as in MATLAB
+                # Samples run along the longer edge.
                 tall = value if value.shape[0] >= value.shape[1] else value.T
                 columns.update({f"{prefix}.{index + 1}": tall[:, index] for index in range(tall.shape[1])})
 
@@ -57,6 +59,7 @@ def _read_mat5(path: Path, raw: bytes) -> dict[str, Any]:
 
     It is read in another process, as compiled code of SciPy crashes on some damaged files.
     """
+    # -P: modules in the working directory are not imported.
     command = [sys.executable, "-P", "-W", "ignore", "-c", _READ_MAT]
     try:
         done = subprocess.run(command, input=raw, capture_output=True, timeout=MAT_TIME, check=True)

@@ -73,6 +73,7 @@ class Table:
         Raises:
             ConfigError: the column does not exist, or a cell is not a number.
         """
+        # Numbers as names mean that the first row was taken as header.
         if column not in self.columns and self.lines is not None and all(_is_number(name) for name in self.names):
             raise ConfigError(f"{place}: {self.name} has no header; name its columns under 'csv: {{columns: […]}}'")
         if column not in self.columns:
@@ -84,6 +85,7 @@ class Table:
             numbers = pd.to_numeric(values, errors="coerce")
         except OverflowError:  # an integer of hundreds of digits; float() of its text is infinite
             numbers = pd.to_numeric(values.map(str), errors="coerce").astype(float)
+        # coerce turns texts into NaN; cells that were empty before are no faults.
         bad = numbers.isna() & values.notna()
         if bad.any():
             row = int(np.argmax(bad.to_numpy()))

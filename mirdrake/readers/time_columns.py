@@ -38,6 +38,7 @@ def is_time_of_day(numbers: Array) -> bool:
     if len(used) < MIN_ROWS or used.min() < 0.0 or used.max() >= 240000.0:
         return False
     seconds, minutes, steps = used % 100.0, used // 100.0 % 100.0, np.diff(used)
+    # HHMMSS jumps at each full minute, since 60 to 99 do not occur.
     over = np.flatnonzero(np.abs(steps) > 20.0)
     if not len(over) or seconds.max() >= 60.0 or minutes.max() >= 60.0:
         return False
@@ -54,5 +55,6 @@ def seconds_of_day(clock: Array) -> Array:
     hours, rest = np.divmod(clock, 1e4)
     minutes, seconds = np.divmod(rest, 1e2)
     seconds_of_day = 3600.0 * hours + 60.0 * minutes + seconds
+    # A step back by more than half a day is a midnight.
     midnights = np.append(0.0, np.cumsum(np.diff(seconds_of_day) < -43200.0))
     return np.asarray(seconds_of_day + 86400.0 * midnights)

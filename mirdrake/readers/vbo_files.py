@@ -44,6 +44,7 @@ def read_vbo(request: Request) -> Table:
     rows = [index for index in range(*sections["data"]) if lines[index].strip()]
     if not rows or not names:
         raise ConfigError(f"{name}: has no {'rows' if names else 'column names'}")
+    # pandas would fill short rows with NaN.
     for row in rows:
         if len(cells := lines[row].split()) != len(names):
             raise ConfigError(f"{name}:{row + 1}: has {len(cells)} cells, but there are {len(names)} column names")

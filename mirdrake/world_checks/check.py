@@ -100,6 +100,7 @@ def examine(
     faults += trips.faults
     if world.path is not None and world.spec.tests:
         faults += _test_faults(world, overrides, {fault.text for fault in faults})
+    # The steps need a world that can be loaded and a free start.
     if first_steps and not any(fault.kind in {"file", "start"} for fault in faults):
         faults += find_first_step_fault(world, overrides, vehicle or _CAR)
     return Examination(world, faults, trips.paths)

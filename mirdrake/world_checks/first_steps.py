@@ -41,6 +41,7 @@ def find_first_step_fault(world: World, overrides: tuple[str, ...], vehicle: str
         return []
     job = {"world": str(world.path.resolve()), "overrides": overrides, "vehicle": vehicle,
            "start": next(iter(world.starts))}  # fmt: skip
+    # The process imports mirdrake from the same place, also if it is not installed.
     paths = os.pathsep.join(filter(None, [_ROOT, os.environ.get("PYTHONPATH", "")]))
     command = [*COMMAND, json.dumps(job)]
     try:
@@ -60,6 +61,7 @@ def find_first_step_fault(world: World, overrides: tuple[str, ...], vehicle: str
 
 
 def _reason(out: str, code: int) -> str:
+    # Libraries may print lines of their own before the answer.
     for line in reversed(out.splitlines()):
         try:
             message = json.loads(line)
@@ -67,6 +69,7 @@ def _reason(out: str, code: int) -> str:
             continue
         if isinstance(message, dict) and isinstance(message.get("fault"), str):
             return str(message["fault"])
+    # A negative return code is the number of a signal (POSIX).
     return f"the process ended with {f'signal {-code}' if code < 0 else f'exit code {code}'}"
 
 
@@ -122,6 +125,7 @@ def _step(path: str, overrides: list[str], vehicle: str, start_name: str) -> str
     simulator.AdvanceTo(STEPS * parts.plant.time_step())
     for name, body in {"the car": parts.vehicles["car"].base, **parts.props.bodies}.items():
         speed = float(np.linalg.norm(parts.plant.EvalBodySpatialVelocityInWorld(context, body).translational()))
+        # The comparison is false for NaN, too.
         if not speed <= _FASTEST:
             shown = f"{speed:.3g} m/s" if np.isfinite(speed) else "no finite speed"
             return f"{name if name == 'the car' else f'prop {name!r}'} has {shown} after {STEPS} steps"

@@ -113,6 +113,7 @@ class Room:
         self.obstacles, self.body = obstacles, body
         self.areas = [obstacle.outline.area for obstacle in obstacles]
         self._tree = shapely.STRtree(self.areas)
+        # Room to turn around beyond the outermost obstacle.
         beyond = 4.0 * body.radius + 2.0 * (body.front - body.rear)
         boxes = np.vstack([shapely.bounds(self.areas).reshape(-1, 4), np.tile(around, 2)])
         low, high = boxes[:, :2].min(axis=0) - beyond, boxes[:, 2:].max(axis=0) + beyond
@@ -133,6 +134,7 @@ class Room:
         nx, ny = (int(n) for n in np.ceil((self.high - self.low) / self.cell))
         free = np.zeros((ny + 2, nx + 2), dtype=bool)  # with a border that is not free
         free[1:-1, 1:-1] = True
+        # Half the diagonal of a cell: no cell that an obstacle touches is free.
         reach = self.cell * math.sqrt(0.5)
         for area in self.areas:
             grown = area.buffer(reach, 2)
@@ -163,12 +165,15 @@ class Room:
         """
         body = self.body
         length = body.front - body.rear
+        # Discs along the box, each for a piece shorter than it is wide.
         count = max(1, math.ceil(length / (1.2 * body.half_width)))
         places = body.rear + length * (np.arange(count) + 0.5) / count
         c, s = np.cos(yaw), np.sin(yaw)
         clear = np.array([self.clearance(x + c * ahead, y + s * ahead) for ahead in places])
+        # Discs around the pieces cover the box: if all are free, so is the box.
         free = clear.min(axis=0) > math.hypot(body.half_width, 0.5 * length / count) + 1.5 * self.cell
         inner = np.minimum(body.half_width, np.minimum(places - body.rear, body.front - places))  # discs in the box
+        # Only poses between the two tests need the exact one.
         close = np.flatnonzero(~free & (clear > inner[:, None] - 3.0 * self.cell).all(axis=0))
         if len(close):
             free[close] = self.fits(x[close], y[close], yaw[close])

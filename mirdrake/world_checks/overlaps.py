@@ -134,6 +134,7 @@ def _overlap(near: Neighbours, pair: Pair, solids: Sequence[Pair], separation: S
     position = (float(shared.centroid.x), float(shared.centroid.y), height)
     polygon = tuple((float(x), float(y)) for x, y in shapely.get_coordinates(shared.convex_hull)[:-1])
     depth = separation.depth
+    # Bounds that agree to a millimetre are reported as one number.
     least = separation.least if depth - separation.least > UNCERTAIN else depth
     message = sentences.overlap(a, b, (least, depth), position)
     return Fault("overlap", message, a.where, (a.name, b.name), depth, position, polygon)

@@ -57,6 +57,7 @@ class Passage:
         for _ in range(_STEPS):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if self.is_open(middle) else (low, middle)
+        # Just above the largest open radius the free space has two parts, with the bottleneck between them.
         here, to_goal, _ = self._ends(high)
         if here is None or to_goal is None:  # it does not fit at one of the ends
             end = self._start if here is None else self._goal.centroid
@@ -73,6 +74,7 @@ class Passage:
     def _ends(self, radius: float) -> tuple[BaseGeometry | None, BaseGeometry | None, bool]:
         """Return the free parts that contain start and goal, and whether a disc can pass from one to the other."""
         grown = shapely.union_all(shapely.buffer(list(self._areas), radius, quad_segs=_QUARTER))
+        # In a domain that is smaller by the radius the centre keeps the disc within the edge.
         free = shapely.difference(self._domain.buffer(-radius), grown)
         parts = shapely.get_parts(free)
         here = [part for part in parts if part.intersects(self._start)]

@@ -108,6 +108,8 @@ def _find_bottleneck(room: Room, area: BaseGeometry, pose: tuple[float, float, f
     """Return where discs in the vehicle's box are stopped: one about its origin, and one about the box's centre."""
     body = room.body
     x, y, yaw = pose
+    # The box contains both discs in every pose, so that a disc that cannot pass proves that no path exists. At a goal
+    # the centre of the box is within its distance from the origin.
     small = min(body.half_width, -body.rear, body.front)
     middle = 0.5 * (body.rear + body.front)
     for ahead, radius, goal in ((0.0, small, area), (middle, body.half_width, area.buffer(abs(middle)))):

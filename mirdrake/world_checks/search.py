@@ -85,9 +85,11 @@ class _Lattice:
     def __init__(self, room: Room) -> None:
         self.room, body = room, room.body
         size = room.high - room.low
+        # The memory for one flag per cell bounds the lattice.
         finest = math.sqrt(float(np.prod(size)) * HEADINGS / _MOST_CELLS)
         self.cell = max(finest, body.half_width / 3.5, 0.04 * body.radius)
         self.shape = tuple(int(n) + 1 for n in np.ceil(size / self.cell))
+        # A move is longer than the diagonal of a cell, so that it ends in another one.
         self.length = 2.2 * self.cell
         """length of a move [m]"""
         moves = []
@@ -95,11 +97,13 @@ class _Lattice:
             for curvature in np.array([0.0, 0.5, -0.5, 1.0, -1.0]) / body.radius:
                 s = sign * self.length * np.arange(1, _SAMPLES + 1) / _SAMPLES
                 turn = curvature * s
+                # Arc of curvature k: x = sin(k s) / k, y = (1 - cos(k s)) / k.
                 x = s if curvature == 0.0 else np.sin(turn) / curvature
                 y = np.zeros_like(s) if curvature == 0.0 else (1.0 - np.cos(turn)) / curvature
                 moves.append(np.column_stack((x, y, turn)))
         self.moves = np.array(moves)
         """(10, samples, 3): x [m], y [m] and yaw [rad] in the frame of the pose before the move"""
+        # Five moves forwards, then five backwards; the first of each five is straight.
         self.is_back = np.arange(10) >= 5
         cost = self.length * np.where(self.is_back, _BACKWARD, 1.0)
         self.costs = cost * np.where(np.arange(10) % 5 == 0, 1.0, _TURN)
@@ -108,6 +112,7 @@ class _Lattice:
         """Return the cells of poses (..., 3) in the domain."""
         ij = np.floor((poses[..., :2] - self.room.low) / self.cell).astype(np.int64)
         ij = np.clip(ij, 0, np.array(self.shape) - 1)
+        # Cells of the heading are centred on multiples of 5 degrees; the modulo wraps the angle.
         turn = np.floor(poses[..., 2] * (HEADINGS / (2.0 * math.pi)) + 0.5).astype(np.int64) % HEADINGS
         return np.asarray((ij[..., 0] * self.shape[1] + ij[..., 1]) * HEADINGS + turn)
 
@@ -140,13 +145,16 @@ class _Guide:
         body = room.body
         self._room, self._goal = room, goal
         self._ahead = 0.5 * (body.front + body.rear)
+        # A heuristic needs no finer grid than a part of the vehicle's width.
         self._stride = max(1, round(0.4 * body.half_width / room.cell))
         clear = room.distance[:: self._stride, :: self._stride]
         ny, nx = clear.shape
+        # The grid is accurate to 1.5 cells; the heuristic must not close an open passage.
         open_ = clear > body.half_width - 1.5 * room.cell
         side = room.cell * self._stride
         number = np.arange(ny * nx).reshape(ny, nx)
         rows, columns, lengths = [], [], []
+        # Four of the eight neighbours are enough, since the graph is undirected.
         for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
             a = (slice(0, ny - dy), slice(max(0, -dx), nx - max(0, dx)))
             b = (slice(dy, ny), slice(max(0, dx), nx - max(0, -dx)))
@@ -162,6 +170,7 @@ class _Guide:
         inside = np.zeros((ny, nx), dtype=bool)
         if len(i) and len(k):
             inside[np.ix_(k, i)] = shapely.contains_xy(near, *np.meshgrid(xs[i], ys[k]))
+        # An additional node next to all cells of the goal: one search finds the distance to the nearest of them.
         targets = number[inside & open_]
         rows.append(np.full(len(targets), ny * nx))
         columns.append(targets)
@@ -181,6 +190,7 @@ class _Guide:
         k = np.floor((y - self._room.low[1]) / self._room.cell).astype(np.int64) // self._stride
         ny, nx = self._far.shape
         far = self._far[np.clip(k, 0, ny - 1), np.clip(i, 0, nx - 1)]
+        # A pose outside of the open cells gets a long but finite distance, so that it is still expanded.
         lost = ~np.isfinite(far)
         if lost.any():
             far[lost] = self._longest + np.hypot(x[lost] - self._x, y[lost] - self._y)
@@ -255,6 +265,7 @@ class _Flood:
         free = room.is_free(*flat.T).reshape(-1, _SAMPLES).all(axis=1)
         state, move, samples = state[free], move[free], samples[free]
         cost = total[state, move]
+        # np.unique returns the first row of each key: the cheapest one, since rows are sorted by cost.
         order = np.argsort(cost, kind="stable")
         _, first = np.unique(keys[state, move][order], return_index=True)
         kept = order[first]
@@ -286,6 +297,7 @@ class _Flood:
             least = int(to_go.argmin())
             if to_go[least] < self._nearest[0]:
                 self._nearest = (float(to_go[least]), float(poses[least, 0]), float(poses[least, 1]))
+        # States whose rank differs by less than one move share a batch.
         rank = np.floor((costs + _HASTE * to_go) / self._lattice.length).astype(np.int64)
         for value in np.unique(rank):
             mine = rank == value

@@ -120,6 +120,7 @@ class _Core:
 
     def span(self) -> tuple[Array, Array]:
         """Return the smallest and the largest x, y, z [m]."""
+        # A disc with the unit axis u reaches sqrt(1 - u_i²) radii along the coordinate axis i.
         grown = self.ball + self.disc * np.sqrt(np.maximum(0.0, 1.0 - self.axis**2))
         return self.points.min(axis=0) - grown, self.points.max(axis=0) + grown
 
@@ -137,8 +138,10 @@ class _Differences:
         spans = np.array([core.span() for core in cores])
         low, high = spans[:, 0], spans[:, 1]
         first, second = (part.ravel() for part in np.mgrid[: len(moving), len(moving) : len(cores)])
+        # The difference b - a spans low(b) - high(a) to high(b) - low(a) along each axis.
         lows, highs = low[second] - high[first], high[second] - low[first]
         self.reach = float(min(highs.max(axis=0).min(), -lows.min(axis=0).max()))  # separates along an axis
+        # A difference beyond the reach cannot block a shorter translation; without reach nothing overlaps.
         kept = (lows < self.reach).all(axis=1) & (highs > -self.reach).all(axis=1) & (self.reach > 0.0)
         self.pairs = np.column_stack((first, second))[kept]
         self.count = len(self.pairs)
@@ -186,6 +189,7 @@ def _search(differences: _Differences, tolerance: float) -> Separation:
         near = compiled(_cover, parts=_PARTS)(cones, near, rays, enters, leaves)
         left = near < bound - tolerance
         cones, near = cones[left], near[left]
+        # Cones that were dropped are covered up to the upper bound minus the tolerance.
         least = min(float(near.min()), bound) if len(near) else max(0.0, bound - tolerance)
         if not len(near):
             break
@@ -199,8 +203,10 @@ def _search(differences: _Differences, tolerance: float) -> Separation:
         middles = rays[edges].sum(axis=1)
         middles /= np.linalg.norm(middles, axis=1)[:, None]
         a, b, c = cones.T
+        # `new` leads from the three edges of each cone to their new rays.
         ab, bc, ca = (new.reshape(-1, 3) + len(rays)).T
         cones = np.concatenate([np.column_stack(t) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+        # A part of a cone is covered at least as far as the whole.
         near = np.tile(near, 4)
         more = differences.cast(middles)
         rays, enters, leaves, free, normals = (
@@ -217,11 +223,14 @@ def _cover(cones: Indices, near: Array, rays: Array, enters: Array, leaves: Arra
         corner = _row(rays, a)
         normal = _cross(_minus(_row(rays, b), corner), _minus(_row(rays, c), corner))
         flat = abs(_dot(normal, corner)) / math.sqrt(_dot(normal, normal))  # distance of the plane through the corners
+        # Repeated, since a difference that comes later in the list may close the gap before an earlier one.
         begin = -1.0
         while reached[index] > begin:
             begin = reached[index]
             for k in range(enters.shape[1]):
+                # The difference continues the cover only if all three rays have entered it before.
                 if max(enters[a, k], enters[b, k], enters[c, k]) <= begin:
+                    # A convex set that reaches radius r on three rays holds the triangle between them, flat * r away.
                     end = flat * min(leaves[a, k], leaves[b, k], leaves[c, k])
                     if end > reached[index]:
                         reached[index] = end
@@ -253,6 +262,7 @@ def _cast_rays(
                 ahead, sure, _ = _cast_ray(zero, ray, far, gap, a, b, points, begin, roundings)
                 if ahead > far:
                     continue
+            # Cast from the far end backwards, the ray ends where it leaves the difference.
             back, known, face = _cast_ray(end, back_ray, far, gap, a, b, points, begin, roundings)
             first[k], last[k] = ahead, far - back
             faces[k, 0], faces[k, 1], faces[k, 2] = face
@@ -280,6 +290,7 @@ def _cast_ray(
     """
     simplex = np.empty((4, 3))
     used, distance = 0, 0.0
+    # GJK: `point` is the place on the ray, `off` leads to it from the nearest point of the simplex.
     normal, point = (-ray[0], -ray[1], -ray[2]), start
     off = _minus(point, _support(normal, a, b, points, begin, roundings))
     for _ in range(100):
@@ -290,6 +301,7 @@ def _cast_ray(
         ahead = _dot(off, _minus(point, support))
         if ahead > 0.0:  # the plane through this point is between the place and the difference
             speed = _dot(off, ray)
+            # The ray does not approach the separating plane, so that it misses.
             if speed >= 0.0:
                 return np.inf, True, normal
             step = -ahead / speed
@@ -299,6 +311,7 @@ def _cast_ray(
                     return np.inf, True, normal
                 point = (start[0] + distance * ray[0], start[1] + distance * ray[1], start[2] + distance * ray[2])
                 normal = (off[0] / length, off[1] / length, off[2] / length)
+        # A support point that is in the simplex already cannot extend it.
         repeated = False
         for i in range(used):
             if _row(simplex, i) == support:
@@ -315,6 +328,7 @@ def _support(direction: Vector, a: int, b: int, points: Array, begin: Indices, r
     dx, dy, dz = direction
     size = math.sqrt(_dot(direction, direction))
     x, y, z = 0.0, 0.0, 0.0
+    # Support of b - a: that of b in the direction, minus that of a in the opposite one.
     for side in range(2):
         solid, sign = (b, 1.0) if side else (a, -1.0)
         most, best = -np.inf, 0
@@ -326,6 +340,7 @@ def _support(direction: Vector, a: int, b: int, points: Array, begin: Indices, r
         x += sign * points[best, 0] + ball * dx
         y += sign * points[best, 1] + ball * dy
         z += sign * points[best, 2] + ball * dz
+        # A cylinder is its axis plus a disc, whose farthest point is across the axis.
         if disc > 0.0:
             ux, uy, uz = roundings[solid, 2], roundings[solid, 3], roundings[solid, 4]
             along = dx * ux + dy * uy + dz * uz
@@ -351,6 +366,7 @@ def _reduce(simplex: Array, used: int, point: Vector) -> tuple[Vector, int]:
             i, j, k = (skip + 1) % 4, (skip + 2) % 4, (skip + 3) % 4
             corner = _row(simplex, i)
             normal = _cross(_minus(_row(simplex, j), corner), _minus(_row(simplex, k), corner))
+            # The place is on the side of the opposite corner, so that this face does not separate it.
             if _dot(normal, _minus(_row(simplex, skip), corner)) * _dot(normal, _minus(point, corner)) > 0.0:
                 continue
             inside = False
@@ -363,6 +379,7 @@ def _reduce(simplex: Array, used: int, point: Vector) -> tuple[Vector, int]:
         off, kept = _from_triangle(simplex, 0, 1, 2, point)
     elif used == 2:
         off, kept = _from_segment(simplex, 0, 1, point)
+    # All rows are read before one is overwritten.
     p, q, r = _row(simplex, kept[0]), _row(simplex, kept[1]), _row(simplex, kept[2])
     simplex[0, 0], simplex[0, 1], simplex[0, 2] = p
     simplex[1, 0], simplex[1, 1], simplex[1, 2] = q
@@ -394,6 +411,7 @@ def _from_triangle(simplex: Array, i: int, j: int, k: int, point: Vector) -> tup
         and _dot(_cross(_minus(c, b), _minus(point, b)), normal) >= 0.0
         and _dot(_cross(_minus(a, c), _minus(point, c)), normal) >= 0.0
     ):
+        # The projection is inside of all edges: the nearest point is in the face.
         share = _dot(_minus(point, a), normal) / square
         return (share * normal[0], share * normal[1], share * normal[2]), (i, j, k, 3)
     off, kept = _from_segment(simplex, i, j, point)

@@ -38,6 +38,7 @@ def find_bad_start(world: World, near: Neighbours, name: str, body: Body, volume
             break
         prop = near.props[number]
         depth = -float(clearance(volume, poses, [prop])[0])
+        # Contact and rounding are no collision.
         if depth <= 1e-4:
             continue
         solids = [obstacle.outline for obstacle in obstacles_of(near, number, volume.low, volume.high)]

@@ -113,8 +113,10 @@ def _supports(base: Sequence[Outline], upper: Sequence[Outline], prop: PlacedPro
         for other in base:
             if gap_between(part, other) > tolerance:
                 continue
+            # It rests on the other: its lowest part begins where the other ends.
             if part.bottom <= lowest + tolerance and abs(part.bottom - other.top) <= tolerance:
                 return True
+            # It is attached to the side: heights overlap. A prop that is not static would fall.
             if part.bottom < other.top + tolerance and part.top > other.bottom - tolerance and prop.static:
                 return True
     return False

@@ -113,6 +113,7 @@ def import_vehicle(
     show_progress = progress or _ignore_progress
     if not convex_time >= 0.0:
         raise ConfigError(f"convex_time {convex_time:g} is not allowed; seconds from 0 on")
+    # Errors of name and place come before the source is read.
     if name is not None:
         check_name(name)
         vehicle_place(name, folder=folder, force=force)
@@ -129,6 +130,7 @@ def import_vehicle(
     if plan.obstacle:
         raise ConfigError(plan.obstacle)
     car, target = plan.car, plan.folder
+    # The folder is built elsewhere and published when it is complete, so that a failed import leaves nothing.
     with staging(target.parent) as stage:
         building = stage.path / target.name
         building.mkdir()
@@ -168,6 +170,7 @@ def plan_import(
     model = read_source(Path(path), packages=packages, arguments=arguments)
     name = name or _plain(model.name)
     target, obstacle = Path(folder or "models") / name, ""
+    # A plan may be shown for an existing vehicle; only the import itself rejects its folder.
     try:
         vehicle_place(name, folder=folder, force=force)
     except ConfigError as error:

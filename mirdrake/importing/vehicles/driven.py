@@ -12,7 +12,9 @@ from mirdrake.vehicles.spec import Drive
 
 _MOVES = ("drive", "ackermann", "steer", "control", "motor", "wheel")
 _DRIVES_ALL = ("fourwid", "four_wheel", "4wd", "4wid")
+# Plugins with these words measure wheels and do not move them.
 _READS = ("state", "odom", "encoder", "slip")
+# "feedback_torque" is not a torque at the back axle.
 _TORQUE = re.compile("(?<!feed)(front|rear|back).*torque", re.IGNORECASE)
 _OTHER_TORQUE = re.compile("brak|steer", re.IGNORECASE)
 
@@ -43,6 +45,7 @@ def find_drive(
     named = {item.joint: item.where for item in model.transmissions if item.joint in places}
     if not moved and len(named) < len(places):  # without interfaces, but not simply all wheels
         moved = named
+    # State controllers only publish, and a joint that no transmission moves is not driven.
     commanded = {
         joint: item.where
         for item in model.controllers
@@ -51,6 +54,7 @@ def find_drive(
         if joint in places and (not moved or joint in moved)
     }
     plugged = {joint: item.where for item in model.plugins for joint in _moved_by(item, places)}
+    # Order of trust: controllers, transmissions, torques of a plugin, joints that a plugin names.
     for driven_joints, kind in ((commanded, "controller"), (moved, "transmission")):
         if driven_joints:
             drive = _axle(places[joint] for joint in driven_joints)
@@ -83,6 +87,7 @@ def _by_torque(plugin: Plugin) -> Drive | None:
         if torque is not None and isfinite(torque):
             end = "front" if match.group(1).lower() == "front" else "rear"
             torques[end] = max(torques.get(end, 0.0), abs(torque))
+    # A torque of zero counts only if both axles are stated: one is driven, the other is not.
     driven = [end for end, torque in torques.items() if torque > 0.0]
     return _axle(driven) if len(torques) == 2 and driven else None
 

@@ -65,6 +65,7 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
 
 def read_spring_damper(element: ElementTree.Element, model: SourceModel, where: Where) -> None:
     """Read a ``<drake:linear_spring_damper>`` into the prismatic joint between its links."""
+    # Tags are named like linear_spring_damper_body_A; the part after the common prefix is the key.
     values = {
         child.tag.rpartition("_spring_damper_")[2]: (
             child.get("name") or child.get("value") or child.text or ""
@@ -75,6 +76,7 @@ def read_spring_damper(element: ElementTree.Element, model: SourceModel, where: 
     stiffness, damping = (
         read_number(values.get(key), where=where(element), what=f"spring {key}") for key in ("stiffness", "damping")
     )
+    # A spring between two points acts like a joint spring only along a prismatic joint.
     for joint in model.joints.values():
         if joint.kind == "prismatic" and {joint.parent, joint.child} == ends and stiffness is not None:
             joint.stiffness, joint.damping = stiffness, joint.damping + (damping or 0.0)
@@ -91,6 +93,7 @@ def read_sensor(element: ElementTree.Element, link: str, where: Where, model: So
 
     pose, rate = np.zeros(6), None
     rates = (values.get(key) for key in ("update_rate", "updateRate", "plugin.updateRate"))
+    # A sensor without a readable pose or rate is kept, at its link and with the usual rate.
     try:
         pose = read_numbers(values.get("pose"), count=6, default=[0.0] * 6, where=where(element), what="<pose>")
         if values.get("pose.degrees") in ("1", "true"):

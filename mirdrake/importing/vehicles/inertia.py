@@ -34,6 +34,7 @@ def link_bounds(link: Link, X_FL: RigidTransform) -> Bounds | None:
 
 def box_inertia(mass: float, edges: Vector) -> Vector:
     """Return inertia of a homogeneous box about its centre [kg m²]."""
+    # A flat box keeps moments above zero.
     squares = np.maximum(edges, 1e-6) ** 2
     moments: Vector = np.diag(mass / 12.0 * (squares.sum() - squares))
     return moments
@@ -67,6 +68,7 @@ def gather(
     """
     X_PM = X_MP.inverse()
     whole = add_masses([_in_part(tree, name, X_PM, size, changes, wheel) for name in links])
+    # Values below a micrometre are rounding of the poses.
     whole.com = np.where(np.abs(whole.com) < 1e-6, 0.0, whole.com)
     return whole
 
@@ -96,6 +98,7 @@ def _in_part(
         return Mass()
     what, where = f"link '{name}'", inertial.where or link.where
     if not isfinite(inertial.mass) or inertial.mass <= 0.0:
+        # A mass of zero is common for links that are only frames, so it is not reported.
         if inertial.mass != 0.0:
             became = "none; the part it belongs to has the mass"
             changes.add(Code.MASS, where, f"{what}: mass", f"{inertial.mass:g} kg", became, "not above zero")
@@ -107,8 +110,10 @@ def _in_part(
     com_L, mass = inertial.X_LI.translation(), inertial.mass
     fault = _fault(np.asarray(inertial.inertia, dtype=float), mass, bounds, size)
     if fault:
+        # Small links of a wheel are not cylinders of the size of the wheel.
         if wheel is not None and (bounds is None or (bounds[1] - bounds[0]).max() > wheel[0]):
             radius, width = wheel
+            # The spin axis is y of the part, so the tensor is rotated from the part into the link.
             R_LP = X_PL.rotation().matrix().T
             inertia_L = R_LP @ cylinder_inertia(mass, radius=radius, length=width, axis=1) @ R_LP.T
             became = f"of a solid cylinder of radius {radius:.4g} m, {width:.4g} m wide"
@@ -134,6 +139,7 @@ def _in_part(
     # A centre of mass far outside of the link is usually a value of another frame.
     middle = np.zeros(3) if bounds is None else 0.5 * (bounds[0] + bounds[1])
     distance = float(np.linalg.norm(com_L - middle))
+    # The comparison is false for NaN, too.
     if not distance <= FARTHEST * _half_size(bounds, size):
         became = "in the link's origin" if bounds is None else "in the middle of its shapes"
         why = f"the link is {2.0 * _half_size(bounds, size):.3g} m large"
@@ -166,6 +172,7 @@ def _fault(inertia: Vector, mass: float, bounds: Bounds | None, size: float) -> 
         return f"all mass would be within {gyration:.2g} m, in a link of {2.0 * half:.3g} m"
     # A power of ten times the identity is a placeholder, unless the shapes confirm it.
     identity = np.abs(inertia - inertia[0, 0] * np.eye(3)).max() <= 1e-12 * high
+    # 0.5 is far from the exponent of any power of ten.
     power = np.log10(inertia[0, 0]) if identity else 0.5
     if identity and abs(power - round(power)) < 1e-9 and bounds is not None:
         expected = box_inertia(mass, bounds[1] - bounds[0]).diagonal()
@@ -190,10 +197,12 @@ def _exchanged_axes(inertia: Vector, mass: float, bounds: Bounds | None, com: Ve
     if bounds is None:
         return as_stated
     reach = np.maximum(np.abs(bounds[0] - com), np.abs(bounds[1] - com))
+    # Second moment along an axis: ∫x² dm = (Iyy + Izz - Ixx) / 2 = tr(I) / 2 - Ixx.
     spread = np.sqrt(np.maximum(0.5 * np.trace(inertia) - inertia.diagonal(), 0.0) / mass)
     if (spread <= OUTSIDE * reach).all():
         return as_stated
     fitting = [order for order in permutations(range(3)) if (spread[list(order)] <= reach).all()]
+    # The mistake is most likely the one with the fewest exchanged axes.
     return min(fitting, key=lambda order: sum(a != b for a, b in zip(order, as_stated, strict=True)), default=as_stated)
 
 
@@ -210,6 +219,7 @@ def widen(inertia: Vector) -> Vector:
     """Return a symmetric tensor that fulfils the triangle inequality with a small margin."""
     symmetric: Vector = 0.5 * (inertia + inertia.T)
     low, middle, high = np.linalg.eigvalsh(symmetric)
+    # Adding c times the identity closes a lack of c: the two small moments gain 2 c, the largest gains c.
     lack = high * (1.0 + FLAT) - (low + middle)
     widened: Vector = symmetric + max(lack, 0.0) * np.eye(3)
     return widened

@@ -108,6 +108,7 @@ def _grow(model: SourceModel, root: str, above: dict[str, Joint]) -> Tree:
     poses = {root: model.links[root].X_ML or RigidTransform()}
     waiting = [root]
     while waiting:
+        # Breadth first: `rigid_with` relies on parents before their children.
         link = waiting.pop(0)
         for joint in children.get(link, []):
             poses[joint.child] = poses[link].multiply(joint.X_PJ).multiply(joint.X_JC)

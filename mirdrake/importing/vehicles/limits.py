@@ -126,6 +126,7 @@ def _all_stated(roles: Roles) -> list[Stated]:
             scales = {"position": ("steering_limit", 1.0), "velocity": ("steering_rate", 1.0)}
             scales["effort"] = ("steering_effort", 1.0)
         elif entry.joint in driven:
+            # The velocity range of a wheel is an angular one; times the radius it is the speed of the car.
             scales = {"velocity": ("max_speed", driven[entry.joint].shape.radius), "effort": ("torque", 1.0)}
         for interface, largest in entry.ranges.items():
             if interface in scales:
@@ -159,6 +160,7 @@ def collect_numbers(
     numbers = {"steering_limit": limit}
     steering, wheels = roles.steering, roles.wheels
     stated = _all_stated(roles)
+    # The smallest wheel turns fastest at a given speed of the car.
     radius = min(wheel.shape.radius for wheel in wheels.values())
 
     def plugins(figure: str, scale: float = 1.0) -> list[Given]:
@@ -209,6 +211,8 @@ def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, 
     given: list[Given] = []
     for item in stated:
         if item.figure == "torque" and item.value > 0.0 and item.end in (*ends, ""):
+            # Without an axle or the word wheel, a figure is of one wheel or of all: the nearer estimate decides, with
+            # the geometric mean of both as the border.
             per_wheel = item.end or "wheel" in item.key.lower() or item.value <= share * len(driven) ** 0.5
             given.append((item.value if per_wheel else item.value / len(driven), f"plugin, {item.where}"))
     given += [(_limits(roles.wheels[name]).effort, roles.wheels[name].joint.where) for name in driven]
@@ -221,6 +225,7 @@ def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, 
         Number(share, HOW["max_torque"]),
         changes,
     )
+    # A plugin that states both axles may drive them differently, so the total is not that of equal wheels.
     by_end = {item.end: item for item in stated if item.figure == "torque" and item.end and item.value > 0.0}
     total = torque.value * len(driven)
     if roles.drive == "all" and len(by_end) == 2 and torque.source.startswith("imported: plugin"):

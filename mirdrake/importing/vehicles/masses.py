@@ -9,6 +9,7 @@ from mirdrake.importing.vehicles.inertia import DENSITY, box_inertia, cylinder_i
 from mirdrake.importing.vehicles.kinematics import Tree
 from mirdrake.importing.vehicles.round_shapes import Bounds
 
+# Reflection at the xz plane: S I S changes the sign of the products of inertia xy and yz.
 MIRROR = np.diag([1.0, -1.0, 1.0])
 SPIN = (0.2, 1.1)
 """Spin inertia of a wheel over mass times radius squared: 0.5 a solid cylinder, 1 a hoop; a hub may be heavy."""
@@ -36,6 +37,7 @@ def gather_masses(tree: Tree, layout: Layout, parts: Parts, bounds: Bounds) -> l
     body, knuckles, wheels = parts.body, parts.knuckles, parts.wheels
     # Masses of the links first; implausible ones are then treated as missing.
     changes = Changes()
+    # Half the diagonal of the body stands for the size of its links without shapes.
     size = 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
     body.mass = gather(tree, body.links, body.X_MP, size, changes)
     for part in knuckles:
@@ -49,6 +51,7 @@ def gather_masses(tree: Tree, layout: Layout, parts: Parts, bounds: Bounds) -> l
     for key, part in wheels.items():
         radius, width = (values[key.startswith("rear")] for values in (layout.radii, layout.widths))
         _discard_implausible(part, np.pi * radius**2 * width, WHEEL_DENSITY, tree, changes)
+    # A knuckle has no measured volume; a cube with the wheel radius as edge replaces it, and zero mass is allowed.
     for part in knuckles:
         _discard_implausible(part, layout.radii[0] ** 3, (0.0, WHEEL_DENSITY[1]), tree, changes)
     # Missing masses: the body by density, wheels and knuckles relative to it.
@@ -105,6 +108,7 @@ def _weigh_carriers(end: str, parts: Parts, layout: Layout, tree: Tree, changes:
     inertia = cylinder_inertia(mass, radius=0.3 * radius, length=0.3 * radius, axis=2)
     for part, side in zip(pair, ("left", "right"), strict=True):
         part.mass = Mass(mass, places[f"{end}_{side}"], inertia.copy())
+    # The carriers take their mass from the body, so that the total is unchanged.
     scale = 1.0 - 2.0 * mass / body.mass.mass
     body.mass = Mass(scale * body.mass.mass, body.mass.com, scale * body.mass.inertia)
     became = f"{mass:.4g} kg each, of the body's"
@@ -118,6 +122,7 @@ def check_balance(parts: Parts, layout: Layout, bounds: Bounds, where: str) -> l
     """Move an implausible centre of mass of the car by moving that of the body."""
     changes = Changes()
     com, total, body = parts.centre_of_mass(layout), parts.total_mass(), parts.body
+    # A body may be a flat plate, but the car is at least as high as its wheels.
     height = max(float(bounds[1][2]), 2.0 * max(layout.radii))
     wanted = com.copy()
     if not 0.0 < com[2] <= height:
@@ -180,6 +185,7 @@ def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: Changes) ->
     left, right = (part.mass for part in pair)
     if min(left.mass, right.mass) <= 0.0:
         whole = left if left.mass > 0.0 else right
+        # A mass of the right side is reflected to the left, since the pair is set from the left one.
         flip = np.eye(3) if whole is left else MIRROR
         mean, com, inertia = whole.mass, flip @ whole.com, flip @ whole.inertia @ flip
     else:
@@ -217,6 +223,7 @@ def _repair_wheel(pair: tuple[Part, Part], end: str, radius: float, width: float
     moments = mass.inertia.diagonal()
     order = np.argsort(moments)
     top = int(order[2])
+    # A cylinder with w² > 3 r² has its largest moment across its axis, so that wide rollers stay as they are.
     if top != 1 and 3.0 * radius**2 > width**2 and moments[top] > 1.05 * moments[order[1]]:
         others = [i for i in range(3) if i != top]
         moments = np.array([moments[others].mean(), moments[top], moments[others].mean()])
@@ -226,6 +233,7 @@ def _repair_wheel(pair: tuple[Part, Part], end: str, radius: float, width: float
         )
     spin, across = float(moments[1]), 0.5 * float(moments[0] + moments[2])
     relative = spin / (mass.mass * radius**2)
+    # The triangle inequality demands across >= spin / 2; a thin disc has just this value.
     if not SPIN[0] <= relative <= SPIN[1] or across < 0.5 * spin * (1.0 - 1e-6):
         inertia = cylinder_inertia(mass.mass, radius=radius, length=width, axis=1)
         was = f"spin {spin:.4g}, across {across:.4g} kg m²"

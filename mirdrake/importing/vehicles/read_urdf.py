@@ -113,6 +113,7 @@ class _Reader:
 
     def read(self) -> None:
         root, where = self._urdf.root, self._urdf.where
+        # Links come before joints, which are checked against them, and both before the tags that refer to them.
         for element in root.findall("link"):
             self._add(self._model.links, self._link(element), where(element), "link")
         for element in root.findall("joint"):
@@ -185,11 +186,13 @@ class _Reader:
         mass, inertia = element.find("mass"), element.find("inertia")
         value = read_number(mass.get("value") if mass is not None else None, where=where, what=f"{what} mass")
         keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        # Missing elements count as zero; impossible tensors are corrected later.
         given = [
             read_number(inertia.get(key) if inertia is not None else None, where=where, what=f"{what} {key}") or 0.0
             for key in keys
         ]
         xx, xy, xz, yy, yz, zz = given
+        # URDF states elements of the tensor, ixy = -∫xy dm, so that the signs stay as they are.
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         return Inertial(value or 0.0, self._origin(element), tensor, where)
 
@@ -266,6 +269,7 @@ class _Reader:
     ) -> tuple[tuple[float, float, float, float] | None, Path | None]:
         if element is None:
             return None, None
+        # A material with nothing but a name refers to one at the top of the file.
         if element.find("color") is None and element.find("texture") is None:
             element = self._materials.get(element.get("name", ""), element)
         color, texture = element.find("color"), element.find("texture")
@@ -300,6 +304,7 @@ class _Reader:
         # Values are read as written; impossible ones are corrected later, with a change.
         axis, mimic = element.find("axis"), element.find("mimic")
         joint = Joint(name, kind, ends[0], ends[1], X_PJ=self._origin(element), where=where)
+        # The default axis of URDF is x.
         joint.axis = read_numbers(
             axis.get("xyz") if axis is not None else None, count=3, default=[1, 0, 0], where=where, what=f"{what} axis"
         )
@@ -328,6 +333,7 @@ class _Reader:
                 continue
             joint.others[key] = text
             where = self._urdf.where(element)
+            # A spring reference is the position at rest, not a stiffness.
             if _SPRING.search(key) and "ref" not in key.lower():
                 joint.stiffness = read_number(text, where=where, what=f"joint '{joint.name}' {key}")
                 continue

@@ -101,6 +101,7 @@ def recognise(model: SourceModel, drive: Drive | None = None) -> Roles:
     axles = _axles(tree, wheels_found, blank)
     front, rear = _front_and_rear(tree, axles, changes)
     ahead = _level(_middle(front) - _middle(rear))
+    # Left follows from up and the direction of travel, whatever axes the source has.
     left = np.cross(UP, ahead)
     wheels = {}
     for name, pair in (("front", front), ("rear", rear)):
@@ -144,6 +145,7 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
             blank.append(joint)
             continue
         shape = rounds[0]
+        # Equal round shapes more than a diameter apart on one joint are the wheels of a rigid axle.
         alike = [item.centre[1] for item in rounds if item.role == shape.role and item.radius > 0.9 * shape.radius]
         if max(alike) - min(alike) > 2.0 * shape.radius:
             inner = [
@@ -158,6 +160,7 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
         upright = [other for other in tree.path(joint.child) if other is not joint and _is_upright(tree, other)]
         if second and _is_upright(tree, joint):
             upright.append(joint)
+        # Distance of the shape's centre from the joint's axis, which is y of W.
         off_axis = float(np.hypot(shape.centre[0], shape.centre[2]))
         point = X_MW.multiply(np.array([0.0, shape.centre[1], 0.0]))
         seen = next((item for item in rounds if item.role == "visual"), None)
@@ -171,6 +174,7 @@ def find_wheels(tree: Tree) -> tuple[list[Wheel], list[Joint]]:
 
 def _spin(tree: Tree, joint: Joint) -> tuple[Joint, Vector, bool] | None:
     """Return a joint that turns freely about a level axis, with that axis in M and whether it is its second one."""
+    # The second axis of a universal joint spins the wheel if it is level; the first one steers then.
     second = joint.kind in ("universal", "revolute2") and _is_level(tree.axis(joint, second=True))
     axis = tree.axis(joint, second=second)
     limits = joint.limits2 if second else joint.limits
@@ -196,12 +200,14 @@ def _axles(tree: Tree, wheels: list[Wheel], blank: list[Joint]) -> list[list[Whe
     if not wheels:
         what = f"no road wheels: {_inventory(tree)}, none of which turns a round link about a level axis"
         raise _rejection(tree, what + _blank_clause(tree, blank), wheels)
+    # Axes point to either side; all are turned to the side of the first before their mean is taken.
     axes = np.array([wheel.axis * (1.0 if wheel.axis @ wheels[0].axis >= 0.0 else -1.0) for wheel in wheels])
     lateral = _level(axes.sum(axis=0))
     if (np.abs(axes @ lateral) < 1.0 - LEVEL**2).any():
         raise _rejection(tree, f"{_named(wheels)}, whose axes are not parallel", wheels)
     along = np.cross(lateral, UP)
     places = sorted(wheels, key=lambda wheel: wheel.point @ along)
+    # Wheels that are less than half a radius apart along the car share an axle.
     reach = 0.5 * min(wheel.shape.radius for wheel in wheels)
     axles: list[list[Wheel]] = []
     for wheel in places:
@@ -267,6 +273,7 @@ def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: Changes) -> t
                 Code.DIRECTION, front[0].joint.where, "direction of travel", places, "towards the steered axle", why
             )
         return front, rear
+    # Both axles are steered, so that only the direction of x is left to decide.
     rear, front = sorted(axles, key=lambda axle: _middle(axle)[0])
     for wheel in rear:
         joint = _own(wheel, rear)[-1]
@@ -288,6 +295,7 @@ def _kingpin(wheel: Wheel, axle: Sequence[Wheel]) -> Joint:
 def _is_caster(tree: Tree, wheel: Wheel) -> bool:
     """Return whether a wheel trails an upright joint that swivels freely."""
     for joint in wheel.steering:
+        # A caster trails: its wheel is behind the swivel axis, while a steering axis passes near the wheel.
         arm = (wheel.point - tree.pose(joint).translation())[:2]
         across = np.cross(UP, wheel.axis)[:2]
         if turns_freely(joint, joint.limits) and abs(arm @ across) > 0.2 * wheel.shape.radius:

@@ -58,6 +58,7 @@ def repair(model: SourceModel, roles: Roles, *, name: str, springs: bool = True)
     limit, more = steering_limit(roles)
     changes += more
     mass, com_x = parts.total_mass(), float(parts.centre_of_mass(layout)[0])
+    # Tyres are estimated per axle, because front and rear wheels may differ in radius and width.
     whole, front, rear = (_estimates(roles, layout, bounds, mass, com_x, limit.value, end) for end in (None, 0, 1))
     numbers, more = collect_numbers(roles, limit, whole, (front, rear))
     changes += more
@@ -121,6 +122,7 @@ def _estimates(
         track=sum(layout.tracks) / 2.0,
         wheel_radius=radius,
         wheel_width=width,
+        # The box may be that of a bare frame; the car is at least as large as its wheels and axles.
         height=max(float(bounds[1][2]), 2.0 * radius),
         length=max(float(edges[0]), layout.wheelbase),
         width=max(float(edges[1]), min(layout.tracks)),
@@ -138,7 +140,9 @@ def _make_parts(
 ) -> Parts:
     """Return body, knuckles, wheels and, with springs, carriers, with their shapes."""
     tree = roles.tree
+    # Free joints separate the parts of the car; links behind any other joint become rigid with their part.
     free = {wheel.joint.name for wheel in roles.wheels.values()} | {joint.name for joint in roles.steering}
+    # A spring below the steering joint is inside of the knuckle and separates nothing.
     free |= {item.joint.name for item in sprung.values() if item.joint is not None and not item.steered}
     root = tree.model.links[tree.root]
     if tree.root == BASE or BASE not in tree.poses:
@@ -149,6 +153,7 @@ def _make_parts(
         changes.add(Code.FRAME, root.where, "name of the base link", tree.root, f"{base} stays", why)
     body = Part(base, tree.rigid_with(tree.root, free), layout.X_MB)
     if not layout.X_MB.IsNearlyEqualTo(RigidTransform(), 1e-6):
+        # Components below a micrometre are rounding of the matrix products.
         x, y, z = np.where(np.abs(layout.X_MB.translation()) < 1e-6, 0.0, layout.X_MB.translation())
         was = f"link '{tree.root}', {_shown(-x, -y, -z)} m from the new place along its axes"
         became = f"link '{base}', on the road below the centre of the rear axle, x ahead"
@@ -181,6 +186,7 @@ def _make_parts(
 
 
 def _take_shapes(tree: Tree, part: Part) -> None:
+    # Shapes go from their link L to the part P: X_PL = X_PM X_ML.
     X_PM = part.X_MP.inverse()
     for name in part.links:
         link, X_PL = tree.model.links[name], X_PM.multiply(tree.poses[name])
@@ -194,6 +200,7 @@ def _with_known_submeshes(shapes: Iterable[Shape], changes: Changes) -> list[Sha
     for shape in shapes:
         known, more = with_known_submesh(shape)
         changes += more
+        # Several unknown submeshes of one mesh all become the whole mesh, which is drawn once.
         if not more or not any(
             other.mesh == known.mesh
             and not other.submesh
@@ -211,10 +218,12 @@ def _body_bounds(body: Part, layout: Layout, changes: Changes) -> Bounds:
     for shapes in (body.visuals, body.collisions):
         boxes = body_boxes(shapes, layout)
         bounds = join_bounds(boxes)
+        # Only bounds of the size of a car count that cover enough of its plan view; flags, masts and sensors do not.
         good = bounds is not None and (bounds[1] - bounds[0] <= limits).all() and bounds[1][2] > 0.0
         if bounds is not None and good and plan_cover(boxes, layout) >= COVERED:
             return bounds
     lower, upper = usual_bounds(layout)
+    # The height counts from the road, as that of a car does, not from the ground clearance.
     length, width, height = (float(edge) for edge in upper - [lower[0], lower[1], 0.0])
     became = f"{length:.3g} x {width:.3g} x {height:.3g} m, estimated from wheelbase, track and wheels"
     where = body.visuals[0].where if body.visuals else ""
@@ -228,6 +237,7 @@ def _name_joints(roles: Roles, names: Names) -> tuple[dict[str, str], tuple[str,
     steering = [names.joint(joint.name) for joint in roles.steering]
     wheels = {}
     for key, wheel in roles.wheels.items():
+        # A joint that steers and spins keeps its name for the steering; its spin becomes a new joint.
         both = any(wheel.joint is joint for joint in roles.steering)
         wheels[key] = names.new_joint(f"{wheel.joint.name}_spin") if both else names.joint(wheel.joint.name)
     return wheels, (steering[0], steering[1])
@@ -242,6 +252,7 @@ def _make_frames(roles: Roles, parts: Parts, names: Names) -> tuple[list[Frame],
         for name in part.links:
             X_PL = X_PM.multiply(tree.poses[name])
             places[name] = (part.name, X_PL)
+            # The link that names a part is the part itself; all others stay available as frames.
             main = part is not parts.body and name == part.links[0]
             if main or (name == tree.root and parts.body.name == names.link(name)):
                 continue
@@ -257,6 +268,7 @@ def _report_collisions(roles: Roles, knuckles: Iterable[Part], layout: Layout) -
     for key, wheel in roles.wheels.items():
         rear = key.startswith("rear")
         shapes = [shape for name in roles.tree.rigid_with(wheel.joint.child, ()) for shape in links[name].collisions]
+        # A single cylinder stays what it is, and a single sphere has its own change in `straighten`.
         plain = len(shapes) == 1 and shapes[0].kind == "cylinder"
         if shapes and not plain and not (wheel.shape.width_from and len(shapes) == 1):
             was = ", ".join(_shape_text(shape) for shape in shapes[:4]) + (", …" if len(shapes) > 4 else "")
@@ -286,4 +298,5 @@ def _licence(model: SourceModel) -> str:
 
 
 def _shown(*values: float) -> str:
+    # Adding 0.0 turns -0.0 into 0.0.
     return " ".join(f"{value + 0.0:.4g}" for value in values)

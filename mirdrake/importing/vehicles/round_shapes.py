@@ -89,9 +89,11 @@ def find_rounds(tree: Tree, links: Iterable[str], X_MW: RigidTransform) -> list[
 def _rounds(shapes: Iterable[Shape], X_WL: RigidTransform, role: str) -> list[Round]:
     rounds = []
     for shape in shapes:
+        # The edges of a box may be equal by chance, so that a box is never round.
         if shape.kind in ("box", "plane"):
             continue
         X_WG = X_WL.multiply(shape.X_LG)
+        # The axis of a cylinder is its z; it has to be along the axis y of the wheel.
         if shape.kind in ("cylinder", "capsule") and abs(X_WG.rotation().matrix()[1, 2]) > _ALONG:
             radius, length = shape.size[:2]
             width = length + (2.0 * radius if shape.kind == "capsule" else 0.0)

@@ -64,6 +64,7 @@ def make_mounts(
         parent, X_PL = places[sensor.link]
         X_LS = sensor.X_LS
         distance = float(np.linalg.norm(X_LS.translation()))
+        # The comparison is false for NaN, too.
         if not distance <= REACH:
             why = f"a sensor is at most {REACH:g} m from its link"
             changes.add(Code.SENSOR, sensor.where, f"{what}: place", f"{distance:.3g} m away", "at the link", why)
@@ -98,6 +99,7 @@ class _Reader:
     def mounts(self, kind: str) -> Iterator[tuple[str, MountData, RigidTransform]]:
         """Yield valid mounts with a name suffix and their pose in the sensor; none if the sensor is left out."""
         cameras = sorted({key.split(".")[0] for key in self._sensor.values if re.match(r"camera(\[\d+\])?\.", key)})
+        # Two eyes make a stereo camera; any other number becomes separate cameras.
         if kind == "stereo_camera" and len(cameras) != 2:
             eyes = [(f"_{number}" if number else "", camera, "camera") for number, camera in enumerate(cameras)]
             eyes = eyes or [("", "camera", "camera")]
@@ -107,6 +109,7 @@ class _Reader:
             mount = self._fill(label, camera)
             X_SC = self._pose(camera) if label in ("camera", "depth_camera", "stereo_camera") else RigidTransform()
             if label == "stereo_camera" and mount is not None:
+                # The mount of a stereo camera is midway between its eyes.
                 left, right = X_SC, self._pose(cameras[1])
                 across = left.inverse().multiply(right.translation())
                 mount["baseline"] = float(np.linalg.norm(across)) or self._get("plugin.hackBaseline") or 0.0

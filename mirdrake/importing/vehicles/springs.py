@@ -72,11 +72,13 @@ def take_springs(model: SourceModel) -> None:
         numbers = {key: value for key, text in plugin.values.items() if (value := to_number(text)) is not None}
         stiffness = [value for key, value in numbers.items() if _STIFFNESS.search(leaves[key])]
         damping = [value for key, value in numbers.items() if _DAMPING.search(leaves[key])]
+        # Only a plugin with one stiffness is clear; it holds for all joints that the plugin names.
         if len(set(stiffness)) == 1:
             words = {word for text in plugin.values.values() for word in text.replace(",", " ").split()}
             given |= dict.fromkeys(words & set(model.joints), (stiffness[0], damping[0] if damping else 0.0))
     for name, (k, c) in given.items():
         joint = model.joints.get(name)
+        # A stiffness in the joint itself takes precedence.
         if joint is not None and joint.kind == "prismatic" and joint.stiffness is None and isfinite(k) and k > 0.0:
             joint.stiffness, joint.damping = k, joint.damping or (c if isfinite(c) and c > 0.0 else 0.0)
 
@@ -102,6 +104,7 @@ def find_springs(roles: Roles) -> tuple[dict[str, WheelSpring], list[Change]]:
 def _spring_of(roles: Roles, name: str) -> WheelSpring | None:
     """Return the spring between the body and a wheel, which no other wheel may share."""
     wheel = roles.wheels[name]
+    # A joint that carries another wheel as well is an axle or a frame, not the spring of this wheel.
     others = (other for other in roles.wheels.values() if other is not wheel)
     shared = {joint.name for other in others for joint in roles.tree.path(other.joint.child)}
     spring: WheelSpring | None = None
@@ -111,6 +114,7 @@ def _spring_of(roles: Roles, name: str) -> WheelSpring | None:
         up = _rate(roles, joint, wheel.point)
         if joint.name in shared or not up:
             continue
+        # Of several joints one with a stiffness counts, else the one nearest to the body.
         if spring is None or (spring.stiffness is None and joint.stiffness is not None):
             spring = WheelSpring(joint, up, steered)
     return spring
@@ -126,11 +130,14 @@ def _rate(roles: Roles, joint: Joint, wheel: np.ndarray) -> float:
     axis = roles.tree.axis(joint)
     if axis is None:
         return 0.0
+    # A sliding joint moves the wheel along its axis: the rate is the vertical component.
     if joint.kind == "prismatic":
         return float(axis[2]) if abs(axis[2]) >= UPRIGHT else 0.0
     if joint.kind == "revolute" and joint.stiffness and abs(axis[2]) <= LEVEL:
+        # A swing arm moves the wheel with axis x arm: the rate is the vertical component, a lever in m.
         arm = wheel - roles.tree.pose(joint).translation()
         lever = float(np.cross(axis, arm)[2])
+        # With a shorter lever the wheel moves mainly to the side, so that the joint is no suspension.
         return lever if abs(lever) > 0.3 * float(np.linalg.norm(arm)) else 0.0
     return 0.0
 
@@ -149,12 +156,15 @@ def make_springs(
     where = _place(springs.values())
     # Wheel loads minus the weight below the springs: what each spring carries.
     com, weight = parts.centre_of_mass(layout), parts.total_mass() * GRAVITY
+    # Lever rule about the rear axle: share of the weight on the front axle.
     share = float(com[0]) / layout.wheelbase
     track = share * layout.tracks[0] + (1.0 - share) * layout.tracks[1]
     loads = {}
     for name in WHEELS:
         front, left = name.startswith("front"), name.endswith("left")
+        # y is positive to the left, so a centre of mass on the left loads the left wheels.
         side = 0.5 + (1.0 if left else -1.0) * float(com[1]) / track
+        # The unsprung mass: knuckle (front only), wheel and carrier.
         knuckle = parts.knuckles[not left].mass.mass if front else 0.0
         below = parts.wheels[name].mass.mass + parts.carriers[name].mass.mass + knuckle
         loads[name] = weight * (share if front else 1.0 - share) * side - below * GRAVITY
@@ -166,6 +176,7 @@ def make_springs(
     changes = Changes()
     for end in ENDS:
         pair = [springs[f"{end}_{side}"] for side in SIDES]
+        # Sprung mass above one wheel of the axle, for ride frequency and damping ratio.
         body_mass = 0.5 * (loads[f"{end}_left"] + loads[f"{end}_right"]) / GRAVITY
         _fill(end, pair, body_mass, where, estimates, numbers, changes)
     low, high = _travel(list(springs.values()), estimates, changes)
@@ -214,6 +225,7 @@ def _fill(
         became = f"{stiffness:.4g} N/m at the wheel: please check"
     was = "none" if not given else ", ".join(f"{value:.4g} N/m" for value in given)
     changes.add(Code.SUSPENSION, where, what, was, became, why)
+    # Force and speed of a joint both scale with the rate, so its damping at the wheel has the rate squared.
     # Without damping in the source, the damping ratio is 0.3, common for cars.
     damping = [item.joint.damping / item.up**2 for item in pair if item.joint is not None]
     good = [value for value in damping if isfinite(value) and value > 0.0]
@@ -232,6 +244,7 @@ def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: Chang
         if item.joint is None:
             continue
         lower, upper = item.joint.limits.lower, item.joint.limits.upper
+        # SDF writes "no limit" as ±1e16, so huge values are not ends of the travel.
         ends = sorted(item.up * value for value in (lower, upper) if value is not None and abs(value) < 1e3)
         if len(ends) == 2 and ends[1] > ends[0]:
             lows.append(ends[0])
@@ -241,6 +254,7 @@ def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: Chang
         changes.add(Code.SUSPENSION, where, "suspension: travel", "none", f"±{usual:.3g} m", HOW["suspension_travel"])
         return -usual, usual
     low, high = max(lows), min(highs)
+    # Zero has to be inside of the travel, because it is the position of the loaded car.
     if low < 0.0 < high:
         return low, high
     half = 0.5 * (min(highs) - min(lows))

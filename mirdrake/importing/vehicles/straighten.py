@@ -47,6 +47,7 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     tree, wheels = roles.tree, roles.wheels
     changes = Changes()
     location = source_name(tree.model)
+    # Radii first: the contact points are one radius below the wheel centres.
     radii, widths = [], []
     for end in ("front", "rear"):
         pair = [wheels[f"{end}_{side}"] for side in SIDES]
@@ -67,6 +68,7 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
     parts: dict[str, RigidTransform] = {}
     for name, wheel in wheels.items():
         front, left = name.startswith("front"), name.endswith("left")
+        # Ideal contact point in B: rear axle at x = 0, front axle at the wheelbase, half a track to each side.
         ideal = np.array([wheelbase * front, (0.5 if left else -0.5) * tracks[not front], 0.0])
         _report_moved(location, wheel, points[name] - ideal, wheelbase, changes)
         parts[name] = _wheel_frame(wheel, X_MB, changes)
@@ -84,14 +86,17 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
             f"{location}: steering axes at {_shown(kingpins[0])} and {_shown(kingpins[1])} m are not mirror images "
             f"within {max(SLACK, ALIKE * wheelbase):.2g} m"
         )
+    # Mean of the left steering axis and the mirror image of the right one.
     middle = 0.5 * (kingpins[0] + kingpins[1] * np.array([1.0, -1.0]))
     if skew > WORTH_SAYING * wheelbase:
         was = f"{_shown(kingpins[0])} and {_shown(kingpins[1])} m"
         why = "left and right are mirror images"
         changes.add(Code.GEOMETRY, roles.steering[0].where, "places of the steering axes", was, _shown(middle), why)
     for side, kingpin in zip(SIDES, kingpins, strict=True):
+        # The knuckle frame is on the steering axis at the height of the wheel centre.
         kingpin_point = np.array([kingpin[0], kingpin[1], radii[0]])
         parts[f"{side}_knuckle"] = X_MB.multiply(RigidTransform(kingpin_point))
+    # Positive trail: the steering axis is ahead of the wheel centre.
     trail = float(middle[0]) - wheelbase
     layout = Layout(
         wheelbase=wheelbase,
@@ -133,12 +138,14 @@ def _base_frame(place: str, contact: dict[str, Vector], changes: Changes) -> Rig
     # x from axle to axle, y from the wheels of both sides, made orthogonal.
     x = (front - rear) / np.linalg.norm(front - rear)
     across = across / np.linalg.norm(across)
+    # Both are unit vectors, so their product is the sine of the deviation from a right angle.
     skew = asin(float(x @ across))
     if abs(skew) > MOST_SKEW:
         raise ModelError(f"{place}: the axles are askew by {degrees(skew):.3g} degrees; left and right should mirror")
     y = across - x * (across @ x)
     y = y / np.linalg.norm(y)
     z = np.cross(x, y)
+    # Signs of ISO 8855: positive pitch lowers the front, positive roll raises the left side.
     for what, angle in (("pitch", asin(-float(x[2]))), ("roll", asin(float(y[2])))):
         if abs(angle) > MOST_SKEW:
             height = ", ".join(f"{name} {contact[name][2]:.4g}" for name in WHEELS)
@@ -177,6 +184,7 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: Changes) -> RigidT
         axis = -axis
         why = "positive wheel speed drives forward"
         changes.add(Code.GEOMETRY, joint.where, f"{what}: sense of the axis", "to the right", "to the left", why)
+    # Components of the spin axis in B: forward is toe, upward is camber.
     along, _, up = R_MB.T @ axis
     for name, angle in (("camber", asin(float(up))), ("toe", asin(float(along)))):
         if abs(angle) > WORTH_SAYING:

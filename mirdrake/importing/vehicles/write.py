@@ -73,6 +73,7 @@ def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places, con
 
 def digits(value: float) -> str:
     """Return a number with six digits."""
+    # Adding 0.0 turns -0.0 into 0.0.
     return f"{float(value) + 0.0:.6g}"
 
 
@@ -84,6 +85,7 @@ def _moments(mass: Mass) -> Iterator[tuple[str, float]]:
     for key in ("xx", "yy", "zz", "xy", "xz", "yz"):
         row, column = ("xyz".index(letter) for letter in key)
         value = float(mass.inertia[row, column])
+        # Products of inertia that are only rounding are written as zero.
         yield f"i{key}", value if abs(value) > 1e-8 * mass.inertia.max() else 0.0
 
 
@@ -120,6 +122,7 @@ def _geometry(shape: Shape) -> str:
         return f'<box size="{" ".join(size)}"/>'
     if shape.kind == "sphere":
         return f'<sphere radius="{size[0]}"/>'
+    # Ellipsoids and capsules are Drake's extensions of URDF.
     if shape.kind == "ellipsoid":
         return f'<drake:ellipsoid a="{size[0]}" b="{size[1]}" c="{size[2]}"/>'
     prefix = "drake:" if shape.kind == "capsule" else ""
