@@ -49,8 +49,10 @@ class Bodies:
         """Return x, y [m], yaw [rad], vx, vy [m/s] of the vehicles in W (m, 5)."""
         rows = np.empty((len(self.vehicles), 5))
         for row, vehicle in zip(rows, self.vehicles, strict=True):
+            # Positions of a floating base in Drake: quaternion (w, x, y, z), then translation.
             w, x, y, z, *place = state[vehicle.position : vehicle.position + 6].tolist()
             yaw = np.arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
+            # Velocities of a floating base in Drake: angular velocity (3), then translational velocity in W.
             row[:] = *place, yaw, *state[vehicle.velocity + 3 : vehicle.velocity + 5]
         return rows
 
@@ -68,6 +70,8 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
     """
     lanes, _ = lane_table(world.lanes)
     actors = world.actors
+
+    # Numbers as in the compiled step: actors first, then vehicles.
     objects = {actor.name: number for number, actor in enumerate(actors)}
     objects |= {name: len(actors) + number for number, name in enumerate(vehicles)}
     steps: list[list[float]] = []
@@ -81,6 +85,7 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         row[: len(values)] = values
         if isinstance(behaviour, Walk):
             row[BEGIN], row[END] = road_on_path(world, actor)
+        # A delayed start is the first step of the scenario, so that the other steps wait for it.
         if actor.spec.starts is not None:
             steps.append([*_trigger(actor.spec.starts, world, objects), triggers.START, 0.0, 0.0])
         steps += [[*_trigger(one, world, objects), *_action(one)] for one in actor.steps]
@@ -106,6 +111,7 @@ def road_on_path(world: World, actor: Actor) -> tuple[float, float]:
     path = world.lanes[actor.lane]
     roads = shapely.union_all([lane.area for lane in world.lanes.values() if lane.kind != "path"])
     inside = shapely.intersection(shapely.LineString(np.column_stack((path.x, path.y))), roads)
+    # Several parts where the path crosses more than one road; only the first one along the path counts.
     first = min(
         (path.project(*shapely.get_coordinates(part).T)[0] for part in shapely.get_parts(inside) if not part.is_empty),
         key=lambda stations: float(stations.min()),
@@ -133,6 +139,7 @@ def start_states(world: World, lanes: LaneTable) -> Array:
     for row, actor in zip(rows, world.actors, strict=True):
         moves = actor.spec.starts is None
         row[LANE], row[S], row[OFFSET], row[OLD] = numbers[actor.lane], actor.s, actor.offset, -1.0
+        # The side of a gate is unknown until the first step; nothing is ahead until it has been searched.
         row[STARTED], row[SIDE], row[GAP] = float(moves), np.nan, np.inf
         row[WANTED] = actor.spec.speed
         row[V] = actor.spec.speed if moves else 0.0
@@ -157,6 +164,7 @@ def _trigger(trigger: Trigger, world: World, objects: Mapping[str, int]) -> list
     condition = trigger.when
     assert condition is not None
     subject, gate = -1.0, [0.0, 0.0, 0.0, 0.0]
+    # Unset means the actor itself, whose number is not known here: -1.
     if condition.of is not None:
         if condition.of not in objects:
             hint = did_you_mean(condition.of, objects)
@@ -164,6 +172,7 @@ def _trigger(trigger: Trigger, world: World, objects: Mapping[str, int]) -> list
         subject = float(objects[condition.of])
     if condition.track is not None:
         track = world.track(condition.track, where=where(trigger, "when"))
+        # A line across the whole road, with a tolerance for vehicles that pass beside it.
         half = _GATE + max(float(track.left_width(condition.value)), float(track.right_width(condition.value)))
         gate = [*track.pose_at(condition.value), half]
     return [_TRIGGERS[condition.kind], subject, condition.value, *gate]

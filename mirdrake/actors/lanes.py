@@ -69,9 +69,11 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
         first.append(sum(count))
         count.append(amount)
         step.append(lane.length / (amount - 1))
+        # Nodes are on the centre line of the lane; its width extends the box to its area.
         margin = float(np.max(lane.width))
         box.append((x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin))
         nodes.append((x, y, yaw, lane.curvature_at(s), *beside))
+    # Tables have no ragged rows: nodes of all lanes are joined, and `first` finds those of one lane.
     joined = [np.concatenate(column) for column in zip(*nodes, strict=True)] if nodes else [np.empty(0)] * 6
     successors = np.full((len(numbers), _CHOICES), -1, dtype=np.int64)
     for row, lane in zip(successors, lanes.values(), strict=True):
@@ -82,6 +84,7 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
         np.array(count, dtype=np.int64),
         np.array(step),
         np.array([lane.length for lane in lanes.values()]),
+        # A lane that is its own successor is closed.
         np.array([int(lane.id in lane.successors) for lane in lanes.values()], dtype=np.int64),
         np.array([numbers.get(lane.left or "", -1) for lane in lanes.values()], dtype=np.int64),
         np.array([numbers.get(lane.right or "", -1) for lane in lanes.values()], dtype=np.int64),
@@ -110,6 +113,7 @@ def lane_cell(t: LaneTable, lane: int, s: float) -> tuple[int, float]:
     """Return the node before a station, and the share of the way to the next node."""
     at = s / t.step[lane]
     i = math.floor(at)
+    # At the end of the lane the last piece is used with a share of one, because there is no node beyond.
     i = max(0, min(i, t.nodes[lane] - 2))
     return t.first[lane] + i, at - i
 
@@ -148,6 +152,7 @@ def station_beside(t: LaneTable, lane: int, s: float, left: bool) -> float:
         a, b, other = t.left_s[i], t.left_s[i + 1], t.left[lane]
     else:
         a, b, other = t.right_s[i], t.right_s[i + 1], t.right[lane]
+    # Interpolation across the seam of the neighbour would run backwards along the whole lane.
     if t.closed[other] == 1:
         b = a + wrapped(b - a, t.length[other])
         a = a % t.length[other]
@@ -164,12 +169,15 @@ def project(t: LaneTable, lane: int, x: float, y: float) -> tuple[float, float]:
         if away < best:
             best, nearest = away, i
         i += max(1, int((away - best) / t.step[lane]))  # nodes between are farther away
+
+    # Newton's method on the condition that the offset is perpendicular: ds = along / (1 - k d).
     s = nearest * t.step[lane]
     offset = 0.0
     for _ in range(4):
         px, py, yaw, k = lane_pose(t, lane, s)
         along = (x - px) * math.cos(yaw) + (y - py) * math.sin(yaw)
         offset = (y - py) * math.cos(yaw) - (x - px) * math.sin(yaw)
+        # Limited steps and a limited divisor keep points near the centre of curvature from jumping along the lane.
         s += max(-2.0, min(2.0, along / max(1.0 - k * offset, 0.2)))
         s = s % t.length[lane] if t.closed[lane] == 1 else max(0.0, min(s, t.length[lane]))
     return s, offset

@@ -49,8 +49,10 @@ def at_end(law: int, numbers: Array, speed: float, wanted: float, rest: float) -
         rest: distance to the end [m].
     """
     if law == follow.LAW:
+        # Constant speed until the needed deceleration has reached the comfortable one; then it stops at the end.
         needed = 0.5 * speed * speed / max(rest, 1e-9)
         return -needed if needed >= numbers[follow.DECELERATION] or rest <= 0.0 else math.inf
+    # The end as a standing obstacle; the standstill gap is added because the end itself may be reached.
     return idm.idm(numbers, speed, wanted, rest + numbers[idm.STANDSTILL], 0.0)
 
 

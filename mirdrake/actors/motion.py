@@ -78,6 +78,8 @@ def set_pose(t: LaneTable, row: Array) -> float:
     """
     x, y, yaw, k = lane_pose(t, int(row[LANE]), row[S])
     d, slope, bend = lateral(row[FROM], row[OFFSET], row[DONE], row[SPAN])
+
+    # 1 - k d, limited as it vanishes at the centre of curvature; the station then runs at most ten times faster.
     shorter = max(1.0 - k * d, 0.1)
     tangent = slope / shorter
     error = math.atan(tangent)
@@ -96,6 +98,7 @@ def approach(speed: float, wanted: float, rate: float, dt: float) -> tuple[float
     """Return the speed [m/s] and the distance [m] after a change of speed at a rate until it is reached; exact."""
     change = wanted - speed
     needed = abs(change) / rate
+    # The wanted speed is not reached within this step; otherwise the rest of the step is driven at it.
     if needed >= dt:
         after = speed + math.copysign(rate, change) * dt
         return after, 0.5 * (speed + after) * dt

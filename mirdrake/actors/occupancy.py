@@ -53,10 +53,13 @@ def fill(
         count = _put(
             lanes, owners, rows, count, lane, i, now[i, S] + 0.5 * (front - rear), 0.5 * (front + rear), now[i, V]
         )
+
+        # Until a lane change ends, those behind on the old lane must not close the gap.
         if now[i, OLD] >= 0.0 and now[i, DONE] < now[i, SPAN]:
             old = int(now[i, OLD])
             s, _ = project(t, old, now[i, X], now[i, Y])
             count = _put(lanes, owners, rows, count, old, i, s + 0.5 * (front - rear), 0.5 * (front + rear), now[i, V])
+        # An actor on a lane does not count on lanes that cross it; a path may cross any lane, and any lane a path.
         for other in range(len(own)):
             if other != lane and (own[lane] == 1 or own[other] == 1):
                 count = _touch(
@@ -77,6 +80,7 @@ def _put(
     lanes: Ints, owners: Ints, rows: Array, count: int, lane: int, owner: int, middle: float, half: float, speed: float
 ) -> int:
     """Write an object that counts on the whole width of a lane; return the number of objects."""
+    # The arrays have a fixed size; an object beyond it is dropped, because compiled code cannot enlarge them.
     if count < len(lanes):
         lanes[count], owners[count] = lane, owner
         rows[count, MIDDLE], rows[count, HALF], rows[count, SPEED] = middle, half, speed
@@ -92,6 +96,7 @@ def _touch(
     """Write an object on a lane if the box around it touches the lane, or will soon; return the number of objects."""
     middle = 0.5 * (front - rear)
     x, y, half = x + middle * math.cos(yaw), y + middle * math.sin(yaw), 0.5 * (front + rear)
+    # Bounding circle and anticipated motion: cheap tests first, the projection is by far the most expensive part.
     reach = half + half_width + ANTICIPATION * math.hypot(vx, vy)
     box = t.box[lane]
     if x < box[0] - reach or x > box[2] + reach or y < box[1] - reach or y > box[3] + reach:
@@ -99,17 +104,22 @@ def _touch(
     s, offset = project(t, lane, x, y)
     if abs(offset) > 0.5 * t.width[lane] + reach:
         return count
+
+    # Projection of the rectangle onto the lane's axes, with the heading of the lane at its nearest node.
     i = t.first[lane] + min(int(s / t.step[lane] + 0.5), t.nodes[lane] - 1)
     along = t.yaw[i]
     cosine, sine = abs(math.cos(yaw - along)), abs(math.sin(yaw - along))
     aside = half * sine + half_width * cosine
     towards = ANTICIPATION * (vy * math.cos(along) - vx * math.sin(along))  # how far it moves to the left
+    # Extended only on the side to which it moves: what leaves the lane frees it only when it has left.
     low, high = offset - aside + min(towards, 0.0), offset + aside + max(towards, 0.0)
     if low > 0.5 * t.width[lane] or high < -0.5 * t.width[lane] or count >= len(lanes):
         return count
     beyond = (x - t.x[i]) * math.cos(along) + (y - t.y[i]) * math.sin(along)
     if t.closed[lane] == 0 and abs(beyond) > half + half_width + t.step[lane]:  # before the begin or beyond the end
         return count
+
+    # Speed along the lane: negative for oncoming objects, which the law then sees as closing faster.
     lanes[count], owners[count] = lane, owner
     rows[count, MIDDLE], rows[count, HALF] = s, half * cosine + half_width * sine
     rows[count, SPEED] = vx * math.cos(along) + vy * math.sin(along)
@@ -135,8 +145,10 @@ def fill_lines(
     for k in range(len(places)):
         light = stops[k, 1]
         green, amber = programmes[light, 0], programmes[light, 1]
+        # Phases in the order green, amber, red; the offset shifts the begin of green backwards.
         phase = (time + programmes[light, 3]) % (green + amber + programmes[light, 2])
         if phase >= green and count < len(lanes):
+            # The speed column of a stop line is free, as a line does not move; it says that the light is amber.
             is_amber = 1.0 if phase < green + amber else 0.0
             count = _put(lanes, owners, rows, count, stops[k, 0], LINE, places[k], 0.0, is_amber)
     return count
@@ -166,17 +178,22 @@ def ahead(
         count: see `lanes`.
     """
     gap, speed, owner, base = math.inf, 0.0, -2, 0.0
+
+    # Lane by lane; `base` is the station of the begin of the searched lane, measured from the first one.
     for _ in range(_HOPS):
         for k in range(count):
             if lanes[k] != lane or owners[k] == me or rows[k, LOW] > high + _ASIDE or rows[k, HIGH] < low - _ASIDE:
                 continue
             away = base + rows[k, MIDDLE] - middle
+            # On a closed lane everything is ahead; nothing beyond it needs to be searched.
             if t.closed[lane] == 1:
                 away = away % t.length[lane]
             free = away - rows[k, HALF] - half
             if owners[k] == LINE:
+                # A line behind the front bumper was crossed; amber is passed if a comfortable stop is too late.
                 if free < 0.0 or (rows[k, SPEED] > 0.0 and free < stop):
                     continue
+            # At equal stations the lower number is behind, so that the two do not wait for each other.
             elif away < 0.0 or (away == 0.0 and owners[k] < me):
                 continue
             if free < gap:

@@ -48,6 +48,8 @@ class RoadAhead(LeafSystem):
         self, world: World, track: str, name: str, vehicles: Mapping[str, FullVehicle], *, state_size: int
     ) -> None:
         super().__init__()
+
+        # Only lanes in the direction of the track; oncoming traffic on other lanes is not ahead.
         own = {lane.id: lane for lane in world.lanes.values() if lane.road == track and lane.direction > 0}
         self._lanes, numbers = lane_table(own)
         self._bodies = Bodies(state_size, tuple(vehicles.values()))
@@ -73,6 +75,7 @@ class RoadAhead(LeafSystem):
     def _calc(self, context: Context, output: BasicVector) -> None:
         objects = self._bodies.planar(self.plant_state.Eval(context))
         if self.actor_states is not None:
+            # Without the yaw rate, which occupancy does not use.
             actors = self.actor_states.Eval(context).reshape(-1, len(PLANAR))[:, :5]
             objects = np.vstack((objects, actors))
         gap, speed, lane, front = self._look(self._lanes, self._shape, objects, self._me)
@@ -86,6 +89,7 @@ class RoadAhead(LeafSystem):
             away = s - front
             if self._lanes.closed[lane]:
                 length = float(self._lanes.length[lane])
+                # Wrapped into -1 m to length - 1 m: a line just behind the bumper keeps its negative distance.
                 away = (away + 1.0) % length - 1.0
             if number == lane and -1.0 <= away < nearest:  # a line below the front bumper counts for a metre
                 nearest, state = away, float(light.state(time))
@@ -104,13 +108,18 @@ def look_ahead(t: LaneTable, shape: Array, objects: Array, me: int) -> tuple[flo
     x, y, yaw = objects[me, 0], objects[me, 1], objects[me, 2]
     front, rear, half_width = shape[me, 0], shape[me, 1], shape[me, 2]
     middle, half = 0.5 * (front - rear), 0.5 * (front + rear)
+
+    # The vehicle is on the lane whose centre line is nearest to its middle.
     best, lane, s, offset = math.inf, 0, 0.0, 0.0
     for number in range(len(t.length)):
         station, aside = project(t, number, x + middle * math.cos(yaw), y + middle * math.sin(yaw))
         if abs(aside) < best:
             best, lane, s, offset = abs(aside), number, station, aside
+
+    # Each object can touch every lane once.
     most = len(objects) * len(t.length)
     on, owners, rows = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, occupancy.WIDE))
+    # No rows of actors: actors have no lane of this table here and count as bodies, like vehicles.
     count = fill(t, np.zeros(len(t.length), np.int64), shape, np.empty((0, 1)), objects, on, owners, rows)
     gap, speed, _ = ahead(
         t, lane, s, half, offset - half_width, offset + half_width, me, math.inf, 0.0, on, owners, rows, count

@@ -86,17 +86,23 @@ def step(t: LaneTable, crew: Crew, now: Array, vehicles: Array, time: float, dt:
         after: states after the step; written.
     """
     n = len(now)
+    # Arrays of one size for compiled code: two lanes per actor, eight lanes touched by each body, and the stop lines.
     most = 2 * n + 8 * (n + len(vehicles)) + len(crew.places)
     on, owners, rows = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, occupancy.WIDE))
     count = fill(t, crew.own, crew.shape, now, vehicles, on, owners, rows)
     count = fill_lines(crew.stops, crew.places, crew.programmes, time, on, owners, rows, count)
+
+    # Actions first: a step that fires now already acts on the motion of this time step.
     after[:] = now
     for i in range(n):
         number = crew.first_step[i] + int(now[i, STEP])
         if number < crew.first_step[i + 1] and is_due(crew.steps[number], i, now, vehicles, time, after[i]):
             after[i, STEP] += 1.0
+            # Not a number compares as false: the next gate needs one step to learn its side before it can fire.
             after[i, SIDE] = math.nan
             act(t, crew.steps[number], now[i], after[i], crew.speed[i], crew.min_radius[i])
+
+    # Lane changes before motions, because they decide on which lane an actor then looks ahead.
     change_lanes(t, crew, now, time, dt, on, owners, rows, count, after)
     for i in range(n):
         if crew.law[i] == walk.LAW:
@@ -124,6 +130,7 @@ def move(
     """
     law, numbers, speed, lane = crew.law[i], crew.numbers[i], now[V], int(row[LANE])
     front, rear, half_width = crew.shape[i, 0], crew.shape[i, 1], crew.shape[i, 2]
+    # Frame A is at the rear axle; objects on lanes are described by their middle and half of their length.
     middle, half = row[S] + 0.5 * (front - rear), 0.5 * (front + rear)
     d, _, _ = lateral(row[motion.FROM], row[OFFSET], row[DONE], row[SPAN])
     stop = stopping_distance(law, numbers, speed)
@@ -144,16 +151,20 @@ def move(
     # Speed and distance: a change of speed by a scenario, or the law of the behaviour.
     wanted = 0.0 if row[HELD] > 0.0 else row[WANTED]
     row[LIMIT] = 0.0
+    # Not started yet; otherwise a rate set by a scenario takes precedence over the law, without regard to gaps.
     if row[STARTED] == 0.0:
         row[V], distance = 0.0, 0.0
     elif row[RAMP] > 0.0:
         row[V], distance = approach(speed, wanted, row[RAMP], dt)
+        # While it is held the rate stays, so that the law of the behaviour does not take over at standstill.
         if row[V] == wanted and row[HELD] == 0.0:
             row[RAMP] = 0.0
     else:
         a = acceleration(law, numbers, speed, wanted, gap, other, dt)
+        # A dead end is an obstacle; laws that ignore others must stop there as well.
         if t.closed[lane] == 0 and t.successors[lane, 0] < 0:
             a = min(a, at_end(law, numbers, speed, wanted, t.length[lane] - row[S]))
+        # Recorded as `braking_limit`: the law asked for a harder braking than the actor is capable of.
         if a < -numbers[BRAKING]:
             a = -numbers[BRAKING]
             row[LIMIT] = 1.0
@@ -168,8 +179,11 @@ def move(
         row[DONE] = min(done + distance * rate, row[SPAN])
         if attempt == 0:
             rate = 0.5 * (rate + set_pose(t, row))
+
+    # The lane change is complete: the actor occupies only its new lane from now on.
     if row[SPAN] > 0.0 and row[DONE] >= row[SPAN]:
         row[SPAN], row[DONE], row[OLD] = 0.0, 0.0, -1.0
+    # More than one lane may end within a step, because lanes of networks can be shorter than it.
     while row[S] >= t.length[lane]:
         following = t.successors[lane, 0]
         if following < 0:
@@ -180,6 +194,8 @@ def move(
         row[S] -= t.length[lane]
         lane = following
         row[LANE] = lane
+
+    # Once more: lane and station may have changed since the last call, and WZ and the velocity depend on row[V].
     set_pose(t, row)
 
 
@@ -211,12 +227,15 @@ def change_lanes(
     """
     n = len(now)
     taken_lane, taken_s = np.full(n, -1, np.int64), np.zeros(n)
+    # The rounded number of the time step; truncation would skip or repeat one for times just below a multiple.
     number = math.floor(time / dt + 0.5)
     for i in range(n):
         if (number + i) % DECISION != 0:  # each decides at its own time
             continue
+        # No decision during a lane change, whether an earlier one or one that a scenario begins in this step.
         if crew.law[i] != idm_mobil.LAW or now[i, SPAN] > 0.0 or after[i, SPAN] > 0.0 or now[i, STARTED] == 0.0:
             continue
+        # The left side is evaluated first and wins a tie, because the right one must be better.
         best, left = 0.0, False
         for side in range(2):
             gain = advantage(t, crew, i, now, side == 0, dt, on, owners, rows, count)
@@ -227,6 +246,8 @@ def change_lanes(
         lane = int(now[i, LANE])
         other = t.left[lane] if left else t.right[lane]
         s, _ = project(t, other, now[i, motion.X], now[i, motion.Y])
+
+        # Decisions use the states at the begin of the step, in which two actors can see the same gap as free.
         room = 2.0 * now[i, V] + crew.shape[i, 0] + crew.shape[i, 1] + 10.0
         free = True
         for j in range(i):
@@ -266,20 +287,27 @@ def advantage(
     s, _ = project(t, other, now[i, motion.X], now[i, motion.Y])
     beside = s + 0.5 * (front - rear)
     stop = stopping_distance(crew.law[i], numbers, speed)
+
+    # What is ahead and behind on both lanes, as in the notation of MOBIL: c the actor, n new and o old follower.
     gap, lead, _ = ahead(t, lane, middle, half, -half_width, half_width, i, LOOK, stop, on, owners, rows, count)
     new_gap, new_lead, _ = ahead(
         t, other, beside, half, -half_width, half_width, i, LOOK, stop, on, owners, rows, count
     )
     back, back_speed, back_owner = behind(t, lane, middle, half, i, on, owners, rows, count)
     new_back, new_back_speed, new_owner = behind(t, other, beside, half, i, on, owners, rows, count)
+
+    # Something is beside the actor; the law has no meaning for gaps that are not positive.
     if new_gap <= 0.0 or new_back <= 0.0:
         return -math.inf
+
+    # Without the actor, a follower has the gap to the object ahead of it: both gaps and the length of the actor.
     law, wanted = crew.law[i], now[i, WANTED]
     own = acceleration(law, numbers, speed, wanted, gap, lead, dt)
     own_then = acceleration(law, numbers, speed, wanted, new_gap, new_lead, dt)
     new, new_then = followers(
         crew, i, now, new_owner, new_back_speed, new_back + 2.0 * half + new_gap, new_lead, new_back, speed, dt
     )
+    # The order is reversed: the old follower has the actor ahead of it now and no longer after the change.
     old_then, old = followers(crew, i, now, back_owner, back_speed, back + 2.0 * half + gap, lead, back, speed, dt)
     return idm_mobil.mobil(numbers, own, own_then, new, new_then, old, old_then)
 
@@ -313,6 +341,7 @@ def followers(
     if owner < 0:
         return 0.0, 0.0
     who = owner if owner < len(now) and sees(crew.law[owner]) else i
+    # A vehicle has no known set-point; its speed is at least as large as it drives now.
     wanted = max(now[who, WANTED], speed) if who == i else now[who, WANTED]
     return (
         acceleration(crew.law[who], crew.numbers[who], speed, wanted, free, lead, dt),

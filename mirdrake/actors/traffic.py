@@ -78,7 +78,9 @@ class Traffic(LeafSystem):
         start = start_states(world, self._lanes)
         self._size = start.size
         self.plant_state = self.DeclareVectorInputPort("plant_state", self._bodies.size)
+        # The first update is at t = -PERIOD, formally: until the one at t = 0, outputs are those of the end, the start.
         self._state = self.DeclareDiscreteState(np.concatenate(([-PERIOD], start.ravel(), start.ravel())))
+        # Without a ticket of the input: outputs depend on the state only, so that there is no algebraic loop.
         needs = [self.time_ticket(), self.discrete_state_ticket(self._state)]
         self.states = declare_vector_output(
             self, "states", actor_signals(self.names, PLANAR), self._calc_states, prerequisites=needs
@@ -90,6 +92,7 @@ class Traffic(LeafSystem):
             "poses",
             lambda: AbstractValue.Make(FramePoseVector()),
             self._calc_poses,
+            # Without the time ticket poses are cached between updates, and the geometry engine has less to do.
             set(needs if always else needs[1:]),
         )
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
@@ -104,6 +107,7 @@ class Traffic(LeafSystem):
         vehicles = self._bodies.planar(self.plant_state.Eval(context))
         after = np.empty_like(now)
         time = context.get_time()
+        # The last prediction becomes the present state; only the state 20 ms later is computed.
         self._step(self._lanes, self._crew, now, vehicles, time, PERIOD, after)
         state.set_value(self._state, np.concatenate(([time], now.ravel(), after.ravel())))
 
@@ -122,6 +126,7 @@ class Traffic(LeafSystem):
         u = min(max((context.get_time() - time) / PERIOD, 0.0), 1.0)
         x, y, yaw, _, _, wz = planar_between(before, after, u).T
         speed = (1.0 - u) * before[:, V] + u * after[:, V]
+        # The yaw of a lane is continuous and grows on a closed one; recorded angles are within one turn.
         yaw = np.mod(yaw + np.pi, 2.0 * np.pi) - np.pi
         rows = (x, y, yaw, speed, after[:, A], wz, after[:, LANE], after[:, GAP], after[:, LIMIT])
         output.SetFromVector(np.column_stack(rows).ravel())
@@ -143,6 +148,7 @@ def planar_between(before: Array, after: Array, u: float) -> Array:
     """
     start, end = before[:, :3], after[:, :3]
     change = end - start
+    # The shorter way round: at the seam of a closed lane yaw jumps by a turn.
     change[:, 2] -= 2.0 * np.pi * np.floor(change[:, 2] / (2.0 * np.pi) + 0.5)
     first, last = before[:, 3:6], after[:, 3:6]
     place = start + u * u * (3.0 - 2.0 * u) * change + PERIOD * u * ((1.0 - u) ** 2 * first + u * (u - 1.0) * last)

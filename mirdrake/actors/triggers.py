@@ -73,6 +73,7 @@ def is_due(step: Array, i: int, now: Array, vehicles: Array, time: float, next_r
     """
     kind = int(step[TRIGGER])
     if kind == AT:
+        # The tolerance absorbs rounding of the time, which would delay the step by one period.
         return bool(time >= step[VALUE] - 1e-9)
     if kind == GAP_BELOW:
         return bool(now[i, GAP] < step[VALUE])
@@ -82,6 +83,8 @@ def is_due(step: Array, i: int, now: Array, vehicles: Array, time: float, next_r
         return bool(now[i, V] < step[VALUE])
     if kind == SPEED_ABOVE:
         return bool(now[i, V] > step[VALUE])
+
+    # Numbers from n on are vehicles.
     subject = int(step[SUBJECT])
     if subject < len(now):
         x, y, vx, vy = now[subject, X], now[subject, Y], now[subject, VX], now[subject, VY]
@@ -91,11 +94,13 @@ def is_due(step: Array, i: int, now: Array, vehicles: Array, time: float, next_r
     if kind == PAST:
         dx, dy, cosine, sine = x - step[GATE_X], y - step[GATE_Y], math.cos(step[GATE_YAW]), math.sin(step[GATE_YAW])
         side, aside = dx * cosine + dy * sine, dy * cosine - dx * sine
+        # The side in the last step against the present one: the gate fires on crossing it forwards, once.
         before = now[i, SIDE]
         next_row[SIDE] = side
         return bool(before < 0.0 <= side and abs(aside) <= step[GATE_HALF])
     distance = math.hypot(x - now[i, X], y - now[i, Y])
     if kind == TIME:
+        # Time to reach the actor at the present speed, without a division that fails at standstill.
         return bool(distance <= step[VALUE] * math.hypot(vx, vy))
     return bool(distance <= step[VALUE])
 
@@ -120,7 +125,9 @@ def act(t: LaneTable, step: Array, now_row: Array, row: Array, speed: float, min
         row[RAMP], row[HELD] = step[FIRST], 1.0
     elif action == GO:
         row[RAMP], row[HELD] = step[FIRST], 0.0
+    # A lane change during another one is ignored; the first one is finished.
     elif now_row[DONE] >= now_row[SPAN]:
+        # The time of the change at the present speed; `span_of` lengthens it if the curvature would be too large.
         distance = step[SECOND] * now_row[V]
         change_lane(t, now_row, row, step[FIRST] > 0.0, distance, min_radius)
 
@@ -140,6 +147,7 @@ def change_lane(t: LaneTable, now_row: Array, row: Array, left: bool, distance: 
     other = t.left[lane] if left else t.right[lane]
     if other < 0:
         return
+    # The offset on the new lane is that of the present position, so that the pose does not jump.
     s, offset = project(t, other, now_row[X], now_row[Y])
     row[OLD], row[LANE], row[S], row[FROM], row[DONE] = lane, other, s, offset, 0.0
     row[SPAN] = span_of(row[OFFSET] - offset, distance, min_radius)

@@ -63,11 +63,13 @@ def step_walker(
     # At the kerb it waits until the gap to every vehicle is long enough.
     begin, end = numbers[walk.BEGIN], numbers[walk.END]
     row[WAIT] = 0.0
+    # The speed decays with the time constant tau, so that stopping takes speed * tau; later it could not stop.
     rest = begin - me[S]
     if end > begin and 0.0 <= rest <= speed * tau + _KERB:
         x, y, heading, _ = lane_pose(t, lane, 0.5 * (begin + end))
         half = 0.5 * (end - begin) + _ASIDE
         for j in range(n + len(vehicles)):
+            # Other pedestrians are not a danger; vehicles at standstill have no arrival time.
             if j < n and law[j] != walk.LAW and math.hypot(now[j, VX], now[j, VY]) > _SLOW:
                 other = now[j]
                 if arrives_within(
@@ -84,24 +86,31 @@ def step_walker(
     # Forces along the path and to its left.
     _, _, direction, _ = lane_pose(t, lane, me[S])
     cosine, sine = math.cos(direction), math.sin(direction)
+    # Poles of the lateral motion: s² + s/tau + 1/(4 tau²) = (s + 1/(2 tau))², critically damped.
     along, across = (wanted - speed) / tau, -aside / tau - offset / (4.0 * tau * tau)
     for j in range(n):
         if j != i and law[j] == walk.LAW:
+            # Pedestrians count as circles, whatever their heading.
             contact = max(shape[i, 0], shape[i, 2]) + max(shape[j, 0], shape[j, 2])
             fx, fy = repulsion(numbers, me[X] - now[j, X], me[Y] - now[j, Y], contact)
             along += fx * cosine + fy * sine
             across += fy * cosine - fx * sine
+
+    # Semi-implicit Euler: the new speed moves it. It does not walk backwards, nor is it pushed beyond a run.
     row[V] = max(0.0, min(speed + along * dt, _FASTEST * row[WANTED]))
     row[A] = (row[V] - speed) / dt
     row[AIM] = aside + across * dt
     row[S] = min(me[S] + row[V] * dt, t.length[lane])
     row[OFFSET] = offset + row[AIM] * dt
+    # Without a lane change in progress, `set_pose` takes the offset as it is.
     row[FROM], row[SPAN] = row[OFFSET], 0.0
     if row[S] >= t.length[lane]:
         row[V], row[AIM] = 0.0, 0.0
     set_pose(t, row)
+    # `set_pose` knows only the speed along the path; the lateral one is added in W.
     row[VX] -= row[AIM] * math.sin(row[YAW])
     row[VY] += row[AIM] * math.cos(row[YAW])
+    # The body turns to its velocity; the lower bound keeps it from spinning at standstill.
     row[YAW] += math.atan2(row[AIM], max(row[V], 0.5))
     row[WZ] = 0.0
 

@@ -63,6 +63,7 @@ def _read_png(path: Path, lowest: float, highest: float | None, prefix: str) -> 
     if highest is None:
         raise ConfigError(f"{prefix}{shown(path)}: a PNG has no heights in m; give highest, the height of white")
     with Image.open(path) as image:
+        # Pillow opens 16-bit grey as I or I;16, depending on its version; `convert` would clip these to 8 bits.
         grey = np.asarray(image if image.mode in ("L", "I", "I;16") else image.convert("L"), dtype=float)
         white = 255.0 if image.mode not in ("I", "I;16") else 65535.0
     return lowest + (highest - lowest) * grey[::-1] / white
@@ -77,7 +78,10 @@ def _read_obj(path: Path, cell: float) -> tuple[Array, tuple[float, float]]:
             vertices.append([float(word) for word in words[1:4]])
         elif words[:1] == ["f"]:
             corners = [int(word.split("/")[0]) for word in words[1:]]
+
+            # Indices of OBJ begin at one; negative ones count back from the vertices read so far.
             corners = [corner - 1 if corner > 0 else len(vertices) + corner for corner in corners]
+            # A polygon becomes a fan of triangles, which is right for convex ones.
             faces += [(corners[0], corners[i], corners[i + 1]) for i in range(1, len(corners) - 1)]
     if len(vertices) < 3 or not faces:
         raise ValueError("it has no faces")
@@ -85,7 +89,9 @@ def _read_obj(path: Path, cell: float) -> tuple[Array, tuple[float, float]]:
     if triangles.min() < 0 or triangles.max() >= len(points):
         raise ValueError("a face has a vertex that does not exist")
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    # The tolerance avoids an extra row where the size is a multiple of the cell up to rounding.
     count = np.maximum(np.ceil((high - low) / cell - 1e-9).astype(int) + 1, 2)
+    # Minus infinity below everything: each triangle raises the nodes under it, so that the upper side remains.
     z = np.full((count[1], count[0]), -np.inf)
     for a, b, c in points[triangles]:
         _raise_over(z, a, b, c, low, cell)
@@ -99,17 +105,20 @@ def _read_obj(path: Path, cell: float) -> tuple[Array, tuple[float, float]]:
 
 def _raise_over(z: Array, a: Array, b: Array, c: Array, low: Array, cell: float) -> None:
     """Raise the nodes of a grid that are below a triangle to it."""
+    # Grid nodes in the bounding box of the triangle.
     first = np.maximum(np.ceil((np.minimum(np.minimum(a, b), c)[:2] - low) / cell - 1e-9).astype(int), 0)
     last = np.floor((np.maximum(np.maximum(a, b), c)[:2] - low) / cell + 1e-9).astype(int)
     if (last < first).any():
         return
     i, j = np.meshgrid(np.arange(first[0], last[0] + 1), np.arange(first[1], last[1] + 1))
     x, y = low[0] + cell * i - a[0], low[1] + cell * j - a[1]
+    # Barycentric coordinates in the plan view; a vertical triangle has no area there and hides no node.
     (ux, uy, uz), (vx, vy, vz) = b - a, c - a
     determinant = ux * vy - uy * vx
     if abs(determinant) < 1e-12:
         return
     p, q = (x * vy - y * vx) / determinant, (y * ux - x * uy) / determinant
+    # The tolerance includes nodes on shared edges, which would otherwise fall between two triangles.
     inside = (p >= -1e-9) & (q >= -1e-9) & (p + q <= 1.0 + 1e-9)
     rows, columns = j[inside], i[inside]
     z[rows, columns] = np.maximum(z[rows, columns], a[2] + p[inside] * uz + q[inside] * vz)

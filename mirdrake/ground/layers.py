@@ -117,6 +117,8 @@ def ground_at(terrain: TerrainData, x: float, y: float) -> tuple[float, float, f
             height, along, across = _bilinear(terrain.heights, layer, u, v)
         else:
             height, along, across = _spline(terrain.heights, layer, u, v)
+
+        # Slopes turn with the axes of the layer, (u, v) to (x, y); heights and slopes of layers add up.
         z += height
         zx += layer.cosine * along - layer.sine * across
         zy += layer.sine * along + layer.cosine * across
@@ -143,14 +145,18 @@ def _node(index: int, count: int, periodic: int) -> int:
 
 def _bilinear(heights: npt.NDArray[np.float32], layer: Any, u: float, v: float) -> tuple[float, float, float]:
     column, row = u / layer.cell, v / layer.cell
+    # A local grid is a patch on the ground: outside it adds nothing, while other grids continue their edge heights.
     if layer.local != 0 and not (0.0 <= column <= layer.columns - 1 and 0.0 <= row <= layer.rows - 1):
         return 0.0, 0.0, 0.0
+    # The clamped coordinate is constant outside, so that its derivative must be zero there as well.
     inside_x, inside_y = 1.0, 1.0
     if layer.periodic == 0:
         inside_x, inside_y = _inside(column, layer.columns), _inside(row, layer.rows)
         column, row = min(max(column, 0.0), layer.columns - 1.0), min(max(row, 0.0), layer.rows - 1.0)
     i, j = floor(column), floor(row)
     p, q = column - i, row - j
+
+    # Rows are along x: a row of the grid is `columns` numbers long.
     i0, i1 = _node(i, layer.columns, layer.periodic), _node(i + 1, layer.columns, layer.periodic)
     low = layer.first + _node(j, layer.rows, layer.periodic) * layer.columns
     high = layer.first + _node(j + 1, layer.rows, layer.periodic) * layer.columns
@@ -167,6 +173,8 @@ def _inside(node: float, count: int) -> float:
 
 def _spline(heights: npt.NDArray[np.float32], layer: Any, u: float, v: float) -> tuple[float, float, float]:
     column, row = u / layer.cell, v / layer.cell
+
+    # As in `_bilinear`: constant heights outside, with zero slope.
     inside_x, inside_y = 1.0, 1.0
     if layer.periodic == 0:
         inside_x, inside_y = _inside(column, layer.columns), _inside(row, layer.rows)
@@ -174,6 +182,8 @@ def _spline(heights: npt.NDArray[np.float32], layer: Any, u: float, v: float) ->
     i, j = floor(column), floor(row)
     a0, a1, a2, a3, d0, d1, d2, d3 = _spline_weights(column - i)
     b0, b1, b2, b3, e0, e1, e2, e3 = _spline_weights(row - j)
+
+    # Tensor product of the weights: four coefficients of each row along x, then the four rows along y.
     z, along, across = 0.0, 0.0, 0.0
     columns = layer.columns
     i0, i1 = _reflected(i - 1, columns, layer.periodic), _node(i, columns, layer.periodic)
@@ -183,6 +193,7 @@ def _spline(heights: npt.NDArray[np.float32], layer: Any, u: float, v: float) ->
         c0, c1, c2, c3 = heights[start + i0], heights[start + i1], heights[start + i2], heights[start + i3]
         value = a0 * c0 + a1 * c1 + a2 * c2 + a3 * c3
         slope = d0 * c0 + d1 * c1 + d2 * c2 + d3 * c3
+        # Scalars instead of an array of weights, which would be allocated for every sample of a wheel.
         weight = b0 if k == 0 else (b1 if k == 1 else (b2 if k == 2 else b3))
         change = e0 if k == 0 else (e1 if k == 1 else (e2 if k == 2 else e3))
         z += weight * value
@@ -220,6 +231,7 @@ def _spline_weights(t: float) -> tuple[float, float, float, float, float, float,
 
 def _feature(layer: Any, u: float, v: float) -> tuple[float, float, float]:
     """Return height and slopes of a block (rise, top, fall) or of a wave (1 - cos), with side faces."""
+    # Factor of the side faces: 1 over the full width, falling linearly to 0 over the length of a face.
     side, side_slope = 1.0, 0.0
     beyond = abs(v) - layer.e
     if beyond >= layer.f:
@@ -228,6 +240,8 @@ def _feature(layer: Any, u: float, v: float) -> tuple[float, float, float]:
         side, side_slope = 1.0 - beyond / layer.f, (-1.0 if v > 0.0 else 1.0) / layer.f
     if u <= 0.0:
         return 0.0, 0.0, 0.0
+
+    # Profile along u; beyond the fall, or the wave, the height remains zero.
     height, slope = 0.0, 0.0
     if layer.kind == WAVE:
         if u < layer.b:
@@ -239,6 +253,7 @@ def _feature(layer: Any, u: float, v: float) -> tuple[float, float, float]:
         height = layer.a
     elif u < layer.b + layer.c + layer.d:
         height, slope = layer.a * (layer.b + layer.c + layer.d - u) / layer.d, -layer.a / layer.d
+    # Product rule; the profile depends on u only and the factor of the side faces on v only.
     return height * side, slope * side, height * side_slope
 
 
@@ -258,19 +273,27 @@ def _on_track(
     length = numbers[q] - numbers[p]
     px, vx, ax = _hermite(numbers[p + 1], length * numbers[p + 3], numbers[q + 1], length * numbers[q + 3], t)
     py, vy, ay = _hermite(numbers[p + 2], length * numbers[p + 4], numbers[q + 2], length * numbers[q + 4], t)
+
+    # The parameter t is not the arc length: dp/dt has the length `speed`, which the curvature and the slope need.
     speed = hypot(vx, vy)
     tx, ty = vx / speed, vy / speed
+
+    # Offset n, positive to the left as in ISO 8855; `ahead` differs from zero only beyond the end of an open road.
     dx, dy = x - px, y - py
     n, ahead = tx * dy - ty * dx, tx * dx + ty * dy
+    # 1 - k n, the ratio of arc lengths at the offset n; limited because it vanishes at the centre of curvature.
     bend = max(1.0 - (vx * ay - vy * ax) / (speed * speed * speed) * n, 0.1)
     left = numbers[p + 9] + t * (numbers[q + 9] - numbers[p + 9])
     right = numbers[p + 10] + t * (numbers[q + 10] - numbers[p + 10])
+
+    # Distance beyond the nearer edge; `sign` turns derivatives by this distance into derivatives by n.
     edge, sign = (n - left, 1.0) if n > 0.0 else (-n - right, -1.0)
 
     # Height of the road, blended into the layers below it over the embankment.
     if layer.blends != 0:
         shoulder = layer.b
         past = abs(ahead) if station_is_end(layer, station, t) else 0.0
+        # Beside and beyond the end of the road the same ramp blends it; the larger distance decides.
         outside = max(edge - shoulder, past)
         if outside < layer.a:
             height, rate, _ = _hermite(
@@ -279,12 +302,15 @@ def _on_track(
             bank, bank_rate, _ = _hermite(
                 numbers[p + 7], length * numbers[p + 8], numbers[q + 7], length * numbers[q + 8], t
             )
+            # Beyond the end the foot does not move, so that height and banking are constant along the road.
             along = 0.0 if past > 0.0 else (rate + n * bank_rate) / (length * bend)
             road = height + n * bank
             weight, change = 1.0, 0.0
             if outside > 0.0:
                 r = outside / layer.a
+                # Cubic smoothstep: the slope is continuous at both ends of the embankment.
                 weight, change = 1.0 - r * r * (3.0 - 2.0 * r), -6.0 * r * (1.0 - r) / layer.a
+            # Product rule of weight * (road - z); these use the height below, so z changes only after them.
             across = bank * weight + (road - z) * change * (sign if edge - shoulder > past else 0.0)
             forward = along * weight
             if past >= edge - shoulder and past > 0.0:
@@ -300,6 +326,7 @@ def _on_track(
         if edge < 2.0 * reach + layer.e and layer.g <= s <= layer.h:
             height, slope = layer.c, 0.0
             if edge < reach:
+                # Trapezoid across the road: a face, the flat top, and a face down to the shoulder.
                 height, slope = layer.c * edge / reach, layer.c / reach
             elif edge > reach + layer.e:
                 height, slope = layer.c * (2.0 * reach + layer.e - edge) / reach, -layer.c / reach
@@ -328,6 +355,8 @@ def _foot(numbers: npt.NDArray[np.float64], layer: Any, x: float, y: float) -> t
     begin, end = int(numbers[cell]), int(numbers[cell + 1])
     if begin == end:
         return 0, 0.0, False
+
+    # Chords are enough to choose the piece; only the chosen one needs its curve.
     # The nearest chord.
     best, nearest, t = -1, 1e300, 0.0
     for k in range(begin, end):
@@ -347,8 +376,10 @@ def _foot(numbers: npt.NDArray[np.float64], layer: Any, x: float, y: float) -> t
         py, vy, ay = _hermite(numbers[p + 2], length * numbers[p + 4], numbers[q + 2], length * numbers[q + 4], t)
         dx, dy = x - px, y - py
         slope = dx * ax + dy * ay - vx * vx - vy * vy
+        # Only at a minimum of the distance; beyond the centre of curvature Newton would run to a maximum.
         if slope < 0.0:
             t -= (dx * vx + dy * vy) / slope
+        # Past an inner station the next cubic is nearly the same; past an end there is nothing to extrapolate to.
         low = 0.0 if layer.periodic == 0 and best == 0 else -_BEYOND
         high = 1.0 if layer.periodic == 0 and best == layer.rows - 2 else 1.0 + _BEYOND
         t = min(max(t, low), high)

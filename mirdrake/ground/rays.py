@@ -45,6 +45,8 @@ def refine_hits(
             continue
         start, direction, guess, span = starts[i], directions[i], distances[i], _FIRST
         low, high, above, below = 0.0, 0.0, 0.0, 0.0
+
+        # The smallest bracket first: the mesh is near the ground, and a wide one could contain another crossing.
         found = False
         for _ in range(_SPANS):
             low, high = max(guess - span, 0.0), guess + span
@@ -57,12 +59,14 @@ def refine_hits(
             continue
         side = 0
         for _ in range(_ROUNDS):
+            # The height difference is checked too: it is the divisor of the next secant.
             if high - low < _EXACT or above - below < _EXACT:
                 break
             middle = (above * high - below * low) / (above - below)
             height = above_ground(terrain, start, direction, middle)
             if height > 0.0:
                 low, above = middle, height
+                # Illinois rule: halve the value of an end that is kept twice, else convergence is one-sided.
                 below = 0.5 * below if side > 0 else below
                 side = 1
             else:

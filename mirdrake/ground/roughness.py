@@ -35,6 +35,7 @@ LONGEST, SPLIT, SHORTEST = 0.01, 0.25, 6.0
 """Smallest frequency, frequency between the two grids, and largest frequency [cycles/m]. ISO 8608 extends to 10
 cycles/m; tyres envelop waves that are shorter than their contact patch."""
 
+# At least three nodes per wavelength; the fields repeat after 512 m (long waves) and 51 m (short waves).
 _LONG_CELL, _SHORT_CELL, _NODES = 0.5, 0.05, 1024
 _ROTATION = pi * (3.0 - 5.0**0.5)  # golden angle: tan is irrational, and far from ratios of small numbers [rad]
 
@@ -72,6 +73,7 @@ def _field(random: np.random.Generator, density: float, cell: float, low: float,
     inside = (k >= low) & (k < high)
     spectrum = np.zeros_like(k)
     spectrum[inside] = density * REFERENCE_FREQUENCY**2 / (4.0 * k[inside] ** 3)
+    # Filtered white noise instead of random phases of an own spectrum: the symmetry of a real field comes for free.
     white = np.fft.rfft2(random.standard_normal((_NODES, _NODES)))
     gain = np.sqrt(spectrum) * (1.0 / (_NODES * cell)) * _NODES
     return np.fft.irfft2(white * gain, s=(_NODES, _NODES))

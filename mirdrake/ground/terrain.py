@@ -271,6 +271,8 @@ class Road:
         shape = (self.z, self.slope, self.bank, self.bank_slope, self.left, self.right)
         stations = np.column_stack((*pose, *shape))
         assert stations.shape[1] == STATION
+
+        # The index must cover everything that the road changes: the embankment, or a kerb that is wider.
         kerb = self.kerb
         beside = self.shoulder + self.embankment if self.blends else 0.0
         reach = float(max(self.left.max(), self.right.max())) + max(beside, kerb.top + 2.0 * kerb.face if kerb else 0.0)
@@ -311,16 +313,22 @@ def _index(points: Array, reach: float, first: int) -> tuple[Array, tuple[float,
     """
     low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
     nx, ny = (int(n) for n in np.ceil((high - low) / _CELL))
+    # Half of the length of each chord: no point of a piece is farther than this from its middle.
     ends = np.hypot(*np.diff(points, axis=0).T) / 2.0
     middles = 0.5 * (points[1:] + points[:-1])
     # A piece is listed in a cell if it may be the nearest one to a point in it, within the reach.
     tree = scipy.spatial.cKDTree(middles)
+    # Half of the diagonal of a cell, the largest distance of one of its points from its centre.
     half, longest = _CELL / np.sqrt(2.0), float(ends.max())
     centres = low + _CELL * (np.stack(np.meshgrid(np.arange(nx), np.arange(ny)), axis=-1).reshape(-1, 2) + 0.5)
     nearest, _ = tree.query(centres)
+    # Triangle inequality: another piece can only be nearest within twice both half lengths of the nearest middle.
     within = np.where(nearest > reach + half + longest, 0.0, nearest + 2.0 * (half + longest))
     lists = tree.query_ball_point(centres, within)
+
+    # Sorted, so that ties in `_foot` go to the first piece; outside of the reach the list is empty.
     lists = [sorted(pieces) if radius > 0.0 else [] for pieces, radius in zip(lists, within, strict=True)]
+    # The lists follow one number per cell and one more, the end of the last list.
     begins = first + len(lists) + 1 + np.concatenate([[0], np.cumsum([len(pieces) for pieces in lists])])
     flat = [float(piece) for pieces in lists for piece in pieces]
     return np.concatenate([begins.astype(float), flat]), (float(low[0]), float(low[1])), (nx, ny)
@@ -353,6 +361,7 @@ class Terrain:
         numbers: list[Array] = []
         heights: list[NDArray[np.float32]] = []
         for source in self.sources:
+            # Offsets into the joined arrays, which a layer stores as the index of its first number or height.
             counts = (sum(part.size for part in numbers), sum(part.size for part in heights))
             layer, more, grid = source.pack(*counts)
             layers.append(layer)
@@ -384,6 +393,7 @@ class Terrain:
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
         result = np.zeros((x.size, 3))
         if not self.flat:
+            # Copies: a broadcast view is read-only and perhaps not contiguous, which is another type for compiled code.
             compiled(heights_at, parts=GROUND_PARTS)(self.data, x.ravel().copy(), y.ravel().copy(), result)
         return result.reshape(*x.shape, 3)
 

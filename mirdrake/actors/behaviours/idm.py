@@ -53,7 +53,9 @@ def idm(numbers: Array, speed: float, wanted: float, gap: float, ahead: float) -
     a, b = numbers[ACCELERATION], numbers[DECELERATION]
     dynamic = speed * numbers[HEADWAY] + speed * (speed - ahead) / (2.0 * math.sqrt(a * b))
     wish = numbers[STANDSTILL] + max(0.0, dynamic)
+    # A set-point of zero would divide by zero; this term makes it brake, harder at higher speed.
     free = (speed / wanted) ** numbers[EXPONENT] if wanted > 0.0 else 1.0 + speed
+    # A lower bound: a negative gap would brake less, the more two objects overlap.
     near = wish / max(gap, _TIGHT)
     acceleration: float = a * (1.0 - free - near * near)
     return acceleration

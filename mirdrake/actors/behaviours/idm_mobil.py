@@ -50,6 +50,7 @@ def mobil(
         old: acceleration of the follower on the old lane now; 0 without one.
         old_then: after the change.
     """
+    # MOBIL checks the new follower only; here the actor must not brake hard on the new lane, either.
     if new_then < -numbers[SAFE] or own_then < -numbers[SAFE]:
         return -math.inf
     others = new_then - new + old_then - old

@@ -49,8 +49,10 @@ def repulsion(numbers: Array, dx: float, dy: float, contact: float) -> tuple[flo
         contact: r, sum of both radii [m].
     """
     distance = math.hypot(dx, dy)
+    # No direction at the same place; beyond ten ranges the force is below 1/20000 of its strength.
     if distance < 1e-6 or distance > contact + 10.0 * numbers[RANGE]:
         return 0.0, 0.0
+    # The exponent is limited: where circles overlap, the force stays finite and the time step stable.
     size = numbers[STRENGTH] * math.exp(min((contact - distance) / numbers[RANGE], 3.0))
     return size * dx / distance, size * dy / distance
 
@@ -74,9 +76,12 @@ def arrives_within(
     cosine, sine = math.cos(heading), math.sin(heading)
     along, aside = (px - x) * cosine + (py - y) * sine, (py - y) * cosine - (px - x) * sine
     rate, forward = vy * cosine - vx * sine, vx * cosine + vy * sine
+
+    # Parallel to the path, or moving away from it: it never arrives.
     if rate == 0.0 or aside * rate > 0.0:
         return False
     arrival = -aside / rate
+    # Where it crosses the line of the path must be within the part, else it passes in front or behind.
     return arrival <= time and abs(along + forward * arrival) <= half
 
 
