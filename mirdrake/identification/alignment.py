@@ -78,6 +78,7 @@ def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
         return None
     best, width, passed, sides = None, SMOOTHING, 0.0, (left - left.mean(), right - right.mean())
     for _ in range(LEVELS):
+        # Variances of successive Gaussians add, so each level only smooths by what the one before lacks.
         rows = np.sqrt(max(width**2 - passed**2, 0.0)) / step
         if rows >= 1.0 or passed == 0.0:
             rows = max(rows, 1.0)
@@ -89,6 +90,7 @@ def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
             thin = max(1, int(passed / (2.0 * step)))  # smooth signals need few samples
             sides, step = (sides[0][::thin], sides[1][::thin]), step * thin
             delay = _delay_at(*sides, step, passed)
+            # Less smoothing is preferred: a wider one must be clearly more certain, as it removes the fast part.
             if delay is not None and (best is None or delay.sigma < 0.7 * best.sigma):
                 best = delay
         width *= 2.0
@@ -97,15 +99,18 @@ def estimate_delay(left: Array, right: Array, step: float) -> Delay | None:
 
 def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
     """Return the delay between two smooth signals; `width` is that of their smoothing [s]."""
+    # Rows next to the ends are left out: the smoothing there has one side only.
     margin = int(np.ceil(3 * width / step))
     reach = min(int(MAX_DELAY / step) + 1, len(a) // 4)
     if len(a) < 4 * margin + 40 or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
         return None
+    # Padding with zeros to twice the length, as the correlation by Fourier transforms is circular.
     size = 1 << int(2 * len(a) - 1).bit_length()
     # Differences emphasise the fast part of the signals, which contains the timing.
     spectrum = np.fft.rfft(np.gradient(a), size) * np.conj(np.fft.rfft(np.gradient(b), size))
     product = np.fft.irfft(spectrum, size)
     lags = np.arange(-reach, reach + 1)
+    # The magnitude, as the scale between the signals may be negative. A maximum at the edge of the range is none.
     peak = int(np.argmax(np.abs(product[lags])))
     delay = float(lags[peak])
     if abs(delay) == reach:
@@ -139,13 +144,16 @@ def _delay_at(a: Array, b: Array, step: float, width: float) -> Delay | None:
             values.append(-float(sign * (tangent @ (rest[part] - rest[part].mean()))) / weight)
             weights.append(weight)
             times.append(float(part.mean()) * step)
+    # Parts are weighted by their motion; standstill carries no information about a delay.
     if not weights:
         return None
     value, share, time = np.array(values) * step, np.array(weights) / sum(weights), np.array(times)
+    # One part with nearly all of the motion has no scatter, so its uncertainty is unknown.
     enough = 1.0 / float(np.sum(share**2))  # effective number of parts
     if enough < 1.5:
         return None
     spread = float(np.sum(share * value**2)) / max(enough - 1.0, 0.5)
+    # Weighted regression of the delay over time: its slope is the difference between the rates of two clocks.
     mean = float(np.sum(share * time))
     across = float(np.sum(share * (time - mean) ** 2))
     drift = float(np.sum(share * (time - mean) * value)) / across
@@ -157,6 +165,8 @@ def _compared(left: Array, curve: Spline, rows: slice, moved: float) -> tuple[Ar
     """Return the residual of the left side, the slope of the right side, and the right side, each without its mean."""
     right, slope = curve.at(rows, moved), curve.at(rows, moved, 1)
     right, slope, left = right - right.mean(), slope - slope.mean(), left - left.mean()
+    # Ratio of standard deviations (reduced major axis): with noise on both sides, the slope of a regression is too
+    # small.
     gain = np.sign(left @ right) * left.std() / max(right.std(), 1e-300)
     return left - gain * right, slope, right
 
@@ -178,6 +188,7 @@ def check_response(log: Log) -> list[Finding]:
         if name in grid.channels and "yaw_rate" in grid.channels:
             delay = estimate_delay(grid.channels["yaw_rate"], grid.channels[name], grid.step)
             if delay is not None and abs(delay.correlation) > 0.7:
+                # A response before its cause shows that the clocks of the channels differ.
                 early = delay.is_likely and delay.value < -max(grid.step, 4.0 * delay.sigma)
                 text = statement("response", channel=name, delay=delay.value, early=early)
                 severity: Severity = "warning" if early else "info"

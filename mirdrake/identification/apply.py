@@ -115,6 +115,7 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
             value = rounded
         value = float(f"{value:.{DIGITS}g}")
         path, prefix, current = folder.find(entry.path)
+        # Nothing is written for an equal value, so that its source and comments stay.
         if isinstance(current, int | float) and math.isclose(current, value, rel_tol=1e-12):
             continue
         if parameter.verdict != "identified":
@@ -158,6 +159,7 @@ def source_text(fit: Fit, one: FittedParameter, place: YamlEntry, today: date) -
         parts.append(one.verdict)
     if fit.data_sha256:
         parts.append(f"data sha256 {fit.data_sha256[:16]}")
+    # Names from a study may have line breaks, which would break the YAML text.
     return "".join(letter if letter.isprintable() else " " for letter in ", ".join(parts))
 
 
@@ -206,6 +208,7 @@ class _Folder:
         over = value_at(self.change.vehicle, keys)
         under = value_at(self.data, keys)
         section = self.change.vehicle.get(keys[0])
+        # A variant with another kind of a section replaces it as a whole, so its entries belong to the variant's file.
         replaced = isinstance(section, dict) and section.get("kind") not in {None, _kind(self.data.get(keys[0]))}
         if self.variant is not None and (over is not REMOVED or replaced):
             return variants(self.folder)[self.variant], ("vehicle",), None if over is REMOVED else _si(over)

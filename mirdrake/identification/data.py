@@ -112,6 +112,8 @@ def make_data(spec: DataSpec, folder: Path) -> DataSet:
     Raises:
         ConfigError: as in :func:`load_data`.
     """
+    # Faults of all logs are reported together; logs of one recorder often share them, hence the removal of repeated
+    # lines.
     logs, faults = [], []
     for index, entry in enumerate(spec.logs):
         try:
@@ -191,6 +193,7 @@ def _values(table: Table, name: str, column: Column, place: str) -> Array:
     """Return a channel in its SI unit."""
     numbers = table.numbers(column.column, place)
     si = channel(name).unit
+    # A unit that is stated twice and differently is an error: nobody can know which one is right.
     stated = table.units.get(column.column)
     if column.unit is not None and stated and plain_unit(stated) != plain_unit(column.unit):
         raise ConfigError(
@@ -203,6 +206,7 @@ def _values(table: Table, name: str, column: Column, place: str) -> Array:
         factor = unit_factor(unit or "1", si)
     except ValueError as error:
         raise ConfigError(f"{place}: {error} (unit in {table.name})") from None
+    # The offset is added last: it is in the SI unit of the channel.
     return np.asarray(column.sign * column.scale * factor * numbers + column.offset)
 
 
@@ -226,6 +230,7 @@ def _check_forward(table: Table, time: Array, keep: NDArray[np.bool_]) -> None:
     """Reject a time column that is constant or often decreases."""
     rows = np.flatnonzero(keep)
     used = time[rows]
+    # Single rows out of order are repaired by the data check; many of them are several drives in one file.
     latest = np.maximum.accumulate(used)
     back = used < latest
     if used.max() == used.min():

@@ -72,6 +72,7 @@ def check_delays(
         grid = make_grid(log)
         own = pair_delays(grid)
         log, drifts = _check_drift(log, grid, own, repair=repair)
+        # Stretching a clock changes all delays of its channels, so they are estimated again.
         if any(drift.done for drift in drifts):
             grid = make_grid(log)
             own = pair_delays(grid)
@@ -103,6 +104,7 @@ def check_delays(
 
 def _lateral_delays(grids: Sequence[Grid], sources: Sequence[Collection[str]]) -> LateralDelays | None:
     forward = "vx" if all("vx" in grid.channels for grid in grids) else "speed"
+    # Channels that change on the same rows have one clock; without such evidence the residuals decide.
     one_source = True if any({"vy", forward} <= set(source) for source in sources) else None
     return estimate_lateral_delays(grids, together=one_source)
 
@@ -114,6 +116,7 @@ def _contradicts(own: LateralDelays | None, common: LateralDelays | None) -> boo
     """
     if own is None or common is None or abs(own.arm - common.arm) > 2.0 * np.hypot(own.arm_sigma, common.arm_sigma):
         return False
+    # Delays that are zero by their hypothesis contradict nothing.
     pairs = zip((own.acceleration, own.velocity), (common.acceleration, common.velocity), own.sigmas, strict=True)
     return any(abs(delay - other) > max(CONTRADICTS, SIGNIFICANT * sigma) for delay, other, sigma in pairs if delay)
 
@@ -139,6 +142,7 @@ def _pooled(pairs: Sequence[Pairs]) -> Pairs:
     for same_relation in by_name.values():
         relation, first = same_relation[0]
         if len(same_relation) > 1:
+            # Weighted mean by precision. The scatter between the logs replaces its uncertainty where it is larger.
             precision = np.array([max(delay.sigma, 1e-6) ** -2 for _, delay in same_relation])
             values = np.array([delay.value for _, delay in same_relation])
             share = precision / precision.sum()
@@ -160,10 +164,12 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
     """Return the delays of the channels to shift [s], and the findings, not yet assigned to a log."""
     threshold = 0.25 * evidence.step
     timed = [(relation, delay) for relation, delay in evidence.pairs if relation.timed]
+    # The lateral acceleration has a model of its own, as a delay and another position of the sensor look alike.
     pairs = [pair for pair in timed if pair[0].measured != "lateral_acceleration"]
 
     # Each channel's delay against most of the others, then that of channels from the same source.
     delays = _balance(_pair_ties(pairs) + _lateral_ties(evidence), threshold, evidence.sources)
+    # Both coordinates come from one receiver.
     if "x" in delays:
         delays["y"] = delays["x"]
     of_source = _delays_of_sources(delays, evidence.sources, pairs, threshold)
@@ -177,6 +183,7 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
         own = {name: shifts[name] for name in names if name in shifts}
         return statement("shifted", shifts=", ".join(texts), together=words, **own) if repair and texts else None
 
+    # Without vy, ay leads vx r by the change of vy: such pairs have a delay even with one clock.
     findings = [_ambiguous_finding(relation, delay) for relation, delay in evidence.pairs if not relation.timed]
     findings += [_pair_finding(relation, delay, evidence.step, shifts, shifted) for relation, delay in pairs]
     for name, value in of_source.items():
@@ -241,6 +248,7 @@ def _pair_finding(
         "relative_delay", channel=relation.measured, other=other, delay=delay.value, sigma=delay.sigma, step=step,
         correlation=delay.correlation,
     )  # fmt: skip
+    # Channels that are shifted along, so that the finding names the whole repair.
     names = [name for name in (relation.measured, other) if name in shifts]
     names += ["y"] if "x" in names else []
     names += ["vy"] if "vy" in shifts and "yaw_rate" in names else []
@@ -251,6 +259,7 @@ def _pair_finding(
 
 def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Find clocks of different rates; the repair stretches channels with another clock than the steering."""
+    # An accelerometer ahead of the reference has an apparent delay d / v, which changes with the speed like a drift.
     span, hidden = float(np.ptp(log.time)), _drift_by_position(grid)
     seen = [(relation.measured, _timing_channel(relation), delay) for relation, delay in pairs if relation.timed]
     drifting = [
@@ -264,6 +273,7 @@ def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool) -> tuple[L
         (first, second, delay.drift if _drifts(delay, span, grid.step) else 0.0, delay.drift_sigma)
         for first, second, delay in seen
     ]
+    # Relations between sensors cannot show which clock is right; the steering, the input of the model, decides.
     steer = next((name for name in STEERING if name in grid.channels), None)
     if steer is not None and "yaw_rate" in grid.channels:
         response = estimate_delay(grid.channels["yaw_rate"], grid.channels[steer], grid.step)
@@ -274,6 +284,7 @@ def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool) -> tuple[L
             near = min((0.0, other, -other), key=lambda rate: abs(rate - drift))
             ties.append(("yaw_rate", steer, near, max(response.drift_sigma, 1e-6)))
     rates = _balance(ties, 1e-6, (), steer)
+    # A drift that stays below a sample over the whole log is not worth interpolating all its values.
     stretched = {name: rate for name, rate in rates.items() if abs(rate) * span > grid.step}
     if "x" in stretched:
         stretched["y"] = stretched["x"]
@@ -295,6 +306,7 @@ def _drift_by_position(grid: Grid) -> float:
     if speed is None:
         return 0.0
     typical = float(np.median(np.abs(speed)))
+    # 1 / v is bounded near standstill, where accelerations carry no information about a delay.
     slowness = 1.0 / np.maximum(np.abs(speed), max(0.3 * typical, 1e-3))
     time = grid.step * np.arange(len(speed))
     return MAX_DISTANCE * abs(float(np.polyfit(time - time.mean(), slowness, 1)[0]))
@@ -338,6 +350,7 @@ def _delays_of_sources(
     """Return delays of channels whose source has others with a delay [s], where their own relations do not decide."""
     decided: set[str] = set()
     for relation, delay in pairs:
+        # A relation within one source shows nothing about the delay of the source itself.
         ends = {relation.measured, _timing_channel(relation)}
         for group in sources:
             if not ends <= set(group) and (delay.is_likely or SIGNIFICANT * delay.sigma < least):
@@ -345,6 +358,7 @@ def _delays_of_sources(
     values: dict[str, float] = {}
     for group in sources:
         known = [delays[name] for name in group if name in decided and name in delays]
+        # Members with different delays do not share a clock.
         if not known or max(known) - min(known) > least or abs(known[0]) <= least:
             continue
         value = float(np.mean(known))
@@ -356,6 +370,7 @@ def _shifted(log: Log, delays: Mapping[str, float | Array]) -> Log:
     """Return a log with channels moved to earlier times, by a number or a value for each row (n) [s]."""
     channels = dict(log.channels)
     for name, value in delays.items():
+        # No extrapolation beyond the ends, and rows without a value stay so: interpolation would invent measurements.
         good = np.isfinite(channels[name])
         curve = np.interp(log.time + value, log.time[good], channels[name][good], left=np.nan, right=np.nan)
         channels[name] = np.where(good, curve, np.nan)
@@ -385,9 +400,12 @@ def _balance(
     matrix, right = np.zeros((len(ties), len(names))), np.zeros(len(ties))
     groups = {name: name for name in names}
     for row, (first, second, value, sigma) in enumerate(ties):
+        # Each tie is divided by its deviation, with a floor so that one very certain tie does not make the rest
+        # singular.
         scale = 1.0 / max(sigma, 0.01 * least)
         matrix[row, names.index(first)], matrix[row, names.index(second)] = scale, -scale
         right[row] = value * scale
+        # The difference of two channels is known only within a group of connected ones.
         old, new = groups[second], groups[first]
         groups = {name: new if group == old else group for name, group in groups.items()}
     solved = np.linalg.lstsq(matrix, right, rcond=None)[0]
@@ -395,6 +413,7 @@ def _balance(
 
     # The zero of each group is the value that the fewest sources differ from; of several, the most certain one.
     balanced: dict[str, float] = {}
+    # Several channels of one delayed source must not outvote the others.
     share = {name: 1.0 / len(source) for source in sources for name in source}
     for group in set(groups.values()):
         members = [name for name in names if groups[name] == group]

@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 def effective_samples(residuals: Array) -> float:
     """Return the number of independent samples that residuals with a memory count for."""
     size, left = len(residuals), residuals - residuals.mean()
+    # Autocorrelation by the Wiener-Khinchin theorem; padding to twice the length keeps it from wrapping around.
     memory = np.fft.irfft(np.abs(np.fft.rfft(left, 2 * size)) ** 2)[:size]
     memory = memory / max(memory[0], 1e-300)
     end = int(np.argmax(memory <= 0.0)) or size  # the memory ends where it first vanishes

@@ -19,6 +19,7 @@ def check_excitation(log: Log) -> list[Excitation]:
     steering = next((name for name in STEERING if name in grid.channels), None)
     if "yaw_rate" in grid.channels:
         rate = smooth(grid, "yaw_rate")
+        # v r is the lateral acceleration of a quasi-steady turn, without the bank of the road and the rate of vy.
         lateral = speed * rate if "lateral_acceleration" not in grid.channels else smooth(grid, "lateral_acceleration")
         ratings += _lateral(log.name, grid, speed, lateral, steering)
     ratings += _longitudinal(log.name, grid, speed)
@@ -31,6 +32,7 @@ def _rated(good: bool, weak: bool) -> Verdict:
 
 def _lateral(name: str, grid: Grid, speed: Array, lateral: Array, steering: str | None) -> list[Excitation]:
     ratings = []
+    # A percentile, as a single shock is no excitation.
     largest = float(np.percentile(np.abs(lateral), 99.5))
     # Stiffness and ratio are separable only if turns are driven at different speeds.
     turning = np.abs(lateral) > 0.3 * max(largest, 0.3)
@@ -57,6 +59,7 @@ def _lateral(name: str, grid: Grid, speed: Array, lateral: Array, steering: str 
 def _longitudinal(name: str, grid: Grid, speed: Array) -> list[Excitation]:
     ratings = []
     pedals = {pedal: grid.channels[pedal] for pedal in ("throttle", "brake") if pedal in grid.channels}
+    # In turns the tyres' side forces also slow the car, which would count as drag.
     straight = np.abs(grid.channels["yaw_rate"] * speed) < 0.5 if "yaw_rate" in grid.channels else speed > -1e9
     if len(pedals) == 2:
         coast = (pedals["throttle"] < 0.01) & (pedals["brake"] < 0.01) & (speed > 0.5) & straight
@@ -70,6 +73,7 @@ def _longitudinal(name: str, grid: Grid, speed: Array) -> list[Excitation]:
     for pedal, values in pedals.items():
         # Steps determine delay and lag, levels the gain.
         change = np.abs(np.diff(values)) > 0.1
+        # A step over several rows counts once.
         jumps = int(np.sum(change & ~np.append(False, change[:-1])))
         levels = len(np.unique(np.round(values[(speed > 0.5) & (values > 0.02)], 1)))
         duration = float(np.sum((values > 0.02) & (speed > 0.5))) * grid.step
@@ -82,6 +86,7 @@ def _longitudinal(name: str, grid: Grid, speed: Array) -> list[Excitation]:
 
 def bandwidth(values: Array, step: float) -> float:
     """Return the frequency below which 80 % of the power of a signal's derivative lie [Hz], up to 10 Hz."""
+    # The derivative emphasises fast motion; the window suppresses leakage of the jump between the ends of the log.
     rate = np.gradient(values - values.mean(), step)
     power = np.abs(np.fft.rfft(rate * np.hanning(len(rate)))) ** 2
     frequency = np.fft.rfftfreq(len(rate), step)

@@ -209,6 +209,7 @@ class Fit:
                 content[item.name] = getattr(self, item.name)
         content["parameters"] = [asdict(parameter) for parameter in self.parameters]
         content["channels"] = [asdict(channel) for channel in self.channels]
+        # Arrays and nested data classes become plain lists; NaN and infinity, which JSON does not have, become null.
         content["correlation"] = self.correlation.tolist()
         content["versions"] = dict(self.versions)
         text = json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False)
@@ -238,6 +239,7 @@ def load_fit(folder: Path | str) -> Fit:
         content["correlation"] = np.array(content["correlation"], dtype=np.float64).reshape(
             len(content["correlation"]), -1
         )
+        # Null stands for infinity here, the condition number of an unidentified combination.
         if content["condition_number"] is None:
             content["condition_number"] = math.inf
         for name in ("combinations", "advice", "notes"):

@@ -78,6 +78,7 @@ def judge(
             )  # fmt: skip
             continue
         judgement = _judge(model, unknown, values, uncertainty, names)
+        # Deviations are those of the scaled parameter; to first order, the slope converts them to its unit.
         slope = abs(unknown.slope(value))
         low, high = _interval(unknown, value, judgement.sigma)
         finite = math.isfinite(judgement.sigma), math.isfinite(judgement.noise)
@@ -95,9 +96,11 @@ def judge(
 
 def _interval(unknown: FitParameter, value: float, sigma: float) -> tuple[float | None, float | None]:
     """Return the 95 % interval, within the bounds; None if it is open."""
+    # A factor of exp(3 · 1.96), about 350, in both directions means that the log determines nothing.
     if not math.isfinite(sigma) or (unknown.logarithmic and sigma > 3.0):
         return None, None
     scaled, info = unknown.to_scaled(value), unknown.info
+    # Transformed ends instead of value ± 1.96 σ: the interval of a positive parameter is not symmetric.
     low, high = unknown.to_value(scaled - 1.96 * sigma), unknown.to_value(scaled + 1.96 * sigma)
     return max(low, min(info.low, value)), min(high, max(info.high, value))
 
@@ -109,10 +112,12 @@ def _judge(
     info, value = unknown.info, values[unknown.info.name]
     i = names.index(info.name)
     noise = float(uncertainty.sigmas[i])
+    # Independent contributions: their variances add.
     shifts = [(abs(float(effect.shift[i])), effect.assumption) for effect in uncertainty.effects]
     by_assumptions = math.hypot(*(shift for shift, _ in shifts))
     between = 0.0 if uncertainty.between is None else float(uncertainty.between[i])
     sigma = math.hypot(noise, by_assumptions, between)
+    # Relative for logarithms; otherwise over the scale, or over the value where that is larger.
     per_scale = 1.0 if unknown.logarithmic else 1.0 / max(1.0, abs(value) / info.scale)
     span = sigma * per_scale
     plausible = model.plausible_range(info.name, values)
@@ -153,6 +158,7 @@ def _contradicts(unknown: FitParameter, value: float, sigma: float, span: float)
     """Whether the given value lies outside of the interval, by a difference that matters."""
     given = unknown.given
     assert given is not None
+    # A given value that a logarithm cannot have differs by any measure.
     apart = math.inf
     if given > 0.0 or not unknown.logarithmic:
         apart = abs(unknown.to_scaled(given) - unknown.to_scaled(value))
@@ -200,6 +206,7 @@ def _derived_combinations(
     slopes = {name: np.zeros(len(free)) for name in base}
     for i, unknown in enumerate(free):
         name, scaled = unknown.info.name, unknown.to_scaled(values[unknown.info.name])
+        # Central differences: the delta method needs gradients of quantities that models state as plain formulas.
         moved = [{**values, name: unknown.to_value(scaled + step)} for step in (1e-4, -1e-4)]
         up, down = (model.derived_quantities(p) for p in moved)
         for key in base:
@@ -224,6 +231,7 @@ def _directions(
     index = [i for i, unknown in enumerate(free) if unknown.info.name in poor]
     if len(index) < 2:
         return
+    # Covariance with the assumptions: a direction may be insensitive to them although its parameters are not.
     wide = covariance + sum(np.outer(effect.shift, effect.shift) for effect in effects)
     variances, vectors = np.linalg.eigh(wide[np.ix_(index, index)])
     for variance, vector in zip(variances, vectors.T, strict=True):

@@ -94,6 +94,7 @@ def identify(spec: StudySpec, folder: Path, *, progress: Progress | None = None)
     progress("reading")
     data = make_data(embedded_data(spec), folder) if isinstance(spec.data, dict) else _load(spec, folder, spec.data)
     vehicle, given = ("", {}) if vehicle_name is None else _given(spec, model_spec, vehicle_name, data)
+    # The wheelbase of the vehicle's files also serves the data check of the steering.
     if data.wheelbase is None and {"front_length", "rear_length"} <= given.keys():
         data = replace(data, wheelbase=given["front_length"] + given["rear_length"])
     if not data.train:
@@ -107,6 +108,7 @@ def identify(spec: StudySpec, folder: Path, *, progress: Progress | None = None)
     try:
         model = make_model(model_spec, drives, {**given, **_fixed_numbers(spec)})
         _check_moves(drives, model)
+        # After making the model, as only faults of its own channels matter.
         if not spec.force:
             reject_faults(check, {*model.inputs, *model.outputs})
         settings = make_settings(spec, model, given, vehicle)
@@ -117,6 +119,7 @@ def identify(spec: StudySpec, folder: Path, *, progress: Progress | None = None)
             drives, chosen.model, parameters=chosen.settings, options=_options(spec), name=spec.name,
             start=chosen.start,
         )  # fmt: skip
+        # Intervals describe the noise around a model; a model that follows no channel makes them meaningless.
         final = reject_poor_fit(replace(final, notes=(*chosen.notes, *final.notes)))
     except ConfigError as error:
         raise locate_in_study(spec, error) from None
@@ -141,6 +144,7 @@ def make_settings(spec: StudySpec, model: Model, given: Mapping[str, float], veh
     ]
     settings: dict[str, Setting] = {}
     for name, info in known.items():
+        # A value of the vehicle alone fixes nothing: it is the guess, and what the estimate is compared with.
         entry = spec.parameters.get(name)
         value = given.get(name)
         if entry is None:
@@ -170,6 +174,7 @@ def _setting(entry: ParameterSpec, info: Parameter, given: float | None, vehicle
         assert sigma is not None
         prior = (mean, sigma)
     own = values.pop("given")
+    # A value given in the study has precedence over that of the vehicle's files, and then also its source.
     source = entry.source or (vehicle if own is None and given is not None else "")
     return Setting(**values, prior=prior, free=entry.free, given=given if own is None else own, source=source)
 
@@ -187,6 +192,7 @@ def to_number(value: Value, unit: str, path: tuple[str, ...]) -> float:
     """
     if not isinstance(value, str):
         return float(value)
+    # Units of parameters such as N/rad are not all known to the converter, so an equal unit is accepted as text.
     bare, _, given = value.strip().partition(" ")
     try:
         if given.strip() in {unit, ""}:
@@ -225,6 +231,7 @@ def _load(spec: StudySpec, folder: Path, file: str) -> DataSet:
 def _model_spec(spec: StudySpec, folder: Path) -> tuple[ModelSpec, str | None]:
     """Return kind and options of the model, checked, and the name or folder of the vehicle."""
     vehicle = spec.vehicle
+    # A folder beside the study comes before a vehicle of that name in the library.
     if vehicle is not None and (folder / vehicle).is_dir():
         vehicle = str(folder / vehicle)
     kind, options = str(spec.model["kind"]), {key: value for key, value in spec.model.items() if key != "kind"}
@@ -239,6 +246,7 @@ def _model_spec(spec: StudySpec, folder: Path) -> tuple[ModelSpec, str | None]:
 def _given(spec: StudySpec, model: ModelSpec, name: str, data: DataSet) -> tuple[str, dict[str, float]]:
     """Return the name of a vehicle and the values of its files by name of the parameter."""
     vehicle = load_vehicle(name, where=where(spec, "vehicle"))
+    # With measured wheel angles, the lag of the actuator is not between the channel and the wheels.
     measured = all("road_wheel_angle" in log.channels for log in data.logs)
     values = model_class(model.kind).vehicle_values(vehicle, check_options(model), measured=measured)
     return vehicle.name, values
@@ -323,6 +331,7 @@ def _run_stages(
                 raise ConfigError(f"unknown parameter '{name}'; {hint}", path=("stages", index, "free"))
         chosen = names if stage.logs is None else []
         for name in stage.logs or ():
+            # The data check may have cut a log at gaps into parts with numbered names.
             parts = [part for part in names if part == name or part.startswith(f"{name}, part ")]
             if not parts:
                 raise ConfigError(f"no log '{name}'; {did_you_mean(name, names)}", path=("stages", index, "logs"))
@@ -332,6 +341,7 @@ def _run_stages(
         part = replace(data, logs=tuple(log for log in data.logs if log.name in chosen))
         if not part.train:
             raise ConfigError("none of these logs is for training", path=("stages", index, "logs"))
+        # Uncertainty is only reported for the final fit.
         options = replace(_options(spec), bootstrap=0, profile=False)
         own = {name: _in_stage(settings.get(name, Setting()), known[name], free=name in stage.free) for name in known}
         result = fit(part, kind, parameters=own, options=options, name=f"{spec.name}, stage {stage.name}")

@@ -170,9 +170,11 @@ class _LogSet:
             return None
         step = max(drive.step for drive in drives)
         # Unknowns: both delays, arm, two scales, an offset, height; each with a normal prior, infinite for the offset.
+        # Scales of position and roll follow the size of the vehicle, for which its usual speed stands in.
         usual = np.sqrt(np.mean(np.concatenate([grid.channels[self._forward] for grid in self._grids]) ** 2))
         reach = min(POSITION_TIME * float(usual), MAX_POSITION)
         wide = (MAX_DELAY, MAX_DELAY, MAX_POSITION, SCALES, SCALES, np.inf, ROLL_HEIGHT * reach**2)
+        # A tiny deviation of the prior fixes an unknown at zero without changing the size of the equations.
         delayed = (free.acceleration, free.velocity and not free.of_yaw_rate)
         widths = np.where([*delayed, free.arm, True, True, True, True], wide, 1e-9)
         unknown, lag = np.zeros(len(wide)), ROLL_LAG * reach
@@ -190,14 +192,17 @@ class _LogSet:
             if not np.all(np.isfinite(normal)) or np.linalg.cond(normal / _sizes(normal)) > 1e10:
                 return None
             change = np.linalg.solve(normal, other.T @ rest - held * unknown)
+            # At most a row per iteration: the slopes of the splines are valid nearby only.
             change[:2] = np.clip(change[:2], -step, step)
             unknown = unknown + change
+            # Beyond the margin that the smoothed logs keep, the splines would be extrapolated.
             if np.any(np.abs(unknown[:2]) > MAX_DELAY):
                 return None
             if np.all(np.abs(change) < 1e-5 * (1.0 + np.abs(unknown))):
                 break
         else:
             return None
+        # Without a common signal the channels are not related as assumed, and a delay has no meaning.
         correlation = float(np.corrcoef(up, up - rest)[0, 1])
         if correlation < 0.7:
             return None
@@ -215,6 +220,8 @@ class _LogSet:
         against: tuple[float, ...] = ()
         if free.apart:
             apart = spread[0, 0] + spread[1, 1] - 2.0 * spread[0, 1]
+            # What each hypothesis of LATE sets to zero: the delay of vy, that of ay, or their difference (the yaw
+            # rate's delay).
             left = ((delays[1], sigmas[1]), (delays[0], sigmas[0]), (delays[0] - delays[1], float(np.sqrt(apart))))
             against = tuple((value / size) ** 2 for value, size in left)
         elif free != NO_DELAY:
@@ -235,6 +242,7 @@ def _most_active(grid: Grid) -> Grid:
     if size <= 2 * MAX_ROWS:
         return grid
     starts = range(0, size - MAX_ROWS + 1, MAX_ROWS)
+    # Only rows with yaw motion carry information about delays.
     begin = max(starts, key=lambda at: float(np.var(grid.channels["yaw_rate"][at : at + MAX_ROWS])))
     return Grid(grid.step, {name: values[begin : begin + MAX_ROWS] for name, values in grid.channels.items()})
 
@@ -249,6 +257,7 @@ class _SmoothedLog:
 
     def __init__(self, grid: Grid, forward: str, width: float) -> None:
         rows = width / grid.step
+        # Smoothed rows are redundant: two per width keep the information.
         thin = max(1, int(0.5 * rows))
         self.step = thin * grid.step
         margin = int((MAX_DELAY + 3.0 * width) / self.step) + 1
@@ -268,6 +277,7 @@ class _Half:
     def __init__(self, grid: Grid, forward: str, rows: float, thin: int, part: int) -> None:
         size = len(grid.channels["vy"])
         use = (np.arange(size) % 2 == part).astype(float)
+        # Normalised by the smoothed mask, so that leaving out every second row causes no bias, also at the ends.
         share = gaussian_filter1d(use, rows, mode="nearest")
         step = thin * grid.step
 
@@ -285,6 +295,7 @@ class _Half:
 
     def compared(self, unknown: Array, inner: slice, lag: float, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
         """Return residuals (n) of ``dvy/dt - ay + vx r + …``, their negative slopes (n, 7), and dvy/dt."""
+        # A late yaw rate is modelled as one common delay of both other channels, with the opposite sign.
         moved = unknown[[0, 0] if hypothesis.of_yaw_rate else [0, 1]] / self.step
         push, rise = (curve.at(inner, late) for curve, late in zip(self.curves, moved, strict=True))
         slopes = [curve.at(inner, late, 1) / self.step for curve, late in zip(self.curves, moved, strict=True)]
@@ -293,6 +304,8 @@ class _Half:
         whirl = self.rest[inner] + turn * self.speed.at(inner, late)
         if hypothesis.speed:
             slopes[1] = slopes[1] + turn * self.speed.at(inner, late, 1) / self.step
+        # The roll acceleration acts on a sensor at another height; roll follows ay, so its second derivative stands for
+        # it.
         curvature = self.curves[0].at(inner, moved[0], 2) / self.step**2
         roll_lag = lag * slopes[0]  # a larger measured acceleration comes with more roll, and its lag
         base = np.column_stack(
@@ -315,6 +328,7 @@ class _Half:
 
 def _slow(values: Array, rows: float) -> Array:
     """Return three running means, nearly a Gaussian of that many rows, in a time independent of the width."""
+    # A Gaussian of this width would need kernels of thousands of rows; three box filters approach it (central limit).
     size = 2 * max(1, round(rows)) + 1
     for _ in range(3):
         values = uniform_filter1d(values, size, axis=0, mode="reflect")

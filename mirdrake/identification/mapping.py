@@ -61,6 +61,7 @@ def map_log(
         used = {entry["column"] for entry in channels.values()}
         for name in table.names:
             found = _channel_of(name)
+            # A name alone is not enough: ax could be in g. Columns are guessed only if they also state a unit.
             if found is not None and _has_unit(table, name, found) and found not in channels and name not in used:
                 channels[found] = {"column": name}
         if not channels:
@@ -77,6 +78,7 @@ def map_log(
 
 def _column(text: str) -> dict[str, str]:
     """Return column and unit of ``"COLUMN:UNIT"``; the last colon counts, as a topic has one of its own."""
+    # Topics contain a colon between topic and field; a second one separates the unit.
     topic = text.startswith("/")
     head, colon, tail = text.rpartition(":")
     if not colon or (topic and ":" not in head):
@@ -98,6 +100,7 @@ def _has_unit(table: Table, column: str, channel: str) -> bool:
 
 def _channel_of(column: str) -> str | None:
     """Return the channel that a column is by its name, such as vx for ``ego.vx``."""
+    # The last part of a dotted name, as recorders put the vehicle or device before it.
     last = column.rpartition(".")[2].strip().lower()
     if last in CHANNELS:
         return last

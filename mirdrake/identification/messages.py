@@ -33,6 +33,7 @@ def explanation(judgement: Judgement) -> str:
     else:
         text = f"known to {width}"
         text += f"; unusual ({usual})" if usual and judgement.verdict != "weakly identified" else ""
+    # The largest source of uncertainty is named, and only it, if it matters.
     if judgement.between > max(judgement.noise, judgement.by_assumptions, NOTABLE):
         text += f"; the logs differ by {_width(parameter, judgement.between)}: the model lacks an effect"
     if judgement.depends_on is not None:
@@ -72,9 +73,11 @@ def combination(found: Combination | Direction) -> str:
 
 def direction(found: Direction) -> str:
     """Return a direction of the scaled parameters: a product of powers, or a sum if one of them may be zero."""
+    # A sum is needed as soon as one parameter may be zero or negative, whose logarithm does not exist.
     plain = [(parameter, weight) for parameter, weight in found.parts if not parameter.logarithmic]
     first, lead = max(plain or found.parts, key=lambda part: abs(part[1]))
     rest = [(parameter, weight / lead) for parameter, weight in found.parts if parameter is not first]
+    # Normalised by the leading weight, so that the text reads as this parameter plus multiples of others.
     sigma = found.sigma / abs(lead)
     if not plain:
         powers = "".join(f" × {parameter.info.name}^{weight:.2g}" for parameter, weight in rest)
