@@ -23,6 +23,7 @@ def checks_arguments(function: Callable[P, T]) -> Callable[P, T]:
     @wraps(function)
     def checked(*arguments: P.args, **options: P.kwargs) -> T:
         try:
+            # Bound first, so that a TypeError raised inside the function itself is not taken for a wrong argument.
             signature.bind(*arguments, **options)
         except TypeError as error:
             known = [key for key in signature.parameters if key != "self"]
@@ -64,7 +65,9 @@ def check_number(
         number = float(value)
     except (TypeError, ValueError):
         raise ConfigError(f"{owner}: {name} must be a number, got {value!r}") from None
+    # `above` is strict; with its default of -inf, a strict comparison would reject an allowed -inf.
     good = number >= at_least and number > above if above > -math.inf else number >= at_least
+    # Every comparison with NaN is false, so NaN must be tested by itself.
     if math.isnan(number) or not good or number > at_most or (math.isinf(number) and not infinite):
         limits = [f">= {at_least:g}"] if at_least > -math.inf else []
         limits += [f"> {above:g}"] if above > -math.inf else []

@@ -36,6 +36,7 @@ def record_type(kind: type[Any]) -> np.dtype[np.void]:
         kind: the class; its fields are floats, ints, bools, tuples of one of these, or such classes again. Fields of
             type Any are floats.
     """
+    # Aligned as a C structure, which Numba requires for access to the fields.
     return np.dtype([(name, *_field(hint)) for name, hint in get_type_hints(kind).items()], align=True)
 
 
@@ -56,6 +57,7 @@ def records(kind: type[Any], values: Iterable[Any]) -> Records:
 
 def plain(value: Any) -> Any:
     """Return a named tuple or dataclass, nested or not, as plain tuples, which can be assigned to a record."""
+    # NumPy fills a structured array from tuples only, not from lists or dataclasses.
     if isinstance(value, tuple):
         return tuple([part if isinstance(part, float | int) else plain(part) for part in value])
     return plain(astuple(value)) if is_dataclass(value) and not isinstance(value, type) else value
@@ -93,10 +95,12 @@ def _compiled(
     from numba import njit
 
     everything = [function, *laws, *parts, *COMPILED_FORMS]
+    # Helper functions must be known to Numba before the first call is compiled.
     for part in everything:
         _register(part)
     version = _version(everything)  # part of the cache key, as Numba itself only checks one source file
 
+    # Referring to the version puts it into the closure, whose values are part of the key of Numba's cache.
     def call(*arguments: Any) -> Any:
         _ = version
         return function(*arguments)
@@ -128,6 +132,7 @@ def _register(function: Callable[..., Any]) -> None:
     """Make a function known to Numba, so that compiled functions can call it."""
     from numba.extending import overload, register_jitable
 
+    # Functions that choose by the type of their argument cannot be compiled; their forms for floats take their place.
     if function in COMPILED_FORMS:
         overload(function)(COMPILED_FORMS[function])
     else:
@@ -137,4 +142,5 @@ def _register(function: Callable[..., Any]) -> None:
 def _version(functions: Iterable[Callable[..., Any]]) -> int:
     """Return a number that changes with the source files of the functions and the versions of Python and NumPy."""
     files = sorted({inspect.getsourcefile(function) or "" for function in functions})
+    # 14 hexadecimal digits are 56 bits, which fit into the 64-bit integers of Numba.
     return int(digest(f"{sys.version} {np.__version__}", *(Path(file).read_bytes() for file in files))[:14], 16)

@@ -38,10 +38,12 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         RunError: the file cannot be written.
     """
+    # In the same folder, as a rename is atomic only within one file system; the process number keeps writers apart.
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with write_errors(path):
             yield temporary
+            # os.replace overwrites an existing file in one step, so a reader sees the old content or the new one.
             os.replace(temporary, path)
     except BaseException:
         with suppress(OSError):  # its folder may not exist
@@ -108,6 +110,7 @@ class Staging:
             merge: replace single files in folders that exist, instead of these folders.
         """
         paths = [path for path in self.path.rglob("*") if not path.is_dir()] if merge else list(self.path.iterdir())
+        # A YAML file names the other files; it comes last, so that a reader never finds a name without its file.
         made = [path.relative_to(self.path) for path in sorted(paths, key=lambda path: (path.suffix == ".yaml", path))]
         removed = dict.fromkeys([*(Path(path.name) for path in replaced), *made])
 
@@ -115,8 +118,10 @@ class Staging:
         old, made_folders = self._hidden / "old", list[Path]()
         (self._hidden / "names").write_text("\n".join(map(str, made)), encoding="utf-8")
         (self._hidden / "replaced").write_text("\n".join(map(str, removed)), encoding="utf-8")
+        # Its existence means that the publication is incomplete; see `_undo`.
         old.mkdir()
         try:
+            # Old files are moved, not deleted: a failure in the middle can put them back.
             for name in removed:
                 target = self.folder / name
                 if target.is_symlink() or target.exists():
@@ -133,6 +138,7 @@ class Staging:
                 with suppress(OSError):  # not empty
                     folder.rmdir()
             raise
+        # Renaming is the commit: one atomic step separates "undo" from "done".
         old.rename(self._hidden / "done")  # from here on nothing is undone
 
 
@@ -145,11 +151,13 @@ def staging(folder: Path) -> Iterator[Staging]:
     Args:
         folder: folder of the published files; it is created, and removed if nothing is published.
     """
+    # Folders that do not exist yet, so that only these are removed if nothing is published.
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     hidden: Path | None = None
     lock: int | None = None
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        # A process that was killed cannot clean up; the next one in the same folder does.
         for path in folder.glob(f"{_STAGING}*"):
             _remove_abandoned(path)
         while hidden is None or lock is None:  # another process may remove the new folder before it is locked
@@ -196,6 +204,7 @@ def _lock(hidden: Path) -> int | None:
 
 def _remove_abandoned(hidden: Path) -> None:
     """Remove the staging folder of a process that was killed, and put back what it was replacing."""
+    # A live process holds the lock of its folder, so only folders of dead ones can be locked.
     lock = _lock(hidden)
     if lock is None:
         return
@@ -216,6 +225,7 @@ def _undo(hidden: Path) -> None:
     if not old.is_dir():
         return
     for name in names.read_text(encoding="utf-8").splitlines():
+        # Only files that left `new` were published; withdrawing others would take files of somebody else.
         moved = not (hidden / "new" / name).exists()
         if moved and (hidden.parent / name).exists():
             (hidden.parent / name).rename(hidden / "new" / name)

@@ -104,6 +104,7 @@ def freeable(base: type) -> Any:
     Args:
         base: ``LeafSystem_[T]`` for a scalar type T.
     """
+    # All declaring functions of pydrake, so that those of later versions are covered without a list.
     names = [name for name in dir(base) if name.startswith("Declare") or name == "MakeWitnessFunction"]
     functions: dict[str, Any] = {name: _declare_weakly(getattr(base, name)) for name in names}
     return FreeableType("LeafSystem", (base,), {"__doc__": base.__doc__, "__module__": __name__, **functions})

@@ -17,6 +17,7 @@ Value: TypeAlias = Any
 
 def _library(*values: Value) -> Any:
     """Return the module with the functions for values that are not all floats."""
+    # An array of NumPy wins over a Drake type: an object array of AutoDiffXd is one, too.
     if any(isinstance(value, np.ndarray) for value in values):
         return np
     if any(type(value).__module__.startswith("jax") for value in values):

@@ -96,12 +96,14 @@ def _build(
     views: list[Json] = []
     accessors: list[Json] = []
 
+    # One accessor per buffer view, without interleaving: the bytes follow from the arrays alone.
     def store(array: NDArray[Any], kind: str, component: int, target: int, *, bounds: bool = False) -> int:
         blob.extend(bytes(-len(blob) % 4))  # glTF aligns floats to four bytes
         raw = array.tobytes()
         views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": len(raw), "target": target})
         entry: Json = {"bufferView": len(views) - 1, "componentType": component, "count": len(array)}
         entry["type"] = kind
+        # glTF requires the bounds of POSITION; viewers and Drake read the size of the mesh from them.
         if bounds:
             entry["min"], entry["max"] = array.min(axis=0).tolist(), array.max(axis=0).tolist()
         accessors.append(entry)
@@ -119,6 +121,7 @@ def _build(
             attributes["TEXCOORD_0"] = store(part.uv.astype("<f4"), "VEC2", _FLOAT, _VERTICES)
         if part.colors is not None:
             attributes["COLOR_0"] = store(part.colors.astype("<f4"), "VEC4", _FLOAT, _VERTICES)
+        # 16 bits halve the indices; the caller decides, as it knows the number of vertices.
         short = part.triangles.dtype == np.uint16
         index = store(part.triangles.ravel().astype("<u2" if short else "<u4"), "SCALAR", _SHORT if short else _INT,
                       _INDICES)  # fmt: skip
@@ -132,10 +135,12 @@ def _build(
         "materials": [dict(part.material) for part in primitives],
         "accessors": accessors,
         "bufferViews": views,
+        # Filled in by the callers, who store the buffer beside the document or inside it.
         "buffers": [],
     }
     if images:
         document["images"] = [{"uri": name} for name in images]
+        # Mipmaps avoid flicker of distant textures in browsers.
         smaller = _MIPMAP if mipmaps else _LINEAR
         document["samplers"] = [
             {"magFilter": _LINEAR, "minFilter": smaller, "wrapS": _REPEAT, "wrapT": _REPEAT}
@@ -146,4 +151,5 @@ def _build(
 
 def _y_up(vectors: NDArray[Any]) -> NDArray[Any]:
     """Return vectors (x, y, z) with z up as (x, z, -y) with y up, without negative zeros."""
+    # Adding +0.0 turns -0.0 into 0.0, so that equal shapes have equal bytes.
     return np.column_stack((vectors[:, 0], vectors[:, 2], -vectors[:, 1])).astype("<f4") + np.float32(0.0)

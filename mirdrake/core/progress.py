@@ -40,6 +40,7 @@ class Progress:
         self._terminal = not quiet and self._stream.isatty()
         self._title, self._unit = title, unit
         self._done, self._total, self._text = 0.0, total, ""
+        # Monotonic, as the wall clock may be set back during long work.
         self._last_line = time.monotonic()
         self._bar = self._make_bar() if self._terminal else None
 
@@ -69,6 +70,7 @@ class Progress:
             title: a new title.
             text: remark behind the bar, such as counts of failures.
         """
+        # A bar of tqdm keeps its total and start time, so a new total needs a new bar.
         restarted = total is not None and total != self._total
         self._done = self._done if done is None else done
         self._total = self._total if total is None else total
@@ -78,8 +80,10 @@ class Progress:
             if restarted:
                 self._bar.close()
                 self._bar = self._make_bar()
+            # Without refresh: one redraw per update instead of three.
             self._bar.set_description_str(self._title, refresh=False)
             self._bar.set_postfix_str(self._text, refresh=False)
+            # A count above the total would break the bar.
             self._bar.n = min(self._done, self._total) if self._total is not None else self._done
             self._bar.refresh()
         elif not self._quiet and time.monotonic() - self._last_line >= LINE_INTERVAL:
@@ -107,6 +111,7 @@ class Progress:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
+        # Later messages of threads that still run must not appear behind the result.
         self._quiet = True
 
     def _make_bar(self) -> Any:

@@ -82,6 +82,7 @@ def copy_signals(source: OutputPort, target: OutputPort) -> None:
 
 
 def _remember(system: System, direction: str, name: str, contents: Sequence[Signal]) -> None:
+    # Stored at the system itself, so that it lives and dies with it and no global table keeps systems alive.
     book: dict[tuple[str, str], Signals] = getattr(system, "_mirdrake_signals", {})
     book[(direction, name)] = tuple(contents)
     system._mirdrake_signals = book

@@ -46,9 +46,11 @@ def import_user_module(name: str, *, folder: str | Path | None = None) -> Module
     if skipped is not None:
         skipped.append(name)
         raise ConfigError(f"module '{name}' is not executed; add --trust to execute it")
+    # Before the import path: a user's module beside its file has priority over an installed one of that name.
     folders = [Path(path) for path in (folder, Path.cwd()) if path is not None]
     extra = [str(path) for path in folders if str(path) not in sys.path]
     sys.path[:0] = extra
+    # Two folders may each have a module of the same name; Python would return the first one again.
     _forget_namesake(name, folders)
     try:
         module = importlib.import_module(name)
@@ -58,6 +60,7 @@ def import_user_module(name: str, *, folder: str | Path | None = None) -> Module
     except (Exception, SystemExit) as error:
         raise ConfigError(f"module '{name}' fails on import: {type(error).__name__}: {error}") from None
     finally:
+        # Only for the import, so that later imports of the program are not affected.
         for path in extra:
             sys.path.remove(path)
     return module
@@ -95,6 +98,7 @@ def _forget_namesake(name: str, folders: list[Path]) -> None:
     """Unload a module of this name that was imported for a file in another folder."""
     file = getattr(sys.modules.get(name), "__file__", None)
     wanted = [path for folder in folders if (path := folder / f"{name.replace('.', '/')}.py").is_file()]
+    # Only modules that were imported here: a module of the program itself must never be unloaded.
     if name in _FOREIGN and file and wanted and not Path(file).samefile(wanted[0]):
         del sys.modules[name]
         importlib.invalidate_caches()

@@ -37,12 +37,15 @@ def make_user_system(
         named = tuple(inspect.signature(maker).parameters.values())
     except ValueError:  # C++ classes have no signature
         named = ()
+    # Extra arguments are passed only to constructors that name them, which keeps simple user systems simple.
     allowed = [p.name for p in named if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    # With **options, the constructor itself must decide what it accepts.
     if named and not any(p.kind is p.VAR_KEYWORD for p in named):
         for name in arguments:
             if name not in allowed:
                 known = [own for own in allowed if own not in offered]
                 raise ConfigError(f"{where}: {kind} has no parameter '{name}'; {did_you_mean(name, known)}")
+    # The user's parameters win over the offered ones.
     arguments = {name: value for name, value in offered.items() if name in allowed} | arguments
     return construct(lambda: maker(**arguments), kind, where=where)
 
@@ -62,6 +65,7 @@ def construct(factory: Callable[[], System], kind: str, *, where: str) -> System
         return factory()
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
+    # User code may raise anything, even SystemExit; it must not end the program without a location.
     except (Exception, SystemExit) as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         text = lines[0] if lines else ""
@@ -79,6 +83,7 @@ def _load_class(kind: str, *, where: str, folder: Path | None) -> type[System]:
         raise ConfigError(f"{where}: {error}") from None
     maker = getattr(module, class_name, None)
     if not isinstance(maker, type) or not issubclass(maker, System):
+        # Imported classes are not offered as suggestions, only those that the module defines.
         own = {name: value for name, value in vars(module).items() if getattr(value, "__module__", "") == module_name}
         classes = [name for name, value in own.items() if isinstance(value, type) and issubclass(value, System)]
         raise ConfigError(

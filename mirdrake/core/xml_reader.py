@@ -76,6 +76,7 @@ def parse_xml(
     root: list[Element] = []
     parser = expat.ParserCreate()
 
+    # ElementTree's own parser does not keep line numbers, which the messages need.
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag if prefixes else tag.rpartition(":")[2], attributes)
         lines[element] = parser.CurrentLineNumber
@@ -86,19 +87,23 @@ def parse_xml(
         stack.pop()
 
     def text(words: str) -> None:
+        # Text behind the root element belongs to no element.
         if stack:
             stack[-1].text = (stack[-1].text or "") + words
 
     def reject_entity(entity: str, *_: Any) -> NoReturn:
+        # The name is from an untrusted file: it must not bring control characters into a terminal.
         shown_entity = "".join(letter if letter.isprintable() else "?" for letter in str(entity))[:60]
         location = f"{name}:{parser.CurrentLineNumber}"
         raise error(f"{location}: declares the XML entity '{shown_entity}'; write out its value")
 
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
+    # All three handlers, as an entity may be declared, external, or skipped by the parser.
     parser.EntityDeclHandler = parser.ExternalEntityRefHandler = parser.SkippedEntityHandler = reject_entity
     try:
         parser.Parse(data, True)
     except expat.ExpatError as fault:
+        # The error is tolerated only if everything before it was a complete document.
         complete = bool(root) and not stack
         if not (text_after_root and complete and fault.code == _TEXT_AFTER_ROOT):
             raise error(f"{name}:{fault.lineno}: not valid XML: {expat.ErrorString(fault.code)}") from None

@@ -93,6 +93,7 @@ def scalar_text(value: Scalar) -> str:
     Raises:
         ConfigError: a number that is not finite.
     """
+    # bool first, as True is also an int.
     if value is None or isinstance(value, bool):
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, int):
@@ -100,11 +101,14 @@ def scalar_text(value: Scalar) -> str:
     if isinstance(value, float):
         if not math.isfinite(value):
             raise ConfigError(f"{value} cannot be written; it must be a finite number")
+        # PyYAML reads 1e5 as a text, YAML 1.2 as a number; a point makes it a number in both.
         digits, mark, power = repr(float(value)).partition("e")
         return f"{digits if '.' in digits else f'{digits}.0'}{mark}{power}" if mark else digits
+    # Plain style only for texts that no parser takes for another type, a comment or a key.
     plain = re.fullmatch(r"[A-Za-z_](?:[A-Za-z0-9_./()%+=*-]| (?! )(?![#:]))*", value) and not value.endswith(" ")
     if plain and value.lower() not in _WORDS:
         return value
+    # JSON strings are YAML strings in double quotes.
     quoted = json.dumps(value, ensure_ascii=False)
     return "".join(c if c.isprintable() and c != "\ufeff" else _escaped(c) for c in quoted)
 
@@ -141,11 +145,13 @@ class _Editor:
         before = value_at(self.data, keys)
         wanted: Any = self.data
         text = self.text
+        # An equal value leaves the text as it is, even if it is written differently (1.0 and 1).
         if not _same(before, value):
             text = self._remove(keys) if isinstance(value, _Removed) else self._set(keys, value)
             wanted = _with(self.data, keys, value)
         if self.edit.comment and not isinstance(value, _Removed):
             text = _commented(text, self.edit)
+        # The result is parsed again: an edit that changed anything else is not returned.
         try:
             after, _ = parse_tree(text, self.name)
         except ConfigError:
@@ -167,6 +173,7 @@ class _Editor:
                     self._refuse(keys[:depth], f"is a list of {len(node.values)}; '{key}' is not an index of it")
                 return self._add(node, keys[depth:], written)
             node = found[1]
+            # A key with an empty value becomes a mapping in braces, as there is no line to indent under it.
             if depth + 1 < len(keys) and node.kind == "scalar" and value_at(self.data, keys[: depth + 1]) is None:
                 inner = "".join(f"{{{scalar_text(key)}: " for key in keys[depth + 1 :])
                 return self._put(node, f"{inner}{written}{'}' * (len(keys) - depth - 1)}")
@@ -182,6 +189,7 @@ class _Editor:
 
     def _put(self, node: Node, written: str) -> str:
         """Return the text with a scalar replaced, which may be empty."""
+        # `key:` without a value has no space in front of the new one.
         space = " " if node.start == node.end and self.text[node.start - 1 : node.start] not in {" ", ""} else ""
         return f"{self.text[: node.start]}{space}{written}{self.text[node.end :]}"
 
@@ -212,6 +220,7 @@ class _Editor:
         text, key_node = self.text, parent.keys[place]
         if parent.flow:
             if place + 1 < len(parent.keys):
+                # In braces, the comma goes with the entry: up to the next key, or from the end of the one before.
                 return text[: key_node.start] + text[parent.keys[place + 1].start :]
             begin = parent.values[place - 1].end if place else key_node.start
             return text[:begin] + text[node.end :]
@@ -220,6 +229,7 @@ class _Editor:
             self._refuse(keys, "shares its line with something else; edit the file by hand")
         end = line_end(text, node.end)
         match = LINE_BREAK.match(text, end)
+        # Without a line break at the end, the line break before the entry is removed instead.
         if match:
             return text[:begin] + text[match.end() :]
         last = text[:begin]
@@ -248,6 +258,7 @@ def _same(before: Any, value: Any) -> bool:
     if isinstance(before, list) and isinstance(value, tuple):
         return len(before) == len(value) and all(map(_same, before, value))
     numbers = all(isinstance(number, int | float) and not isinstance(number, bool) for number in (before, value))
+    # Types must agree, or true would equal 1; int and float of equal value are the same number.
     return (numbers and before == value) or (type(before) is type(value) and before == value)
 
 
@@ -268,6 +279,7 @@ def _into(data: Any, rest: Sequence[str], value: Any) -> Any:
 
 
 def _canonical(data: Any) -> str:
+    # Through JSON, since NaN differs from itself and the order of keys has no meaning.
     return json.dumps(data, sort_keys=True, default=repr)
 
 
@@ -294,12 +306,14 @@ def _commented(text: str, edit: Edit) -> str:
         found = child_of(node, key)
         if found is None:
             break
+        # Only keys outside of braces begin a line; for one in braces the comment stands above its entry.
         if node.kind == "mapping" and not node.flow:
             position = node.keys[found[0]].start
         node = found[1]
     begin = line_start(text, position)
     line = text[begin : line_end(text, begin)]
     indent = line[: len(line) - len(line.lstrip(" "))]
+    # The line above ends at the last break before this line, and begins at the one before that.
     breaks = list(LINE_BREAK.finditer(text, 0, begin))
     newline = breaks[-1].group() if breaks else (match.group() if (match := LINE_BREAK.search(text)) else "\n")
     if breaks:

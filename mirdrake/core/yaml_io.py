@@ -82,6 +82,7 @@ def to_si(value: Any, unit: str) -> Any:
     """
     if not isinstance(value, str):
         return value
+    # The number is split from its unit before the table is known, so that an unknown unit can be named.
     match = _NUMBER.fullmatch(value.strip())
     if match is None:
         return value
@@ -191,11 +192,13 @@ def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
     except ValidationError as error:
         # Each line costs a search for similar names: a file of another kind may have thousands of unknown keys.
         entries = error.errors()
+        # Equal messages of the branches of a union are reported once.
         faults = {str(fault): fault for fault in (_fault(entry, schema, source) for entry in entries[:MOST_FAULTS])}
         if len(entries) > MOST_FAULTS:
             more = source.error(f"{len(entries) - MOST_FAULTS} more faults; correct these first", code="too_many")
             faults[str(more)] = more
         raise ConfigError(faults=faults.values()) from None
+    # pydantic reads true as 1.0 for a plain float, so the data of the file are compared with the model.
     truths = list(_truth_for_number(spec, data, ()))
     if truths:
         raise ConfigError(
@@ -273,6 +276,7 @@ _NOT_NUMBERS = {"float_type", "float_parsing", "int_type", "int_parsing", "int_f
 def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
     """Return an error of pydantic in the words of this module, with its location."""
     location = tuple(entry["loc"])
+    # Tags of unions are part of pydantic's location, but not of the file.
     path = in_file(location, source)
 
     # Messages of pydantic are replaced where they do not state what was given and what is allowed.
@@ -282,6 +286,7 @@ def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
     code: FaultCode = "bad_value"
     if kind == "extra_forbidden":
         code = "unknown_key"
+        # For an unknown key, its own line is known; the path may already end with it.
         if path[-1:] != (str(location[-1]),):
             path = (*path, location[-1])
         message = f"unknown field; {did_you_mean(location[-1], _allowed_keys(schema, location[:-1]))}"
@@ -322,6 +327,7 @@ def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
     return source.error(" ".join(message.split()), *path, code=code)
 
 
+# Building a JSON Schema takes longer than validating a file, and each unknown key needs it.
 @lru_cache(maxsize=64)
 def _json_schema(schema: type[Schema]) -> Json:
     """Return the JSON Schema of a class, which is made once."""
@@ -333,6 +339,7 @@ def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
     root = _json_schema(schema)
     nodes = [root]
 
+    # Unions and references: a location may have several possible schemas, which are all searched.
     def resolve(node: Json) -> list[Json]:
         if "$ref" in node:
             return resolve(root["$defs"][node["$ref"].rsplit("/", 1)[1]])
@@ -383,6 +390,7 @@ def _apply_override(data: Json, override: str, source: Source) -> tuple[Json, So
     """
     printable = override if override.isprintable() else repr(override)
     given_as = f"--set {printable}" if len(printable) <= 80 else f"--set {printable[:79]}…"
+    # Only the first "=" separates, as the value may have more of them.
     path, separator, text = override.partition("=")
     keys = [key.strip() for key in path.split(".")]
     if not separator or not all(keys):
@@ -393,6 +401,7 @@ def _apply_override(data: Json, override: str, source: Source) -> tuple[Json, So
     result = dict(data)
     node: Any = result
     full: Key = ()
+    # Lines of the file below the replaced value are not valid any more; errors there must name the override.
     replaced = len(keys)  # from this depth on, values come from the override
     for depth, key in enumerate(keys, start=1):
         step: Any = key
@@ -403,11 +412,13 @@ def _apply_override(data: Json, override: str, source: Source) -> tuple[Json, So
             step = int(key)
         full = (*full, step)
         if depth == len(keys):
+            # An empty text parses to an empty mapping without lines; `--set key=` means null.
             node[step] = value if inner.lines else None
             break
         child = node[step] if isinstance(node, list) else node.get(step)
         if not isinstance(child, dict | list):
             replaced = min(replaced, depth)
+        # Copied on the way down: the caller's data, and aliases of the same node, stay unchanged.
         node[step] = list(child) if isinstance(child, list) else dict(child) if isinstance(child, dict) else {}
         node = node[step]
     replaced_path = full[:replaced]

@@ -69,6 +69,7 @@ def set_scalars(text: str, changes: Sequence[tuple[Path, str]], *, name: str = "
         ConfigError: one of them cannot be changed.
     """
     data, _ = parse_tree(text, name)
+    # All cuts are found in the original text, so that they can be applied together.
     cuts: list[tuple[int, int, str]] = []
     for path, written in changes:
         data = _replaced(data, path, _parsed(written, name))
@@ -93,6 +94,7 @@ def _cut(text: str, path: Path, written: str, name: str) -> tuple[int, int, str]
         _reject(text, name, path, "is an alias; edit the file by hand")
     if node.kind != "scalar" and not node.flow:
         _reject(text, name, path, f"is a {node.kind} of several lines; edit the file by hand")
+    # `key:` without a value has no space in front of the new one.
     space = " " if node.start == node.end and text[node.start - 1 : node.start] not in {" ", ""} else ""
     return node.start, node.end, f"{space}{written}"
 
@@ -128,6 +130,7 @@ def insert_item(text: str, path: Path, item: str, *, name: str = "<text>") -> st
     elif node.kind == "alias":
         _reject(text, name, path, "is an alias; edit the file by hand")
     elif node.kind == "scalar":  # `props:` without a value
+        # The list is indented relative to its key, as the empty value has no column of its own.
         key_line = line_start(text, node.start)
         column = len(text[key_line:]) - len(text[key_line:].lstrip(" "))
         end = line_end(text, node.start)
@@ -153,9 +156,11 @@ def remove_item(text: str, path: Path, *, name: str = "<text>") -> str:
     parent, index, node = _find_in_parent(text, path)
     if node is None or parent is None:
         _reject(text, name, path, "is not in the file")
+    # An empty list in lines cannot be written without its key.
     if parent.kind == "list" and len(parent.values) == 1:
         return remove_item(text, path[:-1], name=name)
     first = parent.keys[index] if parent.kind == "mapping" else node
+    # In braces, the comma goes with the item: up to the next one, or from the end of the one before.
     if parent.flow:
         following = (parent.keys if parent.kind == "mapping" else parent.values)[index + 1 : index + 2]
         if following:
@@ -223,6 +228,7 @@ def _block_of(text: str, start: int, end: int) -> tuple[int, int]:
     while begin > 0:
         above = line_start(text, begin - 1)
         line = text[above:begin]
+        # A comment with another indentation belongs to what is around the item.
         is_own = line.lstrip(" ").startswith("#") and len(line) - len(line.lstrip(" ")) == indent
         if not is_own:
             break
@@ -241,6 +247,7 @@ def _dedented(item: str) -> str:
     lines = item.splitlines()
     if len(lines) < 2 or lines[0][:1] in "{[":
         return item
+    # Lines after the first keep their indentation of the file, so the first is indented to match them.
     indents = [len(line) - len(line.lstrip(" ")) for line in lines[1:] if line.strip()]
     return " " * min(indents, default=0) + item
 
@@ -277,6 +284,7 @@ def _verified(changed: str, wanted: Any, name: str, path: Path) -> str:
         after: Any = parse_tree(changed, name)[0]
     except ConfigError:
         after = REMOVED
+    # Through JSON, since NaN differs from itself and the order of keys has no meaning.
     if json.dumps(after, sort_keys=True, default=repr) != json.dumps(wanted, sort_keys=True, default=repr):
         raise ConfigError(f"{name}: {dotted(path)}: cannot be changed without changing other parts; edit it by hand")
     return changed

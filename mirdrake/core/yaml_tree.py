@@ -38,6 +38,7 @@ class Source(NamedTuple):
         """Return file and line of a key below the prefix, or of its nearest parent; an override has no line."""
         full = (*self.prefix, *path)
         top = self._replace(prefix=())
+        # From the full path upwards: a missing key has the line of its nearest parent.
         for length in range(len(full), -1, -1):
             key = in_file(full[:length], top)
             if len(key) == length:
@@ -86,17 +87,20 @@ def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple
     def merge(below: Any, above: Any, path: Key) -> Any:
         if path:
             places[path] = over_source.place(*path)
+        # Another kind has other keys, so that nothing of the mapping below may remain.
         if (
             isinstance(below, dict)
             and isinstance(above, dict)
             and below.get("kind") == above.get("kind", below.get("kind"))
         ):
             kept = below_preset(below, above)
+            # Keys that a preset removed must not keep their lines.
             for key in [key for key in lines if key[: len(path)] == path and key[len(path) : len(path) + 1]]:
                 if key[len(path)] in below and key[len(path)] not in kept:
                     del lines[key]
             below = kept
             return {**below, **{key: merge(below.get(key), value, (*path, key)) for key, value in above.items()}}
+        # A replaced value has no keys of the file below it any more.
         for key in [key for key in lines if key[: len(path)] == path and len(key) > len(path)]:
             del lines[key]
         if isinstance(above, dict):
@@ -175,6 +179,7 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         """Return the next node; nesting that is too deep raises an error with its line."""
+        # PyYAML recurses for each level; a deep file would end in a RecursionError without a line.
         self.depth += 1
         if self.depth > _MAX_DEPTH:
             raise _FileFaultError(problem=_TOO_DEEP, problem_mark=self.get_mark())
@@ -186,13 +191,16 @@ class _Loader(yaml.SafeLoader):
         """Return a dict whose keys are the texts as written, after ``<<`` merges."""
         if not isinstance(node, yaml.MappingNode):
             raise _FileFaultError(problem="a mapping is expected", problem_mark=node.start_mark)
+        # Merges are resolved by PyYAML itself, own keys first.
         self.flatten_mapping(node)
+        # Keys are texts as written, so that 1 and on stay names.
         return {key.value: self.construct_object(value, deep=deep) for key, value in node.value}
 
     def construct_number(self, node: yaml.ScalarNode) -> int | float:
         """Return an int or a float."""
         text = str(self.construct_scalar(node))
         try:
+            # YAML 1.2 has no octal or sexagesimal numbers; Python's own conversion reads exactly the allowed form.
             if node.tag.endswith(":int"):
                 number = int(text)
                 float(number)  # a longer one cannot be used in computations
@@ -217,10 +225,12 @@ _SCALARS = {  # kind: (first letters, pattern)
     ),
     "merge": ("<", r"<<"),
 }
+# Replaces the resolvers of YAML 1.1, in which `no` is false and 12:30 is 750.
 _Loader.yaml_implicit_resolvers = {}
 for _kind, (_letters, _pattern) in _SCALARS.items():
     _first = [letter.replace("\0", "") for letter in _letters]
     _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_kind}", re.compile(rf"^(?:{_pattern})$"), _first)
+# No tags beyond plain data: a file cannot construct Python objects.
 _Loader.yaml_constructors = {
     "tag:yaml.org,2002:null": _Loader.construct_yaml_null,
     "tag:yaml.org,2002:bool": _Loader.construct_truth,
@@ -252,6 +262,7 @@ class _LineCollector:
             _FileFaultError: repeated or complex keys, an alias inside itself, too many levels or values.
         """
         self.visited += 1
+        # An anchor inside itself would be visited without end.
         if id(node) in self.open:
             raise _fault_at(node, f"{dotted(path)}: an alias is inside its own anchor")
         if len(path) > _MAX_DEPTH:
@@ -259,6 +270,7 @@ class _LineCollector:
         if self.visited > _MAX_VALUES:
             raise _fault_at(node, f"more than {_MAX_VALUES} values (with aliases expanded)")
         self.open.add(id(node))
+        # setdefault: own keys are visited before merged ones, and have priority.
         self.lines.setdefault(path, node.start_mark.line + 1)
         if isinstance(node, yaml.MappingNode):
             self._visit_mapping(node, path)
@@ -294,6 +306,7 @@ def in_file(location: Iterable[Hashable], source: Source) -> Key:
     """Return the part of an error location that is in the file or an override; tags of unions are not."""
     key = source.prefix
     for step in location:
+        # Keys in a file are texts, steps of pydantic may be numbers.
         for candidate in ((*key, step), (*key, str(step))):
             if candidate in source.lines or candidate in source.overrides:
                 key = candidate

@@ -59,11 +59,13 @@ class ArrayLog:
         if self._table is None or self._schema is None:
             self._schema = _schema(columns, self._units)
             size = 8 + sum(values.nbytes for values in columns.values())
+            # Row groups by bytes: a scan has from ten to a million values.
             rows = max(1, _GROUP // size)
             self._table = PartedTable(self._path, rows=rows, compression="zstd", use_dictionary=False)
         flat = [pa.array([time], pa.float64())]
         for name, values in columns.items():
             kind = self._schema.field(name).type
+            # Flat lists: Parquet has no multidimensional arrays; the shape is in the metadata of the column.
             if pa.types.is_list(kind):
                 items = pa.array(values.ravel(), kind.value_type)
                 flat.append(pa.ListArray.from_arrays(pa.array([0, values.size], pa.int32()), items))

@@ -55,6 +55,7 @@ class PartedTable:
         part = self.path / f"part-{self._parts:06d}.parquet"
         with write_errors(part):
             self.path.mkdir(exist_ok=True)
+        # Written under another name first: a kill leaves no half part, which could not be read.
         with replacing(part) as temporary:
             pq.write_table(pa.concat_tables(self._pending), temporary, **self._options)
         self._parts += 1
@@ -67,6 +68,7 @@ class PartedTable:
             return
         parts, aside = stored(self.path), _aside(self.path)
         with replacing(self.path) as whole:
+            # Row groups of a fixed size, so that equal rows give equal bytes however they were split into parts.
             with pq.ParquetWriter(whole, pq.read_schema(parts[0]), **self._options) as writer:
                 for table in _regroup(parts, self._rows):
                     writer.write_table(table)
@@ -120,6 +122,7 @@ def _regroup(parts: Sequence[Path], rows: int) -> Iterator[pa.Table]:
         table = read_part(part)
         rest = table if rest is None else pa.concat_tables([rest, table])
         while rest.num_rows >= rows:
+            # One chunk for each column: the bytes of a row group must not depend on how its rows arrived.
             yield rest.slice(0, rows).combine_chunks()
             rest = rest.slice(rows)
     if rest is not None and rest.num_rows:

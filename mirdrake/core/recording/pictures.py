@@ -55,6 +55,7 @@ def parse_start(text: str | None) -> datetime:
 
 def picture_name(time: float, start: datetime = EPOCH) -> str:
     """Return a simulated time [s] as date and time after a start, to the microsecond."""
+    # Rounded to whole microseconds as an integer; a float of seconds would lose the last digits of a date.
     return (start + timedelta(microseconds=round(1e6 * time))).strftime(_NAME)
 
 
@@ -131,8 +132,10 @@ class PictureLog:
 
     def _settle(self, most: int) -> None:
         """Log the pictures that are written; wait for the first ones if more than so many are not."""
+        # Only from the front: lines of the log stay in the order of time even if a later picture is ready first.
         while self._waiting and (len(self._waiting) > most or self._waiting[0][0].done()):
             future, line = self._waiting.popleft()
+            # Raises the error of the thread, such as a full disk, in the thread of the simulation.
             future.result()
             self._print_line(line)
 
@@ -157,6 +160,7 @@ def encode(pixels: NDArray[Any]) -> bytes:
     else:
         values = pixels[:, :, 0] if pixels.ndim == 3 else pixels
         if np.issubdtype(values.dtype, np.floating):
+            # Millimetres as 16-bit integers reach 65.535 m; farther depths are limited to it, and 0 stands for none.
             values = np.where(np.isfinite(values), np.clip(np.rint(1e3 * values), 0, 65535), 0)
         Image.fromarray(np.ascontiguousarray(values.astype(np.uint16))).save(file, "PNG", compress_level=1)
     return file.getvalue()
@@ -194,6 +198,7 @@ def read_pictures(folder: Path, start: datetime = EPOCH) -> list[Picture]:
     """
     with read_errors(folder / DRIVING_LOG):
         lines = (folder / DRIVING_LOG).read_bytes().decode().splitlines(keepends=True)
+        # Only complete lines: a kill may leave half of one.
         rows = [line.split() for line in lines if line.endswith("\n")]
         return [
             Picture(picture_time(name, start), folder / Path(name).name, float(steering), float(speed))

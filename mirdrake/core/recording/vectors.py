@@ -64,6 +64,7 @@ class VectorLog:
     def _flush(self) -> None:
         self._flushed = time.monotonic()
         if self._rows:
+            # Transposed once per block; Arrow stores by column.
             times, *columns = np.array(self._rows).T
             self._rows = []
             self._table.add(make_table(times, dict(zip(self._names, columns, strict=True)), self._units))
@@ -74,6 +75,7 @@ def make_table(times: NDArray[np.float64], columns: Mapping[str, Any], units: Ma
     """Return an Arrow table of samples: units are in the metadata of the columns, in pandas in ``attrs["units"]``."""
     names = ["time", *columns]
     fields = [pa.field(name, pa.float64(), metadata={"unit": units.get(name, "")}) for name in names]
+    # pandas restores `attrs` from this key of the metadata.
     attributes = json.dumps({"units": {name: units.get(name, "") for name in names}})
     schema = pa.schema(fields, metadata={"PANDAS_ATTRS": attributes})
     return pa.Table.from_arrays(
