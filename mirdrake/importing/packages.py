@@ -108,6 +108,7 @@ class Packages:
         other = _any_case(path)
         if other is not None:
             return (None, _POINTER_TEXT) if _is_pointer(other) else (other, "found with different upper and lower case")
+        # Only a unique file of that name is used; among several the right one is not known.
         same = [candidate for candidate in _files(root) if candidate.name.lower() == path.name.lower()]
         if len(same) == 1:
             return same[0], f"not at its address; used is the file of that name in {same[0].parent.name}/"

@@ -92,16 +92,19 @@ def with_known_submesh(shape: Shape) -> tuple[Shape, list[Change]]:
 def _half_extent(shape: Shape) -> Array:
     R = shape.X_LG.rotation().matrix()
     if shape.kind == "box":
+        # Half the extents of a rotated box: |R| times half its edges.
         box: Array = np.abs(R) @ (0.5 * np.array(shape.size))
         return box
     if shape.kind == "sphere":
         return np.full(3, shape.size[0])
     if shape.kind == "ellipsoid":
+        # An ellipsoid reaches the length of the row of R times its half axes.
         ellipsoid: Array = np.linalg.norm(R * np.array(shape.size), axis=1)
         return ellipsoid
     if shape.kind in ("cylinder", "capsule"):
         radius, length = shape.size[:2]
         z = R[:, 2]
+        # The discs at the ends reach r sqrt(1 - z_i²) along axis i.
         round_part = radius * np.ones(3) if shape.kind == "capsule" else radius * np.sqrt(np.maximum(0.0, 1.0 - z**2))
         result: Array = 0.5 * length * np.abs(z) + round_part
         return result
@@ -165,6 +168,7 @@ def convert_collision(
     if shape.kind != "mesh":
         return [shape], []
     pieces, notes = load_mesh(shape)
+    # Notes on textures and materials do not concern collision geometry.
     notes = [note for note in notes if not note.old.startswith(("texture", "material"))]
     parts = split_convex(np.concatenate([piece.corners for piece in pieces]), time)
     if len(parts.hulls) == 1 and not parts.missing:
@@ -229,6 +233,7 @@ def load_mesh(shape: Shape) -> tuple[list[Piece], list[Note]]:
     matrix = np.diag([*scale, 1.0])
     if shape.submesh and shape.center:
         points = np.concatenate([piece.corners.reshape(-1, 3) for piece in pieces])
+        # SDF's <center>: the middle of the submesh becomes its origin, before the scale.
         matrix[:3, 3] = -scale * 0.5 * (points.min(axis=0) + points.max(axis=0))
     if np.prod(scale) < 0.0:
         words = " ".join(f"{factor:g}" for factor in shape.scale)

@@ -95,6 +95,7 @@ def make_hull(points: Array) -> Hull:
         hull = ConvexHull(points)
     except (QhullError, ValueError):
         middle = points.mean(axis=0)
+        # Principal axes of the points; those without extent get the thickness.
         _, spread, axes = np.linalg.svd(points - middle, full_matrices=False)
         axes = axes if len(axes) == 3 else np.eye(3)
         flat = np.pad(spread, (0, 3 - len(spread))) < 1e-6 * max(float(spread.max()), 1e-3)
@@ -102,6 +103,7 @@ def make_hull(points: Array) -> Hull:
         for axis in axes[flat] if flat.any() else np.eye(3):
             cloud = np.concatenate((cloud - 0.5 * _PLATE * axis, cloud + 0.5 * _PLATE * axis))
         try:
+            # QJ moves points by rounding errors, so that a plate is accepted.
             hull = ConvexHull(cloud, qhull_options="QJ")
         except (QhullError, ValueError):  # thinner than rounding allows: the box around it, at least 1 mm thick
             low, high = points.min(axis=0), points.max(axis=0)
@@ -125,6 +127,7 @@ def make_hull(points: Array) -> Hull:
     faces = new_index[hull.simplices]
     corners = corners[order]
     a, b, c = (corners[faces[:, k]] for k in range(3))
+    # Triangles of Qhull have no common orientation; `equations` has the outward normals.
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
     faces = np.array(sorted(_lowest_first(face) for face in faces.tolist()), dtype=np.int64)
@@ -142,8 +145,10 @@ def _fewer(corners: Array) -> Array:
     height, turn = 1.0 - 2.0 * step / CORNER_LIMIT, np.pi * (1.0 + 5.0**0.5) * step
     radius = np.sqrt(1.0 - height**2)
     directions = np.column_stack((radius * np.cos(turn), radius * np.sin(turn), height))
+    # Scaled to a cube, a flat shape keeps corners in all directions.
     scaled = (corners - corners.mean(axis=0)) / np.ptp(corners, axis=0)
     outermost = (directions @ scaled.T).argmax(axis=1)
+    # The outermost corners along the axes keep the bounding box.
     axes = np.concatenate((corners.argmin(axis=0), corners.argmax(axis=0)))
     kept: Array = corners[np.unique(np.concatenate((outermost, axes)))]
     return kept
@@ -163,6 +168,7 @@ def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
     time = time or CutTime()
     points, index = weld(corners.reshape(-1, 3))
     faces = index.reshape(-1, 3)
+    # Welding makes thin triangles into lines, with two equal corners.
     distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     faces = faces[distinct]
     whole = make_hull(points)
@@ -192,6 +198,7 @@ def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
         missing = missing or fault
         gain = 0 < len(parts) <= max(room, 1) and sum(part.volume for part in parts) < _GAIN * hull.volume
         hulls.extend(parts if gain else [hull])
+    # Without a volume of the mesh, parts with more volume than the hull of all are no improvement.
     if sum(hull.volume for hull in hulls) > whole.volume and len(hulls) > 1 and volume is None:
         hulls = [whole]
     return Parts(tuple(hulls), whole, volume, missing)
@@ -204,9 +211,11 @@ def is_convex(points: Array, faces: NDArray[np.int64], hull: Hull) -> bool:
     length = np.linalg.norm(normal, axis=1)
     normal, a = normal[length > 0.0] / length[length > 0.0][:, None], a[length > 0.0]
     size = float(np.linalg.norm(np.ptp(hull.points, axis=0)))
+    # A sample of the triangles is enough for large meshes.
     corners = points[faces[:: 1 + len(faces) // _SAMPLES]]
     middles = np.concatenate((corners.mean(axis=1), *(0.5 * (corners[:, k] + corners[:, k - 1]) for k in range(3))))
     offset = np.einsum("ij,ij->i", normal, a)
+    # Chunks of about five million distances limit the memory.
     return all(
         float((offset - chunk @ normal.T).min(axis=1).max()) <= _CONVEX * size
         for chunk in np.array_split(middles, max(1, len(middles) * len(normal) // 5_000_000))
@@ -215,11 +224,13 @@ def is_convex(points: Array, faces: NDArray[np.int64], hull: Hull) -> bool:
 
 def _volume(points: Array, faces: NDArray[np.int64]) -> float | None:
     """Return the volume of a closed surface [m³]; None if the surface is not closed."""
+    # A closed surface with one orientation has each edge once in each direction.
     edges = np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]))
     forth = np.sort(edges[:, 0] * len(points) + edges[:, 1])
     back = np.sort(edges[:, 1] * len(points) + edges[:, 0])
     if not np.array_equal(forth, back):
         return None
+    # Divergence theorem: volumes of tetrahedra with a common corner, near the points to keep digits.
     a, b, c = (points[faces[:, k]] - points.mean(axis=0) for k in range(3))
     return abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6.0
 
@@ -270,6 +281,7 @@ def _run_cut(message: bytes, seconds: float, time: CutTime) -> tuple[bytes, str]
     script = Path(__file__).with_name("cut.py")
     start = monotonic()
     try:
+        # -P: modules beside the script, such as read.py, are not imported in place of others.
         done = subprocess.run([sys.executable, "-P", str(script)], input=message, capture_output=True, timeout=seconds)
     except subprocess.TimeoutExpired:
         late = f"convex decomposition took more than {10 * SECONDS} s"
@@ -284,6 +296,7 @@ def _cache_entry(corners: Array, triangles: NDArray[np.int64], how: Mapping[str,
     """Return the cache file of a decomposition; its name is the hash of all inputs."""
     version = installed_version("coacd")
     text = json.dumps([1, version, how, settings(int(how["bodies"])), corners.shape, triangles.shape], sort_keys=True)
+    # With a fixed byte order the name is the same on all machines.
     arrays = np.ascontiguousarray(corners, dtype="<f8"), np.ascontiguousarray(triangles, dtype="<i8")
     return cache_folder("convex") / f"{digest(text, *(array.tobytes() for array in arrays))}.npz"
 
@@ -332,6 +345,7 @@ def _close(points: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.i
     middles: list[Array] = []
     fans: list[tuple[int, int, int]] = []
     while rim:
+        # The smallest index, because a set has no order that results could rely on.
         start = min(rim)
         loop = [start]
         following = rim.pop(start)
@@ -363,6 +377,7 @@ def fit_cylinder(hull: Hull) -> tuple[tuple[float, float], RigidTransform] | Non
     for R in _frames(hull):
         turned = hull.points @ R
         for axis in (0, 1, 2):
+            # The cyclic order of the other axes keeps the frame right-handed.
             across = np.roll(np.arange(3), -axis)[1:]
             circle = shapely.minimum_bounding_circle(shapely.MultiPoint(turned[:, across]))
             radius = float(shapely.minimum_bounding_radius(shapely.MultiPoint(turned[:, across])))
@@ -381,6 +396,7 @@ def _frames(hull: Hull) -> Sequence[Array]:
     a, b, c = (hull.points[hull.faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     middle = (a + b + c) / 3.0
+    # Weights by area: the axes are those of the surface, however fine its triangles are.
     centred = middle - (area @ middle) / area.sum()
     _, axes = np.linalg.eigh((centred * area[:, None]).T @ centred)
     largest = np.cross(b - a, c - a)[area.argmax()]
@@ -388,4 +404,5 @@ def _frames(hull: Hull) -> Sequence[Array]:
     along = (b - a)[area.argmax()]
     second = along / np.linalg.norm(along)
     faced = np.column_stack((first, second, np.cross(first, second)))
+    # Eigenvectors may form a reflection; a rotation has the determinant 1.
     return [np.eye(3), faced, axes if np.linalg.det(axes) > 0.0 else axes[:, ::-1]]

@@ -69,6 +69,7 @@ def _unit(root: Element) -> float:
     for asset in (child for child in root if _tag(child) == "asset"):
         for unit in (child for child in asset if _tag(child) == "unit"):
             try:
+                # Some programs write a decimal comma.
                 value = float(str(unit.get("meter", "1")).replace(",", "."))
             except ValueError:
                 return 1.0
@@ -93,6 +94,7 @@ class _Reader:
                 yield from self.geometry(skin.geometry, self._bound(node.materials), matrix @ bind, names)
         elif isinstance(node, Node):  # an instance of another node too
             inner = getattr(node, "node", None) or node
+            # Names of all nodes above a geometry can select it as a submesh.
             node_names = tuple(str(word) for word in (inner.xmlnode.get("name"), inner.id) if word)
             for child in node.children:
                 yield from self.walk(child, matrix @ _matrix(inner), names + node_names)
@@ -114,6 +116,7 @@ class _Reader:
             if triangles.texcoordset:
                 uv = np.asarray(triangles.texcoordset[0], dtype=float)[triangles.texcoord_indexset[0]][..., :2]
             if triangles.sources.get("COLOR"):
+                # An input of pycollada is (offset, semantic, source, set, data).
                 offset, source = triangles.sources["COLOR"][0][0], triangles.sources["COLOR"][0][4]
                 colors = np.asarray(source.data, dtype=float)[triangles.index[:, :, offset]]
                 if colors.shape[-1] == 3:
@@ -162,6 +165,7 @@ class _Reader:
             opacity = 1.0 - float(_LUMINANCE @ color[:3]) * factor
         else:
             opacity = (float(color[3]) if len(color) > 3 else 1.0) * factor
+        # The comparison is false for NaN, too.
         if not opacity >= INVISIBLE:
             self.folder.notes.append(
                 Note(

@@ -69,6 +69,7 @@ def _piece(part: _Part, points: Array, uv: Array, normals: Array, material: Mate
     colors = None
     if material is None and np.isfinite(rows[..., 3:]).any():  # positions may carry a colour
         rgb = np.nan_to_num(rows[..., 3:], nan=1.0)
+        # Some programs write colours from 0 to 255.
         rgb = rgb / 255.0 if rgb.max() > 1.0 else rgb
         colors = np.concatenate((rgb, np.ones((*rgb.shape[:2], 1))), axis=2)
     return Piece(
@@ -83,6 +84,7 @@ def _piece(part: _Part, points: Array, uv: Array, normals: Array, material: Mate
 
 def _take(table: Array, index: NDArray[np.int64]) -> Array:
     """Return rows of a table; NaN for rows that do not exist."""
+    # A row of NaN at the end serves all indices that do not exist.
     padded = np.concatenate((table, np.full((1, table.shape[1]), np.nan)))
     rows: Array = padded[np.where((index >= 0) & (index < len(table)), index, len(table))]
     return rows
@@ -109,6 +111,7 @@ def _read_lines(text: str) -> _Content:
     target, material = "", ""
     groups: tuple[str, ...] = ()
     part: _Part | None = None
+    # A backslash at its end continues a line.
     for line in text.replace("\\\r\n", " ").replace("\\\n", " ").splitlines():
         words = line.split()
         if not words or words[0].startswith("#"):
@@ -179,9 +182,11 @@ def _triangulate(polygons: list[tuple[_Part, list[Corner]]], points: Array) -> N
     # Polygons of one size are checked together: a negative turn along the normal means a concave corner.
     index = np.array([[corner[0] for corner in corners] for _, corners in polygons])
     positions = _take(points, index)
+    # Coordinates from the first corner keep digits far from the origin.
     positions = positions - positions[:, :1]
     edges = np.roll(positions, -1, axis=1) - positions
     turns = np.cross(np.roll(edges, 1, axis=1), edges)
+    # Newell's normal, also for polygons that are not quite flat.
     normals = 0.5 * np.cross(positions, np.roll(positions, -1, axis=1)).sum(axis=1)
     along = np.einsum("nkj,nj->nk", turns, normals)
     hollow = along.min(axis=1) < -1e-6 * np.einsum("nj,nj->n", normals, normals)
@@ -203,6 +208,7 @@ def _triangles_inside(place: Array, normal: Array) -> list[tuple[int, int, int]]
     triangles = []
     for triangle in shapely.get_parts(shapely.constrained_delaunay_triangles(outline)):
         ring = shapely.get_coordinates(shapely.orient_polygons(triangle))[:3]
+        # The triangulation returns coordinates; the nearest corner gives the index.
         a, b, c = (int(np.argmin(np.linalg.norm(flat - point, axis=1))) for point in ring)
         triangles.append((a, b, c))
     return triangles

@@ -152,6 +152,7 @@ def read_mesh(path: Path) -> ReadMesh:
         state = path.stat()
     except OSError:
         raise MeshError(path, "does not exist") from None
+    # Time and size of the file are parts of the key, so that an edited file is read again.
     return _read(path, state.st_mtime_ns, state.st_size)
 
 
@@ -255,6 +256,7 @@ def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
     # Corners are compared on a grid of a millionth of the size, so that rounding in the file does not matter.
     low, extent = corners.min(axis=(0, 1)), float(np.ptp(corners.reshape(-1, 3), axis=0).max()) or 1.0
     grid = np.round((corners - low) / (1e-6 * extent)).astype(np.int64)
+    # Sorted corners are equal for both windings.
     codes = np.sort((grid[..., 0] << 42) | (grid[..., 1] << 21) | grid[..., 2], axis=1)
     submeshes = {names: number for number, names in enumerate(dict.fromkeys(piece.names for piece in pieces))}
     owner = np.concatenate([np.full(len(piece.corners), submeshes[piece.names]) for piece in pieces])
@@ -264,6 +266,7 @@ def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
         return list(pieces)
     # Of each pair, the textured triangle stays, else the one that faces outwards.
     face = _areas(corners)
+    # Positive for a triangle that faces away from the middle of the mesh.
     rank = np.einsum("ij,ij->i", face, corners.mean(axis=1) - corners.mean(axis=(0, 1)))
     textured = np.concatenate([np.full(len(piece.corners), piece.material.picture is not None) for piece in pieces])
     rank = np.where(textured, np.inf, rank)

@@ -44,6 +44,7 @@ def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
     pictures: dict[int, int] = {}
 
     def texture(picture: Image.Image) -> int:
+        # Materials that share a picture share its file.
         if id(picture) not in pictures:
             if max(picture.size) > PICTURE_LIMIT:
                 size = f"{picture.width} x {picture.height} pixels"
@@ -76,6 +77,7 @@ def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
 
 def write_obj(points: Array, faces: NDArray[np.int64], path: Path) -> None:
     """Write a convex part [m], to the micrometre."""
+    # Adding 0.0 turns -0.0 into 0.0; indices of OBJ count from 1.
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in (points + 0.0).tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -83,6 +85,7 @@ def write_obj(points: Array, faces: NDArray[np.int64], path: Path) -> None:
 
 def _material(look: Material, picture: int | None, *, tinted: bool) -> dict[str, object]:
     rgba = look.rgba or (GREY if picture is None and not tinted else (1.0, 1.0, 1.0, 1.0))
+    # Colours of the sources are sRGB, factors of glTF are linear.
     color = (*_rounded(srgb_to_linear(np.array(rgba[:3]))), round(rgba[3], 5))
     entry = {
         "name": look.name,
@@ -107,6 +110,7 @@ def _by_material(pieces: Sequence[Piece]) -> list[Piece]:
     groups: dict[tuple[Any, ...], list[Piece]] = {}
     for piece in pieces:
         look = piece.material
+        # Normals before merging, so that edges between pieces stay sharp.
         normals = corner_normals(piece)
         uv = piece.uv if look.picture is not None else None
         key = (look.name, look.rgba, id(look.picture), look.emission, uv is None, piece.colors is None)
@@ -134,10 +138,12 @@ def _indexed(piece: Piece) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any] | N
     columns = [piece.corners.reshape(-1, 3), piece.normals.reshape(-1, 3)]
     if piece.uv is not None:
         uv = np.nan_to_num(piece.uv.reshape(-1, 2))
+        # Texture coordinates begin at the bottom in the sources, at the top in glTF.
         columns.append(np.column_stack((uv[:, 0], 1.0 - uv[:, 1])))
     if piece.colors is not None:
         colors = np.clip(piece.colors.reshape(-1, 4), 0.0, 1.0)
         columns.append(np.column_stack((srgb_to_linear(colors[:, :3]), colors[:, 3])))
+    # Adding 0.0 turns -0.0 into 0.0, whose bytes differ.
     rows = np.ascontiguousarray(np.concatenate(columns, axis=1).astype("<f4") + np.float32(0.0))
     keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
@@ -181,6 +187,7 @@ def weld(points: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return distinct points (to 1e-6 of their extent) and the index of each given point."""
     extent = float(np.ptp(points, axis=0).max()) or 1.0
     grid = np.round((points - points.min(axis=0)) / (1e-6 * extent)).astype(np.int64)
+    # Three numbers of 21 bits in one key: the grid has 1e6 steps, less than 2^21.
     keys = (grid[:, 0] << 42) | (grid[:, 1] << 21) | grid[:, 2]
     _, first, index = np.unique(keys, return_index=True, return_inverse=True)
     return points[first], index.ravel().astype(np.int64)

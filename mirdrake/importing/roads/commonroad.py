@@ -80,6 +80,7 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
     lines += [f"  {key}: {{{value}}}" for key, value in (starts or {"road": start_on_longest(network)}).items()]
     lines += ["", "goals:", *(f"  {key}: {{{value}}}" for key, value in goals.items())] if goals else []
     lines += ["", "props:", *props] if props else []
+    # Obstacles of a scenario may overlap, which a world rejects without a rule.
     lines += ["", "rules:", '  - {allow_overlap: ["*", "*"]}'] if len(props) > 1 else []
     made.text, made.files = "\n".join(lines) + "\n", files
     made.entries = len(props) + len(network.driving())
@@ -117,6 +118,7 @@ def _prop(element: Element, document: XmlDocument, changes: Changes) -> str | No
     # A polygon becomes the box around it, along its own axes.
     low, high = corners.min(axis=0), corners.max(axis=0)
     c, s = math.cos(yaw), math.sin(yaw)
+    # Middle of the box in the frame of the obstacle, rotated by its heading.
     middle = np.array([[c, -s], [s, c]]) @ ((low + high) / 2.0) + places[0]
     size = high - low
     changes.add(
@@ -160,6 +162,7 @@ def _programme(element: Element, step: float, document: XmlDocument, changes: Ch
         return
     red = math.fsum(time for color, time in times.items() if color not in {"green", "yellow"})
     whole = math.fsum(times.values())
+    # A programme begins with green, a cycle with its first element: the difference goes into the offset.
     first = [color for color, _ in rows].index("green")
     before = math.fsum(time for _, time in rows[:first])
     offset = (-number_at(cycle, "timeOffset", document, 0.0) * step - before) % whole

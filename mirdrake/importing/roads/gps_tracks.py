@@ -64,6 +64,7 @@ def read_gps_world(source: Path, name: str) -> RoadWorld:
     degrees, lines = _read_gpx(source) if source.suffix.lower() == ".gpx" else _read_csv(source)
     if len(degrees) < 4:
         raise ConfigError(f"{shown(source)}: {len(degrees)} positions; a track needs four or more")
+    # The map is flat: heights are zero here and become a relief along the track.
     east, north, _ = pymap3d.geodetic2enu(degrees[:, 0], degrees[:, 1], 0.0, degrees[0, 0], degrees[0, 1], 0.0)
     places, kept = _thinned(np.column_stack((east, north)))
     made = RoadWorld("", [source], entries=1)
@@ -85,6 +86,7 @@ def read_gps_world(source: Path, name: str) -> RoadWorld:
         )
     ground = " {surface: grass}"
     heights = degrees[kept[: len(places)], 2]
+    # Less than 1 m is noise of the receiver.
     if np.isfinite(heights).all() and np.ptp(heights) > 1.0:
         table = _heights(places, heights, math.fsum(piece.length for piece in pieces), closed)
         ground = f"\n  surface: grass\n  relief:\n    - road: {{along: main, elevation: [{table}]}}"
@@ -160,6 +162,7 @@ def _read_csv(source: Path) -> tuple[Array, list[int]]:
 
 def _checked(rows: Array, lines: list[int], source: Path) -> tuple[Array, list[int]]:
     for row, line in zip(rows, lines, strict=True):
+        # The comparison is false for NaN, too.
         if not (abs(row[0]) <= 90.0 and abs(row[1]) <= 360.0):
             raise ConfigError(f"{shown(source)}:{line}: {row[0]:g}, {row[1]:g} deg is not a latitude and a longitude")
     return rows, lines
@@ -188,6 +191,7 @@ def _cut(places: Array) -> Array:
     near = np.hypot(*(places - places[0]).T)
     ahead = (places[1] - places[0]) / np.hypot(*(places[1] - places[0]))
     last = len(places)
+    # Points beyond the start, along the first segment, were driven twice.
     while last > 8 and near[last - 1] < _CLOSED and (places[last - 1] - places[0]) @ ahead > -_APART / 2.0:
         last -= 1
     return places[:last]
@@ -210,6 +214,7 @@ def _smallest(places: Array, closed: bool, name: str) -> tuple[float, list[Piece
 
     if (pieces := lay(0.0)) is not None:
         return 0.0, pieces
+    # Doubling finds an upper bound, bisection the smallest amount.
     low, high = 0.0, 0.05
     while (pieces := lay(high)) is None:
         low, high = high, 2.0 * high
@@ -233,6 +238,7 @@ def _heights(places: Array, heights: Array, length: float, closed: bool) -> str:
     ring = np.vstack((places, places[:1])) if closed else places
     s = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(ring, axis=0).T))))
     z = np.append(heights, heights[0]) if closed else heights
+    # Distances along the points are scaled to the length of the smoothed track.
     s = s * (length / s[-1])
     stations = np.linspace(0.0, length, max(2, round(length / _HEIGHT_STEP)) + 1)
     grid = np.linspace(-_HEIGHT_STEP, _HEIGHT_STEP, 17)

@@ -45,6 +45,7 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
 
     entities = {entity.name: entity for entity in scenario.entities()}
     spots, speeds = _init(scenario, entities, network, made.changes)
+    # An entity with a usual name of the ego vehicle, else the first one with a position.
     ego = next((n for n in entities if n.lower() in _EGO), next(iter(spots), ""))
     name_of_ego = plain_name(ego or "ego")
     board = Board(scenario, entities, network, spots, dict(speeds), (ego, "ego"))
@@ -103,6 +104,7 @@ def _actor(entity: Entity, spot: Spot, speed: float) -> str:
         place = f"on_lane: {{lane: {spot.lane}, s: {number(spot.s)}, offset: {number(spot.offset)}}}"
     else:
         x, y, yaw = spot.pose
+        # A path for one minute at the speed of the actor.
         end = _ahead(x, y, yaw, max(speed, 1.0) * 60.0)
         place = f"path: [[{number(x)}, {number(y)}], [{number(end[0])}, {number(end[1])}]]"
     return f"  - {{actor: {entity.prop}, name: {plain_name(entity.name)}, {place}, speed: {number(speed)}}}"
@@ -152,6 +154,7 @@ def _init(
         for private in waiting
         if (position := private.find("PrivateAction/TeleportAction/Position")) is not None
     }
+    # A position may refer to an entity further down, so that passes are repeated until nothing is left.
     for _ in range(len(teleports) + 1):
         for key, position in teleports.items():
             if (
@@ -160,6 +163,7 @@ def _init(
                 and (spot := find_spot(scenario, position, network, spots)) is not None
             ):
                 spots[key] = spot
+    # Likewise for relative speeds.
     for _ in range(len(waiting) + 1):
         for private in waiting:
             key = private.get("entityRef", "")

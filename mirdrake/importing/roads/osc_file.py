@@ -208,6 +208,7 @@ def find_spot(scenario: Scenario, position: Element, network: Network | None, sp
         )
     if element.tag in {"RelativeObjectPosition", "RelativeWorldPosition"}:
         dx, dy = number(element, "dx"), number(element, "dy")
+        # Offsets are along the axes of the other entity, or along those of the world.
         c, s = (math.cos(yaw), math.sin(yaw)) if element.tag == "RelativeObjectPosition" else (1.0, 0.0)
         return _located((x + c * dx - s * dy, y + s * dx + c * dy, yaw + heading), network)
     return None
@@ -228,6 +229,7 @@ def _on_road(network: Network, road: str, number: str, s: float) -> tuple[Lane, 
     for lane in rows:
         low, high = float(lane.road_s.min()), float(lane.road_s.max())
         if low - 1e-6 <= s <= high + 1e-6:
+            # np.interp needs increasing stations, so that lanes against the reference line are reversed.
             order = slice(None, None, lane.direction)
             return lane, float(np.interp(s, lane.road_s[order], lane.s[order]))
     return None

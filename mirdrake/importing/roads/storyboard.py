@@ -137,6 +137,7 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
     Raises:
         NotRepresentedError: it is not one time, distance or headway.
     """
+    # The trigger of the act has to fire before that of the event, so that both count.
     rows = [c for trigger in (act.find("StartTrigger"), event.find("StartTrigger")) for c in _all(trigger)]
     rows = [row for row in rows if not _is_start(board.scenario, row)]
     if not rows:
@@ -163,6 +164,7 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
             raise NotRepresentedError("a distance of a step is one between its actor and another vehicle or actor")
         board.referenced.add(other)
     label = board.ego[1] if other == board.ego[0] else plain_name(other)
+    # OpenSCENARIO measures along the road, a step the straight distance: boxes and lateral offset are added.
     boxes, aside = _lengths(board, actor, other, leaf), _aside(board, actor, other)
     if leaf.tag == "TimeHeadwayCondition":
         behind = other if _is_ahead(board, actor, other) else actor
@@ -228,6 +230,7 @@ def _speed_change(board: Board, action: Element, actor: str) -> str:
     if dynamics.get("dynamicsShape") == "step":
         rate = _STEP_RATE
     else:
+        # Mean rates: |Δv| / t over a time, |Δ(v²)| / (2 s) over a distance.
         by_time = abs(speed - before) / value if value > 0.0 else 0.0
         by_distance = abs(speed**2 - before**2) / (2.0 * value) if value > 0.0 else 0.0
         rate = {"rate": abs(value), "time": by_time, "distance": by_distance}.get(
@@ -235,6 +238,7 @@ def _speed_change(board: Board, action: Element, actor: str) -> str:
         )
     if rate <= 0.0:
         raise NotRepresentedError("without effect: the speed does not change, or its rate is 0")
+    # Later actions of this entity and relative targets begin with this speed.
     board.speeds[actor] = speed
     return f"change_speed: {{to: {number(max(speed, 0.0))}, rate: {number(min(rate, _STEP_RATE))}}}"
 
@@ -255,6 +259,7 @@ def _lane_change(board: Board, action: Element, actor: str) -> str:
         wanted = base.number + (own + round(board.scenario.number(relative, "value"))) * base.direction
     else:
         raise NotRepresentedError("the target lane is not known")
+    # Lane numbers increase to the left of the reference line; lanes against it have the opposite sides.
     left = (wanted - now) * lane.direction
     if abs(left) != 1:
         raise NotRepresentedError(f"a step changes to the next lane; the target is {abs(left)} lanes away")

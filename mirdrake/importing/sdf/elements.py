@@ -136,6 +136,7 @@ def read_shape(element: Element, files: XmlFiles, packages: Packages, folder: Pa
     where, tag = files.where(inner), inner.tag
 
     def size(name: str, count: int = 1) -> tuple[float, ...]:
+        # Old versions of SDF have sizes as attributes.
         text = inner.findtext(name) if inner.find(name) is not None else inner.get(name)
         if text is None or not text.strip():
             raise ModelError(f"{where}: <{tag}> without <{name}>")
@@ -204,6 +205,7 @@ def _read_outline(elements: list[Element], files: XmlFiles) -> Shape:
             raise ModelError(f"{where}: <polyline> of {len(points)} points; 3 to {_MOST_POINTS} are allowed")
         if max(float(np.abs(point).max()) for point in points) > FARTHEST:
             raise ModelError(f"{where}: <polyline> reaches further than {FARTHEST:g} m")
+        # Even-odd rule: an outline within another one is a hole.
         area = shapely.symmetric_difference(area, shapely.make_valid(shapely.Polygon(points)))
         heights.append(read_number(element.findtext("height"), where=where, what="<height>") or 1.0)
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST**2]

@@ -81,6 +81,7 @@ class Models(Packages):
                 versions = [folder for folder in cache.joinpath(*names).iterdir() if folder.name.isdecimal()]
             except OSError:
                 continue
+            # Versions are numbers: 10 is newer than 9.
             for folder in sorted(versions, key=lambda folder: -int(folder.name)):
                 if folder.joinpath(*below).exists():
                     return folder.joinpath(*below)

@@ -111,6 +111,7 @@ def import_world(
     target = Path(folder or "worlds")
     replaced = check_target(target, name, force=force, made={"props"})
     places = Places(source)
+    # The new files appear together at the end, so that a failed import leaves the old world as it is.
     with staging(target) as stage:
         result = _build(world, name, stage.path, places, strict=strict, show_progress=show_progress)
         stage.publish(replaced)
@@ -149,6 +150,7 @@ def _build(
     # Rules name single props, so entries are merged into grids only without rules.
     grids = into_grids(entries) if not overlaps and not heights else entries
     _widen(ground, props, where, changes)
+    # Of the pose of a vehicle only x, y and yaw make a start on the ground.
     starts = {
         start: f"at: [{number(X.translation()[0])}, {number(X.translation()[1])}], "
         f"yaw: {degrees(RollPitchYaw(X.rotation()).yaw_angle())}"
@@ -165,6 +167,7 @@ def _build(
         try:
             return load_world(str(file))
         except (ConfigError, WorldError) as error:
+            # The user does not know the folder in which the world was built.
             fault = str(error).splitlines()[0].replace(f"{shown(building)}{os.sep}", "")
             raise ModelError(f"{shown(world.files[0])}:1: the imported world cannot be loaded: {fault}") from error
 
@@ -217,6 +220,7 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
     if free.is_free(start.x, start.y, start.yaw, ahead=_AHEAD):
         return {}, ""
     pose = free.find_near(start.x, start.y)
+    # The last attempt is around the middle of all props.
     if pose is None and props:
         middle = np.mean([[*prop.footprint.centroid.coords[0]] for prop in props], axis=0)
         pose = free.find_near(float(middle[0]), float(middle[1]))
@@ -238,6 +242,7 @@ def _settle(entries: list[Entry], props: list[PlacedProp], where: str, changes: 
     faults = find_unsupported(Neighbours(props), None)
     shallow = {fault.names[0] for fault in faults if fault.kind == "buried" and (fault.depth or 0.0) <= _SHALLOW}
     moved = False
+    # Gazebo lets floating objects fall and pushes buried ones out; both end on the ground.
     for names, state, why in (
         ({fault.names[0] for fault in faults if fault.kind == "floating"}, "above", "fall"),
         (shallow, "in", "be pushed out"),
@@ -248,6 +253,7 @@ def _settle(entries: list[Entry], props: list[PlacedProp], where: str, changes: 
             continue
         farthest = 0.0
         for prop in loose:
+            # Objects above each other move by the same height: that of the lowest of them.
             bottom = min(other.bottom for other in loose if other.footprint.intersects(prop.footprint))
             farthest = max(farthest, abs(bottom))
             X = by_name[prop.name].X_WP
@@ -261,6 +267,7 @@ def _settle(entries: list[Entry], props: list[PlacedProp], where: str, changes: 
 def _height_rules(props: list[PlacedProp], where: str, changes: Changes) -> dict[str, float]:
     """Return tolerances for fixed objects above or below the ground in the source: name -> tolerance [m]."""
     near = Neighbours(props)
+    # Rounded up to the next centimetre, so that the rule still holds with the digits of the file.
     off = {
         fault.names[0]: math.ceil(100.0 * (fault.depth or 0.0) + 1.0) / 100.0 for fault in find_unsupported(near, None)
     }
@@ -302,6 +309,7 @@ def _widen(ground: GroundText, props: list[PlacedProp], where: str, changes: Cha
         middle = 0.5 * (low + high)
         wide = np.array(ground.size if ground.size is not None else (0.0, 0.0)) / 2.0
         wide = np.maximum(wide, far + _MARGIN) if far > wide.min() else wide
+        # The ground is centred on the tracks, so that it has to reach back to objects around the origin.
         sides = 2.0 * np.maximum(wide + np.abs(middle), 0.5 * (high - low) + _MARGIN)
         ground.size = (float(np.ceil(sides[0])), float(np.ceil(sides[1])))
         return

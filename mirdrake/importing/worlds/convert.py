@@ -61,6 +61,7 @@ class Converter:
                     Code.MODEL, where, what, kind, None, "actors do not move in mirdrake, and its model is unknown"
                 )
                 continue
+            # A person stands upright on the ground: only position and heading remain.
             x, y, _ = X.translation()
             X_WM = RigidTransform(RollPitchYaw(0.0, 0.0, _yaw(X)), [x, y, self.height])
             obj = SourceObject(actor, kind, X_WM, True, absent=True, where=where)
@@ -80,6 +81,7 @@ class Converter:
         done = []
         for obj in objects:
             what = f"model '{obj.name}'"
+            # Objects with equal shapes share a folder; those that are visual only have keys of their own.
             key = ("drawn", key_of(obj))
             if key not in self._folders:
                 short = self._new_folder(obj.kind)
@@ -142,6 +144,7 @@ class Converter:
 
     def _known(self, obj: SourceObject, known: Known, what: str, why: str) -> Entry:
         prop = stand_in(known)
+        # The prop's frame is below its middle; the model may have its origin elsewhere and another heading.
         X_MP = RigidTransform(RollPitchYaw(0.0, 0.0, known.yaw), [*known.middle, 0.0])
         X_WP = lowered(obj.X_WM @ X_MP, self.height)
         name = self._new_name(obj.name)
@@ -168,6 +171,7 @@ class Converter:
         shape = obj.collisions[0]
         if shape.kind not in {"box", "cylinder", "sphere"} or any(not _same(shape, seen) for seen in obj.visuals):
             return None
+        # The frame of a primitive is at its bottom here and in its middle in SDF.
         half = shape.size[0] if shape.kind == "sphere" else 0.5 * shape.size[-1]
         X_MP = shape.X_LG @ RigidTransform([0.0, 0.0, -half])
         X_WP = lowered(obj.X_WM @ X_MP, self.height)
@@ -192,6 +196,7 @@ class Converter:
                 X_MP, size = write_prop(cut, target, changes=self.changes)
             except EmptyPropError as error:
                 shutil.rmtree(target, ignore_errors=True)
+                # Copies of this object fail in the same way and are not converted again.
                 self._empty[key] = str(error)
                 self.lost.append(f"{obj.where}: {what}: {error}")
                 self.changes.add(Code.MODEL, obj.where, what, obj.kind, None, str(error))
@@ -254,11 +259,13 @@ class Converter:
         was = f"{crowd.count} by {crowd.layout}"
         if crowd.layout == "grid" and abs(yaw) < 1e-6:
             (columns, rows), (dx, dy) = crowd.grid, crowd.step
+            # The grid of Gazebo is centred at the population; here its origin is the first object.
             origin = f"[{number(x - dx * (columns - 1) / 2)}, {number(y - dy * (rows - 1) / 2)}]"
             entry.layout = f"grid: {{origin: {origin}, step: [{number(dx)}, {number(dy)}], count: [{columns}, {rows}]}}"
             why = "same grid as in Gazebo"
         elif crowd.layout.startswith("linear") and crowd.box is not None and crowd.layout != "linear-z":
             axis = "xy".index(crowd.layout[-1])
+            # Gazebo divides the length by the number of objects, so that the last one is a step before the end.
             reach = crowd.box[axis] * (crowd.count - 1) / crowd.count
             start = np.array([0.0, 0.0])
             start[axis] = -crowd.box[axis] / 2.0
@@ -308,6 +315,7 @@ class Converter:
             entry.mass = obj.mass if sound else _LOOSE_MASS
         z = float(entry.X_WP.translation()[2])
         roll, pitch, yaw = RollPitchYaw(entry.X_WP.rotation()).vector()
+        # Less than 5e-5 m does not appear in the digits of the file.
         if max(abs(z), abs(roll), abs(pitch)) < _SUNK and max(abs(z), abs(roll), abs(pitch)) > 5e-5:
             self._sunk.append(abs(z))
             x, y, _ = entry.X_WP.translation()
@@ -324,6 +332,7 @@ class Converter:
 
     def _new_name(self, source: str) -> str:
         plain = re.sub(r"[^A-Za-z0-9_]+", "_", source.replace("::", "_")).strip("_")
+        # Gazebo's editor appends these words to the names of copies.
         plain = re.sub(r"(_clone|_copy)(_\d+|_clone|_copy)*$", "", plain) or "prop"
         plain = plain.lower() if plain[0].isalpha() and not is_word(plain) else f"prop_{plain}".lower()
         name, count = plain, 1

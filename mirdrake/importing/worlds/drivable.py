@@ -95,6 +95,7 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
             continue
         name = PurePath(shape.address).stem if shape in road_meshes else words
         surface = _surface(obj, shape, upper, float(corners[:, :, 2].min()), whole=whole, words=name)
+        # Only an upright box or plane can be written as a rectangle.
         level = abs(float((obj.X_WM @ shape.X_LG).rotation().matrix()[2, 2])) > _LEVEL
         surface.box = shape if shape.kind in {"box", "plane"} and level else None
         top, polygons = surface.top, surface.polygons
@@ -116,6 +117,7 @@ def _surface(obj: SourceObject, shape: Shape, upper: Array, lowest: float, *, wh
     heights = upper[:, :, 2]
     polygons = outline(seen_from_above(upper))
     rise = float(np.ptp(heights))
+    # A surface with a slope has no single height; the median stands for it.
     top = float(heights.max()) if rise <= FLAT else float(np.median(heights))
     area = sum(polygon.area for polygon in polygons)
     thickness = float(heights.max()) - lowest
@@ -224,6 +226,7 @@ def _upper_faces(corners: Array, shape: Shape) -> tuple[Array, bool]:
         if not len(order):
             return none, False
         heights, parts = corners.mean(axis=1)[:, 2][level][order], (slope * area)[level][order]
+        # The floor has a tenth of the level area below it at most, so that single lower faces do not count.
         lowest = float(heights[np.searchsorted(np.cumsum(parts), 0.1 * parts.sum())])
         floor = level & (np.abs(corners.mean(axis=1)[:, 2] - lowest) <= FLAT)
         if (slope * area)[floor].sum() < 0.3 * (slope * area).sum():
@@ -268,6 +271,7 @@ def heights_below(surfaces: list[Surface], points: Array, height: float) -> Arra
     """
     best = np.zeros(len(points))
     for surface in surfaces:
+        # A surface at the height of the ground lowers nothing.
         if abs(surface.top - height) < 1e-4 and surface.rise < 1e-3:
             continue
         top = tops_at(surface.triangles, points[:, :2])

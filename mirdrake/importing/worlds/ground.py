@@ -84,11 +84,13 @@ def make_ground(world: SourceWorld, changes: Changes) -> GroundText:
     ground = GroundText()
     level = _level_planes(world, changes)
     surfaces = [surface for obj in world.objects if _may_be_ground(obj) for surface in surfaces_of(obj)]
+    # A slab that is thick for its width is an obstacle and not a floor.
     thin = [surface for surface in surfaces if surface.thickness <= 0.1 * math.sqrt(surface.area)]
     floors: list[Surface] = []
 
     # The base plane: a plane of the source, else its largest floor, else the height of its roads.
     if level:
+        # A plane without size is unbounded: larger than any other.
         base = max(level, key=lambda plane: math.prod(plane.size or (1e6, 1e6)))
         ground.height = _height(float(base.X_WP.translation()[2]))
         _take_base(ground, base, changes)
@@ -134,6 +136,7 @@ def make_ground(world: SourceWorld, changes: Changes) -> GroundText:
 def _level_planes(world: SourceWorld, changes: Changes) -> list[Plane]:
     level = []
     for plane in world.planes:
+        # The z of the normal is the cosine of the tilt; rounding may put it above 1.
         tilt = math.acos(float(np.clip(plane.X_WP.rotation().matrix()[2, 2], -1.0, 1.0)))
         if tilt > _LEVEL:
             why = "the ground is level; ground.slope sets a slope of the whole world"
@@ -168,6 +171,7 @@ def _take_floor(ground: GroundText, floor: Surface, changes: Changes) -> None:
     ground.surface = _surface_of(floor) or "concrete"
     was = f"no plane, but a floor of {floor.area:.4g} m² at z = {floor.top:.4g} m"
     rect = _rect_of(floor)
+    # The base plane is centred at the origin, so that it reaches the farthest corner on both sides.
     reach = np.abs(np.concatenate([np.array(polygon.exterior.coords) for polygon in floor.polygons])).max(axis=0)
     ground.size = (round(2.0 * float(reach[0]), 2), round(2.0 * float(reach[1]), 2))
     if rect and "yaw" not in rect:
@@ -184,6 +188,7 @@ def _take_base(ground: GroundText, plane: Plane, changes: Changes) -> None:
     became = f"ground of {ground.surface}"
     x, y, _ = plane.X_WP.translation().tolist()
     if plane.size is not None and 2.0 * np.abs(_rectangle(plane)).max() <= _WIDEST:
+        # The base plane is centred at the origin, so that it reaches the farthest corner on both sides.
         reach = np.abs(_rectangle(plane)).max(axis=0)
         ground.size = (round(2.0 * float(reach[0]), 2), round(2.0 * float(reach[1]), 2))
         became += f", {ground.size[0]:g} m x {ground.size[1]:g} m"
@@ -237,6 +242,7 @@ def _lay_down(
             what, was = f"model '{surface.obj.name}'", f"level, {ground.height - surface.top:.3g} m below the ground"
             changes.add(Code.GROUND, surface.obj.where, what, was, None, "it is below the ground plane")
             continue
+        # A visual has no friction coefficient, so that of the ground is used.
         mu = _mu(surface.obj) if surface.obj.collisions else ground.mu
         alike.setdefault((_surface_of(surface) or ground.surface, mu), []).append(surface)
     roads: list[shapely.Polygon] = []
@@ -255,6 +261,7 @@ def _lay_down(
             elif above > FLAT:
                 was, became = f"{was}, {above:.3g} m above the ground", f"{became}, {above:.3g} m lower"
             changes.add(Code.GROUND, first.where, what, was, became, why)
+            # Paved or narrow surfaces may be roads, along which a centre line is searched.
             if look in {"asphalt", "concrete"} or any(item.width < 0.25 * math.sqrt(item.area) for item in together):
                 roads += [polygon for surface in together for polygon in surface.polygons]
     return roads
@@ -262,9 +269,11 @@ def _lay_down(
 
 def _touching(surfaces: list[Surface]) -> list[list[Surface]]:
     """Return surfaces in groups that touch each other."""
+    # Each area grows by FLAT, so that gaps of up to twice this width count as contact.
     areas = [shapely.union_all(surface.polygons).buffer(FLAT) for surface in surfaces]
     group = list(range(len(surfaces)))
     first, second = shapely.STRtree(areas).query(areas, predicate="intersects")
+    # Union-find: each surface leads to the smallest index of its group.
     for a, b in zip(first.tolist(), second.tolist(), strict=True):
         low, high = sorted((_root(group, a), _root(group, b)))
         group[high] = low
@@ -294,6 +303,7 @@ def _take_out(world: SourceWorld, ground: GroundText, surfaces: list[Surface], c
         for change in obj.missing:
             changes.append(change)
         surfaces_of_obj = of[obj]
+        # Visuals that differ from the patch stay as scenery, just above it.
         if any(not _looks_like(shape, obj, surfaces_of_obj) for shape in obj.visuals):
             ground.drawn.append(_lifted(rest, max(surface.top for surface in surfaces_of_obj) - ground.height))
     world.objects = objects
@@ -377,6 +387,7 @@ def _foot(obj: SourceObject) -> Array:
         return np.asarray(obj.X_WM.translation())
     points = np.concatenate(clouds)
     low, high = points.min(axis=0), points.max(axis=0)
+    # FLAT higher: the lowest point may be sunk into the surface below it.
     return np.array([*(0.5 * (low + high))[:2], low[2] + FLAT])
 
 
@@ -420,6 +431,7 @@ def _add_routes(world: SourceWorld, ground: GroundText, roads: list[shapely.Poly
         obstacles = footprints(world.objects, ground.height + FLAT, ground.height + _CAR_HEIGHT)
         for part in parts[:3]:
             route = _route_around(part, obstacles)
+            # A second track has to be clearly longer than those of the source.
             if route is None or route.track.length < 1.3 * longest:
                 continue
             name = _new_track(ground, "road", route, ", road: false" if route.is_road else "")
@@ -439,6 +451,7 @@ def _route_around(area: shapely.Polygon, obstacles: list[shapely.Polygon]) -> Ro
     if route is None or not obstacles:
         return route
     blocked = shapely.union_all([obstacle.buffer(_CLEAR) for obstacle in obstacles])
+    # A point each metre is enough for obstacles that are wider than 2 m here.
     s = np.linspace(0.0, route.track.length, max(2, math.ceil(route.track.length)))
     line = shapely.LineString(np.column_stack(route.track.point(s, np.zeros_like(s))))
     if not line.intersects(blocked):
@@ -512,6 +525,7 @@ def _add_polygons(
 
 
 def _rect(center: tuple[float, float], size: tuple[float, float], yaw: float) -> str:
+    # A rectangle is unchanged by half a turn; a quarter turn exchanges its edges.
     yaw = math.remainder(yaw, math.pi)
     a, b = size
     if abs(abs(yaw) - math.pi / 2.0) < 1e-5:

@@ -78,6 +78,7 @@ def write_prop(
     # The frame of the prop is on the ground below the centre of its bounding box.
     cloud = np.concatenate([points for _, points in solids])
     low, high = cloud.min(axis=0), cloud.max(axis=0)
+    # x and y need no more than a millimetre; z is exact, because the prop has to be on the ground.
     origin = np.array([*np.round(0.5 * (low + high)[:2], 3), low[2]])
     X_PM = RigidTransform(-origin)
     size = np.maximum(high - low, 1e-3)
@@ -121,6 +122,7 @@ def _solid_text(shape: Shape, points: Array, X_PM: RigidTransform, folder: Path,
     elif shape.mesh is not None:
         parts = [f"convex: {shape.mesh.name}"]
     else:  # capsules, ellipsoids and outlines
+        # The hull is written in the frame G of its shape, whose pose follows as keys of the solid.
         hull = make_hull((points - shape.X_LG.translation()) @ shape.X_LG.rotation().matrix())
         write_obj(hull.points, hull.faces, folder / f"round_{index}.obj")
         parts = [f"convex: round_{index}.obj"]
@@ -140,6 +142,7 @@ def _points(shape: Shape) -> Array:
         )
     else:
         points = np.asarray(as_mesh(shape).vertices, dtype=float)
+        # The triangles of a sphere are inside of it; its six poles make the bounding box exact.
         if shape.kind in {"sphere", "ellipsoid"}:
             half = np.array([shape.size[0]] * 3 if shape.kind == "sphere" else shape.size)
             points = np.concatenate((points, np.diag(half), -np.diag(half)))
@@ -160,6 +163,7 @@ def as_mesh(shape: Shape) -> Trimesh:
         return make.cylinder(radius=shape.size[0], height=shape.size[1], sections=32)
     if shape.kind == "capsule":
         mesh = make.capsule(radius=shape.size[0], height=shape.size[1], count=[16, 16])
+        # trimesh does not centre a capsule at its origin.
         mesh.apply_translation(-0.5 * mesh.bounds.sum(axis=0))
         return mesh
     mesh = make.icosphere(subdivisions=3, radius=1.0)
@@ -176,6 +180,7 @@ def _sheet(shape: Shape) -> Trimesh:
     if len(shape.size) != 2 or min(shape.size) <= 0.0:
         raise MeshError("plane", "has no size")
     normal = np.array(shape.scale) / np.linalg.norm(shape.scale)
+    # The other axis must not be parallel to the normal.
     across = np.cross(normal, [1.0, 0.0, 0.0] if abs(normal[0]) < 0.9 else [0.0, 1.0, 0.0])
     v = across / np.linalg.norm(across)
     u = np.cross(v, normal)
@@ -188,7 +193,9 @@ def _pulled_up(area: shapely.Geometry, height: float) -> Trimesh:
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
     flat = np.array([shapely.orient_polygons(part).exterior.coords[:3] for part in triangles])
     low, high = (np.insert(flat, 2, z, axis=2) for z in (0.0, height))
+    # The bottom face is reversed, so that its normal points down.
     faces = [low[:, ::-1], high]
+    # Outlines run counter-clockwise and holes clockwise, so that all side faces point outwards.
     for ring in shapely.get_rings(shapely.orient_polygons(area)):
         start, end = np.array(ring.coords[:-1]), np.array(ring.coords[1:])
         a, b, c, d = (np.insert(row, 2, z, axis=1) for row, z in ((start, 0), (end, 0), (end, height), (start, height)))
@@ -272,6 +279,7 @@ def key_of(obj: SourceObject) -> tuple[Any, ...]:
     """Return a key that is equal for objects that are the same prop."""
 
     def part(shape: Shape) -> tuple[Any, ...]:
+        # Copies whose poses differ by rounding share a prop; adding 0.0 turns -0.0 into 0.0.
         X = np.round(shape.X_LG.GetAsMatrix34(), 4) + 0.0
         return (shape.kind, shape.size, tuple(X.ravel().tolist()), shape.mesh, shape.scale, shape.submesh, shape.center,
                 shape.rgba, shape.texture)  # fmt: skip

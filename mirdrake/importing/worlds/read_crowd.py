@@ -59,6 +59,7 @@ def read_crowd(
         obj.X_WM = RigidTransform(np.array(numbers("region/cylinder/center", 3, [0.0] * 3)))
         crowd.radius = number("region/cylinder/radius", 1.0)
     elif old:
+        # Corners of the box become its edges and the middle of its floor.
         edges = np.array(numbers("region/cuboid/max", 3, [1.0] * 3)) - low
         obj.X_WM = RigidTransform(low + np.array([*edges[:2], 0.0]) / 2.0)
         crowd.box = (float(edges[0]), float(edges[1]), float(edges[2]))

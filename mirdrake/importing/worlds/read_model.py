@@ -145,6 +145,7 @@ class ModelReader:
             if root.find("light") is None:
                 raise ModelError(f"{shown(path)}:1: no <model> in the file that {where} includes")
             return
+        # The links become those of the including model, in a hidden frame for their poses.
         if is_true(element.get("merge", "")) and draft is not None:
             frame = self._new_name(scope.full(f"__merged__{model.get('name', '')}"), where)
             self._frames.add(frame, read_placement(model, element, frame, inside, self._tree))
@@ -152,6 +153,7 @@ class ModelReader:
             return
         before = len(self.drafts)
         self.model(model, inside, name=name, placed=element, draft=draft)
+        # The address, and not the name inside of the file, is what known models are found by.
         if draft is None:
             self.drafts[before].obj.kind = kind or self.drafts[before].obj.kind
 
@@ -202,6 +204,7 @@ class ModelReader:
             elif child.tag in {"model", "include"}:
                 if len(scope.prefix.split("::")) > DEEPEST:
                     raise ModelError(f"{where}: models are nested more than {DEEPEST} deep")
+                # Parts of a moving model move with it as one object; those of a static one are static objects.
                 apart = None if draft.obj.static else draft
                 first = len(self.drafts)
                 (self.model if child.tag == "model" else self.include)(child, scope, draft=apart)
@@ -221,9 +224,11 @@ class ModelReader:
     def _joint(self, element: Element, scope: Scope, draft: Draft) -> None:
         kind = element.get("type", "").strip().lower()
         name, child, parent = element.get("name", ""), text_of(element, "child"), text_of(element, "parent")
+        # Joints that move are counted: several turning ones make the object a vehicle.
         if kind != "fixed":
             draft.obj.loose += 1
             draft.obj.wheels += kind in _TURNING
+        # A joint to the world fixes the whole object.
         elif parent == "world" and not draft.obj.static:
             draft.obj.static = True
         X, relative = read_pose(element.find("pose"), self._tree, scope.version)
@@ -293,6 +298,7 @@ class ModelReader:
             if address:
                 shape.texture, _ = self._models.resolve(address, folder=scope.folder)
             shape.submesh = shape.submesh or ""
+            # The name of a material is a hint at the kind of surface.
             shape = replace(shape, address=shape.address or text_of(element, "material/script/name"))
         else:
             mu = read_mu(element, self._tree)

@@ -127,6 +127,7 @@ class _Reader:
             self._known_child(child, where)
         except ModelError as error:
             location, _, fault = str(error).partition(": ")
+            # A faulty object is kept with its fault, so that a strict import rejects the world.
             if child.tag in {"model", "include", "population"}:
                 name = child.get("name", "") or text_of(child, "name") or model_name(text_of(child, "uri"))
                 self._world.objects.append(
@@ -158,6 +159,7 @@ class _Reader:
             base = relative or child.get("attached_to", "")
             self._frames.add(self._scope.full(name), Frame(X, self._scope.base(base), where))
         elif tag == "light":
+            # Lights get a hidden frame, because their poses may refer to frames that follow.
             frame = f"__light__{len(self._lights)}"
             X, relative = read_pose(child.find("pose"), self._tree, self._scope.version)
             self._frames.add(frame, Frame(X, self._scope.base(relative), where))
@@ -186,6 +188,7 @@ class _Reader:
     def _gravity(self, element: Element | None, where: str) -> None:
         text = element.text if element is not None else None
         value = read_numbers(text, count=3, default=[0, 0, -9.81], where=where, what="<gravity>")
+        # The tolerance includes 9.8 m/s², the default of SDF.
         if not np.allclose(value, [0.0, 0.0, -9.81], atol=0.03):
             was = " ".join(f"{part:g}" for part in value)
             self._world.changes.add(
@@ -293,6 +296,7 @@ class _Reader:
         for shape in planes:
             sizes = [other.size for other in (*seen, shape) if len(other.size) == 2 and min(other.size) > 0.0]
             edges = (sizes[0][0], sizes[0][1]) if sizes else None
+            # z of the plane's frame is along its normal, which a plane shape has in `scale`.
             X_WP = obj.X_WM @ shape.X_LG @ RigidTransform(_onto(np.array(shape.scale)), np.zeros(3))
             self._world.planes.append(Plane(obj.name, X_WP, edges, obj.mu, words, shape.where))
         obj.collisions = [shape for shape in obj.collisions if shape.kind != "plane"]
@@ -334,8 +338,10 @@ def _differ(X: RigidTransform, Y: RigidTransform) -> bool:
 def _onto(normal: Array) -> RotationMatrix:
     """Return the smallest rotation of the z axis onto a direction."""
     n = normal / np.linalg.norm(normal)
+    # Half a turn about x; the formula below would divide by zero.
     if n[2] < -1.0 + 1e-12:
         return RotationMatrix(np.diag([1.0, -1.0, -1.0]))
+    # Rodrigues' formula for the rotation about z x n, with K as the matrix of the cross product.
     v = np.cross([0.0, 0.0, 1.0], n)
     K = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     return RotationMatrix(np.eye(3) + K + K @ K / (1.0 + n[2]))
@@ -345,6 +351,7 @@ def _scaled(shape: Shape, scale: tuple[float, float, float], X_MW: RigidTransfor
     """Return a shape scaled along the axes of its link as by Gazebo; round shapes along their own axes."""
     if scale == (1.0, 1.0, 1.0):
         return shape
+    # Gazebo scales along the axes of the link, so that the pose is scaled there and not in the model.
     X_ML = X_MW @ X_WL
     X_LG = X_ML.inverse() @ shape.X_LG
     x, y, z = scale

@@ -54,12 +54,14 @@ class Route:
 
 def route_of_line(points: Array, width: float, *, is_road: bool = True) -> Route | None:
     """Return the track along points (n, 2) [m] with a width [m]; None if there is none."""
+    # A line is closed if the gap between its ends is small against its width.
     closed = len(points) > 3 and math.dist(points[0], points[-1]) < 1e-3 + 0.05 * width
     laid = _rounded(points, closed=closed, width=width)
     if laid is None:
         return None
     (x, y, yaw), segments = laid
     start = f"start: {{at: [{number(x)}, {number(y)}], yaw: {math.degrees(yaw):.8f} deg}}"
+    # Many digits, because errors of lengths and angles add up along a track.
     parts = [
         f"{{line: {size:.12g}}}"
         if angle == 0.0
@@ -89,6 +91,7 @@ def route_of_line(points: Array, width: float, *, is_road: bool = True) -> Route
 
 def route_in_area(area: shapely.Polygon) -> Route | None:
     """Return the track along the middle of an area [m]; None if it is too wide or too short for a road."""
+    # A long area has about the area length x width and the circumference 2 x length.
     width = 2.0 * area.area / area.length
     if width > WIDEST or width < 0.05:
         return None
@@ -96,11 +99,13 @@ def route_in_area(area: shapely.Polygon) -> Route | None:
     line, clear = _medial_line(area, width)
     if len(line) < 2 or float(np.hypot(*np.diff(line, axis=0).T).sum()) < _LONG * width:
         return None
+    # The lower quartile: wide places do not make the whole road wide.
     wide = 2.0 * float(np.quantile(clear, 0.25))
     closed = bool(np.allclose(line[0], line[-1]))
     if not closed:  # the ends fork into the corners of the area
         line = _trimmed(line, 0.5 * wide)
     best: tuple[float, Array] | None = None
+    # The least smoothing with a radius that suits most cars is used.
     for smoothness in (0.0, 0.5, 1.0, 1.5, 2.5):
         simple = _smoothed(line, wide, smoothness, closed=closed)
         route = route_of_line(simple, wide, is_road=False)
@@ -166,6 +171,7 @@ def _rounded(
         places = places[:-1] if math.dist(places[0], places[-1]) < 1e-3 + 0.05 * width else places
         first = int(np.argmax(np.hypot(*(np.roll(places, -1, axis=0) - places).T)))  # start in the longest line
         places = np.roll(places, -first, axis=0)
+        # With the start midway on a straight, the ends of a closed track meet without a corner.
         middle = 0.5 * (places[0] + places[1])
         places = np.vstack((middle, places[1:], places[:1], middle))
     steps = np.diff(places, axis=0)
@@ -175,6 +181,7 @@ def _rounded(
     if not len(steps) or len(steps) > _MOST_SEGMENTS // 2:
         return None
     headings = np.arctan2(steps[:, 1], steps[:, 0])
+    # Turns within ±π, positive to the left.
     turns = np.remainder(np.diff(headings) + math.pi, 2.0 * math.pi) - math.pi
     if len(turns) and np.abs(turns).max() > _BACK:
         return None
@@ -186,6 +193,7 @@ def _rounded(
     for index, turn in enumerate(turns):
         if abs(turn) < _STRAIGHT:
             continue
+        # Distance of an arc's ends from the corner: radius x tan(turn / 2).
         half = math.tan(abs(turn) / 2.0)
         room = min(share[index] * lengths[index], share[index + 1] * lengths[index + 1]) - _LEAST_LINE
         if room <= 0.0:
@@ -225,7 +233,9 @@ def _medial_line(area: shapely.Polygon, width: float) -> tuple[Array, Array]:
     vertices = diagram.vertices
     inside = shapely.contains_xy(simple, *vertices.T)
     clear = shapely.distance(shapely.points(vertices), simple.boundary)
+    # Near the boundary the axis branches into each corner.
     inside &= clear > 0.2 * width
+    # Ridges with the index -1 extend to infinity (Voronoi of SciPy).
     edges: NDArray[np.int64] = np.array(
         [pair for pair in diagram.ridge_vertices if min(pair) >= 0], dtype=np.int64
     ).reshape(-1, 2)
@@ -256,6 +266,7 @@ def _pruned(edges: NDArray[np.int64], vertices: Array, shortest: float) -> NDArr
     for index, (a, b) in enumerate(edges.tolist()):
         beside.setdefault(a, []).append(index)
         beside.setdefault(b, []).append(index)
+    # A short branch from a tip to a fork is noise of the boundary.
     for tip in [vertex for vertex, near in beside.items() if len(near) == 1]:
         branch: list[int] = []
         total, vertex = 0.0, tip
@@ -288,12 +299,14 @@ def _longest_path(edges: NDArray[np.int64], vertices: Array) -> Array:
     """Return the longest shortest path between two points of the largest connected part."""
     used, index = np.unique(edges, return_inverse=True)
     index = index.reshape(-1, 2)
+    # SciPy takes an edge of length zero as missing.
     lengths = np.hypot(*(vertices[edges[:, 0]] - vertices[edges[:, 1]]).T) + 1e-12
     graph = coo_matrix((lengths, (index[:, 0], index[:, 1])), shape=(len(used), len(used))).tocsr()
     _, label = connected_components(graph, directed=False)
     start = int(np.flatnonzero(label == np.argmax(np.bincount(label)))[0])
     far = start
     before = np.zeros(0)
+    # Two searches: the point farthest from any point is an end of the longest path.
     for _ in range(2):
         reach, before = dijkstra(graph, directed=False, indices=far, return_predecessors=True)
         start, far = far, int(np.argmax(np.where(np.isfinite(reach), reach, -1.0)))

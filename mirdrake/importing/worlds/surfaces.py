@@ -96,13 +96,16 @@ def tops_at(corners: Array, places: Array) -> Array:
     flat = corners[:, :, :2]
     a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     double = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    # Upright triangles have no area in the plan view.
     some = np.abs(double) > 1e-9
     corners, flat, a, b, double = corners[some], flat[some], a[some], b[some], double[some]
     heights = np.full(len(places), -np.inf)
     if not len(corners):
         return heights
+    # The tree avoids a test of every point against every triangle.
     boxes = shapely.box(*flat.min(axis=1).T, *flat.max(axis=1).T)
     place, face = shapely.STRtree(boxes).query(shapely.points(places), predicate="intersects")
+    # Barycentric coordinates in the plan view; the tolerance closes the seams of triangles.
     p = places[place] - flat[face, 0]
     u = (p[:, 0] * b[face, 1] - p[:, 1] * b[face, 0]) / double[face]
     v = (a[face, 0] * p[:, 1] - a[face, 1] * p[:, 0]) / double[face]
@@ -130,6 +133,7 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
     bodies = [faces[rows] for rows in _bodies(faces)]
     whole: list[NDArray[np.int64]] = []
     rest: list[NDArray[np.int64]] = []
+    # With more bodies than parts all of them are cut along the grid.
     for body in bodies if len(bodies) <= _MOST_PARTS else ():
         (whole if _is_full(points, body) else rest).append(body)
     # Floors and low faces are removed: the ground of the world replaces them.
@@ -140,6 +144,7 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
     low, high = points[:, 2].min(), points[:, 2].max()
     above = triangles.mean(axis=1)[:, 2] > low + max(FLAT, 0.25 * (high - low))
     faces = faces[above | (np.abs(normal[:, 2]) <= 0.9 * np.linalg.norm(normal, axis=1))]
+    # Wider squares until there are few enough parts.
     width = 0.5
     while len(faces):
         cut = _parts(points, faces, width)
@@ -161,6 +166,7 @@ def _bodies(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Return the connected parts of a mesh as rows of `faces`; edges of two triangles connect."""
     edges = np.sort(np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]])), axis=1)
     face = np.tile(np.arange(len(faces)), 3)
+    # In sorted order equal edges are adjacent; an edge of exactly two triangles connects them.
     order = np.lexsort(edges.T)
     edges, face = edges[order], face[order]
     first = np.flatnonzero(np.r_[True, (edges[1:] != edges[:-1]).any(axis=1)])
@@ -178,6 +184,7 @@ def _is_full(points: Array, faces: NDArray[np.int64]) -> bool:
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1)
     normal, a = normal[length > 0.0] / length[length > 0.0][:, None], a[length > 0.0]
+    # The matrix of all distances would need too much memory.
     if len(faces) * len(normal) > 2_000_000:
         return False
     below = np.einsum("ij,ij->i", normal, a) - points[faces].mean(axis=1) @ normal.T
@@ -187,6 +194,7 @@ def _is_full(points: Array, faces: NDArray[np.int64]) -> bool:
 def _parts(points: Array, faces: NDArray[np.int64], width: float) -> list[Array] | None:
     """Return the corners of the connected parts within grid cells; None if there are too many triangles."""
     areas = np.linalg.norm(np.ptp(points[faces], axis=1), axis=1)
+    # A triangle is split into about (edge / width)² pieces: too many would exhaust the memory.
     if (np.maximum(1.0, areas / width) ** 2).sum() > _MOST_TRIANGLES:
         return None
     points, faces = trimesh.remesh.subdivide_to_size(points, faces, max_edge=width, max_iter=20)
@@ -205,6 +213,7 @@ def _parts(points: Array, faces: NDArray[np.int64], width: float) -> list[Array]
 
 def outline(polygons: Sequence[shapely.Geometry]) -> list[shapely.Polygon]:
     """Return simple polygons [m] that together cover the given ones to 2 cm; holes are cut open."""
+    # Rounding to a grid of 1 mm closes slivers between neighbours.
     whole = shapely.union_all([shapely.make_valid(polygon) for polygon in polygons], grid_size=1e-3)
     whole = shapely.simplify(whole.buffer(1e-3), 0.02)
     done: list[shapely.Polygon] = []
@@ -217,6 +226,7 @@ def outline(polygons: Sequence[shapely.Geometry]) -> list[shapely.Polygon]:
             done.append(part)
             continue
         xmin, ymin, xmax, ymax = part.bounds
+        # A cut through the hole makes its ring a part of the outline.
         hole = part.interiors[0].centroid if part.interiors else part.centroid
         if xmax - xmin > ymax - ymin:
             halves = [shapely.box(xmin, ymin, hole.x, ymax), shapely.box(hole.x, ymin, xmax, ymax)]

@@ -58,6 +58,7 @@ def world_text(
     if ground.tracks:
         lines += ["", "tracks:", *(f"  {track}: {{{keys}}}" for track, keys in ground.tracks.items())]
     if suns:
+        # A light shines along its direction, but a sun is described by where it is: the opposite signs.
         d = suns[0].direction / np.linalg.norm(suns[0].direction)
         azimuth, elevation = math.atan2(-d[1], -d[0]), math.asin(float(np.clip(-d[2], -1.0, 1.0)))
         lines += ["", f"lights: {{sun: {{azimuth: {degrees(azimuth)}, elevation: {degrees(elevation)}}}}}"]
@@ -78,6 +79,7 @@ def world_text(
 
 
 def _pattern(name: str) -> str:
+    # An asterisk without quotes would be an alias of YAML.
     return f'"{name}"' if "*" in name else name
 
 
