@@ -101,8 +101,11 @@ def accept(
         verified: checks by name of the candidate.
     """
     before, after = baseline.trial.cost, winner.trial.cost
+    # Costs are compared as printed: a difference that no report shows is no improvement.
     met = winner.name != baseline.name and printed(after) < printed(before)
     criteria = [Criterion("cheaper_than_baseline", finite(after), before, met)]
+
+    # One nominal test may favour a candidate by chance; the median ratio over the Monte Carlo must agree.
     ratio = monte_carlo.median_ratio(winner.name, baseline.name, cost) if monte_carlo is not None else None
     if ratio is not None:
         criteria.append(Criterion("cheaper_in_runs", ratio, 1.0, printed(ratio) < 1.0))
@@ -112,6 +115,7 @@ def accept(
     if monte_carlo is not None:
         failures = monte_carlo.failures(winner.name).failures
         criteria.append(Criterion("monte_carlo", float(failures), 0.0, failures == 0))
+    # A result that depends on the step of the plant is an artefact of the simulation.
     if winner.name in verified and verified[winner.name].finer is not None:
         fails = verified[winner.name].fails_at_finer_step
         criteria.append(Criterion("finer_step", float(fails), 0.0, not fails))
@@ -122,6 +126,7 @@ def accept(
         check = verified.get(candidate.name)
         return not failures and not (check is not None and check.fails_at_finer_step)
 
+    # The rule sets the bar only as far as it meets the constraints and is robust; else it has to be beaten in that.
     feasible = winner.trial.feasible
     if rule is not None and not rule.trial.feasible:
         criteria.append(Criterion("feasible_unlike_rules", float(feasible), 1.0, feasible))

@@ -58,6 +58,7 @@ def plan_apply(
     if not force:
         _check_feasible(result, chosen)
         _check_criteria(result, chosen)
+    # A named candidate has constant gains; only the study's own choice has the schedule.
     rows = result.schedule.rows if result.schedule is not None and candidate is None else ()
     if candidate is None and result.schedule is not None and not rows:
         raise ConfigError(
@@ -67,6 +68,7 @@ def plan_apply(
     values = _values(result, chosen) | _schedule_values(result, rows)
     target = _Target(vehicle or result.vehicle, values)
     comment = provenance(result, chosen, today or datetime.now(UTC).date())
+    # The provenance line says for which study and how many speeds the values hold.
     if rows:
         comment += f", schedule over {len(rows)} speeds"
     notes = []
@@ -129,6 +131,7 @@ class Comparison:
 
     def cost(self, weights: Mapping[str, float]) -> tuple[float, float]:
         """Return the costs before and after; infinite if not stable."""
+        # An unstable test has figures without meaning, so its cost is infinite.
         before, after = (
             sum(weight * test.figures[name] for name, weight in weights.items()) if test.status == "ok" else math.inf
             for test in (self.before, self.after)
@@ -155,6 +158,7 @@ def compare(result: TuningResult, *, candidate: str | None = None, vehicle: str 
 
 def _values(result: TuningResult, chosen: CandidateResult) -> Values:
     """Return the values to write, by dotted path: settings that the gains need, then the gains."""
+    # Settings first: the kind of controller decides which gains a section may have.
     values: Values = dict(result.loop.settings)
     for gain, value in chosen.gains.items():
         values[_path(result, gain)] = _digits(value, f"{_place(result)}: candidate '{chosen.name}': {gain}")
@@ -206,14 +210,18 @@ class _Target:
         Raises:
             ConfigError: the gains need another kind of controller than the file has, and the study does not set it.
         """
+        # With the variant's changes applied, as the vehicle loads it; `data` is the file itself, whose keys are
+        # removed.
         control = load_part(self.folder, "control", ControlSpec, self.change)
         data, _ = parse_tree(read_text(self.path), shown(self.path))
         dropped = []
         for section in sorted(self.sections):
+            # The kind after the change: that of the study, or else the present one.
             given = values.get(f"{section}.kind", getattr(getattr(control, section, None), "kind", None))
             schema = JOINT_CONTROLS.get(section, {}).get(str(given))
             if schema is None:
                 continue
+            # Gains that need another kind of controller are rejected before anything is changed.
             for path in values:
                 group, field = path.split(".")[:2]
                 if group == section and field not in schema.model_fields:
@@ -222,6 +230,7 @@ class _Target:
                         "kind of controller, so set the kind in the file, or run the study again"
                     )
             inside = value_at(data, (*self.prefix, section))
+            # Keys of the old kind would be unknown keys of the new one, and the file would not load.
             if isinstance(inside, dict):
                 dropped += [f"{section}.{field}" for field in inside if field not in schema.model_fields]
                 dropped += self._old_schedule(section, inside, values)
@@ -241,6 +250,7 @@ class _Target:
     def _check_below(self, section: str) -> None:
         """Reject constant gains of a variant whose control.yaml has a schedule."""
         if self.in_variant:
+            # control.yaml alone: a change by an empty variant.
             below = load_part(self.folder, "control", ControlSpec, VariantSpec(description="none"))
             if getattr(getattr(below, section), "schedule", None) is not None:
                 raise ConfigError(
@@ -259,6 +269,7 @@ class _Target:
 
 
 def _edits(values: Values, dropped: list[str], comment: str, prefix: tuple[str, ...]) -> list[Edit]:
+    # One provenance line per section, which replaces that of an earlier study.
     edits: list[Edit] = []
     sections: set[str] = set()
     for path, value in values.items():

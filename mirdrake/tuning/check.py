@@ -37,11 +37,13 @@ def baseline_gains(spec: TuningSpec, loop: LoopSpec) -> dict[str, float]:
     Raises:
         ConfigError: a gain of a loop of signals whose present value is not known.
     """
+    # Empty gains mean the controllers as they are, whose kind need not have these gains.
     if LOOP_KINDS[loop.kind].in_control_yaml:
         if spec.baseline == "present":
             return {}
         given = PUBLISHED if spec.baseline == "published" else spec.baseline
         return {name: float(given.get(name, 0.0)) for name in loop.gains}
+    # A diagram has no published gains: present values, overridden by those of the study.
     present = loop.present | (spec.baseline if isinstance(spec.baseline, dict) else {})
     missing = [name for name in loop.gains if name not in present]
     if missing:
@@ -86,6 +88,7 @@ def _check_times(spec: TuningSpec, duration: float) -> None:
         raise ConfigError(
             f"{where(spec, 'test', 'step_time')}: {test.step_time:g} s is not before the end ({duration:g} s)"
         )
+    # The load comes after the step has begun and before the end, else one of the two is not evaluated.
     load_time = test.load_time
     if load_time is not None and not test.step_time < load_time < duration:
         raise ConfigError(

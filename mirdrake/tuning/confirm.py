@@ -64,6 +64,8 @@ def confirm_margins(
         step: of the set-point [y].
     """
 
+    # A growing oscillation about a straight line counts as unstable, though it may not exceed the limits of judge()
+    # yet.
     def stable(factor: float, added: float) -> bool:
         changed = {name: factor * value for name, value in gains.items()}
         result = evaluate(changed, Conditions(delay=delay + added) if added else NOMINAL)
@@ -73,6 +75,7 @@ def confirm_margins(
         t, error = response["t"].to_numpy(), (response["reference"] - response["output"]).to_numpy()
         return not _grows(t, error, TRACE * abs(step))
 
+    # Missing margins (NaN) and those beyond the range that a plant can be driven at are not confirmed.
     factor, lag = figures.get("gain_margin", math.nan), figures.get("delay_margin_s", math.nan)
     checks = []
     if 1.0 < factor <= LARGEST_GAIN:
@@ -84,14 +87,18 @@ def confirm_margins(
 
 def _check(name: str, margin: float, stable: Callable[[float], bool]) -> MarginCheck:
     """Find the largest part of a margin, up to 1, at which the plant is stable."""
+    # The model is conservative here: the claim is that of the model, which is the smaller one.
     if stable(ABOVE) or stable(1.0):
         return MarginCheck(name, margin, margin, stable(ABOVE))
+
+    # Go down in steps of 0.1 until the plant is stable; below LEAST nothing is claimed.
     high = 1.0
     low = BELOW
     while not stable(low):
         high, low = low, low - (1.0 - BELOW)
         if low < LEAST:
             return MarginCheck(name, margin, 0.0, stable_at_above=False)
+    # Bisection: `low` is stable and `high` is not.
     while high - low > RESOLUTION:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if stable(middle) else (low, middle)

@@ -271,6 +271,7 @@ def slower_designs(identification: Identification) -> tuple[Design, ...]:
 
 def design_model(identification: Identification, max_sensitivity: float) -> DesignModel:
     """Return an identified loop as rules need it."""
+    # Rules count the zero-order hold of a sampled controller as half a period of dead time.
     model, period = model_of(identification.loop)
     outer = 1.0 if model.outer is None else 1.0 + model.outer.kp  # the speed loop adds to the gain of the loop
     hold, first = (
@@ -278,10 +279,12 @@ def design_model(identification: Identification, max_sensitivity: float) -> Desi
         identification.first and replace(identification.first, gain=outer * identification.first.gain),
     )
     main = model.plants["main"] * TransferFunction((outer,), (1.0,))
+    # The ultimate gain of the loop with the speed loop around it is smaller by the gain of that.
     relay = identification.relay and replace(
         identification.relay, ultimate_gain=identification.relay.ultimate_gain / outer
     )
     lagged = None
+    # `first` has half of the lag as dead time (half rule); for the rule with a lag it is removed again.
     if identification.lag and isinstance(first, Integrator):
         lagged = (first.gain, first.delay - 0.5 * identification.lag + hold, identification.lag)
     return DesignModel(
@@ -308,14 +311,18 @@ def _solve(
     designs: list[Design] = []
     omitted: list[OmittedDesign] = []
     for rule, (name, parameter, solve) in named_solutions:
+        # A rule without a solution is not an error of the study: it is reported as omitted.
         try:
             pid = solve()
         except MirdrakeError as error:
             omitted.append(OmittedDesign(name, str(error)))
             continue
         values = {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd}
+        # Without a derivative gain in the loop a PID has no place; gains that are negative or infinite are no
+        # candidates.
         if (pid.kd and "kd" not in map(role, names)) or not all(math.isfinite(x) and x >= 0.0 for x in values.values()):
             continue
+        # Rules that agree after rounding are one candidate, with the name of the first.
         gains = rounded({gain: values[role(gain)] for gain in names})
         if gains not in [design.gains for design in designs]:
             designs.append(Design(name, rule.kind, gains, rule.name, parameter))

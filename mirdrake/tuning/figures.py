@@ -85,14 +85,18 @@ def response_figures(
         )
     r = np.broadcast_to(np.asarray(reference, dtype=float), t.shape)
     if not (np.isfinite(y).all() and np.isfinite(u).all() and np.isfinite(r).all()):
+        # A response that is not finite has infinite costs and no figures, so that any search rejects it.
         return Figures(False, *[math.inf] * 3, *[math.nan] * 10)
+    # Errors count from the first sample; `past` makes ITAE and times relative to the step.
     error = r - y
     past = t - t[0]
     step = float(r[-1] - y[0])
     overshoot = rise = settling = math.nan
+    # Relative to the signal: rounding of a constant set-point is not a step. Without one the figures stay NaN.
     if abs(step) > 1e-12 * max(abs(float(r[-1])), abs(float(y[0])), 1e-12):
         part = (y - y[0]) / step
         overshoot = max(float(part.max()) - 1.0, 0.0)
+        # Rise time from 10 to 90 %, as usual for a step response.
         rise = _reach(past, part, 0.9) - _reach(past, part, 0.1)
         settling = _settle(past, part, band)
 
@@ -101,7 +105,10 @@ def response_figures(
     moves = np.diff(u)
     widths = np.diff(t)
     at_value = (u >= limits.maximum) | (u <= limits.minimum)
+
+    # The controller limits its rate exactly; the tolerance allows for rounding in its sums.
     at_rate = np.concatenate([[False], np.abs(moves) >= limits.rate * widths * (1.0 - 1e-9)])
+    # Jerk of the output for a speed loop: second difference, with the distance of the midpoints as step.
     speed = np.diff(y) / widths
     jerk = np.diff(speed) / (0.5 * (widths[1:] + widths[:-1]))
     return Figures(
@@ -116,6 +123,7 @@ def response_figures(
         peak_effort=float(np.abs(u).max()),
         rms_effort=math.sqrt(_integral(u**2, t) / float(past[-1])),
         total_variation=float(np.abs(moves).sum()),
+        # A saturated sample counts with the step that follows it; the last one with its own.
         saturation_time=float(np.append(widths, widths[-1])[at_value | at_rate].sum()),
         rms_jerk=math.sqrt(float(np.mean(jerk**2))),
         peak_jerk=float(np.abs(jerk).max()),

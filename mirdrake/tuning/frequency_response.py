@@ -60,11 +60,14 @@ class FrequencyResponse:
         """
         wanted = np.asarray(frequencies, dtype=float)
         low, high = self.frequencies[0], self.frequencies[-1]
+        # The tolerance allows for the rounding of a multisine's frequencies.
         if wanted.size and (wanted.min() < low * (1.0 - 1e-9) or wanted.max() > high * (1.0 + 1e-9)):
             raise ConfigError(
                 f"frequencies from {wanted.min():.4g} to {wanted.max():.4g} rad/s are outside of the measured range, "
                 f"{low:.4g} to {high:.4g} rad/s"
             )
+        # Interpolate log magnitude and unwrapped phase over log frequency, where responses are nearly straight; PCHIP
+        # does not overshoot.
         log_frequency = np.log(np.clip(wanted, low, high))
         size = scipy.interpolate.PchipInterpolator(np.log(self.frequencies), np.log(np.abs(self.values)))(log_frequency)
         phase = scipy.interpolate.PchipInterpolator(np.log(self.frequencies), np.unwrap(np.angle(self.values)))(
@@ -114,14 +117,19 @@ def measure_frequency_response(
         raise ConfigError(
             f"frequency response: two frequencies or more between 0 and {np.pi / period:.4g} rad/s are needed"
         )
+
+    # Every line of a multisine is a whole multiple of the lowest one, so that a period of it has no leakage.
     if method == "multisine":
         samples = round(2.0 * np.pi / (wanted[0] * period))
         base = 2.0 * np.pi / (samples * period)
         lines = np.unique(np.round(wanted / base)).astype(int)
+        # Lines at or above the Nyquist frequency cannot be sampled.
         lines = lines[2 * lines < samples]
         return _joined([_measure(loop, period, samples, lines, amplitude, cycles, settle)])
+    # Sines of whole numbers of samples, at least 3 a period, from the lowest frequency to the highest.
     counts = np.unique(np.maximum(np.round(2.0 * np.pi / (wanted * period)), 3).astype(int))[::-1]
     single_line = np.array([1])
+    # Transients take as long at every frequency: settle for the duration of the lowest one.
     settles = [math.ceil(settle * counts[0] / n) for n in counts]
     parts = zip(counts.tolist(), settles, strict=True)
     return _joined([_measure(loop, period, n, single_line, amplitude, cycles, before) for n, before in parts])
@@ -134,23 +142,33 @@ def _measure(
     base = 2.0 * np.pi / (samples * period)
     angle = np.arange(samples) * period * base
     count = len(lines)
+
+    # Schroeder phases: the sum of the sines has a low crest factor, so that the amplitude is used well.
     phases = -np.pi * np.arange(count) * np.arange(1, count + 1) / count
     sines = np.cos(np.outer(lines, angle) + phases[:, None])
     excitation = amplitude / np.sqrt(count) * sines.sum(axis=0)
+    # The first periods are the transient and are dropped.
     rows = np.array([loop(float(e)) for _ in range(settle + cycles) for e in excitation])[settle * samples :]
     if not np.isfinite(rows).all():
         raise RunError("frequency response: the loop diverges; use a smaller amplitude, or gains that stabilise it")
     shaped = rows.reshape(cycles, samples, 2)
     frequencies: Floats = lines.astype(float) * base
+
+    # One spectrum per cycle of control and measurement: their scatter gives the deviation.
     spectra = np.array(
         [[[fourier_line(cycle[:, i], period, w) for w in frequencies] for i in (0, 1)] for cycle in shaped]
     )
     control, measurement = spectra.mean(axis=0)
+    # Division by nearly nothing would give noise as a plant.
     if not (np.abs(control) > 1e-9 * amplitude / np.sqrt(count)).all():
         raise RunError("frequency response: the excitation is not visible in the control; is the control saturated?")
+
+    # G = Y / U of the averaged spectra; the loop is closed, so averaging the ratios would be biased.
     plant = measurement / control
+    # Part of the measurement that the plant does not explain; its standard error decreases with the cycles.
     spread = spectra[:, 1] - plant * spectra[:, 0]
     deviation = np.sqrt((np.abs(spread) ** 2).sum(axis=0) / max(cycles * (cycles - 1), 1)) / np.abs(control)
+    # The experiment sees the plant behind the zero-order hold; the hold is removed to get the plant alone.
     hold = hold_response(frequencies, period)
     return frequencies, plant / hold, deviation / np.abs(hold)
 

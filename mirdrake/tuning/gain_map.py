@@ -48,11 +48,13 @@ def map_of_two_gains(
     """
     if len(space) != 2:
         raise ConfigError(f"a map needs two gains, got {len(space)}: {', '.join(space) or 'none'}")
+    # A gain of the study has its own values or number of values; only others get the default.
     ranges = {
         name: entry if entry.values or entry.count else entry.model_copy(update={"count": count})
         for name, entry in space.items()
     }
     sizes = [len(entry.values) if entry.values else entry.count or 0 for entry in ranges.values()]
+    # The grid method of the search, so that maps resume from their journal as well.
     outcome = search(
         evaluate,
         ranges,

@@ -70,9 +70,11 @@ def axles_of(bench: PlantBench) -> Axles:
     """Return the axles of the vehicle on a bench."""
     plant, part = bench.assembly.parts.plant, bench.part
     context = plant.CreateDefaultContext()
+    # Default context: the car at its design position, without the load of the test.
     centre = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])
     hubs = [plant.EvalBodyPoseInWorld(context, joint.child_body()).translation() for joint in part.wheels]
     front, rear = np.mean(hubs[:2], axis=0), np.mean(hubs[2:], axis=0)
+    # Contact height of the tyres: the hub less the rolling radius under load.
     road = front[2] - part.rolling_radii(plant)[0]
     driven = part.vehicle.spec.drive
     return Axles(

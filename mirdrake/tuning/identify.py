@@ -135,6 +135,7 @@ def fit_inertial_step(record: StepRecord, start: tuple[float, ...]) -> tuple[Tra
     """
 
     def model(x: Floats) -> TransferFunction:
+        # Logarithms as unknowns keep all of them positive.
         b, a1, a0, delay = np.exp(x)
         return TransferFunction((float(b),), (1.0, float(a1), float(a0)), float(min(delay, 0.5)))
 
@@ -163,24 +164,29 @@ def fit_response(
     Returns:
         The model, and how well it fits [%].
     """
+    # Relative deviations of less than 2 % count as 2 %, so that single points do not dominate.
     weight = np.ones(len(response.frequencies))
     if response.deviation is not None:
         weight = 1.0 / np.maximum(response.deviation / np.abs(response.values), 0.02)
     weight = weight / weight.max()
 
+    # Logarithms as unknowns keep gain, coefficients and dead time positive; the dead time is at most 1 s.
     def model(x: Floats) -> TransferFunction:
         values = [float(value) for value in np.exp(x)]
         if order == 1:
             return TransferFunction((values[0],), (1.0, 1.0 / values[1]), min(values[2], 1.0))
         return TransferFunction((values[0],), (1.0, values[1], values[2]), min(values[3], 1.0))
 
+    # log(measured / model) = log ratio of magnitudes + j phase error: both parts count the same.
     def residual(x: Floats) -> Floats:
         ratio = response.values / model(x).response(response.frequencies)
         return np.asarray(np.concatenate([np.log(np.abs(ratio)) * weight, np.angle(ratio) * weight]))
 
     first = list(start)
+    # The callers pass twice the gain b as a first guess of order 1.
     if order == 1:
         first[0] = start[0] / 2.0
+    # Start within the bounds of the logarithms, also for zeros.
     begin = np.log(np.maximum(first, 1e-6))
     fit = scipy.optimize.least_squares(
         residual, begin, bounds=(np.full(len(begin), -20.0), np.full(len(begin), 20.0)), max_nfev=400
@@ -201,6 +207,7 @@ def _simulate(record: StepRecord, model: TransferFunction) -> Floats:
 
 
 def _fit_percent(model: Floats | Complexes, data: Floats | Complexes) -> float:
+    # Normalised as in Ljung: 100 % is a perfect fit, 0 % that of the mean value.
     spread = float(np.linalg.norm(data - np.mean(data)))
     return 100.0 * (1.0 - float(np.linalg.norm(model - data)) / max(spread, 1e-300))
 

@@ -113,6 +113,7 @@ class LinearModel:
         """Return a figure of magnitude and phase, from a frequency [rad/s] to the Nyquist frequency."""
         import matplotlib.pyplot as plt
 
+        # The response of a sampled model ends at the Nyquist frequency.
         frequencies = np.geomspace(lowest, 0.999 * np.pi / self.system.dt, 400)
         response = self.loop(frequencies) if self.is_loop else self.response(frequencies)
         figure, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(8.0, 5.0), layout="constrained")
@@ -171,11 +172,14 @@ def linearise(
     source, assembly, output = _insert_probe(data, factories, assemble, input, output)
     output = output or source
     if period is None:
+        # A discrete model needs one period after which every unit has been updated: that of the slowest unit.
         period = 1.0 / min(part.vehicle.control.rate for part in assembly.parts.vehicles.values())
     stepper = _Stepper(assembly, output, period=period)
+    # The operating point is just before a whole period, so that all updates at that time belong to the next step.
     context = stepper.settle(round(time / period) * period, cut=cut)
     u0, y0 = stepper.offset, stepper.output(context)
     A, B, C, D = stepper.differences(context)
+    # States without connection to input and output, as the position of a car, have no part in the model.
     kept = _connected(A, B, C)
     system = control.ss(A[np.ix_(kept, kept)], B[kept], C[:, kept], D, period)
     return LinearModel(system, input, output, (u0, y0), cut and output == source)
@@ -185,6 +189,7 @@ def _insert_probe(
     data: Mapping[str, Any], factories: Mapping[str, Any], assemble: Any, name: str, output: str | None
 ) -> tuple[str, Assembly, str | None]:
     """Return the source of an input, and the diagram with a probe between the two."""
+    # Plain data of the diagram, copied: the caller's diagram stays unchanged.
     changed = copy.deepcopy(dict(data))
     pairs = [list(pair) for pair in changed.get("connect", ())]
     source = next((pair[0] for pair in pairs if pair[1] == name), None)
@@ -197,8 +202,11 @@ def _insert_probe(
         source = first.default_source(name)
         if source is None:
             raise ConfigError(f"linearize: input '{name}' has no source; connect it first")
+
+    # The probe takes the place of the connection: source -> probe -> input.
     changed["connect"] = [pair for pair in pairs if pair[1] != name] + [[source, f"{PROBE}.u"], [f"{PROBE}.y", name]]
     changed["systems"] = dict(changed.get("systems", {})) | {PROBE: {"kind": f"{__name__}:Probe"}}
+    # Neither logs nor reports: the probe diagram is stepped twice per state.
     record = dict(changed.get("record", {})) | {"signals": False, "meshcat": False, "report": False}
     spec = make_spec(changed | {"record": record})
     return source, assemble(spec, dict(factories) | {PROBE: Probe}, expand=True), output
@@ -224,10 +232,13 @@ class _Stepper:
         context = self._assembly.make_context()
         simulator = Simulator(self._diagram, context)
         simulator.Initialize()
+        # Before the updates at `time`: BEFORE is far below all periods.
         simulator.AdvanceTo(time - BEFORE * self._period)
+        # First as a through connection (gain 1) to read the operating input.
         own = self._probe.GetMyMutableContextFromRoot(context)
         self._gain, self.offset = 1.0, 0.0
         value = float(self._probe.y.Eval(own)[0])
+        # Cut: gain 0 and the operating value as a constant, so that the operating point stays.
         if cut:
             self._gain, self.offset = 0.0, value
             self._probe.set(own, 0.0, value)
@@ -260,6 +271,7 @@ class _Stepper:
         y = self.output(changed)
         simulator = Simulator(self._diagram, changed)
         parameters = InitializeParams()
+        # Initialisation would reset discrete states that have been perturbed.
         parameters.suppress_initialization_events = True
         simulator.Initialize(parameters)
         simulator.AdvanceTo(context.get_time() + self._period)
@@ -271,12 +283,15 @@ class _Stepper:
         n = len(x)
         A, C = np.zeros((n, n)), np.zeros((1, n))
         for i in range(n):
+            # A state that is not finite marks something and has no derivative.
             if not np.isfinite(x[i]):
                 continue
+            # Relative step for large states, absolute for small ones; central differences have an error of its square.
             step = STEP * max(1.0, abs(x[i]))
             high, low = (self._evaluate(context, _plus(x, i, s), self.offset) for s in (step, -step))
             A[:, i], C[0, i] = _slope(high[0], low[0], step), (high[1] - low[1]) / (2.0 * step)
         step = STEP * max(1.0, abs(self.offset))
+        # Input by the probe's offset: B and D.
         high, low = (self._evaluate(context, x, self.offset + s) for s in (step, -step))
         B, D = _slope(high[0], low[0], step)[:, None], np.array([[(high[1] - low[1]) / (2.0 * step)]])
         return A, B, C, D
@@ -298,9 +313,11 @@ def _slope(high: Array, low: Array, step: float) -> Array:
 
 def _connected(A: Array, B: Array, C: Array) -> npt.NDArray[np.intp]:
     """Return the states that the input reaches and that act on the output."""
+    # An all-zero matrix connects nothing: with infinity as size no element exceeds the threshold.
     sizes = [float(np.abs(matrix).max(initial=0.0)) or inf for matrix in (A, B, C)]
     a, b, c = (np.abs(matrix) > NEGLIGIBLE * size for matrix, size in zip((A, B, C), sizes, strict=True))
     reached, acting = b[:, 0], c[0]
+    # Paths through n states have at most n steps.
     for _ in range(len(A)):
         reached, acting = reached | (a @ reached), acting | (a.T @ acting)
     return np.flatnonzero(reached & acting)

@@ -92,6 +92,7 @@ def loop_range(plant: Plant, gains: PidGains | None = None, *, period: float | N
             f"the range of frequencies of a {type(plant).__name__} is not known; give the lowest and the highest"
         )
     low, high = frequency_range(model)
+    # Corner frequencies of the controller: the range must contain them with room on both sides.
     gains = PidGains(1.0) if gains is None else gains
     corners = [abs(gains.ki / gains.kp)] if gains.ki and gains.kp else []
     corners += [1.0 / gains.filter_time] if gains.filter_time else []
@@ -101,10 +102,12 @@ def loop_range(plant: Plant, gains: PidGains | None = None, *, period: float | N
     def size(w: float) -> float:
         return float(np.abs(plant.response(np.array([w])) * controller_response(gains, np.array([w])))[0])
 
+    # Upwards until the loop gain is small, so that no crossing of the unit circle is missed.
     for _ in range(8):
         if size(high) < 0.05:
             break
         high *= 10.0
+    # Downwards as long as an integrator lets the gain grow.
     for _ in range(8):
         if not 0.05 < size(low) < 20.0 or not (gains.ki or model.denominator[-1] == 0.0):
             break
@@ -148,21 +151,27 @@ def margins_of(response: LoopResponse, low: float, high: float) -> Margins:
         return complex(response(np.array([x]))[0])
 
     # Crossings of the negative real axis, and of the unit circle.
+    # Sign changes of the imaginary part on the left half: candidates for crossings of the negative real axis.
     turns = np.flatnonzero(
         (np.sign(value.imag[1:]) != np.sign(value.imag[:-1])) & (value.real[1:] + value.real[:-1] < 0.0)
     )
     phase_crossings = [_root(lambda x: value_at(x).imag, w[k], w[k + 1]) for k in turns]
+    # The root may also be a jump through the right half; only real crossings have a gain margin.
     factors = [(1.0 / abs(value_at(x)), x) for x in phase_crossings if value_at(x).real < 0.0]
     size = np.abs(value) - 1.0
     gain_crossings = [
         _root(lambda x: abs(value_at(x)) - 1.0, w[k], w[k + 1])
         for k in np.flatnonzero(np.sign(size[1:]) != np.sign(size[:-1]))
     ]
+
+    # Angle of -L: phase above -180°, in (-π, π].
     phases = [(float(np.angle(-value_at(x))), x) for x in gain_crossings]
+    # The nearest margin counts, to both sides: for conditionally stable loops also a decrease of the gain.
     gain, phase_crossover = min(factors, key=lambda pair: abs(math.log(pair[0])), default=(math.inf, math.nan))
     phase, gain_crossover = min(phases, key=lambda pair: abs(pair[0]), default=(math.inf, math.nan))
 
     # Peaks of the sensitivities.
+    # Ms = max |1 / (1 + L)|, Mt = max |L / (1 + L)|, disk margin = 1 / max |S - T| / 2, refined between grid points.
     ms, peak = _largest(lambda x: 1.0 / abs(1.0 + value_at(x)), 1.0 / np.abs(1.0 + value), w)
     mt, _ = _largest(lambda x: abs(value_at(x) / (1.0 + value_at(x))), np.abs(value / (1.0 + value)), w)
     inverse, _ = _largest(
@@ -174,6 +183,7 @@ def margins_of(response: LoopResponse, low: float, high: float) -> Margins:
         gain_increase=min((f for f, _ in factors if f >= 1.0), default=math.inf),
         gain_decrease=max((f for f, _ in factors if f < 1.0), default=0.0),
         phase_margin=phase,
+        # Dead time turns the phase back by ω L: an angle below zero has to turn on by a whole turn.
         delay_margin=min((angle % (2.0 * math.pi) / x for angle, x in phases), default=math.inf),
         phase_crossover=phase_crossover,
         gain_crossover=gain_crossover,
@@ -181,6 +191,7 @@ def margins_of(response: LoopResponse, low: float, high: float) -> Margins:
         max_complementary=mt,
         sensitivity_peak=peak,
         disk_margin=disk,
+        # Symmetric disk margin: gains between (2 - α) / (2 + α) and its inverse, phases to 2 atan(α / 2).
         disk_gain=(2.0 + disk) / (2.0 - disk) if disk < 2.0 else math.inf,
         disk_phase=2.0 * math.atan(0.5 * disk),
     )
@@ -214,6 +225,7 @@ def frequency_grid(response: LoopResponse, low: float, high: float) -> tuple[Flo
     """
     check_number("frequencies", "low", low, unit="rad/s", above=0.0)
     check_number("frequencies", "high", high, unit="rad/s", above=low)
+    # Logarithmic grid: 40 points per decade, refined only near -1.
     w = np.geomspace(low, high, max(round(40.0 * math.log10(high / low)), 40))
     value = response(w)
     for _ in range(12):
@@ -222,9 +234,12 @@ def frequency_grid(response: LoopResponse, low: float, high: float) -> tuple[Flo
         chord = np.abs(np.diff(value))
         near = np.abs(1.0 + value)
         small = np.maximum(np.abs(value[1:]), np.abs(value[:-1])) < 0.01
+        # Small responses are far from -1 whatever their phase, as those of a dead time at high frequencies.
         split = np.flatnonzero((chord > 0.2 * np.minimum(near[1:], near[:-1])) & ~small)
         if not len(split) or len(w) > _MAX_POINTS:
             break
+
+        # Geometric mean, the middle on the logarithmic axis.
         new = np.sqrt(w[split] * w[split + 1])
         w = np.insert(w, split + 1, new)
         value = np.insert(value, split + 1, response(new))
@@ -239,6 +254,7 @@ def rational_model(plant: Plant) -> TransferFunction | None:
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:
+    # Rounding on the grid can hide the sign change: then the middle of the interval.
     if function(a) * function(b) > 0.0:
         return math.sqrt(a * b)
     return float(scipy.optimize.brentq(function, a, b, xtol=1e-13 * b, rtol=1e-13))

@@ -48,12 +48,14 @@ class TransferFunction:
     def __post_init__(self) -> None:
         numerator = _polynomial("numerator", self.numerator)
         denominator = _polynomial("denominator", self.denominator)
+        # An improper plant has no state-space form and cannot be simulated.
         if len(numerator) > len(denominator):
             raise ConfigError(
                 f"TransferFunction: order {len(numerator) - 1} over order {len(denominator) - 1} is not proper; "
                 "add a filter"
             )
         lead = denominator[0]
+        # Monic denominators, so that leading coefficients can be compared; frozen dataclass, hence object.__setattr__.
         object.__setattr__(self, "numerator", tuple(c / lead for c in numerator))
         object.__setattr__(self, "denominator", tuple(c / lead for c in denominator))
         object.__setattr__(self, "delay", check_number("TransferFunction", "delay", self.delay, unit="s", at_least=0.0))

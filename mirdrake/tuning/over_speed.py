@@ -44,8 +44,10 @@ def tune_over_speed(
     rows: list[ScheduleRow] = []
     for speed in speeds:
         loop = identified_at(stages, speed)
+        # Neighbouring speeds have similar gains: start from those of the speed before, and from the winner.
         previous = [row.gains for row in rows[-1:]]
         gains = _gains_at(stages, loop, space, f"speed-{speed:g}", [*previous, winner.design.gains], hard)
+        # A table with a gap cannot be applied.
         if gains is None:
             return Schedule((), failed_speed=speed), (Criterion("schedule", None, 0.0, met=False),)
         rows.append(ScheduleRow(speed, gains))
@@ -77,8 +79,10 @@ def _gains_at(
     hard: Sequence[Conditions],
 ) -> dict[str, float] | None:
     """Return the cheapest gains that meet the constraints on the plant and are stable in all scenarios, if any."""
+    # Starts outside of the ranges would be rejected by the search.
     starts = [gains for gains in known if all(gains[name] in entry for name, entry in space.items())]
     coarse = stages.search(space, "reduced", starts, stage, loop=loop)
+    # Around the best trials of the model, extended to the starting gains.
     near = {
         name: Range(
             min([entry.low, *(gains[name] for gains in starts)]),
@@ -90,6 +94,8 @@ def _gains_at(
     best = inside(near, (trial.gains for trial in coarse.leaders))
     starts = [*starts, *(gains for gains in best if gains not in starts)]
     fine = stages.search(near, "plant", starts, f"{stage}-confirmation", loop=loop, scenarios=hard)
+
+    # Cheapest first, rounded as they would be written; rounding and scenarios may reject a trial.
     feasible = [trial for trial in fine.trials if trial.feasible]
     for trial in sorted(feasible, key=lambda trial: (trial.cost, trial.number)):
         gains = rounded(trial.gains)
@@ -103,9 +109,11 @@ def _test(stages: Stages, table: GainTable, winner: Candidate) -> tuple[Schedule
     """Test the table and the constant gains at its speeds and between them, on the plant."""
     tests: list[ScheduleTest] = []
     constant = winner.design
+    # Between the speeds of the table too, where gains are interpolated and were not tuned.
     for speed in sorted({*table.speeds, *table.between()}):
         loop = identified_at(stages, speed)
         gains = table.at(speed)
+        # Margins belong to constant gains: those of the interpolated gains at this speed are added.
         given = LoopEvaluator(with_schedule(loop, table))({})
         figures = {**given.figures, **find_loop_margins(loop, gains)} if given.status == "ok" else {}
         for name, values, evaluation in (
@@ -116,5 +124,6 @@ def _test(stages: Stages, table: GainTable, winner: Candidate) -> tuple[Schedule
             place: Literal["tuned", "between"] = "tuned" if speed in table.speeds else "between"
             cost = finite(trial.cost)
             tests.append(ScheduleTest(speed, name, place, values, trial.status, cost, trial.feasible, trial.reason))
+        # Two candidates at each of the n speeds and the n - 1 between them.
         stages.progress("schedule", len(tests), 2 * (2 * len(table.speeds) - 1), math.nan)
     return tuple(tests)

@@ -41,6 +41,7 @@ class LinearProcess:
         self.plant = plant
         self.period = check_number("LinearProcess", "period", period, unit="s", above=0.0)
         order = len(plant.denominator) - 1
+        # Pad the numerator to the order of the denominator; its first coefficient is the direct feedthrough.
         numerator = np.concatenate([np.zeros(order + 1 - len(plant.numerator)), plant.numerator])
         self._through = float(numerator[0])
         self._output = numerator[1:] - numerator[0] * np.array(plant.denominator[1:])
@@ -51,9 +52,11 @@ class LinearProcess:
             extended[0, :order] = -np.array(plant.denominator[1:])
             extended[1:order, : order - 1] = np.eye(order - 1)
             extended[0, order] = 1.0
+        # Dead time = whole periods plus a rest; within a period the older control acts first, for the rest.
         periods = plant.delay / self.period
         whole = math.floor(periods + 1e-9)
         late = max(periods - whole, 0.0) * self.period
+        # exp of the extended matrix holds the state transition and the integral over the held control (van Loan).
         first, second = scipy.linalg.expm(extended * late), scipy.linalg.expm(extended * (self.period - late))
         self._step = second[:order, :order] @ first[:order, :order]
         self._old = second[:order, :order] @ first[:order, order]
@@ -68,6 +71,7 @@ class LinearProcess:
 
     def __call__(self, control: float) -> float:
         """Hold `control` [u] for one period and return the measurement [y] at its end."""
+        # The queue has one control more than whole periods of dead time, for the rest of a period.
         self._controls.append(control)
         old, new = self._controls[0], self._controls[1]
         self._state = self._step @ self._state + self._old * old + self._new * new
@@ -104,6 +108,7 @@ class PidLoop:
     def __call__(self, excitation: float) -> tuple[float, float]:
         """Advance by one period; return the control [u] and the measurement at its beginning [y]."""
         measured = self.measurement
+        # The excitation enters as feed-forward, so that the controller's limits apply to the sum.
         self._state, control = pid_step(
             self._state,
             self.reference,
@@ -163,11 +168,13 @@ def simulate_loop(
     set_points = np.asarray(reference, dtype=float)
     if set_points.ndim != 1 or not np.isfinite(set_points).all():
         raise ConfigError(f"simulate_loop: reference must be a row of finite numbers, got shape {set_points.shape}")
+    # A load may be given as one number; it acts behind the limits of the controller.
     loads = np.broadcast_to(np.asarray(disturbance, dtype=float), set_points.shape)
     state, rows = PidState(), np.zeros((len(set_points), 2))
     done = len(set_points)
     for k, (set_point, load) in enumerate(zip(set_points.tolist(), loads.tolist(), strict=True)):
         state, control = pid_step(state, set_point, measurement, gains=gains, period=period, limits=limits)
+        # Not finite or huge: stop before the numbers overflow, and keep the samples so far.
         if not (abs(measurement) < 1e12 and abs(control) < 1e12):
             done = k
             break

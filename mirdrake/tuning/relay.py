@@ -101,6 +101,7 @@ def run_relay_test(
     )
     level = amplitude
 
+    # Relay with hysteresis: it keeps its level while the error is within ±ε.
     def relay(error: float) -> float:
         nonlocal level
         up = error > hysteresis or (error > -hysteresis and level > 0.0)
@@ -109,8 +110,11 @@ def run_relay_test(
 
     first = runner.cycle(relay, duration)
     cycles = [first]
+
+    # Describing function of the relay with hysteresis: N(A) = 4 d / (π sqrt(A² - ε²)), Ku = N (Åström and Hägglund).
     below = math.sqrt(max(first.amplitude**2 - hysteresis**2, 1e-24))
     describing = 4.0 * amplitude / (math.pi * below)
+    # A saturation cycles nearer to the ultimate point than the relay, whose harmonics bias it.
     if refine:
         cycles.append(_saturated(runner, first, amplitude, duration))
     gain, frequency = _ultimate([(cycle.frequency, cycle.response) for cycle in cycles])
@@ -131,7 +135,9 @@ class _DecayError(RunError):
 
 def _saturated(runner: "_Runner", first: "_Cycle", amplitude: float, duration: float) -> "_Cycle":
     """Return the limit cycle of the smallest saturated gain that has one."""
+    # A little above the ultimate gain of the relay; raised until the oscillation does not decay.
     slope = 1.3 / abs(first.response)
+    # Two periods of the relay's limit cycle.
     patience = 4.0 * math.pi / first.frequency
     for _ in range(8):
         try:
@@ -177,16 +183,19 @@ class _Runner:
         armed, reached = False, 0
         for k in range(round(duration / self.period)):
             error = self.reference - self.measurement
+            # Also true for NaN.
             if not abs(error) < 1e12:
                 raise RunError("relay test: the measurement grows without bound; a relay cannot stabilise this loop")
             errors.append(error)
             controls.append(feedback(error))
             self.measurement = self.process(self.control + controls[-1])
             self.steps += 1
+            # A decaying oscillation no longer reaches the limits of the saturation.
             if abs(controls[-1]) >= self.amplitude:
                 reached = k
             elif (k - reached) * self.period > patience:
                 raise _DecayError("relay test: the oscillation decays")
+            # Armed below -ε: noise that crosses +ε twice is one switch. Interpolated to a fraction of a sample.
             if armed and error > self.hysteresis:
                 armed = False
                 ups.append(k - (error - self.hysteresis) / (error - errors[-2]))
@@ -203,17 +212,22 @@ class _Runner:
 
     def _settled(self, errors: Floats, controls: Floats, ups: list[float]) -> _Cycle | None:
         """Return the cycle if the last three agree in period and amplitude, else None."""
+        # The first cycles are a transient: five rises leave three full cycles after it.
         if len(ups) < 5:
             return None
         marks = [round(mark) for mark in ups[-4:]]
         spans = np.diff(ups[-4:])
         swings = np.array([np.ptp(errors[a:b]) for a, b in pairwise(marks)])
+        # A sampled relay cannot agree better than to a period.
         slack = self.tolerance + 1.0 / float(spans.mean())
         if np.ptp(spans) > slack * spans.mean() or np.ptp(swings) > self.tolerance * swings.mean():
             return None
         frequency = 2.0 * math.pi / (float(spans.mean()) * self.period)
         window = slice(marks[0], marks[-1])
+
+        # G(jω) from the fundamentals of control and measurement; the hold makes it that of the continuous plant.
         control = fitted_line(controls[window], self.period, frequency) * complex(hold_response(frequency, self.period))
+        # The error is reference minus measurement, hence the sign.
         response = -fitted_line(errors[window], self.period, frequency) / control
         return _Cycle(frequency, response, 0.5 * float(swings.mean()))
 
@@ -222,12 +236,16 @@ def _ultimate(points: list[tuple[float, complex]]) -> tuple[float, float]:
     """Return Ku and ωu, where the phase through one or two points of the frequency response is -180°."""
     frequency, response = points[-1]
     lag = float(np.angle(-response))  # phase above -180°
+    # Too near to each other for a slope, or a single point: take that point for the ultimate one.
     if len(points) == 1 or abs(math.log(points[0][0] / frequency)) < 1e-3:
         return 1.0 / abs(response), frequency
     other, value = points[0]
+    # Phase over frequency as a straight line, magnitude as a power of the frequency (slope in log-log).
     slope = (float(np.angle(-value)) - lag) / (other - frequency)
     steep = (math.log(abs(value)) - math.log(abs(response))) / math.log(other / frequency)
+    # The phase must fall with the frequency, else the line is meaningless.
     if slope >= 0.0:
         return 1.0 / abs(response), frequency
+    # No extrapolation further than 20 to 25 %.
     ultimate = min(max(frequency - lag / slope, 0.8 * frequency), 1.25 * frequency)
     return math.exp(-math.log(abs(response)) - steep * math.log(ultimate / frequency)), ultimate

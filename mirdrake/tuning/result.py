@@ -254,12 +254,14 @@ def read_result(folder: Path | str) -> TuningResult:
         ConfigError: there is none, or it is damaged or of another format.
     """
     folder = Path(folder)
+    # The folder or its file may be named.
     folder = folder.parent if folder.name == FILE else folder
     path = folder / FILE
     place = shown(path)
     if not folder.is_dir():
         raise ConfigError(f"{shown(folder)}: no such folder; give the folder that mirdrake tune has written")
     if not path.is_file():
+        # tuning.json is written last: without it the study was interrupted.
         raise ConfigError(f"{shown(folder)}: not a tuning result (it has no {FILE}); is the study finished?")
     try:
         data = parse_json(read_text(path))
@@ -267,12 +269,14 @@ def read_result(folder: Path | str) -> TuningResult:
         raise ConfigError(f"{place}:{error.lineno}: not valid JSON: {error.msg}; run the study again") from None
     except ValueError as error:
         raise ConfigError(f"{place}: {error}; run the study again") from None
+    # The format is checked before the fields, so that a file of another format is not reported as damaged.
     given = data.get("mirdrake") if isinstance(data, dict) else None
     if not isinstance(data, dict) or given != FORMAT:
         raise ConfigError(f"{place}: mirdrake: is {given!r}; '{FORMAT}' is expected")
     try:
         return TypeAdapter(TuningResult).validate_python({**data, "folder": folder})
     except ValidationError as error:
+        # Only the first fault, as one line.
         fault = error.errors()[0]
         key = ".".join(str(part) for part in fault["loc"])[:80]
         message = "is missing" if fault["type"] == "missing" else str(fault["msg"]).removeprefix("Input ").lower()
@@ -288,9 +292,12 @@ def plain(value: object) -> object:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, bool | str) or value is None:
+        # Before numbers: bool is a subclass of int.
         return value
+    # Numbers of NumPy become those of Python.
     if hasattr(value, "item"):
         value = value.item()
+    # JSON has neither infinity nor NaN.
     if isinstance(value, float):
         return value if math.isfinite(value) else None if math.isnan(value) else str(value)
     return value if isinstance(value, int | bool | str) else str(value)

@@ -246,12 +246,15 @@ def run_monte_carlo(
     if not candidates:
         raise ConfigError("candidates: none is given; name at least one set of gains")
     draws = draw_conditions(ranges, runs=runs, seed=seed)
+    # Numbers as floats, so that they are equal to those of the journal.
     gains = {name: {key: float(value) for key, value in entry.items()} for name, entry in candidates.items()}
     asked = {"ranges": ranges, "seed": seed, "fidelity": fidelity}  # not the runs and candidates, which may be extended
     journal = Journal(store, {**(purpose or {}), "monte_carlo": asked})
+    # By runs, then candidates: after an interruption all candidates have the same runs.
     tasks = {
         f"{name} {run}": (entry, conditions) for run, conditions in enumerate(draws) for name, entry in gains.items()
     }
+    # Only those that the journal lacks need workers.
     missing = sum(key not in journal for key in tasks)
     complete = True
     with open_executor(executor, workers, calls=missing, limit=limit) as (runner, ahead):
@@ -264,14 +267,17 @@ def run_monte_carlo(
             complete = False
 
     # A row per run that all candidates have.
+    # Common random numbers compare candidates run by run, so incomplete runs do not count.
     done = [run for run in range(runs) if all(f"{name} {run}" in journal for name in gains)]
     rows: list[dict[str, object]] = []
     columns: dict[str, None] = {}
     for name in gains:
+        # Columns in the order of their first appearance; a dict keeps it.
         for run in done:
             record = journal[f"{name} {run}"]
             figures = record.get("figures") or {}
             columns |= dict.fromkeys(figures)
+            # Conditions that are not drawn are nominal and have no column.
             given = {key: value for key, value in draws[run].numbers().items() if key in ranges or key == "seed"}
             outcome = {"status": record["status"], "reason": record.get("reason", "")}
             rows.append({"candidate": name, "run": run, **given, **figures, **outcome})
@@ -297,11 +303,13 @@ def draw_conditions(ranges: Ranges, *, runs: int, seed: int) -> list[Conditions]
             raise ConfigError(f"robustness.{name}: no such condition; {did_you_mean(name, DRAWN)}")
         if not low < high:
             raise ConfigError(f"robustness.{name}: the range from {low:g} to {high:g} is empty")
+        # Scales must be positive, delays and noise not negative.
         if name in ("mass", "friction", "step") and low <= 0.0:
             raise ConfigError(f"robustness.{name}: {low:g} is not allowed; it must be above 0")
         if name in ("delay", "noise") and low < 0.0:
             raise ConfigError(f"robustness.{name}: {low:g} is not allowed; it must be 0 or more")
 
+    # One stream per condition, by its name: adding a condition does not change the draws of the others.
     def stream(name: str) -> np.random.Generator:
         return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
@@ -309,6 +317,7 @@ def draw_conditions(ranges: Ranges, *, runs: int, seed: int) -> list[Conditions]
         name: spread(ParameterSpec(low=low, high=high), stream(name).random(runs))
         for name, (low, high) in ranges.items()
     }
+    # Same noise for all candidates of a run.
     seeds = stream("seed").integers(0, 2**31, runs)
     return [
         Conditions(**{name: float(values[run]) for name, values in columns.items()}, seed=int(seeds[run]))

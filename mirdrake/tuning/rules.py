@@ -34,6 +34,7 @@ def ziegler_nichols_step(model: FirstOrder | Integrator, form: Form = "PI") -> P
     Raises:
         ConfigError: no dead time, or an unknown form.
     """
+    # The rule needs the slope of the response only: K / T for a first order, Kv for an integrator.
     slope = model.gain if isinstance(model, Integrator) else model.gain / model.time_constant
     delay = _delay(model)
     a = slope * delay

@@ -48,12 +48,15 @@ class InScenarios:
 def drawn_ranges(spec: TuningSpec, loop: LoopSpec) -> Ranges:
     """Return the ranges of the conditions that the Monte Carlo of a study draws, of those that affect the loop."""
     given, ranges = spec.robustness, Ranges()
+    # Scale of the mass, symmetric about nominal.
     if given.mass:
         ranges["mass"] = (1.0 - given.mass, 1.0 + given.mass)
+    # Without a uniform friction of the road there is nothing to draw.
     friction = ("friction",) if loop.friction is not None else ()
     kind = LOOP_KINDS[loop.kind]
     for name in (*friction, *kind.conditions):
         low, high = kind.delays(spec) if name == "delay" else getattr(given, name)
+        # An empty range is a constant: nothing is drawn.
         if low < high:
             ranges[name] = (low, high)
     if given.noise:
@@ -75,6 +78,7 @@ def corners(ranges: Ranges) -> list[Conditions]:
         return ranges[name][side] if name in ranges else None
 
     return [
+        # Mass, delay and grade at their ends; friction only at its lower end, which is the harder one.
         Conditions(
             mass=end("mass", mass) or 1.0,
             friction=end("friction", 0),

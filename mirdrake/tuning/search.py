@@ -78,6 +78,7 @@ def search(
         ConfigError: unknown method, gain or figure, or a range or number that is not valid.
         RunError: the file belongs to another search, or workers cannot start.
     """
+    # All arguments that influence the proposals: a journal of a search with others is rejected.
     limits, kept = dict(constraints or {}), dict(fixed or {})
     _check(space, cost, trials, kept, start)
     asked = {
@@ -101,6 +102,7 @@ def search(
         batch=BATCH,
         start=[{name: float(point[name]) for name in space} for point in start],
     )
+    # Trials of the journal are not repeated, so fewer workers may be needed.
     journal = Journal(store, {**(purpose or {}), "search": asked})
     left = trials - min(len(journal), trials)
     done: list[Trial] = []
@@ -110,12 +112,17 @@ def search(
         evaluations = Evaluations(evaluate, journal, runner, ahead, fidelity=fidelity, total=trials, progress=progress)
         try:
             while len(done) < trials:
+                # Batches of a fixed size, whatever the workers: the proposals, and thus the result, do not depend on
+                # their number.
                 proposed = proposer.ask(min(proposer.batch or trials, trials - len(done)))
                 if not proposed:
                     break
                 points = {len(done) + index: kept | point for index, point in enumerate(proposed)}
+                # In the order of the numbers, not of completion, so that a repeated search gives the same result.
                 evaluations.make({str(number): (gains, NOMINAL) for number, gains in points.items()})
                 for number, gains in points.items():
+                    # NSGA-II has one objective per figure of the cost; other methods their weighted sum. Constraints
+                    # count apart.
                     trial = make_trial(number, gains, evaluation_of(journal[number]), cost, limits)
                     proposer.tell(trial.objectives(list(cost)) if method == "nsga2" else [trial.cost], trial.violation)
                     done.append(trial)
@@ -166,14 +173,17 @@ class Evaluations:
         """
         missing = []
         for key, (gains, conditions) in tasks.items():
+            # Resume: only evaluations that are not in the journal; gains under a known key must agree.
             if key not in self._journal:
                 missing.append((key, gains, conditions))
             elif self._journal[key].get("gains") != gains:
                 raise RunError(f"{self._journal.file}: has other gains for trial {key}; choose another file")
+        # Resumed evaluations count as done, but not in the mean time per evaluation.
         self._done += len(tasks) - len(missing)
         calls = ((self._evaluate, gains, conditions, self._fidelity) for _, gains, conditions in missing)
         for index, given in call_all(self._executor, evaluate_record, calls, ahead=self._ahead):
             key, gains, _ = missing[index]
+            # A worker that was killed or exceeded its time is a failed evaluation, not the end of the search.
             record = {"status": "failed", "reason": given.reason} if isinstance(given, Lost) else given
             self._journal.add(key, {"gains": gains, **record})
             self._done += 1
@@ -217,6 +227,7 @@ def _check(
             raise ConfigError(f"cost.{name}: {weight:g} is not allowed; a weight is 0 or more")
         if name in AT_LEAST:
             raise ConfigError(f"cost.{name}: a larger value is better; make it a constraint, or use ms or mt")
+    # A gain either varies or is fixed.
     both = sorted(set(space) & set(fixed))
     if both:
         raise ConfigError(f"fixed.{both[0]}: has a range as well; remove one of them")
@@ -226,6 +237,7 @@ def _check(
         for name, entry in space.items():
             if name not in point:
                 raise ConfigError(f"start.{index}: {name} is missing")
+            # Explicit values may be in any order.
             low, high = min(entry.ends()), max(entry.ends())
             if not low <= point[name] <= high:
                 raise ConfigError(f"start.{index}.{name}: {point[name]:g} is outside its range, {low:g} to {high:g}")

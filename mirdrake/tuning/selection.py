@@ -128,6 +128,7 @@ def verify(
     """
     if candidate.name in known.verified:
         return known.verified[candidate.name], known
+    # The finer step may have been tested when the trial became a candidate.
     tested = candidate.name in known.finer
     made = Verification(finer=known.finer[candidate.name] if tested else stages.test_at_finer_step(candidate.design))
     if candidate.trial.status == "ok":
@@ -136,6 +137,7 @@ def verify(
         known = replace(known, margin_ratios=known.margin_ratios | {check.name: check.ratio for check in checks})
     if not _rejected_early(made, stop_at_finer_step):
         made = replace(made, failed_runs=_failed_runs(stages, candidate))
+    # Draws in which this candidate has failed become scenarios of the next search.
     conditions = [failure.conditions for failure in made.failed_runs if failure.conditions is not None]
     new = [draw for draw in conditions if draw not in known.hard]
     return made, replace(known, verified={**known.verified, candidate.name: made}, hard=(*known.hard, *new)[:HARD])
@@ -169,19 +171,23 @@ def choose_rule(stages: Stages, tried: Sequence[Candidate], slower: Sequence[Des
         slower: further designs, the fastest first.
     """
     known = Knowledge()
+    # Rank: violation of the constraints, then cost.
     rules = sorted((candidate for candidate in tried if candidate.design.kind == "rule"), key=lambda rule: rule.rank)
     rejected: list[Candidate] = []
+    # A Monte Carlo takes long, so only the cheapest rules get one.
     for rule in [rule for rule in rules if rule.trial.feasible][:POOL]:
         check, known = verify(stages, known, rule)
         if check.is_robust:
             return RuleChoice(rule, tuple(rejected), (), known)
         rejected.append(rule)
+    # Slower designs, the fastest first: the first robust one has the best performance among them.
     for design in slower:
         (rule,) = stages.test([design], "slower rules")
         if rule.trial.feasible:
             check, known = verify(stages, known, rule, stop_at_finer_step=True)
             if check.is_robust:
                 return RuleChoice(rule, tuple(rejected), (rule,), known)
+    # No robust rule: the one with the fewest failures is the bar.
     if rejected:
         nearest = min(rejected, key=lambda rule: known.verified[rule.name].failures)
         return RuleChoice(nearest, tuple(rule for rule in rejected if rule is not nearest), (), known)
@@ -202,7 +208,9 @@ def choose_best(
         tried: candidates that have been tested.
         searches: trials on the plant.
     """
+    # Rejections are those of this choice, so earlier ones are dropped.
     known = replace(known, rejected=())
+    # Candidates with a test and trials of the searches, together in the order of their cost.
     pool: list[Candidate | Trial] = [
         candidate for candidate in tried if candidate.trial.feasible and candidate.design.kind != "baseline"
     ]
@@ -210,6 +218,7 @@ def choose_best(
     pool.sort(key=lambda entry: entry.trial.cost if isinstance(entry, Candidate) else entry.cost)
     failed: list[tuple[int, Candidate]] = []
     for entry in pool:
+        # A trial becomes a candidate only when it is its turn: that takes tests of its own.
         if isinstance(entry, Candidate):
             candidate: Candidate | None = entry
         else:
@@ -219,6 +228,7 @@ def choose_best(
         check, known = verify(stages, known, candidate)
         if check.is_robust:
             return candidate, known
+        # Each failed candidate has cost a Monte Carlo; stop after a few.
         failed.append((check.failures, candidate))
         if len(failed) == POOL:
             break
@@ -227,6 +237,7 @@ def choose_best(
 
 def _candidate_of(stages: Stages, known: Knowledge, trial: Trial) -> tuple[Candidate | None, Knowledge]:
     """Return a trial with rounded gains as a candidate; None if it fails a check, or due to the rounding."""
+    # Rounded gains, as they would be written; they may equal those of an earlier trial.
     gains = rounded(trial.gains)
     for candidate in known.searched:
         if candidate.design.gains == gains:
@@ -235,6 +246,7 @@ def _candidate_of(stages: Stages, known: Knowledge, trial: Trial) -> tuple[Candi
     def rejected(*reasons: Rejection) -> Knowledge:
         return replace(known, rejected=(*known.rejected, RejectedTrial(gains, trial.cost, reasons)))
 
+    # Cheap checks before expensive ones: hard scenarios, finer step, then the full test with response.
     failure = stages.first_failure(gains, [*known.hard, *stages.hardest])
     if failure is not None:
         return None, rejected(failure)

@@ -47,11 +47,14 @@ class _Bounds:
             base: shape (..., n); if it is inside of the circle, x is -inf.
             direction: shape (n,) or (..., n).
         """
+        # |base + 1 + x direction|² = radius² is a quadratic in x with half coefficient Re(base + 1, direction).
         from_centre = base + 1.0
         outside = np.abs(from_centre) ** 2 - self.radius**2
         half = (from_centre * direction.conj()).real
         root = half**2 - np.abs(direction) ** 2 * outside
+        # The ray meets the circle only if it points towards it and the discriminant is positive.
         meets = (half < 0.0) & (root > 0.0)
+        # First root as c / (-b + sqrt(b² - a c)): without cancellation and without division by |direction|².
         below = np.where(meets, np.sqrt(np.maximum(root, 0.0)) - half, 1.0)
         first = np.where(meets, outside / below, math.inf)
         return np.asarray(np.where(outside < -1e-9, -math.inf, first).min(axis=-1))
@@ -79,10 +82,12 @@ def maximize_integral_gain(
     Raises:
         ConfigError: a bound out of range, an unstable plant, or no controller of this form meets the bounds.
     """
+    # |S| <= Ms means that L stays outside of a circle about -1 with the radius 1 / Ms.
     radius = 1.0 / check_number("loop shaping", "max_sensitivity", max_sensitivity, above=1.0)
     _reject_unstable(plant)
     low, high = loop_range(plant) if frequencies is None else frequencies
     w, _ = frequency_grid(plant.response, low, high)
+    # frequency_grid refines for L = G only; the search needs a dense grid for all gains.
     w = np.union1d(w, np.geomspace(low, high, max(round(200.0 * math.log10(high / low)), 200)))
     value = plant.response(w)
     bounds = _Bounds(w, value, radius)
@@ -94,6 +99,7 @@ def maximize_integral_gain(
     filter_time, gains = 0.0, (0.0, 0.0, 0.0)
     for _ in range(6):
         gains = _best_pid(bounds, filter_time, zero_ratio)
+        # Tf = Td / filter_ratio with Td = kd / kp; the floor avoids 0/0 for a controller without proportional part.
         new = (
             gains[2]
             / max(gains[0], 1e-300)
@@ -131,6 +137,8 @@ def design_for_phase_margin(
     check_number("design", "crossover", crossover, unit="rad/s", above=0.0)
     check_number("design", "phase_margin", phase_margin, unit="rad", above=0.0, at_most=0.5 * math.pi)
     check_number("design", "filter_ratio", filter_ratio, above=0.0, infinite=True)
+
+    # C(jω) must have the angle `needed` and the magnitude 1 / |G| at the crossover.
     value = complex(plant.response(np.array([crossover]))[0])
     needed = float(np.angle(-np.exp(1j * phase_margin) / value))
     size = 1.0 / abs(value)
@@ -139,10 +147,13 @@ def design_for_phase_margin(
         """Return C / kp with Td ω = x and Ti = 4 Td."""
         return 1.0 - 0.25j / x + 1j * x / (1.0 + 1j * x / filter_ratio)
 
+    # PI: phase between -90° (integrator) and 0° (proportional): kp = |C| cos φ, ki = -ω |C| sin φ.
     if not derivative:
         if not -0.5 * math.pi < needed < 0.0:
             raise _out_of_reach(needed, "PI", -0.5 * math.pi, 0.0)
         return PidGains(size * math.cos(needed), -crossover * size * math.sin(needed))
+
+    # The phase rises with Td ω up to a maximum, beyond which the filter reduces it: search below that.
     trial = np.geomspace(1e-4, 1e3, 2000)
     angles = np.array([np.angle(shape(x)) for x in trial])
     top = int(np.argmax(angles))
@@ -158,15 +169,18 @@ def _best_pi(bounds: _Bounds, base: Complexes, least: float = 0.0) -> tuple[floa
     if abs(np.angle(-bounds.plant[0])) < 0.25 * math.pi and not base.any():
         return 0.0, -math.inf  # two integrators, or a negative gain: no PI controller is stable
     top = float(bounds.largest(base, bounds.plant))
+    # An unbounded kp: no constraint is active, which the caller reports.
     if top == math.inf:
         return 0.0, math.inf
     if not 0.0 < top < math.inf or top <= least:
         return 0.0, -math.inf
+    # L = (kp + ki / s) G: ki moves the loop along G / s.
     integral = bounds.plant / (1j * bounds.frequencies)
 
     def largest(kp: Floats) -> Floats:
         return bounds.largest(base + np.multiply.outer(kp, bounds.plant), integral)
 
+    # A grid first, as there may be several maxima, then a refinement around the best point.
     trial = np.linspace(least, top * (1.0 - 1e-9), 41)
     values = largest(trial)
     k = int(np.argmax(values))
@@ -177,6 +191,7 @@ def _best_pi(bounds: _Bounds, base: Complexes, least: float = 0.0) -> tuple[floa
 
 def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[float, float, float]:
     """Return kp, ki and kd with the largest ki under ki kd <= zero_ratio kp²."""
+    # L = (kp + ki / s + kd s / (1 + Tf s)) G: three directions, searched one inside the other.
     check_number("PID", "zero_ratio", zero_ratio, above=0.0, infinite=True)
     s = 1j * bounds.frequencies
     slope = bounds.plant * s / (1.0 + filter_time * s)
@@ -193,13 +208,17 @@ def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[f
         if not kp < float(bounds.largest(base, bounds.plant)):
             return -math.inf
         ki = float(bounds.largest(base + kp * bounds.plant, integral))
+        # ki kd <= zero_ratio kp² keeps the zeros of the controller damped; 1/4 makes them real.
         return min(ki, zero_ratio * kp**2 / kd) if kd > 0.0 else ki
 
+    # PI is the fallback: with kd = 0.
     best = (ki0, kp0, 0.0)
+    # Logarithmic steps from nearly PI up to the bound of a pure derivative.
     for kd in top * np.geomspace(1e-4, 0.999, 25):
         kp_top = float(bounds.largest(kd * slope, bounds.plant))
         if not 0.0 < kp_top < math.inf:
             continue
+        # The ends of the range are on the circle and have no ki left.
         trial = np.linspace(0.0, kp_top, 31)[1:-1]
         values = bounds.largest(kd * slope + np.multiply.outer(trial, bounds.plant), integral)
         values = np.minimum(values, zero_ratio * trial**2 / kd)
@@ -207,6 +226,7 @@ def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[f
         best = max(best, (float(values[k]), float(trial[k]), float(kd)))
     if not best[0] > 0.0:
         return best[1], best[0], best[2]
+    # Nelder-Mead on logarithms: the maximum is on the intersection of constraints, where gradients do not exist.
     if best[2] > 0.0:
         polished = scipy.optimize.minimize(
             lambda x: -max(largest(math.exp(x[0]), math.exp(x[1])), -1e300) / best[0],
@@ -220,6 +240,7 @@ def _best_pid(bounds: _Bounds, filter_time: float, zero_ratio: float) -> tuple[f
             },
         )
         kp, kd = np.exp(polished.x)
+        # Only an improvement counts.
         best = max(best, (largest(float(kp), float(kd)), float(kp), float(kd)))
     return best[1], best[0], best[2]
 

@@ -27,8 +27,10 @@ def search_space(spec: TuningSpec, loop: LoopSpec, known: Sequence[Gains], max_s
     Raises:
         ConfigError: a gain has no range.
     """
+    # Rules far above the limit of Ms would widen the range into gains that cannot be chosen.
     near = [gains for gains in known if find_loop_margins(loop, gains)["ms"] <= 1.5 * max_sensitivity]
     known = near if len(near) > 2 else known
+    # Precedence: range of the study, usual range of the kind of loop, range around the rules.
     space: Space = {}
     for gain in loop.gains:
         usual = LOOP_KINDS[loop.kind].ranges
@@ -41,6 +43,7 @@ def search_space(spec: TuningSpec, loop: LoopSpec, known: Sequence[Gains], max_s
             raise ConfigError(
                 f"{where(spec, 'search', 'ranges')}: no rule gives a value of {gain}; write a range for it"
             )
+        # Gains of rules differ by factors: a logarithmic range, a factor of three beyond them on both sides.
         elif role(gain) == "kp":
             space[gain] = Range(min(given) / 3.0, max(given) * 3.0)
         else:  # integral and derivative parts may be zero
@@ -63,6 +66,7 @@ def space_around(space: Space, leaders: Sequence[Trial]) -> Space:
     for gain, entry in space.items() if leaders else ():
         values = [trial.gains[gain] for trial in leaders]
         if entry.scale == "log":
+            # Relative width on a logarithmic range, absolute width on a linear one.
             low, high = min(values) / 2.0, max(values) * 1.5
         else:
             width = 0.25 * (entry.high - entry.low)
@@ -73,6 +77,7 @@ def space_around(space: Space, leaders: Sequence[Trial]) -> Space:
 
 def map_space(space: Space, gains: Gains, gain_margin: float) -> Space:
     """Return ranges of the first two gains for a map around gains, wide enough for the limit of stability."""
+    # Beyond the gain margin, so that the limit of stability is on the map.
     times = max(4.0, min(1.6 * gain_margin, 12.0)) if math.isfinite(gain_margin) else 4.0
     ranges: Space = {}
     for name, entry in list(space.items())[:2]:

@@ -120,6 +120,7 @@ class RobustnessSpec(Schema):
 
     @model_validator(mode="after")
     def _ranges(self) -> "RobustnessSpec":
+        # Without a range of the delay the kind of loop decides.
         for name in ("friction", "delay", "grade", "step"):
             if getattr(self, name) is None:
                 continue

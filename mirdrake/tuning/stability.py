@@ -42,16 +42,20 @@ def count_unstable_poles(loop: TransferFunction) -> float:
         ConfigError: the loop is too close to the limit of stability for a decision.
     """
     order = len(loop.denominator) - 1
+    # Without dead time the characteristic polynomial D + N decides; an order that is lost is a pole at infinity.
     if not loop.delay:
         poles = np.roots(np.polyadd(loop.denominator, loop.numerator))
         lost = order - len(poles)  # the leading coefficients cancel
+        # A relative tolerance: roots on the axis have real parts of rounding size, and count as unstable.
         return float(np.sum(poles.real >= -1e-12 * np.maximum(np.abs(poles), 1e-300))) + lost
+    # Neutral type: with a feedthrough of 1 or more, dead time gives infinitely many unstable poles.
     through = abs(loop.numerator[0]) if len(loop.numerator) == len(loop.denominator) else 0.0
     if through >= 1.0:
         return math.inf
     turn = _turn(loop)
     if turn is None:
         return 1.0
+    # Principle of the argument (Mikhailov): of n poles, p in the right half plane turn by (n - 2 p) π / 2.
     return float(max(round(0.5 * order - turn / math.pi), 0))
 
 
@@ -64,13 +68,17 @@ def _turn(loop: TransferFunction) -> float | None:
             np.polyval(loop.denominator, s) + np.polyval(loop.numerator, s) * np.exp(-loop.delay * s), dtype=complex
         )
 
+    # A zero at s = 0 is a pole of the closed loop on the axis.
     start = loop.denominator[-1] + loop.numerator[-1]
     scale = abs(loop.denominator[-1]) + abs(loop.numerator[-1])
     if abs(start) <= 1e-12 * scale or scale == 0.0:
         return None
+    # Above `high` the leading term of D decides; a feedthrough below 1 turns by less than 90°, which rounding removes.
     high = _highest(loop)
     w = np.concatenate([[0.0], np.geomspace(1e-9 * high, high, 800)])
     values = value(w)
+
+    # Halve intervals in which the argument turns by more than 0.5 rad, so that no turn by ±π is ambiguous.
     for _ in range(40):
         steps = np.abs(np.angle(values[1:] / values[:-1]))
         split = np.flatnonzero(steps > 0.5)
@@ -81,6 +89,7 @@ def _turn(loop: TransferFunction) -> float | None:
                 "stability: the loop is too close to the limit of stability, or its dead time too long, for a decision"
             )
         new = 0.5 * (w[split] + w[split + 1])
+        # The interval cannot be halved any more in floating point: the jump is a zero on the axis.
         if np.any((new <= w[split]) | (new >= w[split + 1])) or np.any(value(new) == 0.0):
             return None
         w = np.insert(w, split + 1, new)
@@ -94,6 +103,7 @@ def _highest(loop: TransferFunction) -> float:
     """Return the frequency [rad/s] above which the argument is constant: D is its leading term, N is negligible."""
     largest = 1.0
     order = len(loop.denominator) - 1
+    # For each coefficient the frequency above which its term is less than a thousandth of the leading term.
     for polynomial, below in ((loop.denominator, 0), (loop.numerator, 0)):
         degree = len(polynomial) - 1
         for k, coefficient in enumerate(polynomial):

@@ -122,11 +122,14 @@ class Stages:
         by slope × dead time after the end of a ramp, whatever its gains. If the study has no constraints of its own,
         this is added to the limit of the overshoot.
         """
+        # Without a model no margin is known, so limits of margins cannot be checked.
         if not self.identifiable:
             return {name: limit for name, limit in self.spec.constraints.items() if name not in MARGINS}
+        # The nominal delay is part of the loop already: only the increase has to be covered by the margin.
         increase = LOOP_KINDS[self.loop.kind].delays(self.spec)[1] - self.loop.delay
         asked = {"delay_margin_s": RESERVE * increase} if increase > 0.0 and self.spec.robustness.runs else {}
         limits = asked | dict(self.spec.constraints)
+        # Default limits get the unavoidable overshoot of the feed-forward; limits of the user stay.
         model, step = self.loop.model, self.loop.course.step
         if model is not None and model.feedforward and "constraints" not in self.spec.model_fields_set:
             slope = model.rise if step > 0.0 else model.fall
@@ -154,9 +157,11 @@ class Stages:
 
         The tests after the last evaluation that is asked for may not be made.
         """
+        # Results come in the order of completion; they are kept until their turn.
         done: dict[int, Evaluation] = {}
         following = 0
         tests = ((gains, conditions, "plant") for gains, conditions in calls)
+        # Closing the generators early cancels the tests that are not asked for.
         with (
             open_executor(self.executor, self.workers, calls=len(calls), limit=LIMIT) as (runner, ahead),
             closing(call_all(runner, evaluate, tests, ahead=ahead)) as results,
@@ -197,12 +202,16 @@ class Stages:
             StoppedError: Ctrl-C.
         """
         spec, reduced = self.spec, fidelity == "reduced"
+        # The number of trials for the cheap model, or for the plant where it is the first stage; fewer for the others.
         count = spec.search.trials if reduced or stage == "search" else spec.search.confirm
+        # The method of the study is for the first search; on the plant trials are few and start from known gains.
         method = spec.search.method if reduced else "tpe"
         constraints = self.model_constraints
+        # Gains whose margins are too small on the model are not worth a test on the plant.
         margins = {name: limit for name, limit in constraints.items() if name in MARGINS}
         evaluate: Evaluator = LoopEvaluator(loop or self.loop, margins=margins)
         if scenarios:
+            # Constraints first, then scenarios: an infeasible trial needs no further tests.
             evaluate = InScenarios(evaluate, tuple(scenarios), constraints)
         outcome = search(
             evaluate,
@@ -211,15 +220,19 @@ class Stages:
             trials=max(count, 1),
             cost=spec.cost,
             constraints=constraints,
+            # At most half of the trials are given, so that the sampler can propose the others; other methods take no
+            # starts.
             start=starts[: max(count // 2, 1)] if method in ("tpe", "cma", "nsga2") else (),
             seed=spec.seed,
             fidelity=fidelity,
+            # The reduced model is cheap enough for this process.
             executor=None if reduced else self.executor,
             workers=0 if reduced else self.workers,
             store=self.folder / f"{stage}.jsonl",
             purpose={"study": self.key, "scenarios": [repr(scenario) for scenario in scenarios]},
             progress=lambda done, total, left: self.progress(stage, done, total, left),
         )
+        # Incomplete searches are in the journal and resume with the next call.
         if not outcome.complete:
             raise StoppedError
         return outcome
@@ -234,6 +247,7 @@ class Stages:
         """Confirm gain and delay margin of a candidate on the plant; return also a rejection for each broken limit."""
         if not self.identifiable:
             return (), ()
+        # The baseline may have no gains of its own: then those of the vehicle.
         gains, loop = candidate.design.gains or self.loop.present, self.loop
         checks: tuple[MarginCheck, ...] = ()
         if gains:
@@ -252,6 +266,7 @@ class Stages:
     ) -> Rejection | None:
         """Return the first of some scenarios in which gains are not stable; None if they are in all."""
         calls = [(gains, scenario) for scenario in scenarios]
+        # Stops at the first failure; closing cancels the tests that follow.
         with closing(self.evaluate(LoopEvaluator(loop or self.loop), calls, "scenarios")) as results:
             for scenario, result in zip(scenarios, results, strict=True):
                 if result.status != "ok":
@@ -284,6 +299,7 @@ class Stages:
 
     def map(self, space: Space, winner: Candidate) -> pd.DataFrame | None:
         """Return cost and stability over the first two gains, on the reduced model; None without a model."""
+        # The map needs many evaluations, thus the model.
         if len(space) < 2 or self.first_fidelity != "reduced":
             return None
         ranges = map_space(space, winner.design.gains, winner.trial.figures.get("gain_margin", math.nan))

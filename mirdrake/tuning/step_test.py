@@ -87,7 +87,9 @@ def fit_first_order(record: StepRecord, method: Method = "least_squares", *, set
     if method not in ("tangent", "area", "least_squares"):
         raise ConfigError(f"fit_first_order: {did_you_mean(method, ('tangent', 'area', 'least_squares'))}")
     time = record.time
+    # Change from the first sample; gain and shape then do not depend on the operating point.
     change = record.measurement - record.measurement[0]
+    # Final value and drift are means over a twentieth of the record each, against noise.
     tail = max(len(time) // 20, 2)
     final = float(np.mean(change[-tail:]))
     if final == 0.0:
@@ -98,6 +100,7 @@ def fit_first_order(record: StepRecord, method: Method = "least_squares", *, set
             f"step test: not settled at the end ({drift:.0%} in the last tenth); increase the duration, or fit an "
             "integrator"
         )
+    # Normalised to a unit step for the graphical methods.
     gain = final / record.amplitude
     unit = change / final
     if method == "tangent":
@@ -106,15 +109,18 @@ def fit_first_order(record: StepRecord, method: Method = "least_squares", *, set
     time_constant, delay = _by_areas(time, unit)
     if method == "area":
         return _limited(gain, time_constant, delay, time)
+    # The area method starts the fit; the unknowns are scaled to 1, as gain, T and L have different sizes.
     step = time[1] - time[0]
     scale = np.array([gain, max(time_constant, step), max(delay, step)])
 
     def residual(x: Floats) -> Floats:
         k, t, d = x * scale
+        # expm1 keeps the digits of a small exponent; before the dead time the model is zero.
         past = np.maximum(time - d, 0.0)
         return np.asarray(k * record.amplitude * -np.expm1(-past / t) - change)
 
     start = np.array([1.0, 1.0, delay / scale[2]])
+    # A time constant of zero would divide by zero; the dead time is within the record.
     limits = ([-np.inf, 1e-3, 0.0], [np.inf, np.inf, time[-1] / scale[2]])
     fit = scipy.optimize.least_squares(
         residual, np.clip(start, limits[0], limits[1]), bounds=limits, x_scale=[1.0, 1.0, 1.0]
@@ -143,6 +149,7 @@ def fit_integrator(record: StepRecord, *, part: float = 0.3) -> Integrator:
 
 def _by_tangent(time: Floats, unit: Floats) -> tuple[float, float]:
     """Return T and L by the steepest tangent and the time to 63 %."""
+    # Dead time: where the steepest tangent crosses zero; T: from there to 63 %.
     slope = np.gradient(unit, time)
     steepest = int(np.argmax(slope))
     delay = float(time[steepest] - unit[steepest] / slope[steepest])
@@ -155,6 +162,7 @@ def _by_tangent(time: Floats, unit: Floats) -> tuple[float, float]:
 def _by_areas(time: Floats, unit: Floats) -> tuple[float, float]:
     """Return T and L by areas: T + L is the area above the response, T/e the area below it up to T + L."""
     total = float(scipy.integrate.trapezoid(1.0 - unit, time))
+    # A finer grid, as T + L is between two samples.
     fine = np.linspace(0.0, max(total, 0.0), 2000)
     time_constant = float(np.e * scipy.integrate.trapezoid(np.interp(fine, time, unit), fine))
     return time_constant, total - time_constant

@@ -34,6 +34,7 @@ def trials_table(
     parts = [coarse.table.assign(fidelity=coarse_on)]
     for trials in fine:
         table = trials.table
+        # Trials whose margins break a limit were tested on the reduced model only.
         broken = np.zeros(len(table), dtype=bool)
         for name in MARGINS:
             if name in limits and name in table:

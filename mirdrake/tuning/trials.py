@@ -131,6 +131,7 @@ class Trials:
     @cached_property
     def table(self) -> pd.DataFrame:
         """A row per trial: number, the gains, the figures, cost, violation, feasible, status, reason."""
+        # Trials may have different figures; the columns are all of them, in the order of their appearance.
         names = dict.fromkeys(name for trial in self.trials for name in trial.figures)
         rows = [
             {
@@ -179,14 +180,17 @@ def make_trial(
         ConfigError: the evaluation does not have a figure of the cost or the constraints.
     """
     figures = evaluation.figures
+    # The worst violation, so that samplers move away from unstable gains; figures of an unstable test mean nothing.
     if evaluation.status != "ok":
         return Trial(number, dict(gains), evaluation.status, {}, math.inf, UNSTABLE, evaluation.reason)
     for what, names in (("cost", cost), ("constraints", constraints)):
         for name in names:
             if name not in figures:
                 raise ConfigError(f"{what}: no figure '{name}'; {did_you_mean(name, figures)}")
+    # A weight of zero must not multiply an infinite figure (0 · inf = NaN).
     total = sum(weight * figures[name] for name, weight in cost.items() if weight)
     violation = sum(_excess(name, figures[name], limit) for name, limit in constraints.items())
+    # Undefined costs are worse than any broken limit, but better than instability.
     if not math.isfinite(total):
         total, violation = math.inf, violation + BROKEN
     return Trial(number, dict(gains), "ok", figures, total, violation, evaluation.reason)
@@ -196,6 +200,7 @@ def _excess(name: str, value: float, limit: float) -> float:
     """Return by how much a figure breaks its limit, relative to the limit."""
     if not breaks_limit(name, value, limit):
         return 0.0
+    # Relative to the limit, so that limits of different units add up; limited, since figures may be infinite.
     excess = limit - value if name in AT_LEAST else value - limit
     if math.isnan(excess):
         return BROKEN

@@ -126,6 +126,7 @@ def tune(
         RunError: the folder belongs to something else, or the plant cannot be measured.
         StoppedError: Ctrl-C; call again to resume.
     """
+    # Workers are forked from a server, which must start before this process has threads.
     if executor is None and workers != 0:
         start_server(LOOP)
     spec = make_tuning(study)
@@ -133,17 +134,22 @@ def tune(
     loop = make_loop_spec(spec)
     check_study(spec, loop)
     folder = Path(out)
+    # The key identifies study and loop, vehicle included: a folder of another study is rejected, that of this one
+    # resumed.
     key = digest_data(plain({"study": spec.model_dump(mode="json"), "loop": asdict(loop)}))
     finished = _open(folder, key)
     if finished is not None:
         return finished
     try:
+        # One executor for all stages: its processes keep their test benches.
         with _shared_executor(executor, workers) as shared:
             stages = Stages(spec, loop, folder, key, shared, workers, progress or (lambda *_: None))
             result, tables = _run(stages)
             effect = result.step_effect
+            # Repeated once at a finer step if that changes the result significantly, unless the study fixes the step.
             if effect is not None and effect.is_significant and "time_step" not in spec.plant.model_fields_set:
                 result, tables = _repeat(stages, result, effect)
+    # Finished evaluations are in the journals, so both interruptions can be resumed.
     except (KeyboardInterrupt, StoppedError):
         raise StoppedError(f"{folder}: stopped; run it again to resume") from None
     return write_result(replace(result, folder=folder, wall_s=round(time.monotonic() - began, 1)), tables)
@@ -191,9 +197,11 @@ def _repeat(stages: Stages, coarse: TuningResult, effect: StepEffect) -> tuple[T
 def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     """Run all stages of a study; the result does not have a folder yet."""
     identification = _identify(stages)
+    # All later stages work on the loop with its model.
     stages = replace(stages, loop=identification.loop)
     designs = _design(stages, identification)
     choice = choose_rule(stages, [designs.baseline, *designs.tested], designs.slower)
+    # Margins of the plant against those of the model, found by the check of the rules, tighten the search.
     stages = replace(stages, margin_ratios=choice.known.margin_ratios)
     outcome = _search(stages, designs, choice)
 
@@ -211,12 +219,14 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     schedule, schedule_criteria = tune_over_speed(stages, outcome.space, winner, outcome.known.hard)
     known = outcome.known
     if winner.name not in known.verified:  # it is not feasible
+        # Infeasible winners have not been verified; the report needs the effect of the finer step.
         check = Verification(finer=stages.test_at_finer_step(winner.design))
         known = replace(known, verified={**known.verified, winner.name: check})
     effect = _step_effect(stages, known.verified[winner.name], winner)
     criteria = accept(
         designs.baseline,
         choice.rule,
+        # Acceptance uses the margins that the plant confirms, not those of the model.
         _with_claimed_margins(winner, known),
         cost=stages.spec.cost,
         constraints=stages.constraints,
@@ -239,12 +249,14 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
         loop=stages.loop,
         candidates=tuple(_candidate_result(stages, known, candidate) for candidate in tried),
         baseline=designs.baseline.name,
+        # A winner that breaks constraints is reported, but is not the best.
         best=winner.name if winner.trial.feasible else None,
         best_rule=choice.rule.name if choice.rule is not None else None,
         cost=dict(stages.spec.cost),
         constraints=stages.constraints,
         experiments=identification.experiments,
         omitted=designs.omitted,
+        # Only rejected trials that would have won are worth a report.
         rejected=tuple(trial for trial in known.rejected if trial.cost < winner.trial.cost),
         step_effect=effect,
         schedule=schedule,
@@ -273,6 +285,7 @@ def _design(stages: Stages, identification: Identification) -> Designs:
     omitted: tuple[OmittedDesign, ...] = ()
     slower: tuple[Design, ...] = ()
     if stages.identifiable:
+        # Loop shaping aims at the limit of Ms of the study, within usual values of Ms.
         bound = min(max(stages.spec.constraints.get("ms", 1.4), 1.1), 2.5)
         made, omitted = make_designs(identification, max_sensitivity=bound)
         slower = slower_designs(identification)
@@ -285,12 +298,14 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
     """Search on the reduced model, then on the plant around the best, and choose the best candidate."""
     tried = [designs.baseline, *designs.tested, *choice.added]
     rules = [candidate.design.gains for candidate in tried[1:]]
+    # Without rules all tested gains, the baseline included, start the search.
     known_gains = rules if stages.identifiable else [candidate.design.gains for candidate in tried]
     known_gains += [stages.loop.present] if stages.identifiable and stages.loop.present else []
     max_sensitivity = stages.constraints.get("ms", math.inf)
     space = search_space(stages.spec, stages.loop, rules, max_sensitivity)
     coarse = stages.search(space, stages.first_fidelity, inside(space, known_gains), "search")
 
+    # Second stage: on the plant, in the part of the space around the best trials of the first.
     near = space_around(space, coarse.leaders)
     starts = inside(near, [*_gains(coarse.leaders), *known_gains])
     fine: list[Trials] = []
@@ -299,10 +314,12 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
         stage = "confirmation" if not count else f"confirmation-{count + 1}"
         fine.append(stages.search(near, "plant", starts, stage, loop=loop, scenarios=known.hard))
         best, known = choose_best(stages, known, tried, fine)
+        # Nothing meets the constraints: another round would search around the same trials.
         if best is None:
             break
         beaten, known = beats_rule(stages, known, best, choice.rule)
         stages = replace(stages, margin_ratios=known.margin_ratios)
+        # Better than the rule, and no trial was lost at the finer step: no further round.
         if beaten and not known.lost_at_finer_step:
             break
 
@@ -313,6 +330,7 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
             loop = at_finer_step(stages.loop)
         near = space_around(space, around)
         starts = inside(near, _gains(around))
+    # The Monte Carlo may still prefer the rule.
     if best is not None:
         best = better_in_runs(stages, known, best, choice.rule)
     return SearchOutcome(space, coarse, tuple(fine), best, known)
@@ -357,10 +375,12 @@ def _corner_tests(stages: Stages, chosen: Sequence[Candidate]) -> dict[str, tupl
     if not stages.identifiable:
         return {}
     conditions = corners(stages.ranges)
+    # One list of calls, so that workers are busy throughout; results are in the same order.
     calls = [(candidate.design.gains, corner) for candidate in chosen for corner in conditions]
     rows = list(stages.evaluate(LoopEvaluator(stages.loop), calls, "corners"))
     tests: dict[str, tuple[CornerTest, ...]] = {}
     for number, candidate in enumerate(chosen):
+        # The rows of this candidate.
         own = rows[number * len(conditions) : (number + 1) * len(conditions)]
         tests[candidate.name] = tuple(
             CornerTest(corner, row.status, row.reason) for corner, row in zip(conditions, own, strict=True)

@@ -51,6 +51,7 @@ class PlantBench:
 
     def __init__(self, spec: LoopSpec, kind: "VehicleLoop") -> None:
         self.spec, self.kind = spec, kind
+        # Assembled once; tests change values in a Context only.
         self.assembly = assemble(make_spec(spec.diagram))
         self.simulator = Simulator(self.assembly.diagram)
         self.plant = plant = self.assembly.parts.plant
@@ -58,6 +59,7 @@ class PlantBench:
         self.period = float(spec.period or 0.0)
         self._initial: Context | None = None  # Context at the start of a test, to which the working one is reset
         self._context: Context | None = None
+        # Gains and conditions are parameters of the Context, under the names of the vehicle.
         parameters = find_context_parameters({spec.vehicle: part.vehicle}, self.assembly.parts.world)
         self._parameters = {name.removeprefix(f"{spec.vehicle}."): parameter for name, parameter in parameters.items()}
         self._delay: DelayedActuator = self.assembly.diagram.GetSubsystemByName("delay")
@@ -66,12 +68,15 @@ class PlantBench:
         # Channels of the command count from the vehicle's first actuator.
         first = min(plant.get_joint_actuator(i).input_start() for i in plant.GetJointActuatorIndices(part.instance))
         self.driven = [WHEELS.index(wheel) for wheel in part.vehicle.spec.driven_wheels()]
+        # One radius converts wheel speed and car speed; driven wheels of both axles use that of the first.
         front, rear = part.rolling_radii(plant)
         self.radius = front if self.driven[0] < 2 else rear
         actuators = kind.actuators(self)
         self.channels = [int(actuator.input_start()) - first for actuator in actuators]
+        # The smallest limit of the actuators, so that all of them can follow.
         limit = kind.effort_limit(self, min(float(actuator.effort_limit()) for actuator in actuators))
         self.limits = PidLimits(-limit, limit) if math.isfinite(limit) else PidLimits()
+        # A patch of other friction would make the result depend on where the car drives.
         if RoadFriction(self.assembly.parts, self.assembly.tyres).varies:
             raise ConfigError("a test bench needs a road with the same friction everywhere")
 
@@ -92,15 +97,19 @@ class PlantBench:
 
     def _reset_context(self, gains: Mapping[str, float], conditions: Conditions) -> Context:
         """Return the same as :meth:`context`, in the Context of the previous test."""
+        # The initial Context is made once; every test starts from its values.
         if self._initial is None:
             self._initial = self.assembly.make_context()
         context, self._context = self._context, None  # the Context of a test that raises is not used again
         if context is None:
             context = self._initial.Clone()
             self.simulator.reset_context(context)
+        # Copied into the Context that the simulator holds; fixed inputs and logs are not part of the copy.
         context.SetTimeStateAndParametersFrom(self._initial)
+        # Logs are not part of the state and have to be cleared.
         for tap in self.assembly.taps.values():
             tap.sink.FindMutableLog(context).Clear()
+        # Fixed input ports are not reset with the state: remove the forces of the last grade.
         self._set_grade(context, 0.0)
         self._apply(context, gains, conditions)
         return context
@@ -114,6 +123,7 @@ class PlantBench:
             self._parameters[spec.gains[name].path].apply(assembly, context, float(value))
         if conditions.mass != 1.0:
             self._parameters["mass_scale"].apply(assembly, context, conditions.mass)
+        # The friction of the loop itself is in the Context already.
         if conditions.friction is not None and conditions.friction != spec.friction:
             self._parameters["road.friction"].apply(assembly, context, conditions.friction)
         delay = spec.delay if conditions.delay is None else conditions.delay
@@ -121,27 +131,34 @@ class PlantBench:
         self._delay.set_delay(self._delay.GetMyContextFromRoot(context), delay)
         if conditions.grade:
             self._set_grade(context, conditions.grade)
+        # Own random numbers per test, by the seed of the conditions: equal for all candidates.
         if conditions.noise and self._noise is not None:
             count = round(spec.course.duration / self.period) + 2
             rows = np.random.default_rng(conditions.seed).normal(0.0, conditions.noise, count)
             self._noise.set_noise(self._noise.GetMyContextFromRoot(context), self.kind.noisy_states(self), rows)
+        # Commands of the start; the step follows during the run.
         self._command(context, spec.course.speed, 0.0)
 
     def _set_grade(self, context: Context, grade: float) -> None:
         """Apply the change of gravity by a grade [rad] as a force on the centre of mass of every body."""
         plant = self.plant
         plant_context = plant.GetMyMutableContextFromRoot(context)
+        # An empty list for level ground, as the port needs a value in any case.
         forces = []
         for index in plant.GetBodyIndices(self.part.instance) if grade else ():
             body = plant.get_body(index)
             inertia = body.CalcSpatialInertiaInBodyFrame(plant_context)
             mass = float(inertia.get_mass())
+            # Frames without mass have no weight.
             if mass <= 0.0:
                 continue
             force = ExternallyAppliedSpatialForce()
             force.body_index = index
+            # At the centre of mass, so that the force has no moment.
             force.p_BoBq_B = inertia.get_com()
             weight = mass * GRAVITY
+            # Uphill along x: gravity is turned by θ; its part along -z, which is in the plant already, is reduced to mg
+            # cos θ.
             force.F_Bq_W = SpatialForce(
                 tau=np.zeros(3), f=[-weight * math.sin(grade), 0.0, weight * (1.0 - math.cos(grade))]
             )
@@ -179,16 +196,19 @@ class PlantBench:
         Raises:
             ConfigError: unknown gain, or a condition out of range.
         """
+        # NaN in a Context would raise errors far from their cause.
         if not all(math.isfinite(value) for value in gains.values()):
             return Evaluation("unstable", reason="a gain is not finite")
         context = self._reset_context(gains, conditions)
         try:
             diverged = self._advance(context, conditions.noise)
+        # Drake reports a plant that diverges as RuntimeError; other errors are not the fault of the gains.
         except RuntimeError as error:
             reason = str(error).strip().splitlines()[0]
             if not is_divergence(reason):
                 raise RunError(reason) from None
             return Evaluation("unstable", reason=reason)
+        # Kept for the next test only after a run without errors.
         self._context = context
         log = self.assembly.taps["plant_state"].sink.FindLog(context)
         status = self.assembly.taps[f"{self.spec.vehicle}.status"].sink.FindLog(context).data()
@@ -204,6 +224,7 @@ class PlantBench:
             margins=margins,
             others=self.kind.other_signals(self, log.data(), output),
         )
+        # judge() sees the end of the record; a bound that was exceeded within the run decides as well.
         if diverged and result.status == "ok":
             return Evaluation("unstable", response=result.response, reason="the output diverges")
         return result
@@ -211,6 +232,7 @@ class PlantBench:
     def _advance(self, context: Context, noise: float) -> bool:
         """Simulate the test manoeuvre to its end, or until the loop has diverged; return whether it has."""
         simulator, course = self.simulator, self.spec.course
+        # Set-points change after the step time has been reached, so that samples before it are those of the start.
         simulator.Initialize()
         simulator.AdvanceTo(course.step_time)
         self._command(context, *self.kind.command_after_step(self))
@@ -218,10 +240,13 @@ class PlantBench:
         # A tiny step, which shows the steady state only, may not count as divergence: the start is added.
         start = self.kind.initial_output(self)
         bound = (DIVERGED + 2.0) * abs(course.step) + 5.0 * noise + abs(start)
+        # Two parts, as the load is a parameter that is written between them.
         ends = [course.load_time, course.duration] if course.load else [course.duration]
         for end in ends:
+            # In pieces, so that a diverging run ends early.
             while (now := context.get_time()) < end:
                 simulator.AdvanceTo(min(now + CHECK_INTERVAL, end))
+                # Negated, so that NaN counts as divergence.
                 if not abs(self.measure(context) - start) < bound:
                     return True
             if end < course.duration:

@@ -43,15 +43,18 @@ class DelayedActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
         super().__init__()
         self.size = int(size)
         self.period = check_number("DelayedActuator", "period", period, unit="s", above=0.0)
+        # Rows of past controls for the longest delay, one for interpolation and one for rounding up.
         rows = math.ceil(LONGEST / self.period) + 2
         self.u = self.DeclareVectorInputPort("u", self.size)
         self._delay = self.DeclareNumericParameter(BasicVector([0.0]))
         self._force = self.DeclareNumericParameter(BasicVector([0.0] * (2 * self.size)))
+        # Memory: excitation, load, then past controls, newest first. The additions act from the next update on.
         self._memory = self.DeclareDiscreteState([0.0] * ((2 + rows) * self.size))
         self.y = self.DeclareVectorOutputPort(
             "y",
             self.size,
             self._calc,
+            # Depends on u at zero delay; the plant behind it has state, so there is no algebraic loop.
             prerequisites_of_calc={self.u.ticket(), self.xd_ticket(), self.all_parameters_ticket()},
         )
         self.DeclarePeriodicDiscreteUpdateEvent(self.period, 0.0, self._update)
@@ -77,17 +80,21 @@ class DelayedActuator(LeafSystem):  # type: ignore[misc, unused-ignore]
         n = self.size
         memory = context.get_discrete_state(self._memory).value()
         periods = context.get_numeric_parameter(self._delay).value().item() / self.period
+        # The tolerance keeps whole numbers of periods from being rounded down.
         whole = math.floor(periods + 1e-9)
         part = max(periods - whole, 0.0)
         start = (1 + whole) * n  # the newest past control is at 2 n
         delayed = memory[start : start + n] if whole else self.u.Eval(context) + memory[:n]
+        # Within the period the delayed control changes once: apply its average over the period.
         if part:
             delayed = (1.0 - part) * delayed + part * memory[start + n : start + 2 * n]
+        # The load acts on the plant directly, behind the delay.
         output.SetFromVector(delayed + memory[n : 2 * n])
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         n = self.size
         old, new = context.get_discrete_state(self._memory).value(), values.get_mutable_value(self._memory)
+        # Sampled, not read in _calc: a write between two updates must not change a control that is held.
         new[: 2 * n] = context.get_numeric_parameter(self._force).value()
         new[2 * n : 3 * n] = self.u.Eval(context) + old[:n]
         new[3 * n :] = old[2 * n : -n]
@@ -130,6 +137,7 @@ class NoisySensor(LeafSystem):  # type: ignore[misc, unused-ignore]
         values = self.u.Eval(context)
         elements, noise = context.get_abstract_parameter(self._noise).get_value()
         if len(noise):
+            # The array of the input port is Drake's own and must not be changed.
             values = values.copy()
             values[elements] += noise[min(int(context.get_time() / self.period + 1e-6), len(noise) - 1)]
         output.SetFromVector(values)

@@ -39,9 +39,11 @@ def bench_of(spec: LoopSpec) -> Bench:
     key = _key(spec)
     bench = _benches.by_key.pop(key, None)
     if bench is None:
+        # Least recently used: a bench that is used is put back at the end.
         while len(_benches.by_key) >= KEPT:
             _benches.by_key.popitem(last=False)
         bench = LOOP_KINDS[spec.kind].make_bench(spec)
+    # Loops that share a bench differ in course and model, so the present one is set each time.
     bench.spec = spec
     _benches.by_key[key] = bench
     return bench
@@ -86,6 +88,7 @@ class LoopEvaluator:
     ) -> Evaluation:
         """Test gains; every failure is an evaluation."""
         try:
+            # Unstable gains overflow; their NaN is judged, so NumPy's warnings have no value.
             with np.errstate(all="ignore"):
                 result = self._evaluate(gains, conditions, fidelity)
         except MirdrakeError as error:
@@ -100,14 +103,17 @@ class LoopEvaluator:
         if not all(np.isfinite(value) for value in gains.values()):
             return Evaluation("unstable", reason="a gain is not finite")
         spec = self.spec
+        # The test with another step is the same loop on the same bench.
         if conditions.step != 1.0:
             spec = replace(spec, course=replace(spec.course, step=conditions.step * spec.course.step))
         if fidelity == "reduced":
             return run_reduced(spec, gains, conditions)
+        # No gains: the controllers of the vehicle, which may be of another kind than those that are tuned.
         if not gains and spec.test_control:
             margins = find_loop_margins(spec, spec.present)
             return bench_of(spec.as_present() if spec.gains else spec).run({}, conditions, margins=margins)
         margins = find_loop_margins(spec, gains)
+        # Margins follow from the model alone, so a broken limit needs no run of the plant.
         if any(breaks_limit(name, margins[name], limit) for name, limit in self.margins.items()):
             return run_reduced(spec, gains, conditions)
         return bench_of(spec).run(gains, conditions, margins=margins)

@@ -55,27 +55,34 @@ def judge(
     response = pd.DataFrame({"t": t, "reference": reference, "output": output, "effort": effort})
     if not (np.isfinite(output).all() and np.isfinite(effort).all()) or len(t) < 20:
         return Evaluation("unstable", response=response, reason="a number is not finite")
+    # All bounds are relative to the step, as loops have different units and sizes.
     step = abs(course.step)
     error = reference - output
+    # Noise of five standard deviations does not count as divergence.
     if np.abs(error).max() > DIVERGED * step + 5.0 * noise:
         return Evaluation("unstable", response=response, reason="the error exceeds ten steps")
 
     # Oscillation in the last quarter of the time, compared with the quarter before.
     span = t[-1] - t[0]
+    # Quarters of the whole test: an oscillation at the limit of stability has not decayed in the last one.
     last, before = t >= t[-1] - 0.25 * span, (t >= t[-1] - 0.5 * span) & (t < t[-1] - 0.25 * span)
     bound = OSCILLATION * step + 2.0 * noise
     oscillations = []
     for name, signal in {"": error, **others}.items():
         early, late = _oscillation(t[before], signal[before]), _oscillation(t[last], signal[last])
+        # Large and not decaying, or so large that its decay does not matter.
         if late > bound and (late > DECAY * early or late > 5.0 * bound):
             oscillations.append((late, name))
     if oscillations:
+        # Report the largest of them.
         size, name = max(oscillations)
         reason = f"{name or 'the error'} oscillates at the end, RMS {size:.3g}, {size / step:.0%} of the step"
         return Evaluation("unstable", response=response, reason=reason)
 
     # Costs count the load, figures of the step do not.
     whole = t >= course.step_time - 1e-9
+
+    # Times are sums of periods; the sample at the step must not be lost by rounding.
     first = whole & (t < course.load_time - 1e-9) if course.load != 0.0 else whole
     costs = response_figures(t[whole], reference[whole], output[whole], effort[whole], limits=limits)
     steps = response_figures(t[first], reference[first], output[first], effort[first], limits=limits)

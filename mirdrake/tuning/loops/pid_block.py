@@ -69,12 +69,14 @@ def with_linear_model(spec: LoopSpec) -> LoopSpec:
     entry, pairs = spec.diagram["systems"][block], [tuple(pair) for pair in spec.diagram["connect"]]
     period = float(entry.get("period") or 0.02)
     scene = make_scene(make_spec(spec.diagram))
+    # The linear model needs all units to repeat within one period of the block.
     repeats = [period * vehicle.control.rate for vehicle in scene.vehicles.values()]
     if any(abs(count - round(count)) > 1e-9 or count < 0.5 for count in repeats):
         return spec
 
     # The control passes through a block whose delay the Monte Carlo changes.
     control = f"{block}.control"
+    # All sinks of the control get the delayed one.
     delayed = [[f"{DELAY}.y" if source == control else source, sink] for source, sink in pairs]
     kind = f"{DelayedActuator.__module__}:{DelayedActuator.__name__}"
     diagram: dict[str, Any] = {
@@ -88,13 +90,16 @@ def with_linear_model(spec: LoopSpec) -> LoopSpec:
 
 def _pid_block(spec: LoopSpec) -> str | None:
     """Return the block of kind pid whose gains are tuned; None if there is no such block."""
+    # Parameters of one block: name before the last dot is the block, the last part the role of the gain.
     blocks, roles = {name.rpartition(".")[0] for name in spec.gains}, {role(name) for name in spec.gains}
     if len(blocks) != 1 or not {"kp", "ki"} <= roles <= set(PID_GAINS):
         return None
     (block,) = blocks
     entry = (spec.diagram.get("systems") or {}).get(block)
+    # A derivative gain that is not tuned would stay in the loop but not in its model.
     if entry is None or entry["kind"] != "pid" or ("kd" not in roles and entry.get("kd")):
         return None
+    # Margins need the loop closed by these connections.
     pairs = spec.diagram["connect"]
     is_fed = any(source == f"{block}.control" for source, _ in pairs)
     is_measured = any(sink == f"{block}.measurement" for _, sink in pairs)
@@ -121,14 +126,17 @@ class PidBlockBench(SignalBench):
         first, first_fit = _fit(response, spec, order=1)
         second, second_fit = _fit(response, spec, order=2)
         hold = 0.5 * float(spec.period or 0.0)
+        # b / (s + a): K = b / a, T = 1 / a; the floor keeps an integrator from dividing by zero.
         gain, pole = first.numerator[0], max(first.denominator[1], 1e-9)
         lag = FirstOrder(gain / pole, 1.0 / pole, first.delay)
+        # A time constant that long cannot be told from an integrator within the frequencies of the fit.
         is_slow = lag.time_constant > SLOWEST * (lag.delay + hold)
         simple = Integrator(gain, first.delay) if is_slow else lag
         samples = tuple(
             (float(w), float(value.real), float(value.imag))
             for w, value in zip(response.frequencies, response.values, strict=True)
         )
+        # The second order has to fit better by 1 %, as it always fits at least as well.
         main = second if second_fit > first_fit + 1.0 else first
         model = LoopModel({"main": main}, mass_acts=False, samples=samples)
         experiment = simple_experiment("linear_model", simple, fit_percent=first_fit)
@@ -147,13 +155,17 @@ def measure_linear_response(spec: LoopSpec) -> FrequencyResponse:
         raise ConfigError(
             f"the gains of '{block}' are zero; write gains with which the loop is stable into the diagram"
         )
+    # Cut at the measurement: the response is that of the whole loop, without its sign.
     model = linearise(
         spec.diagram, {}, _assemble, f"{block}.measurement", None, time=spec.course.step_time, cut=True, period=period
     )
+    # Aliases are neglected, so the range ends below the Nyquist frequency.
     top = 0.999 * math.pi / period
     frequencies = np.geomspace(1e-4 * top, top, SAMPLES)
+    # G = -L / C: the present controller, with its hold, is divided out.
     controller = controller_response(present, frequencies, period=period) / hold_response(frequencies, period)
     values = -model.response(frequencies) / controller / hold_response(frequencies, period)
+    # An infinite or zero response has no logarithm for the fit.
     kept = np.isfinite(values) & (np.abs(values) > 0.0)
     if kept.sum() < 2 or (not values[kept][0].real > 0.0 and not values[kept][0].imag < 0.0):
         raise ConfigError(f"the measurement of '{block}' does not follow its control; is the loop connected?")
@@ -175,9 +187,11 @@ def _fit(response: FrequencyResponse, spec: LoopSpec, *, order: int) -> tuple[Tr
     high = min(float(response.frequencies[late[0]]) if len(late) else math.inf, 0.25 * math.pi / period)
     frequencies = np.geomspace(max(1e-3 * high, response.frequencies[0]), high, 60)
     part = FrequencyResponse(frequencies, response.response(frequencies))
+    # Corner frequency: 3 dB below the gain at the lowest frequency.
     gain = float(np.abs(part.values[0]))
     below = np.flatnonzero(np.abs(part.values) < gain / math.sqrt(2.0))
     corner = float(frequencies[below[0]]) if len(below) else high
+    # Several starts, since the fit has local minima; order 1 expects twice the gain (see fit_response).
     starts = [(2.0 * gain * w, 1.0 / w, delay) for w in (corner, 0.1 * corner) for delay in (0.1 * period, period)]
     if order == 2:
         starts = [

@@ -71,6 +71,7 @@ def plant_under(spec: LoopSpec, conditions: Conditions, plant: TransferFunction)
     """Return a transfer function of a loop with the delay, and where it acts the mass, of other conditions."""
     denominator = list(plant.denominator)
     if conditions.mass != 1.0 and model_of(spec)[0].mass_acts and len(denominator) > 1:
+        # Inertia is the leading coefficient: damping and stiffness do not grow with the mass.
         denominator[0] *= conditions.mass
     delay = plant.delay
     if conditions.delay is not None:
@@ -80,13 +81,16 @@ def plant_under(spec: LoopSpec, conditions: Conditions, plant: TransferFunction)
 
 def find_loop_margins(spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, float]:
     """Return the margins of the nominal loop by name, each the worst of its transfer functions; nan if undefined."""
+    # Without gains there is no loop.
     if spec.model is None or not any(gains.values()):
         return dict.fromkeys(MARGINS, math.nan)
     rows = []
+    # A loop with several transfer functions (both wheels together, and apart) has the margins of the worst.
     for plant in margin_plants(spec):
         computed = find_margins(plant, pid_of(spec, gains), period=spec.period)
         rows.append(
             (
+                # Ms and Mt are worse when larger: negated, so that the minimum is the worst for all.
                 -computed.max_sensitivity,
                 -computed.max_complementary,
                 computed.gain_margin,
@@ -108,8 +112,10 @@ def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditio
     model, period = model_of(spec)
     pid, course = pid_of(spec, gains), spec.course
     plants = {name: plant_under(spec, conditions, plant) for name, plant in model.plants.items()}
+    # A pole test first: a slowly growing oscillation may not be visible within the test.
     if any(gains.values()):
         for plant in loop_plants(replace(spec, model=replace(model, plants=plants))).values():
+            # Half a period stands for the hold of the sampled controller.
             held = TransferFunction(plant.numerator, plant.denominator, plant.delay + 0.5 * period)
             if not is_stable(held, pid):
                 return Evaluation("unstable", reason="the closed loop has a pole in the right half plane")
@@ -117,7 +123,9 @@ def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditio
     # Inputs of the simulation, a value per period.
     t: Floats = np.arange(round(course.duration / period) + 1, dtype=float) * period
     reference = set_points(spec, t)
+    # Set-points and feed-forward as the control unit makes them: slope limited, from differences per period.
     feedforward = model.feedforward * (np.diff(reference, prepend=reference[0]) / period)
+    # Resistances act against the drive; gravity on a grade grows with the mass.
     loads = np.full(len(t), -model.drag)
     loads[t >= course.load_time - 1e-9] += course.load
     loads -= model.weight * math.sin(conditions.grade) * conditions.mass
@@ -130,7 +138,10 @@ def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditio
     process, state, value = LinearProcess(plants["main"], period), PidState(), 0.0
     rows: list[tuple[float, float]] = []
     start, outer, trim_state = reference[0], model.outer, PidState()
+
+    # All values are deviations from the start in units of the measurement (scale).
     for k, wanted in enumerate(((reference - start) * model.scale).tolist()):
+        # The outer loop, the speed control, corrects the set-point; its gains are those of control.yaml.
         if outer is not None:
             trim_state, trim = pid_step(
                 trim_state, wanted / model.scale, value / model.scale, gains=PidGains(outer.kp, outer.ki),
@@ -140,8 +151,10 @@ def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditio
         state, control = pid_step(
             state, wanted, value + noise[k], gains=pid, period=period, limits=limits, feedforward=float(feedforward[k])
         )
+        # Written so that NaN counts as unstable.
         if not (abs(value) < 1e9 and abs(control) < 1e12):
             return Evaluation("unstable", reason="the output grows without bound")
+        # Control and output before the process moves on, as the plant logs them.
         rows.append((value, control))
         value = process(control + loads[k])
     output, effort = np.array(rows).T
@@ -162,6 +175,7 @@ def set_points(spec: LoopSpec, t: Floats) -> Floats:
     model, period = model_of(spec)
     step = spec.course.step
     rate = model.rise if step > 0.0 else model.fall
+    # At the sample of the step the control unit has moved the set-point by one period already.
     past = np.maximum(t - spec.course.step_time + period, 0.0)
     moved = np.minimum(rate * past, abs(step)) if math.isfinite(rate) else np.where(past > 0.0, abs(step), 0.0)
     return np.asarray(model.start + math.copysign(1.0, step) * moved, dtype=float)

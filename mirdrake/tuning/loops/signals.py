@@ -84,9 +84,11 @@ class SignalLoop(LoopKind):
             ConfigError: the diagram cannot be built, or does not have a signal or gain.
         """
         loop, drawing = self.signals(study), self.diagram(study)
+        # The short run is for names only: no files and no browser.
         drawing.record.meshcat = drawing.record.report = drawing.record.cameras = False
         assembly = assemble(drawing)  # built from the file, so that errors have its lines
         diagram = drawing.model_dump(mode="json")
+        # Columns of a run are known only after it has run.
         columns = Simulation(assembly).run(duration=PROBE).signals.columns
         wanted = {"output": loop.output, "effort": loop.effort}
         if isinstance(loop.reference, str):
@@ -96,11 +98,13 @@ class SignalLoop(LoopKind):
                 raise ConfigError(
                     f"{self.place(study, key)}: no signal '{name}' is logged; {did_you_mean(name, columns)}"
                 )
+        # Parameters are those that a Context can change without building the diagram again.
         setters = find_setters(assembly)
         for index, name in enumerate(loop.parameters):
             if name not in setters:
                 place = self.place(study, "parameters", index)
                 raise ConfigError(f"{place}: no parameter '{name}'; {did_you_mean(name, setters)}")
+        # Friction can be drawn if the road has one coefficient.
         uniform = "road.friction" in setters
         return LoopSpec(
             kind=self.name,
@@ -114,6 +118,7 @@ class SignalLoop(LoopKind):
             effort_unit="rad" if self.selectable else "",
             course=self.course(study),
             friction=float(assembly.parts.world.ground.mu) if uniform else None,
+            # Present gains are the baseline.
             present={name: value for name, value in present_gains(assembly).items() if name in loop.parameters},
         )
 
@@ -171,10 +176,13 @@ class PathLoop(SignalLoop):
 
     def diagram(self, study: TuningSpec) -> DiagramSpec:
         """Return a diagram in which the vehicle starts beside the path."""
+        # Path tracking needs a track; the empty world has none.
         world = "test_track" if study.world == "empty" else study.world
+        # A start beside the path: the offset is the step to which the loop responds.
         start = next(iter(load_world(world, where=where(study, "world")).starts.values()))
         offset, speed = self.course(study).step, study.test.speed or 5.0
         pose = {
+            # Left of the path: (-sin, cos) of the heading.
             "x": start.x - offset * math.sin(start.yaw),
             "y": start.y + offset * math.cos(start.yaw),
             "yaw": start.yaw,
@@ -185,6 +193,7 @@ class PathLoop(SignalLoop):
                 "world": world,
                 "vehicles": {"ego": {"model": str(study.vehicle), "start": pose, "speed": speed}},
                 "control": {"ego": {"kind": "path_tracking", "speed": speed}},
+                # Settings of the user have precedence.
                 "plant": {"contact": "point", **study.plant.model_dump(exclude_unset=True)},
                 "duration": self.course(study).duration,
                 "seed": study.seed,
@@ -268,12 +277,14 @@ class SignalBench:
         Raises:
             ConfigError: unknown gain.
         """
+        # Conditions are parameters of the Context, too.
         values = dict(gains)
         if conditions.mass != 1.0:
             values[f"{self.spec.vehicle}.mass_scale"] = conditions.mass
         if conditions.friction is not None:
             values["road.friction"] = conditions.friction
 
+        # Called with a fresh Context of each run.
         def change(context: Context) -> None:
             self._apply(context, conditions)
             for name, value in values.items():
@@ -283,6 +294,7 @@ class SignalBench:
 
         try:
             run = self.simulation.run(duration=self.spec.course.duration, change=change)
+        # Only divergence is the fault of the gains.
         except RunError as error:
             if not is_divergence(str(error)):
                 raise
@@ -293,6 +305,7 @@ class SignalBench:
         t = signals.index.to_numpy(dtype=float)
         return judge(
             t,
+            # A constant reference has no signal.
             signals[reference].to_numpy() if isinstance(reference, str) else np.full(len(t), float(reference)),
             signals[self.spec.output].to_numpy(dtype=float),
             signals[self.spec.effort].to_numpy(dtype=float),

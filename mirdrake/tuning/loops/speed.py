@@ -122,6 +122,7 @@ class WheelSpeedLoop(VehicleLoop):
         """Return the model of the loop around an identified plant from wheel torque to wheel speed."""
         mass, speed = self._mass(bench), bench.part.vehicle.control.speed
         limit = bench.limits.maximum
+        # Per driven wheel and in wheel speed: mass m r² / n as inertia, weight m g r / n.
         return LoopModel(
             {"main": plant},
             scale=self._scale(bench),
@@ -152,18 +153,21 @@ class WheelSpeedLoop(VehicleLoop):
         """
         spec, period, scale = bench.spec, bench.period, self._scale(bench)
         inertia = self._inertia(bench)
+        # Kp = ω J gives an integrator 1 / (J s) the crossover ω.
         hold = {"kp": BANDWIDTH * inertia, "ki": 0.0, "kd": 0.0}
         limit = bench.limits.maximum
 
-        # Torque that holds the speed against the resistances.
+        # Eight seconds in closed loop; the torque that remains is that of the resistances.
         rest = BenchProcess(bench, hold)
         for _ in range(round(8.0 / period)):
             rest(0.0)
         drag, steady = bench.control_value(rest.context), rest.measurement * scale
 
         # Step of the torque.
+        # A tenth of the largest torque: visible, and far from limits of grip.
         record = measure_step(bench, 0.1 * limit, duration=6.0, control=drag, scale=scale)
         step: FirstOrder | Integrator
+        # A step of torque rarely settles within 6 s, as the mass is large: then an integrator.
         try:
             step = fit_first_order(record)
         except RunError:
@@ -171,6 +175,7 @@ class WheelSpeedLoop(VehicleLoop):
         experiments = [simple_experiment("step_test", step, fit_percent=step_fit(record, step))]
 
         # Relay around the torque that holds the speed.
+        # The relay's excitation is about the operating point, so the torque of the resistances is its centre.
         relay: RelayResult | None = None
         process = BenchProcess(bench)
         try:
@@ -185,23 +190,29 @@ class WheelSpeedLoop(VehicleLoop):
                 tolerance=0.1,
             )
             experiments.append(relay_experiment(relay))
+        # Without a limit cycle the other experiments are sufficient.
         except MirdrakeError as error:
             experiments.append(failed_relay(error))
 
         # Frequency response in closed loop.
+        # Deviations from rest: the spectra must not contain the torque of the resistances.
         loop = BenchLoop(bench, hold, rest=(drag, steady / scale))
 
         def excite(excitation: float) -> tuple[float, float]:
             control, measurement = loop.step(excitation)
             return control, measurement * scale
 
+        # At the highest frequency the dead time turns the phase by 4 rad at most.
         top = min(0.4 * math.pi / period, 4.0 / (spec.delay + period))
         response = measure_frequency_response(
             excite, period=period, frequencies=np.geomspace(0.5, top, 14), amplitude=0.1 * limit, cycles=2, settle=1
         )
+        # Twice the gain 1 / J, as fit_response expects of order 1.
         main, fit = fit_response(response, (2.0 / inertia, 2.0, spec.delay + period), order=1)
         first = FirstOrder(main.numerator[0] / main.denominator[1], 1.0 / main.denominator[1], main.delay)
         experiments.append(simple_experiment("frequency_response", first, fit_percent=fit))
+
+        # The experiment is too short to tell so long a time constant from an integrator.
         slow = first.time_constant > SLOWEST * max(first.delay, 1e-3)
         return Identification(
             replace(spec, model=self.model(bench, main, drag)),
@@ -334,9 +345,12 @@ class PedalSpeedLoop(SpeedLoop):
         behind lag and delay of the actuators is left.
         """
         spec, speed = bench.spec, bench.part.vehicle.control.speed
+        # Delays in series add: study, throttle, and one period of the unit.
         throttle = bench.part.vehicle.spec.actuators.throttle
         delay = spec.delay + throttle.delay + bench.period
+        # (T s + 1) s: the pedal controller makes the acceleration the input; the floor keeps the order.
         main = TransferFunction((1.0,), (max(throttle.time_constant, 1e-3), 1.0, 0.0), delay)
+        # The whole lag counts as dead time, which is more cautious than the half rule.
         first = Integrator(1.0, delay + throttle.time_constant)
         model = LoopModel(
             {"main": main},

@@ -96,18 +96,22 @@ class SteeringLoop(VehicleLoop):
         spec, period = bench.spec, bench.period
         plant, joint = bench.plant, bench.part.steering[0]
         context = bench.context(dict.fromkeys(spec.gains, 0.0), NOMINAL)
+        # Diagonal element of the mass matrix: inertia of the joint with all others held.
         matrix = plant.CalcMassMatrix(plant.GetMyContextFromRoot(context))
         index = int(joint.velocity_start())
         inertia, damping = float(matrix[index, index]), float(joint.default_damping())
 
         # Gains that hold the joint during the experiments, and a first guess of its model.
+
         delay = spec.delay + 1.5 * period
+        # Damped: torque gives a rate (integrator); the half rule puts half of the lag J / d into the dead time.
         if damping * delay > inertia:
             hold = simc(Integrator(1.0 / damping, delay + 0.5 * inertia / damping))
             gains, start = {"kp": hold.kp, "ki": 0.0, "kd": 0.0}, (1.0 / inertia, damping / inertia, 1.0, delay)
         else:
             hold = simc_double_integrator(1.0 / inertia, delay)
             gains, start = {"kp": hold.kp - hold.ki * delay, "ki": 0.0, "kd": hold.kd}, (1.0 / inertia, 0.5, 1.0, delay)
+        # Half of the torque that the proportional part has at the step of the test.
         size = 0.5 * hold.kp * spec.course.step
 
         # Step of the torque of both joints.
@@ -116,16 +120,20 @@ class SteeringLoop(VehicleLoop):
         experiments = [inertial_experiment("step_test", step, fit)]
 
         relay: RelayResult | None = None
+        # The relay takes the place of the proportional part; damping by the derivative part remains.
         process = BenchProcess(bench, {**gains, "kp": 0.0})
         try:
             relay = run_relay_test(
                 process, period=period, amplitude=size, reference=0.0, duration=15.0, tolerance=0.1, refine=False
             )
+            # The ultimate point then belongs to the loop with that derivative part, which the report says.
             experiments.append(replace(relay_experiment(relay), derivative_on=bool(gains["kd"])))
         except MirdrakeError as error:
             experiments.append(failed_relay(error))
 
         # The road couples the wheels differently if they turn together or against each other: two models.
+
+        # From 1 rad/s to where the dead time takes about 170° of the phase, or 0.3 of the Nyquist frequency.
         wanted = np.geomspace(1.0, min(0.3 * np.pi / period, 3.0 / delay), 12)
         responses, plants = [], []
         for apart in (False, True):
@@ -146,6 +154,7 @@ class SteeringLoop(VehicleLoop):
         model = LoopModel(
             {"main": main, "apart": opposed},
             rise=bench.part.vehicle.geometry.steering_rate,
+            # Both directions of the steering have the same rate limit; the mass of the car does not act on the joints.
             fall=bench.part.vehicle.geometry.steering_rate,
             limit=limit if math.isfinite(limit) else None,
             mass_acts=False,
@@ -159,6 +168,7 @@ class SteeringLoop(VehicleLoop):
             max(main.delay, opposed.delay),
         )
         identification = Identification(identified, tuple(experiments), relay=relay, frequency=responses[0])
+        # The lag 1 / rate is shorter than the dead time: an integrator, with half of the lag as dead time (half rule).
         if rate * delay > 1.0:
             speed = max(plant.numerator[0] / plant.denominator[1] for plant in plants)
             return replace(identification, first=Integrator(speed, delay + 0.5 / rate), lag=1.0 / rate)

@@ -76,9 +76,11 @@ class VehicleLoop(LoopKind):
         filter_time = 2.0 / vehicle.control.rate if study.test.filter is None else study.test.filter
         settings = self.settings(filter_time)
         course = self.course(study, vehicle, speed)
+        # Noise needs a block of its own, so only loops that draw it have one.
         noisy = study.robustness.noise > 0.0 if noise is None else noise
 
         # All gains are zero in the file; the bench writes them to a Context.
+        # Commands on the bench have no time stamps: the watchdog must not stop the vehicle.
         test_control: dict[str, Any] = {"dead_man": _NO_TIMEOUT, **self.test_control(study)}
         control: dict[str, Any] = {**test_control, self.section: {}}
         for path, value in settings.items():
@@ -87,6 +89,7 @@ class VehicleLoop(LoopKind):
         units = self.gain_units(vehicle)
         control[self.section] |= dict.fromkeys(units, 0.0)
         present = getattr(vehicle.control, self.section)
+        # A schedule in control.yaml would have precedence over the gains that are tested.
         if present.gain_schedule() is not None:
             control[self.section]["schedule"] = None
 
@@ -107,6 +110,7 @@ class VehicleLoop(LoopKind):
             },
             "systems": blocks,
             "connect": connect,
+            # Whole steps of the plant per period of the unit, so that updates are on steps.
             "plant": _plant(study, vehicle.control.rate, steps=self.steps_per_period(study, vehicle.control.rate)),
             "record": {"rate": vehicle.control.rate, "meshcat": False, "report": False},
             "duration": course.duration,
@@ -133,6 +137,7 @@ class VehicleLoop(LoopKind):
             delay=study.test.delay,
             friction=float(world.ground.mu),
             noisy=noisy,
+            # Present gains can be compared only if the present controller has all of the gains.
             present=dict(zip(present.gains, present.gain_values(), strict=True))
             if set(units) <= set(present.gains)
             else {},
@@ -167,9 +172,11 @@ class VehicleLoop(LoopKind):
     def course(self, study: TuningSpec, vehicle: Vehicle, speed: float | None) -> Course:
         """Return the test manoeuvre; a small car drives more slowly, by the root of its wheelbase."""
         test = study.test
+        # Froude scaling relative to the wheelbase of a car.
         scale = math.sqrt(vehicle.geometry.wheelbase / 2.6)
         initial = test.speed if speed is None else speed
         usual_step, load = self.default_step_and_load(vehicle, scale)
+        # Values of the study have precedence over those of the kind of loop.
         step = usual_step if test.step is None else test.step
         duration = round(self.default_duration(study, vehicle, step), 1) if test.duration is None else test.duration
         return Course(
