@@ -51,6 +51,7 @@ def open_journal(folder: Path | None, manifest: Mapping[str, Any], *, resume: bo
         raise RunError(f"{folder}: is not empty; choose another folder, or resume the study in it")
     if used:
         before = read_manifest(folder)
+        # Compared in full, not by digest alone, so that the message can say which part has changed.
         if before.get("study") != manifest["study"]:
             raise RunError(f"{folder}: was begun with another study; it cannot be resumed with this one")
         for key, name in (("content", "models or worlds"), ("versions", "versions")):
@@ -58,6 +59,8 @@ def open_journal(folder: Path | None, manifest: Mapping[str, Any], *, resume: bo
                 raise RunError(f"{folder}: the {name} have changed since the study was begun; choose another folder")
     else:
         write_file(folder / STUDY_FILE, json.dumps(manifest, indent=1) + "\n")
+
+    # A complete study has no journal any more; its rows are read back, so that nothing is computed again.
     complete = (folder / RESULTS_FILE).is_file()
     journal = Journal(None if complete else folder / JOURNAL_FILE, key="run")
     if complete:
@@ -71,10 +74,12 @@ def write_results(folder: Path, table: pa.Table) -> None:
     Raises:
         RunError: the folder cannot be written.
     """
+    # Written to a temporary file and renamed: a reader never sees half a table.
     if not (folder / RESULTS_FILE).is_file():
         with replacing(folder / RESULTS_FILE) as temporary:
             pq.write_table(table, temporary)
     with write_errors(folder):
+        # Only after the table is in place, so that a crash in between loses nothing.
         (folder / JOURNAL_FILE).unlink(missing_ok=True)
 
 
@@ -123,6 +128,7 @@ def make_schema(parameters: Mapping[str, str | None], metrics: Iterable[str]) ->
 
 def make_table(records: Mapping[str, Record], schema: pa.Schema) -> pa.Table:
     """Return rows in the order of the runs as a table."""
+    # JSON keys are texts; sorted as numbers, else run 10 would come before run 2.
     rows: list[Row] = [{"run": int(run), **records[run]} for run in sorted(records, key=int)]
     return pa.Table.from_pylist(rows, schema=schema)
 

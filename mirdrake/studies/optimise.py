@@ -143,9 +143,12 @@ class OptunaProposer:
 
     def tell(self, objectives: Sequence[float], violation: float) -> None:
         """Report the result to the sampler."""
+        # Results are reported in the order in which the points were proposed.
         trial = self._open.pop(0)
+        # Optuna fails trials with NaN; a large finite value keeps the point as a bad one.
         values = [min(value, LARGEST) if math.isfinite(value) else LARGEST for value in objectives]
         if self._barrier:
+            # Above every feasible value, which is at most `LARGEST`, and increasing with the violation.
             values = [LARGEST * (2.0 + violation) if violation > 0.0 else values[0]]
         with self._quietly():
             if not self._barrier:
@@ -157,7 +160,9 @@ class OptunaProposer:
         if method == "tpe":
             return samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=max(10, 2 * len(self._space)))
         if method == "nsga2":
+            # About a dozen generations within the trials.
             population = max(8, min(50, trials // 12))
+            # The default crossover exchanges coordinates only; blending also searches between the parents.
             crossover = samplers.nsgaii.BLXAlphaCrossover()
             return samplers.NSGAIISampler(seed=seed, population_size=population, crossover=crossover)
         if len(self._space) < 2:
@@ -187,6 +192,7 @@ def _listed(method: str, space: Space, count: int, seed: int) -> list[Point]:
     """Return the points of a method that does not learn."""
     names = list(space)
     if method == "grid":
+        # The largest equal number of values whose product is within the trials; the tolerance corrects the root.
         each = max(2, math.floor(max(count, 1) ** (1.0 / len(names)) + 1e-9))
         lists = [
             divide(entry if entry.values or entry.count else entry.model_copy(update={"count": each}))

@@ -56,6 +56,7 @@ class Plan:
         diagram = self.diagram
         for name, value in values.items():
             if name not in self.parameters:
+                # Context parameters are set in the built diagram; all others change its data and need a new assembly.
                 diagram = put(diagram, name, value)
         parameters = {name: float(value) for name, value in values.items() if name in self.parameters}
         spec = self.spec
@@ -102,6 +103,8 @@ def make_plan(spec: StudySpec) -> Plan:
     world = assembly.parts.world
     known = find_context_parameters(vehicles, world)
     parameters = {name: known[name] for name in spec.parameters if _is_context_parameter(spec, name, known)}
+
+    # The ends of each range are tried with the diagram: faults are reported before hours of simulation.
     for name, entry in spec.parameters.items():
         location = where(spec, "parameters", name)
         if name in parameters:
@@ -113,6 +116,8 @@ def make_plan(spec: StudySpec) -> Plan:
             except ConfigError as error:
                 raise ConfigError(f"{location}: {str(error).splitlines()[0].removeprefix('diagram: ')}") from None
     _check_metrics(spec, list(vehicles))
+
+    # Models and the world are part of the digest: a resumed study must not mix rows of different models.
     content = {name: [vehicle.urdf, *_specs(vehicle)] for name, vehicle in vehicles.items()}
     digest = digest_data({"vehicles": content, "world": world.spec.model_dump(mode="json")})
     return Plan(spec, data, parameters, sample(spec), spec.duration or diagram.duration, digest)
@@ -125,6 +130,7 @@ def put(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ConfigError: the path leads to an item that a list does not have.
     """
     head, _, rest = path.partition(".")
+    # A shallow copy per level: only the path to the value is new, the rest is shared between the jobs.
     result: Any = copy.copy(data) if isinstance(data, dict | list) else {}
     key: Any = head
     if isinstance(result, list):
@@ -174,6 +180,7 @@ def _assemble(diagram: DiagramSpec) -> Assembly:
     assembly = assemble(diagram)
     context = assembly.make_context()
     ports = [assembly.diagram.get_input_port(index) for index in range(assembly.diagram.num_input_ports())]
+    # A port with a fixed value or a connection needs no driver.
     names = [port.get_name() for port in ports if not port.HasValue(context)]
     if names:
         location, name = where(diagram, "control"), names[0].split(".")[0]

@@ -106,6 +106,7 @@ def run_study(
         ConfigError, ModelError, WorldError: the study, its diagram, a model or the world has faults.
         RunError: the folder cannot be written, or worker processes cannot start.
     """
+    # The server imports the library while the study is checked here, so that its worker processes start at once.
     if executor is None and workers != 0:
         start_server(STUDY)
     spec = make_study(study)
@@ -113,6 +114,8 @@ def run_study(
     plan = make_plan(spec)
     if spec.model == "single_track":
         return _run_shards(plan, folder, executor, workers, resume=resume, progress=progress)
+
+    # Rows that the journal of a resumed study has are not computed again.
     schema, total = make_schema(plan.units, spec.metrics), len(plan.rows)
     journal = open_journal(folder, plan.manifest(), resume=resume)
     missing = [index for index in range(total) if index not in journal]
@@ -123,9 +126,12 @@ def run_study(
         report = (
             stack.enter_context(_progress_bar(spec.name, total, len(journal))) if progress is True else progress or None
         )
+
+        # Results in the order in which they finish; the table is sorted by run at the end.
         with suppress(KeyboardInterrupt):  # the finished runs are kept
             _run_all(plan, journal, missing, runner, ahead, report)
     result = StudyResult(make_table(journal.records, schema), total, folder)
+    # The journal is replaced by a Parquet file only when it is complete; until then it can be resumed.
     if folder is not None and result.complete:
         write_results(folder, result.arrow)
     return result
@@ -144,6 +150,7 @@ def load_results(folder: Path | str) -> StudyResult:
     except (KeyError, TypeError, ValueError):
         raise ConfigError(f"{folder}: its study.json is incomplete") from None
     model = manifest["study"].get("model", "plant")
+    # Until the study is complete, its rows are in one file per shard.
     in_shards = model == "single_track" and not (folder / RESULTS_FILE).is_file()
     table = read_shards(folder, schema) if in_shards else make_table(read_rows(folder), schema)
     return StudyResult(table, runs, folder, model)
@@ -168,6 +175,7 @@ def _run_shards(
     store = ShardStore(folder, schema)
     missing = [shard for shard in shards if shard.number not in store.numbers]
     with ExitStack() as stack:
+        # No time limit of a call: a shard is one batch of many runs, whose duration is not known in advance.
         runner, ahead = stack.enter_context(open_executor(executor, workers, calls=len(missing), limit=math.inf))
         shows = stack.enter_context(_progress_bar(plan.spec.name, total, store.rows)) if progress is True else progress
         with suppress(KeyboardInterrupt):  # the finished shards are kept
@@ -209,6 +217,7 @@ def _row(plan: Plan, outcome: Outcome) -> Row:
     for (name, unit), value in zip(plan.units.items(), plan.rows[outcome.index], strict=True):
         row[name] = str(value) if unit is None else float(value)
     row |= {"status": outcome.status, "reason": outcome.reason, "simulated": outcome.simulated}
+    # Only runs with status ok have metrics; the others have empty cells.
     values = outcome.metrics or [None] * len(plan.spec.metrics)
     return row | dict(zip(plan.spec.metrics, values, strict=True))
 

@@ -76,9 +76,11 @@ class Shard:
 def make_shards(plan: Plan) -> list[Shard]:
     """Divide a study into shards."""
     rate = _vehicle(assemble(make_spec(plan.diagram))).control.rate
+    # The signals of a batch are in memory at once; their number is that of periods, the start included.
     size = int(min(max(VALUES / (len(SIGNALS) * (plan.duration * rate + 1.0)), 1.0), LARGEST))
     metrics, shards = tuple(plan.spec.metrics), []
     for number, first in enumerate(range(0, len(plan.rows), size)):
+        # Transposed: the batch is simulated by columns, one array per parameter.
         values = zip(*plan.rows[first : first + size], strict=True)
         columns = {
             name: [float(value) for value in column] for name, column in zip(plan.spec.parameters, values, strict=True)
@@ -106,6 +108,8 @@ def check_single_track(plan: Plan) -> None:
             f"{where(spec, 'model')}: single_track is for the drivers path_tracking, constant and schedule; "
             "write model: plant"
         )
+
+    # Parameters and metrics are checked by name here; the values are checked when a shard is built.
     known = set(_appliers(name, driver, plan.diagram))
     for parameter in spec.parameters:
         if parameter not in known and not _gain_of(name, parameter):
@@ -120,6 +124,7 @@ def check_single_track(plan: Plan) -> None:
                 f"{where(spec, 'metrics', column)}: not a metric of the single-track model; "
                 f"{did_you_mean(metric, allowed)}"
             )
+    # A trial batch of one run: faults of the vehicle or the driver are reported before any worker starts.
     try:
         _Model(plan.diagram, {}, 1)
     except ConfigError as error:
@@ -129,6 +134,7 @@ def check_single_track(plan: Plan) -> None:
 def run_shard(shard: Shard) -> list[Outcome]:
     """Simulate the runs of a shard as one batch; an error is an outcome of each of them."""
     try:
+        # Runs that diverge overflow on purpose; they are reported as unstable.
         with np.errstate(all="ignore"):
             model = _Model(shard.diagram, {name: np.array(values) for name, values in shard.columns.items()},
                            shard.count)  # fmt: skip
@@ -159,6 +165,8 @@ class _Model:
         self._count, self._laps = count, spec.laps
         self._gains: dict[str, Floats] = {}
         self._settings: dict[str, Floats] = {}  # of the driver
+
+        # Friction columns scale parameters for a friction of one: the value is the coefficient of the road itself.
         world = assembly.parts.world
         nominal = estimate_parameters(self._vehicle, gravity=world.ground.gravity)
         road = estimate_parameters(self._vehicle, friction=1.0, gravity=world.ground.gravity)
@@ -180,6 +188,7 @@ class _Model:
 
         # Cars at the start of the diagram.
         period = 1.0 / self._vehicle.control.rate
+        # The largest step that divides the control period evenly; the tolerance absorbs rounding of the quotient.
         step = period / np.ceil(period / STEP - 1e-9)
         variant = Variant("brush", relaxation=True, actuators=True)
         cars = Batch(nominal, variant, columns=self._parameters, count=count, step=step)
@@ -201,6 +210,7 @@ class _Model:
             return self._control.follow(tracker, periods=periods, outputs=SIGNALS)
         if isinstance(driver, ConstantSpec):
             commands = np.empty((self._count, periods, 2))
+            # Constant over the run, but possibly different between runs.
             commands[:, :, 0] = self._settings.get("speed", np.full(self._count, driver.speed))[:, None]
             commands[:, :, 1] = self._settings.get("steering", np.full(self._count, driver.steering))[:, None]
             return self._control.run(commands, outputs=SIGNALS)
@@ -215,6 +225,8 @@ class _Model:
         if isinstance(self._driver, PathTrackingSpec):
             curvature = self._curvature(run)
         outcomes = []
+
+        # All runs of a batch have the same length; each is cut where it would have ended alone.
         for k in range(self._count):
             index = shard.first + k
             if k in run.diverged:
@@ -224,6 +236,7 @@ class _Model:
             last = len(run.time)
             if self._laps is not None and curvature is not None:
                 done = np.flatnonzero(run["laps"][k] >= self._laps)
+                # The sample in which the last lap is complete belongs to the run.
                 last = int(done[0]) + 1 if len(done) else last
             signals = {"vx": run["vx"][k, :last], "speed_command": run["speed_command"][k, :last]}
             if curvature is not None:

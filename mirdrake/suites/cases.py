@@ -90,6 +90,7 @@ class Case:
     def command(self) -> str:
         """The command that runs the case again, in this working directory."""
         number = self.name.rpartition("#")[2]
+        # When values for all variations are pinned, there is only one variation left, which needs no number.
         name = self.test if self.pinned.keys() >= self.values.keys() and self.pinned else f"{self.test}#{number}"
         pins = "".join(f" -p {key}={shlex.quote(str(value))}" for key, value in self.pinned.items())
         return f"mirdrake world test {shlex.quote(shown(Path(self.world)))} --case {name}{pins}"
@@ -102,6 +103,7 @@ class Case:
         """Return plain data for JSON."""
         data = asdict(self) | {"expect": [list(pair) for pair in self.expect]}
         others = [asdict(other) | {"expect": [list(pair) for pair in other.expect]} for other in self.others]
+        # Without others the key is left out, so that digests of earlier results remain valid.
         return data | {"others": others} if others else {key: data[key] for key in data if key != "others"}
 
 
@@ -177,6 +179,7 @@ class Result:
     @property
     def place(self) -> tuple[float, ...]:
         """Sorts the worst case first: errors, invalid worlds, failures and passes, each by their smallest share."""
+        # Errors first: what could not be judged may hide anything.
         return ({"error": 0, "invalid": 1, "fail": 2, "pass": 3}[self.verdict], self.share)
 
     def data(self) -> dict[str, Any]:
@@ -208,6 +211,8 @@ def collect_cases(
             continue
         if not world.spec.tests:
             faults.append(f"{where(world.spec, 'tests')}: there is nothing to test; add tests to the file")
+
+        # Cases of a test with faults are not made: its diagrams would fail with a less helpful message.
         test_faults = [fault for test in world.spec.tests for fault in _faults(world, test, values or {}, path)]
         faults += test_faults
         if not test_faults:
@@ -215,8 +220,10 @@ def collect_cases(
                 (world.name, case) for test in world.spec.tests for case in _cases(world, test, path, values or {})
             ]
     if faults:
+        # Several tests may report the same fault; `fromkeys` removes repetitions and keeps the order.
         raise ConfigError("\n".join(dict.fromkeys(faults)))
     cases = _distinct(collected)
+    # Names are checked last, because they may be prefixed by the world's name.
     known = {name for case in cases for name in (case.name, case.name.split("#")[0])}
     for name in only:
         if name not in known:
@@ -240,6 +247,7 @@ def collect_searches(
     cases = collect_cases([file], only=only, values=values)
     spec = load_world(cases[0].world).spec
     searched = {test.name: test.search for test in spec.tests if test.search is not None}
+    # Reversed, so that the first case of each test is the one that remains.
     firsts = {case.test: case for case in reversed(cases)}
     for name in dict.fromkeys(case.test for case in cases if only and case.test not in searched):
         hint = f"these do: {', '.join(searched)}" if searched else "add search: {over: {NAME: [LOW, HIGH]}}"
@@ -254,6 +262,8 @@ def collect_searches(
 def vary(case: Case, values: Values, *, name: str | None = None) -> Case:
     """Return the same case with other values of parameters or of the seed."""
     merged, path = {**case.values, **values}, Path(case.world)
+
+    # The test itself is evaluated again only if it depends on the values, since that lays out the whole world.
     seed = _seed(merged, case.diagram["seed"])
     test = _varied(case.test, path, merged) if _varies(case.test, path) else None
     diagram = case.diagram | {"world": _world_entry(case.world, merged), "seed": seed}
@@ -265,6 +275,7 @@ def vary(case: Case, values: Values, *, name: str | None = None) -> Case:
 def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator[Case]:
     """Yield the variations of one test: all combinations, the last key varies fastest."""
     axes = {key: _axis(key, given, world.spec.seed) for key, given in test.variations.items()}
+    # A pinned value replaces the variation of its parameter by a single one, or adds an axis of length one.
     axes |= {key: [value] for key, value in values.items()}
     expect = tuple((text, where(test, "expect", index)) for index, text in enumerate(test.expect))
     others = tuple(
@@ -277,6 +288,7 @@ def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator
     for number, chosen in enumerate(product(*axes.values()), start=1):
         picked = dict(zip(axes, chosen, strict=True))
         own = _varied(test.name, path, picked) if varies and picked else None
+        # None: the world cannot be laid out with these values; its run then reports the verdict invalid.
         diagram = _diagram(own or test, path, picked, _seed(picked, world.spec.seed))
         yield Case(
             f"{test.name}#{number}", test.name, str(path), picked, diagram, expect, test.goal, content, dict(values),
@@ -294,6 +306,7 @@ def _content(world: World, test: CaseSpec, path: Path) -> str:
 
 def _varies(name: str, path: Path) -> bool:
     """Return whether the behaviour of a test depends on parameters or random values."""
+    # The raw text decides, because the loaded world has only the evaluated values.
     tree, _ = read_tree(path)
     raw = [test for test in tree.get("tests", ()) if test.get("name") == name]
     return any(
@@ -335,10 +348,12 @@ def _diagram(test: CaseSpec, path: Path, values: Values, seed: int) -> dict[str,
     others = {name: {"model": other.vehicle, "start": other.start} for name, other in test.others.items()}
     return {
         "name": test.name,
+        # Plain data instead of objects: the case is sent to worker processes and written to JSON.
         "world": _world_entry(str(path), values),
         "vehicles": {VEHICLE: {"model": test.vehicle} | ({"start": test.start} if test.start else {})} | others,
         "control": control,
         "plant": {"contact": test.contact},
+        # Thousands of runs: no visualisation and no report per run.
         "record": {"meshcat": False, "report": False},
         "duration": test.duration,
         "seed": max(0, seed),
@@ -358,6 +373,7 @@ def _distinct(collected: Sequence[tuple[str, Case]]) -> list[Case]:
     worlds: dict[str, set[str]] = {}
     for _, case in collected:
         worlds.setdefault(case.test, set()).add(case.world)
+    # Only names that occur in several files are prefixed, so that others remain as short as in the file.
     shared = {test for test, files in worlds.items() if len(files) > 1}
     cases = [replace(case, name=f"{world}.{case.name}") if case.test in shared else case for world, case in collected]
     taken: set[str] = set()
@@ -390,12 +406,14 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
     except MirdrakeError as error:
         yield str(error)
     try:
+        # Loaded for its faults only; faults of the world itself, not of the values, are left to the runs.
         load_world(str(path), overrides=overrides(values)) if values else None
     except WorldError:
         pass  # its runs will report it
     except ConfigError as error:
         yield str(error)
     try:
+        # The diagram is validated with nominal values, to report faults of the behaviour at its place in the file.
         make_spec(_diagram(test, path, {}, spec.seed))
     except ConfigError as error:
         for line in str(error).splitlines():
@@ -425,6 +443,7 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
 def _unfit(requirement: Requirement, world: World, test: CaseSpec, own_goal: str | None) -> Iterator[str]:
     """Yield what a requirement needs that the world or the test does not have; `own_goal` is that of the vehicle."""
     location = f"{requirement.where}: '{requirement}'"
+    # `red` stands for the red light of the vehicle, unless the world has a goal of that name.
     for goal in requirement.goals:
         if goal == "red" and goal not in world.goals:
             if not world.lights:
@@ -445,6 +464,7 @@ def _unfit(requirement: Requirement, world: World, test: CaseSpec, own_goal: str
             yield f"{location}: '{signal}' needs a closed track, and the world has none"
     if requirement.after >= test.duration:
         yield f"{location}: nothing is after {requirement.after:g} s; the test lasts {test.duration:g} s"
+    # The tolerance allows limits that end exactly with the test, up to rounding of their sum.
     elif math.isfinite(requirement.within) and requirement.after + requirement.within > test.duration + 1e-9:
         late = requirement.after + requirement.within
         yield (

@@ -49,6 +49,7 @@ class Suite:
     def exit_code(self) -> int:
         """0: all passed; 1: a requirement failed; 2: a case could not be judged, or a world is invalid."""
         counts = self.counts
+        # Errors take precedence: a suite that could not be judged must not look like one that was.
         return 2 if counts["error"] or counts["invalid"] else 1 if counts["fail"] else 0
 
     def ranked(self) -> list[tuple[Case, Result]]:
@@ -89,6 +90,7 @@ def run_suite(
     if target is not None:
         with write_errors(target):
             target.mkdir(parents=True, exist_ok=True)
+            # Checked before the list of cases is written, which would overwrite that of another suite.
             used = any(target.iterdir())
         if used and not resume:
             raise RunError(f"{target}: is not empty; choose another folder with --out, or continue with --resume")
@@ -103,6 +105,7 @@ def run_suite(
         open_case_workers(workers, cases=len(missing), folder=target, timeout=timeout, keep_all=keep_all) as run_cases,
         suppress(KeyboardInterrupt),  # the finished cases are kept
     ):
+        # Stored at once under the digest of its case: a killed suite loses only the cases that were running.
         for _, result in run_cases(missing):
             data = result.data()
             journal.add(data.pop("digest"), data)

@@ -109,24 +109,30 @@ def search(
     Raises:
         ConfigError: a range is empty, or there is nothing to search.
     """
+    # Faults of the request are reported before any process is started.
     for name, (low, high) in over.items():
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise ConfigError(f"search.over.{name}: [{low:g}, {high:g}] is not a range; give [low, high]")
     if not over or budget < 1:
         raise ConfigError("search: give at least one parameter under over, and a budget of at least one run")
     seeker = _Seeker(case, dict(over), budget, progress)
+
+    # At least two points per parameter, else there is no spread to start a simplex from; never more than the budget.
     first = min(budget, max(budget // 2, 2 * len(over)))
     with open_case_workers(workers, cases=budget, timeout=timeout) as run_cases:
         try:
             points = _halton(len(over), first, seed)
             seeker.evaluate(run_cases, points)
 
+            # Clipped, because only points of the unit cube have values within the ranges.
             def margin(point: Array) -> float:
                 seeker.evaluate(run_cases, np.clip(point, 0.0, 1.0)[None])
                 return seeker.objective(np.clip(point, 0.0, 1.0))
 
+            # The simplex search is local: when it has converged with budget left, it starts from the next point.
             for corner in sorted(points, key=seeker.objective):
                 edges = [corner + SIMPLEX * _inward(corner, axis) for axis in range(len(over))]
+                # Points already run cost no budget, so the limit of evaluations is far above it.
                 options = {"initial_simplex": [corner, *edges], "maxfev": 50 * budget, "xatol": 1e-3, "fatol": 1e-6}
                 scipy.optimize.minimize(
                     margin, corner, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(over), options=options
@@ -141,6 +147,7 @@ def search(
 def _halton(dimensions: int, count: int, seed: int) -> Array:
     """Return points in the unit cube (count, dimensions): a Halton sequence with a random shift."""
     points = scipy.stats.qmc.Halton(dimensions, scramble=False).random(count)
+    # A random shift modulo 1 (Cranley-Patterson) keeps the even spacing of the sequence, but not its fixed origin.
     return np.asarray((points + np.random.default_rng(seed).random(dimensions)) % 1.0)
 
 
@@ -165,12 +172,14 @@ class _Seeker:
         point_values: dict[str, float] = {}
         for share, (name, (low, high)) in zip(point, self._over.items(), strict=True):
             value = low + float(share) * (high - low)
+            # Rounded before the run: what is reported and repeated is what was simulated.
             point_values[name] = round(value) if name == "seed" else float(f"{value:.{DIGITS}g}")
         return point_values
 
     def objective(self, point: Array) -> float:
         """Return the smallest share at a point that was run; a large number if there is none."""
         share = self.tried[tuple(self.values(point).values())].share
+        # A run that could not be judged says nothing about the margin; it must not attract the search, so it is large.
         return share if math.isfinite(share) else 1e9
 
     def evaluate(self, run_cases: RunCases, points: Array) -> None:
@@ -179,8 +188,10 @@ class _Seeker:
         Raises:
             _Spent: the budget is used up.
         """
+        # Duplicates within the batch are removed as well: rounding, and integer seeds, map near points to the same run.
         new = {tuple(point_values.values()): point_values for point_values in map(self.values, points)}
         new = {key: point_values for key, point_values in new.items() if key not in self.tried}
+        # Checked before anything runs, so that the budget is never exceeded.
         if len(self.tried) + len(new) > self._budget:
             raise _Spent
         number = len(self.tried)

@@ -75,6 +75,7 @@ def _lost(case: Case, lost: Lost, folder: Path | None) -> Result:
 
 def run_in_worker(case: Case, folder: Path | None, keep_all: bool) -> Result:
     """Run a case such that it leaves no modules of its user behind for the next one."""
+    # A behaviour's module may be named as one of another world; Python would otherwise return the cached one.
     before = set(sys.modules)
     result = run_case(case, folder=folder, keep_all=keep_all)
     _forget(before, Path(case.diagram.get("folder") or "."))
@@ -85,6 +86,7 @@ def _forget(before: set[str], folder: Path) -> None:
     """Unload a user's modules, so that the next case does not depend on the cases before it."""
     for name in set(sys.modules) - before:
         file = getattr(sys.modules[name], "__file__", None)
+        # Only modules beside the world file: those of the library and of site-packages are the same for all cases.
         own = file is not None and Path(file).is_relative_to(folder) and "site-packages" not in file
         if own and name.split(".")[0] != "mirdrake":
             del sys.modules[name]
@@ -100,6 +102,7 @@ def run_case(case: Case, *, folder: Path | None = None, keep_all: bool = False) 
         folder: folder of the suite; the run folder below it is kept unless the case passed. None writes nothing.
         keep_all: also keep the run folder of a case that passed.
     """
+    # The global generators too: a behaviour that uses them must not depend on the cases that ran before.
     began = time.perf_counter()
     random.seed(0)
     np.random.seed(0)
@@ -108,12 +111,14 @@ def run_case(case: Case, *, folder: Path | None = None, keep_all: bool = False) 
         if case_folder is not None:
             shutil.rmtree(case_folder, ignore_errors=True)  # of a suite that was killed
         result = _judge(case, folder, case_folder)
+    # Invalid worlds have their own verdict: a random world may fail its rules without a fault of the vehicle.
     except WorldError as error:
         result = Result(case.name, "invalid", _line(error))
     except MirdrakeError as error:
         result = Result(case.name, "error", _line(error).removeprefix(f"{case_folder}: "))
     except BaseException as error:  # also SystemExit, and a KeyboardInterrupt that a behaviour raises
         result = Result(case.name, "error", f"{type(error).__name__}: {_line(error)}".removesuffix(": "))
+    # Only runs worth looking at are kept; a suite may have thousands of cases that pass.
     if case_folder is not None and result.verdict == "pass" and not keep_all:
         shutil.rmtree(case_folder, ignore_errors=True)
     wall = round(time.perf_counter() - began, 3)
@@ -133,6 +138,8 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     assembly = assemble(make_spec(case.diagram))
     world, vehicles = assembly.parts.world, {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
     vehicle = vehicles[VEHICLE]
+
+    # An invalid world is found before the simulation, which is the expensive part.
     faults = _broken(world)
     if faults:
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
@@ -147,7 +154,9 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     simulated = round(float(run.signals.index[-1]) if len(run.signals) else 0.0, 6)
     findings: list[Finding] = []
     seen: Observation | None = None
+    # A diverged run, or commands that are not finite, cannot be judged: margins of such signals mean nothing.
     fault = f"the run {run.stop}" if run.diverged else _lost_command(run)
+    # Even then the run is observed, as far as possible, because the report shows its trace.
     try:
         wanted = {name for requirement in requirements for name in requirement.signals}
         seen = observe(run, world, VEHICLE, vehicle, goal=case.goal, others=vehicles, wanted=wanted)
@@ -181,6 +190,7 @@ def _lost_command(run: Run) -> str:
     for key in ("speed", "steering"):
         signal_ = run.signals.get(f"{VEHICLE}.{key}_command")
         if signal_ is not None and not np.isfinite(signal_).all():
+            # `argmin` of booleans is the first False.
             row = int(np.argmin(np.isfinite(signal_)))
             return f"the behaviour commanded a {key} of {signal_.iloc[row]:g} at t = {signal_.index[row]:g} s"
     return ""
@@ -209,5 +219,6 @@ def _judgement(finding: Finding) -> Judgement:
 
 
 def _line(error: BaseException) -> str:
+    # Reasons are one line in tables and in the results file.
     lines = str(error).strip().splitlines()
     return lines[0] + (f" (and {len(lines) - 1} more)" if len(lines) > 1 else "") if lines else ""
