@@ -48,6 +48,7 @@ class SineBlock(Schema):
 
     def make(self) -> System:
         """Return the system."""
+        # Drake takes the angular frequency.
         return Sine(amplitude=self.amplitude, frequency=2.0 * np.pi * self.frequency, phase=self.phase, size=1)
 
 
@@ -107,6 +108,7 @@ class DelayBlock(Schema):
 
     def make(self) -> System:
         """Return the system."""
+        # A delay of zero steps would be an algebraic connection.
         steps = max(1, round(self.delay / self.period))
         return DiscreteTimeDelay(self.period, steps, self.size)
 
@@ -180,6 +182,7 @@ def make_block(
         ConfigError: unknown kind, module, class or parameter, or the class rejects its parameters.
     """
     where = source.where("kind")
+    # Objects in Python come first: their kind is a label, not a name to look up.
     if factory is not None:
         return construct(factory, kind, where=where)
     if ":" in kind:

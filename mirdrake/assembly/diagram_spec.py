@@ -146,6 +146,7 @@ class WorldEntry(Schema):
             ConfigError, WorldError: there is none of that name, it has faults, or it cannot be laid out.
         """
         seed = [] if self.seed is None else [f"seed={self.seed}"]
+        # Overrides are texts in YAML; JSON is a part of it and quotes what needs quotes.
         values = [f"params.{key}={json.dumps(value)}" for key, value in self.params.items()]
         return load_world(self.name, where=where, overrides=seed + values)
 
@@ -247,6 +248,7 @@ def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
     rest = spec.model_copy()
     rest.systems = {name: entry for name, entry in spec.systems.items() if name not in systems}
     rest.control = {name: entry for name, entry in spec.control.items() if name not in drivers}
+    # Connections to systems that are left out would be faults.
     rest.connect = [pair for pair in spec.connect if not any(end.split(".")[0] in systems for end in pair)]
     lost = len(spec.connect) - len(rest.connect)
     left_out = [f"systems.{name} ({kind})" for name, kind in systems.items()]
@@ -266,6 +268,8 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
     """
     path = find("diagrams", name)
     spec = load_yaml(path, DiagramSpec, overrides=overrides)
+
+    # Paths in the file are relative to it, so they are made absolute before the spec leaves the file.
     if "name" not in spec.model_fields_set:
         spec.name = path.stem
     kinds = [*(entry.kind for entry in spec.systems.values()), *(driver.kind for driver in spec.control.values())]
@@ -291,6 +295,7 @@ def _absolute(name: str, folder: Path, *, always: bool = False) -> str:
         folder: folder of the diagram file.
         always: whether a bare name is a path, too.
     """
+    # A bare name is looked up in the search folders later.
     if not always and os.sep not in name and not name.endswith((".yaml", ".yml")):
         return name
     for path in (folder / name, Path(name)):

@@ -119,6 +119,7 @@ def load_vehicle_of(spec: DiagramSpec, name: str) -> Vehicle:
     if entry.control:
         place = source._replace(prefix=(*source.prefix, "control"))
         control = change_control(vehicle.control, entry.control, source=place)
+        # Changed control may use pedals, which the file's own did not.
         check_pedals(vehicle.spec, control)
         vehicle = replace(vehicle, control=control)
     vehicle = _without_replaced_loops(vehicle, spec, name)
@@ -181,6 +182,7 @@ def read_scene(folder: Path) -> Scene:
         )
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
+        # A run folder may come from another version of mirdrake.
         if data["mirdrake"] != FORMAT:
             raise RunError(f"{shown(path)}: format {data['mirdrake']!r} is not known; known: {FORMAT}")
         return _read(data, path.parent)
@@ -223,6 +225,7 @@ def _read(data: Mapping[str, Any], place: Path) -> Scene:
         elif now != recorded:
             changes.append(f"{shown(mesh)}: has changed since the run; it is shown as it is now")
     world = read_world(data["world"], _find, location=shown(place / FILE))
+    # Missing meshes are left out, so that an old run can still be drawn.
     world.spec.scenery[:] = [mesh for mesh in world.spec.scenery if scenery_file(world, mesh).is_file()]
     vehicles = {}
     for name, entry in data["vehicles"].items():
@@ -295,6 +298,7 @@ def _without_missing(urdf: str, packages: Mapping[str, str]) -> str:
 
 def _digest_of(path: Path) -> str:
     """Return the SHA-256 of a file."""
+    # Time and size are part of the cache's key: a changed file is read again.
     status = path.stat()
     return _digest(path, status.st_mtime_ns, status.st_size)
 

@@ -67,6 +67,7 @@ def read_commands(path: Path, *, vehicle: str | None = None) -> CommandLog:
     """
     if path.is_dir():
         return _read_run(path, vehicle)
+    # A driving log has no header: its first line begins with the name of a picture.
     if path.is_file() and _PICTURE.match(read_bytes(path)[:64]):
         layout = CsvLayout(delimiter="\t", columns=["picture", "steering", "speed"])
         table = read_table(path, layout=layout)
@@ -87,6 +88,7 @@ def _picture_times(table: Table) -> NDArray[np.float64]:
             raise ConfigError(
                 f"{table.row(row)}: '{name}' is not the name of a picture, YYYY-mm-dd-HH-MM-SS-ffffff.jpg"
             ) from None
+    # Driving logs have dates; a schedule begins at zero.
     return np.array(times) - times[0]
 
 
@@ -118,6 +120,7 @@ def _numbers(table: Table, key: str, column: str) -> NDArray[np.float64]:
     except ValueError as error:
         raise ConfigError(f"{table.name}: {key}: {error}") from None
     values = table.numbers(column, table.name) * factor
+    # Written so that NaN is out of range, too.
     for row in np.flatnonzero(~(np.abs(values) < _LIMITS[key])).tolist()[:1]:
         if math.isnan(values[row]):
             raise ConfigError(f"{table.row(row)}: {key}: a finite number is missing")
@@ -155,6 +158,7 @@ def _read_run(folder: Path, vehicle: str | None) -> CommandLog:
     columns = [table.numbers(name, table.name).tolist() for name in names]
     rows: list[Row] = list(zip(*columns, strict=True))
     if _kind(folder, vehicle) not in {"constant", "schedule"} and len(rows) > 1:
+        # Shift each command to just after the sample before, when the driver gave it.
         later = [(row[0] + _EARLIER, *following[1:]) for row, following in pairwise(rows)]
         rows = [rows[0], *later, rows[-1]]
     return CommandLog(tuple(rows), "hold")

@@ -207,9 +207,11 @@ class AccelerationLimit(ControlBlock):
 
     def _step(self, context: Context) -> tuple[Sequence[float], Any]:
         last, started = self._read_memory(context)
+        # The set-point starts at the measured speed, so that it does not jump.
         if not started:
             last = self.measured_speed.Eval(context).item()
         up, down = self.acceleration * self.period, self.deceleration * self.period
+        # In reverse the signed speed falls while the vehicle accelerates.
         if last < 0.0:
             up, down = down, up
         speed = min(max(self.reference.Eval(context).item(), last - down), last + up)
@@ -285,6 +287,7 @@ class SteeringActuator(ControlBlock):
         state.set_value(self._memory, [0.0] * (self._law.size + 1))
 
     def _step(self, context: Context) -> tuple[Sequence[float], Any]:
+        # The memory is that of the law and, at its end, whether the block has started.
         *line, started = self._read_memory(context)
         if not started:
             line = self._law.rest(self.measured_steering.Eval(context).item())
@@ -316,6 +319,7 @@ class BlockGains:
         if self.table is not None:
             for name, value in self.table.at(abs(speed)).items():
                 values[self._names.index(name)] = value
+        # The numbers are made anew only when a gain changes.
         if self._known is None or self._known[0] != values:
             self._known = values, self._numbers(values)
         return self._known[1]
@@ -362,6 +366,7 @@ class SpeedPid(ControlBlock):
             self.gains.read(context),
             self.limits,
         )
+        # cruise_step returns the corrected speed; the correction is the control in the PI state, or zero at a stop.
         return memory, memory[0] if reference != 0.0 else output
 
     def _calc(self, context: Context, output: BasicVector) -> None:

@@ -62,6 +62,7 @@ class JointLoops(ControlBlock):
         self.setpoint = self._input("setpoint", setpoint)
         self.measurement = self._input("measurement", setpoint)
         self.slope = self._declare_slope()
+        # Only a gain schedule needs the speed, so only then there is a port.
         self.speed = self._input("speed", SPEED) if table is not None else None
         inputs = [port for port in (self.setpoint, self.measurement, self.slope, self.speed) if port is not None]
         self.torque = self._output("torque", torque, self._calc_torque, *inputs)
@@ -79,6 +80,7 @@ class JointLoops(ControlBlock):
         setpoint, measurement = self.setpoint.Eval(context).tolist(), self.measurement.Eval(context).tolist()
         gains = self.gains.read(context, 0.0 if self.speed is None else self.speed.Eval(context).item())
         torques = [
+            # The law updates its part of the memory in place, as in the fused unit.
             self._law(
                 memory, i * self._size, setpoint[i], measurement[i], self._feedforward(context, i),
                 gains, self.period, self.limits,
@@ -128,6 +130,7 @@ class WheelLoops(JointLoops):
         driven: Sequence[bool] = (True, True, True, True),
         limits: PidLimits = NO_LIMITS,
     ) -> None:
+        # Before the base class, which declares the ports.
         self._per_acceleration = tuple(torque_per_acceleration)
         super().__init__(
             control, limits=limits, period=period, loops=driven, setpoint=WHEEL_SPEEDS, torque=WHEEL_TORQUES
@@ -197,6 +200,7 @@ class SteeringLoop(JointLoops):
     def _step(self, context: Context) -> tuple[Sequence[float], Any]:
         memory, torques = super()._step(context)
         if self._extra:
+            # The set-point of this step is the last angle of the next one, for the rate of the servo.
             memory = [*memory[: -self._extra], *self.setpoint.Eval(context).tolist(), 1.0]
         return memory, torques
 
@@ -315,6 +319,7 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
             "wheel_torque": list(wheels),
             "left_torque": [left],
             "right_torque": [right],
+            # The desired state has all angles, then all rates: index n + joint is a rate.
             "wheel_servo": [n + wheel for wheel in wheels],
             "left_servo": [left, n + left],
             "right_servo": [right, n + right],
@@ -349,6 +354,7 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
             (self._actuation, ("wheel_torque", "left_torque", "right_torque")),
             (self._desired, ("wheel_servo", "left_servo", "right_servo")),
         ):
+            # Places without an input keep their zeros.
             held = state.get_mutable_value(group)
             for name in names:
                 if name in self.inputs:

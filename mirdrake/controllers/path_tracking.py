@@ -101,6 +101,7 @@ class PathTables:
     def __init__(self, centre: CentreLine):
         self.length, self.closed = centre.length, centre.closed
         columns = (centre.x, centre.y, centre.yaw, centre.curvature)
+        # There is one curvature less than points: the last point ends the last interval.
         points = min(len(column) for column in columns)
         self.rows: list[list[float]] = np.column_stack([column[:points] for column in columns]).tolist()
         self.numbers = PathNumbers(centre.length, centre.spacing, centre.closed, len(centre.curvature) - 1)
@@ -279,6 +280,7 @@ def _planner(centre: CentreLine, law: Ackermann, limits: DrivingLimits) -> Calla
     known: dict[int, list[list[float]]] = {}
 
     def line_for(speed: float) -> list[list[float]]:
+        # Plans are shared on a grid of speeds; the set-point itself limits the command.
         key = max(1, math.ceil(speed / _SPEED_GRID - 1e-9))
         line = known.get(key)
         if line is None:

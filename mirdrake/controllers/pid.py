@@ -64,6 +64,7 @@ class DiscretePid(LeafSystem):
             self.feedforward = declare_vector_input(self, "feedforward", signals(("feedforward", control_unit)))
         self._gains = self.DeclareNumericParameter(BasicVector(_to_vector(gains)))
         self._control = self.DeclareDiscreteState(1)
+        # The control is a state of its own, so that its output port needs no calculation.
         self._memory = self.DeclareDiscreteState(list(PidState()[1:]))
         self.control = declare_state_output(self, "control", signals(("control", control_unit)), self._control)
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)

@@ -66,6 +66,7 @@ class Schedule:
 
     def at(self, time: float) -> Setpoint:
         """Return speed [m/s] and steering [rad] at a time [s]."""
+        # The row at exactly this time counts already.
         after = bisect_right(self._times, time)
         t0, speed, steering = self._rows[max(after - 1, 0)]
         if not self._linear or after in (0, len(self._rows)):
@@ -97,6 +98,7 @@ class CommandSchedule(LeafSystem):
         self.command = declare_vector_output(self, "command", COMMAND, self._calc, prerequisites=[self.time_ticket()])
 
     def _calc(self, context: Context, output: BasicVector) -> None:
+        # Rounding of the time must not lose the message of this instant.
         stamp = math.floor(context.get_time() / self.period + 1e-9) * self.period
         speed, steering = self.schedule.at(stamp)
         output.SetFromVector([speed, steering, stamp])

@@ -54,6 +54,7 @@ class TrafficDriver(PathTracker):
         last = before.speed if before.started else vx
         a = idm(self._numbers, max(vx, 0.0), gains.speed, gap, other)  # type: ignore[arg-type]
         a = max(-spec.braking_limit, min(a, self.limits.acceleration))
+        # The command integrates the acceleration of the model, but stays near the measured speed.
         commanded = max(vx - LAG, min(last + a * self.period, vx + LEAD))
         result = max(0.0, min(speed, commanded))
         if not spec.obeys_lights:
@@ -64,6 +65,7 @@ class TrafficDriver(PathTracker):
             decision = _UNDECIDED
         elif decision == _UNDECIDED:
             needed = stopping_distance(vx, deceleration=self.limits.deceleration, reaction=spec.reaction)
+            # At amber it goes only if it cannot stop before the line; at red it always stops.
             decision = _GOES if light == AMBER and needed > line else _STOPS
         values.set_value(self._decision, [decision])
         if decision == _STOPS:

@@ -221,6 +221,7 @@ def operating_point(
 ) -> OperatingPoint:
     """Return the operating point of arguments as in :func:`magic_formula`."""
     load = larger(load, 0.0)
+    # Coefficients hold between FZMIN and FZMAX; outside, forces are scaled with the load from the nearer limit.
     inside = smaller(larger(load, max(p.fzmin, _LEAST_LOAD * p.fnomin)), p.fzmax)
     nominal = p.lfzo * p.fnomin  # (4.E1)
     used = (p.inflpres or p.nompres) if pressure is None else pressure
@@ -291,6 +292,7 @@ def lengths_at(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCur
         slopes: slopes from :func:`pure_slip`.
     """
     dfz, dpi = point.dfz, point.dpi
+    # The sum gives the result the type and shape of the load (array or AutoDiff).
     fallback = p.unloaded_radius + 0.0 * point.load
     if p.version == "5.2":
         length_x = (p.ptx1 + p.ptx2 * dfz) * exp(-p.ptx3 * dfz) * p.lsgkp * p.unloaded_radius * point.load / p.fnomin
@@ -328,6 +330,7 @@ def _lateral(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCurve
     """Return Fy in pure slip (4.E19)."""
     dfz, camber, shape = point.dfz, point.camber, p.pcy1 * p.lcy  # (4.E21)
     by_camber = point.load * (p.pvy3 + p.pvy4 * dfz) * camber * (p.lkyc * p.lmuy) * point.mu  # (4.E28)
+    # 5.2 has camber as a shift of the slip, 6.1 and 6.2 as a stiffness of its own.
     if p.version == "5.2":
         camber_shift = p.phy3 * camber * p.lkyc
     else:

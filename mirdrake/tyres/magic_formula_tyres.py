@@ -116,6 +116,7 @@ class MagicFormulaTyres(SlipTyres):
         Raises:
             ConfigError: the file does not exist.
         """
+        # The vehicle's own file comes before a common one of the same name.
         folders = [folder, *(models / "tyres" for models in search_folders("models"))]
         rear = ("rear_file", self.rear_file) if self.rear_file else ("file", self.file)
         files = []
@@ -156,6 +157,7 @@ def make_law(parameters: MagicFormulaParameters) -> TyreLaw:
         slopes, scale = pure_slip(parameters, point), point.scale
         lengths = lengths_at(parameters, point, slopes)
         peak_x, peak_y = abs(slopes.dx) * scale, abs(slopes.dy) * scale
+        # kya is negative in ISO axes, the slip stiffness of the relaxation positive.
         contact = Contact(slopes.kxk * scale, -slopes.kya * scale, lengths.x, lengths.y, peak_x, peak_y)
         return TyreAtLoad(contact, curve_at(parameters, point, slopes), MagicFormulaTyres.law)
 

@@ -160,6 +160,7 @@ def read_tir(path: Path) -> TirFile:
 def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
     """Parse and check the text of a .tir file; see :func:`read_tir`."""
     # Sections, units and version.
+    # Broken lines are reported first, since everything below would only repeat them.
     faults: list[str] = []
     sections, lines = _parse(text, name, faults)
     _raise_faults(faults)
@@ -173,6 +174,7 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
     seen: dict[str, int] = {}
     for section, key, entry in _entries(sections):
         known = _OLD_NAMES.get(key, key) if version == "5.2" else key
+        # Keys without a coefficient, which are read for units and version.
         if section == "UNITS" or key in {"FITTYP", "PROPERTY_FILE_FORMAT"}:
             continue
         if known not in _FIELDS:
@@ -217,6 +219,7 @@ def write_tir(parameters: MagicFormulaParameters, *, comments: tuple[str, ...] =
     entries = [("MODEL", "FITTYP", float(fittyp))]
     entries += [(_section_of(key), key, getattr(parameters, key.lower())) for key in _FIELDS]
     order = list(dict.fromkeys(section for section, _, _ in entries))
+    # Stable sort by the first appearance of a section, so that each one is opened once.
     for section, key, value in sorted(entries, key=lambda entry: order.index(entry[0])):
         if not math.isfinite(value):
             continue  # FZMAX without a limit
@@ -263,6 +266,7 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
 
 def _without_comment(line: str) -> str:
     """Return a line up to $ or ! outside of quotes."""
+    # Quoted texts, such as file names, may contain $ and !.
     quote = ""
     for index, character in enumerate(line):
         if character in "'\"":
@@ -276,6 +280,7 @@ def _value(text: str) -> Text:
     """Return the number of a line, or its text without quotes if it is not a finite number."""
     if len(text) > 1 and text[0] in "'\"" and text[-1] == text[0]:
         return text[1:-1].strip()
+    # Python accepts 1_000 as a number, the format does not.
     number = _number(text)
     return number if math.isfinite(number) and "_" not in text else text
 
@@ -306,6 +311,7 @@ def _scales(
     sections: Mapping[str, Mapping[str, Entry]], lines: Mapping[str, int], name: str, faults: list[str]
 ) -> dict[str, float]:
     """Return the SI value of each unit of the file."""
+    # A file without a unit of pressure is in SI.
     scales = {"PRESSURE": 1.0}
     units = sections.get("UNITS", {})
     for kind, allowed in _UNITS.items():
@@ -359,6 +365,7 @@ def _range_fault(place: str, key: str, value: float) -> list[str]:
 
 
 def _near(key: str, unused: list[str]) -> str:
+    # One wrong character: the usual misprint of a coefficient.
     close = [
         name for name in unused if len(name) == len(key) and sum(a != b for a, b in zip(name, key, strict=True)) == 1
     ]
@@ -397,6 +404,7 @@ def _section_of(key: str) -> str:
         return "STRUCTURAL"
     if key in fixed:
         return fixed[key]
+    # The longest beginning decides, such as QSX before Q.
     for start in sorted(starts, key=len, reverse=True):
         if key.startswith(start):
             return starts[start]

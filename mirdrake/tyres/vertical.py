@@ -37,6 +37,7 @@ class VerticalTyre:
     def __call__(self, load: float) -> float:
         """Return the deflection at rest [m] under a load [N]."""
         load = max(load, 0.0)
+        # The root of the quadratic equation in the form that also holds for a linear spring, without cancellation.
         return 2.0 * load / (self.stiffness + sqrt(self.stiffness**2 + 4.0 * self.hardening * load))
 
 
@@ -53,6 +54,7 @@ def vertical_force(tyre: Any, deflection: float, rate: float, spin: float) -> fl
         return 0.0
     force: float = deflection * (tyre.stiffness + tyre.hardening * deflection)
     growth: float = 1.0 + tyre.growth * abs(spin)
+    # Rubber cannot pull at the road, however fast the tyre rebounds.
     damping: float = 1.0 + tyre.damping * rate
     return force * growth * max(damping, 0.0)
 
@@ -62,6 +64,7 @@ def vertical_of_file(parameters: MagicFormulaParameters) -> VerticalTyre | None:
     p = parameters
     if p.vertical_stiffness <= 0.0:
         return None
+    # qFz1 of the head of the module; the stiffness in the file is the slope at the nominal load.
     square = (p.vertical_stiffness * p.unloaded_radius / p.fnomin) ** 2 - 4.0 * p.qfz2
     linear = sqrt(max(square, 0.0))
     return VerticalTyre(

@@ -51,6 +51,7 @@ class FileChange:
             return
         path = resolved(self.path)
         with write_errors(path):
+            # The user may have edited the file since it was read.
             if path.read_bytes() != self.before.encode():
                 raise RunError(f"{shown(self.path)}: has changed in the meantime; run it again")
             mode = path.stat().st_mode
@@ -73,12 +74,14 @@ def change_file(
         ConfigError: the file cannot be read, an edit does not fit it, or it would no longer load.
     """
     read_text(path)  # raises errors in the project's form
+    # Bytes, as reading as text would change the line ends.
     before = path.read_bytes().decode()
     name = shown(path)
     try:
         check(before)
     except ConfigError as error:
         raise ConfigError(f"{error}\n{name}: is left unchanged; fix it first") from None
+    # Without comments of the edits: values that are there already change nothing, not even a comment.
     bare = [Edit(edit.path, edit.value) for edit in edits]
     if edit_yaml(before, bare, name=name) == before:
         return FileChange(path, before, before, tuple(notes))

@@ -56,6 +56,7 @@ def change_mounts(sensors: SensorsSpec, changes: Mapping[str, Mapping[str, Any]]
     for name, keys in changes.items():
         if name not in mounts:
             raise ConfigError(f"{source.where(name)}: no sensor '{name}' is mounted; {did_you_mean(name, mounts)}")
+        # Keys that were given before stay only where a new preset does not replace them.
         data = below_preset(mounts[name].model_dump(exclude_unset=True), keys) | dict(keys)
         location = source._replace(prefix=(*source.prefix, name))
         try:

@@ -100,10 +100,12 @@ def check_numbers(urdf: Urdf) -> None:
             if len(values) != count or not all(map(fits, values)):
                 what = f"{count} finite numbers" if count > 1 else "a finite number"
                 raise ModelError(f"{_at(urdf, element)} {attribute} '{text}' should be {what}{_MEANING[fits]}")
+    # NaN counts as true, so this finds zero vectors only; other faults are reported above.
     for axis in urdf.root.iter("axis"):
         if not any(number(word) for word in axis.get("xyz", "1 0 0").split()):
             raise ModelError(f"{_at(urdf, axis)} xyz '{axis.get('xyz')}' has no direction")
     for limit in urdf.root.iter("limit"):
+        # Only one of the limits may be given.
         low, high = (number(limit.get(key, default)) for key, default in (("lower", "-inf"), ("upper", "inf")))
         if low > high:
             raise ModelError(f"{_at(urdf, limit)} lower {low:g} is above upper {high:g}")

@@ -93,6 +93,7 @@ def _measure(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -
         joint = plant.get_joint(index)
         joints.setdefault(int(joint.child_body().index()), set()).add(joint.name())
     signs, shapes = np.array(list(product((-1.0, 1.0), repeat=3))), []
+    # Body 0 is the world.
     for number in range(1, plant.num_bodies()):
         body = plant.get_body(BodyIndex(number))
         X_BL = plant.CalcRelativeTransform(context, base, body.body_frame())
@@ -111,6 +112,7 @@ def _measure(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -
 def _points_of(shape: Shape) -> Array | None:
     """Return points (n, 3) [m] whose convex hull is a shape, in its frame; None for shapes replaced by their box."""
     angle = 2.0 * np.pi * np.arange(_CIRCLE) / _CIRCLE
+    # A polygon around the circle: 1 / cos(π / n) makes its sides touch the circle from outside.
     circle = np.column_stack((np.cos(angle), np.sin(angle))) / np.cos(np.pi / _CIRCLE)
     if isinstance(shape, Cylinder):
         ends = (-0.5 * shape.length(), 0.5 * shape.length())

@@ -54,6 +54,7 @@ def parse_urdf(
         what = re.sub(r"^(warning|error):\s*", "", _LINE.sub("", message))
         return f"{location}: {' '.join(what.split())}"
 
+    # Drake reports some faults as warnings only; they are returned with their line.
     with drake_log() as messages:
         try:
             parser.AddModelsFromString(_coarse(text), "urdf")
@@ -71,6 +72,7 @@ def _coarse(text: str) -> str:
             hint = float(match.group(2))
         except ValueError:
             return match.group(0)
+        # Hints that are not above zero are left as they are, for the checks of numbers and for Drake.
         return f"{match.group(1)}{max(hint, 1.0)}{match.group(3)}" if hint > 0.0 else match.group(0)
 
     return _HINT.sub(coarser, text)
@@ -86,6 +88,7 @@ def drake_log() -> Iterator[list[str]]:
             messages.append(record.getMessage())
 
     logger = logging.getLogger("drake")
+    # The logger belongs to the process: its handlers are put back, also after an error.
     handlers, propagate = logger.handlers[:], logger.propagate
     logger.handlers, logger.propagate = [Collector(level=logging.WARNING)], False
     try:

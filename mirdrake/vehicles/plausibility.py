@@ -50,6 +50,7 @@ def _balance(figures: Inspection) -> list[str]:
         )
     if abs(y) > 0.02 * figures.tracks[1]:
         messages.append(f"centre of mass {abs(y):.3f} m to the {'left' if y > 0.0 else 'right'}")
+    # Yaw inertia over m a b; far from 1 the masses are probably wrong.
     if not 0.5 < figures.dynamic_index < 1.5:
         index = figures.dynamic_index
         messages.append(f"yaw inertia {figures.inertia[2]:.4g} kg m²: {index:.2f} m a b; cars have 0.8 to 1.1")
@@ -80,6 +81,7 @@ def _odd_link(link: LinkFigures, figures: Inspection) -> list[str]:
             f"link '{link.name}': inertia of a box {link.edges[0]:.3g} m long, but its shapes measure "
             f"{link.extent[0]:.3g} m"
         )
+    # Equality in the triangle inequality: all mass in one plane, which a heavy part of a vehicle never has.
     if link.spin is None and link.triangle is not None and link.triangle < 1.001 and link.mass > 0.05 * figures.mass:
         messages.append(f"link '{link.name}': inertia of a flat plate ({small:.4g} + {middle:.4g} = {large:.4g} kg m²)")
     if link.friction is not None and link.friction > MOST_FRICTION:

@@ -192,6 +192,7 @@ class EnginePowertrain(AnyPowertrain):
     def _no_hunting(self) -> "EnginePowertrain":
         for up, down in zip(self.shift_up, self.shift_down, strict=True):
             for gear, (low, high) in enumerate(pairwise(self.gears), start=1):
+                # After the shift the gearbox input turns slower by the ratio of the gears.
                 if up * high / low <= down:
                     raise ValueError(
                         f"gear {gear} would shift up at {up:.0f} rad/s and gear {gear + 1} down again at {down:.0f}; "

@@ -57,6 +57,7 @@ def presets() -> dict[str, PresetSpec]:
     known: dict[str, PresetSpec] = {}
     for path in files:
         for name, preset in _load(path, path.stat().st_mtime_ns).items():
+            # The first folder of the search path has priority.
             known.setdefault(name, preset)
     return known
 

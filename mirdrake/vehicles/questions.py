@@ -118,6 +118,7 @@ def parse_tyre(text: str, *, where: str = "tyre") -> tuple[float, float]:
         raise ConfigError(
             f"{where} '{text}' is not a tyre size; example: 215/50R17 (width in mm / height in % R rim in inches)"
         )
+    # mm, percent of the width, inch.
     width, aspect, rim = (float(group) for group in match.groups())
     return rim * 0.0254 / 2.0 + width * aspect * 1e-5, width * 1e-3
 
@@ -141,6 +142,7 @@ def read_quantity(quantity: Quantity, value: Any, *, where: str | None = None) -
     if isinstance(number, bool) or not isinstance(number, int | float):
         raise ConfigError(f"{name}: '{value}' is not a number; for example {quantity.example}")
     if not quantity.low <= number <= quantity.high:
+        # Frequent mistakes: degrees for radians, millimetres for metres.
         hint = ""
         if quantity.unit == "rad" and quantity.high < number <= 90.0:
             hint = f"; is it '{value} deg'?"
@@ -162,6 +164,7 @@ def check_plausible(values: Mapping[str, float]) -> None:
     """
     wheelbase, track, radius = (values[key] for key in ("wheelbase", "track", "wheel_radius"))
     tread = values.get("wheel_width", 0.0)
+    # A volume in which a vehicle has a known range of densities.
     box = wheelbase * track * 4.0 * radius
     rules: list[tuple[str, float, float, str]] = [  # key, smallest, largest, rule
         ("wheel_radius", 0.0, 0.48 * wheelbase, "0.48 wheelbases, or front and rear wheels overlap"),
@@ -239,6 +242,7 @@ def ask(
         if quantity.instead in known or (key == "track" and {"track_front", "track_rear"} <= known.keys()):
             continue
         span = f"{quantity.low:g} to {quantity.high:g} {quantity.unit}"
+        # A tyre size answers the radius and the width at once.
         if key == "wheel_radius":
             prompt = f"wheel radius, or tyre size such as 215/50R17 ({span}) [estimated]: "
             known |= answer(prompt, wheel, optional=True) or {}

@@ -50,6 +50,7 @@ def read_vehicle(data: Mapping[str, Any], *, urdf: str, packages: Mapping[str, s
     sensors = validate({"mounts": bare}, SensorsSpec, source)
     for name, mount in sensors.mounts.items():
         mount.preset = mounts[name]["preset"]
+    # JSON has no infinity: None stands for a missing limit.
     geometry = {key: math.inf if value is None else value for key, value in data["geometry"].items()}
     return Vehicle(
         name=data["name"],

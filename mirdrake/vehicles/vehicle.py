@@ -75,10 +75,12 @@ def load_vehicle(name: str, *, arguments: Mapping[str, str] | None = None, where
     spec = load_part(folder, "vehicle", VehicleSpec, change)
     control = load_part(folder, "control", ControlSpec, change)
     sensors = load_part(folder, "sensors", SensorsSpec, change)
+    # Missing tyre files are reported now, with the line of vehicle.yaml, not in the middle of a run.
     spec.tyres.property_files(folder, lambda key: where_in(spec, "tyres", key))
     check_pedals(spec, control)
     given = {name: str(value) for name, value in (arguments or {}).items()}
     values = change.arguments | given
+    # The argument changes the model and the spec: both must have the same driven axle.
     if "drive" in values:
         spec = with_drive(spec, values["drive"], where if "drive" in given else where_in(change, "arguments"))
     location = where if given or variant is None else where_in(change, "arguments")
@@ -156,6 +158,7 @@ def make_vehicle(
         ConfigError: a spec names something that the URDF does not have.
         ModelError: the URDF or its meshes are wrong.
     """
+    # Cheap checks of the text come first: their messages have lines and reasons, those of Drake often not.
     check_urdf(urdf, spec=spec, sensors=sensors)
     text, packages, mesh_warnings = resolve_meshes(urdf, folder)
     plant, scene_graph, drake_warnings = parse_urdf(text, packages=packages, where_line=urdf.where_line)
@@ -164,6 +167,7 @@ def make_vehicle(
     def place(joint: str) -> str:
         return urdf.where(joints[joint])
 
+    # Drake ignores some transmissions with a warning, so the result is checked, too.
     check_actuators(plant, spec=spec, where=place, warnings=drake_warnings)
     geometry = measure_geometry(plant, scene_graph, spec=spec, where=place)
     return Vehicle(

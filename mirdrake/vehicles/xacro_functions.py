@@ -68,6 +68,7 @@ def checked(value: Any, functions: set[int], *, new: bool = True) -> Any:
 
 def measure(value: Any, *, most: int = LARGEST) -> int:
     """Return the characters and items of a value, with all that is in it; counting stops above `most`."""
+    # Without recursion, so that deep nesting cannot exhaust the stack; values met twice count twice.
     total, waiting = 0, [value]
     while waiting and total <= most:
         item = waiting.pop()
@@ -136,6 +137,7 @@ def _add(left: Any, right: Any) -> Any:
 
 
 def _multiply(left: Any, right: Any) -> Any:
+    # The size of the result is known before it is made.
     for repeated, times in ((left, right), (right, left)):
         if isinstance(repeated, str | list | tuple) and isinstance(times, int):
             check_size(measure(repeated) * max(times, 0))
@@ -143,6 +145,7 @@ def _multiply(left: Any, right: Any) -> Any:
 
 
 def _power(left: Any, right: Any) -> Any:
+    # A lower bound of the bits of the result: |left| >= 2^(bits - 1).
     integers = isinstance(left, int) and isinstance(right, int) and abs(left) > 1
     if integers and (left.bit_length() - 1) * abs(right) > BITS:
         raise XacroException(f"an integer of more than {BITS} bits")
@@ -160,6 +163,7 @@ def _shift(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 
 def _modulo(left: Any, right: Any) -> Any:
     if isinstance(left, str):
+        # Widths and precisions of a format are memory that the text does not show.
         for spec in _CONVERSION.findall(left):
             _check_format(spec)
             if "*" in spec:
@@ -234,6 +238,7 @@ _SAFE_METHODS: dict[str, Callable[..., Any]] = {
 def method_of(owner: Any, name: str) -> Callable[..., Any]:
     """Return a method of :data:`METHODS`."""
     if isinstance(owner, dict):
+        # Nested YAML data keep the wrapper that gives them attribute access.
         wrap = YamlListWrapper.wrap if isinstance(owner, YamlDictWrapper) else lambda value: value
         plain: dict[str, Callable[..., Any]] = {
             "get": lambda *key: wrap(dict.get(owner, *key)),
@@ -256,12 +261,14 @@ def _round(value: Any, digits: int | None = None) -> Any:
 def range_of(*limits: Any) -> list[int]:
     """Return the numbers of a range as a list."""
     numbers = range(*limits)
+    # len() of a longer range raises an OverflowError.
     check_size(len(numbers) if all(abs(limit) < 1 << 62 for limit in limits) else math.inf)
     return list(numbers)
 
 
 def _sum(values: Any, start: Any = 0) -> Any:
     items = items_of(values)
+    # Sums of lists would grow without a check of their size.
     if any(not isinstance(item, int | float) for item in (*items, start)):
         raise TypeError("sum adds numbers only")
     return sum(items, start)
@@ -277,6 +284,7 @@ def _map(function: Callable[..., Any], *values: Any) -> list[Any]:
     results: list[Any] = []
     size = 0
     for items in zip(*map(items_of, values), strict=False):
+        # The function may be any allowed one, so each result is checked like a value of an expression.
         results.append(checked(function(*items), set()))
         size += measure(results[-1])
         check_size(10 * size)

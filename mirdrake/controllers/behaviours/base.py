@@ -110,6 +110,7 @@ class Behaviour(LeafSystem):
                 f"{type(self).__name__}: the vehicle is at ({x}, {y}); the simulation has become unstable"
             )
         ranges = self.ranges.Eval(context)
+        # A copy: `decide` writes into it, and the Context is constant here.
         memory = context.get_discrete_state(self._memory).value().copy()
         speed, steering = self.decide(View(x, y, yaw, vx, ranges, self.fan.points(ranges)), memory)
         values.set_value(self._command, Command(max(speed, 0.0), self.law.clip(steering), context.get_time()))

@@ -72,12 +72,14 @@ class DriveToNearest(Behaviour):
         last = np.array([cos * place[0] + sin * place[1], cos * place[1] - sin * place[0]])
         gaps = gap_to(points, self.outline)
         away = np.hypot(*(points - last).T)  # NaN before there is an object
+        # Stay with the object chosen before, as others may come nearer; then take its point nearest to the bumper.
         target = int(np.argmin(away)) if np.min(away) < _SAME else int(np.argmin(gaps))
         same = np.hypot(*(points - points[target]).T) < _SAME
         target = int(np.argmin(np.where(same, gaps, math.inf)))
         x, y = points[target].tolist()
         memory[:] = view.x + cos * x - sin * y, view.y + sin * x + cos * y
 
+        # Pure pursuit: the circle through the rear axle centre, tangential to the heading, and the point.
         steering = self.law.clip(self.law.steering(2.0 * y / (x * x + y * y)))
         curvature = self.law.curvature(steering)
         way = free_distance(points, [curvature], self.outline)[0]

@@ -146,7 +146,7 @@ class HoldLane(PathTracker):
             # Signed distance on a closed track, from -L/2 to L/2.
             ahead = np.mod(ahead + 0.5 * self.path.length, self.path.length) - 0.5 * self.path.length
         ahead = (ahead - self.outline.front)[np.abs(lateral) < self._half]
-        # Behind the rear axle a point is no obstacle to driving on.
+        # Points behind the rear axle do not obstruct a vehicle that drives ahead.
         ahead = ahead[ahead > -self.outline.front]
         return max(float(ahead.min()), 0.0) if ahead.size else math.inf
 

@@ -67,6 +67,7 @@ class ObstacleStopper(Behaviour):
         self.deceleration = check_number(owner, "deceleration", deceleration, unit="m/s^2", above=0.0)
         self.reaction = check_number(owner, "reaction", reaction, unit="s", at_least=0.0)
         self.as_published = as_published
+        # The published law looks at a narrow sector of the scan only.
         self._ahead = np.abs(self.fan.angles) < PUBLISHED_ANGLE
 
     def decide(self, view: View, memory: Array) -> Decision:  # noqa: ARG002

@@ -48,6 +48,7 @@ def split_brakes(torque: float, front_share: float, *, generator: float, shares:
         torque of the motor at the wheels [N m], positive, and the brake torques of the wheels [N m].
     """
     front, rear = torque * front_share, torque * (1.0 - front_share)
+    # Motor torque is divided by `shares`: it may rise until one driven axle has its whole share from the motor.
     wanted = [axle / share for axle, share in ((front, shares.front), (rear, shares.rear)) if share > 0.0]
     motor = min(generator, *wanted)
     left_front, left_rear = 0.5 * (front - motor * shares.front), 0.5 * (rear - motor * shares.rear)

@@ -49,6 +49,7 @@ class PedalMaps:
 
     def __init__(self, pedals: Pedals, *, brake_torque: float) -> None:
         self.throttle: Rows = pedals.throttle or [(0.0, 0.0), (1.0, 1.0)]
+        # No pedal gives more than the brakes have; the last piece is a line to full torque.
         brake = [(pedal, min(torque, brake_torque)) for pedal, torque in pedals.brake] or [(0.0, 0.0)]
         if brake[-1][0] < 1.0:
             brake.append((1.0, brake_torque))

@@ -68,9 +68,11 @@ def make_motor(spec: AnyPowertrain, *, radius: float) -> Motor:
 def full_torque(motor: Motor, speed: float) -> float:
     """Return the largest torque of the motor itself [N m] at its speed along the gear [rad/s]."""
     size = abs(speed)
+    # Constant torque, then constant power, at most the map.
     torque = min(motor.torque, motor.power / size) if size > 0.0 else motor.torque
     if motor.rows:
         torque = min(torque, read_map(motor.rows, size))
+    # The torque fades before the top speed, so that it is not switched off in one step.
     if motor.top < inf:
         torque *= min(max((motor.top - speed) / (FADE * motor.top), 0.0), 1.0)
     return torque
@@ -81,6 +83,7 @@ def generator_torque(motor: Motor, speed: float) -> float:
     if motor.regeneration is None or speed <= 0.0:
         return 0.0
     torque = min(motor.regeneration.max_torque, motor.regeneration.max_power / speed)
+    # Regeneration fades out before standstill; otherwise it would drive the vehicle backwards.
     return torque * min(speed / (motor.gear * motor.fade_rate), 1.0)
 
 
@@ -93,6 +96,7 @@ def wheel_limits(motor: Motor, rate: float) -> tuple[float, float]:
     """
     speed = rate * motor.gear
     coast = motor.regeneration.coast_share if motor.regeneration is not None else 0.0
+    # Braking power flows from the wheels to the motor: losses of the gear increase the torque at the wheels.
     closed = -coast * generator_torque(motor, speed) * motor.gear / motor.efficiency
     return closed, full_torque(motor, speed) * motor.gear * motor.efficiency
 

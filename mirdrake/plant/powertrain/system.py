@@ -72,6 +72,7 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._angles = [joint.position_start() for joint in part.steering]
         self._quaternion = part.base.floating_positions_start()
         self._velocity = positions + part.base.floating_velocities_start_in_v()
+        # Wheel centres in B, x and y; suspension and scrub radius hardly change them.
         self._places = (
             (geometry.wheelbase, 0.5 * geometry.front_track),
             (geometry.wheelbase, -0.5 * geometry.front_track),
@@ -107,6 +108,7 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         ahead, aside, yaw_rate = planar_velocity(x[self._quaternion :][:4], x[self._velocity :][:6])
         speeds = []
         for (along, across), angle in zip(self._places, (left, right, 0.0, 0.0), strict=True):
+            # Velocity of the wheel centre (rigid body), along the wheel plane turned by the steering angle.
             speeds.append((ahead - yaw_rate * across) * cos(angle) + (aside + yaw_rate * along) * sin(angle))
         return Measured(tuple(rates), tuple(speeds), ahead, yaw_rate, 0.5 * (left + right))  # type: ignore[arg-type]
 
@@ -133,6 +135,7 @@ def planar_velocity(quaternion: Sequence[float], velocity: Sequence[float]) -> t
     """
     w, i, j, k = quaternion
     wx, wy, wz, vx, vy, vz = velocity
+    # Division by the squared norm: Drake's quaternions may drift from 1.
     scale = 2.0 / (w * w + i * i + j * j + k * k)
     ahead = vx * (1.0 - (j * j + k * k) * scale) + scale * (vy * (i * j + w * k) + vz * (i * k - w * j))
     aside = vy * (1.0 - (i * i + k * k) * scale) + scale * (vx * (i * j - w * k) + vz * (j * k + w * i))
@@ -149,6 +152,7 @@ def wheel_inertias(plant: MultibodyPlant, part: "VehicleInPlant") -> list[float]
         axis = joint.frame_on_child().GetFixedPoseInBodyFrame().rotation().multiply(joint.revolute_axis())
         own = body.CalcSpatialInertiaInBodyFrame(context)
         tensor = own.Shift(own.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+        # Reflected through the gear, hence its ratio squared.
         rotor = actuator.default_rotor_inertia() * actuator.default_gear_ratio() ** 2
         inertias.append(float(axis @ tensor @ axis) + rotor)
     return inertias

@@ -67,6 +67,7 @@ def arch_clearance(radius: float, width: float, steering: float = STEERING) -> t
     The wheel is a cylinder that turns by ``steering`` about the vertical axis through its centre. A point of its rim at
     the angle φ lies at x = R cos φ cos δ + w/2 sin δ and z = R sin φ.
     """
+    # The largest distance has no simple closed form; a fine table is exact enough for a clearance.
     phi = np.linspace(0.0, np.pi / 2, 721)
     s, c = np.sin(abs(steering)), np.cos(steering)
     reach = np.hypot(radius * np.cos(phi) * c + width / 2 * s, radius * np.sin(phi))
