@@ -126,7 +126,7 @@ def tune(
         RunError: the folder belongs to something else, or the plant cannot be measured.
         StoppedError: Ctrl-C; call again to resume.
     """
-    # Workers are forked from a server, which must start before this process has threads.
+    # The fork server imports the plant while this process reads the study.
     if executor is None and workers != 0:
         start_server(LOOP)
     spec = make_tuning(study)
@@ -134,8 +134,7 @@ def tune(
     loop = make_loop_spec(spec)
     check_study(spec, loop)
     folder = Path(out)
-    # The key identifies study and loop, vehicle included: a folder of another study is rejected, that of this one
-    # resumed.
+    # The key identifies study and loop: a folder of another study is rejected, that of this one is resumed.
     key = digest_data(plain({"study": spec.model_dump(mode="json"), "loop": asdict(loop)}))
     finished = _open(folder, key)
     if finished is not None:
