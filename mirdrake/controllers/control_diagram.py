@@ -149,6 +149,7 @@ def make_control_blocks(unit: VehicleControl) -> dict[str, System]:
     }
     for block in STEERING_LOOPS:
         blocks[block] = SteeringLoop(control.steering, period=period, limits=setup.steering_limits)
+    # Pedals replace speed loop and wheel loops: the powertrain turns the wheels.
     if unit.pedal_law is not None:
         blocks["pedal_loop"] = PedalLoop(control.wheel_speed, unit.pedal_law, period=period)
         return blocks

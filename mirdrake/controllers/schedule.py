@@ -47,6 +47,7 @@ class Schedule:
             if len(tuple(row)) != 3:
                 raise ConfigError(f"{owner}: time, speed and steering are expected, got {tuple(row)}")
             time, speed, steering = row
+            # Times must increase, since interpolation divides by their difference.
             previous = self._rows[-1][0] if self._rows else float("-inf")
             self._rows.append(
                 (

@@ -453,6 +453,7 @@ def _compressions(
         (geometry.front_wheel_radius, geometry.front_wheel_width),
         (geometry.rear_wheel_radius, geometry.rear_wheel_width),
     )
+    # Only the vertical tyre uses stiffness and damping of a tyre file; Drake's contact has its own.
     of_files = vehicle.spec.tyres.vertical_tyres(vehicle.folder) if contact == "tyre" else (None, None)
     result: list[Compression] = []
     for material, (radius, width), of_file in zip(materials, sizes, of_files, strict=True):
@@ -464,6 +465,7 @@ def _compressions(
             result.append(TyreSpring(1.0 / stiffness, 1.0))
         else:
             modulus = material.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 1e7)
+            # Solved for d: d = softness N^(2/3).
             softness = (0.75 / (modulus * width * sqrt(2.0 / radius))) ** (2.0 / 3.0)
             result.append(TyreSpring(float(softness), 2.0 / 3.0))
     return result[0], result[1]

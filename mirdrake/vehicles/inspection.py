@@ -272,6 +272,7 @@ def _actuators(plant: MultibodyPlant, joints: Sequence[JointFigures]) -> tuple[A
         actuator = plant.get_joint_actuator(index)
         joint = known[actuator.joint().name()]
         role = joint.role
+        # Drive and brake torque share the actuator of a wheel, so a driven wheel has both roles.
         moves = f"drives and brakes the {role.partition(' wheel')[0]} wheel" if role.endswith("driven") else ""
         moves = moves or (f"brakes the {role}" if role.endswith("wheel") else "")
         moves = moves or (f"steers the {role.partition(' ')[0]} front wheel" if role.endswith("steering") else "")

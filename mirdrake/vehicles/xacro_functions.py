@@ -48,6 +48,7 @@ def checked(value: Any, functions: set[int], *, new: bool = True) -> Any:
     Raises:
         XacroException: the type is not allowed, or the value is too large.
     """
+    # Numbers and None have a fixed size; bool is an int and comes first.
     if isinstance(value, bool | float) or value is None:
         return value
     if isinstance(value, int):
@@ -60,6 +61,7 @@ def checked(value: Any, functions: set[int], *, new: bool = True) -> Any:
     if isinstance(value, Functions | NameSpace | slice) or id(value) in functions:
         return value
     if isinstance(value, list | tuple | dict | set | frozenset) and not isinstance(value, Table):
+        # Measuring a collection again at each look-up would cost more than the expression.
         if new:
             check_size(measure(value))
         return value

@@ -215,7 +215,7 @@ class _Expansion:
         xacro.filestack.append(str(path))
         try:
             text = resolved.read_text(encoding="utf-8")
-            # Events come before any tree exists, so a hostile file takes no memory; aliases are counted afterwards.
+            # Events come before any tree exists, so a hostile file takes little memory; aliases are counted afterwards.
             depth = 0
             for number, event in enumerate(yaml.parse(text, Loader=_Yaml)):
                 depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)

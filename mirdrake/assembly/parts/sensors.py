@@ -28,6 +28,7 @@ def check_sensors(spec: DiagramSpec, vehicles: Mapping[str, Vehicle]) -> None:
                 )
             if sensor in names[:index]:
                 raise ConfigError(f"{place}: '{sensor}' is named twice; once is enough")
+    # Cameras are recorded all together, so at least one must be in use.
     if spec.record.cameras and not cameras_of(spec, vehicles):
         raise ConfigError(
             f"{where(spec, 'record', 'cameras')}: no camera is in use; name one under sensors, "

@@ -107,12 +107,14 @@ class HoldLane(PathTracker):
         period: float = 0.05,
     ):
         check_number("HoldLane", "offset", offset, unit="m")
+        # A lane beside the centre line is a track of its own, so that the tracker needs no offset.
         lane = Lane(track, offset) if offset else track
         super().__init__(lane, vehicle.geometry, gains=gains, period=period, limits=limits)
         self.distance = check_number("HoldLane", "distance", distance, unit="m", at_least=0.0)
         self.reaction = check_number("HoldLane", "reaction", reaction, unit="s", at_least=0.0)
         clearance = check_number("HoldLane", "clearance", clearance, unit="m", at_least=0.0)
         self.outline = outline_of(vehicle)
+        # Half the width within which something obstructs the lane.
         self._half = self.outline.half_width + clearance
         self.fan = Fan(self.outline.front)
         self.ranges = declare_vector_input(self, "ranges", range_signals(BEAMS))

@@ -222,11 +222,13 @@ class PowertrainLaw:
         """Return the torque of a wheel with slip control; the memory is changed."""
         options = self._brakes.abs if direction == BRAKING else self._traction
         assert options is not None
+        # Braked and driven slip have memories of their own, as a wheel may be in both controls in turn.
         row = self._slips[wheel + (4 if direction == DRIVING else 0)]
         memory[row], torque = hold_slip(
             SlipState(*memory[row]),
             wanted,
             direction=direction,
+            # The law knows one direction of travel, so rate and speed are taken along it.
             rate=along * measured.rates[wheel],
             speed=along * measured.speeds[wheel],
             options=options,

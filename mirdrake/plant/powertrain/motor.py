@@ -83,7 +83,7 @@ def generator_torque(motor: Motor, speed: float) -> float:
     if motor.regeneration is None or speed <= 0.0:
         return 0.0
     torque = min(motor.regeneration.max_torque, motor.regeneration.max_power / speed)
-    # Regeneration fades out before standstill; otherwise it would drive the vehicle backwards.
+    # Regeneration fades out before standstill, where a constant braking torque would switch on and off.
     return torque * min(speed / (motor.gear * motor.fade_rate), 1.0)
 
 

@@ -85,6 +85,7 @@ def pack_contact(row: MutableSequence[float], contact: GroundContact) -> None:
 
 def unpack_contact(row: Sequence[float]) -> GroundContact:
     """Return the contact in a row of :func:`pack_contact`."""
+    # Written out, since Numba cannot make a tuple of known length from a slice of an array.
     return GroundContact(
         row[0],
         row[1],

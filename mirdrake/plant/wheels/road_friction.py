@@ -47,6 +47,7 @@ class RoadFriction:
         areas = self._world.friction_areas
         self.varies = len({self._world.ground.mu, *(mu for _, mu in areas)}) > 1
         self._edges = shapely.MultiLineString([line for area, _ in areas for line in _lines(area)])
+        # The distance to the edges is asked for often; a prepared geometry has an index.
         shapely.prepare(self._edges)
         self._wheels = [
             (joint.child_body(), tyre, mu)
