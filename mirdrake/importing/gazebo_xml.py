@@ -58,6 +58,7 @@ def read_gazebo_xml(path: Path) -> XmlDocument:
     if mark:
         line = before.count(b"\n") + 1
         raise ModelError(f"{name}:{line}: declares an XML entity; replace each reference to it by its text")
+    # Only a file that is not valid XML is repaired.
     try:
         return parse_xml(data, name, error=ModelError, text_after_root=True)
     except ModelError:
@@ -89,6 +90,7 @@ def _strict(data: bytes) -> bytes:
         if words.startswith("<![CDATA["):
             return _CONTROL.sub(" ", words)
         if words.startswith(("<!", "<?")):
+            # Line breaks of removed parts stay, so that the numbers of lines stay right.
             ended = words.endswith("-->" if words.startswith("<!--") else ">")
             return "\n" * words.count("\n") if ended else words
         return clean(words)

@@ -43,6 +43,7 @@ class Places:
         """Return a text without the folders above the package."""
         start = self._above if _is_package(self._root) else str(self._root) + os.sep
         for prefix in (start, shown(Path(start)) + os.sep):
+            # A prefix such as "./" would match in the middle of other paths.
             if len(prefix) > 2:
                 text = text.replace(prefix, "")
         return text

@@ -10,6 +10,7 @@ Bounds = tuple[float, float, float, float]
 
 def format_position(*position: float) -> str:
     """Return a position as text, for example ``(3.00, -1.20) m``."""
+    # Rounding may leave "-0.00".
     return f"({', '.join(f'{value + 0.0:.2f}'.replace('-0.00', '0.00') for value in position)}) m"
 
 

@@ -121,6 +121,7 @@ class Piece:
         normals = self.normals
         mirrored = float(np.linalg.det(linear)) < 0.0
         if normals is not None:
+            # Normals follow the cofactors, which point inwards after a reflection.
             normals = normals @ _cofactors(linear).T * (-1.0 if mirrored else 1.0)
         piece = replace(self, corners=corners, normals=normals)
         return piece._with(lambda array: array[:, ::-1]) if mirrored else piece
@@ -442,6 +443,7 @@ def _trimesh_material(given: Any) -> Material:
         factor = given.baseColorFactor
         rgba = np.ones(4) if factor is None else np.asarray(factor, dtype=float)
         rgba = rgba / 255.0 if np.asarray(factor).dtype == np.uint8 else rgba
+        # glTF ignores the opacity of opaque materials.
         opaque = given.alphaMode in (None, "OPAQUE")
         picture = given.baseColorTexture
         picture = None if picture is None else _plain(picture, alpha=not opaque)

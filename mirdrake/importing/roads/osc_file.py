@@ -83,6 +83,7 @@ class Scenario:
             ConfigError: the parameter does not exist.
         """
         value = element.get(key, default)
+        # A parameter may refer to another one; the limit ends a circle of references.
         for _ in range(10):
             match = _PARAMETER.match(value.strip())
             if match is None:
@@ -106,6 +107,7 @@ class Scenario:
             result = float(value)
         except ValueError:
             result = math.nan
+        # The comparison is false for NaN, too.
         if not abs(result) <= 1e9:
             raise ConfigError(f"{self.where(element)}: {key} '{value[:40]}' of <{element.tag}> should be a number")
         return result
@@ -147,6 +149,7 @@ def _entity(name: str, element: Element | None, entry: str, catalogue: str) -> E
     """Return an entity; without its entry in a catalogue, kind and size are those of its name there."""
     words = f"{catalogue} {entry}".lower()
     guess = next((kind for kind in _PROPS if kind in words), "object" if "misc" in words else "car")
+    # A usual car, whose reference point is at the rear axle.
     kind, size, middle = guess, (4.5, 1.8, 1.5), 1.35
     if guess == "pedestrian":
         size, middle = (0.5, 0.6, 1.75), 0.0

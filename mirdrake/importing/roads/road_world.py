@@ -41,6 +41,7 @@ def number(value: float) -> str:
 
 def pose(x: float, y: float, yaw: float) -> str:
     """Return keys of a pose; the heading has a resolution of 1e-4 deg."""
+    # Angles within ±180 deg.
     turned = math.degrees(math.remainder(yaw, 2.0 * math.pi))
     return f"at: [{number(x)}, {number(y)}], yaw: {number(turned)} deg"
 

@@ -90,6 +90,7 @@ class Frames:
         """Set the pose of a frame relative to the world."""
         where = self._frames[name].where if name in self._frames else ""
         self._frames[name] = Frame(X_WA, WORLD, where)
+        # Any other pose may depend on this one, so that all are computed again.
         self._poses = {WORLD: RigidTransform()}
 
     def pose(self, name: str, *, where: str = "") -> RigidTransform:
@@ -127,6 +128,7 @@ class Frames:
             return frame.X
         X = RigidTransform()  # of the placement frame in this one
         step = frame.placed
+        # Poses from the placement frame P up to this frame A are composed; X is that of P, so that A has X inv(X_AP).
         for _ in range(len(self._frames) + 1):
             if step == name:
                 return frame.X @ X.inverse()

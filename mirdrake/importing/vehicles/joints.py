@@ -31,6 +31,7 @@ def report_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]
     wheels = [wheel.joint for wheel in roles.wheels.values()]
     used = [*wheels, *(joint for joint in roles.steering if all(joint is not other for other in wheels))]
     reported = {change.part for change in roles.changes if change.code is Code.JOINT_FIXED}
+    # Only a prismatic joint that carries a wheel is a suspension.
     carrying = {joint.name for wheel in wheels for joint in roles.tree.path(wheel.child)}
     for joint in roles.tree.above.values():
         if joint.kind != "fixed" and all(joint is not other for other in (*used, *sprung)):
@@ -151,6 +152,7 @@ def _gains(model: SourceModel, joints: Iterable[str]) -> tuple[dict[str, float],
     wanted = list(joints)
     for controller in model.controllers:
         kind = controller.kind.lower()
+        # Gains of a controller with another output have other units.
         if kind and "effort" not in kind:
             continue
         for joint, gains in controller.gains.items():

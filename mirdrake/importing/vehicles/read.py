@@ -46,6 +46,7 @@ def read_source(
     if not model.links:
         raise ModelError(f"{shown(path)}:1: no links in the model")
     read_controllers(dict.fromkeys([folder, *around.used.values()]), model)
+    # Packages beside this one may belong to other robots: only controllers of its joints count.
     read_controllers(around.beside(), model, only=set(model.joints))
     model.texts = _texts(folder)
     model.texts.setdefault("package", name)

@@ -104,11 +104,13 @@ class _Reader:
 
     def read(self, element: Element, scope: Scope) -> None:
         self._read_model(element, scope, 0)
+        # Faulty poses of links are errors before joints refer to them.
         for name in self._model.links:
             self._frames.pose(name)
         self._set_joints()
         for plugin in self._plugins:  # which may name links that follow in the file
             take_plugin(plugin, "", self._model)
+        # Springs name their links, so that they follow when all joints are known.
         for spring in self._springs:
             read_spring_damper(spring, self._model, self._files.where)
 
@@ -280,6 +282,7 @@ class _Reader:
                 raise ModelError(f"{where}: joint '{name}': its axis has no direction")
             xyz = axis.find("xyz")
             frame = (xyz.get("expressed_in") or "") if xyz is not None else ""
+            # Before SDF 1.5 an axis was in the frame of the model.
             if not frame and (is_true(text_of(axis, "use_parent_model_frame")) or scope.version < (1, 5)):
                 frame = "__model__"
             if frame:
@@ -293,6 +296,7 @@ class _Reader:
                 read_number(axis.findtext(f"dynamics/{key}"), where=where, what=f"joint '{name}': {key}")
                 for key in ("damping", "friction", "spring_stiffness")
             )
+            # SDF's default stiffness of zero means that there is no spring.
             joint.damping, joint.friction, joint.stiffness = damping or 0.0, friction or 0.0, stiffness or None
         self._model.joints[name] = joint
 
@@ -317,6 +321,7 @@ class _Reader:
                 self._model.changes.add(Code.JOINT, joint.where, f"joint '{name}'", "to the world", None, why)
                 del self._model.joints[name]
                 continue
+            # At joint position zero: X_PJ from the parent link to the joint, X_JC from there to the child link.
             X_MJ = self._frames.pose(name)
             joint.X_PJ = self._frames.pose(joint.parent).inverse() @ X_MJ
             joint.X_JC = X_MJ.inverse() @ self._frames.pose(joint.child)
@@ -336,6 +341,7 @@ class _Reader:
         for _ in range(DEEPEST):
             if step in self._model.links:
                 return step
+            # A joint may refer to a nested model, which stands for its first link.
             inside = [link for link in self._model.links if link.startswith(f"{step}::")]
             if step is None or step not in self._frames:
                 break

@@ -58,6 +58,7 @@ def fit_mount(
     _narrow(mount, corrections)
     if "rows" in mount and mount["columns"] * mount["rows"] > MAX_RAYS:
         _set(mount, "columns", MAX_RAYS // mount["rows"], f"at most {MAX_RAYS} rays a scan are cast", corrections)
+    # Each pass removes one optional value, so that the loop ends.
     for _ in range(len(mount)):
         try:
             cls.model_validate({"frame": "any", **mount})
@@ -156,6 +157,7 @@ def _narrow(mount: MountData, corrections: list[Correction]) -> None:
         span = mount[end] - mount[start]
         if abs(span) > ROUNDED_TURN:
             was = f"{mount[start]:.6g} to {mount[end]:.6g} rad"
+            # A symmetric fan stays symmetric about x.
             if abs(mount[start] + mount[end]) < 1e-3 * abs(span):
                 mount[start] = -copysign(pi, span)
             mount[end] = mount[start] + copysign(2.0 * pi, span)

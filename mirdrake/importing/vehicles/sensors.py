@@ -212,6 +212,7 @@ class _Reader:
         for end, cutoff in (("near", "pointCloudCutoff"), ("far", "pointCloudCutoffMax")):
             paths = (f"{camera}.depth_camera.clip.{end}", f"plugin.{cutoff}")
             value = self._get(*paths)
+            # Without a range of depths, that of the picture counts.
             mount[f"depth_{end}"] = value if value is not None and value > 0.0 else mount[end]
         if mount["depth_near"] <= 0.0:
             mount["depth_near"] = _CAMERA["near"]
@@ -223,6 +224,7 @@ class _Reader:
         return self._get(f"ray.{path}", f"lidar.{path}")
 
     def _lidar(self, mount: MountData) -> MountData | None:
+        # Gazebo interpolates its samples to samples x resolution beams.
         columns = _whole(
             (self._scan("scan.horizontal.samples") or 0.0) * (self._scan("scan.horizontal.resolution") or 1.0)
         )

@@ -49,6 +49,7 @@ def convert_shapes(car: Car, folder: Path, *, convex_time: float = CUT_TIME) -> 
     time = CutTime(convex_time)
     for shape in car.body.collisions:
         solid += _collision(shape, car.body, folder, files, changes, time)
+    # The limit is relative to the wheelbase, so that it suits scale models, too.
     low = CLEARANCE * car.layout.wheelbase
     car.body.collisions = [new for shape in solid if (new := _lift(shape, car.body, low, changes)) is not None]
     # Replacements for missing ones.
@@ -73,6 +74,7 @@ def _visual(
         return shape
     if shape.mesh is None:  # reported by the reader
         return None
+    # Shapes of one mesh, such as those of four wheels, share its file.
     key = (shape.mesh, shape.scale, shape.submesh, shape.rgba, shape.texture)
     if key in written:
         known = written[key]
@@ -125,10 +127,12 @@ def _lift(shape: Shape, body: Part, low: float, changes: Changes) -> Shape | Non
     # An upright box is cut off at the bottom; any other shape is moved up.
     R = shape.X_LG.rotation().matrix()
     if shape.kind == "box" and np.abs(np.abs(R[2]).max() - 1.0) < _LEVEL:
+        # Only the edge along the vertical becomes shorter.
         edge = int(np.argmax(np.abs(R[2])))
         size = list(shape.size)
         size[edge] = top - low
         changes.add(Code.SHAPE, shape.where, what, was, f"from {low:.4g} m on", why)
+        # The pose of a box is that of its middle, which rises by half of the cut.
         return replace(shape, size=tuple(size), X_LG=_raised(shape.X_LG, (low - bottom) / 2.0))
     changes.add(Code.SHAPE, shape.where, what, was, f"{low - bottom:.4g} m higher", why)
     return replace(shape, X_LG=_raised(shape.X_LG, low - bottom))
@@ -186,6 +190,7 @@ def _show_wheels(car: Car, places: Mapping[str, str], *, every: bool) -> list[Ch
 def _box(car: Car, bounds: Bounds, was: str, changes: Changes) -> Shape:
     """Return a collision shape for a body: its bounding box, above the road."""
     lower, upper = (np.array(corner) for corner in bounds)
+    # At most half of the height, so that a low body keeps a box.
     lower[2] = max(lower[2], min(car.estimates.ground_clearance, 0.5 * upper[2]))
     size = upper - lower
     became = f"box {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m, from {lower[2]:.3g} m on"

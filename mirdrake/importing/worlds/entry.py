@@ -78,6 +78,7 @@ def number(value: float) -> str:
 def degrees(angle: float) -> str:
     """Return an angle in degrees rounded to 1e-4 as text."""
     value = float(np.degrees(angle))
+    # An angle from rounded radians, such as 89.9998 deg, is written as a whole number.
     value = value if abs(value - round(value)) > 0.0005 else float(round(value))
     text = f"{round(value, 4) + 0.0:.4f}".rstrip("0").rstrip(".")
     text = "180" if text == "-180" else text
@@ -104,6 +105,7 @@ def _grid(group: list[Entry]) -> Entry | None:
     # A grid is full: as many entries as rows times columns, with equal steps.
     places = np.array([np.round(entry.X_WP.translation()[:2], 4) for entry in group])
     xs, ys = (np.unique(places[:, axis]) for axis in (0, 1))
+    # Counts alone would also fit objects at the same place.
     if len(xs) * len(ys) != len(group) or len(np.unique(places, axis=0)) != len(group):
         return None
     steps = []
@@ -112,9 +114,11 @@ def _grid(group: list[Entry]) -> Entry | None:
         if len(gaps) and float(np.ptp(gaps)) > 1e-4:
             return None
         step = round(float((line[-1] - line[0]) / len(gaps)), 4) if len(gaps) else 0.0
+        # The rounded step must still lead to the last object.
         if len(gaps) and abs(line[0] + step * len(gaps) - line[-1]) > NEAR:
             return None
         steps.append(step)
+    # A grid begins at its lowest y and x.
     first = min(group, key=lambda entry: tuple(entry.X_WP.translation()[[1, 0]]))
     first.others = [entry.obj.name for entry in group if entry is not first]
     step_text = f"[{number(steps[0])}, {number(steps[1])}]"

@@ -72,6 +72,7 @@ class FreePlaces:
         while s <= last + count * _STEP:
             x, y, yaw = track.pose_at(s % track.length if track.closed else min(s, track.length))
             clear = clear + 1 if self.is_free(x, y, yaw) else 0
+            # Free places in a row stand for the free distance ahead of the first of them.
             if clear > count:
                 return round(s - count * _STEP, 2)
             s += _STEP
@@ -91,6 +92,7 @@ def _spiral() -> Iterator[tuple[float, float]]:
     """Yield positions around the origin, nearest first [m]."""
     count, ring = 0, 0
     while count < _MOST_PLACES / len(_HEADINGS):
+        # Six more places per ring keep their distance.
         number = max(1, 6 * ring)
         for angle in 2.0 * math.pi * np.arange(number) / number:
             count += 1
