@@ -151,6 +151,7 @@ def resolve_parameters(known: Sequence[Parameter], settings: Mapping[str, Settin
     ]
     resolved = []
     for info in known:
+        # Faults are collected, so that one attempt reports all of them.
         setting = settings.get(info.name, Setting())
         problem = _problem(info, setting)
         if problem:
@@ -173,6 +174,7 @@ def _problem(info: Parameter, setting: Setting) -> str:
     if setting.sigma is not None and setting.sigma <= 0.0:
         return f"sigma must be positive, got {setting.sigma:g} {unit}"
     if setting.fixed is not None:
+        # Zero may be meant for a fixed value, but a positive parameter is estimated as a logarithm.
         others = [name for name in ("guess", "low", "high", "prior", "free") if getattr(setting, name) is not None]
         if others:
             return f"is fixed, and has {', '.join(others)} as well; leave out one or the other"
@@ -236,6 +238,7 @@ def _guess(info: Parameter, setting: Setting) -> float:
         return guess
     if not math.isfinite(low) or not math.isfinite(high):
         return min(max(guess, low), high)
+    # Middle of the scaled range: the geometric mean for a logarithm, unless the lower bound is only the technical one.
     return math.sqrt(low * high) if info.is_positive and low > 1e-9 * high else 0.5 * (low + high)
 
 

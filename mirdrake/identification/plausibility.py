@@ -57,6 +57,7 @@ def check_step(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         if MIN_STEP <= step <= MAX_STEP:
             return log, []
         return log, [Finding(log.name, "sample_time", "", "fault", step, "s", statement("unknown_step", step=step))]
+    # The relations that the factor was derived from, as its reasons.
     timed = [gain for gain in gains if gain.relation.derivative and abs(gain.correlation) > 0.8]
     reasons = "; ".join(f"{gain.relation} give {1.0 / gain.gain:.4g}" for gain in timed)
     clock = next((unit for unit, size in _CLOCKS.items() if abs(factor / size - 1.0) < 0.05), "")
@@ -70,6 +71,7 @@ def check_relations(log: Log) -> list[Finding]:
     """Check scales and offsets of the relations, and find the mistakes that would explain those that do not hold."""
     findings, gains = [], estimate_gains(log)
     for gain in gains:
+        # 10 %: gravity in a pitching car alone changes the gain of its longitudinal relation by as much.
         off = abs(gain.gain - 1.0) > max(0.1, 4.0 * gain.sigma)
         first, others = gain.relation.measured, ", ".join(gain.relation.others)
         text = statement(
@@ -95,6 +97,7 @@ def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
     if forward not in grid.channels or "yaw_rate" not in grid.channels:
         return findings
     speed, rate = smooth(grid, forward), smooth(grid, "yaw_rate")
+    # A product that no tyre can hold shows a wrong unit of speed or yaw rate, even without a second relation.
     largest = float(np.percentile(np.abs(speed * rate), 99.0))
     if largest > IMPOSSIBLE:
         text = statement("impossible_turn", value=largest)
@@ -126,6 +129,7 @@ def _check_steering_channel(
     angle = whole[rows]
     if len(angle) < 50 or np.std(angle) == 0.0 or np.std(rate) == 0.0:
         return findings
+    # Sign first: it does not depend on the scale or the wheelbase.
     correlation = _steering_correlation(speed, angle, rate)
     if correlation is None:
         return findings
@@ -133,6 +137,7 @@ def _check_steering_channel(
         text = statement("steering_sign", channel=name, correlation=correlation)
         findings.append(Finding(log.name, "units", name, "fault", correlation, "1", text))
     unit = channel(name).unit
+    # A bias must exceed both 1 % of the range and its own uncertainty.
     bias, spread = _steering_bias(speed, _aligned(grid, name, whole)[rows], rate)
     if abs(bias) > max(0.01 * float(np.ptp(np.percentile(whole, (1, 99)))), 4.0 * spread, 1e-9):
         text = statement("steering_bias", channel=name, bias=bias, sigma=spread, unit=unit)
@@ -140,7 +145,9 @@ def _check_steering_channel(
 
     # The scale over the wheelbase, or as a length without one.
     base = np.column_stack((speed * angle, speed))
+    # r = v (g δ - b): kinematic steering of the calm rows, in which tyre slip is neglected.
     gain = float(np.linalg.lstsq(base, rate, rcond=None)[0][0])
+    # Without a wheelbase only ratio times wheelbase is known, a length.
     scale = 1.0 / gain if wheelbase is None else gain * wheelbase
     is_odd = wheelbase is not None and _is_odd(name, scale, is_slow)
     mistake = None if wheelbase is None else _steering_mistake(name, scale, is_slow)
@@ -161,6 +168,7 @@ def _steering_correlation(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray
     """
     beside = np.column_stack((speed, speed**3))
     pair = np.column_stack((rate, speed * (angle - angle.mean())))
+    # Both sides without what v and v³ explain; the correlation of the rest is the partial correlation.
     left, right = (pair - beside @ np.linalg.lstsq(beside, pair, rcond=None)[0]).T
     if np.std(left) == 0.0 or np.std(right) == 0.0:
         return None
@@ -189,6 +197,7 @@ def _steering_mistake(name: str, scale: float, is_slow: bool) -> str | None:
     low, high = (1.0 / 40.0, 1.0 / 4.0) if hand else (0.5 if is_slow else 0.1, 1.3)
     if low < abs(scale) < high:
         return None
+    # The mistake is named only if it would make the scale plausible.
     turn = 180.0 / np.pi
     fits = {"deg as rad": abs(scale) * turn, "rad as deg": abs(scale) / turn}
     return next((what for what, size in fits.items() if low < size < high), None)
@@ -211,6 +220,7 @@ def _steering_bias(speed: np.ndarray, angle: np.ndarray, rate: np.ndarray) -> tu
         base = base[:, :2]
     solved = np.linalg.lstsq(base, rate, rcond=None)[0]
     rest, blocks = rate - base @ solved, np.array_split(np.arange(len(rate)), 10)
+    # Scatter of the bias over parts of the log: neighbouring residuals are correlated, so their number is no measure.
     parts = [float(speed[rows] @ rest[rows]) / float(speed[rows] @ speed[rows]) for rows in blocks]
     return -float(solved[1] / solved[0]), float(np.std(parts) / np.sqrt(9.0) / abs(solved[0]))
 
@@ -244,6 +254,7 @@ def check_velocity_position(log: Log) -> list[Finding]:
     speed, rate, side = smooth(grid, forward), smooth(grid, "yaw_rate"), smooth(grid, "vy")
     calm = (np.abs(speed) > 0.2) & (np.abs(speed * rate) < 3.0)
     width = max(4, round(0.5 / grid.step))
+    # Rows half a second apart, nearly independent, so that the variance below is that of ordinary least squares.
     rows = np.flatnonzero(calm)[::width]
     if len(rows) < 15:
         return []
@@ -254,6 +265,7 @@ def check_velocity_position(log: Log) -> list[Finding]:
     solved = np.linalg.lstsq(base, side[rows], rcond=None)[0]
     variance = float(np.sum((side[rows] - base @ solved) ** 2)) / (len(rows) - 2)
     sigma = float(np.sqrt(variance * np.linalg.inv(base.T @ base)[0, 0]))
+    # Slip of the rear tyres moves the point without lateral motion forward with speed; the opposite is an artefact.
     if sigma > 0.3 or solved[1] < 0.0:
         return []
     text = statement("velocity_position", distance=float(solved[0]), sigma=sigma)
@@ -281,6 +293,7 @@ def check_lateral_velocity(log: Log) -> list[Finding]:
     def means(values: np.ndarray) -> np.ndarray:
         return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
 
+    # Partial regression: offset, v r and dr/dt (position of the sensor) are removed from both sides.
     beside = np.column_stack((np.ones(count), means(whirl), means(grid.rate(rate))))
     both = np.column_stack((means(side - whirl), means(grid.rate(grid.channels["vy"]))))
     known = np.linalg.lstsq(beside, both, rcond=None)[0]
@@ -309,6 +322,7 @@ def check_path_direction(log: Log) -> list[Finding]:
         return []
     width = max(3, round(0.5 / grid.step))
     x, y = grid.channels["x"][::width], grid.channels["y"][::width]
+    # Sideslip changes slowly, so the course of the path turns as fast as the vehicle yaws.
     course = np.unwrap(np.arctan2(np.diff(y), np.diff(x)))
     turned = np.cumsum(grid.channels["yaw_rate"])[::width] * grid.step
     fast = grid.channels[forward][::width][1:-1] > 2.0
@@ -336,6 +350,8 @@ def check_gravity(log: Log) -> list[Finding]:
                     text = statement("gravity_at_rest", value=value, tilt=abs(tilt))
                     findings.append(Finding(log.name, "gravity", name, "warning", value, "m/s^2", text))
     for relation in kinematic_relations(grid.channels):
+        # Axes of ISO 8855: roll to the right raises the left side and adds +g sin φ to ay; pitch down adds -g sin θ to
+        # ax.
         tilts = {"lateral_acceleration": ("roll", 1.0), "longitudinal_acceleration": ("pitch", -1.0)}
         name, sign = tilts.get(relation.measured, ("", 1.0))
         if name not in grid.channels or np.std(grid.channels[name]) < 2e-3:

@@ -62,6 +62,7 @@ def make_grid(log: Log) -> Grid:
     for name, values in log.channels.items():
         good = np.isfinite(values)
         if good.sum() > 2:
+            # An even log without holes keeps its own samples: interpolation would smooth them.
             channels[name] = values if good.all() and time is clock else np.interp(time, clock[good], values[good])
     return Grid(step, channels)
 
@@ -116,6 +117,7 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
         return np.zeros(len(next(iter(grid.channels.values()))))
 
     def side(grid: Grid) -> Array:
+        # Without vy the turn counts as quasi-steady, dvy/dt = 0.
         known = use_vy and "vy" in grid.channels
         return grid.rate(get(grid, "vy")) if known else np.zeros(len(get(grid, "yaw_rate")))
 
@@ -137,6 +139,7 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
     if "yaw" in channels and "yaw_rate" in channels:
         relations.append(Relation("yaw_rate", ("yaw",), (1,), True, lambda g: g.rate(np.unwrap(get(g, "yaw")))))
     if forward and "x" in channels and "y" in channels:
+        # The speed scales with both coordinates alike, so the exponent counts once.
         relations.append(Relation(forward, ("x", "y"), (1, 0), True, lambda g: _travel(g, str(forward))))
     if forward:
         for wheel in WHEELS:
@@ -159,6 +162,7 @@ def _travel(grid: Grid, forward: str) -> Array:
     noise = max(
         float(np.median(np.abs(np.diff(coordinate, 3)))) / 3.0 for coordinate in places
     )  # smooth motion has little
+    # The median third difference of white noise is 0.67 · √20 = 3 times its standard deviation.
     quantum = max((resolution(coordinate) or 0.0) for coordinate in places)
     way = np.hypot(*(np.diff(coordinate[::5]) for coordinate in places)) / 5.0
     width = max(3, int(min(max(20.0 * noise, 10.0 * quantum) / max(float(np.percentile(way, 75.0)), 1e-9), 401)) | 1)
@@ -199,6 +203,7 @@ def estimate_gain(relation: Relation, grid: Grid) -> Gain | None:
     b = right[: count * width].reshape(count, width).mean(axis=1)
     use = np.ones(count, dtype=bool)
     slope = offset = correlation = sigma = 0.0
+    # Outliers beyond 4 deviations (by the median) are left out until the set is stable enough: shocks, GPS jumps.
     for _ in range(5):
         if use.sum() < 6 or np.ptp(b[use]) == 0.0 or np.ptp(a[use]) == 0.0:
             return None
@@ -280,6 +285,7 @@ def step_factor(gains: list[Gain]) -> float | None:
     """
     timed = [gain for gain in gains if gain.relation.derivative and abs(gain.correlation) > 0.8]
     others = [gain for gain in gains if not gain.relation.derivative and abs(gain.correlation) > 0.8]
+    # One relation alone cannot distinguish a wrong step from a wrong unit.
     if not timed or len(timed) + len(others) < 2 or not all(_is_near_one(gain.gain) for gain in others):
         return None
     # left = gain · right, and the right side is too large by the ratio of true to stated step.
@@ -288,8 +294,10 @@ def step_factor(gains: list[Gain]) -> float | None:
     factors = np.array([1.0 / gain.gain for gain in timed])
     if np.any(factors <= 0.0):
         return None
+    # Ratios are averaged as logarithms, so that a factor and its inverse count alike.
     mean = float(np.exp(np.average(np.log(factors), weights=weights)))
     agree = np.all(np.abs(factors / mean - 1.0) < 0.06)
     sigma = mean / float(np.sqrt(weights.sum()))
+    # The limit is symmetric in the logarithm: for short steps it is the inverse of that for long ones.
     least = 0.05 if len(timed) > 1 else MIN_SINGLE_DEVIATION * max(mean, 1.0) / (1.0 + MIN_SINGLE_DEVIATION)
     return mean if agree and abs(mean - 1.0) > max(least, 4.0 * sigma) else None

@@ -74,8 +74,11 @@ def find_glitches(values: Array, limit: float) -> NDArray[np.bool_]:
     if fresh.sum() < 3 * WINDOW:
         return bad
     series = values[rows]
+    # A median keeps steps and ramps and removes outliers of up to half its window, so its distance isolates them.
     away = np.abs(series - median_filter(series, WINDOW, mode="mirror"))
     steps = np.abs(np.diff(series, prepend=series[0]))
+    # Robust figures of the channel, by new values only: held rows would make noise and steps vanish. 1.4826 times the
+    # median is the standard deviation of normal noise.
     noise = 1.4826 * float(np.median(away[fresh]))
     usual = float(np.median(steps[fresh]))
     quantum = float(np.percentile(steps[steps > 0.0], 2)) if (steps > 0.0).any() else 0.0
@@ -105,6 +108,7 @@ def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     first = np.flatnonzero(changed_rows(values) & np.isfinite(values))
     if not len(first):
         return first, np.ones(0, dtype=bool)
+    # Rows that repeat a value beyond its usual hold are samples at rest, without which the medians see only motion.
     held = np.diff(first, append=len(values))
     usual = max(int(np.median(held)), 1)
     more = first[:, None] + usual * np.arange(1, MAX_HELD)
@@ -115,6 +119,7 @@ def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
 
 def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:
     """Return stretches of any length that are many ranges of the rest away, entered and left by a jump."""
+    # The range without extremes, as these are what is looked for.
     low, high = np.percentile(series, (2.0, 98.0))
     reach = 20.0 * (high - low)
     out = (series < low - reach) | (series > high + reach)
@@ -123,6 +128,7 @@ def _far_out(series: Array, steps: Array) -> NDArray[np.bool_]:
     starts = np.flatnonzero(out & ~np.append(False, out[:-1]))
     ends = np.flatnonzero(out & ~np.append(out[1:], False)) + 1
     for start, end in zip(starts, ends, strict=True):
+        # A real motion leaves the range gradually; a fault value jumps there and back.
         came = start == 0 or steps[start] > 0.5 * reach
         went = end == len(series) or steps[end] > 0.5 * reach
         out[start:end] = came and went
@@ -157,6 +163,7 @@ def check_values(log: Log) -> list[Finding]:
         moved = float(np.median(np.abs(np.diff(good)))) if quantum is not None else 0.0
         coarse = quantum is not None and name.partition("@")[0] in {"x", "y"} and quantum > 0.05 and quantum > moved
         if quantum is not None and (levels < 200 or coarse):
+            # Steps that are a power of two are the spacing of 32-bit floats.
             single = bool(coarse and np.log2(quantum) == np.round(np.log2(quantum)))
             text = statement(
                 "quantised",

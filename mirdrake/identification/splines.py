@@ -17,6 +17,8 @@ class Spline:
         whole = int(np.floor(moved))
         first, last = rows.start + whole, rows.stop + whole
         count = self._pieces.shape[1]
+        # Inside, all rows share the same fraction t, so one slice of coefficients serves; only the ends need a clipped
+        # index.
         if first >= 0 and last <= count:
             a, b, c, d = self._pieces[:, first:last]
             t: Array | float = moved - whole

@@ -57,6 +57,7 @@ def check_stamps(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
             log = replace(log, time=log.time[~bad], channels={name: v[~bad] for name, v in log.channels.items()})
     steps = np.diff(log.time)
     jitter = float(np.percentile(np.abs(steps - step), 90)) / step
+    # The lower bound keeps the sentence from printing rounding errors of the time stamps.
     text = statement("step", step=step, rate=1.0 / step, jitter=max(100 * jitter, 1e-3))
     findings.append(Finding(log.name, "timestamps", "", "warning" if jitter > 0.2 else "info", step, "s", text))
     return log, findings + _check_gaps(log, step, jitter) + _check_missing(log, step)
@@ -112,6 +113,8 @@ def _check_resolution(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     done = statement("rows_spread") if repair else None
     findings = [Finding(log.name, "timestamps", "", "fault", step, "s", text, done)]
     if repair:
+        # Time stamps belong to the first row of each stretch; rows between are spread evenly, the ends by the mean
+        # step.
         numbers = np.arange(float(len(log.time)))
         time = np.interp(numbers, starts[1:], log.time[starts[1:]])
         time[: starts[1]] = log.time[starts[1]] + (numbers[: starts[1]] - starts[1]) * step
@@ -132,6 +135,7 @@ def sparse_factor(values: Array) -> int | None:
 
 def check_first_rows(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Check for first rows in which channels hold a value far from where they jump to."""
+    # Only the beginning is searched: defaults before the first message, not jumps during the drive.
     most = min(max(5, len(log.time) // 100), 500)
     dummy, text = 0, None
     for name, values in log.channels.items():
@@ -140,6 +144,7 @@ def check_first_rows(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         steps, rest = np.abs(np.diff(values)), values[most:]
         if len(rest) < MIN_PART:
             continue
+        # A default value is constant, lies outside of the later range, and ends by a jump that dwarfs the later steps.
         low, high = np.percentile(rest, (1, 99))
         jumps = np.flatnonzero(steps[:most] > max(20.0 * float(np.percentile(steps[most:], 98)), 0.5 * (high - low)))
         ends = [int(row) + 1 for row in jumps if np.ptp(values[: row + 1]) == 0.0 and not low <= values[row] <= high]
@@ -163,6 +168,7 @@ def split_at_gaps(log: Log, *, repair: bool) -> tuple[list[Log], list[Finding]]:
     cuts = np.flatnonzero(np.diff(log.time) > longest) + 1
     if not len(cuts):
         return [log], []
+    # Short stretches carry no motion, but the longest one is always kept.
     bounds = list(zip(np.append(0, cuts), np.append(cuts, len(log.time)), strict=True))
     least = min(max(MIN_PART, len(log.time) // 50), max(end - start for start, end in bounds))
     parts = [(start, end) for start, end in bounds if end - start >= least]
@@ -197,6 +203,7 @@ def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     fresh = {name: changed_rows(log.channels[name]) for name in seen}
     keep = _copied_rows(fresh, seen)
     if keep is not None:
+        # Long holds are standstill and would distort the mean.
         holds = np.diff(keep)
         holds = holds[holds <= MAX_HOLD]
         count = float(np.median(holds)) if np.ptp(holds) == 0 else float(holds.mean())
@@ -207,6 +214,7 @@ def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         if repair:
             channels = {name: values[keep] for name, values in log.channels.items()}
             log = replace(log, time=log.time[keep], channels=channels)
+            # At the original rate, single channels may still be slower.
             log, more = _check_slow(log, repair=repair)
             findings += more
         return log, findings
@@ -222,6 +230,7 @@ def _check_slow(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     findings: list[Finding] = []
     repaired: dict[str, Array] = {}
     for name, (factor, part) in seen.items():
+        # Values of coarse resolution repeat by chance; they have the rate of the rows.
         if factor < 1.15:
             if part > 0.1:
                 text = statement("repeated_by_chance", percent=100 * part)
@@ -258,6 +267,7 @@ def channels_with_common_holds(log: Log) -> list[set[str]]:
     for name, rows in fresh.items():
         for group in groups:
             other = fresh[next(iter(group))]
+            # Both directions: a channel at every row contains the changes of all others.
             if np.mean(other[rows]) > 0.9 and np.mean(rows[other]) > 0.8:
                 group.add(name)
                 break
@@ -297,6 +307,7 @@ def resolution(values: Array) -> float | None:
     if not 2 <= len(levels) <= max(2000, len(values) // 4):
         return None
     steps = np.diff(levels)
+    # Rounding in the file splits levels by tiny differences, which are no quanta.
     steps = steps[steps > 1e-6 * (levels[-1] - levels[0])]
     quantum = float(np.percentile(steps, 5))
     counts = steps / quantum
@@ -332,6 +343,7 @@ def hold_factor(values: Array) -> tuple[float, float] | None:
     window = 2 * MAX_HOLD
     steps = np.abs(np.diff(np.nan_to_num(values)))
     level = uniform_filter1d(steps, window, mode="constant")
+    # Mean size of the changes where there are any: only motion of several quanta for each change shows a hold.
     often = uniform_filter1d(fresh[1:].astype(float), window, mode="constant")
     large = level > 4.0 * quantum * np.maximum(often, 1.0 / window)
     moving = large & (level > 1e-3 * float(np.percentile(level, 99.0)))
@@ -347,6 +359,7 @@ def hold_factor(values: Array) -> tuple[float, float] | None:
     if len(holds) < 15:
         return None
     usual = int(np.median(holds))
+    # The largest factor first: changes on every sixth row are also on every third and second one.
     for factor in range(min(usual, MAX_HOLD), 1, -1):
         on_grid = np.bincount(here % factor).max() / len(here)
         if on_grid > 0.93 and np.mean(holds <= factor) > 0.5:
@@ -357,6 +370,7 @@ def hold_factor(values: Array) -> tuple[float, float] | None:
     near = round(mean)
     if near > 1 and abs(mean - near) < 0.03 * near:
         mean = float(near)
+    # A whole number is reserved for changes that keep to a grid of rows; this one is only a mean.
     return mean if mean != int(mean) else mean + 1e-9, 1.0 - 1.0 / mean
 
 

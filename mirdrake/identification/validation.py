@@ -30,6 +30,7 @@ def noise_limit_nrmse(measured: Array) -> float:
     y = measured[np.isfinite(measured)]
     if len(y) < 8 or np.ptp(y) == 0.0:
         return float("nan")
+    # 20 = 1 + 9 + 9 + 1, the sum of the squared weights of a third difference.
     away = np.abs(np.diff(y, 3))
     away = np.minimum(away, 6.0 * float(np.median(away)))  # corners of the motion are not noise
     noise = float(np.sqrt(np.mean(away**2) / 20.0))
@@ -61,6 +62,7 @@ def input_correlation(residual: Array, inputs: list[Array], lags: int = _LAGS) -
     n, probability = len(series), 1.0
     if n <= 3 * lags or not inputs:
         return float("nan")
+    # Autocorrelations at long lags are mostly noise: Bartlett's taper lets them fade.
     many = min(n - 1, max(lags, n // 10))
     own = _correlation(series, series, many) / max(float(series @ series), 1e-300)
     taper = 1.0 - np.arange(many + 1) / (many + 1.0)
@@ -70,6 +72,7 @@ def input_correlation(residual: Array, inputs: list[Array], lags: int = _LAGS) -
         if power == 0.0:
             continue
         theirs = _correlation(other, other, many) / power
+        # At least that of white series, below which the truncated sum may fall by chance.
         variance = max(1.0 + 2.0 * float(np.sum((taper * own * theirs)[1:])), 1.0) / n
         cross = _correlation(series, other, lags) / np.sqrt(max(float(series @ series), 1e-300) * power)
         worst = float(np.max(cross**2) / variance)
@@ -85,5 +88,6 @@ def _clean(values: Array) -> Array:
 def _correlation(one: Array, other: Array, lags: int) -> Array:
     """Return the sums of one[t] other[t - k] for k from 0 to lags."""
     n = len(one)
+    # By Fourier transforms: a direct sum over all lags would take n² operations.
     whole = fftconvolve(one, other[::-1])
     return np.asarray(whole[n - 1 : n + lags])

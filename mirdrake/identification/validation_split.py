@@ -47,6 +47,7 @@ def _in_order(logs: Sequence[Log]) -> list[Log]:
     if not any(jerks):
         return list(reversed(logs))
     ranked = [logs[i] for i in np.argsort(np.negative(jerks), kind="stable")]
+    # From the second on, every third log: both parts get lively and calm drives, and the liveliest stays for training.
     return [log for first in (1, 2, 0) for log in ranked[first::STRIDE]]
 
 

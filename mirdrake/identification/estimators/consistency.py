@@ -64,10 +64,13 @@ def split(problem: Problem, z: Array, loss: str, length: float = np.inf) -> list
     blocks, row = [], 0
     for drive, mask in zip(problem.drives, problem.masks, strict=True):
         number = max(round(drive.size * drive.step / length), 1)
+        # Residuals are stored sample by sample, so consecutive samples are one slice.
         for rows in np.array_split(np.arange(drive.size), number):
             part = slice(row + int(rows[0]) * len(mask), row + (int(rows[-1]) + 1) * len(mask))
             inner = slopes[part]
             whole = inner.T @ (weights[part, None] * inner)
+            # Schur complement: offsets and initial states of the part follow the parameters, and their freedom is
+            # eliminated.
             turn = np.linalg.solve(whole[count:, count:] + prior, whole[count:, :count])
             own = inner[:, :count] - inner[:, count:] @ turn
             pulls = weights[part] * residuals[part]
@@ -77,6 +80,7 @@ def split(problem: Problem, z: Array, loss: str, length: float = np.inf) -> list
             cost = 0.5 * float(np.sum(robust(loss, len(pulls))(residuals[part] ** 2)[0]))
             blocks.append((stretch, inside, own.T @ pulls, cost))
         row += mask.size
+    # One noise model for all parts: a short part alone could not determine it.
     models = noise_models([stretch for stretch, *_ in blocks])
     return [Part(inside, score, score_covariance([stretch], models)[0], cost)
             for stretch, inside, score, cost in blocks]  # fmt: skip
@@ -89,6 +93,7 @@ def cross_validate(minimum: Minimum, loss: str) -> Array:
     """
     problem, z = minimum.problem, minimum.z
     parts, count = split(problem, z, loss, part_length(problem)), len(problem.free)
+    # First order only: refitting the model without each part would take as many fits as there are parts.
     prior = problem.jacobian(z)[problem.measured :, :count]
     whole = prior.T @ prior + sum(part.information for part in parts)
     costs = []
@@ -107,6 +112,7 @@ def variation(parts: Sequence[Part], prior: Array) -> Array:
     """
     shifts, variances = [], []
     for part in parts:
+        # A part that does not excite a parameter keeps it near the common estimate, by its prior, with a small weight.
         inside = np.linalg.inv(part.information + prior)
         shifts.append(-inside @ part.score)
         variances.append(np.diag(inside @ (part.noise + prior) @ inside))
@@ -114,6 +120,7 @@ def variation(parts: Sequence[Part], prior: Array) -> Array:
     total = weight.sum(axis=0)
     mean = (weight * shift).sum(axis=0) / total
     excess = (weight * (shift - mean) ** 2).sum(axis=0) - (len(parts) - 1)
+    # Truncated at zero: less scatter than noise explains is chance.
     return np.asarray(np.sqrt(np.maximum(excess / (total - (weight**2).sum(axis=0) / total), 0.0)))
 
 

@@ -71,6 +71,7 @@ def score_covariance(stretches: Sequence[Stretch], models: Sequence[Array] | Non
             rows = measured[:, k]
             if not rows.any():
                 continue
+            # Whitening residuals forwards and filtering slopes backwards in time leaves their inner product as it is.
             fresh = lfilter(model, [1.0], residuals[rows, k])
             ahead = lfilter([1.0], model, slopes[rows, k][::-1], axis=0)[::-1]
             sums[rows] += ahead * fresh[:, None]
@@ -90,15 +91,19 @@ def autoregression(series: Sequence[Array]) -> Array:
     if count == 0:
         return model
     power = sum(float(part @ part) for part in ahead) / count
+    # Enough samples for each coefficient, or the model would follow the noise of the log.
     most = min(int(10.0 * np.log10(count)), max(len(part) for part in ahead) // _MIN_SAMPLES)
     behind, least = ahead, count * np.log(max(power, 1e-300))
     for order in range(1, most + 1):
+        # Forward and backward errors of all stretches are pooled; no product crosses the end of a stretch.
         ahead, behind = [part[1:] for part in ahead], [part[:-1] for part in behind]
         top = sum(float(f @ b) for f, b in zip(ahead, behind, strict=True))
         size = sum(float(f @ f + b @ b) for f, b in zip(ahead, behind, strict=True))
+        # Nothing is left to predict, as for a deterministic series.
         if size <= 1e-12 * power * count:
             break
         turn = -2.0 * top / size
+        # Levinson's recursion; the reflection coefficient is at most 1 in magnitude, so that the model is stable.
         model = np.append(model, 0.0) + turn * np.append(model, 0.0)[::-1]
         ahead, behind = (
             [f + turn * b for f, b in zip(ahead, behind, strict=True)],
@@ -129,6 +134,7 @@ class _Sums:
 
 def _at_least(noise: Array, least: Array) -> Array:
     """Return a covariance raised to at least another one in every direction."""
+    # Scaled by the least variances, so that the eigenvectors do not depend on units.
     size = np.sqrt(np.maximum(np.diag(least), 1e-300))
     values, vectors = np.linalg.eigh((noise - least) / np.outer(size, size))
     return np.asarray(least + (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size))
@@ -148,6 +154,7 @@ def block_bootstrap(information: list[Array], scores: list[Array], prior: Array,
     """
     random = np.random.default_rng(seed)
     blocks, right = np.array(information), np.array(scores)
+    # Scores are centred: at the minimum their sum balances the priors, which every draw would shift otherwise.
     centre = right.mean(axis=0)
     draws = np.empty((count, right.shape[1]))
     for k in range(count):

@@ -55,6 +55,7 @@ def rank_manoeuvres(
     """
     free = [unknown for unknown in unknowns if unknown.kind != "fixed"]
     base = np.diag([1.0 / parameter.info.usual**2 if parameter.info.usual > 0.0 else 1e-6 for parameter in free])
+    # The small term keeps the inverse finite along directions without any information.
     now = base if known is None else known + 1e-9 * np.eye(len(free))
     before = np.linalg.inv(now)
     ranking = []
@@ -65,6 +66,7 @@ def rank_manoeuvres(
         if not np.isfinite(gained).all():
             continue
         after = np.linalg.inv(now + gained)
+        # D-optimality: the volume of the ellipsoid, as a logarithm, since the determinant would underflow.
         signs = [np.linalg.slogdet(matrix)[1] for matrix in (before, after)]
         ranking.append(
             Candidate(
@@ -88,6 +90,7 @@ def information(
     p = len(problem.free)
     data, rest = jacobian[: problem.measured], jacobian[problem.measured :, p:]
     inside = data.T @ data
+    # Schur complement with the priors: a manoeuvre must determine the parameters beside unknown offsets and states.
     inside[p:, p:] += rest.T @ rest
     return np.asarray(inside[:p, :p] - inside[:p, p:] @ np.linalg.solve(inside[p:, p:], inside[p:, :p]))
 

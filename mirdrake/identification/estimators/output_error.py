@@ -60,6 +60,7 @@ def fit(
         raise ConfigError(f"all of model {made.kind} are fixed; there is nothing to fit, free one", path=["parameters"])
     drives, notes = make_segments(made, data.train, options.shooting)
     problem = Problem(made, drives, unknowns, initial_noise(made, drives), options.offsets, options.continuity)
+    # Ten values per unknown at least: with fewer, the residuals show little about the noise.
     if problem.samples <= 10 * problem.size:
         text = f"{problem.samples} values for {problem.size} unknowns; record longer, or cut into longer pieces"
         raise ConfigError(text, path=("data",))
@@ -68,6 +69,7 @@ def fit(
     if start is not None:
         z = problem.scaled(start.values)
         z[len(problem.free) :] = transfer_states(start.z, start.problem, problem)
+        # A start from which the model diverges is left to the optimiser, which reports it.
         if np.isfinite(problem.residuals(z)).all():
             problem = replace(problem, sigmas={key: max(sigma, 1e-9) for key, sigma in problem.spread(z).items()})
     solution = solve(problem, options, z)
@@ -90,6 +92,7 @@ def between_logs(data: DataSet, solution: Solution, options: EstimatorOptions) -
     values, count = problem.values(solution.z), len(problem.free)
     for log in data.validation:
         drives, _ = make_segments(problem.model, (log,))
+        # Only offsets and initial states are fitted to a held-out log; its score then tests the parameters themselves.
         fixed = Problem(problem.model, drives, _fixed(problem, values), problem.sigmas, problem.offsets)
         other = replace(fixed, unknowns=problem.unknowns)
         z = other.scaled(values)
@@ -131,6 +134,7 @@ def initial_noise(model: Model, drives: Sequence[Segment]) -> dict[str, float]:
     noise = {}
     for name in model.outputs:
         values = np.concatenate([drive.outputs[name] for drive in drives])
+        # A share of the range is the right order before residuals exist; percentiles keep glitches out.
         low, high = np.nanpercentile(values, (5.0, 95.0))
         noise[name] = max(0.03 * float(high - low), 1e-3 * float(np.nanstd(values)), 1e-9)
     return noise
@@ -151,6 +155,7 @@ def summarise(
     problem, model = solution.problem, solution.problem.model
     values = problem.values(solution.z)
     sigmas = np.sqrt(np.diag(solution.covariance))
+    # The larger of both estimates counts, as either may be too small by chance.
     if solution.draws is not None:
         sigmas = np.maximum(sigmas, 0.5 * np.ptp(np.percentile(solution.draws, (2.5, 97.5), axis=0), axis=0) / 1.96)
 
@@ -163,6 +168,7 @@ def summarise(
         * np.outer(scale, scale)
         / np.outer(*(2 * [np.sqrt(np.maximum(np.diag(solution.covariance), 1e-300))]))
     )
+    # Of the correlations, so that the number does not depend on the scales of the parameters.
     values_ = np.linalg.eigvalsh(correlation)
     condition = float(values_[-1] / values_[0]) if values_[0] > 1e-14 else float("inf")
     # Residuals that are far from white show an error of the model.
@@ -181,6 +187,7 @@ def summarise(
     if {"front_length", "rear_length", "mass"} & set(assumed):
         lines.append(f"assumed: {', '.join(assumed)}; give them if you know them, the others depend on them")
     lines += [unknown.info.source for unknown in unknowns if unknown.info.source.startswith("not given")]
+    # A dict removes repeated advice and keeps its order. Where the model dominates, another drive does not help.
     advice = dict.fromkeys(
         model.suggest_experiment(frozenset({parameter.name}))
         for parameter in judged
@@ -210,6 +217,7 @@ def recommend_manoeuvre(solution: Solution) -> tuple[Candidate, float] | None:
     """Return the manoeuvre that would shrink the intervals most and its speed [m/s]; None if none can be compared."""
     problem, model = solution.problem, solution.problem.model
     speeds = [drive.channels(name) for drive in problem.drives for name in SPEED if name in drive.names]
+    # Proposed speeds stay within those that were driven.
     top = max((float(np.nanpercentile(values, 98.0)) for values in speeds), default=0.0)
     if top < 0.2:
         return None

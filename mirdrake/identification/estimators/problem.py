@@ -47,6 +47,7 @@ class Problem:
         guess = {unknown.info.name: unknown.info.guess for unknown in self.unknowns}
         self._guess = guess
         self._shots = [make_shots(self.model, drive, guess) for drive in self.drives]
+        # Guesses at the first parameters stay the reference of the initial states, as nodes move during the fit.
         self._starts = [shots.nodes[:, 0].copy() for shots in self._shots]
         self.logs = list(dict.fromkeys(drive.log for drive in self.drives))
         # Each log has its own offsets, as sensors are zeroed between logs.
@@ -100,10 +101,13 @@ class Problem:
 
     def _run(self, z: Array, *, derivatives: bool) -> list[Sensitivity] | None:
         """Simulate all segments; None if the model diverges. The last run is kept for the Jacobian."""
+        # The optimiser asks for residuals and Jacobian at the same unknowns; the run with derivatives serves both.
         if self._last is not None and self._last[0] == z.tobytes():
             return self._last[1]
+        # After a run at the same unknowns the shots are closed already. The mark is cleared in case this run fails.
         closed, self._closed = z.tobytes() == self._closed, b""
         base = self.values(z)
+        # One column per free parameter, changed in its scaled value: all derivatives come from one batch of runs.
         columns = [base]
         if derivatives:
             for parameter, scaled in zip(self.free, z, strict=False):
@@ -164,6 +168,7 @@ class Problem:
         noise = np.array([self.sigmas[name] for name in self.model.outputs])
         for run, drive, mask, seen in zip(runs, self.drives, self.masks, self._measured, strict=True):
             off = (run.y + self._offsets_of(z, drive)[:, None] - seen) / noise[:, None]
+            # Missing values count as zero instead of being removed, so that rows keep their place in the Jacobian.
             parts.append(np.where(mask, off, 0.0).T.ravel())
         parts += self._gaps(z, runs)
         return np.concatenate([*parts, self._priors(z)])
@@ -191,6 +196,7 @@ class Problem:
             block[:, start : start + size] = np.moveaxis(by_start, 0, 1).reshape(mask.size, size)
             for j, (log, i) in enumerate(self.sensors):
                 if log == drive.log:
+                    # Outputs alternate from row to row, hence the stride.
                     block[i :: len(noise), free + j] = self.model.offset_scale(self.model.outputs[i]) / noise[i]
             block *= shown
             row += mask.size
@@ -202,11 +208,13 @@ class Problem:
             jacobian[rows, :free] = by[:, :free]
             start = free + len(self.sensors) + k * size
             jacobian[rows, start : start + size] = by[:, free:] * np.array(self.model.state_scales)
+            # The state of the next piece enters with the opposite sign; both are over their scales.
             jacobian[rows, start + size : start + 2 * size] = -np.eye(size) / self.joined
             row += size
         # Priors.
         for i, parameter in enumerate(self.free):
             if parameter.prior is not None:
+                # Priors of a study are normal in the value, not in its logarithm, so the slope of the scaling enters.
                 jacobian[row, i] = parameter.slope(parameter.to_value(float(z[i]))) / parameter.prior[1]
                 row += 1
             elif parameter.info.usual > 0.0:

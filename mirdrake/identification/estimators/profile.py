@@ -23,10 +23,12 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
     profiles = {}
     problem = solution.problem
     quick = replace(options, iterations=15)
+    # Refitted with the same quick options as the profile, so that both costs are comparable.
     least = minimise(problem, quick, solution.z).cost
     close = max(_CLOSE / max(least, 1e-9), 1e-8)
     for i, parameter in enumerate(problem.free):
         name = parameter.info.name
+        # An unidentified parameter would be moved out of the range of the model.
         sigma = min(float(np.sqrt(solution.covariance[i, i])), _WIDEST)
         centre = float(solution.z[i])
         rows = [(parameter.to_value(centre), 0.0)]
@@ -40,6 +42,7 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
                 value = parameter.to_value(centre + step * sigma)
                 if not parameter.info.low <= value <= parameter.info.high:
                     break
+                # Fixing the parameter removes it from the unknowns; the others are minimised without constraint.
                 held = [
                     replace(other, kind="fixed", prior=None, info=replace(other.info, guess=value))
                     if other.info.name == name

@@ -60,6 +60,7 @@ def regress(y: Array, X: Array, groups: Sequence[slice] | None = None, *, robust
         raise ConfigError("regression: the columns are not independent; vary speed and steering")
     weights = np.ones(n)
     values = np.zeros(p)
+    # Iteratively reweighted least squares; 1.4826 · median is the standard deviation of normal residuals.
     for _ in range(30 if robust else 1):
         root = np.sqrt(weights)
         new = np.linalg.lstsq(X * root[:, None] / size, y * root, rcond=None)[0] / size
@@ -76,6 +77,7 @@ def regress(y: Array, X: Array, groups: Sequence[slice] | None = None, *, robust
     # The covariance allows for autocorrelated residuals.
     inside = (X * weights[:, None]).T @ X
     inverse = np.linalg.inv(inside / np.outer(size, size)) / np.outer(size, size)
+    # Sandwich covariance: rows of a log are neighbours in time, so their residuals are not independent.
     pulls, there = (weights * rest)[:, None], np.ones((n, 1), dtype=bool)
     stretches = [Stretch(X[rows, None], pulls[rows], there[rows]) for rows in groups or [slice(0, n)]]
     covariance = inverse @ score_covariance(stretches)[0] @ inverse * n / (n - p)
@@ -96,6 +98,7 @@ def coast_down(data: DataSet, *, mass: float | None = None, linear: bool = False
     Raises:
         ConfigError: not enough coasting.
     """
+    # Each log is a stretch of its own for the autocorrelation.
     rows, groups, row = [], [], 0
     for log in data.train:
         part = _coasting(log, window)
@@ -130,6 +133,7 @@ def _coasting(log: Log, window: float) -> Array:
     for pedal in ("throttle", "brake"):
         if pedal in grid.channels:
             free &= grid.channels[pedal] < 0.01
+    # Slope of the speed by regression over each window: differences of neighbouring samples are mostly noise.
     many = max(round(window / grid.step), 4)
     samples = []
     x = (np.arange(many) - 0.5 * (many - 1)) * grid.step
@@ -159,10 +163,13 @@ def understeer(data: DataSet, *, wheelbase: float | None = None, highest: float 
         forward = find_channel(set(log.channels), SPEED, "the speed", "understeer")
         rate = find_channel(set(log.channels), ("yaw_rate",), "the yaw rate", "understeer")
         grid = make_grid(log)
+        # All channels get the same smoothing, so that it causes no delay between them.
         width = 0.3 / grid.step
         v, r, angle = (gaussian_filter1d(grid.channels[name], width) for name in (forward, rate, steer))
         slow = gaussian_filter1d(np.abs(np.gradient(angle, grid.step)), width)
+        # Quasi-steady rows: the fifth with the fastest steering is left out, where yaw lags the steering.
         good = (v > 3.0) & (np.abs(v * r) < highest) & (slow <= max(float(np.percentile(slow, 80.0)), 1e-9))
+        # Smoothed neighbours carry the same information.
         many = max(round(0.2 / grid.step), 1)
         rows = np.flatnonzero(good)[::many]
         ys.append(angle[rows])
@@ -193,6 +200,7 @@ def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], 
     parameters = []
     for i, (name, unit) in enumerate(names):
         value, sigma = float(regression.values[i]), float(sigmas[i])
+        # Bias and gradient may be zero, so their deviation is compared with a usual size instead.
         size = abs(value) if name not in {"steering_bias", "understeer_gradient"} else 0.01
         span = sigma / max(size, 1e-300)
         verdict = "identified" if span < 0.06 else "weakly identified" if span < 0.15 else "not identifiable"

@@ -74,9 +74,11 @@ def _log_segments(model: Model, log: Log, total: int) -> tuple[list[Segment], li
     """Resample a log to its median step and cut it where the inputs have gaps."""
     _check_channels(model, log)
     notes, time = [], log.time
+    # Repeated times would be ambiguous for the interpolation.
     keep = np.append(True, np.diff(time) > 0.0)
     time, channels = time[keep], {name: values[keep] for name, values in log.channels.items()}
     step = median_step(time)
+    # The estimators integrate with a constant step.
     even = np.arange(time[0], time[-1] + 0.5 * step, step)
     if len(even) > 20 * len(time):
         raise ConfigError(f"log {log.name}: its gaps are longer than the recorded stretches; split it at the gaps")
@@ -105,6 +107,7 @@ def _log_segments(model: Model, log: Log, total: int) -> tuple[list[Segment], li
 
     # Segments are the stretches in which all inputs have values.
     drives = []
+    # Padded by zeros, so that every stretch has a begin and an end, also at the ends of the log.
     edges = np.flatnonzero(np.diff(np.concatenate(([0], whole.astype(int), [0]))))
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         if last - first < MIN_SAMPLES:
@@ -129,6 +132,7 @@ def _resampled(time: Array, values: Array, even: Array, gap: float) -> tuple[Arr
     good = np.isfinite(values)
     known = time[good]
     interpolated = np.interp(even, known, values[good])
+    # The tolerance lets a sample at the very time count as its own neighbour on both sides.
     after = np.clip(np.searchsorted(known, even - 1e-9), 0, len(known) - 1)
     before = np.clip(np.searchsorted(known, even + 1e-9) - 1, 0, len(known) - 1)
     near = (known[after] - known[before] <= gap) & (even >= known[0] - gap) & (even <= known[-1] + gap)
@@ -141,6 +145,7 @@ def _pieces(drive: Segment, length: float | None) -> list[Segment]:
         return [drive]
     rows = max(round(length / drive.step), MIN_SAMPLES)
     count, history = max(drive.size // rows, 1), round(HISTORY / drive.step)
+    # The last piece takes the remainder, as a short one could not determine its initial state.
     edges = [k * rows for k in range(count)] + [drive.size]
     return [
         Segment(

@@ -73,6 +73,7 @@ class SensitivityAnalysis:
 
     def _weights_of(self, residuals: Array) -> Array:
         weights = loss_weights(residuals, self._loss)
+        # The robust loss applies to measurements only; priors are quadratic.
         weights[self._problem.measured :] = 1.0
         return weights
 
@@ -84,6 +85,7 @@ class SensitivityAnalysis:
             return None
         change = np.zeros(problem.rows)
         change[:rows] = (moved - self._residuals[:rows]) / assumption.fraction
+        # One Gauss-Newton step: how the unknowns move to compensate the change.
         shift = -self._inverse @ (self._slopes.T @ (self._weights * change))
         rest = change + self._slopes @ shift
         information = float(rest @ (self._weights * rest))
@@ -95,6 +97,7 @@ class SensitivityAnalysis:
     def variance(self, evidence: AssumptionEvidence) -> float:
         """Return the variance of the estimate, allowing for autocorrelated residuals."""
         problem, row, stretches = self._problem, 0, []
+        # Residuals with the estimated effect removed: with it they would look more correlated than noise is.
         left = self._residuals + evidence.estimate * evidence.rest
         pulls = self._weights_of(left) * left
         for drive, mask in zip(problem.drives, problem.masks, strict=True):
@@ -134,6 +137,7 @@ def _refitted_shift(
     """
     problem, count = solution.problem, len(solution.problem.free)
     values, known = problem.values(solution.z), {unknown.info.name: unknown.info for unknown in problem.unknowns}
+    # A changed value is moved by its whole size; an option of the model has only the change that it was defined with.
     scale = 1.0 if assumption.options else size / assumption.fraction
     changes = {}
     for name, value in assumption.changes.items():
@@ -159,6 +163,7 @@ def expected_square(estimate: float, variance: float) -> float:
         variance: variance of the estimate.
     """
     variance = max(variance, 1e-12)
+    # Logarithm of the Bayes factor; expit turns it into the probability of the effect at equal prior odds.
     odds = 0.5 * np.log(variance / (1.0 + variance)) + 0.5 * estimate**2 / (variance * (1.0 + variance))
     mean = estimate / (1.0 + variance)
     return float(expit(odds) * (mean**2 + variance / (1.0 + variance)))

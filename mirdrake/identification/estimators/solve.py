@@ -94,8 +94,11 @@ def minimise(
     z = np.zeros(problem.size) if z is None else z.copy()
     low, high = problem.bounds()
     result, tolerance = None, problem.model.tolerance
+    # Derivatives of a simulated plant are rough, so that a fine tolerance would never be met.
     fine, coarse = (1e-6, 1e-5) if tolerance < 1e-6 else (1e-4, 1e-2)
     for turn in range(passes):
+        # Far from the minimum nearly all residuals are outliers: a smooth loss and a coarse tolerance find the
+        # neighbourhood.
         near = turn > 0 or passes == 1 or begun
         z = _inside(z, low, high)
         first = problem.residuals(z)
@@ -135,6 +138,7 @@ def robust(loss: str, measured: int) -> Callable[[Array], Array]:
         loss_values = np.stack((squares, np.ones_like(squares), np.zeros_like(squares)))
         if loss == "linear":
             return loss_values
+        # The three rows are value and first two derivatives by the squared residual, as least_squares requires.
         z = squares[:measured] / width
         if loss == "huber":
             far = z > 1.0
@@ -172,6 +176,7 @@ def loss_weights(residuals: Array, loss: str) -> Array:
 def inverse(matrix: Array) -> Array:
     """Invert a positive semidefinite matrix; its null directions get a very large value."""
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    # Scaled to a unit diagonal, so that units do not decide which directions count as null.
     values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
     return np.asarray((vectors / np.maximum(values, 1e-13)) @ vectors.T / np.outer(size, size))
 
@@ -186,6 +191,7 @@ def assess(found: Minimum, options: EstimatorOptions) -> Solution:
     low, high = problem.bounds()
     bound: list[str | None] = []
     for i, parameter in enumerate(problem.free):
+        # Near is relative to the scaled range, at most 2, as ranges of positive parameters span orders of magnitude.
         near = 1e-3 * max(
             min(parameter.to_scaled(parameter.info.high) - parameter.to_scaled(parameter.info.low), 2.0), 1e-6
         )
@@ -207,6 +213,7 @@ def assess(found: Minimum, options: EstimatorOptions) -> Solution:
         slopes, pulls = jacobian[part].reshape(*shape, -1), (weights[part] * residuals[part]).reshape(shape)
         stretches.append(Stretch(slopes, pulls, mask.T))
         each = np.einsum("nop,no->np", slopes, pulls)
+        # Blocks of at least 2 s, or a fortieth of the segment: longer than the memory of the residuals.
         length = max(int(np.ceil(max(2.0, drive.size * drive.step / 40.0) / drive.step)), 10)
         count = max(drive.size // length, 1)
         for rows_ in np.array_split(np.arange(drive.size), count):
@@ -220,10 +227,12 @@ def assess(found: Minimum, options: EstimatorOptions) -> Solution:
     size = np.sqrt(np.maximum(np.diag(measured), 1e-300))
     inside = measured / np.outer(size, size)
     noise, memoryless = (matrix / np.outer(size, size) for matrix in score_covariance(stretches))
+    # Degrees of freedom: the fit has removed as many as there are unknowns.
     noise *= problem.samples / max(problem.samples - problem.size, 1)
     effective = inside @ np.linalg.pinv(noise, rcond=1e-12, hermitian=True) @ inside * np.outer(size, size)
     spread = inverse(effective + prior)[:p, :p]
     white = whole[:p, :p]
+    # How much wider each parameter is than with white residuals, for the notes and the profiles.
     moved = whole[:p] * size
     inflation = np.einsum("ij,jk,ik->i", moved, noise, moved) / np.maximum(
         np.einsum("ij,jk,ik->i", moved, memoryless, moved), 1e-300

@@ -66,6 +66,7 @@ def choose_structure(
         RunError: the plain model diverges from its guess.
     """
     best = Structure(model, dict(settings))
+    # Nothing is tried where the study or the model leaves nothing open.
     candidates = list(model_class(model.kind).additions(data, check_options(model), settings))
     if not candidates:
         return best
@@ -78,6 +79,7 @@ def choose_structure(
     for _ in range(ROUNDS):
         # What the gradient promises most is tried first: similar effects, as lag and relaxation, exclude one another.
         for added in _promising(data, best, least, candidates, options):
+            # An addition replaces one that sets the same option, such as another tyre law.
             additions = [*(addition for addition in kept if not {*addition.options} & {*added.options}), added]
             minimum = _best_start(data, _with_additions(model, settings, additions), few, least, added.starts)
             # An effect that the new one drives to where it vanishes is left out again.
@@ -86,10 +88,13 @@ def choose_structure(
             if faded:
                 additions = [addition for addition in additions if addition not in faded]
                 minimum = _best_start(data, _with_additions(model, settings, additions), few, least, ())
+            # Values that no vehicle has show that the effect imitates another one; those of the plain model are
+            # excused.
             if minimum is None or not _implausible(minimum) <= _implausible(first):
                 continue
             own = cross_validate(minimum, options.loss)
             if predicts_better(costs, own):
+                # Only the additions that are still there keep their note.
                 gains = {addition.description: gains.get(addition.description, 0.0) for addition in additions}
                 gains[added.description] = 100.0 * float(1.0 - np.sum(own) / np.sum(costs))
                 kept, costs = additions, own
@@ -107,6 +112,7 @@ def choose_structure(
 def predicts_better(plain: Array, added: Array) -> bool:
     """Return whether costs of prediction (parts) are less by enough standard errors."""
     gain = plain - added
+    # Standard error of the sum over the parts, which are taken as independent.
     error = float(np.std(gain, ddof=1)) * len(gain) ** 0.5 if len(gain) > 1 else 0.0
     return float(np.sum(gain)) > STANDARD_ERRORS * error
 
@@ -161,6 +167,7 @@ def _promising(
             for assumption in omitted
             if assumption.options == added.options and (added.options or {*assumption.changes} == {*added.settings})
         ]
+        # q̂² times its information is the score statistic: the gain that a linear fit would have.
         evidence = [entry for assumption in own if (entry := analysis.evidence(assumption)) is not None]
         gain = max((entry.estimate**2 * entry.information for entry in evidence), default=0.0 if omitted else np.inf)
         if not _has(best, added) and (added.starts or gain > PROMISE):
@@ -193,6 +200,7 @@ def _minimise(
         return minimise(begun.problem, options, begun.z, close=1e-4)
     values = {unknown.info.name: unknown.info.guess for unknown in unknowns}
     same = {parameter.info.name for parameter in first.problem.free}
+    # Start from the earlier minimum where parameters are common, so that few iterations suffice.
     values |= {name: value for name, value in first.values.items() if name in same}
     if "steering_lag" not in same and "steering_lag" in {parameter.info.name for parameter in problem.free}:
         part = 0.3 * max(values["steering_delay"], 0.02)  # without a lag, the delay contained a part of it
