@@ -58,6 +58,7 @@ def pieces_through(
     places = _check_points(points, closed)
     if not (0.0 <= smooth < math.inf and 0.0 < tolerance < math.inf):
         raise WorldError(f"smooth {smooth:g} m, tolerance {tolerance:g} m: make smooth 0 or more and tolerance above 0")
+    # About their mean, because the large coordinates of a map projection would cost digits.
     middle = places.mean(axis=0)
     places = places - middle
     if math.isfinite(spacing):
@@ -67,11 +68,13 @@ def pieces_through(
 
     ring, result = _curve(places, closed, tolerance)
     yaw, k, length = result
+    # The curvature at the end of a piece is that at the start of the next one: it is continuous.
     following = np.append(k[1:], k[0]) if closed else k[1:]
     pieces = [Piece(*row) for row in np.column_stack((length, k[: len(length)], following)).tolist()]
     start = (float(ring[0, 0] + middle[0]), float(ring[0, 1] + middle[1]), math.remainder(float(yaw[0]), 2.0 * math.pi))
     if closed:
         end = start
+        # Evaluated as a track does, piece by piece: what the solver fulfils, rounding may still violate.
         for piece in pieces:
             end = advance(end, piece)
         gap = math.hypot(end[0] - start[0], end[1] - start[1]), abs(math.remainder(end[2] - start[2], 2.0 * math.pi))
@@ -104,10 +107,13 @@ def edges_from_widths(track: Track, points: ArrayLike, left: ArrayLike, right: A
     if any(len(values) != count for values in sides):
         raise WorldError(f"{count} points, but {len(sides[0])} widths to the left and {len(sides[1])} to the right")
     chords = _chords(places, track.closed)
+    # Scaled arc length along the points, so that a point is not projected on a neighbouring branch.
     near = np.concatenate(([0.0], np.cumsum(chords)))[:count] * (track.length / chords.sum())
     s, offset = track.project(places[:, 0], places[:, 1], near=near)
     if track.closed:  # the first point may be just before the start
+        # Within half a lap of the expected station, not wrapped at the start.
         s = near + np.mod(s - near + track.length / 2.0, track.length) - track.length / 2.0
+    # The offset is that of the point, + left of the line: seen from the line, the left edge is farther by it.
     widths = np.column_stack((sides[0] + offset, sides[1] - offset))
     if not (widths > 0.0).all():
         i = int(np.argmin(widths.min(axis=1)))
@@ -115,6 +121,7 @@ def edges_from_widths(track: Track, points: ArrayLike, left: ArrayLike, right: A
             f"point {i + 1} is {abs(offset[i]):.3g} m off the centre line, more than the road is wide there; "
             "make smooth smaller"
         )
+    # Where the line was smoothed around a tight corner, projections can run back; such points are left out.
     forward = np.concatenate(([True], s[1:] > np.maximum.accumulate(s)[:-1] + 1e-6))
     s, widths = s[forward], widths[forward]
     inner = (s > 1e-6) & (s < track.length - 1e-6)
@@ -166,6 +173,8 @@ def _curve(places: Array, closed: bool, tolerance: float) -> tuple[Array, tuple[
         WorldError: no solution exists.
     """
     best: tuple[float, Array, tuple[Array, Array, Array]] | None = None
+
+    # Where the curve bulges far from a chord, points are inserted around it; the smallest bulge is kept.
     chords = _chords(places, closed)
     parts = np.ones(len(chords), dtype=int)
     for _ in range(_SPLITS + 1):
@@ -182,6 +191,7 @@ def _curve(places: Array, closed: bool, tolerance: float) -> tuple[Array, tuple[
             wide &= bulge > _WIDER * _usual_bulges(places, closed)
         if not wide.any():
             return ring, result
+        # Neighbours of a bulging chord as well, since the curve there depends on them.
         around = wide | (np.roll(wide, 1) if closed else np.append(False, wide[:-1]))
         around |= np.roll(wide, -1) if closed else np.append(wide[1:], False)
         parts = np.where(around, 2 * parts, parts)
@@ -201,6 +211,8 @@ def _between(places: Array, closed: bool, parts: NDArray[np.int_]) -> Array:
     rows = []
     for index, count in enumerate(parts.tolist()):
         p0, p1, p2, p3 = padded[index : index + 4]
+
+        # Centripetal: knots by the square root of the chords, which avoids loops and cusps at uneven spacing.
         a, b, c = (math.sqrt(math.dist(*pair)) for pair in ((p0, p1), (p1, p2), (p2, p3)))  # the knots' distances
         start = (p1 - p0) / a - (p2 - p0) / (a + b) + (p2 - p1) / b
         end = (p2 - p1) / b - (p3 - p1) / (b + c) + (p3 - p2) / c
@@ -228,6 +240,7 @@ def _bulges(places: Array, closed: bool, ring: Array, found: tuple[Array, Array,
     track = Track(pieces, start=(float(ring[0, 0]), float(ring[0, 1]), float(yaw[0])))
     ends = np.vstack((places, places[:1])) if closed else places
     chords = np.asarray(shapely.linestrings(np.stack((ends[:-1], ends[1:]), axis=1)))
+    # Distances to the nearest chord and not to its own: the stations of the curve and the points do not agree.
     curve = shapely.points(*track.point(np.linspace(0.0, track.length, 4 * len(ring) + 1)))
     (_, chord), distance = shapely.STRtree(chords).query_nearest(curve, return_distance=True)
     worst = np.zeros(len(chords))
@@ -242,6 +255,8 @@ def _smooth(places: Array, closed: bool, rms: float) -> Array:
     y - a Q g with (R + a Q' Q) g = Q' y. The deviation increases with a, which is found by bisection.
     """
     count = len(places)
+
+    # A shift of that size would no longer follow the points.
     extent = math.sqrt(float((places**2).sum(axis=1).mean()))
     if rms > 0.1 * extent:
         raise WorldError(f"smooth {rms:g} m is too much for points within {extent:.3g} m; make it less than a tenth")
@@ -272,12 +287,14 @@ def _smooth(places: Array, closed: bool, rms: float) -> Array:
 
     # The exponent of a is bisected, because a varies over twenty decades with the spacing and the deviation.
     low, high, best = -6.0, 15.0, np.zeros_like(places)
+    # The parameter has the unit m³; the cube of the spacing makes the exponents independent of it.
     scale = float(np.median(h)) ** 3
     for _ in range(40):
         exponent = (low + high) / 2.0
         shift = moved(10.0**exponent * scale)
         deviation = math.sqrt(float((shift**2).sum(axis=1).mean()))
         if deviation > rms:
+            # The deviation increases with a; only solutions below the limit are kept.
             high = exponent
         else:
             low, best = exponent, shift
@@ -298,6 +315,7 @@ def _fit(places: Array, closed: bool, tolerance: float) -> tuple[Array, Array, A
     while True:
         result = solve(places[joints], t[np.append(joints, count)] if closed else t[joints], closed)
         if result is None:
+            # Few joints may have no solution where the points turn too much between them; then every point is one.
             if len(joints) == count:
                 return None
             joints = np.arange(count)
@@ -310,6 +328,7 @@ def _fit(places: Array, closed: bool, tolerance: float) -> tuple[Array, Array, A
         split = np.flatnonzero(worst > tolerance)
         if not split.size:
             return result
+        # Bisection of the index range between joints, so that few joints are added per round.
         joints = np.union1d(joints, (ends[split] + ends[split + 1]) // 2)
         if split.size > 0.5 * len(result[2]) and len(joints) > 0.25 * count:  # all points become joints
             joints = np.arange(count)
@@ -320,6 +339,7 @@ def _first_joints(places: Array, t: Array, closed: bool) -> NDArray[np.intp]:
     ahead = np.roll(places, -1, axis=0)[: len(t) - 1] - places[: len(t) - 1]
     heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])).tolist()
     distances, joints, base = t.tolist(), [0], heading[0]
+    # The heading is compared with that at the last joint: turns add up, also slow ones.
     for i in range(1, len(heading)):
         if abs(heading[i] - base) > _TURN or distances[i + 1] - distances[joints[-1]] > _FAR:
             joints.append(i)

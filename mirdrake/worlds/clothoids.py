@@ -34,6 +34,7 @@ class _Arcs:
 
 def _integrate(yaw: Array, first: Array, last: Array, length: Array) -> _Arcs:
     """Return displacements of clothoids, and their derivatives by heading, both curvatures and length, N x 2 each."""
+    # Gauss-Legendre on the whole piece: the heading is a quadratic of u, so the integrand is smooth.
     u = _NODES
     bend = first[:, None] * u + (last - first)[:, None] * u * u / 2.0  # times the length it is the heading change
     angle = yaw[:, None] + length[:, None] * bend
@@ -61,6 +62,7 @@ def solve(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array] |
     """
     nodes, parts = len(places), len(t) - 1
     yaw, k, length = _guess(places, t, closed)
+    # Headings are continuous along a lap: at its end, the heading is the first one plus the turns of the lap.
     turn = yaw[-1] - yaw[0] if closed else 0.0
     yaw, k = yaw[:nodes], k[:nodes]
     ahead = (np.arange(parts) + 1) % nodes
@@ -71,12 +73,15 @@ def solve(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array] |
     def residual(yaw: Array, k: Array, length: Array) -> tuple[Array, _Arcs]:
         arcs = _integrate(yaw[:parts], k[:parts], k[ahead], length)
         turned = yaw[ahead] + lap - yaw[:parts] - length * (k[:parts] + k[ahead]) / 2.0
+        # Positions over the mean length, so that metres and radians have one tolerance.
         rest = np.concatenate((((arcs.chord - chord) / size).T.ravel(), turned))
         if not closed:
+            # Equal rates of curvature, multiplied by both lengths, to avoid a division.
             ends = [(k[b] - k[a]) * length[j] - (k[c] - k[b]) * length[i] for a, b, c, i, j in _ends(nodes)]
             rest = np.append(rest, ends)
         return rest, arcs
 
+    # Damped Newton's method: the step is halved until the largest residual decreases.
     rest, arcs = residual(yaw, k, length)
     chain = length.sum()
     for _ in range(40):
@@ -93,9 +98,11 @@ def solve(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array] |
             share /= 2.0
         else:
             return None
+        # One more step once the residual is small: Newton's method then converges down to rounding.
         done = np.abs(rest).max() < 1e-10 and np.abs(after).max() < 1e-12
         (yaw, k, length), rest, arcs = trial, after, arcs_after
         if done or np.abs(rest).max() < 1e-15:
+            # A solution much longer than the spline has loops, which fulfil the equations, too.
             return (yaw, k, length) if length.sum() < 1.5 * chain else None
     return None
 
@@ -158,6 +165,7 @@ def _guess(places: Array, t: Array, closed: bool) -> tuple[Array, Array, Array]:
     speed = np.hypot(*velocity.T)
     yaw = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))[::_SAMPLES]
     if closed:
+        # A periodic spline has equal headings at its ends, up to whole turns; rounding would leave a kink.
         yaw[-1] = yaw[0] + 2.0 * math.pi * round((yaw[-1] - yaw[0]) / (2.0 * math.pi))
     second = spline(t, 2)
     cross = velocity[::_SAMPLES, 0] * second[:, 1] - velocity[::_SAMPLES, 1] * second[:, 0]
@@ -171,6 +179,8 @@ def distances(places: Array, t: Array, joints: NDArray[np.intp], found: tuple[Ar
     i = np.minimum(np.searchsorted(joints, np.arange(len(places)), side="right") - 1, len(length) - 1)
     last = k[(i + 1) % len(k)]
     ends = np.append(t[joints], t[-1])
+
+    # Projected by three steps along the tangent, from the share of the chord length.
     u = (t[: len(places)] - t[joints[i]]) / (ends[i + 1] - ends[i]) * length[i]
     for _ in range(3):
         end = k[i] + (last - k[i]) * u / length[i]

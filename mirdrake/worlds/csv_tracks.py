@@ -65,6 +65,7 @@ def read_csv_track(
     """
     path = Path(path)
     name = shown(path)
+    # Written as `not ... <` so that NaN is rejected, too; it fails every comparison.
     if not 0.0 < scale < math.inf:
         raise ConfigError(f"{name}: scale {scale:g} is not allowed; give the metres per unit of the file, above 0")
     columns: dict[str, str | int | None] = {"x": x, "y": y, "right": right, "left": left}
@@ -86,6 +87,7 @@ def read_csv_track(
             continue
         title = _find_column(key, column, table, has_header=has_header)
         values[key] = scale * _finite_numbers(key, title, table)
+        # Checked after scaling: a file in mm has large numbers, and becomes a track only with its scale.
         if not np.abs(values[key]).max() <= _FARTHEST:
             row = int(np.argmax(np.abs(values[key])))
             raise ConfigError(f"{table.row(row)}: {key} is {values[key][row]:g} m; correct it, or set scale")
@@ -98,11 +100,13 @@ def read_csv_track(
 
     # Points in driving order, without repeated ones and jumps.
     points = np.column_stack((values["x"], values["y"]))
+    # Closed tracks of many sources repeat the first point at the end, which would be a chord of length zero.
     is_repeated = len(points) > 1 and math.dist(points[0], points[-1]) < 1e-6
     points = points[:-1] if is_repeated else points
     if len(points) < 4:
         raise ConfigError(f"{name}: {len(points)} points; a track needs at least 4, one per line")
     chords = np.hypot(*np.diff(points, axis=0).T)
+    # The median is robust against the jump that is searched for; the mean would grow with it.
     median = float(np.median(chords))
     for index, chord in enumerate(chords.tolist()):
         where = table.row(index + 1)
@@ -113,6 +117,8 @@ def read_csv_track(
                 f"{where}: jumps {chord:.4g} m from the point before; the median here is {median:.3g} m; sort the "
                 "points in driving order, add the missing ones, or set scale"
             )
+
+    # Compared with both neighbouring chords as well, because points are often sparser on straights.
     looks_closed = is_repeated or math.dist(points[0], points[-1]) <= 2.5 * max(median, chords[0], chords[-1])
     widths = {key: values[key][: len(points)] if key in values else None for key in ("left", "right")}
     return CsvTrack(points, widths["left"], widths["right"], lines[: len(points)], looks_closed)
@@ -131,6 +137,7 @@ def _read_table(path: Path, name: str, columns: list[str]) -> tuple[Table, bool]
     if size > _LARGEST:
         raise ConfigError(f"{name}: more than {_LARGEST // 1_000_000} MB; reduce the number of points")
     table = read_csv(Request(path, columns))
+    # A header has at least one cell that is not a number; the first line of data has none.
     if not all(map(_is_number, filter(None, table.names))):
         return table, True
     layout = CsvLayout(columns=[str(number) for number in range(1, len(table.names) + 1)])
@@ -139,6 +146,7 @@ def _read_table(path: Path, name: str, columns: list[str]) -> tuple[Table, bool]
 
 def _is_number(text: str) -> bool:
     try:
+        # A decimal comma, as in files of a German locale.
         float(text.replace(",", "."))
     except ValueError:
         return False

@@ -56,10 +56,12 @@ class Curve:
         # Each piece is divided into cells, so that positions along the curve are found by interpolation in one of them.
         columns: list[list[Array]] = [[], [], [], [], [], []]
         pose, travelled, ends = start, 0.0, [0.0]
+        # Poses at the starts of cells are summed up within a piece, but each piece starts from its exact end pose.
         for piece in self.pieces:
             step, cells, rate = cells_of(piece)
             u = step * np.arange(cells)
             k = np.asarray(piece.start_curvature + rate * u)
+            # The heading is exact: the integral of a linear curvature; only positions need quadrature.
             yaw = pose[2] + (piece.start_curvature + k) / 2.0 * u
             c = np.full(cells, rate)
             dx, dy = displace(yaw, k, c, np.full(cells, step))
@@ -91,6 +93,7 @@ class Curve:
         """Return s [m] wrapped into [0, length) on a closed track; unchanged on an open one."""
         if not self.closed or 0.0 <= s < self.length:
             return s
+        # A tiny negative s plus the length can be the length itself by rounding, which is the start.
         s = math.fmod(s, self.length)
         if s < 0.0:
             s += self.length
@@ -112,6 +115,8 @@ class Curve:
         k, c = self._extended(i, u)
         dx, dy = displace(self._yaw[i], k, c, u)
         x, y, yaw = self._x[i] + dx, self._y[i] + dy, self._yaw[i] + (k + c * u / 2.0) * u
+
+        # Beyond the end the line is straight; before the start `_extended` has made it so.
         if not self.closed and (beyond := s > self.length).any():
             x0, y0, yaw0 = self.end
             extra = s - self.length
@@ -174,6 +179,7 @@ class Curve:
             Beyond the ends of an open track s stays at the end and e_y is the lateral part of the distance.
         """
         if isinstance(x, float | int) and isinstance(y, float | int):
+            # The last result of a moving vehicle is near: a few Newton steps, and it cannot jump to another branch.
             if near is not None:
                 result = self._descend(x, y, float(near))  # type: ignore[arg-type]
                 if result is not None and abs(result[1]) < _FAR:
@@ -198,6 +204,7 @@ class Curve:
 
     def _locate(self, s: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the cell of each s and the distance [m] from its start, negative before an open track."""
+        # The cell that starts at or before s; the clip keeps stations outside of an open track in its end cells.
         i = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._s) - 1)
         return i, np.minimum(s, self.length) - self._s[i]
 
@@ -216,6 +223,8 @@ class Curve:
         elif s < 0.0:
             _, x, y, yaw, _, _ = self._cells[0]
             return x + s * math.cos(yaw), y + s * math.sin(yaw), yaw, 0.0
+
+        # Written out without arrays or loops, as drivers call it at every step.
         start, x, y, yaw, k, c = self._cells[bisect_right(self._starts, s) - 1]
         u = s - start
         half = 0.5 * c
@@ -238,8 +247,10 @@ class Curve:
             dx, dy = x - px, y - py
             along, lateral = dx * cosine + dy * sine, dy * cosine - dx * sine
             step = along / max(1.0 - k * lateral, 0.2)
+            # Limited, because in a bend the first steps could otherwise reach another part of the track.
             step = max(-2.0, min(2.0, step))
             if not self.closed:
+                # At the end of an open track the step becomes zero, so that the loop ends there.
                 step = max(0.0, min(last, s + step)) - s
             s += step
             if abs(step) < 1e-9:
@@ -254,6 +265,8 @@ class Curve:
         x, y = np.broadcast_arrays(x, y)
         shape = x.shape
         x, y = x.ravel(), y.ravel()
+
+        # A search tree rejects NaN; rows of a vehicle that diverged stay NaN.
         finite = np.isfinite(x) & np.isfinite(y)
         if not finite.all():
             s, lateral = np.full(len(x), np.nan), np.full(len(x), np.nan)
@@ -265,6 +278,7 @@ class Curve:
         else:
             first = np.broadcast_to(np.asarray(near, dtype=float), shape).ravel()
             s, lateral, converged = self._descend_many(x, y, first)
+            # The same condition as for one point, so that both give equal results.
             again = ~converged | (np.abs(s - first) > _FAR) | (np.abs(lateral) > _FAR)
             if again.any():
                 s[again], lateral[again], _ = self._descend_many(
@@ -297,6 +311,7 @@ class Curve:
                 moved = np.clip(moved, 0.0, self.length)
                 step = moved - s[active]
             s[active] = moved
+            # Only points that still move are evaluated again; NaN compares as false and stays active.
             active = active[~(np.abs(step) < 1e-9)]
             if not active.size:
                 break

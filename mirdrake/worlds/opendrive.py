@@ -97,6 +97,7 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
     where = parts[0].where
     if sum(leg.length for leg in legs) > LONGEST:
         raise ConfigError(f"{where}: longer than {LONGEST / 1e3:g} km; choose fewer roads")
+    # A wrong coefficient of a cubic width soon reaches kilometres, which no road has.
     if max(np.abs(top).max(), np.abs(bottom).max()) > _WIDEST:
         raise ConfigError(f"{where}: lanes reach {_WIDEST:g} m beside the reference line; correct their widths")
 
@@ -104,10 +105,12 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
     left_out = _left_out(root, roads, ids, lane)
     middle = np.zeros_like(s)
     if top.min() < _RAMP or bottom.max() > -_RAMP:
+        # A constant offset keeps lines and arcs exact, so it is preferred where it is within the lanes everywhere.
         steady = top.min() - bottom.max() > 2.0 * _RAMP
         middle = np.full_like(s, (top.min() + bottom.max()) / 2.0) if steady else (top + bottom) / 2.0
         how = f"{middle[0]:.3g} m to the left" if steady else "to the middle of the lanes"
         left_out.append(f"reference line: not within the lanes '{lane}'; the centre line is moved {how}")
+    # Widths are measured from the moved centre line; t is positive to the left.
     left, right = top - middle, middle - bottom
     if min(left.min(), right.min()) < _THINNEST:
         left_out.append(f"widths below {_THINNEST:g} m to one side: made {_THINNEST:g} m")
@@ -117,9 +120,11 @@ def read_opendrive(path: str | Path, *, road: str | None = None, lane: str = "dr
     name = " .. ".join(dict.fromkeys((parts[0].name, parts[-1].name)))
     pieces = _exact(legs, closed, middle)
     if pieces is not None:
+        # The offset is constant here, so that the start only moves to the left by it.
         x, y, yaw = legs[0].begin
         start = (x - middle[0] * math.sin(yaw), y + middle[0] * math.cos(yaw), yaw)
         ends = np.cumsum([0.0] + [leg.length for leg in legs])
+        # The moved centre line is shorter or longer in bends; stations are transferred piece by piece.
         s = np.interp(s, ends, np.cumsum([0.0] + [piece.length for piece in pieces]))
         return OpenDriveRoad(name, pieces, start, closed, s, left, right, left_out)
     left_out.append(f"reference line: fitted within {1e3 * _TOLERANCE:g} mm ({_why(legs, closed)})")
@@ -148,18 +153,23 @@ def _choose(road: str | None, roads: Mapping[str, Element], name: str) -> list[s
             if key not in roads:
                 raise ConfigError(f"{name}: no road '{key}'; {did_you_mean(key, roads)}")
         return ids
+
+    # Roads of junctions overlap each other and cannot be a part of the chain.
     free = [key for key, element in roads.items() if element.get("junction", "-1") in {"-1", ""}] or list(roads)
     links: dict[str, dict[str, str]] = {key: dict(_links(roads[key], free)) for key in free}
+    # Links of both directions, because files often state only one of the two.
     beside = {
         key: list(dict.fromkeys([*links[key].values(), *(other for other in free if key in links[other].values())]))
         for key in free
     }
     ends = [key for key in free if len(beside[key]) < 2]
+    # A chain begins at an end that has no predecessor, so that it is driven in the direction of its road.
     first = next((key for key in ends if "predecessor" not in links[key]), (ends or free)[0])
     chain, following = [first], links[first].get("successor", next(iter(beside[first]), ""))
     while following and following not in chain:
         chain.append(following)
         following = next((key for key in beside[following] if key not in chain), "")
+    # A road with three neighbours is a branch, even if all roads were visited.
     if len(chain) < len(free) or any(len(neighbours) > 2 for neighbours in beside.values()):
         raise ConfigError(
             f"{name}: its {len(free)} roads do not form one chain; select one, or several as '1, 7, 2': "
@@ -203,6 +213,7 @@ def _join(parts: Sequence[RoadPart]) -> tuple[list[Leg], tuple[Array, Array, Arr
             _miss(legs[-1].end, run[0].begin)[0] if legs else min(_miss(run[-1].end, end)[0] for end in follow)
             for run in (part.legs, turned)
         ]
+        # Reversed only where the given direction does not fit and the other one fits better.
         back = misses[0] > _APART[0] and misses[1] < misses[0]
         travelled = sum(leg.length for leg in legs)
         for leg in turned if back else part.legs:
@@ -214,9 +225,11 @@ def _join(parts: Sequence[RoadPart]) -> tuple[list[Leg], tuple[Array, Array, Arr
                 )
             legs.append(leg)
         stations.append(travelled + (part.length - part.s[::-1] if back else part.s))
+        # Seen in the opposite direction, left and right are exchanged and t changes its sign.
         tops.append(-part.bottom[::-1] if back else part.top)
         bottoms.append(-part.top[::-1] if back else part.bottom)
     gap = _miss(legs[-1].end, legs[0].begin)
+    # A road shorter than the tolerance would otherwise count as closed.
     closed = gap[0] < _APART[0] and gap[1] < _APART[1] and sum(leg.length for leg in legs) > 4.0 * _APART[0]
     s, top, bottom = (np.concatenate(values) for values in (stations, tops, bottoms))
     if (
@@ -228,8 +241,10 @@ def _join(parts: Sequence[RoadPart]) -> tuple[list[Leg], tuple[Array, Array, Arr
 
 def _spread_steps(s: Array, top: Array, bottom: Array) -> tuple[Array, Array, Array]:
     """Return increasing stations: of two equal ones the first is removed, or moved back by 0.1 m if the edges step."""
+    # Edges may jump at a station, but widths must be functions of s: the step becomes a ramp.
     same = np.append(np.diff(s) < 1e-6, False)
     step = np.append(np.maximum(np.abs(np.diff(top)), np.abs(np.diff(bottom))) > 1e-4, False)
+    # At most half of the distance to the station before, so that stations keep increasing.
     before = np.append(s[0] - 2.0 * _RAMP, s[:-1])
     moved = np.where(same & step, s - np.minimum(_RAMP, (s - before) / 2.0), s)
     keep = (~same | step) & np.append(np.diff(moved) > 1e-9, True)
@@ -245,8 +260,10 @@ def _exact(legs: Sequence[Leg], closed: bool, middle: Array) -> list[Piece] | No
     pose, pieces = legs[0].begin, []
     for leg in legs:
         assert leg.piece is not None
+        # The pose is advanced piece by piece, so that errors of the stated geometries add up and are noticed.
         apart = _miss(pose, leg.begin)
         length, first, last = leg.piece
+        # Parallel curves: arcs remain arcs of another radius, but the parallel of a spiral is not a spiral.
         shrink = 1.0 - offset * first
         if apart[0] > _EXACT[0] or apart[1] > _EXACT[1] or (offset and first != last) or shrink < 0.05:
             return None
@@ -269,11 +286,13 @@ def _why(legs: Sequence[Leg], closed: bool) -> str:
 def _sample(legs: Sequence[Leg], closed: bool, s: Array, middle: Array) -> tuple[Array, Array]:
     """Return points of the centre line, N x 2, and their s along the reference line [m]."""
     total = sum(leg.length for leg in legs)
+    # At least 32 points, and at most 20 000, whatever the length of the road.
     step = max(min(1.0, total / 32.0), total / 20_000.0)
     points: list[Array] = []
     stations: list[Array] = []
     travelled = 0.0
     for i, leg in enumerate(legs):
+        # The end of a leg is the begin of the next one, and that of a closed line its first point.
         last = i == len(legs) - 1 and not closed
         parts = max(1, math.ceil(leg.length / step))
         u = leg.length * np.arange(parts + last) / parts
@@ -283,6 +302,7 @@ def _sample(legs: Sequence[Leg], closed: bool, s: Array, middle: Array) -> tuple
         stations.append(travelled + u)
         travelled += leg.length
     places, station = np.vstack(points), np.concatenate(stations)
+    # Nearly equal points, at gaps between geometries, would bend the fitted curve.
     far = np.concatenate(([True], np.hypot(*np.diff(places, axis=0).T) > 0.1 * step))
     far[-1] &= not closed or math.dist(places[-1], places[0]) > 0.1 * step
     return places[far], station[far]
@@ -303,6 +323,7 @@ def _left_out(root: Element, roads: Mapping[str, Element], ids: Sequence[str], l
     chosen = [roads[key] for key in ids]
     notes = []
     heights = [part for road in chosen for path in _HEIGHTS for part in road.iterfind(path)]
+    # A coefficient is 0 if nothing is left without the characters of a zero, such as those of -0.0e+00.
     if any((part.get(key) or "0").strip("-+.0eE") for part in heights for key in "abcd"):
         notes.append("heights and slopes: the road is flat")
     if len(ids) < len(roads):

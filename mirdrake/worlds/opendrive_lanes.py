@@ -61,6 +61,8 @@ class RoadPart:
         self.length = math.fsum(leg.length for leg in self.legs)
         if self.length < _SHORTEST:
             raise ConfigError(f"{self.where}: road '{self.name}' is {self.length:.3g} m long; remove it")
+
+        # Files disagree about where geometries begin: s stated by the file against the sum of the lengths.
         declared = np.array([s for s, leg in legs if leg is not None])
         declared = np.append(declared - declared[0], declared[-1] - declared[0] + self.legs[-1].length)
         real = np.cumsum([0.0] + [leg.length for leg in self.legs])
@@ -71,6 +73,7 @@ class RoadPart:
                     f"{travelled:g} m long; correct s or the lengths"
                 )
         s, self.top, self.bottom = self._edges(road, float(declared[-1]))
+        # Widths are given over the stated s; the track has the real one.
         self.s = np.interp(s, declared, real)
 
     def _edges(self, road: Element, length: float) -> tuple[Array, Array, Array]:
@@ -85,6 +88,7 @@ class RoadPart:
             begin = number_of(section, "s", self._places)
             breaks.add(begin)
             for side, side_lanes in sides.items():
+                # A section of one side leaves the section before it valid on the other one.
                 if section.get("singleSide") == "true" and section.find(side) is None:
                     continue
                 lanes = sorted(section.iterfind(f"{side}/lane"), key=lambda e: abs(number_of(e, "id", self._places)))
@@ -96,11 +100,14 @@ class RoadPart:
                     )
                     for element in lanes
                 ]
+                # Between breaks all edges are polynomials; at breaks they may jump, so stations are repeated there.
                 breaks.update(float(s) for row in rows for s in (*row.widths[:, 0], *row.borders[:, 0]))
                 side_lanes.append((begin, rows))
         stations: list[Array] = []
         tops: list[Array] = []
         bottoms: list[Array] = []
+
+        # Breaks that differ only by rounding would give parts without length.
         knots = sorted(s for s in breaks if 0.0 <= s <= length)
         knots = [knots[0]] + [b for a, b in itertools.pairwise(knots) if b - a > 1e-6]
         for begin, end in itertools.pairwise(knots):
@@ -128,10 +135,12 @@ class RoadPart:
         self, sections: Sequence[tuple[float, list[_Lane]]], s: Array, middle: Array, sign: float
     ) -> Iterator[Array]:
         """Yield inner and outer edges of the selected lanes on one side, at stations between two breaks."""
+        # The last section that begins before the part; those after it are not valid yet.
         lanes = next((rows for begin, rows in reversed(sections) if begin <= s[0] + 1e-6), [])
         inner = middle
         for lane in lanes:
             if len(lane.widths) or not len(lane.borders):  # widths have priority over borders
+                # Widths add up outwards, borders are measured from the reference line; a width below zero is none.
                 outer = inner + sign * np.maximum(_cubic(lane.widths, s), 0.0)
             else:
                 outer = middle + _cubic(lane.borders, s)
@@ -151,6 +160,7 @@ class RoadPart:
 
 def _cubic(records: Array, s: Array) -> Array:
     """Return values at stations between two breaks by the record that is valid there; 0 without a record."""
+    # The start of the part decides, because at its end the next record is already valid.
     holding = np.flatnonzero(records[:, 0] <= s[0] + 1e-6)
     if not holding.size:
         return np.zeros_like(s)

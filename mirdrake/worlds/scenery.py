@@ -97,6 +97,7 @@ def scenery(world: World) -> list[SceneryItem]:
     for index, name in enumerate(names):
         spec, track, road = world.spec.tracks[name], world.tracks[name], roads[name]
         others = [roads[other] for other in names if other != name]
+        # Of two roads that cross, the later one is on top and remains whole.
         later = shapely.union_all([roads[other] for other in names[index + 1 :]])
 
         # Paint: the parts of lines that are not on other roads; then the road around them.
@@ -116,11 +117,13 @@ def scenery(world: World) -> list[SceneryItem]:
     paved = [part.area for part in world.road_areas if not part.is_track]
 
     # Ground: everything beside the roads, lower by the largest thickness of the roads.
+    # One depth for the whole ground: it has no edges where roads of different thickness meet.
     depth = max((track.thickness for track in world.spec.tracks.values()), default=0.0)
     depth = depth if world.network is None else max(depth, _THICKNESS)
     plane = shapely.box(*world.ground.extent)
     wide = plane.buffer(_APRON, join_style="mitre")
     asphalt = shapely.union_all([*roads.values(), *paved])
+    # Roads are cut out, as the ground is only centimetres below them and would flicker through.
     ground = shapely.difference(shapely.difference(plane, asphalt), covered)
     apron = shapely.difference(shapely.difference(wide, plane), covered)
     parts: list[Surface] = []
@@ -181,6 +184,7 @@ def lights(world: World) -> list[LightParameter]:
     """
     sun, ambient = sun_light(world), world.spec.lights.ambient
     level = sun.direction * [1.0, 1.0, 0.0]
+    # A sun in the zenith has no horizontal direction; any one is right then.
     away = -level / np.linalg.norm(level) if level.any() else np.array([1.0, 0.0, 0.0])
     down = np.array([0.0, 0.0, -1.0])
 
@@ -262,6 +266,8 @@ def _seen_patches(world: World) -> tuple[dict[str, BaseGeometry], BaseGeometry]:
     seen: dict[str, BaseGeometry] = {}
     above: BaseGeometry = shapely.Polygon()
     wet: BaseGeometry = shapely.Polygon()
+
+    # Later patches are on top: from the top down, each shows only what is not covered yet.
     for patch in reversed(world.patches):
         area = _polygons(shapely.difference(_polygons(patch.area), above))
         if patch.surface is None:
@@ -285,6 +291,7 @@ def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
     half = marking.width / 2.0
     stations = track.stations(sagitta=_SAGITTA)
     if marking.line == "start":
+        # Centred on s = 0 where the track continues before it, else from the start on.
         begin = -half if track.closed else 0.0
         return _patch(
             track,
@@ -311,6 +318,7 @@ def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
     painted, period = marking.dash[0], sum(marking.dash)
     count = max(1, round(track.length / period)) if track.closed else int(np.ceil(track.length / period))
     if track.closed:  # a whole number of dashes
+        # The ratio of painted to free is kept.
         painted, period = painted * track.length / (count * period), track.length / count
     begins = period * np.arange(count)
     ends = np.minimum(begins + painted, track.length)
@@ -362,9 +370,11 @@ def _wetted(polygon: BaseGeometry, wet: BaseGeometry, make: Callable[[BaseGeomet
 
 def _item(name: str, surfaces: list[Surface], world: World) -> SceneryItem:
     """Return surfaces, laid on the terrain, as one visual geometry."""
+    # Triangles are refined near roads only; far away a coarse mesh of the terrain is enough.
     if not world.ground.terrain.flat:
         near = Roads(shapely.union_all([road.area for road in world.road_areas]))
         surfaces = [drape(surface, world.ground.terrain, near) for surface in surfaces]
+    # Supporting files of an in-memory mesh are found by the names in its glTF.
     textures = {surface.texture for surface in surfaces if surface.texture}
     named = [replace(surface, texture=f"{surface.texture}.jpg") if surface.texture else surface for surface in surfaces]
     mesh = InMemoryMesh(

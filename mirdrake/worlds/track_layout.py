@@ -80,6 +80,7 @@ def make_track(
         line = _from_segments(spec)
     start = line.start if spec.start is None else (*spec.start.at, spec.start.yaw)
     total = math.fsum(piece.length for piece in line.pieces)
+    # Checked before the track is laid out, which takes time and memory proportional to the length.
     if not 0.1 <= total <= _LONGEST:
         raise WorldError(f"{where(spec)}: {total:g} m long; allowed are 0.1 m to 100 km")
     if max(abs(start[0]), abs(start[1])) > _FARTHEST:
@@ -88,6 +89,7 @@ def make_track(
             "for example start: {at: [0, 0]}"
         )
     track = _lay(spec, line, total, name)
+    # Only lines through given points may be changed; exact ones are the intention of the author.
     if line.smoothed is not None and (fold := track.folds()) is not None:
         line, track = _unfold(spec, line, track, fold)
     _check(spec, track, line)
@@ -103,6 +105,7 @@ def _lay(spec: TrackSpec, line: _CentreLine, given: float, name: str) -> Track:
         width, edges = spec.width, None
     elif spec.width is not None:
         s, left, right = _edges_of(spec, spec.width, given, line.closed)
+        # A smoothed line is a little shorter; widths stay where they were relative to its length.
         edges = np.asarray(s) * (total / given), left, right
     return Track(line.pieces, start=start, closed=line.closed, width=width, edges=edges, name=name, notes=line.notes)
 
@@ -120,6 +123,8 @@ def _unfold(spec: TrackSpec, line: _CentreLine, track: Track, fold: float) -> tu
         fold: station at which its inner edge folds [m].
     """
     assert line.smoothed is not None
+
+    # From a hardly visible amount, doubled, to half of the width, where the line would leave the road.
     spacing = max(track.width / 8.0, track.length / _MOST_POINTS)
     amount, low, high = track.width / 512.0, 0.0, math.inf
     best = line, track
@@ -138,6 +143,8 @@ def _unfold(spec: TrackSpec, line: _CentreLine, track: Track, fold: float) -> tu
     if math.isinf(high):
         return best
     smoothed, road = best
+
+    # The points must remain on the road: the smoothed line is rejected where it passes one by half the width.
     bare = Track(smoothed.pieces, start=smoothed.start, closed=smoothed.closed)
     curve = shapely.linestrings(np.column_stack(bare.point(bare.stations())))
     off = float(shapely.distance(shapely.points(line.points), curve).max())
@@ -158,6 +165,7 @@ def _from_segments(spec: TrackSpec) -> _CentreLine:
     total = math.fsum(piece.length for piece in pieces)
     if not 0.1 <= (spec.length or total) <= _LONGEST:
         raise WorldError(f"{where(spec)}: {spec.length or total:g} m long; allowed are 0.1 m to 100 km")
+    # Scaling keeps all angles, so that a closed track remains closed.
     if spec.length is not None and abs(spec.length / total - 1.0) > 1e-12:
         scale = spec.length / total
         pieces = [Piece(p.length * scale, p.start_curvature / scale, p.end_curvature / scale) for p in pieces]
@@ -201,6 +209,7 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
         closed = table.looks_closed if spec.closed is None else spec.closed
         if closed and not table.looks_closed:
             gap = math.dist(table.points[0], table.points[-1])
+            # Headings of the first and the last chord, from dy and dx in this order.
             ahead = [math.atan2(*(b - a)[::-1]) for a, b in (table.points[:2], table.points[-2:])]
             turn = abs(math.degrees(math.remainder(ahead[0] - ahead[1], 2.0 * math.pi)))
             raise ConfigError(
@@ -210,10 +219,12 @@ def _from_csv(spec: TrackSpec, csv: CsvSpec, folder: Path) -> _CentreLine:
         _check_extent(table.points)
 
         def lay(smooth: float, spacing: float) -> _CentreLine:
+            # Independent deviations add up by their squares.
             smooth = math.hypot(csv.smooth, smooth)
             pieces, start = pieces_through(table.points, closed=closed, smooth=smooth, spacing=spacing)
             edges = None
             if table.left is not None and table.right is not None and spec.width is None:
+                # Edges are measured from the centre line, which exists only now; its own width is not used.
                 bare = Track(pieces, start=start, closed=closed)
                 edges = edges_from_widths(bare, table.points, table.left, table.right)
             near = _nearest(pieces, start, table.points, f"{shown(path)}:{{}}", table.lines)
@@ -306,7 +317,9 @@ def _edges_of(spec: TrackSpec, widths: list[tuple[float, float]], length: float,
     if s[-1] > length * (1.0 + 1e-9):
         index = int(np.argmax(s > length))
         raise WorldError(f"{where(spec, 'width', index)}: s = {s[index]:g} m; the track is {length:.6g} m long")
+    # The station may exceed the end by rounding only; see the check above.
     s = np.minimum(s, length)
+    # The last entry of a closed track is the first one again, and `interp` with a period adds it itself.
     if closed and s[0] == 0.0 and s[-1] >= length * (1.0 - 1e-9):
         if abs(width[0] - width[-1]) > 1e-6:
             raise WorldError(
@@ -366,15 +379,19 @@ def _check(spec: TrackSpec, track: Track, line: _CentreLine) -> None:
 
 def _first_crossing(track: Track) -> tuple[float, float] | None:
     """Return the two stations [m] where the centre line crosses itself, or None; where its ends meet does not count."""
+    # Chords within 1 mm of the line: crossings are found between straight segments.
     s = track.stations(sagitta=1e-3)
     points = np.column_stack(track.point(np.append(s[:-1], 0.0) if track.closed else s))
+    # A search tree over the chords: all pairs would be too many for long tracks.
     chords = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
     first, second = shapely.STRtree(chords).query(chords, predicate="intersects")
     apart = second - first
+    # Neighbours share a point and do not count; on a closed track the last and the first are neighbours.
     apart = np.minimum(apart, len(chords) - apart) if track.closed else apart
     met = (second > first) & (apart > 1)
     first, second = first[met], second[met]
     crossings = shapely.get_coordinates(shapely.centroid(shapely.intersection(chords[first], chords[second])))
+    # On an open track whose ends meet, the first and last chords touch there without a crossing.
     at_ends = [np.hypot(*(crossings - points[end]).T) < _GAP_LENGTH for end in (0, -1)]
     is_seam = (first == 0) & (second == len(chords) - 1) & at_ends[0] & at_ends[1]
     first, second, crossings = first[~is_seam], second[~is_seam], crossings[~is_seam]
@@ -410,12 +427,14 @@ def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
     if not rest or math.fsum(piece.length for piece in rest) > _LONGEST:
         raise WorldError(f"{location}: give other segments beside the auto lines, of 100 km at most")
     track = Track(rest)
+    # Lines do not turn, so that headings are known before their lengths.
     yaws = np.cumsum([0.0] + [piece.turn for piece in pieces])[auto_lines]
     gap_x, gap_y, _ = track.end
     matrix, target = np.vstack((np.cos(yaws), np.sin(yaws))), np.array([-gap_x, -gap_y])
     if len(auto_lines) == 3:
         assert spec.length is not None
         matrix, target = np.vstack((matrix, np.ones(3))), np.append(target, spec.length - track.length)
+    # Nearly parallel lines would need huge lengths of opposite sign.
     if np.linalg.cond(matrix) > 1e6:
         raise WorldError(
             f"{location}: the auto lines cannot close the track because they are parallel; choose other ones"
