@@ -97,6 +97,7 @@ def _largest_lateral_acceleration(data: DataSet) -> float:
         forward = log.channels.get("vx", log.channels.get("speed"))
         rate, lateral = log.channels.get("yaw_rate"), log.channels.get("lateral_acceleration")
         if forward is not None and rate is not None:
+            # v r before the sensor, which contains roll, bank and shocks.
             lateral = forward * rate
         if lateral is not None:
             largest = max(largest, float(np.nanpercentile(np.abs(lateral), 99.0)))
@@ -112,6 +113,7 @@ def _acceleration_range(data: DataSet) -> float:
             continue
         lateral = log.channels.get("lateral_acceleration") if turn is None else forward * turn
         good, step = np.isfinite(forward), float(np.median(np.diff(log.time)))
+        # Braking in turns is what load transfer shows in; on straights it has no lateral effect.
         speed = np.interp(log.time, log.time[good], forward[good])
         rate = np.gradient(gaussian_filter1d(speed, max(SMOOTHING / step, 1e-3)), step)
         if lateral is not None:

@@ -87,6 +87,7 @@ class KinematicModel(_DirectModel):
 
     def observe(self, x: Array, u: Array, p: Values) -> Array:
         """Return yaw rate and lateral acceleration."""
+        # The unused state is added as zero, so that the result has the shape of all columns and shots.
         rate = u[1] * np.tan(u[0]) / (p["wheelbase"] + p["understeer"] * u[1] ** 2) + 0.0 * x[0]
         return np.stack([rate if name == "yaw_rate" else rate * u[1] for name in self.outputs])
 
@@ -132,6 +133,7 @@ class SteeringModel(_DirectModel):
     ) -> None:
         del known, wheelbase
         self.title = "steering"
+        # The road wheel angle is the output here, so it cannot be the input.
         choice = (options.input,) if options.input else STEERING[1:]
         self._steer = find_channel(channels, choice, "the input of the steering", self.kind)
         find_channel(channels, ("road_wheel_angle",), "the road wheel angle", self.kind)
@@ -198,6 +200,7 @@ class JointLoopModel(_DirectModel):
     def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
         """Return the response of the loop."""
         step = float(times[1] - times[0])
+        # The response begins before the segment, as its inputs of the last seconds still act through delay and lag.
         wide, early = drive.with_history(times)
         target = p["gain"] * drive.at(self._input, wide, p["delay"]) + p["offset"]
         return second_order(target, step, p["natural_frequency"], p["damping_ratio"])[None, early:]

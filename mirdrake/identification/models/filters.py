@@ -29,6 +29,7 @@ def smooth_between(values: Array, places: Array) -> Array:
     cubic = 3.0 * (left - right) + behind - before
     square = 2.0 * before - 5.0 * left + 4.0 * right - behind
     interpolated = left + 0.5 * part * (right - before + part * (square + part * cubic))
+    # Equal neighbours are a held command, between which the cubic would overshoot.
     return np.where(left == right, left, interpolated)
 
 
@@ -40,6 +41,7 @@ def first_order(values: Array, step: float, lag: float) -> Array:
         step: sample time [s].
         lag: time constant [s]; 0 for none.
     """
+    # A tiny lag would divide by zero below.
     if lag <= 1e-6 * step:
         return values
     decay = float(np.exp(-step / lag))
@@ -70,6 +72,7 @@ def second_order(values: Array, step: float, frequency: float, damping: float) -
     adj = np.array([[a[1, 1], -a[0, 1]], [-a[1, 0], a[0, 0]]])
     numerator = [b1[0], b0[0] - (adj @ b1)[0], -(adj @ b0)[0]]
     denominator = [1.0, -trace, det]
+    # The filter starts from zero, so the first value is removed: the loop has unit gain and is at rest there.
     return np.asarray(lfilter(numerator, denominator, values - values[0]) + values[0])
 
 

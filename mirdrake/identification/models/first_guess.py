@@ -117,9 +117,11 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
     if "yaw_rate" in grid.channels:
         rate = smooth(grid, "yaw_rate")
     else:
+        # In quasi-steady turns r = ay / v replaces a missing yaw rate.
         rate = smooth(grid, "lateral_acceleration") / np.where(moving, speed, 1.0)
     delay = estimate_delay(rate, angle, grid.step)
     late = 0.0 if delay is None or abs(delay.correlation) < _ALIGNED else max(delay.value, 0.0)  # a cause precedes
+    # The steering is moved to the time of its response: a delay looks like an offset where turns to one side are faster.
     index = np.arange(float(len(angle)))
     angle = np.interp(index - late / grid.step, index, angle)
     # At low lateral acceleration the tyres have little slip, whatever the vehicle.
@@ -136,6 +138,7 @@ def _robust(base: Array, values: Array, held: Array) -> Array:
     noise = float(np.std(values))
     for turn in range(20):
         rows = np.vstack((base * weights[:, None], np.diag(held) * noise))
+        # Columns are scaled to unit length, as commands may be of any size (0 to 1, or 1500 ticks).
         size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
         unknowns = np.linalg.lstsq(rows / size, np.append(values * weights, np.zeros(len(held))), rcond=None)[0] / size
         away = np.abs(values - base @ unknowns)

@@ -92,6 +92,7 @@ class LongitudinalModel(Model):
         self.parameters = self._make_parameters(known)
 
     def _make_parameters(self, known: Mapping[str, float]) -> tuple[Parameter, ...]:
+        # Speeds alone determine forces over mass only; without a mass all forces are per kilogram.
         bare = "mass" not in known
         m = known.get("mass", 1.0)
         force, mass, per = ("N/kg", "1", " per kg") if bare else ("N", "kg", "")
@@ -125,6 +126,7 @@ class LongitudinalModel(Model):
         for name, kind in (("drive", self._drive), ("brake", self._brake)):
             if kind != "none":
                 pedal = kind in {"throttle", "pedal"}
+                # A measured torque acts at once; behind a pedal there are engine, motor or hydraulics.
                 delay, lag = (0.05, 0.1) if pedal else (0.0, 0.0)
                 parameters += [
                     Parameter(f"{name}_delay", "s", f"dead time of the {name}", delay, -0.1, 1.0, pedal, 0.05,
@@ -145,6 +147,7 @@ class LongitudinalModel(Model):
             wide, early = drive.with_history(times)
             values = drive.at(channels[kind], wide, p[f"{name}_delay"])
             if kind == "torque":
+                # Recorders disagree on the sign of brake torques; a negative drive torque is braking by the motor.
                 values = (values if name == "drive" else np.abs(values)) / p["wheel_radius"]
             elif kind == "pedal":
                 values = values * p["brake_force"]
@@ -159,6 +162,7 @@ class LongitudinalModel(Model):
             force, power = p["drive_force"], p["drive_power"]
             # A smooth minimum of force and power over speed has no corner at which a search would stop.
             push = push * force / np.sqrt(1.0 + (force * v / power) ** 2)
+        # Brakes and rolling resistance act against the motion; tanh avoids the jump of the sign at standstill.
         resistance = u[1] + p["rolling_resistance"] * m * GRAVITY + p["viscous_resistance"] * np.abs(v)
         slope = m * GRAVITY * (u[2] + p["slope"])
         total = push - resistance * np.tanh(v / _STANDSTILL) - p["drag"] * v * np.abs(v) - slope
@@ -187,6 +191,7 @@ class LongitudinalModel(Model):
         """Return decelerations, which do not depend on the assumed masses."""
         mass = p["mass"] + p["rotating_mass"]
         rolling = (p["rolling_resistance"] + p["slope"]) * p["mass"] * GRAVITY
+        # 20 m/s: 400 is its square.
         coasting = rolling + 400.0 * p["drag"] + 20.0 * p["viscous_resistance"]
         quantities = {"deceleration without pedals at 20 m/s": (coasting / mass, "m/s^2")}
         if "brake_force" in p:

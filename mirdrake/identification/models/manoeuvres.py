@@ -22,14 +22,17 @@ def steering_manoeuvres(speed: float, wheelbase: float, *, lateral: float = 3.0)
         lateral: lateral acceleration [m/s²] of a neutral-steering car.
     """
     t = np.arange(0.0, DURATION, STEP)
+    # Angle of a neutral-steering car for the lateral acceleration, δ = L ay / v².
     angle = lateral * wheelbase / speed**2
     slow = 0.5 * speed
     square = np.sign(np.sin(2.0 * np.pi * 0.2 * t))
+    # Phase of a linear sweep, the integral of 0.2 Hz + 2.3 Hz · t / duration.
     sweep = np.sin(2.0 * np.pi * (0.2 * t + 0.5 * (2.3 / DURATION) * t**2))
     phase = np.clip(t, 0.0, DURATION)
     lane = np.where(phase % 10.0 < 4.0, np.sin(2.0 * np.pi * 0.5 * (phase % 10.0)), 0.0)
     full = np.full(len(t), speed)
     both = np.where(t < 0.5 * DURATION, slow, speed)
+    # Half the speed needs four times the angle for the same lateral acceleration.
     growing = np.where(t < 0.5 * DURATION, 4.0 * angle, angle)
     return {
         "step steer": (angle * square, full),

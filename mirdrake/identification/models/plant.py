@@ -112,9 +112,11 @@ class PlantModel(SimulatedModel):
         possible = [name for name in OUTPUTS if name != "vx" or self._way != "speed"]
         self.outputs = select_outputs(channels, possible, options.outputs, self.kind)
         self._settle = options.settle
+        # Twice the rate of the control unit, so that every control instant is a step of the plant.
         self._step = 0.5 / loaded.control.rate if options.time_step is None else options.time_step
         self._vehicle = loaded
         self._stiff = self._steer == "road_wheel_angle"
+        # A recorded angle is held by the unit between two instants; the lead compensates the mean delay of this hold.
         self._rate = float(options.rate or (0.5 / self._step if self._stiff else loaded.control.rate))
         self._lead = 0.5 / self._rate + self._step if self._stiff else 0.0
         self.assembly = self._build(options.vehicle, options.contact, options.world)
@@ -122,6 +124,7 @@ class PlantModel(SimulatedModel):
         part = self.assembly.parts.vehicles[EGO]
         self._part, plant = part, self.assembly.parts.plant
         self._whole, self._rest = measure(plant, part), measure(plant, part, base=False)
+        # A friction that differs over the ground is no single parameter.
         self._parameters = find_context_parameters({EGO: loaded}, self.assembly.parts.world)
         friction = float(self.assembly.parts.world.ground.mu) if "road.friction" in self._parameters else None
         damping = float(part.wheels[0].default_damping_vector()[0])
@@ -146,6 +149,8 @@ class PlantModel(SimulatedModel):
             systems["pedals_table"] = {"kind": f"{_BLOCKS}Table", "size": 3}
             connect.append(["pedals_table.y", f"{EGO}.pedals_reference"])
         if self._vehicle.spec.tyres.has_law:
+            # Rolling resistance is in the tyre law and not in the Context: its change is added as a moment on the
+            # torques.
             systems["moments"] = {"kind": f"{_BLOCKS}WheelMoments"}
             source = f"{EGO}.wheel_torque"
             if self._way == "torque" or not pedals:
@@ -153,6 +158,7 @@ class PlantModel(SimulatedModel):
                 source = "torque_table.y"
             connect += [[source, "moments.torque"], [f"{EGO}.wheel_speeds", "moments.spins"]]
             connect.append(["moments.y", f"{EGO}.wheel_torque"])
+        # Tables send no stamps, so the watchdog must not stop the vehicle.
         control: dict[str, Any] = {"dead_man": _NEVER, "rate": self._rate}
         servo = self._vehicle.control.steering
         if self._stiff and servo.kind == "servo":
@@ -189,6 +195,7 @@ class PlantModel(SimulatedModel):
         """Simulate one run; the last ones are cached."""
         key = (id(drive), tuple(p.values()), first.tobytes())
         if key not in self._runs:
+            # The oldest run goes first: dicts keep the order of insertion.
             if len(self._runs) >= _KEPT:
                 self._runs.pop(next(iter(self._runs)))
             self._runs[key] = (
@@ -235,14 +242,17 @@ class PlantModel(SimulatedModel):
         assembly, part = self.assembly, self._part
         plant = assembly.parts.plant
         inertia = body_inertia(self._whole, self._rest, p)
+        # The start speed precedes the Context, as it determines its initial state.
         assembly.starts[EGO] = replace(assembly.starts[EGO], speed=speed)
         context = assembly.make_context()
         plant_context = plant.GetMyMutableContextFromRoot(context)
+        # Mass properties live in the Context, so the Diagram is built once for all runs of a fit.
         part.base.SetSpatialInertiaInBodyFrame(plant_context, inertia)
         set_damping(plant_context, part, p["wheel_damping"])
         if "friction" in p and p["friction"] != assembly.parts.world.ground.mu:
             # A friction other than that of the world is a parameter of the ground.
             self._parameters["road.friction"].apply(assembly, context, p["friction"])
+        # No lag here: the servo of the steering is part of the plant.
         angle = steering_angle({"steering_lag": 0.0, **p}, drive, self._steer, _sample_times(drive))
         self._fill(context, "steering_table", drive, angle, self._lead)
         if self._way == "speed":
@@ -263,6 +273,7 @@ class PlantModel(SimulatedModel):
             block = assembly.diagram.GetSubsystemByName("moments")
             moments = more * load * np.array(self._vehicle.geometry.wheel_radii)
             block.set_moments(block.GetMyMutableContextFromRoot(context), moments)
+        # Ports that no table drives still need a value, or Drake cannot evaluate the control unit.
         for port in ("speed_reference", "reference_stamp"):
             if assembly.diagram.HasInputPort(f"{EGO}.{port}"):
                 value = speed if port == "speed_reference" else 0.0
@@ -280,6 +291,8 @@ class PlantModel(SimulatedModel):
         torques = np.zeros((8, len(times)))
         if self._way != "torque":
             return torques
+        # An open differential divides the drive torque equally; brakes are divided between the axles by the vehicle's
+        # share.
         driven = [WHEELS.index(wheel) for wheel in self._vehicle.spec.driven_wheels()]
         torques[driven] = drive.at("drive_torque", times) / len(driven)
         if "brake_torque" in drive.inputs:
@@ -304,11 +317,13 @@ class PlantModel(SimulatedModel):
             turn = _first(drive.outputs["yaw_rate"], drive.step, 0)
         if "vy" in drive.outputs:
             side = _first(drive.outputs["vy"], drive.step, 0) - turn * float(self._whole.com[0])
+        # Order of a floating base in Drake: angular velocity first, then that of the origin, both in the world frame.
         velocities = plant.GetVelocities(plant_context).copy()
         first = part.base.floating_velocities_start_in_v()
         velocities[first + 2] = turn
         velocities[first + 3] = speed * math.cos(yaw) - side * math.sin(yaw)
         velocities[first + 4] = speed * math.sin(yaw) + side * math.cos(yaw)
+        # Wheels keep their ratio to the speed, and with it the slip to which the tyres have settled.
         ratio = speed / now if abs(now) > 0.1 else 1.0
         for joint in part.wheels:
             velocities[joint.velocity_start()] *= ratio
@@ -361,6 +376,7 @@ def _find_drive(requested: str | None, channels: set[str], vehicle: Vehicle) -> 
     """
     able = {"torque": vehicle.spec.tyres.has_law, "pedals": vehicle.control.wheel_speed.uses_pedals}
     if requested is None:
+        # Torques need no model of the powertrain, pedals that of the vehicle; the speed is always possible.
         fits = (name for name, needs in DRIVES.items() if set(needs) <= channels and able.get(name, True))
         return next(fits)
     path = ("model", "drive")
@@ -387,6 +403,7 @@ def _first(values: Array, step: float, row: int) -> float:
     good = np.isfinite(part)
     if good.sum() < 3:
         return float(part[good][0]) if good.any() else 0.0
+    # The level of a line at the first sample: a mean would be late by half the window while the speed changes.
     slope, level = np.polyfit(np.flatnonzero(good), part[good], 1)
     del slope
     return float(level)

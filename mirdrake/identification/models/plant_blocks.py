@@ -27,6 +27,7 @@ class Table(LeafSystem):  # type: ignore[misc, unused-ignore]
         super().__init__()
         self.size = int(size)
         self._rows = self.DeclareAbstractParameter(Value[object]((np.zeros(1), np.zeros((self.size, 1)))))
+        # The output depends on time and table only, so that Drake keeps it while other parts of the Context change.
         needs = {self.time_ticket(), self.all_parameters_ticket()}
         self.y = self.DeclareVectorOutputPort("y", self.size, self._calc, prerequisites_of_calc=needs)
 
@@ -70,6 +71,7 @@ class WheelMoments(LeafSystem):  # type: ignore[misc, unused-ignore]
         context.get_mutable_numeric_parameter(self._moments).SetFromVector(moments)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
+        # A copy: Eval returns the cache of the source.
         values = self.torque.Eval(context).copy()
         moments = context.get_numeric_parameter(self._moments).value()
         if moments.any():

@@ -51,6 +51,7 @@ def _whole(plant: MultibodyPlant, context: Context, bodies: list[BodyIndex]) -> 
 
 def _about(part: MassProperties, place: Array) -> Array:
     """Return the inertia about another point (3, 3)."""
+    # Parallel axis theorem (Steiner).
     arm = part.com - place
     return np.asarray(part.inertia + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
 
@@ -82,6 +83,7 @@ def body_inertia(whole: MassProperties, rest: MassProperties, p: Mapping[str, fl
     inertia[2, 2] += change
     about = inertia - _about(rest, com)  # of the base body about the common centre of mass
     about -= _about(MassProperties(mass, own, np.zeros((3, 3))), com)
+    # Drake's constructor takes the inertia of a unit mass.
     about /= mass
     unit = UnitInertia(*np.diag(about), about[0, 1], about[0, 2], about[1, 2])
     try:

@@ -27,6 +27,8 @@ def plant_parameters(
         if one.name == "steering_lag":  # the lag of the servo is in the plant
             continue
         if one.name == "steering_delay":
+            # A recorded hand wheel angle may contain the lag of the servo already, which the plant would add a second
+            # time.
             servo, late = vehicle.control.steering, 0.5 / vehicle.control.rate
             if servo.kind == "servo" and servo.stiffness > 0.0:
                 late += servo.damping / servo.stiffness

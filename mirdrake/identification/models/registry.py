@@ -73,11 +73,13 @@ def make_model(spec: ModelSpec, data: DataSet, known: Mapping[str, float]) -> Mo
         ConfigError: unknown kind or option, or a channel is missing.
     """
     kind, options = model_class(spec.kind), check_options(spec)
+    # Only channels of all logs: one model must be able to simulate and compare every log.
     channels = set.intersection(*(set(log.channels) for log in data.logs)) if data.logs else set()
     guess, steer = None, next((name for name in STEERING if name in channels), "")
     if kind.uses_steering_guess and steer:
         guess = guess_steering(data.train or data.logs, steer)
         if guess is not None and data.wheelbase is None:
+            # Known values come last and override the assumption.
             known = {"assumed_wheelbase": _assumed_wheelbase(guess, steer), **known}
     model = kind(channels, known, data.wheelbase, options)
     if guess is not None:

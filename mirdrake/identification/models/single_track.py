@@ -166,6 +166,7 @@ class SingleTrackModel(Model):
     def __init__(
         self, channels: set[str], known: Mapping[str, float], wheelbase: float | None, options: SingleTrackOptions
     ) -> None:
+        # What the study leaves open: the structure search may add it, and its omission counts as an assumption.
         self._open = {name for name in ("tyres", "roll", "relaxation") if getattr(options, name) is None}
         self._tyres, self._roll = options.tyres or "linear", bool(options.roll or self.rolls_by_default)
         self._open -= {"roll"} if self._roll else set()
@@ -250,6 +251,7 @@ class SingleTrackModel(Model):
         """Return speed [m/s] and its rate [m/s²]; they do not depend on parameters and are kept for the last times."""
         kept = self._speeds.get(id(drive))
         if kept is None or kept[0] is not drive or not np.array_equal(kept[1], times):
+            # Only the derivative uses the smoothed speed: noise of the speed would appear as large longitudinal forces.
             speed, step = drive.at(self._speed, times), float(times[1] - times[0])
             smooth = gaussian_filter1d(speed, max(_SMOOTHING / step, 1e-3), mode="nearest")
             kept = self._speeds[id(drive)] = (drive, times, speed, np.asarray(np.gradient(smooth, step)))
@@ -272,6 +274,7 @@ class SingleTrackModel(Model):
         substeps: int,
     ) -> LogRuns:  # fmt: skip
         """See :meth:`Model.run_log`."""
+        # A plain array viewed as records: filling records field by field would take longer than the run.
         numbers: Array = np.array([list(vars(self._numbers(p)).values()) for p in columns])
         wide = np.zeros((len(starts), len(TrackState._fields)))
         wide[:, self._state_columns] = starts
@@ -294,6 +297,7 @@ class SingleTrackModel(Model):
 
     def _flags(self, sets: Sequence[Values]) -> TrackFlags:
         """Return the variant for some sets of parameters."""
+        # Delays of zero are left out of the compiled equations, as looking back costs two more evaluations.
         late = {
             channel: any(np.any(p.get(name, 0.0)) for p in sets) and channel in self.outputs
             for channel, name in _DELAY_PARAMETERS.items()
@@ -321,6 +325,7 @@ class SingleTrackModel(Model):
     def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
         """Return the measured yaw rate, and vy, slips and roll of a steady turn with it."""
         a, b, m = p["front_length"], p["rear_length"], p["mass"]
+        # Bounded by the speed of the kinematic motion, below which slip angles are undefined.
         v = np.maximum(drive.inputs[self._speed][rows], self._v1)
         delta = drive.inputs[self._steer][rows] / p["steering_ratio"] + p["steering_offset"]
         spin = v * delta / (a + b)
@@ -331,6 +336,7 @@ class SingleTrackModel(Model):
                 warnings.simplefilter("ignore", RuntimeWarning)  # all samples near are missing
                 middle = np.nanmedian(seen[near], axis=1)
             spin = np.where(np.isfinite(middle), middle, spin)
+        # Steady turn: vy = b r - v αr with the slip of the rear axle αr = -m a v r / (L C).
         side = b * spin - m * a * v * v * spin / ((a + b) * p["cornering_stiffness_rear"])
         states = [side, spin]
         if self._roll:
@@ -361,9 +367,11 @@ class SingleTrackModel(Model):
     def _understeer(p: Mapping[str, float]) -> float:
         """Return the change of the steering angle over lateral acceleration at constant radius [rad s²/m]."""
         q = defaultdict(float, p)
+        # Forces act behind the wheel centres by the pneumatic trail.
         a, b, roll = q["front_length"] - q["trail_front"], q["rear_length"] + q["trail_rear"], q["roll_gain"]
         front = (q["mass"] * b - q["roll_moment"] * roll) / (a + b)
         rear = q["mass"] - front
+        # Slip over lateral acceleration of the axles, then roll steer and the deflection of the compliant steering.
         slips = front / q["cornering_stiffness_front"] - rear / q["cornering_stiffness_rear"]
         deflection = q["steering_compliance"] * (q["trail_front"] * front - q["camber_moment"] * roll)
         return slips + (q["roll_steer_rear"] - q["roll_steer"]) * roll + deflection
@@ -402,6 +410,7 @@ class SingleTrackModel(Model):
         length, assumptions = p["front_length"] + p["rear_length"], []
 
         def assume(names: Collection[str], sizes: Mapping[str, float], description: str, remedy: str) -> None:
+            # A given value is no assumption.
             if set(names) <= assumed and any(sizes.values()):
                 moved = {name: p[name] + SMALL_FRACTION * size for name, size in sizes.items()}
                 assumptions.append(Assumption(description, remedy, moved, SMALL_FRACTION))
@@ -410,6 +419,7 @@ class SingleTrackModel(Model):
             description: str, remedy: str, moved: Mapping[str, float], options: Mapping[str, Any],
             max_size: float = math.inf,
         ) -> None:  # fmt: skip
+            # An option that the study sets is its decision, no omission of the model.
             if not set(options) - self._open:
                 assumptions.append(
                     Assumption(description, remedy, moved, OMITTED_FRACTION, options, is_omitted=True,

@@ -98,6 +98,7 @@ def axle_forces(
     moved = p.load_transfer / length * total
     more_front = larger(1.0 - moved / load_front, _MIN_LOAD)
     more_rear = larger(1.0 + moved / load_rear, _MIN_LOAD)
+    # The forces at the static load are scaled by the load, so the longitudinal force is divided by it first.
     along_front = front_force(p, total)
     along_rear = total - along_front
     return (
@@ -147,13 +148,16 @@ def lateral_force(
     if k.tyres == _LINEAR:
         return -stiffness * slip
     peak = friction * load
+    # Friction ellipse: what the longitudinal force leaves for the lateral one.
     share = longitudinal / peak
     left = sqrt(larger(1.0 - share * share, _MIN_GRIP * _MIN_GRIP))
     if k.tyres == _FIALA:
+        # Fiala's brush model; `part` above 1 is full sliding, where the force is constant.
         tangent = tan(slip)
         part = stiffness * absolute(tangent) / (3.0 * peak)
         stuck = smaller(part, 1.0)
         return -left * stiffness * (1.0 - stuck + stuck * stuck / 3.0) * tangent / larger(part, 1.0)
+    # Magic Formula without shifts; B follows from the stiffness, C and the peak.
     slope = stiffness / (shape * peak) * slip
     return -left * peak * sin(shape * atan(slope - curvature * (slope - atan(slope))))
 
@@ -172,6 +176,7 @@ def accelerations(
         rear: that of the rear axle [N].
     """
     delta, vx = u.angle + x.steering_deflection, u.speed
+    # Forces of the front axle in the axes of the car.
     sine, cosine = sin(delta), cos(delta)
     front = front * cosine + front_force(p, total_force(p, u)) * sine
     ahead, behind, inertia = p.front_length, p.rear_length, p.yaw_inertia + p.spin_inertia
@@ -182,6 +187,7 @@ def accelerations(
     # Slip angles are undefined at standstill: kinematic motion at low speed, blended in.
     low = k.low_speed * k.low_speed
     part = smaller(larger((vx * vx - low) / (8.0 * low), 0.0), 1.0)
+    # Smoothstep in v²: the blend has a continuous derivative, or a fit would stop at its ends.
     weigh = part * part * (3.0 - 2.0 * part)
     spin = vx * (sine / cosine) / (p.front_length + p.rear_length)
     slow_turn, slow_vy = (spin - x.yaw_rate) / _BLEND, (p.rear_length * spin - x.vy) / _BLEND
@@ -205,6 +211,7 @@ def rates(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs) -> TrackState:
     slip_front, slip_rear = slip_angles(k, p, x, u)
     front, rear = axle_forces(k, p, x, u, slip_front, slip_rear)
     side, turn, roll_acceleration = accelerations(k, p, x, u, front, rear)
+    # Derivative in the rotating frame of the car: ay = dvy/dt + r vx.
     vy_rate = side - x.yaw_rate * u.speed
     roll_rate, damper_rate, front_rate, rear_rate, deflection_rate = 0.0, 0.0, 0.0, 0.0, 0.0
     if k.roll:
@@ -219,6 +226,8 @@ def rates(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs) -> TrackState:
         front_rate = (slip_front - x.slip_front) / relaxation_time(k, p.relaxation_front, v)
         rear_rate = (slip_rear - x.slip_rear) / relaxation_time(k, p.relaxation_rear, v)
     if k.compliant:
+        # Moment about the steering axes: aligning moment, inertia, camber and the gyroscopic moment of the rolling
+        # wheels.
         moment = -p.trail_front * front - p.steering_inertia * (u.angle_acceleration + turn)
         if k.roll:
             moment = moment + p.camber_moment * x.roll - 0.5 * p.wheel_momentum * u.speed * x.roll_rate
@@ -249,8 +258,10 @@ def observe(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs) -> tuple[Value
         slip_front, slip_rear = slip_angles(k, p, then, now)
         front, rear = axle_forces(k, p, then, now, slip_front, slip_rear)
         side, turn, roll_acceleration = accelerations(k, p, then, now, front, rear)
+        # An accelerometer ahead of the centre of mass also measures d dr/dt; centripetal terms point along the car.
         seen = side + p.accelerometer_ahead * turn
         if k.roll:
+            # Height relative to the centre of mass, and the part of gravity that a sensor on the rolling body measures.
             arm, tilt = p.roll_arm - p.accelerometer_height, p.accelerometer_tilt * GRAVITY
             seen = seen + arm * roll_acceleration + tilt * then.roll
     # The state vy is that of the roll axis; a point above it moves to the left as the body rolls to the left.
@@ -263,6 +274,7 @@ def observe(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs) -> tuple[Value
 
 def earlier(k: TrackFlags, p: Any, x: TrackState, u: TrackInputs, delay: Value) -> tuple[TrackState, TrackInputs]:
     """Return states and inputs a delay ago, by the midpoint rule; its error is (delay times frequency)³ / 6."""
+    # From the rates instead of stored states: the compiled loop has no memory of earlier steps.
     middle = moved(x, -0.5 * delay, rates(k, p, x, u))
     return moved(x, -delay, rates(k, p, middle, inputs_before(u, 0.5 * delay))), inputs_before(u, delay)
 

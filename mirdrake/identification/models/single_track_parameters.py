@@ -101,6 +101,7 @@ def single_track_parameters(
 def _size(known: Mapping[str, float], wheelbase: float | None) -> _Size:
     """Complete mass and axle distances, with the sources of the assumed values."""
     lengths = [known.get("front_length"), known.get("rear_length")]
+    # A distance that is not given is the rest of the wheelbase, but at least a tenth of it.
     total = wheelbase or known.get("assumed_wheelbase", 2.7)
     source = "half of the given wheelbase" if wheelbase else "assumed, no wheelbase is given"
     if any(lengths):

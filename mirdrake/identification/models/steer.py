@@ -24,6 +24,7 @@ _RATIO = {"road_wheel_angle": 1.0, "steering_wheel_angle": 15.0, "steering_comma
 
 def steering_parameters(channel: str) -> tuple[Parameter, ...]:
     """Return the parameters between a steering channel and the road wheels."""
+    # A command has no unit, so the unit of its ratio is per radian.
     wheels = channel == "road_wheel_angle"
     unit = "1" if channel != "steering_command" else "1/rad"
     low, high = (0.3, 3.0) if wheels else (0.02, 100.0)
@@ -46,6 +47,7 @@ def steering_angle(p: Mapping[str, float], drive: Segment, channel: str, times: 
     finer = _FINER if p["steering_lag"] > 0.0 else 1
     step = float(times[1] - times[0]) / finer
     fine = wide[0] + step * np.arange(finer * (len(wide) - 1) + 1)
+    # Order of the parts of a steering: delay and lag of the actuator, then the backlash of the linkage.
     angle = drive.at(channel, fine, p["steering_delay"], smooth=True) / p["steering_ratio"]
     angle = first_order(angle, step, p["steering_lag"])[::finer]
     if p["steering_backlash"] > 0.0:

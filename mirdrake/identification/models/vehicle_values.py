@@ -62,6 +62,7 @@ def common_values(vehicle: Vehicle, *, measured: bool) -> dict[str, float]:
         "rotating_mass": p.rotating_mass,
         "hand_wheel_ratio": vehicle.spec.steering.ratio,
     }
+    # A measured road wheel angle is behind the actuator and contains its lag.
     lag = vehicle.spec.actuators.steering.time_constant
     if not measured and lag > 0.0:
         values["steering_lag"] = lag
@@ -129,8 +130,10 @@ def _roll_values(vehicle: Vehicle, momentum: float) -> dict[str, float]:
     target = rates * righting / resisting  # roll rate over the static roll angle under the same force
 
     def errors(z: Array) -> Array:
+        # Unknowns over their first guesses, so that all are of the order of one.
         gain, natural, ratio, late = z * (1.0, frequency, damping, _DAMPER_LAG)
         damped = 2.0 * ratio * natural * 1j * rates / (1.0 + 1j * rates * late)
+        # Real and imaginary parts: amplitude and phase of the response count alike.
         missed = rates * gain * natural**2 / (natural**2 - rates**2 + damped) - target
         return np.concatenate((missed.real, missed.imag)) / frequency
 
@@ -160,6 +163,7 @@ def _wheel_values(vehicle: Vehicle) -> dict[str, float]:
     names, spec = vehicle.spec.joints.wheels.names(), vehicle.spec
     rolling = spec.tyres.rolling_ratio if isinstance(spec.tyres, SlipTyres) else 1.0
     for index, (name, unloaded, track) in enumerate(zip(names, geometry.wheel_radii, tracks, strict=True)):
+        # A loaded wheel rolls with a smaller radius than its unloaded one.
         inertia, radius = spin_inertia(plant, name), rolling * unloaded
         momentum += inertia / radius
         rotor = spec.powertrain.wheel_inertia(drive=spec.drive, front=index < 2)
@@ -204,6 +208,7 @@ def _tyre_values(laws: Sequence[TyreLaw], p: SingleTrackParameters, gain: float,
     growths = []
     for axle, law, (force, load) in zip(_AXLES, laws, _turn(p), strict=True):
         less, more = (_slip(law(factor * load, 0.0, 1.0), force) for factor in (1.0 - _LOAD_CHANGE, 1.0 + _LOAD_CHANGE))
+        # Exponent of the stiffness over the load, as a central difference of logarithms.
         growths.append(math.log(less / more) / math.log((1.0 + _LOAD_CHANGE) / (1.0 - _LOAD_CHANGE)))
         tyre = law(load, 0.0 if upright else gain * _LATERAL, 1.0)
         slip = _slip(tyre, force)
