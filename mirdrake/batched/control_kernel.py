@@ -283,7 +283,7 @@ def track(
         _, place = project(path, table, x.x, x.y, nearest_point(path, table, x.x, x.y))
     motion = PathMotion(x.x, x.y, wrap_angle(x.yaw), x.vx, x.vy - rear_length * x.yaw_rate, x.yaw_rate)
     speed, steering = tracker_step(path, table, line, gains, tracker, place, motion, tracked[0], started)
-    # On a closed track the shorter way round counts, so that crossing the start line adds no lap of its own.
+    # The arc length of a closed track jumps at the start line: the shorter way round is the distance covered.
     covered = place.s - tracked[5] if started else 0.0
     if path.closed:
         covered -= path.length * math.floor(covered / path.length + 0.5)

@@ -186,8 +186,8 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         """
         if self._context is None:
             raise ConfigError("step: call reset first")
-        # Times are multiples of the period, not sums: rounding would drift away from the control instants.
         values = self._command(np.asarray(action, dtype=float))
+        # Times are multiples of the period, not sums: rounding would drift away from the control instants.
         self._steps += 1
         info: Info = {}
         truncated = self._steps * self.period >= self.duration - 1e-9

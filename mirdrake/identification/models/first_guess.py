@@ -121,7 +121,7 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
         rate = smooth(grid, "lateral_acceleration") / np.where(moving, speed, 1.0)
     delay = estimate_delay(rate, angle, grid.step)
     late = 0.0 if delay is None or abs(delay.correlation) < _ALIGNED else max(delay.value, 0.0)  # a cause precedes
-    # The steering is moved to the time of its response: a delay looks like an offset where turns to one side are faster.
+    # The steering is moved to the time of its response: a delay looks like an offset if turns to one side are faster.
     index = np.arange(float(len(angle)))
     angle = np.interp(index - late / grid.step, index, angle)
     # At low lateral acceleration the tyres have little slip, whatever the vehicle.
