@@ -42,6 +42,7 @@ class Checker:
         """Check a text soon; a check of an earlier text is stopped."""
         with self._lock:
             self._text, self._due = text, time.monotonic() + WAIT
+            # The result of an earlier text is of no use, and two checks at a time would slow each other down.
             self._stop()
         self._changed.set()
 
@@ -61,12 +62,15 @@ class Checker:
         while True:
             self._changed.wait()
             self._changed.clear()
+            # Each change moves the time of the check, so a text is checked only when the typing pauses.
             while (wait := self._due - time.monotonic()) > 0.0 and not self._closed:
                 time.sleep(min(wait, 0.1))
+            # The lock keeps `check` from missing the process that is being started.
             with self._lock:
                 if self._closed:
                     return
                 text = self._text
+                # -P: no module of the working directory may replace one of the standard library.
                 command = [sys.executable, "-P", "-m", "mirdrake.editor.checker"]
                 pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
                 self._process = process = subprocess.Popen(command, **pipes)  # type: ignore[call-overload]
@@ -77,6 +81,7 @@ class Checker:
                 process.kill()
                 out, _ = process.communicate()
                 out = json.dumps([_unfinished()]).encode()
+            # A process that was stopped has written nothing, and the text may have changed meanwhile.
             if text == self._text and out.strip():
                 self.result = (revision_of(text), json.loads(out.splitlines()[-1]))
 

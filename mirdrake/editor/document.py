@@ -65,6 +65,7 @@ class Document:
     def change(self, text: str) -> None:
         """Set a new text; the present one can be returned to."""
         if text != self.text:
+            # A new change after an undo drops the redone branch, as in every editor.
             self._undo = [*self._undo[-MOST_STEPS + 1 :], self.text]
             self._redo, self.text = [], text
 
@@ -95,6 +96,7 @@ class Document:
         """
         self._saved = _read(self.path)
         self.is_new = False
+        # As a change: undo returns to the text of the editor.
         self.change(self._saved)
 
     def save(self, *, overwrite: bool = False) -> None:
@@ -112,6 +114,7 @@ class Document:
             raise RunError(f"{self.name}: another program has made this file; reload it or overwrite it")
         if not overwrite and self.changed_outside():
             raise RunError(f"{self.name}: another program has changed this file; reload it or overwrite it")
+        # write_file replaces the file by a new one, which would lose the permissions of the old.
         mode = self.path.stat().st_mode if self.path.exists() else None
         write_file(self.path, self.text.encode())
         if mode is not None:
@@ -138,6 +141,7 @@ class Document:
         except ImportError:  # a system without these locks
             return ""
         try:
+            # A lock file, as the world file itself is replaced at each save and a lock on it would be lost.
             lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT, 0o600)
         except OSError as error:
             return f"its folder cannot be written: {error.strerror}; save it elsewhere"

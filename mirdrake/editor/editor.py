@@ -52,6 +52,7 @@ class Editor:
     """
 
     def __init__(self, path: Path, *, port: int | None = None) -> None:
+        # The document takes the lock of the file; everything that fails after it has to release that.
         self.document = Document(path)
         self._lock = threading.Lock()
         try:
@@ -67,6 +68,7 @@ class Editor:
             }  # fmt: skip
             self.server = PageServer(
                 "the world editor",
+                # An explicit port must be that one; otherwise the last resort is any free one.
                 ports=[port] if port is not None else [*range(PORT, PORT + _TRIED), 0],
                 files=self._file,
                 posts={name: self._guarded(post) for name, post in posts.items()},
@@ -112,17 +114,20 @@ class Editor:
         name = path or "editor.html"
         page = files("mirdrake.editor") / "page" / name
         kind = _TYPES.get(Path(name).suffix)
+        # A name with a slash could lead out of the folder of the page.
         if "/" in name or kind is None or not page.is_file():
             return None
         return page.read_bytes(), f"{kind}; charset=utf-8"
 
     def _guarded(self, post: Callable[[Message], Reply]) -> Callable[[Message], Reply]:
         def answer(message: Message) -> Reply:
+            # One message at a time: threads of the server share the document and the scene.
             with self._lock:
                 try:
                     return post(message)
                 except (LockedError, MirdrakeError) as error:
                     return {"error": str(error)}
+                # A message with other types is a fault of the page and must not end the server.
                 except (TypeError, ValueError, KeyError, OverflowError, RecursionError):
                     return {"error": "the message of the page cannot be read"}
 
@@ -156,6 +161,7 @@ class Editor:
 
     def _state(self, message: Message) -> Reply:
         """Return the status alone if the page has the present revision."""
+        # The page asks often; the whole scene is sent only if the text has changed.
         if message.get("revision") == revision_of(self.document.text) and not message.get("all"):
             return self._status()
         return self._everything()
@@ -170,6 +176,7 @@ class Editor:
             scene = read_scene(text, self.document.path)
         except MirdrakeError as error:
             if not isinstance(gesture, TextGesture):
+                # Typed text may be invalid for a while; a gesture must not make the text invalid.
                 raise
             self.document.change(text)
             self._faults = str(error).splitlines()
@@ -227,6 +234,7 @@ class Editor:
     def _ghosts(self, _: Message) -> Reply:
         """Return the outlines of random props under other seeds."""
         outlines: list[str] = []
+        # Draws that cannot be laid out are left out.
         for step in range(1, _GHOST_SEEDS + 1):
             try:
                 world = parse_world(self.scene.text, self.document.path, seed=self.scene.world.spec.seed + step)
@@ -239,6 +247,7 @@ class Editor:
         name = str(message.get("name", ""))
         if message.get("stop"):
             self._tests.stop()
+        # A test runs the file, not the text in the editor.
         elif not self.document.is_saved:
             raise ConfigError("the world is not saved; save it, then run its tests")
         else:

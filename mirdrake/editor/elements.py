@@ -126,15 +126,18 @@ class Shape:
         return number
 
     def _point(self, *keys: str, default: Point | None = None) -> Point:
+        # A default serves keys that the file leaves out.
         if default is not None and self._part(*keys) is None:
             return default
         return self._number(*keys, "0"), self._number(*keys, "1")
 
     def _set(self, value: float, *keys: str) -> Change:
+        # `like` keeps the unit and notation that the value has in the file.
         return (*self.path, *keys), write_number(value, "m", like=self._part(*keys))
 
     def _set_point(self, x: float, y: float, *keys: str) -> list[Change]:
         if self._part(*keys) is None:
+            # A point that is not in the file is added as a whole.
             return [((*self.path, *keys), f"[{write_number(x, 'm')}, {write_number(y, 'm')}]")]
         return [self._set(x, *keys, "0"), self._set(y, *keys, "1")]
 
@@ -146,6 +149,7 @@ class Shape:
     def _along(self, track_name: Any, move: Callable[[float, float], list[Change]]) -> Callable[..., list[Change]]:
         """Return a move that gets s and the offset on a track instead of x and y."""
         track = self._track(track_name)
+        # Handles of elements on a track are moved in track coordinates (s, lateral offset).
         return lambda x, y: move(*map(float, track.project(x, y)))
 
     def _track(self, name: Any) -> Track:
@@ -182,6 +186,7 @@ class _Line(Shape):
         middle = (x0 + x1) / 2.0, (y0 + y1) / 2.0
 
         def move(x: float, y: float) -> list[Change]:
+            # Both ends move by the same displacement.
             dx, dy = x - middle[0], y - middle[1]
             return [*self._set_point(x0 + dx, y0 + dy, "from"), *self._set_point(x1 + dx, y1 + dy, "to")]
 
@@ -200,6 +205,7 @@ class _Ring(Shape):
         radius = self._number("radius")
 
         def move(new_x: float, new_y: float) -> list[Change]:
+            # A radius of zero would leave nothing to drag.
             return [self._set(max(0.1, math.hypot(new_x - x, new_y - y)), "radius")]
 
         yield Handle("radius", x + radius, y, move)
@@ -220,6 +226,7 @@ class _Rect(Shape):
         yaw = plain_number(self._part("yaw") or 0.0, "rad")
         if yaw is None:
             raise LockedError(lock_reason(self._part("yaw")))
+        # The position of the corner in the axes of the rectangle; the size is twice that, as its centre stays.
         c, s = math.cos(yaw), math.sin(yaw)
 
         def move(new_x: float, new_y: float) -> list[Change]:
@@ -259,6 +266,7 @@ class _Along(Shape):
         for index, name in enumerate(("begin", "end")):
             x, y, _ = track.pose_at(ends[index])
 
+            # `index` as a default argument binds the value of this pass of the loop.
             def move(s: float, _: float, index: int = index) -> list[Change]:
                 if self._part("s") is None:
                     return self._set_point(*((s, ends[1]) if index == 0 else (ends[0], s)), "s")
@@ -294,9 +302,11 @@ class _OnTrack(Shape):
         track = self._track(self._part("track"))
         s, offset = (self._number(key) if self._part(key) is not None else 0.0 for key in ("s", "offset"))
         x, y, yaw = track.pose_at(s)
+        # Offset to the left of the track: (-sin, cos) is its left normal.
         x, y = x - offset * math.sin(yaw), y + offset * math.cos(yaw)
 
         def move(s: float, offset: float) -> list[Change]:
+            # Kept on the road: the offset is limited by the width on its side.
             side = float(track.left_width(s)) if offset > 0.0 else float(track.right_width(s))
             changes = [self._set(s, "s")]
             if self._part("offset") is not None:
@@ -342,6 +352,7 @@ def make_element(
         tracks: tracks of the world.
         reach: distance of the handle that turns it [m].
     """
+    # The first key of a layout that is there decides, as in the schema only one is allowed.
     layout = next((key for key in _LAYOUTS[kind] if key in raw), "")
     label = path[-1] if kind in {"start", "goal"} else str(raw.get("name") or _content(raw) or f"{kind} {path[-1]}")
     try:
@@ -349,6 +360,7 @@ def make_element(
             raise LockedError("it has no position of its own")
         handles = list(SHAPES[layout]((*path, layout), raw[layout], tracks).handles())
     except LockedError as error:
+        # A locked element stays in the list, so that it can be selected and its values edited in the panel.
         return Element(path, kind, label, layout, (Handle(BODY, math.nan, math.nan, lock=str(error)),))
     if layout == "at" and kind in {"prop", "start"}:
         handles.append(_turn_handle(path, raw, handles[0], reach))

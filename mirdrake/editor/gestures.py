@@ -83,6 +83,7 @@ class InsertGesture(Gesture):
 
     def text(self, scene: Scene, name: str) -> str:
         """Return the changed text, with one line more."""
+        # Written in one line with the fewest values, so that the file stays readable.
         position = f"at: [{write_number(self.x, 'm')}, {write_number(self.y, 'm')}]"
         if self.what in {"prop", "group"}:
             item = f"{{{self.what}: {scalar_text(self.name)}, {position}}}"
@@ -91,6 +92,7 @@ class InsertGesture(Gesture):
         used = scene.data.get(key) or {}
         label = _free_name(self.name, used)
         entry = f"{{{position}, yaw: 0 deg}}" if self.what == "start" else f"{{{position}, radius: 2}}"
+        # The first entry also needs its mapping.
         if not used:
             return set_scalar(scene.text, (key,), f"{{{scalar_text(label)}: {entry}}}", name=name)
         return set_scalar(scene.text, (key, label), entry, name=name)
@@ -130,6 +132,7 @@ class CopyGesture(Gesture):
             if element.kind != "prop" or item is None:
                 raise LockedError(f"{element.label} cannot be copied; only entries of props can")
             text = insert_item(text, ("props",), item, name=name)
+            # The copy is moved by the changes that would move the original, applied to the new index.
             changes = _shifted(scene, Move(element=key, x=0.0, y=0.0), self.dx, self.dy)
             text = _apply(text, [(("props", str(count), *path[2:]), value) for path, value in changes], name)
             given = scene.data["props"][int(element.path[1])].get("name")
@@ -137,6 +140,7 @@ class CopyGesture(Gesture):
                 label = _free_name(str(given), names)
                 names.add(label)
                 text = set_scalar(text, ("props", str(count), "name"), scalar_text(label), name=name)
+            # The next copy comes after this one.
             count += 1
         return text
 
@@ -150,11 +154,13 @@ class ExpandGesture(Gesture):
     def text(self, scene: Scene, name: str) -> str:
         """Return the changed text; random values become the present ones."""
         element, props = scene.element(self.element), scene.props_of(self.element)
+        # An entry with a group or a shape has no single prop to repeat.
         entry = scene.data["props"][int(element.path[1])] if element.kind == "prop" else {}
         if "prop" not in entry or not props:
             raise LockedError(f"{element.label} cannot be expanded; only entries with 'prop' can")
         text = scene.text
         for placed in props:
+            # Appended first and removed afterwards: the index of the entry stays until then.
             text = insert_item(text, ("props",), _single_entry(placed, entry), name=name)
         return remove_item(text, element.path, name=name)
 
@@ -215,6 +221,7 @@ def _apply(text: str, changes: list[Change], name: str) -> str:
 
 
 def _order(path: tuple[str, ...]) -> tuple[str, int]:
+    # By list, then by index as a number: "10" must come after "9".
     return ".".join(path[:-1]), int(path[-1]) if path[-1].isdecimal() else 0
 
 
@@ -229,8 +236,10 @@ def _single_entry(placed: PlacedProp, entry: Mapping[str, Any]) -> str:
     """Return the entry of one prop in one position, as YAML in one line."""
     x, y, z = placed.X_WP.translation().tolist()
     R = placed.X_WP.rotation().matrix()
+    # Yaw of the first column of R: the direction of the prop's x axis.
     yaw = math.atan2(R[1, 0], R[0, 0])
     values = [write_number(x, "m"), write_number(y, "m")]
+    # Height, yaw and colour only if they differ from the default, to keep the entry short.
     if abs(z) > 5e-4:
         values.append(write_number(z, "m"))
     parts = [f"prop: {scalar_text(placed.prop.name)}", f"at: [{', '.join(values)}]"]
@@ -248,5 +257,6 @@ def _single_entry(placed: PlacedProp, entry: Mapping[str, Any]) -> str:
         elif isinstance(value, int | float) and not isinstance(value, bool):
             parts.append(f"{key}: {value}")
         elif value is not None and key != "name":
+            # A random or computed value would be the same for all copies, or drawn anew for each.
             raise LockedError(f"{key}: {value} is not a plain number; write the entries by hand")
     return f"{{{', '.join(parts)}}}"

@@ -31,6 +31,7 @@ def make_picture(scene: Scene) -> Json:
     areas = [
         {"layer": area.layer, "name": area.name, "surface": area.surface or "", "d": path_of(area.area)}
         for area in drawing.areas
+        # Props have outlines of their own, which the page can drag.
         if area.layer not in {"prop", "ground"}
     ]
     lines = [
@@ -60,9 +61,11 @@ def view_of(world: World) -> tuple[float, float, float, float]:
     boxes += [track.bounds for track in world.tracks.values()]
     boxes += [] if world.network is None else [world.network.bounds]
     boxes += [patch.area.bounds for patch in world.patches]
+    # Starts are points; a margin makes their vehicles visible.
     boxes += [(start.x - 6.0, start.y - 6.0, start.x + 6.0, start.y + 6.0) for start in world.starts.values()]
     boxes += [goal.area.bounds for goal in world.goals.values() if goal.area is not None]
     low, high = np.min([box[:2] for box in boxes], axis=0), np.max([box[2:] for box in boxes], axis=0)
+    # A small world is not enlarged beyond 30 m across.
     middle, half = (low + high) / 2.0, np.maximum((high - low) / 2.0, 15.0)
     return (*map(float, middle - half), *map(float, middle + half))  # type: ignore[return-value]
 
@@ -113,6 +116,7 @@ def _element(scene: Scene, element: Element) -> Json:
     handles = [
         {
             "name": handle.name,
+            # JSON has no NaN, which marks an element without position.
             "x": round(handle.x, 4) if math.isfinite(handle.x) else None,
             "y": round(handle.y, 4) if math.isfinite(handle.y) else None,
             "lock": handle.lock,
@@ -131,6 +135,7 @@ def _element(scene: Scene, element: Element) -> Json:
 
 def _raw(data: Any, path: Sequence[str]) -> Any:
     for key in path:
+        # Paths have indices of lists as text.
         data = data[int(key)] if isinstance(data, list) else data[key]
     return data
 
@@ -140,6 +145,7 @@ def _fields(text: str, raw: Any, path: tuple[str, ...], label: str = "") -> Iter
     if isinstance(raw, Mapping):
         for key, value in raw.items():
             yield from _fields(text, value, (*path, key), f"{label}.{key}" if label else key)
+    # A list of plain values, such as a position, is one field; a list of entries is not.
     elif isinstance(raw, list) and any(isinstance(item, list | Mapping) for item in raw):
         for index, item in enumerate(raw):
             yield from _fields(text, item, (*path, str(index)), f"{label}[{index}]")

@@ -48,6 +48,7 @@ def open_executor(
     """
     if workers is not None and workers < 0:
         raise ConfigError(f"workers: {workers} is not allowed; it must be at least 0")
+    # No more processes than calls: starting one takes longer than many a run.
     count = min(os.cpu_count() or 1 if workers is None else workers, calls)
     if executor is not None:
         yield executor, AHEAD
@@ -56,6 +57,7 @@ def open_executor(
     else:
         own = Workers(count, limit=limit)
         try:
+            # Two calls per process keep it busy while the main process handles a result.
             yield own, 2 * count
         finally:
             own.shutdown(cancel_futures=True)
@@ -83,14 +85,17 @@ def call_all(
     waiting: dict[Future[Any], int] = {}
     try:
         while True:
+            # Only a window of calls is submitted: a study may have a million, and the arguments are made on demand.
             while len(waiting) < ahead and (entry := next(rest, None)) is not None:
                 waiting[executor.submit(function, *entry[1])] = entry[0]
             if not waiting:
                 return
+            # With a timeout: on some systems, a wait without one cannot be interrupted by Ctrl-C.
             done, _ = wait(waiting, timeout=WAIT, return_when=FIRST_COMPLETED)
             for future in done:
                 yield waiting.pop(future), _result(future)
     finally:
+        # The generator was closed early; calls that have not begun need not be made.
         for future in waiting:
             future.cancel()
 

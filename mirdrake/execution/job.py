@@ -96,8 +96,10 @@ def run_job(job: Job) -> Outcome:
     Raises:
         KeyboardInterrupt: Ctrl-C in this process.
     """
+    # Equal diagrams share one built simulation; the key is a text because plain data are not hashable.
     key = json.dumps(job.diagram, sort_keys=True)
     try:
+        # Metrics of the user may use global random numbers; the result must not depend on the order of the runs.
         with _seeded_global_random(), np.errstate(all="ignore"):
             return _run(job, _built(job, key))
     except MirdrakeError as error:
@@ -117,8 +119,10 @@ def one_line(error: BaseException) -> str:
 
 
 def _run(job: Job, built: _Built) -> Outcome:
+    # Several metrics may be entries of one function's mapping.
     names = dict.fromkeys(function_of(name)[0] for name in job.metrics)
     functions = {name: load_user_function(name, folder=job.folder) for name in names if name}
+    # Wall time, not simulated time: a stiff diagram may need minutes for a second.
     began, late = time.monotonic(), False
 
     def change(context: Context) -> None:
@@ -134,8 +138,10 @@ def _run(job: Job, built: _Built) -> Outcome:
         duration=job.duration, change=change, until=exceeds_limit if math.isfinite(job.limit) else None
     )
     simulated = float(run.summary["simulated_s"])
+    # Ctrl-C ends the whole study, not only this run.
     if run.stop.reason is StopReason.INTERRUPTED:
         raise KeyboardInterrupt
+    # Before divergence: a run that was stopped by the limit is not unstable.
     if late:
         return Outcome(job.index, "failed", f"no end after {job.limit:g} s of wall time")
     if run.diverged:
@@ -193,15 +199,18 @@ def _built(job: Job, key: str) -> _Built:
     """Return the simulation of a job's diagram, which is built unless this thread has it."""
     built = _cache.built.pop(key, None)
     if built is None:
+        # Least recently used first: popped and inserted again at each use.
         while len(_cache.built) >= KEPT:
             _cache.built.popitem(last=False)
         assembly = assemble(make_spec(job.diagram))
         vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
         built = _Built(Simulation(assembly), find_context_parameters(vehicles, assembly.parts.world))
+    # A study may vary the model of a vehicle, and with it the parameters of the diagram.
     missing = [name for name in job.parameters if name not in built.parameters]
     if missing:
         hint = did_you_mean(missing[0], built.parameters)
         raise ConfigError(f"this run's diagram has no parameter '{missing[0]}'; {hint}")
+    # Kept only after success, so that a diagram with faults is built again.
     _cache.built[key] = built
     return built
 

@@ -35,6 +35,7 @@ class Journal:
         self.file = Path(file) if file is not None else None
         self.records: dict[str, Record] = {}
         self._key = key
+        # Through JSON and back, so that tuples and numbers compare equal with what a file returns.
         self._header = [] if purpose is None else [{"purpose": json.loads(json.dumps(purpose, sort_keys=True))}]
         if self.file is None:
             return
@@ -65,6 +66,7 @@ class Journal:
         """Add a record."""
         self.records[str(key)] = record
         if self.file is not None:
+            # Opened for each record: nothing is left in a buffer when the process is killed.
             with write_errors(self.file), self.file.open("ab") as stream:
                 stream.write(self._line(str(key)))
 
@@ -85,6 +87,7 @@ class Journal:
         lines = _parse(self.file, text)
         if self._header:
             with read_errors(self.file):
+                # The first line is compared before any record is used; records of other work must not be mixed in.
                 purpose, expected = lines.pop(0)["purpose"], self._header[0]["purpose"]
                 names = sorted(name for name in {*purpose, *expected} if purpose.get(name) != expected.get(name))
             if names:

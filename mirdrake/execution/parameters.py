@@ -62,6 +62,7 @@ def find_context_parameters(vehicles: Mapping[str, Vehicle], world: World) -> di
             for gain in vehicle.control.gains()
         ]
         parameters.append(ContextParameter(f"{name}.mass_scale", "1", partial(_scale_mass, name), positive=True))
+    # With several coefficients, one number could not describe the road.
     if len({world.ground.mu, *(mu for _, mu in world.friction_areas)}) == 1:
         parameters.append(ContextParameter("road.friction", "1", _set_friction, positive=True))
     return {parameter.name: parameter for parameter in parameters}
@@ -79,7 +80,9 @@ def _scale_mass(vehicle: str, assembly: Assembly, context: Context, value: float
         body = plant.get_body(index)
         inertia = body.CalcSpatialInertiaInBodyFrame(plant_context)
         mass: Any = inertia.get_mass()
+        # Massless links (frames of joints) have no inertia to scale.
         if mass > 0.0:
+            # Unit inertia is per mass, so that it stays, and the inertia scales with the mass.
             scaled = SpatialInertia(value * mass, inertia.get_com(), inertia.get_unit_inertia())
             body.SetSpatialInertiaInBodyFrame(plant_context, scaled)
 
@@ -91,6 +94,7 @@ def _set_friction(assembly: Assembly, context: Context, value: float) -> None:
     for name, part in parts.vehicles.items():
         model = assembly.tyres.get(name)
         for wheel in range(len(WHEELS)):
+            # A tyre model has its own coefficient; tyres in contact are changed in the scene graph of this Context.
             if model is not None:
                 model.set_friction(model.GetMyMutableContextFromRoot(context), wheel, value)
                 continue
@@ -99,6 +103,7 @@ def _set_friction(assembly: Assembly, context: Context, value: float) -> None:
             mu = _on_plane(part.tyre_mu[wheel], value, plane)
             properties.UpdateProperty("material", "coulomb_friction", CoulombFriction(mu, mu))
             source = parts.plant.get_source_id()
+            # kReplace changes the role in this Context only; the model of the scene graph stays as built.
             scene_graph.AssignRole(scene_context, source, tyre, properties, RoleAssign.kReplace)
 
 

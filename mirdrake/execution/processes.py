@@ -50,6 +50,7 @@ class WorkerProcess:
     def kill(self) -> None:
         """End the process."""
         self.pipe.close()
+        # SIGKILL, because a process that hangs in C++ does not handle other signals.
         if self.process.is_alive():
             self.process.kill()
         self.process.join()
@@ -58,6 +59,7 @@ class WorkerProcess:
     def why_lost(self) -> str:
         """Return the reason why the process does not answer, in one line: where it hangs, or how it ended."""
         late = time.monotonic() >= self.deadline
+        # The pipe may break a moment before the process can be waited for.
         if not late:
             self.process.join(timeout=5.0)
         return self._hung() if late and self.process.is_alive() else self.why_ended()
@@ -67,12 +69,14 @@ class WorkerProcess:
         code = self.process.exitcode
         name = signal.Signals(-code).name if code is not None and code < 0 else ""
         ended = f"the process was ended by {name}" if name else f"the process ended with exit code {code}"
+        # Only what was printed since the call began can explain its loss.
         lines = [line.strip() for line in self._printed() if line.strip()]
         message = next((line for line in lines if _LAST_MESSAGE.search(line)), "")
         return f"{ended}: {message[:300]}" if message else ended
 
     def _hung(self) -> str:
         waited = f"no end after {self.deadline - self.since:g} s of wall time"
+        # The worker's faulthandler prints the stack of its main thread on SIGUSR1, even inside of C++.
         if self.process.pid is not None and hasattr(signal, "SIGUSR1"):
             os.kill(self.process.pid, signal.SIGUSR1)
             time.sleep(0.2)
@@ -99,12 +103,15 @@ def initialise_worker(log: str) -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C concerns the parent, which ends its workers
     stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    # At the level of file descriptors, so that C++ messages of Drake are caught too.
     for number in (1, 2):
         os.dup2(stream, number)
     os.close(stream)
+    # Prints the Python stack on a crash (SIGSEGV, SIGABRT), which the main process then reports.
     faulthandler.enable(all_threads=False)
     if hasattr(signal, "SIGUSR1"):
         faulthandler.register(signal.SIGUSR1, all_threads=False)
+    # A worker whose parent was killed would otherwise wait on its pipe without end.
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -130,4 +137,5 @@ def _end_with_parent() -> None:
     parent = parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])
+        # _exit: no cleanup of a process whose main thread is in the middle of a call.
         os._exit(1)

@@ -39,6 +39,7 @@ def start_server(module: str) -> None:
     Args:
         module: module that the server imports.
     """
+    # A worker is forked from a server that has imported the module already.
     if METHOD == "forkserver":
         with worker_start():
             context: Any = get_context(METHOD)
@@ -54,6 +55,7 @@ def worker_start() -> Iterator[None]:
     Ctrl-C; and it has :data:`ENVIRONMENT`.
     """
     with ExitStack() as stack:
+        # In this order: the lock first, as the other three change state of the whole process.
         for entry in (_starting, _without_main(), _environment(), _without_interrupts()):
             stack.enter_context(entry)
         yield
@@ -62,6 +64,7 @@ def worker_start() -> Iterator[None]:
 @contextmanager
 def _without_main() -> Iterator[None]:
     main = sys.modules["__main__"]
+    # An empty module: otherwise multiprocessing would import the user's script again in each worker.
     sys.modules["__main__"] = ModuleType("__main__")
     try:
         yield
@@ -88,7 +91,9 @@ def _without_interrupts() -> Iterator[None]:
         return
     late: list[int] = []
     handler = signal.getsignal(signal.SIGINT)
+    # Handlers of signals can be changed in the main thread only, and only if they are Python's.
     mine = threading.current_thread() is threading.main_thread() and handler is not None
+    # The mask is that of this thread only: another one may get the signal, which the main thread then handles.
     if mine:
         signal.signal(signal.SIGINT, lambda number, _: late.append(number))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -97,6 +102,7 @@ def _without_interrupts() -> Iterator[None]:
     finally:
         if mine:
             signal.signal(signal.SIGINT, handler)
+        # After the handler, so that a signal that was pending meets the right one.
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         if late:
             signal.raise_signal(signal.SIGINT)

@@ -70,6 +70,7 @@ class Workers(Executor):
         self._started = 0
         self._closing = False
         self._workers: dict[int, WorkerProcess] = {}
+        # One thread for each process: it waits for its call with a time limit, which a pool of futures cannot.
         self._threads = [threading.Thread(target=self._serve, args=(slot,), daemon=True) for slot in range(count)]
         for thread in self._threads:
             thread.start()
@@ -88,6 +89,7 @@ class Workers(Executor):
                 while True:
                     call = self._calls.get_nowait()
                     if call is not None:
+                        # No process will take these calls, so that their futures would never finish.
                         call[0].cancel()
             for worker in list(self._workers.values()):
                 with suppress(ValueError, OSError):  # it has just ended
@@ -102,6 +104,7 @@ class Workers(Executor):
     def _serve(self, slot: int) -> None:
         """Pass calls to the process of a slot, and replace the process when it is lost; the body of a thread."""
         while not self._closing:
+            # Started before a call is taken, so that the start is not part of its time limit.
             fault = self._ready(slot)
             call = self._calls.get()
             if call is None:
@@ -110,6 +113,7 @@ class Workers(Executor):
             if not future.set_running_or_notify_cancel():
                 continue
             result = None
+            # The process may have ended while the slot waited for a call.
             fault = fault or self._ready(slot)
             if fault is None:
                 fault, result = self._call(slot, work)
@@ -142,17 +146,21 @@ class Workers(Executor):
             limit = self._limit(*work[1], **work[2]) if callable(self._limit) else self._limit
             worker.begin(limit)
             worker.pipe.send(work)
+            # The sentinel is ready when the process ends, so that a crash is noticed without a timeout.
             connection.wait([worker.pipe, worker.process.sentinel], timeout=limit)
+            # No message after the wait: the limit has passed, or the process is dead.
             fault, result, replace = worker.pipe.recv() if worker.pipe.poll() else (_lost(worker), None, True)
         except (EOFError, OSError):
             fault = _lost(worker)
         except Exception as error:  # the call cannot be pickled, or its result cannot be read
             fault = error
+        # After a fault the state of the process is unknown; a new one takes over.
         if replace:
             self._workers.pop(slot).kill()
         return fault, result
 
     def _start(self) -> WorkerProcess:
+        # Fork from a server that has imported what the work of this program needs.
         modules = [name for name in (LOOP, CASE, STUDY) if name in sys.modules] or [STUDY]
         start_server(modules[0])
         context: Any = get_context(METHOD)
@@ -164,8 +172,10 @@ class Workers(Executor):
             arguments = (theirs, str(log), dict(os.environ), modules)
             process = context.Process(target=serve, args=arguments, daemon=True, name=name)
             process.start()
+        # This end is closed here, or the pipe would stay open when the worker dies.
         theirs.close()
         worker = WorkerProcess(process, mine, log)
+        # The start includes the imports; a hanging import must not block the program.
         connection.wait([mine, process.sentinel], timeout=STARTING)
         try:
             if mine.poll():
@@ -210,7 +220,10 @@ def serve(pipe: connection.Connection, log: str, environment: dict[str, str], mo
         try:
             result = function(*arguments, **named)
         except BaseException as error:
+            # As a RuntimeError with a text: an exception of a user's class may not be picklable.
             fault = RuntimeError(f"{type(error).__name__}: {error}")
+        # Flushed now: after a crash in the next call, the log must have the messages of this one.
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
+        # Replaced by the growth, not the size: imported modules are the same for all workers.
         pipe.send((fault, result, resident_memory() - initial > MEMORY_GROWTH))

@@ -72,6 +72,7 @@ def draw_drive(
         world: world of the run; None if it is not known.
         actors: samples of the actors; their paths are grey.
     """
+    # Without a world, an empty one: the driven line is drawn on its own.
     world = world if world is not None else make_world({"mirdrake": "world/1"})
     tracks = list(world.tracks.values())
     lines: list[DrivenLine] = []
@@ -144,6 +145,7 @@ def _bounds(world: World, lines: Sequence[DrivenLine]) -> Box:
 def _colour_classes(vehicle: VehicleSignals) -> tuple[NDArray[np.intp] | None, ColourScale | None]:
     """Return classes 0 … SCALE_STEPS - 1 along the drive: of the speed if it varies, else of the lateral error."""
     speed = vehicle["vx"] if vehicle.has("vx") else np.full(len(vehicle.time), np.nan)
+    # Percentiles: a start from standstill alone does not count as varying speed.
     spread = np.nanpercentile(speed, (5, 95)) if np.isfinite(speed).any() else (0.0, 0.0)
     varies = spread[1] - spread[0] > 0.15 * max(abs(spread[1]), 0.1)
     if vehicle.has("lateral_error") and not varies:
@@ -154,6 +156,7 @@ def _colour_classes(vehicle: VehicleSignals) -> tuple[NDArray[np.intp] | None, C
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
     else:
         return None, None
+    # A constant quantity has no scale.
     if high - low < 1e-6:
         return None, None
     share = np.nan_to_num((values - low) / (high - low))
@@ -169,9 +172,12 @@ def _worst_places(
     if not vehicle.has("lateral_error", "x", "y"):
         return []
     error, x, y = vehicle["lateral_error"], vehicle["x"], vehicle["y"]
+    # NaN must not be the largest: argmax would return it.
     size = np.where(np.isfinite(x) & np.isfinite(y), np.nan_to_num(np.abs(error)), 0.0)
+    # The view covers the road and its surroundings; very large errors are limited to 60 m.
     reach = min(max(2.5 * road_width, 4.0 * float(size.max())), 60.0)
     for place, _ in taken:
+        # The surroundings of a place are cleared, so that the next one is elsewhere on the road.
         size[np.hypot(x - place.x, y - place.y) < 3.0 * reach] = 0.0
     places: list[tuple[Place, str]] = []
     while len(places) < count and size.max() > 1e-3:

@@ -78,15 +78,19 @@ class Panel:
 
 def drawing_style() -> AbstractContextManager[None]:
     """Return a context with the Matplotlib settings of reports, independent of the user's matplotlibrc."""
+    # Only what changes the drawing is taken from the defaults; other settings of the user do not matter.
     kept = {
         name: matplotlib.rcParamsDefault[name]
         for name in ("font.family", "font.sans-serif", "path.simplify", "path.simplify_threshold", "axes.unicode_minus")
     }
     style: Any = {  # Matplotlib 3.11 lists every key as a literal type, 3.8 knows none
         **kept,
+        # Texts stay texts, in the font of the page; paths would be larger and not searchable.
         "svg.fonttype": "none",
+        # Without a fixed salt, ids differ from run to run, and so do the bytes of the page.
         "svg.hashsalt": "mirdrake",
         "text.usetex": False,
+        # A name such as "a_b$" is not a formula.
         "text.parse_math": False,
         "font.size": _FONT_SIZE,
         "axes.edgecolor": THEME["muted"],
@@ -117,6 +121,7 @@ def drawing_style() -> AbstractContextManager[None]:
 def to_svg(figure: Figure) -> str:
     """Return a figure as an SVG document; the same figure gives the same bytes."""
     buffer = io.StringIO()
+    # Date and creator would make equal figures differ.
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
 
@@ -133,16 +138,20 @@ def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
         the points that are left, at most 2·`buckets` + 2: first and last point are always kept.
     """
     count = len(x)
+    # Fewer points than the result may have: nothing to thin.
     if count <= 2 * buckets + 2:
         return x, y
+    # Buckets of equal count as rows of a matrix; the rest is the tail.
     size = math.ceil(count / buckets)
     whole = count // size * size
     rows = np.isfinite(y[:whole]).reshape(-1, size)
     values = y[:whole].reshape(-1, size)
     first = np.arange(0, whole, size)
+    # NaN is replaced by the value that cannot win, so that a bucket with some finite values has a finite point.
     lowest = first + np.where(rows, values, np.inf).argmin(axis=1)
     highest = first + np.where(rows, values, -np.inf).argmax(axis=1)
     tail = np.arange(whole, count, max(1, size // 2))
+    # Sorted and unique: the points stay in the order of time.
     index = np.unique(np.concatenate(([0], lowest, highest, tail, [count - 1])))
     return x[index], y[index]
 
@@ -238,6 +247,7 @@ def _draw_panel(
     axes.grid(axis="y", color=THEME["grid"], linewidth=1.0)
     for low, high, colour in panel.bands:
         axes.axhspan(low, high, color=THEME[colour], alpha=0.14, linewidth=0.0)
+        # The edge as a line, as the shade alone is hard to see.
         for edge in (low, high):
             if limits[0] < edge < limits[1]:
                 axes.axhline(edge, color=THEME[colour], linewidth=1.0)
@@ -250,6 +260,7 @@ def _draw_panel(
             linewidth=1.2 if curve.dashed else curve.width,
             linestyle="dashed" if curve.dashed else "solid",
         )
+        # The id is found again in the SVG to attach the name of the curve; see `embed_svg`.
         line.set_gid(f"curve-{number}-{index}")
 
 
@@ -270,6 +281,7 @@ def _limits(panel: Panel) -> tuple[float, float, str]:
         return 0.0, 1.0, "no values"
     low, high, note = float(values.min()), float(values.max()), ""
     if panel.trim and len(values) > 200:
+        # Percentiles ignore short spikes; with few samples they are not meaningful.
         bottom, ceiling = (float(value) for value in np.percentile(values, (panel.trim, 100.0 - panel.trim)))
         reach = ceiling - bottom
         if high - low > 3.0 * reach > 0.0:
@@ -278,6 +290,7 @@ def _limits(panel: Panel) -> tuple[float, float, str]:
             note = f"peaks to {format_quantity(peak, panel.unit)} cut off"
     if panel.zero:
         low, high = min(low, 0.0), max(high, 0.0)
+    # The third term keeps constant curves from a range of zero.
     room = max(0.06 * (high - low), 1e-3 * max(abs(low), abs(high)), 1e-9)
     if high - low < 1e-9:
         room = max(0.1 * abs(high), 0.1)

@@ -51,8 +51,10 @@ def find_overlaps(world: World) -> list[Overlap]:
     tree = shapely.STRtree(footprints)
     overlaps: list[Overlap] = []
     pairs = tree.query(footprints, predicate="intersects").T.tolist() if footprints else []
+    # Sorted, as the tree does not return pairs in a defined order.
     for i, j in sorted(pairs):
         a, b = world.props[i], world.props[j]
+        # Each pair once, and only if the props overlap in height, too.
         if i >= j or min(a.top, b.top) - max(a.bottom, b.bottom) < 1e-3:
             continue
         area = a.footprint.intersection(b.footprint)
@@ -104,8 +106,10 @@ def _make_sheet(world: World, width: float) -> Sheet:
     """Return a sheet with everything in the world, and room for scale bar and axes at the bottom."""
     boxes = [area.bounds for area in _contents(world)] or [world.ground.extent]
     low, high = np.array(boxes)[:, :2].min(axis=0), np.array(boxes)[:, 2:].max(axis=0)
+    # A world of one prop is not enlarged without limit.
     size = np.maximum(high - low, 12.0)
     middle, size = (low + high) / 2.0, size + 2.0 * (1.0 + 0.05 * size.max())
+    # The narrower of both directions decides.
     scale = float(min((width - _LEFT - _SIDE) / size[0], (_MOST - _FOOT / 2.0) / size[1]))
     across = max(_LEAST, float(size[0]) * scale)
     foot = max(0.0, _FOOT - 0.05 * float(size.max()) * scale)

@@ -70,8 +70,10 @@ def write_report(run: Run, *, diagram_svg: str | None = None) -> Path:
 def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
     """Return the page; see :func:`write_report`."""
     summary, spec = run.summary or {}, run.spec or {}
+    # Drawing needs increasing times; a killed run may have repeated or unsorted rows.
     signals = run.signals[~run.signals.index.duplicated()].sort_index()
     simulated = _number(summary.get("simulated_s"))
+    # A killed run has no summary.
     if not math.isfinite(simulated) and len(signals):
         simulated = float(signals.index[-1])
     world = _world_name(spec, summary)
@@ -193,6 +195,7 @@ def _road_edges(signals: VehicleSignals, track: Track | None) -> tuple[Array, Ar
         return None
     s, left, right = track.edges
     along = signals["progress"]
+    # Edges are stored as widths: left is positive, right negative (ISO 8855).
     return np.interp(along, s, left), -np.interp(along, s, right)
 
 
@@ -200,6 +203,7 @@ def _figures(signals: VehicleSignals, summary: Mapping[str, Any]) -> dict[str, f
     """Return the figures of a vehicle: from the summary, or from the signals of a run that was killed."""
     figures = {key: _number(value) for key, value in summary.items() if key != "model"}
     figures = {key: value for key, value in figures.items() if math.isfinite(value)}
+    # Figures of the summary have priority; those of the signals replace what is missing.
     if len(signals.time):
         figures.setdefault("distance_m", distance(signals))
         if signals.has("lateral_error"):
@@ -232,6 +236,7 @@ def _headline(vehicles: Sequence[VehiclePage], world: str, simulated: float) -> 
         laps, distance = (
             next((tile.value for tile in page.tiles if tile.label == label), "") for label in ("Laps", "Distance")
         )
+        # A tenth of a lap or less is better described by its distance.
         if laps and (float(laps) >= 0.1 or not distance):
             drove = f"{laps}\u00a0lap{'' if laps == '1.00' else 's'}" + (f" of {world}" if world else "") + during
         else:
@@ -327,9 +332,11 @@ def _marks(run: Run) -> list[float]:
     if not len(run.signals):
         return []
     first, last = float(run.signals.index[0]), float(run.signals.index[-1])
+    # Marks at the very ends would coincide with the axes.
     edge = 0.005 * (last - first)
     marks = [_number(event.get("time")) for event in run.events or []]
     marks = sorted({mark for mark in marks if first + edge < mark < last - edge})
+    # Too many lines would hide the curves.
     return marks if len(marks) <= _MOST_MARKS else []
 
 

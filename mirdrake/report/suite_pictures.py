@@ -75,6 +75,7 @@ def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: b
     known = [float(value) for value in curve.margins if value is not None]
     if not known:
         return Markup("")
+    # Zero is always in view: it separates passed from failed.
     low, high = min(0.0, *known), max(0.0, *known)
     room = 0.08 * (high - low) or 0.1
     low, high = low - room, high + room
@@ -102,6 +103,7 @@ def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: b
     ]
     for piece in _pieces(curve):
         line = " ".join(f"{x_of(t):.1f} {y_of(v):.1f}" for t, v in piece)
+        # Values above zero are cut to it, so that the area is only below.
         below = " ".join(f"{x_of(t):.1f} {max(y_of(v), zero):.1f}" for t, v in piece)
         ends = x_of(piece[-1][0]), x_of(piece[0][0])
         if not passed:
@@ -117,6 +119,7 @@ def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: b
 
 def draw_bar(margin: float | None, largest: float, *, passed: bool) -> Markup:
     """Return a bar from the middle: to the right for a requirement that holds, to the left for a failure."""
+    # Without a finite margin, the bar is full.
     share = 1.0 if margin is None else min(1.0, abs(margin) / largest) if largest > 0.0 else 0.0
     length = max(1.5, 40.0 * share)
     x = 41.0 if passed else 41.0 - length
@@ -136,12 +139,14 @@ def _pieces(curve: MarginCurve) -> list[list[tuple[float, float]]]:
 
 
 def _ticks(low: float, high: float, count: int) -> list[float]:
+    # Steps of 1, 2 or 5 times a power of ten with at most `count` of them.
     step = 10.0 ** math.floor(math.log10((high - low) / count))
     step *= next(factor for factor in (1.0, 2.0, 5.0, 10.0) if (high - low) / (step * factor) <= count)
     return [step * index for index in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
 
 
 def _number(value: float) -> str:
+    # A true minus sign, as in the other numbers.
     return format_quantity(value, digits=2) if value % 1.0 else f"{value:.0f}".replace("-", "−")
 
 

@@ -80,16 +80,19 @@ def collect_surfaces(
     plant, scene_graph, _ = parse_urdf(vehicle.urdf, packages=vehicle.packages, where_line=str)
     inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
     base = plant.GetBodyByName(vehicle.spec.base_link)
+    # The vehicle frame is at the origin, so that coordinates are those of base_link.
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, base, RigidTransform())
     for name, angle in zip(vehicle.spec.joints.steering.names(), steering, strict=True):
         plant.GetJointByName(name).set_angle(context, angle)
     surfaces: list[Surface] = []
+    # Body 0 is the world.
     for number in range(1, plant.num_bodies()):
         body = plant.get_body(BodyIndex(number))
         X_BL = plant.EvalBodyPoseInWorld(context, body)
         shapes = plant.GetCollisionGeometriesForBody(body) if collision else plant.GetVisualGeometriesForBody(body)
         role = Role.kProximity if collision else Role.kIllustration
         for geometry in shapes:
+            # Geometries of another role share the list of the body.
             if inspector.GetProperties(geometry, role) is None:
                 continue
             X_BG = X_BL @ inspector.GetPoseInFrame(geometry)
@@ -114,6 +117,7 @@ def _triangulate(
         parts = _read_mesh(Path(shape.source().path()), colour)
         scale = np.asarray(shape.scale3())
         if parts:
+            # Scale and mirror images of the URDF apply to the vertices of the file.
             return [(points * scale, faces, colours) for points, faces, colours in parts]
         _report_hull(str(shape.source().path()))
     if mesh is None:
@@ -163,6 +167,7 @@ def _read_mesh(path: Path, colour: Sequence[float]) -> list[tuple[Array, NDArray
             continue
         points = np.asarray(part.vertices) @ (_UPRIGHT.T if upright else np.eye(3))
         colours = _face_colours(part, colour)
+        # glTF stores linear light; the drawing is in sRGB, approximated by gamma 2.2.
         surfaces.append((points, np.asarray(part.faces), colours ** (1.0 / 2.2) if upright else colours))
     return surfaces
 
@@ -202,18 +207,22 @@ def picture_of(surfaces: Sequence[Surface], *, view: str, box: tuple[float, floa
     if surfaces:
         triangles = np.concatenate([surface.triangles for surface in surfaces])
         colours = np.concatenate([surface.colours for surface in surfaces])
+        # A drawing of a thousand pixels does not need every triangle of a scanned body.
         step = -(-len(triangles) // _MOST)
         triangles, colours = triangles[::step], colours[::step]
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+        # Orientation of foreign meshes is unreliable; every normal is turned to the viewer.
         normals *= np.where(near[1] * normals[:, near[0]] < 0.0, -1.0, 1.0)[:, None]
         light = _LIGHT.copy()
+        # The light always comes from the viewer's side.
         light[near[0]] = near[1] * abs(light[near[0]])
         shade = 0.50 + 0.50 * np.clip(normals @ light, 0.0, 1.0) + 0.12 * normals[:, near[0]] * near[1]
         painted = 255.0 * np.clip(colours * shade[:, None] + 0.03, 0.0, 1.0)
         x = (across[1] * triangles[:, :, across[0]] - left) * scale
         y = (high - up[1] * triangles[:, :, up[0]]) * scale
         _fill(pixels, x, y, near[1] * triangles[:, :, near[0]], painted.astype(np.uint8))
+    # Reduced by averaging: smooth edges, also in the opacity.
     small = Image.fromarray(pixels).resize((width, rows // _FINER), Image.Resampling.BOX)
     file = io.BytesIO()
     small.save(file, "PNG")
@@ -232,6 +241,7 @@ def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: 
     """
     rows, columns, _ = pixels.shape
     picture, nearest = pixels.reshape(-1, 4), np.full(rows * columns, -np.inf)
+    # Twice the signed area; the barycentric coordinates below are divided by it.
     twice = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
     # Pixels whose middles may be inside: those of the box around each triangle.
     first_x = np.clip(np.ceil(x.min(axis=1) - 0.5), 0, columns).astype(int)
@@ -240,16 +250,19 @@ def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: 
     count = np.maximum(wide, 0) * np.maximum(
         np.clip(np.floor(y.max(axis=1) - 0.5) + 1, 0, rows).astype(int) - first_y, 0
     )
+    # Triangles seen edge-on cover no pixel and would divide by zero.
     count[np.abs(twice) < 1e-9] = 0
     some = np.nonzero(count)[0]
     begin = 0
     total = np.cumsum(count[some])
     while begin < len(some):
         before = total[begin - 1] if begin else 0
+        # At least one triangle at a time, even if it covers more pixels than the limit.
         end = max(begin + 1, int(np.searchsorted(total, before + _AT_ONCE)))
         part = some[begin:end]
         begin = end
         which = np.repeat(part, count[part])
+        # Number of each pixel within the box of its triangle, which gives row and column.
         within = np.arange(len(which)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
         column, row = first_x[which] + within % wide[which], first_y[which] + within // wide[which]
         u, v = column + 0.5 - x[which, 0], row + 0.5 - y[which, 0]
@@ -257,6 +270,7 @@ def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: 
         third = (v * (x[which, 1] - x[which, 0]) - u * (y[which, 1] - y[which, 0])) / twice[which]
         z = depth[which, 0] + second * (depth[which, 1] - depth[which, 0]) + third * (depth[which, 2] - depth[which, 0])
         pixel = row * columns + column
+        # Tolerance at the edges, so that no gap remains between neighbouring triangles.
         seen = (second >= -1e-9) & (third >= -1e-9) & (second + third <= 1.0 + 1e-9) & (z > nearest[pixel])
         which, pixel, z = which[seen], pixel[seen], z[seen]
         order = np.argsort(z, kind="stable")  # the last one written stays

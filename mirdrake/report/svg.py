@@ -74,6 +74,7 @@ def embed_svg(
         ValueError: `text` is not an SVG document.
     """
     try:
+        # A document type may declare entities; it is removed before the parser sees it.
         root = ElementTree.fromstring(_DOCTYPE.sub("", text, count=1).lstrip("\ufeff \r\n\t"))
     except ElementTree.ParseError as error:
         raise ValueError(f"not an SVG document: {error}") from None
@@ -81,9 +82,11 @@ def embed_svg(
     if root.tag != "svg":
         raise ValueError(f"not an SVG document: its root is <{root.tag}>")
     _drop_unsafe(root, scope)
+    # The page sets the size; a style on the root could hide or move it.
     for name in ("width", "height", "version", "style"):
         root.attrib.pop(name, None)
 
+    # Ids are kept only if something refers to them, which makes the page smaller.
     used = {
         match for element in root.iter() for value in element.attrib.values() for match in _LOCAL_URL.findall(value)
     }
@@ -93,6 +96,7 @@ def embed_svg(
         _clean(element, prefix, keep, data or {}, decimals)
     root.attrib.update(attributes or {})
     written = ElementTree.tostring(root, encoding="unicode", short_empty_elements=True)
+    # Last, on the text: reserved colours occur in attributes and styles.
     return _COLOUR.sub(lambda match: _VARIABLES.get(match.group(), match.group()), written)
 
 
@@ -126,12 +130,15 @@ def _drop_namespaces(elements: Iterable[ElementTree.Element]) -> None:
 def _drop_unsafe(parent: ElementTree.Element, scope: str) -> None:
     for child in list(parent):
         is_style = child.tag == "style"
+        # Styles are kept only within a scope, or they would change the rest of the page.
         if child.tag.lower() in _UNSAFE_ELEMENTS or (is_style and not (scope and _is_tame(child.text or ""))):
             parent.remove(child)
             continue
+        # CSS nesting limits the rules to the drawing.
         if is_style:
             child.text = f"{scope} {{ {child.text} }}"
         _drop_unsafe(child, scope)
+        # Empty groups remain where unsafe content was removed.
         if child.tag in {"defs", "g"} and not len(child) and not child.attrib.get("id"):
             parent.remove(child)
 
@@ -139,6 +146,7 @@ def _drop_unsafe(parent: ElementTree.Element, scope: str) -> None:
 def _is_tame(css: str) -> bool:
     """Whether a style sheet has balanced braces and no external references."""
     depth = 0
+    # A closing brace too many would end the scope.
     for character in css:
         depth += {"{": 1, "}": -1}.get(character, 0)
         if depth < 0:
@@ -150,9 +158,11 @@ def _clean(
     element: ElementTree.Element, prefix: str, keep: set[str], data: Mapping[str, Mapping[str, str]], decimals: int
 ) -> None:
     for name, value in list(element.attrib.items()):
+        # An address that is not a fragment would load something from outside.
         leads_out = (name == "href" and not value.startswith("#")) or value.count("url(") > len(
             _LOCAL_URL.findall(value)
         )
+        # onclick and others are scripts.
         if leads_out or name.lower().startswith("on"):
             del element.attrib[name]
         elif name == "id":
@@ -169,7 +179,9 @@ def _clean(
         elif "url(" in value:
             element.attrib[name] = _LOCAL_URL.sub(rf"url(#{prefix}\1)", value)
         elif name == "style":
+            # The font is that of the page.
             element.attrib[name] = _FONT.sub("", value)
+    # Rounding of tiny angles leaves rotations by -0.
     if element.attrib.get("transform", "").startswith("rotate(-0 "):
         del element.attrib["transform"]
     if element.text is not None and not element.text.strip():

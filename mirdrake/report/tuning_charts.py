@@ -88,17 +88,20 @@ def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, floa
     x_name, y_name = map_gains(table)
     grid = table.pivot_table(index=y_name, columns=x_name, values="cost", aggfunc="first", dropna=False)
     x, y = grid.columns.to_numpy(dtype=float), grid.index.to_numpy(dtype=float)
+    # Costs of unstable points have no meaning and would dominate the scale of colours.
     stable = _grid(table, "stable", x, y) > 0.5
     cost = np.where(stable, _grid(table, "cost", x, y), np.nan)
     cost[~np.isfinite(cost)] = np.nan
     figure = new_figure(WIDE, 420.0)
     axes = add_axes(figure, (0.0, 0.0, 0.84, 1.0))
+    # Gains are often searched on a logarithmic grid, which needs logarithmic borders of cells.
     logs = (_is_log(x), _is_log(y))
     edges = (_edges(x, logs[0]), _edges(y, logs[1]))
     axes.pcolormesh(*edges, np.where(stable, np.nan, 1.0), cmap=ListedColormap([THEME["grid"]]), **_CELL)
     finite = cost[np.isfinite(cost)]
     if len(finite):
         bounds = colour_bounds(finite)
+        # Clipped to the scale: extreme costs would stretch it.
         axes.pcolormesh(
             *edges, np.clip(cost, bounds[0], bounds[-1]), cmap=ListedColormap(SCALE),
             norm=BoundaryNorm(bounds, SCALE_STEPS), **_CELL,
@@ -108,7 +111,9 @@ def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, floa
         axes.plot(*segment, color=THEME["alarm"], linewidth=2.2, solid_capstyle="projecting")
     if max_ms is not None and "ms" in table:
         ms = np.where(stable, _grid(table, "ms", x, y), np.nan)
+        # A contour exists only if the limit lies within the values.
         if np.isfinite(ms).sum() > 3 and np.nanmin(ms) < max_ms < np.nanmax(ms):
+            # Unstable points get a large Ms, so that the contour ends at the limit of stability.
             axes.contour(x, y, np.where(np.isfinite(ms), ms, 10.0 * max_ms), [max_ms], colors=[THEME["paper"]],
                          linewidths=2.0, linestyles="dashed")  # fmt: skip
     axes.set_xlim(edges[0][0], edges[0][-1])
@@ -151,6 +156,7 @@ def draw_bode(table: pd.DataFrame, shown: Sequence[Shown]) -> Markup:
         phase -= 360.0 * round((phase[0] + 90.0) / 360.0)  # the loop begins between -270° and +90°
         top.plot(w, size, **entry.style)
         low.plot(w, phase, **entry.style)
+        # Gain crossover: |L| falls below 1; the last one defines the phase margin.
         crossing = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
         for k in crossing[-1:]:
             for axes, values in ((top, size), (low, phase)):
@@ -160,10 +166,12 @@ def draw_bode(table: pd.DataFrame, shown: Sequence[Shown]) -> Markup:
     make_log(top, "y")
     top.axhline(1.0, color=THEME["muted"], linewidth=1.0)
     low.axhline(-180.0, color=THEME["muted"], linewidth=1.0)
+    # Resonances and integrators would hide the region around the crossover.
     least, most = top.get_ylim()
     top.set_ylim(max(least, 1e-3), min(most, 1e4))
     least, most = low.get_ylim()
     low.set_ylim(max(least, -400.0), min(most, 120.0))
+    # Steps of 45 and 90 degrees.
     low.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 4.5, 9]))
     low.set_xlim(top.get_xlim())
     label(top, "", "Open loop |L| [1]")
@@ -186,6 +194,7 @@ def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, mar
     turn = np.linspace(0.0, 2.0 * math.pi, 181)
     axes.plot(np.cos(turn), np.sin(turn), color=THEME["grid"], linewidth=1.3)
     radius = 1.0 / max_ms
+    # |1 + L| >= 1 / Ms: outside of this circle around -1, the sensitivity stays below Ms.
     axes.fill(radius * np.cos(turn) - 1.0, radius * np.sin(turn), color=THEME["alarm"], alpha=0.13, linewidth=0.0)
     axes.plot(radius * np.cos(turn) - 1.0, radius * np.sin(turn), color=THEME["alarm"], linewidth=1.3)
     axes.text(-1.0, radius + 0.05, f"Ms = {max_ms:g}", color=THEME["alarm"], ha="center", fontsize=12.0)
@@ -197,6 +206,7 @@ def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, mar
     if last is not None:
         gain, phase = margins.get("gain_margin"), margins.get("phase_margin_deg")
         if phase is not None and math.isfinite(phase):
+            # The phase margin is the angle between -180 deg and the crossing of the unit circle.
             angle = math.radians(phase) - math.pi
             arc = np.linspace(-math.pi, angle, 40)
             axes.plot(np.cos(arc), np.sin(arc), color=THEME[last.colour], linewidth=3.2, alpha=0.55)
@@ -204,6 +214,7 @@ def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, mar
             axes.annotate(f"{phase:.0f}°", (math.cos(angle), math.sin(angle)), xytext=(-8, -14),
                           textcoords="offset points", ha="right", fontsize=12.0)  # fmt: skip
         if gain is not None and math.isfinite(gain) and gain > 0.0:
+            # The loop crosses the negative axis at -1 / gain margin.
             axes.plot(-1.0 / gain, 0.0, marker="o", markersize=6.5, color=THEME[last.colour])
             axes.annotate(f"1/{gain:.2g}", (-1.0 / gain, 0.0), xytext=(2, 8), textcoords="offset points", fontsize=12.0)
     axes.axhline(0.0, color=THEME["muted"], linewidth=0.8, zorder=1.0)
@@ -227,6 +238,7 @@ def draw_distribution(table: pd.DataFrame, figure_name: str, title: str, shown: 
         good = rows.loc[rows["status"] == "ok", figure_name].to_numpy(dtype=float)
         good = np.sort(good[np.isfinite(good)])
         if len(good):
+            # Relative to all runs: failed ones are missing, so that the curve ends below 100 %.
             share = 100.0 * np.arange(1, len(good) + 1) / len(rows)
             axes.plot(
                 np.concatenate(([good[0]], good)), np.concatenate(([0.0], share)), drawstyle="steps-post", **entry.style
@@ -278,6 +290,7 @@ def _grid(table: pd.DataFrame, name: str, x: Array, y: Array) -> Array:
 def _is_log(values: Array) -> bool:
     if len(values) < 3 or values[0] <= 0.0:
         return False
+    # Equal ratios from value to value mean a logarithmic grid.
     steps = np.diff(np.log(values))
     return bool(np.ptp(steps) < 0.2 * steps.mean() and values[-1] > 3.0 * values[0])
 
@@ -288,12 +301,14 @@ def _edges(values: Array, log: bool) -> Array:
     if len(inside) == 1:
         return np.array([values[0] * 0.9, values[0] * 1.1 or 1.0])
     middle = 0.5 * (inside[1:] + inside[:-1])
+    # The outer borders mirror the inner ones.
     borders = np.concatenate(([inside[0] - (middle[0] - inside[0])], middle, [2.0 * inside[-1] - middle[-1]]))
     return np.asarray(np.exp(borders) if log else borders)
 
 
 def _edge_lines(stable: NDArray[np.bool_], x: Array, y: Array) -> list[tuple[list[float], list[float]]]:
     """Return the borders between stable and unstable cells."""
+    # A border between two cells in one row is vertical, between two rows horizontal.
     lines = [([x[j + 1]] * 2, [y[i], y[i + 1]]) for i, j in np.argwhere(stable[:, 1:] != stable[:, :-1])]
     lines += [([x[j], x[j + 1]], [y[i + 1]] * 2) for i, j in np.argwhere(stable[1:] != stable[:-1])]
     return lines

@@ -56,6 +56,7 @@ class VehicleSignals:
 
 def numbers(values: Any) -> Array:
     """Return a column as floats; other values, and those that are not finite, are NaN."""
+    # Anything from a damaged file may be in a column; Matplotlib needs floats with NaN as gaps.
     array = np.array(pandas.to_numeric(pandas.Series(values), errors="coerce"), dtype=np.float64)
     array[~np.isfinite(array)] = np.nan
     return array
@@ -124,6 +125,7 @@ def _plan_speed(signals: VehicleSignals) -> Plan | None:
         return None
     speed = signals["vx"]
     if signals.has("vy"):
+        # Speed over ground with the sign of the longitudinal velocity; a sliding vehicle also moves sideways.
         speed = np.hypot(speed, np.nan_to_num(signals["vy"])) * np.where(speed < 0.0, -1.0, 1.0)
     curves = [Curve("driven", speed, "main")]
     panels = [Panel("Speed", "m/s", curves, zero=True)]
@@ -136,10 +138,12 @@ def _plan_speed(signals: VehicleSignals) -> Plan | None:
         curves.append(Curve("set-point", command, "ink", dashed=True))
         gap = np.abs(speed - command)
         if np.isfinite(gap).any():
+            # The median, as the mean would be dominated by the start.
             caption += (
                 f"; half of the time within {format_quantity(np.nanmedian(gap), 'm/s', digits=2)} of the set-point"
             )
             error = Curve("speed − set-point", speed - command, "main")
+            # Spikes at changes of the set-point are cut, or they would hide the steady error.
             panels.append(Panel("Speed minus set-point", "m/s", [error], zero=True, trim=3.0, relative_height=0.62))
     return "speed", "Speed and set-point", panels, caption + "."
 
@@ -185,6 +189,7 @@ def _plan_lateral_error(
         edges = [
             Curve(f"{side} edge", values, "ink", dashed=True) for side, values in zip(_SIDES, road_edges, strict=True)
         ]
+        # Distance of the vehicle's middle to the nearer edge; negative beyond it.
         room = float(np.nanmin([road_edges[0] - error, error - road_edges[1]]))
         least = format_quantity(room, "m", digits=2)
         caption += f" Dashed: the edges of the road; the middle of the car is at least {least} from them."
@@ -193,6 +198,7 @@ def _plan_lateral_error(
     if not road_width:
         return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True)], caption
     edge, colour = road_width / 2.0, "right"
+    # Half a body inside the edge, a wheel leaves the road.
     room = edge - body_width / 2.0 if body_width and body_width < road_width else edge
     top = max(1.15 * edge, 1.1 * size)
     bands = [(limit, 2.0 * top, colour) for limit in sorted({room, edge})] + [
@@ -203,6 +209,7 @@ def _plan_lateral_error(
     caption += f" Shaded: beyond {format_quantity(room, 'm', digits=2)} a wheel, " if room < edge else " Shaded: "
     caption += middle
     on_road = Panel("The same across the road", "m", [curve], limits=(-top, top), bands=bands, relative_height=0.62)
+    # A large error is seen well on the scale of the road; a tiny one is not worth a panel.
     if size > 0.5 * room or size < _NO_ERROR:
         return (
             "lateral-error",
@@ -220,6 +227,7 @@ def _plan_yaw_rate(signals: VehicleSignals, wheelbase: float | None) -> Plan | N
     curves = [Curve("measured", rate, "main")]
     caption = f"Up to {format_quantity(float(np.nanmax(np.abs(rate))), '°/s')}."
     if wheelbase and signals.has("vx", "steering_angle.left", "steering_angle.right"):
+        # Kinematic yaw rate of the single-track model without side slip.
         tangent = np.tan(bicycle_angles(signals["steering_angle.left"], signals["steering_angle.right"]))
         curves.append(Curve("v·tan δ / L", np.degrees(signals["vx"] * tangent / wheelbase), "ink", dashed=True))
         caption += " Dashed: what the front wheels would give without side slip, with the wheelbase"
@@ -243,6 +251,7 @@ def _plan_wheels(
             continue
         lowest = min(float(np.nanmin(curve.values)) for curve in curves)
         highest = max(float(np.nanmax(curve.values)) for curve in curves)
+        # Short peaks of contact forces would flatten the rest of the curve.
         panel = Panel(f"{axle.capitalize()} {what}", unit, curves, zero=True, trim=0.5, relative_height=0.8)
         if lowest == highest:
             ranges.append(f"{axle} {format_quantity(lowest, unit)} throughout")
@@ -262,4 +271,5 @@ def distance(signals: VehicleSignals) -> float:
         return 0.0
     points = np.column_stack((signals["x"], signals["y"]))
     points = points[np.isfinite(points).all(axis=1)]
+    # fsum: thousands of short distances without accumulated rounding errors.
     return math.fsum(np.hypot(*np.diff(points, axis=0).T)) if len(points) > 1 else 0.0

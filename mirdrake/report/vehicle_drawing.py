@@ -90,12 +90,15 @@ class Drawing:
         u, v = self.at(x, y)
         r = reach * self.scale
         key = tuple(f"{value:.2f}" for value in (u, v, begin, end, r))
+        # Sensors with the same view, such as a stereo pair, would darken one another.
         if key in self._wedges:
             return
         self._wedges.add(key)
+        # SVG cannot draw an arc whose ends coincide.
         if end - begin > 2.0 * math.pi - 0.02:
             self.add(f'<circle class="sees" cx="{u:.1f}" cy="{v:.1f}" r="{r:.1f}"/>')
             return
+        # Heights grow upwards, in the picture downwards: angles change their sign.
         (x1, y1), (x2, y2) = ((u + r * math.cos(angle), v - r * math.sin(angle)) for angle in (begin, end))
         large = int(end - begin > math.pi)
         arc = f"A{r:.1f} {r:.1f} 0 {large} 0 {x2:.1f} {y2:.1f}"
@@ -120,6 +123,7 @@ class Drawing:
             words = _ranges(group)
             half = max(8.5, 3.4 * len(words) + 3.0)
             x, y = u + 4.5 + half, v - 12.0
+            # Tags are moved to the right until none overlaps another.
             while any(abs(x - a) < 2.0 * half and abs(y - b) < 18.0 for a, b in taken):
                 x += 19.0
             taken.append((x, y))
@@ -150,7 +154,9 @@ def draw_side(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surf
     box = (float(low[0]), min(0.0, float(low[2])), float(high[0]), float(high[2]))
     drawing.image(picture_of(seen or solid, view="side", box=box, width=_PICTURE), box)
     for sensor in figures.sensors:
+        # Seen from the side, only sensors that look ahead or back have an opening angle in this plane.
         if sensor.upward and abs(math.cos(sensor.yaw)) > 0.5:
+            # A sensor that looks back is mirrored in this projection.
             ahead = sensor.pitch if math.cos(sensor.yaw) > 0.0 else math.pi - sensor.pitch
             begin, end = (ahead + angle for angle in sensor.upward)
             drawing.wedge(sensor.place[0], sensor.place[2], begin, end, _drawn_reach(sensor, figures))
@@ -222,10 +228,12 @@ def draw_lock(figures: Inspection, seen: Sequence[Surface], wheels: Sequence[Sur
     room = 1.06 * wall
     scale = 0.56 * WIDTH / (2.0 * room)
     drawing = Drawing(left=-0.5 * WIDTH / scale, top=middle + room, scale=scale, height=2.0 * room * scale)
+    # The turning centre is at the height of the rear axle, to its left.
     u, v = drawing.at(0.0, middle)
     for radius, kind in ((wall, "wall"), (kerb, "kerb"), (middle, "path")):
         drawing.add(f'<circle class="{kind}" cx="{u:.1f}" cy="{v:.1f}" r="{radius * scale:.1f}"/>')
     inner, outer = (0.5 * figures.kingpin_track, -0.5 * figures.kingpin_track)
+    # Ackermann geometry: perpendiculars of all wheels meet in the turning centre.
     for x, y in ((figures.wheelbase, inner), (figures.wheelbase, outer), (0.0, -0.5 * figures.tracks[1])):
         drawing.line((0.0, middle), (x, y), "ray")
     points = _points(seen)

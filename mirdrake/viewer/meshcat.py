@@ -38,8 +38,10 @@ def make_meshcat(*, port: int | None = None, world: World | None = None) -> Mesh
     except RunError:
         server.stop_listening()
         raise
+    # The server was made first, because its address is the one that Meshcat reports.
     server.upstream = upstream
     server.start()
+    # Meshcat may be released without an explicit close.
     weakref.finalize(meshcat, server.close)
     _set_up(meshcat, world)
     return meshcat
@@ -108,6 +110,7 @@ def meshcat_faults() -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
+        # Other errors of Drake are faults of the program and must not be hidden.
         if not is_meshcat_crash(str(error)):
             raise
         raise RunError("Meshcat has ended unexpectedly, and the page with it") from None
@@ -161,6 +164,7 @@ class ChaseCamera:
         if self._heading is None or lag <= 0.0:
             self._heading = yaw
         else:
+            # The shorter way round, then a first-order lag that does not depend on the frame rate.
             self._heading += ((yaw - self._heading + pi) % (2.0 * pi) - pi) * (1.0 - exp(-elapsed / lag))
         X_CW, X_CL = chase(x=x, y=y, yaw=self._heading)
         self._meshcat.SetTransform(WORLD_PATH, X_CW)
@@ -187,4 +191,5 @@ def chase(*, x: float, y: float, yaw: float) -> tuple[RigidTransform, RigidTrans
     """
     X_WC = RigidTransform(RollPitchYaw(0.0, 0.0, yaw), [x, y, 0.0])
     X_CW = X_WC.inverse()
+    # Lights turn with the world but are not displaced: the sun is infinitely far away.
     return X_CW, RigidTransform(X_CW.rotation(), [0.0, 0.0, 0.0])

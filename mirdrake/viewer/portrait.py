@@ -70,14 +70,17 @@ def draw_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> I
     world = load_world("empty")
     parts = make_plant(builder, world, {vehicle.name: vehicle}, spec=PlantSpec(contact="point"))
     part = parts.vehicles[vehicle.name]
+    # Points of the posed vehicle decide about shadow and camera, before the diagram is built.
     points = _seen_points(parts, part, _pose(parts, part, parts.plant.CreateDefaultContext()))
     _add_shadow(parts, points)
+    # Perception properties must be final before the renderer is added.
     use_plain_textures(parts.plant, parts.scene_graph)
     _add_renderer(parts.scene_graph, world)
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     _pose(parts, part, parts.plant.GetMyMutableContextFromRoot(context))
     X_WC, distance = _place(np.vstack(points), width / height)
+    # Drawn at a multiple of the size and reduced, for smoother edges.
     focal = 0.5 * _FINER * width / tan(0.5 * FIELD_OF_VIEW)
     size = (_FINER * width, _FINER * height)
     info = CameraInfo(*size, focal, focal, 0.5 * size[0], 0.5 * size[1])
@@ -85,6 +88,7 @@ def draw_portrait(vehicle: Vehicle, *, width: int = 960, height: int = 540) -> I
     query = parts.scene_graph.get_query_output_port().Eval(parts.scene_graph.GetMyContextFromRoot(context))
     camera = ColorRenderCamera(core, False)
     picture = query.RenderColorImage(camera, parts.scene_graph.world_frame_id(), X_WC)
+    # Pixels without a label are sky; the renderer draws a uniform background only.
     labels = query.RenderLabelImage(camera, parts.scene_graph.world_frame_id(), X_WC)
     sky = labels.data[:, :, 0] == int(RenderLabel.kEmpty)
     small = Image.fromarray(_with_sky(picture.data[:, :, :3].astype(float), sky, world).astype(np.uint8))
@@ -123,12 +127,14 @@ def _seen_points(parts: PlantParts, part: VehicleInPlant, context: Context) -> l
     """Return points (n, 3) [m] with the hull of each visual shape."""
     inspector = parts.scene_graph.model_inspector()
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
+    # The axles are always in the picture, even if a vehicle has no visual shapes.
     hulls = [np.array([[0.0, 0.0, 0.0], [part.vehicle.geometry.wheelbase, 0.0, 0.0]])]
     for index in parts.plant.GetBodyIndices(part.instance):
         body = parts.plant.get_body(index)
         X_WB = parts.plant.EvalBodyPoseInWorld(context, body)
         for geometry in parts.plant.GetVisualGeometriesForBody(body):
             X_WG = X_WB @ inspector.GetPoseInFrame(geometry)
+            # Convex hulls of meshes are much smaller than the meshes and have the same extent.
             hull = read_hull(inspector, geometry)
             if hull is not None:
                 points = np.array([hull.vertex(number) for number in range(hull.num_vertices())])
@@ -147,11 +153,13 @@ def _add_shadow(parts: PlantParts, points: list[Array]) -> None:
     """
     azimuth, elevation = _SUN
     slant = np.array([cos(azimuth), sin(azimuth)]) / tan(elevation)
+    # Parallel projection along the sun's rays onto the ground.
     hulls = [shapely.MultiPoint(part[:, :2] - np.maximum(part[:, 2:], 0.0) * slant).convex_hull for part in points]
     shadow = shapely.union_all(hulls)
     size = float(np.ptp(np.vstack(points), axis=0).max())
     world = parts.plant.GetBodyFrameIdOrThrow(parts.plant.world_body().index())
     for layer in range(_LAYERS):
+        # Layers from larger to smaller than the shadow: their sum is a soft edge.
         edge = (0.3 - layer / (_LAYERS - 1)) * 0.10 * size
         outline = shadow.buffer(edge)
         if outline.is_empty:
@@ -160,6 +168,7 @@ def _add_shadow(parts: PlantParts, points: list[Array]) -> None:
         for triangle in shapely.get_parts(shapely.constrained_delaunay_triangles(outline)):
             corners = shapely.get_coordinates(shapely.orient_polygons(triangle))[:3]
             lines.append(corners)
+        # Each layer a little higher, or coplanar triangles would flicker.
         height = 2e-4 * size * (layer + 1)
         mesh = Mesh(InMemoryMesh(mesh_file=MemoryFile(_write_obj(np.array(lines), height), ".obj", "shadow")))
         properties = PerceptionProperties()
@@ -181,6 +190,7 @@ def _lights(world: World) -> list[LightParameter]:
     """Return the lights of a world with the sun on the camera's side."""
     azimuth, elevation = _SUN
     towards = np.array([cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)])
+    # The world's sun is replaced, its ambient lights are kept.
     _, *ambient = lights(world)
     color = Rgba(1.0, 0.97, 0.92, 1.0)
     sun = LightParameter(type="directional", frame="world", direction=-towards, intensity=1.15 * pi, color=color)
@@ -213,12 +223,14 @@ def _place(corners: Array, aspect: float) -> tuple[RigidTransform, float]:
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     down = np.cross(ahead, right)
+    # Columns of R_WC are the camera's axes in the world: right, down, ahead.
     R_WC = RotationMatrix(np.column_stack([right, down, ahead]))
     target = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     slope = tan(0.5 * FIELD_OF_VIEW)
     distance = 0.0
     for _ in range(3):  # the middle of what is seen moves a little with the distance
         seen = (corners - target) @ R_WC.matrix()
+        # Distance at which the outermost point, seen at its own depth, touches the margin; in both directions.
         distance = float(
             max(
                 (np.abs(seen[:, 0]) * _MARGIN / slope - seen[:, 2]).max(),
@@ -227,6 +239,7 @@ def _place(corners: Array, aspect: float) -> tuple[RigidTransform, float]:
         )
         projected = seen[:, :2] / (seen[:, 2] + distance)[:, None]
         middle = 0.5 * (projected.min(axis=0) + projected.max(axis=0)) * distance
+        # The view is centred on the projected middle, which perspective moves away from that of the box.
         target = target + R_WC.matrix()[:, :2] @ middle
     return RigidTransform(R_WC, target + distance * back), distance
 
@@ -248,6 +261,7 @@ def _with_sky(pixels: Array, sky: NDArray[np.bool_], world: World) -> Array:
     if not sky.any():
         return pixels
     top, horizon = _sky_edges(world)
+    # The horizon is the lowest row with sky.
     last = int(np.nonzero(sky.any(axis=1))[0].max()) + 1
     share = (np.arange(pixels.shape[0]) / last).clip(0.0, 1.0)[:, None]
     rows = 255.0 * ((1.0 - share) * top + share * horizon)

@@ -68,6 +68,7 @@ class Upstream:
             return socket.create_connection(("127.0.0.1", self._port), timeout=timeout)
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         connection.settimeout(timeout)
+        # Through /proc: the socket's path is removed, but its inode can still be opened.
         try:
             connection.connect(f"/proc/self/fd/{self._descriptor}")
         except OSError:
@@ -81,6 +82,7 @@ class Upstream:
         Raises:
             OSError: Meshcat has ended.
         """
+        # The host name is not resolved; the connection exists already.
         request = http.client.HTTPConnection("meshcat", timeout=30.0)
         request.sock = self.connect(timeout=30.0)
         try:
@@ -111,6 +113,7 @@ def make_private_meshcat(*, url: str = "http://localhost:{port}") -> tuple[Meshc
     """
     reason = "it is disabled"
     if sys.platform == "linux" and _DESCRIPTORS.is_dir():
+        # A random address of 127.0.0.0/8, so that no page can guess it in the moment before the port closes.
         numbers = secrets.token_bytes(3)
         host = f"127.{numbers[0]}.{numbers[1]}.{max(1, min(numbers[2], 254))}"
         try:
@@ -118,6 +121,7 @@ def make_private_meshcat(*, url: str = "http://localhost:{port}") -> tuple[Meshc
             return meshcat, Upstream(descriptor=_replace_listener(meshcat.port()))
         except (OSError, RuntimeError) as error:
             reason = str(error)
+    # Without the exchange of the socket, a port that no browser opens is the next best.
     for port in BLOCKED_PORTS:
         with contextlib.suppress(RuntimeError):
             return _make(host="127.0.0.1", port=port, url=url), Upstream(port=port)
@@ -135,6 +139,7 @@ def release(meshcat: Meshcat) -> None:
 
 def _make(*, host: str, port: int, url: str) -> Meshcat:
     with _quietly():
+        # Kept alive: see `_MADE`.
         _MADE.append(Meshcat(MeshcatParams(host=host, port=port, web_url_pattern=url, show_stats_plot=False)))
     return _MADE[-1]
 
@@ -149,9 +154,11 @@ def _replace_listener(port: int) -> int:
     loop, data = _find_loop(listener)
     with tempfile.TemporaryDirectory(prefix="mirdrake-") as folder, socket.socket(socket.AF_UNIX) as private:
         path = os.path.join(folder, "meshcat")
+        # Non-blocking, as Meshcat's event loop expects of its listening socket.
         private.setblocking(False)
         private.bind(path)
         private.listen(64)
+        # A descriptor of the inode itself (O_PATH) survives the removal of the folder.
         inode = os.open(path, os.O_PATH | os.O_CLOEXEC)
         os.dup2(private.fileno(), listener, inheritable=False)  # closes the port, which also leaves the event loop
     try:
@@ -169,6 +176,7 @@ def _find_listener(port: int) -> int:
         try:
             if not os.readlink(entry).startswith("socket:"):
                 continue
+            # dup, because closing the Python socket must not close Meshcat's own descriptor.
             with socket.socket(fileno=os.dup(number)) as candidate:
                 listens = candidate.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
                 if listens and candidate.family == socket.AF_INET and candidate.getsockname()[1] == port:
@@ -182,6 +190,7 @@ def _find_loop(listener: int) -> tuple[int, int]:
     """Return the epoll descriptor that waits for a listening socket, and the data of its entry."""
     for entry in Path("/proc/self/fdinfo").iterdir():
         with contextlib.suppress(OSError):
+            # fdinfo lists what an epoll waits for, with the data by which Meshcat recognises the socket.
             for number, data in _ENTRY.findall(entry.read_text(encoding="ascii")):
                 if int(number) == listener:
                     return int(entry.name), int(data, 16)

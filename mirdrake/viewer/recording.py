@@ -66,6 +66,7 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
         frames_per_second: frames per second of simulated time [Hz].
     """
     builder, scene = DiagramBuilder(), run.scene()
+    # Nothing is simulated here, so that hydroelastic shapes need not be prepared.
     parts = make_plant(builder, scene.world, scene.vehicles, spec=PlantSpec(contact="point"))
     actors = add_actors(parts.scene_graph, scene.world)
     params = MeshcatVisualizerParams(publish_period=1.0 / frames_per_second)
@@ -76,6 +77,7 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
 
     times = run.signals.index.to_numpy()
     step = float(np.median(np.diff(times))) if times.size > 1 else 1.0
+    # Whole samples only; the tolerance keeps a ratio such as 4.9999 from skipping a frame.
     stride = max(1, ceil(1.0 / (frames_per_second * step) - 1e-9))
     rows = range(0, times.size, stride)
     readers = [_Reader(run, part) for part in parts.vehicles.values()]
@@ -89,11 +91,14 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
     scene_context = parts.scene_graph.GetMyMutableContextFromRoot(context)
 
     place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
+    # The camera follows the first vehicle.
     followed = readers[0].pose
     headings = smooth_headings(times, followed[:, 5])
+    # Transforms go into the animation only; no browser follows while it is made.
     visualizer.StartRecording(set_transforms_while_recording=False)
     animation = visualizer.get_mutable_recording()
     for row in rows:
+        # Animations begin at 0, also if the samples do not.
         context.SetTime(float(times[row] - times[0]))
         for reader in readers:
             reader.pose_at(plant_context, row)
@@ -125,11 +130,14 @@ def smooth_headings(times: Array, yaw: Array) -> Array:
     Returns:
         heading [rad] (n), without jumps.
     """
+    # Unwrapped first: the mean of 179 and -179 deg is not 0.
     heading = np.unwrap(yaw)
     if times.size < 3:
         return heading
     half = min(round(0.5 * CAMERA_SWING / float(np.median(np.diff(times)))), times.size - 1)
+    # Ends are repeated, so that the average has as many values as samples.
     padded = np.concatenate([np.full(half, heading[0]), heading, np.full(half, heading[-1])])
+    # Moving average by differences of the cumulative sum, in linear time.
     total = np.cumsum(np.concatenate([[0.0], padded]))
     mean: Array = (total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)
     return mean

@@ -96,6 +96,7 @@ def write_replay(run: Run, path: Path) -> None:
         RunError: the run has no samples, or the page cannot be written.
     """
     total = sum(len(pictures) for pictures in run.pictures.values())
+    # Rounded up: all cameras together stay below the limit.
     stride = -(-total // MOST) if total else 1
     chosen = {name: pictures[::stride] for name, pictures in run.pictures.items()}
     write_file(path, _page(run, chosen, lambda _, picture: embedded(picture)))
@@ -117,6 +118,7 @@ class Replay:
 
     def __init__(self, run: Run, *, port: int = 0) -> None:
         page = reads_run(_page)(run, run.pictures, _address).encode()
+        # Only addresses made here are served, so that a request cannot reach other files.
         pictures = {_address(name, p): p for name, taken in run.pictures.items() for p in taken}
 
         def files(path: str) -> Answer | None:
@@ -188,5 +190,6 @@ def _page(run: Run, pictures: Mapping[str, Sequence[Picture]], source: Callable[
     page = with_views(recording, views_of(run))
     if not cameras:
         return page
+    # "</script>" in a name would end the script element.
     data = json.dumps(cameras).replace("</", "<\\/")
     return add_to_body(page, _PANEL.replace("DATA", data))

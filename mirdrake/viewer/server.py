@@ -95,6 +95,7 @@ class PageServer:
     ) -> None:
         self.largest = largest
         self.token, self.files, self.posts, self.upstream = secrets.token_urlsafe(16), files, posts or {}, upstream
+        # Bound to the loopback address: other computers cannot connect.
         self._server = _listen(name, partial(_Handler, self), list(ports))
         self.url = f"http://localhost:{self._server.server_address[1]}/{self.token}/"
         self._thread: threading.Thread | None = None
@@ -132,6 +133,7 @@ class _Server(ThreadingHTTPServer):
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer in a new thread, if there are not too many."""
+        # Without blocking: the accepting thread must not wait for slow browsers.
         if self._free.acquire(blocking=False):
             super().process_request(request, client_address)
         else:
@@ -163,6 +165,7 @@ class _Handler(BaseHTTPRequestHandler):
         if path is None:
             return
         upgrade = self.headers.get("Upgrade", "").lower()
+        # Before the files: the web socket has the same path as the page.
         if upgrade == "websocket" and path == "":
             self._tunnel()
             return
@@ -181,6 +184,7 @@ class _Handler(BaseHTTPRequestHandler):
         path, length = self._path(), self.headers.get("Content-Length", "")
         if path is None:
             return
+        # Length and digits are bounded before the conversion, so that a huge number costs nothing.
         if not (length.isdecimal() and len(length) < 10 and int(length) <= self._site.largest):
             self.close_connection = True
             self.send_error(400)
@@ -201,15 +205,19 @@ class _Handler(BaseHTTPRequestHandler):
         head, mark, path = urlsplit(self.path).path.removeprefix("/").partition("/")
         host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
         origin = self.headers.get("Origin")
+        # Host protects against DNS rebinding, Origin against requests of other sites in the same browser.
         if host not in _NAMES or (origin is not None and origin != f"http://{self.headers.get('Host')}"):
             self._reject("another page has no access to this one")
+        # Constant time, or the time of the answer would reveal how much of a guessed token is right.
         elif secrets.compare_digest(head.encode(), self._site.token.encode()):
             if mark:
                 return path
+            # Relative addresses in the page need the slash at the end.
             self.send_response(308)
             self.send_header("Location", f"/{head}/")
             self.send_header("Content-Length", "0")
             self.end_headers()
+        # Browsers ask for the icon without the token.
         elif self.path == "/favicon.ico" and self.command == "GET":
             self._answer(_ICON, "image/svg+xml")
         else:
@@ -236,18 +244,21 @@ class _Handler(BaseHTTPRequestHandler):
         """Return Meshcat's content of a path; None if the request was answered with an error."""
         assert self._site.upstream is not None
         try:
+            # A path with other characters could add lines to the request to Meshcat.
             status, kind, content = self._site.upstream.get(
                 f"/{path}" if path.isascii() and path.isprintable() else "/-"
             )
         except (OSError, ValueError):
             status, kind, content = 502, "", b""
         if status != 200:
+            # 502 states that Meshcat has ended; anything else is a file that does not exist.
             self.send_error(status if status == 502 else 404)
             return None
         return content, kind
 
     def _tunnel(self) -> None:
         """Connect a web socket with Meshcat until one side closes it."""
+        # After the upgrade the connection is not HTTP any more.
         self.close_connection = True
         answer = accept_key(self.headers.get("Sec-WebSocket-Key", ""))
         if answer is None or self.headers.get("Sec-WebSocket-Version") != "13" or self._site.upstream is None:
@@ -263,6 +274,7 @@ class _Handler(BaseHTTPRequestHandler):
             for key, value in (("Upgrade", "websocket"), ("Connection", "Upgrade"), ("Sec-WebSocket-Accept", answer)):
                 self.send_header(key, value)
             self.end_headers()
+            # Meshcat may have sent frames together with its answer.
             self.wfile.write(first)
             _pump(self.connection, upstream_socket)
 
@@ -278,6 +290,7 @@ def _open_socket(upstream: Upstream) -> tuple[socket.socket, bytes]:
     """
     upstream_socket = upstream.connect()
     try:
+        # The key may be any 16 bytes: nobody checks the answer of this process to itself.
         upstream_socket.sendall(
             b"GET / HTTP/1.1\r\nHost: meshcat\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
             b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
@@ -285,6 +298,7 @@ def _open_socket(upstream: Upstream) -> tuple[socket.socket, bytes]:
         head = b""
         while b"\r\n\r\n" not in head:
             data = upstream_socket.recv(65536)
+            # Limited, as the head has no end if it is not Meshcat that answers.
             if not data or len(head) > MOST:
                 raise OSError("Meshcat did not accept the web socket")
             head += data
@@ -304,6 +318,7 @@ def _pump(here: socket.socket, there: socket.socket) -> None:
     for side in (here, there):
         side.settimeout(PATIENCE)  # a browser that does not read would fill Meshcat's memory
     with selectors.DefaultSelector() as ready:
+        # One loop for both directions, as each side may send at any time.
         ready.register(here, selectors.EVENT_READ)
         ready.register(there, selectors.EVENT_READ)
         while True:
@@ -312,14 +327,18 @@ def _pump(here: socket.socket, there: socket.socket) -> None:
                     data = key.fileobj.recv(262144)  # type: ignore[union-attr]
                     if not data:
                         return
+                    # From Meshcat unchanged: it is trusted, and scenes are large.
                     if key.fileobj is there:
                         here.sendall(data)
                         continue
                     for opcode, payload in reader.feed(data):
                         now = int(time.monotonic())
+                        # Counted by whole seconds: the limit need not be exact.
                         second, count = (second, count + 1) if now == second else (now, 1)
                         if count > RATE:
                             return
+                        # Text frames and unknown messages are dropped, as a frame that
+                        # Meshcat cannot decode ends its thread.
                         if opcode in {CLOSE, PING, PONG} or (opcode == BINARY and is_event(payload)):
                             there.sendall(make_frame(opcode, payload))
                         if opcode == CLOSE:

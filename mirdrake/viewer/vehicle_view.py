@@ -64,7 +64,9 @@ class VehicleView:
         for name, joint in self._joints.items():
             low, high = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
             self._values[name] = float(joint.default_positions()[0])
+            # Wheels have no limits; a slider needs some.
             reach = max(low, -pi), min(high, pi)
+            # Fine enough for a small range, such as the travel of a stiff spring.
             step = 0.01 if reach[1] - reach[0] > 0.2 else (reach[1] - reach[0]) / 100.0
             self._ranges[name] = reach
             meshcat.AddSlider(name, *reach, step, self._values[name])
@@ -119,6 +121,7 @@ class VehicleView:
         self._diagram.ForcedPublish(self._context)
         for index in self._plant.GetBodyIndices(self._part.instance):
             body = self._plant.get_body(index)
+            # Meshcat's objects for frames are not geometry of the plant, so they are moved here.
             self._meshcat.SetTransform(
                 self._path("frames", body.name()), self._plant.EvalBodyPoseInWorld(context, body)
             )
@@ -182,6 +185,7 @@ def draw_triad(meshcat: Meshcat, path: str, length: float) -> None:
         path: path in the scene tree; its transform is that of the frame.
         length: length of an axis [m].
     """
+    # Meshcat's cylinders are along z.
     turns = (RotationMatrix.MakeYRotation(0.5 * pi), RotationMatrix.MakeXRotation(-0.5 * pi), RotationMatrix())
     for axis, (turn, colour) in enumerate(zip(turns, _AXES, strict=True)):
         rod = f"{path}/{'xyz'[axis]}"
@@ -203,6 +207,7 @@ def draw_ball(meshcat: Meshcat, path: str, radius: float) -> None:
     faces: list[list[int]] = []
     colours: list[list[float]] = []
     for octant in range(8):
+        # Bits of the number are the signs of the octant.
         signs = np.array([1 - 2 * (octant >> axis & 1) for axis in range(3)], dtype=float)
         grey = 0.05 if signs.prod() > 0.0 else 0.95
         first = len(vertices)
@@ -216,10 +221,12 @@ def draw_ball(meshcat: Meshcat, path: str, radius: float) -> None:
             for j in range(steps):
                 a = first + i * (steps + 1) + j
                 b, c, d = a + 1, a + steps + 1, a + steps + 2
+                # A mirrored octant has the opposite orientation, so its triangles are reversed to face outwards.
                 outward = 1 if signs.prod() > 0.0 else -1
                 faces += [[a, b, d][::outward], [a, d, c][::outward]]
     meshcat.SetTriangleColorMesh(
         path,
+        # Drake's Eigen matrices are stored by columns.
         np.asfortranarray(np.array(vertices).T),
         np.asfortranarray(np.array(faces, dtype=np.int32).T),
         np.asfortranarray(np.array(colours).T),

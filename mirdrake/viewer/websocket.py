@@ -53,9 +53,11 @@ class FrameReader:
         self._protocol.data_to_send()  # Meshcat answers pings and the close frame
         for frame in self._protocol.events_received():
             assert isinstance(frame, Frame)
+            # Control frames may come between the fragments of a message.
             if frame.opcode >= CLOSE:
                 yield frame.opcode, bytes(frame.data)
                 continue
+            # Only the first fragment has the opcode, the following ones have 0.
             self._opcode = self._opcode or frame.opcode
             self._message += frame.data
             if frame.fin:
@@ -67,6 +69,7 @@ class FrameReader:
 
 def make_frame(opcode: int, payload: bytes) -> bytes:
     """Return a whole message as one frame of a client."""
+    # Clients must mask their frames (RFC 6455).
     return Frame(Opcode(opcode), payload).serialize(mask=True)
 
 
@@ -76,6 +79,7 @@ def is_event(payload: bytes) -> bool:
     The camera's pose is not passed on: Meshcat's thread ends on one that is not a rotation, and nothing here reads it.
     """
     try:
+        # No extension types: their decoders are not needed and would be a way in.
         _EVENT.validate_python(msgpack.unpackb(payload, max_ext_len=0))
     except (ValueError, ValidationError, msgpack.UnpackException):
         return False

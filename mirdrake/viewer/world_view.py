@@ -113,6 +113,7 @@ class WorldView:
         """Draw a label above each prop, tilted towards the camera in the south."""
         for placed in self.world.props[:_MOST_NAMES]:
             xmin, ymin, xmax, ymax = placed.footprint.bounds
+            # Readable in large worlds, but not larger than the prop is wide.
             height = min(max(0.15 * max(xmax - xmin, ymax - ymin), 0.018 * self._size), 0.03 * self._size)
             position = [0.5 * (xmin + xmax), 0.5 * (ymin + ymax), max(placed.top, 0.0) + 0.7 * height]
             path = _path("names", placed.name)
@@ -129,9 +130,11 @@ class WorldView:
             area = shapely.Polygon(fault.polygon).buffer(0.02)
             for part, height in (("top", max(z, 0.0) + 0.02), ("ground", 0.05)):
                 self._fill(f"{base}/{part}", area, height, _RED)
+            # Visible through the props: overlaps are inside of them.
             seen_through = _path(f"{base}/top", "<object>")
             self._meshcat.SetProperty(seen_through, "material.depthTest", False)
             self._meshcat.SetProperty(seen_through, "renderOrder", 1.0)
+        # Above the highest of its props, so that the needle is visible from afar.
         top = max((prop.top for prop in self.world.props if prop.name in fault.names), default=0.0)
         top, bottom = top + max(0.06 * self._size, 0.5), min(z, 0.0)
         thick = 0.001 * self._size
@@ -148,6 +151,7 @@ class WorldView:
             X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, start.yaw), [start.x, start.y, 0.12])
             along = RollPitchYaw(0.0, 0.5 * math.pi, 0.0)
             shaft, head = _path("starts", name, "shaft"), _path("starts", name, "head")
+            # Meshcat's cylinder is along z; turned to the heading.
             self._meshcat.SetObject(shaft, Cylinder(0.07, 1.6), _GREEN)
             self._meshcat.SetTransform(shaft, X_WB @ RigidTransform(along, [0.8, 0.0, 0.0]))
             self._meshcat.SetObject(head, MeshcatCone(0.8, 0.3, 0.3), _GREEN)
@@ -226,6 +230,7 @@ def _label(text: str) -> InMemoryMesh:
     )
     picture = io.BytesIO()
     image.quantize(8).save(picture, "PNG", optimize=True)
+    # Height 1 m, so that the scale of the mesh is the height of the text.
     half = 0.5 * width / height
     corners = np.array([[-half, 0.0, -0.5], [half, 0.0, -0.5], [half, 0.0, 0.5], [-half, 0.0, 0.5]])
     paper = pbr_material((0.0, 0.0, 0.0, 1.0), roughness=1.0)  # emission has no shading

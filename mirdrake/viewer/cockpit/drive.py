@@ -98,6 +98,7 @@ class Cockpit:
         self.picture = Picture(meshcat, self.assembly, NAME) if meshcat is not None else None
         self.overlays = Overlays(meshcat, self.assembly, NAME) if meshcat is not None else None
         self._orders: queue.SimpleQueue[Mapping[str, Any]] = queue.SimpleQueue()
+        # Gains are kept here, because each new Context begins with those of control.yaml.
         self._values = {gain.path: gain.value for gain in self.gains}
         self._log: DriveLog | None = None
         self._hand, self._paused, self._lost, self._over = ManualCommand(), False, False, threading.Event()
@@ -146,12 +147,14 @@ class Cockpit:
         while not self._over.is_set() and time.monotonic() < end:
             self._execute_orders()
             if self._paused:
+                # A paused drive still executes orders and answers the page.
                 time.sleep(0.02)
                 pace.rest()
                 self._rates.clear()
             else:
                 self._advance()
                 pace.keep()
+            # Gauges have their own rate, independent of slices and pictures.
             now = time.monotonic()
             if now - measured >= FRAME:
                 measured = now
@@ -160,6 +163,7 @@ class Cockpit:
                     watch()
             if pace.draws():
                 number += 1
+                # Overlays with every second picture only, to save time.
                 self._draw(pace.passed, overlays=number % 2 == 0)
                 pace.drew()
 
@@ -168,6 +172,7 @@ class Cockpit:
         context = self._context
         state = self._state()
         manual = self.watchdog.read()
+        # Without input the watchdog returns None: the vehicle brakes instead of keeping its command.
         if manual is None:
             self._hand = stop_step(self._hand, period=SLICE, limits=self.limits)
         else:
@@ -176,6 +181,7 @@ class Cockpit:
         self._driver.set_command(self._hand.speed, self._hand.steering)
         self._count += 1
         try:
+            # A multiple of the slice, so that times do not accumulate rounding errors.
             self._simulator.AdvanceTo(self._count * SLICE)
         except RunError:
             raise
@@ -188,6 +194,7 @@ class Cockpit:
         self._odometer += abs(state[6]) * SLICE
         if self.overlays is not None:
             self.overlays.note(state[0], state[1])
+        # Logs are cleared even without a recording, or they would grow as long as somebody drives.
         if self._count % round(BLOCK / SLICE) == 0:
             if self._log is not None:
                 self._log.read(context)
@@ -221,6 +228,7 @@ class Cockpit:
     # --- orders --------------------------------------------------------------------------------------------------
 
     def _execute_orders(self) -> None:
+        # Orders come from other threads; here they are executed between two slices, where the Context is consistent.
         while not self._orders.empty():
             order = self._orders.get()
             what = order.get("do")
@@ -254,6 +262,7 @@ class Cockpit:
         self._context, self._count = context, 0
         for gain in self.gains:
             set_gain(self._control, context, gain, self._values[gain.path])
+        # After the Context is set: friction is looked up again at the new position.
         self._friction.start()
         self._simulator.reset_context(context)
         self._simulator.Initialize()
@@ -264,6 +273,7 @@ class Cockpit:
         chosen = [gain for gain in self.gains if gain.path == name]
         if not chosen or isinstance(value, bool) or not isinstance(value, int | float):
             return
+        # The value comes from a browser.
         if not (isfinite(value) and 0.0 <= value <= 1e9):
             return
         self._values[chosen[0].path] = float(value)
@@ -277,6 +287,7 @@ class Cockpit:
 
     def _record_on(self) -> None:
         """Start a run folder; the time restarts at 0, the vehicle keeps its state."""
+        # A new Context: the state of the plant is kept, the states of controllers and sensors begin anew.
         context = self.assembly.make_context()
         plant = self.assembly.parts.plant
         plant.SetPositionsAndVelocities(plant.GetMyMutableContextFromRoot(context), self._plant_state())
@@ -292,6 +303,7 @@ class Cockpit:
 
     def _record_off(self, reason: str) -> None:
         assert self._log is not None
+        # Cleared first, so that a failure here cannot try to finish the recording a second time.
         log, self._log = self._log, None
         try:
             self.runs.append(log.finish(self._context, reason=reason))
@@ -318,12 +330,14 @@ class Cockpit:
     def _measure(self, now: float) -> None:
         """Update the readings of the gauges."""
         time = self._context.get_time()
+        # After a reset, simulated time jumps back.
         if self._rates and time < self._rates[-1][1]:
             self._rates.clear()
         self._rates.append((now, time))
         while now - self._rates[0][0] > 1.0:
             self._rates.popleft()
         (since, before) = self._rates[0]
+        # A shorter window would make the factor jump with every slice.
         if now - since > 0.3:
             self._factor = (time - before) / (now - since)
         x = self._state()
@@ -349,6 +363,7 @@ class Cockpit:
             "message": self._message,
             "gains": dict(self._values),
             "layers": sorted(self.overlays.shown) if self.overlays is not None else [],
+            # JSON has no NaN or infinity.
             "signals": [value if isfinite(value) else None for tap in self._plotted for value in self._inner(tap)],
         }
         if self._truth.HasOutputPort("path"):
@@ -380,8 +395,10 @@ class Cockpit:
             return
         if self.watchdog.view is not None:
             self.picture.look(self.watchdog.view)
+        # Without a browser, nothing is drawn.
         if self._meshcat.GetNumActiveConnections() == 0:
             return
+        # Limited, so that the camera does not jump after a long gap.
         self.picture.draw(self._context, passed=min(passed, 0.5))
         if overlays:
             self.overlays.draw(self._context)

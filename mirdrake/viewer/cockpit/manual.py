@@ -95,6 +95,7 @@ def command_step(
         period: time since the last step [s].
         limits: limits of the vehicle.
     """
+    # Reversing needs a new press of the brake after standstill.
     waits = state.waits and manual.brake > 0.0
     speed = state.speed
     if manual.stop:
@@ -112,6 +113,7 @@ def command_step(
         elif not waits:
             end = limits.forward if pull > 0.0 else -limits.backward
             speed = _towards(speed, end, limits.acceleration * abs(pull) * period)
+    # The set-point stays near the measured speed; 0 is exact, so that the vehicle stands.
     speed = min(max(speed, measured - LEAD), measured + LEAD) if speed != 0.0 else 0.0
     return ManualCommand(speed, _steer(state.steering, manual, measured, period, limits), waits)
 
@@ -125,6 +127,7 @@ def steering_at(speed: float, limits: ManualLimits) -> float:
     """Return the largest angle [rad] that keys and stick can command at a speed [m/s]."""
     if speed == 0.0:
         return limits.steering
+    # From a = v² tan(δ) / L.
     return min(limits.steering, atan(LATERAL * limits.wheelbase / speed**2))
 
 
@@ -135,6 +138,7 @@ def _steer(last: float, manual: ManualInput, speed: float, period: float, limits
         return _towards(last, target, 2.0 * rate * period)
     most = steering_at(speed, limits)
     target = manual.steer * most
+    # A stick is already smooth; the rate only limits jumps.
     if manual.analog:
         return _towards(last, target, 4.0 * rate * period)
     back = target * last <= 0.0 and last != 0.0  # released, or turned to the other side

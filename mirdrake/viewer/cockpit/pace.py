@@ -51,15 +51,18 @@ class Pace:
 
     def keep(self) -> None:
         """Wait after a slice until the next one is due, if that is in the future."""
+        # The schedule advances by the period, not from now: small delays are caught up instead of accumulated.
         self._due += self._period
         self.late = self._clock() - self._due
         if self.late < 0.0:
             self._sleep(-self.late)
         elif self.late > BEHIND:
+            # Beyond the limit, the schedule itself is moved; a long pause is not replayed in a rush.
             self._due += self.late - BEHIND
 
     def draws(self) -> bool:
         """Return whether a picture is due; call :meth:`drew` after it."""
+        # The cost of the last picture limits how often the next ones are drawn.
         now, gap = self._clock(), max(FRAME, self._cost / SHARE)
         passed = now - self._began
         if passed < (gap if self.late < LATE else 5.0 * gap):

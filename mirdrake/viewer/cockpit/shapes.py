@@ -32,6 +32,7 @@ def ribbon(points: ArrayLike, *, width: float, height: float) -> Triangles:
         height: above the ground [m].
     """
     line = np.asarray(points, dtype=float)
+    # Central differences; the strip is mitred in bends.
     ahead = np.gradient(line, axis=0)
     ahead /= np.maximum(np.hypot(*ahead.T), 1e-12)[:, None]
     left = 0.5 * width * np.column_stack((-ahead[:, 1], ahead[:, 0]))
@@ -60,12 +61,14 @@ def arrows(starts: ArrayLike, vectors: ArrayLike, *, radius: float) -> Triangles
     if not len(tails):
         return Triangles(np.zeros((3, 3), order="F"), np.zeros((3, 1), dtype=np.int32, order="F"))
     along = shafts / lengths[:, None]
+    # Any vector that is not parallel to the arrow spans the plane across it.
     other = np.where(np.abs(along[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     across = np.cross(along, other)
     across /= np.linalg.norm(across, axis=1)[:, None]
     third = np.cross(along, across)
     angles = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
     around = np.cos(angles)[None, :, None] * across[:, None] + np.sin(angles)[None, :, None] * third[:, None]
+    # A short arrow has a shorter head instead of a negative shaft.
     necks = tails + along * np.maximum(lengths - _HEAD * radius, 0.3 * lengths)[:, None]
     rings = [
         tails[:, None] + radius * around,
@@ -77,6 +80,7 @@ def arrows(starts: ArrayLike, vectors: ArrayLike, *, radius: float) -> Triangles
     i = np.arange(_SIDES)
     j = (i + 1) % _SIDES
     tip = np.full(_SIDES, 3 * _SIDES)
+    # Triangles of one arrow: two for each side of the shaft, two for the back of the head, one for its tip.
     pattern = np.hstack(
         (
             np.stack((i, j, j + _SIDES)),
