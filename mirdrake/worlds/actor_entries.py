@@ -58,6 +58,7 @@ def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Sour
             origins.append(index)
         if len(result) > LARGEST_COUNT:
             raise ConfigError(f"{source.where('actors', index)}: more than {LARGEST_COUNT} actors")
+    # Each actor has the lines of the entry it was made from, so that messages name the right line.
     lines = {key: line for key, line in source.lines.items() if key[:1] != ("actors",) or len(key) == 1}
     below: dict[int, list[tuple[Key, int | None]]] = {}
     for key, line in source.lines.items():
@@ -84,6 +85,7 @@ def _actors_of(entry: Json, index: int, draw: Draw, source: Source, taken: dict[
     actors = []
     for number in range(count):
         name = f"{base}_{number}"
+        # The stream of each spacing has the name of its actor: one more actor does not change those before it.
         gap = draw.below("actors").below(name).number(row.spacing, "m", "spacing", row) if number else 0.0
         first += gap
         place = {"track": row.track, "s": first, "offset": row.offset}

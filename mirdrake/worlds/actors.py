@@ -79,6 +79,7 @@ class Actor:
     def volume(self) -> Volume:
         """Its collision shapes in A, for clearance and collision."""
         points = [solid.corners_in(self.prop_pose) for solid in self.prop.solids]
+        # No wheels, and an infinite wheel radius: only the clearance of the body decides what is an obstacle.
         return Volume.of([Part(corners, False) for corners in points], math.inf)
 
     @property
@@ -140,6 +141,7 @@ def _make_actors(
     actors: dict[str, Actor] = {}
     paths: dict[str, Lane] = {}
     for spec in specs:
+        # Names are unique, because scenarios, triggers and signals refer to actors by them.
         if spec.name in actors:
             raise ConfigError(f"{where(spec, 'name')}: '{spec.name}' is used twice; give each actor its own name")
         prop = props.get(spec.name) or load_prop(spec.actor, where=where(spec, "actor"))
@@ -159,6 +161,7 @@ def _make_actors(
         if name not in actors:
             place = where(steps_of[0]) if steps_of else "scenario"
             raise ConfigError(f"{place}: there is no actor '{name}'; {did_you_mean(name, actors)}")
+    # Sorted by name: the order in the file has no effect on the simulation.
     return tuple(actors[name] for name in sorted(actors)), paths
 
 
@@ -185,6 +188,7 @@ def _on_track(spec: OnTrackLaneSpec, tracks: Mapping[str, Track], lanes: Mapping
     if lane is None:
         allowed = ", ".join(one.id.rpartition(".")[2] for one in known)
         raise ConfigError(f"{where(spec, 'lane')}: track '{spec.track}' has no lane {spec.lane}; it has {allowed}")
+    # On a closed track a station may be given beyond a lap, as by a row of actors.
     s = float(np.mod(spec.s, track.length)) if track.closed else spec.s
     if not 0.0 <= s <= track.length:
         raise ConfigError(f"{where(spec, 's')}: s = {spec.s:g} m; the track is {track.length:g} m long")
@@ -216,7 +220,9 @@ def _path(actor: Actor) -> Lane:
         )
     headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
     turns = np.diff(headings)
+    # Length of the tangents of an arc: R tan(turn / 2); limited, because it is infinite at a turn by 180 degrees.
     cut = radius * np.tan(np.minimum(np.abs(turns), 3.0) / 2.0)  # of the legs before and after a corner
+    # A leg between two corners must have room for the tangents of both.
     used = np.concatenate(([0.0], cut)) + np.concatenate((cut, [0.0]))
     if (used > lengths + 1e-9).any():
         index = int(np.argmax(used - lengths))
@@ -248,5 +254,6 @@ def _with_arcs(corners: Array, headings: Array, turns: Array, cut: Array, radius
                                                turned[:, 1] * arm[0] + turned[:, 0] * arm[1])))  # fmt: skip
         directions.append(before + angle)
     points, yaw = np.vstack([*parts, corners[-1:]]), np.concatenate([*directions, headings[-1:]])
+    # Where two arcs meet without a straight between them, their common point occurs twice.
     distinct = np.concatenate(([True], np.hypot(*np.diff(points, axis=0).T) > 1e-6))
     return points[distinct], yaw[distinct]

@@ -104,15 +104,18 @@ class _Item:
     def pose(self) -> tuple[float, float, float, float]:
         """Return x, y, z [m] and yaw [rad] in W, with jitter."""
         entry, slot, draw = self.entry, self.slot, self.draw
+        # A region is drawn anew at every attempt; so is a random position given by `at`.
         x, y = (slot.x, slot.y) if slot.area is None else draw_in(slot.area, draw, location=where(entry, "scatter"))
         if slot.area is None and entry.at is not None and draw.attempt:
             x, y = entry.at.position(entry, draw)
         heading = slot.heading
+        # Jitter is in the frame of the slot, so that x remains along the line or the track.
         if entry.jitter is not None:
             dx, dy = (draw.number(getattr(entry.jitter, key), "m", key, entry.jitter) for key in ("x", "y"))
             c, s = math.cos(heading), math.sin(heading)
             x, y = x + c * dx - s * dy, y + s * dx + c * dy
             heading += draw.number(entry.jitter.yaw, "rad", "yaw", entry.jitter)
+        # A list of headings belongs to the rows of a grid, or to the positions of another layout, in turn.
         yaw = entry.yaw[slot.row % len(entry.yaw)] if isinstance(entry.yaw, list) else entry.yaw
         heading += draw.number(yaw, "rad", "yaw", entry)
         x, y = self.frame.point(x, y)
@@ -199,10 +202,12 @@ class Arranger:
 
     def _find_position(self, draft: _Draft, placed_props: "_PlacedProps") -> list[PlacedProp] | None:
         """Return a random prop or group where it obeys the rules and keeps its distance, or None."""
+        # Once the draws of the world are used up, each prop is tried once, so that loading ends in time.
         for attempt in range(min(TRIES, max(1, self._draws_left))):
             props = draft.make(attempt)
             if all(map(self._allowed, props)) and placed_props.has_room(props):
                 return props
+            # Counted in props: an attempt of a group costs as much as its props.
             self._draws_left -= len(props)
         return None
 
@@ -216,6 +221,7 @@ class Arranger:
         group = self._group(entry, depth)
         random = entry.is_random
         for index, slot in enumerate(slots):
+            # The index is part of the name and of the random stream: one more prop does not change those before it.
             label = name if entry.at is not None else f"{name}[{index}]"
             item = _Item(entry, label, draw.below(str(index)), slot, frame, (*order, index), depth)
             if group is None:
@@ -274,6 +280,7 @@ class Arranger:
             key: draw.parameter(value, f"with.{key}", location=where(entry, "with", key))
             for key, value in entry.with_.items()
         }
+        # A group sees its own parameters only; `with` passes values of the world to them.
         below = Draw(draw.seed, draw.path, parameters, draw.attempt)
         return [
             draft
@@ -334,6 +341,7 @@ class _PlacedProps:
     def add(self, props: Sequence[PlacedProp]) -> None:
         """Add props."""
         for prop in props:
+            # The array doubles, as appending a row at a time copies all rows for each prop.
             if len(self.props) == len(self._boxes):
                 self._boxes = np.vstack((self._boxes, np.empty_like(self._boxes)))
             self._boxes[len(self.props)] = (*prop.footprint.bounds, prop.bottom, prop.top)
@@ -343,6 +351,7 @@ class _PlacedProps:
         """Return whether new props keep their distance from all props that are placed."""
         boxes, gap = self._boxes[: len(self.props)], self._gap
         for prop in props:
+            # Bounding boxes first, all at once; exact shapes only where these are near.
             xmin, ymin, xmax, ymax = prop.footprint.bounds
             near = (
                 (boxes[:, 0] < xmax + gap) & (boxes[:, 2] > xmin - gap)
@@ -353,6 +362,7 @@ class _PlacedProps:
                 other = self.props[index]
                 if self._may_overlap(prop, other):
                     continue
+                # Touching props count as overlapping without a gap; with one, the distance decides.
                 if gap == 0.0:
                     if prop.footprint.intersects(other.footprint):
                         return False
@@ -400,6 +410,7 @@ def _named(entries: Sequence[PropEntry]) -> Iterator[tuple[str, str, PropEntry]]
                 name = label if names[label] == 1 else f"{label}_{names[label]}"
                 if name not in given:
                     break
+            # The key is made of the content, so that inserting another entry does not move props of this one.
             text = json.dumps(entry.model_dump(mode="json", exclude_unset=True), sort_keys=True)
             key = f"{label}-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
             keys[key] = keys.get(key, 0) + 1

@@ -74,6 +74,7 @@ class Volume:
         It begins at the ground clearance, or at the height of a step that wheels of a radius [m] cannot roll over.
         """
         body = [float(part.points[:, 2].min()) for part in parts if not part.wheel]
+        # Wheels can climb what is lower than this; the body can hit what is higher than its clearance.
         low = max(FLAT, min([ROLLS_OVER * wheel_radius, *body]))
         return cls(tuple(slab for part in parts for slab in _slabs(part.points, low)), low)
 
@@ -104,6 +105,7 @@ def _slabs(points: Array, low: float) -> Iterator[Slab]:
     levels = np.linspace(bottom, top, _SLICES + 1).tolist()
     outlines = [_hull(section(points, *pair)) for pair in itertools.pairwise(levels)]
     whole = _hull(section(points, bottom, top))
+    # A prism has the same area in every slice, and is kept as one slab.
     if all(_area(outline) > (1.0 - 1e-9) * _area(whole) for outline in outlines):
         yield Slab(whole, bottom, top)
     else:
@@ -148,6 +150,7 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
     ]
     if not solid or not index.size or not volume.slabs:
         return result
+    # Distances by a search tree; only the few pairs that overlap need the depth, which is expensive.
     touched: set[tuple[int, int]] = set()
     for (low, high), outlines in volume.bands.items():
         pairs = [(number, area) for number, prop in enumerate(solid) for area in prop.between(low, high)]
@@ -160,10 +163,12 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
             (row, _), distance = tree.query_nearest(shapes, return_distance=True, all_matches=False)
             result[index[row]] = np.minimum(result[index[row]], distance)
             inside = np.flatnonzero(distance <= 0.0)
+            # All props that overlap, not only the nearest one found: the deepest overlap counts.
             hit, area = tree.query(shapes[row[inside]], predicate="intersects")
             touched |= set(zip(index[row[inside][hit]].tolist(), owners[area].tolist(), strict=True))
     known: dict[tuple[int, ...], float] = {}
     for pose, number in sorted(touched):
+        # A parked vehicle has thousands of equal poses; rounding makes them equal as keys.
         key = (number, *np.round(poses[pose] / _ALIKE).astype(np.int64).tolist())
         if key not in known:
             known[key] = depth(_pairs_with_prop(volume, poses[pose], solid[number]))
@@ -195,6 +200,7 @@ def clearance_between(
                 second = shapely.polygons(place_outline(b.outline, other_poses[index]))
                 result[index] = np.minimum(result[index], shapely.distance(first, second))
     known: dict[tuple[int, ...], float] = {}
+    # As above: depths only where outlines overlap, and once per pair of poses.
     for row in np.flatnonzero(result <= 0.0).tolist():
         both = np.concatenate((poses[row], other_poses[row]))
         key = tuple(np.round(both / _ALIKE).astype(np.int64).tolist())
@@ -218,11 +224,13 @@ def depth(pairs: Iterable[tuple[Array, Array]]) -> float:
     Args:
         pairs: corners of a convex outline that is translated (n, 2), and of a fixed one (m, 2) [m].
     """
+    # Minkowski difference of convex outlines: all translations for which the pair overlaps.
     forbidden = [
         shapely.MultiPoint((stays[None] - moves[:, None]).reshape(-1, 2)).convex_hull for moves, stays in pairs
     ]
     if not forbidden:
         return 0.0
+    # The nearest translation outside of all of them is the shortest one that separates every pair.
     area, origin = shapely.union_all(forbidden), shapely.Point(0.0, 0.0)
     return float(area.boundary.distance(origin)) if area.intersects(origin) else 0.0
 

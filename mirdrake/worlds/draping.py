@@ -59,6 +59,7 @@ def drape(surface: Surface, terrain: Terrain, roads: Roads) -> Surface:
         terrain: the ground.
         roads: area near which the mesh is fine; empty: everything is.
     """
+    # On flat ground a mesh already lies where it should.
     if terrain.flat or not len(surface.triangles):
         return surface
     # Corners as rows: x, y, z, u, v and the normal.
@@ -67,6 +68,7 @@ def drape(surface: Surface, terrain: Terrain, roads: Roads) -> Surface:
     total = len(values)
     while len(values):
         long = _long_edges(values[:, :, :2], terrain, roads)
+        # Each division adds at most three triangles; above the limit the remaining ones are taken as they are.
         if total + 3 * int(long.any(axis=1).sum()) > _MOST:
             long[:] = False
         done.append(values[~long.any(axis=1)])
@@ -76,10 +78,13 @@ def drape(surface: Surface, terrain: Terrain, roads: Roads) -> Surface:
     points, uv, normal = rows[:, :3], rows[:, 3:5], rows[:, 5:]
     index = np.arange(len(points))
     if (normal[:, 2] > sqrt(0.5)).all():  # horizontal: neighbours share corners
+        # Complex numbers, because `unique` of one column is much faster than of rows.
         places = np.round(points[:, 0], 6) + 1j * np.round(points[:, 1], 6)
         _, first, index = np.unique(places, return_index=True, return_inverse=True)
         points, uv, normal = points[first], uv[first], normal[first]
     slopes = terrain.slopes(points[:, 0], points[:, 1])
+
+    # A vertical face keeps its normal; a horizontal one gets that of the terrain.
     upright = np.abs(normal[:, 2]) > sqrt(0.5)
     tilted = np.column_stack([-slopes[:, 1], -slopes[:, 2], np.ones(len(points))])
     tilted /= np.linalg.norm(tilted, axis=1)[:, None]

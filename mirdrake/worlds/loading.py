@@ -105,6 +105,7 @@ def _make(data: Any, source: Source, *, path: Path | None) -> World:
 def _evaluated(data: Json, source: Source) -> tuple[Json, Source]:
     """Return a world file with its parameters and the values outside of props evaluated, and its locations."""
     seed = data.get("seed", 0)
+    # An invalid seed is reported by the validation below; here any number will do.
     draw = Draw(seed if isinstance(seed, int) else 0, "", {})
     # Parameters one after the other, because each may use those before it; invalid ones are left to the validation.
     parameters: dict[str, Number | str] = {}
@@ -151,12 +152,14 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
         lambda name, track: make_track(track, name=name, folder=folder, seed=spec.seed, network=network),
         faults,
     )
+    # Everything below needs the tracks, so that their faults are reported first, all at once.
     _raise(faults)
     ground = _make_ground(spec.ground, tracks, network, folder)
 
     # Friction patches, starts and goals.
     draw = Draw(spec.seed, "", spec.params)
     patches: dict[str, Patch] = {}
+    # One after the other, as a patch may refer to those before it by name.
     for index, patch_spec in enumerate(spec.ground.patches):
         try:
             patch = _make_patch(patch_spec, index, NamedAreas(tracks, patches), draw)
@@ -263,10 +266,12 @@ def _make_ground(spec: GroundSpec, tracks: dict[str, Track], network: Network | 
     mu = SURFACE_MU[spec.surface] if spec.mu is None else spec.mu
     boxes = np.array([road.bounds for road in (*tracks.values(), network) if road is not None])
     if len(boxes):
+        # The ground covers all roads with a margin; without roads it is a square about the origin.
         low, high = boxes[:, :2].min(axis=0) - _MARGIN, boxes[:, 2:].max(axis=0) + _MARGIN
     else:
         low, high = np.full(2, -_BARE_SIZE / 2.0), np.full(2, _BARE_SIZE / 2.0)
     if spec.size is not None:
+        # A given size keeps the middle, so that the roads stay in the middle of the ground.
         middle, half = (low + high) / 2.0, np.array(spec.size) / 2.0
         low, high = middle - half, middle + half
     extent = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
@@ -302,6 +307,7 @@ def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> St
             f"line; the edge of the road is {side:g} m away there; make the offset at most that"
         )
     x, y, yaw = track.pose_at(on_track.s)
+    # Offset to the left of the direction of the track.
     x, y = x - on_track.offset * math.sin(yaw), y + on_track.offset * math.cos(yaw)
     return Start(x, y, _wrapped(yaw), spec.speed, on_track.track, on_track.s)
 

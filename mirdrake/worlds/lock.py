@@ -145,6 +145,7 @@ def mesh_files(path: Path) -> list[Path]:
     files, pictures = [path], []
     kind = path.suffix.lower()
     if kind == ".gltf":
+        # The mesh file alone does not determine what is rendered: its buffers and pictures belong to the lock.
         data = json.loads(read_bytes(path))
         uris = [item.get("uri", "data:") for key in ("buffers", "images") for item in data.get(key, ())]
         files += [path.parent / uri for uri in uris if not uri.startswith("data:")]
@@ -215,6 +216,7 @@ def _solids_hash(prop: Prop) -> str:
 def _pose(X: RigidTransform) -> list[float]:
     """Return x, y, z [m], yaw, pitch, roll [rad]; a yaw or roll of -180 degrees is written as 180."""
     roll, pitch, yaw = RollPitchYaw(X.rotation()).vector()
+    # Half a turn has two signs; one is chosen, so that equal poses have equal hashes.
     values: list[float] = _rounded([*X.translation(), yaw, pitch, roll])
     half_turn = round(float(np.pi), _DECIMALS)
     return [half_turn if index in (3, 5) and value == -half_turn else value for index, value in enumerate(values)]
@@ -254,6 +256,7 @@ def _rings(area: BaseGeometry) -> list[list[list[float]]]:
         if part.geom_type == "Polygon":
             for ring in (part.exterior, *part.interiors):
                 points = [_rounded(point) for point in shapely.get_coordinates(ring)[:-1]]
+                # Polygons may begin at any corner, which must not change the hash.
                 first = points.index(min(points))
                 rings.append(points[first:] + points[:first])
     return rings
@@ -276,6 +279,7 @@ def _files(world: World) -> dict[str, str]:
         meshes = [solid.mesh for solid in prop.solids if solid.mesh is not None]
         meshes += [prop.visual] if prop.visual is not None else []
         library_path = library.get(prop.name)
+        # A prop of the library is locked by its folder, wherever it is installed; others by their own files.
         if library_path is not None and all(resolved(mesh).is_relative_to(resolved(library_path)) for mesh in meshes):
             for path in sorted(library_path.rglob("*")):
                 inner = path.relative_to(library_path)
@@ -308,6 +312,7 @@ def _number(value: float) -> str:
     """Return a number as text, without exponent and trailing zeros."""
     text = format(Decimal(repr(value)), "f")
     text = text.rstrip("0").rstrip(".") if "." in text else text
+    # Minus zero and zero are the same value.
     return "0" if text == "-0" else text
 
 
@@ -317,6 +322,7 @@ def _canonical(value: Any) -> str:
         return "{" + ",".join(f"{json.dumps(key)}:{_canonical(value[key])}" for key in sorted(value)) + "}"
     if isinstance(value, list | tuple):
         return "[" + ",".join(map(_canonical, value)) + "]"
+    # Before numbers, because bool is a subclass of int.
     if isinstance(value, bool) or value is None or isinstance(value, str):
         return json.dumps(value)
     return _number(value)
@@ -329,6 +335,7 @@ def _flow(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_flow, value)) + "]"
     if isinstance(value, str):
+        # Quoted where YAML would read something else: a keyword, or digits that look like a number.
         plain = _PLAIN.fullmatch(value) and value.lower() not in _WORDS and not _HEX.fullmatch(value)
         return value if plain else json.dumps(value, ensure_ascii=False)
     if isinstance(value, bool) or value is None:

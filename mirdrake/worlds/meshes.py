@@ -56,6 +56,7 @@ def fill(
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(_pieces(polygon)))
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
     edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    # Counter-clockwise seen from above, as the normal is upwards; the triangulation does not promise it.
     clockwise = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0] < 0.0
     corners[clockwise] = corners[clockwise][:, ::-1]
     places, index = np.unique(corners.reshape(-1, 2) @ [1.0, 1.0j], return_inverse=True)  # quicker than by rows
@@ -83,6 +84,7 @@ def skirt(
             first = count + 4 * np.arange(len(a))[:, None]
             vertices.append(quad.reshape(-1, 3))
             triangles.append((first + np.array([[0, 1, 2, 0, 2, 3]])).reshape(-1, 3))
+            # To the right of the direction of the ring, which is outwards for an exterior in counter-clockwise order.
             normals.append(np.repeat(np.c_[along[:, 1], -along[:, 0], np.zeros(len(a))], 4, axis=0))
             count += 4 * len(a)
     points = np.vstack(vertices)
@@ -96,6 +98,7 @@ def make_gltf(surfaces: Sequence[Surface]) -> str:
     for surface in surfaces:
         image = images.index(surface.texture) if surface.texture else None
         material = pbr_material((*surface.color, 1.0), roughness=surface.roughness, texture=image)
+        # The second texture coordinate of glTF points down.
         uv = surface.uv * [1.0, -1.0]
         primitives.append(Primitive(surface.vertices, surface.normal, surface.triangles, material, uv))
     return gltf_text(primitives, images=[Path(name).name for name in images])
@@ -116,6 +119,7 @@ def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]
         first, last = np.floor(low / size + 1e-6), np.ceil(high / size - 1e-6)  # lines of the grid around each part
         cells = last - first
         area = shapely.area(parts)
+        # A part within one cell, or a rectangle, which needs two triangles only.
         small = (cells <= 1.0).all(axis=1) | (area > (1.0 - 1e-12) * np.prod(high - low, axis=1))
         done.append(parts[small])
         parts, low, high, first, cells = (values[~small] for values in (parts, low, high, first, cells))

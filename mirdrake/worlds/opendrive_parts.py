@@ -57,6 +57,7 @@ def number_of(element: Element, key: str, places: Places, default: float | None 
         value = float(text)
     except ValueError:
         value = math.nan
+    # `not <=` also rejects NaN, which is the value of a text that is not a number.
     if not abs(value) <= _LARGEST_NUMBER:
         raise ConfigError(f"{places[element]}: {key} '{text[:40]}' of <{element.tag}> should be a number within ±1e8")
     return value
@@ -88,6 +89,7 @@ class Leg:
 
         (x0, y0, yaw0), (x1, y1, yaw1) = self.begin, self.end
         old = self.piece
+        # Driven backwards, a left bend is a right one, and the end comes first.
         piece = None if old is None else Piece(old.length, -old.end_curvature, -old.start_curvature)
         begin, end = (x1, y1, yaw1 + math.pi), (x0, y0, yaw0 + math.pi)
         return replace(self, begin=begin, end=end, piece=piece, pose=pose)
@@ -116,6 +118,8 @@ def read_leg(geometry: Element, places: Places) -> Leg | None:
     elif kind == "spiral":
         first, last = number_of(shape, "curvStart", places), number_of(shape, "curvEnd", places)
     piece = Piece(length, first, last)
+
+    # A curvature given as a radius, or in other units, would give a track of thousands of turns.
     if max(abs(first), abs(last)) > 100.0 or length * max(abs(first), abs(last)) > 1e3:
         raise ConfigError(f"{places[shape]}: curvature {max(first, last, key=abs):g} 1/m of <{kind}> is too large")
 
@@ -133,14 +137,17 @@ def _read_polynomial(
     Without `pRange` p ends at 1 or at the length, whichever gives the better length of the curve.
     """
     if shape.tag == "poly3":
+        # v = a + b u + c u² + d u³ over u itself: u is a polynomial, too, with the coefficients 0, 1, 0, 0.
         v = [number_of(shape, key, places) for key in "abcd"]
         u, ends = [0.0, 1.0, 0.0, 0.0], [length]
     else:
         u, v = ([number_of(shape, f"{key}{axis}", places) for key in "abcd"] for axis in "UV")
+        # Files of both kinds leave pRange out; the stated length then decides.
         ends = {"arcLength": [length], "normalized": [1.0]}.get(shape.get("pRange", ""), [1.0, length])
     along, across = (np.polynomial.Polynomial(c) for c in (u, v))
     tables = []
     for end in ends:
+        # Arc length as a table over p, because a cubic curve has no closed form of it.
         p = np.linspace(0.0, end, max(65, math.ceil(4.0 * length) + 1))
         speed = np.hypot(along.deriv()(p), across.deriv()(p))
         middle = (p[1:] + p[:-1]) / 2.0
@@ -151,8 +158,10 @@ def _read_polynomial(
     if shape.tag == "poly3":  # u ends at the given length
         p, travelled = p[travelled < length], travelled[travelled < length]
         rest = length - travelled[-1]
+        # The last point by one step at the speed there: the table is fine enough for a linear remainder.
         p = np.append(p, p[-1] + rest / math.hypot(1.0, float(across.deriv()(p[-1]))))
         travelled = np.append(travelled, length)
+    # A length wrong by a factor of two comes from wrong coefficients, not from rounding in the file.
     if not np.isfinite(travelled).all() or not 0.5 < travelled[-1] / length < 2.0 or (np.diff(travelled) <= 0.0).any():
         raise ConfigError(
             f"{places[shape]}: <{shape.tag}> is {travelled[-1]:.4g} m long, but its <geometry> states {length:.4g} m; "
@@ -162,6 +171,7 @@ def _read_polynomial(
     c, s = math.cos(yaw0), math.sin(yaw0)
 
     def pose(station: Array) -> tuple[Array, Array, Array]:
+        # Stations are scaled, so that the geometry ends where the next one begins, in spite of a rounded length.
         q = np.interp(station * (travelled[-1] / length), travelled, p)
         a, b = along(q), across(q)
         yaw = yaw0 + np.arctan2(across.deriv()(q), along.deriv()(q))

@@ -112,6 +112,7 @@ def _outlines(placed: "PlacedProp", low: float, high: float) -> Iterator[Outline
         middle = R @ solid.X_PS.translation() + p
         if isinstance(shape, Sphere):
             r = shape.radius()
+            # The widest circle between both heights is the outline: at the height nearest to the middle of the sphere.
             bottom, top = max(low, middle[2] - r), min(high, middle[2] + r)
             if top - bottom > _TOUCH:
                 off = max(0.0, low - middle[2], middle[2] - high)  # of the widest circle from the sphere's middle
@@ -120,6 +121,7 @@ def _outlines(placed: "PlacedProp", low: float, high: float) -> Iterator[Outline
         points = solid.corners_in(placed.X_WP)
         bottom, top = float(points[:, 2].min()), float(points[:, 2].max())
         if isinstance(shape, Cylinder):
+            # Cosine of the tilt: the half height of a tilted cylinder is h/2 cos + r sin.
             upright = abs(float(R[2] @ solid.X_PS.rotation().matrix()[:, 2]))
             half = 0.5 * shape.length() * upright + shape.radius() * math.sqrt(max(0.0, 1.0 - upright**2))
             bottom, top = middle[2] - half, middle[2] + half
@@ -131,6 +133,7 @@ def _outlines(placed: "PlacedProp", low: float, high: float) -> Iterator[Outline
         if min(high, top) - max(low, bottom) <= _TOUCH:
             continue
         whole = low <= bottom and high >= top
+        # All points if nothing is cut off, as a section is more expensive.
         flat = points[:, :2] if whole else section(points, low, high)
         yield Outline(shapely.MultiPoint(flat).convex_hull, 0.0, max(low, bottom), min(high, top))
 
@@ -147,6 +150,7 @@ def gap_between(first: Outline, second: Outline) -> float:
     a, b, normals = first.corners, second.corners, np.concatenate((first.normals, second.normals))
     if not len(normals):  # two discs about the same point
         return -first.radius - second.radius
+    # Separating axis theorem: the smallest overlap over all edge normals is the depth.
     spans_a, spans_b = a @ normals.T, b @ normals.T
     overlap = np.minimum(spans_a.max(axis=0) - spans_b.min(axis=0), spans_b.max(axis=0) - spans_a.min(axis=0))
     return -float(overlap.min()) - first.radius - second.radius

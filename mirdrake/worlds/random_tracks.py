@@ -66,6 +66,7 @@ def random_pieces(spec: RandomTrackSpec, *, seed: int, name: str) -> tuple[list[
         WorldError: no track with these parameters was found.
     """
     own = seed if spec.seed is None else spec.seed
+    # The name is part of the seed, so that two random tracks of a world differ.
     random = np.random.Generator(np.random.PCG64([own, int(digest(name)[:8], 16)]))
     for _ in range(ATTEMPTS):
         corners = _polygon(spec, random)
@@ -75,6 +76,7 @@ def random_pieces(spec: RandomTrackSpec, *, seed: int, name: str) -> tuple[list[
         scale = spec.length / math.fsum(piece.length for piece in pieces)
         pieces = [Piece(p.length * scale, p.start_curvature / scale, p.end_curvature / scale) for p in pieces]
         sharpest = max(max(abs(p.start_curvature), abs(p.end_curvature)) for p in pieces)
+        # Checked after the scaling, which changes the radii.
         if sharpest * spec.min_radius <= 1.0 + 1e-9 and _has_gaps(pieces, spec.gap):
             return pieces, (0.0, 0.0, 0.0)
     raise WorldError(
@@ -90,6 +92,7 @@ def _polygon(spec: RandomTrackSpec, random: np.random.Generator) -> Array:
     distances = random.uniform(1.0 - spec.irregularity, 1.0 + spec.irregularity, count)
     points = distances[:, np.newaxis] * np.column_stack((np.cos(angles), np.sin(angles)))
     around = float(np.hypot(*(points - np.roll(points, 1, axis=0)).T).sum())
+    # A little longer than wanted, because rounding shortens the polygon; the pieces are scaled afterwards.
     result: Array = points * (1.1 * spec.length / around)
     return result
 
@@ -103,6 +106,7 @@ def _rounded(spec: RandomTrackSpec, corners: Array, random: np.random.Generator)
     bends: list[list[Piece]] = []
     tangents: list[float] = []
     for index, (turn, radius) in enumerate(zip(turns, wanted.tolist(), strict=True)):
+        # Nearly straight corners need huge radii for their length, nearly reversed ones an infinite tangent length.
         if abs(turn) < _STRAIGHTEST or abs(turn) > 0.9 * math.pi:
             return None
         transition = min(spec.transition, 0.45 * abs(turn))
@@ -157,5 +161,6 @@ def _has_gaps(pieces: Sequence[Piece], gap: float) -> bool:
     ring: Any = shapely.linearrings(np.asarray(points))
     if not bool(shapely.is_valid(shapely.polygons(ring))):
         return False
+    # A band as wide as the gap is a ring with one hole, unless parts of the track are nearer than the gap.
     band: Any = shapely.buffer(ring, 0.5 * gap)
     return gap == 0.0 or (band.geom_type == "Polygon" and len(band.interiors) == 1)

@@ -168,6 +168,7 @@ class RoadRelief(Schema):
                 )
         else:
             z, slope = _smooth(self.elevation or [], s, track)
+        # Banking is a slope across the road: the tangent is interpolated, as heights are proportional to it.
         tangents = [(station, math.tan(angle)) for station, angle in self.banking]
         bank, bank_slope = _smooth(tangents, s, track)
         road = replace(
@@ -221,6 +222,7 @@ class BumpRelief(_Placed):
         if self.shape == "sine":
             return [Wave(self.height, self.length, self.width, face, *pose)]
         top = self.length - 2.0 * face
+        # Both faces must fit into the length; a sine has no faces.
         if top < 0.0:
             raise ConfigError(
                 f"{where(self, 'length')}: {self.length:g} m; two faces of {face:.3g} m need more; make slope steeper"
@@ -240,6 +242,7 @@ class RampRelief(_Placed):
     def make(self, tracks: Mapping[str, Track], folder: Path, network: Network | None) -> list[LayerSource]:  # noqa: ARG002
         """Return its layers."""
         face = self.height / math.tan(_STEEPEST)
+        # A vertical end would have an infinite slope; the steepest allowed face takes its place.
         fall = max(self.fall, face)
         return [Block(self.height, self.length, self.top, fall, self.width, face, *self.pose(tracks))]
 
@@ -357,9 +360,11 @@ def _track(name: str, tracks: Mapping[str, Track], place: str) -> Track:
 def _stations(track: Track, tables: Sequence[float]) -> Array:
     """Return stations of a road: where its centre line or a table has a knot, and between them every 2 m."""
     inner = [s for s in tables if 0.0 < s < track.length]
+    # Rounded, so that stations of a table that are also knots of the track occur once.
     knots = np.unique(np.round(np.concatenate([track.stations(sagitta=1e-3, longest=_SPACING), inner]), 6))
     keep = np.concatenate([[True], np.diff(knots) > 1e-3])
     knots = knots[keep]
+    # Exactly the ends: rounding moved them, and a closed road must end where it begins.
     knots[0], knots[-1] = 0.0, track.length
     return np.asarray(knots)
 
@@ -368,6 +373,7 @@ def _road(track: Track, s: Array) -> Road:
     """Return the flat road of a track."""
     x, y, yaw = track.pose(s)
     if track.closed:
+        # A closed track may miss its start by up to 1 mm, which would be a step in the road.
         x[-1], y[-1] = x[0], y[0]
     none = np.zeros_like(s)
     return Road(s, x, y, yaw, none, none, none, none, track.left_width(s), track.right_width(s), closed=track.closed)
@@ -381,11 +387,13 @@ def _smooth(table: Sequence[tuple[float, float]], s: Array, track: Track) -> tup
     if track.closed:
         inside = (knots >= 0.0) & (knots < track.length)
         knots, values = knots[inside], values[inside]
+        # Three laps, of which the middle one is used: the curve is smooth across the start.
         knots = np.concatenate([knots + lap * track.length for lap in (-1, 0, 1)])
         values = np.tile(values, 3)
     if len(knots) < 2:
         return np.full_like(s, values[0]), np.zeros_like(s)
     curve = scipy.interpolate.PchipInterpolator(knots, values)
+    # Constant before the first and after the last entry; extrapolated cubics would run away.
     within = np.clip(s, knots[0], knots[-1])
     outside = within != s
     return np.asarray(curve(within)), np.where(outside, 0.0, curve(within, 1))
@@ -395,6 +403,7 @@ def _height_of_grade(table: Sequence[tuple[float, float]], s: Array) -> tuple[Ar
     """Return heights and grades at stations; the grade is linear between the entries, so heights are exact."""
     knots, values = (np.array(column, dtype=float) for column in zip(*table, strict=True))
     grade = np.interp(s, knots, values)
+    # The trapezoidal rule is exact, because stations include all entries and the grade is linear between them.
     z = np.concatenate([[0.0], np.cumsum(0.5 * (grade[1:] + grade[:-1]) * np.diff(s))])
     return z, np.asarray(grade)
 
@@ -407,9 +416,11 @@ def _check_meeting(road: Road, track: Track, place: str, name: str) -> None:
     """
     for side, width in ((1.0, road.left), (-1.0, road.right)):
         for beyond in (0.25, 0.5, 0.75):
+            # Points on the embankment, where another part of the road may be nearer than their own one.
             reach = width + road.shoulder + beyond * road.embankment
             x, y = track.point(road.s, side * reach)
             nearest, offset = track.project(np.asarray(x), np.asarray(y))
+            # Nearer to another part than to their own.
             other = np.abs(offset) < reach - 0.05
             weight = 1.0 - beyond**2 * (3.0 - 2.0 * beyond)
             step = np.abs(

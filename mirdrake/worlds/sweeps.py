@@ -40,11 +40,13 @@ def first_contacts(one: Volume, poses: Array, other: Volume, other_poses: Array)
     # Only samples between which the circles around both may meet are examined.
     reach = _reach(one.slabs) + _reach(other.slabs)
     away = np.hypot(*(poses[:, :2] - other_poses[:, :2]).T)
+    # The relative movement since the sample before; both objects may have met anywhere along it.
     step = np.hypot(*np.diff(poses[:, :2] - other_poses[:, :2], axis=0, prepend=(poses - other_poses)[:1, :2]).T)
     near = np.flatnonzero(good & (away - step <= reach))
     advance = _compiled()
     for row in near.tolist():
         before = max(row - 1, 0)
+        # Without a valid sample before there is no movement to examine.
         if not good[before]:
             continue
         for a, b in pairs:
@@ -74,6 +76,7 @@ def times_to_contact(
     away, speed = np.hypot(*between.T), np.hypot(*relative.T)
     # The circles around both meet only if the objects approach, and pass each other near enough.
     with np.errstate(invalid="ignore", divide="ignore"):
+        # Distance at which the centres pass: cross product of distance and direction; NaN at equal velocities.
         aside = np.abs(between[:, 0] * relative[:, 1] - between[:, 1] * relative[:, 0]) / speed
     meets = (away <= reach) | (((between * relative).sum(axis=1) < 0.0) & (aside <= reach))
     good = np.isfinite(poses).all(axis=1) & np.isfinite(other_poses).all(axis=1)
@@ -117,6 +120,7 @@ def _point_to_edge(px: float, py: float, ax: float, ay: float, bx: float, by: fl
 
 def _distance(a: Array, b: Array) -> float:
     """Return the distance of two convex polygons [m], 0 if they overlap: no edge of either separates them."""
+    # Separating axis theorem: convex polygons are apart if an edge normal of one of them separates them.
     if not _separated(a, b) and not _separated(b, a):
         return 0.0
     best = math.inf
@@ -131,6 +135,7 @@ def _separated(a: Array, b: Array) -> bool:
     """Return whether an edge of polygon a separates it from polygon b."""
     for i in range(len(a)):
         ax, ay = a[i - 1, 0], a[i - 1, 1]
+        # The normal need not have unit length, as only projections on it are compared.
         nx, ny = a[i, 1] - ay, ax - a[i, 0]
         low_a, high_a, low_b, high_b = math.inf, -math.inf, math.inf, -math.inf
         for k in range(len(a)):
@@ -155,17 +160,21 @@ def advance_to_contact(a: Array, start_a: Array, end_a: Array, b: Array, start_b
         start_b: its pose at the begin.
         end_b: at the end.
     """
+    # Radius about the origin of the frame: a turn by an angle moves no corner farther than angle times radius.
     radius_a, radius_b = 0.0, 0.0
     for i in range(len(a)):
         radius_a = max(radius_a, math.hypot(a[i, 0], a[i, 1]))
     for j in range(len(b)):
         radius_b = max(radius_b, math.hypot(b[j, 0], b[j, 1]))
     turn_a = end_a[2] - start_a[2]
+    # The shorter way round, as headings are wrapped between samples.
     turn_a -= 2.0 * math.pi * math.floor(turn_a / (2.0 * math.pi) + 0.5)
     turn_b = end_b[2] - start_b[2]
     turn_b -= 2.0 * math.pi * math.floor(turn_b / (2.0 * math.pi) + 0.5)
     dx = end_a[0] - start_a[0] - end_b[0] + start_b[0]
     dy = end_a[1] - start_a[1] - end_b[1] + start_b[1]
+
+    # Conservative advancement: no pair of points approaches faster, so that a step never passes a contact.
     fastest = math.hypot(dx, dy) + abs(turn_a) * radius_a + abs(turn_b) * radius_b
     first, second, pose = np.empty_like(a), np.empty_like(b), np.empty(3)
     share = 0.0
@@ -179,6 +188,7 @@ def advance_to_contact(a: Array, start_a: Array, end_a: Array, b: Array, start_b
         pose[2] = start_b[2] + share * turn_b
         _place_rows(b, pose, second)
         distance = _distance(first, second)
+        # A tolerance, because the steps become ever shorter towards a contact and never reach it.
         if distance <= TOUCH:
             return share
         if share >= 1.0 or fastest <= 0.0:
@@ -203,6 +213,7 @@ def time_to_touch(a: Array, b: Array, vx: float, vy: float) -> float:
 
 def _ray(px: float, py: float, vx: float, vy: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Return the time at which a moving point meets a segment [s]; inf: never."""
+    # Intersection of the line of motion with the line of the edge, by cross products.
     ex, ey = bx - ax, by - ay
     across = vx * ey - vy * ex
     if across == 0.0:

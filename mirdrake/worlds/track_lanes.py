@@ -67,6 +67,7 @@ def _lane(
     station = np.linspace(0.0, track.length, max(2, int(np.ceil(track.length / _SPACING)) + 1))
     for _ in range(2):  # equal spacing on the lane: first by stations of the track, then corrected
         offset, slope, k = _offset(track, station, share), _slope(track, station, share), track.curvature(station)
+        # Length of the lane per metre of the centre line, shorter on the inside of a bend.
         rate = np.hypot(1.0 - k * offset, slope)
         s = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(station))))
         if _:
@@ -78,6 +79,8 @@ def _lane(
     if track.closed:  # the end is the start, also in the last digits
         yaw[-1] = yaw[0] + 2.0 * np.pi * round((yaw[-1] - yaw[0]) / (2.0 * np.pi))
         x[-1], y[-1], curvature[-1] = x[0], y[0], curvature[0]
+
+    # Oncoming lanes are stored in their own direction of travel.
     if number < 0:
         s, x, y, yaw, curvature, station = (
             s[-1] - s[::-1],
@@ -105,6 +108,7 @@ def _offset(track: Track, s: Array, share: float) -> Array:
 
 def _slope(track: Track, s: Array, share: float) -> Array:
     """Return the change of that offset per metre of the centre line [-]."""
+    # Central difference, as widths may be any function of s.
     h = 0.05
     return np.asarray((_offset(track, s + h, share) - _offset(track, s - h, share)) / (2.0 * h))
 

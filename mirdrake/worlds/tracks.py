@@ -61,6 +61,7 @@ class Track(Curve):
         self.notes = tuple(notes)
         self._edges = None if edges is None else self._check_edges(edges)
         self.width = width if self._edges is None else float((self._edges[1] + self._edges[2]).max())
+        # Computed when it is first needed, since many tracks are made only to try a centre line.
         self._area: BaseGeometry | None = None
 
     def __repr__(self) -> str:
@@ -95,6 +96,7 @@ class Track(Curve):
             p, q = k_end - k, sign * self._at_stations(end, side) - d
             bend = 2.0 * p * q
             vertex = np.clip(np.divide(-(k * q + p * d), bend, out=np.zeros_like(bend), where=bend < 0.0), 0.0, 1.0)
+            # Both ends and the vertex of the parabola; the vertex is a maximum only where it opens downwards.
             for u in (np.zeros_like(s), np.ones_like(s), vertex):
                 product = (k + p * u) * (d + q * u)
                 i = int(np.argmax(product))
@@ -123,6 +125,7 @@ class Track(Curve):
             sharpest = max(abs(piece.start_curvature), abs(piece.end_curvature))
             if sharpest:
                 radius = 1.0 / sharpest + self.width / 2.0
+                # Chord of an arc with a given sagitta, at the outer edge, where the radius is largest.
                 step = min(longest, 2.0 * math.acos(1.0 - min(sagitta / radius, 0.01)) / sharpest)
             else:
                 step = longest
@@ -133,6 +136,7 @@ class Track(Curve):
         """Return the left and right edges, N x 2 [m] each, accurate to `sagitta`; last = first if closed."""
         s = self.stations(sagitta=sagitta)
         if self.closed:
+            # The end of a closed track may miss its start by a fraction of a millimetre; the polygon must close.
             s[-1] = 0.0
         left = np.column_stack(self.point(s, self.left_width(s)))
         right = np.column_stack(self.point(s, -self.right_width(s)))
@@ -162,6 +166,7 @@ class Track(Curve):
             s[-1] = 0.0
         a, b = (np.column_stack(self.point(s, offset_at(side, s))) for side in (left, right))
         if self.closed:  # a ring, unless the road crosses itself
+            # Whichever side encloses the other: a track may be driven in both senses of rotation.
             outer, inner = sorted((shapely.Polygon(a), shapely.Polygon(b)), key=lambda ring: -ring.area)
             ring = shapely.Polygon(outer.exterior, [inner.exterior])
             if ring.is_valid:
@@ -230,9 +235,11 @@ class Track(Curve):
     def _intervals(self) -> tuple[Array, Array, Array, Array]:
         """Return start and end [m] of the intervals with linear curvature and widths, and both curvatures [1/m]."""
         s = self.knots if self._edges is None else np.unique(np.concatenate((self.knots, self._edges[0])))
+        # Stations of widths that are joints up to rounding would give intervals without length.
         s = s[np.concatenate(([True], np.diff(s) > 1e-9))]
         s[-1] = self.length
         begin, end = s[:-1], s[1:]
+        # The middle of an interval is inside of one piece, whichever way its ends are rounded.
         piece = np.clip(np.searchsorted(self.knots, (begin + end) / 2.0) - 1, 0, len(self.pieces) - 1)
         length, first, last = np.array(self.pieces)[piece].T
         rate = (last - first) / length
@@ -252,6 +259,7 @@ class Track(Curve):
             d, d_end = self._at_stations(begin, side), self._at_stations(end, side)
             slope, far = np.abs(d_end - d) / size, np.maximum(d, d_end)
             bend = k * (1.0 + k * far) + (2.0 * slope * k + far * rate) * slope
+            # Sagitta of a curve with curvature k over a step h: k h² / 8.
             step = np.minimum(step, np.sqrt(8.0 * sagitta / np.maximum(bend, 1e-12)))
         parts = np.maximum(1, np.ceil(size / step)).astype(int)
         index = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -260,5 +268,6 @@ class Track(Curve):
 
 def _union_of_strips(a: Array, b: Array) -> BaseGeometry:
     """Return the area between two polylines (n, 2) as a polygon: valid also where they fold or cross themselves."""
+    # Strips of 20 steps: the union of single quadrilaterals takes far longer.
     strips = [shapely.Polygon(np.vstack((a[i : i + 21], b[i : i + 21][::-1]))) for i in range(0, len(a) - 1, 20)]
     return shapely.union_all(shapely.make_valid(strips), grid_size=1e-6)
