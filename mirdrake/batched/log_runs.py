@@ -95,6 +95,7 @@ def _run(
         own, row = parameters[i], rows[i]
         x[:] = states[i]
         for sample in range(outputs.shape[1]):
+            # Outputs before the step: those of a sample belong to its own time.
             observe(settings[0], own, x, inputs[row, 2 * substeps * sample], outputs[i, sample])
             for substep in range(substeps):
                 # Inputs are tabulated at the ends and middles of steps, where the four stages need them.

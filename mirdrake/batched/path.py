@@ -56,6 +56,7 @@ class PathDriver:
         Raises:
             ConfigError: a gain has another number of values or is out of range, or the period does not fit.
         """
+        # The tracker runs at control instants, as the unit reads its command there.
         every = round(self.period / control_period)
         if every < 1 or abs(every * control_period - self.period) > 1e-9:
             raise ConfigError(

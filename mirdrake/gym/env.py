@@ -121,6 +121,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
             raise ConfigError("observe: is empty; name at least one signal")
         self.observation_names = [reading.name for reading in self._observed]
         self.observation_units = [reading.unit for reading in self._observed]
+        # Single precision, the type that Gymnasium's libraries expect.
         low = np.array([reading.low for reading in self._observed], dtype=np.float32)
         high = np.array([reading.high for reading in self._observed], dtype=np.float32)
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
@@ -134,6 +135,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         self._friction = RoadFriction(self.assembly.parts, self.assembly.tyres)
         if self._friction.varies:
             self._simulator.set_monitor(weak_callback(self._watch))
+        # Names of the inserted blocks lead to their systems, whose values each step sets.
         systems = {system.get_name(): system for system in self.assembly.diagram.GetSystems()}
         self._sources: list[tuple[_Input, ConstantVectorSource]] = [
             (held, systems[held.block]) for held in self._inputs

@@ -311,6 +311,7 @@ def _columns(system: System, outputs: Sequence[str] | None) -> list[tuple[str, O
         if port.get_data_type() != PortDataType.kVectorValued:
             every[name] = (name, port, None, "")
             continue
+        # Ports of Drake's own systems have no names of elements: these are numbered.
         known = signals_of(port) or ()
         for index in range(port.size()):
             element = known[index].name if known else str(index)
@@ -364,6 +365,7 @@ def _drive_file(
         spec.record.rate = 1.0 / period
     # A run that ends with the laps would be shorter than the duration that was asked for.
     spec.laps = None
+    # Open inputs are those that the file leaves unconnected; a driver's inputs are not open.
     assembly = assemble(spec)
     system = assembly.diagram
     ports = _ports([system.get_input_port(index) for index in range(system.num_input_ports())])
@@ -391,6 +393,7 @@ def _drive_file(
 
     # Inputs of a diagram are fixed values that the monitor replaces after each step, as sources cannot be added to it.
     run = Simulation(assembly).run(duration=duration, change=start, monitor=follow if functions else None)
+    # A shorter run would have fewer rows than the test expects.
     if run.stop.reason is not StopReason.DURATION:
         raise DiagramError(f"{_title(system)}: the run ended early: {run.stop}")
     frame = run.signals

@@ -293,6 +293,7 @@ def lane_numbers(vehicle: Vehicle, track: Track, period: float, mass: float) -> 
         ConfigError: the vehicle has another steering law than Ackermann, other believed dimensions, or no servos.
     """
     control, spec, geometry = vehicle.control, vehicle.spec, vehicle.geometry
+    # The compiled loop has only these laws; others would drive differently without a message.
     if control.wheel_speed.kind != "servo" or spec.steering.law != "ackermann":
         raise ConfigError(
             f"vector environment: '{vehicle.name}' needs wheel_speed of kind servo and Ackermann steering; it has "

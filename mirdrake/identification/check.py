@@ -52,6 +52,7 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
     for log in data.logs:
         parts, new_findings = _first_checks(log, allowed)
         findings += new_findings
+        # From here on, a log is a stretch without long gaps.
         for part in parts:
             repaired, own, new_findings = _check_log(part, allowed)
             findings += new_findings
@@ -69,6 +70,7 @@ def check_data(data: DataSet, *, repairs: Collection[str] | None = None) -> Data
             + check_velocity_position(log)
         )
         findings += check_gravity(log) + check_gyro_bias(log) + check_response(log)
+    # Last, as figures of excitation need the repaired channels.
     offers = [offer for log in logs for offer in check_excitation(log)]
     return DataReport(tuple(findings), tuple(offers), replace(data, logs=tuple(logs)))
 

@@ -139,6 +139,7 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
         channels[name] = (column, where(spec, "logs", index, "channels", name))
     if not channels:
         raise ConfigError(f"{where(spec, 'channels')}: no channel is mapped; add, for example, vx: {{column: …}}")
+    # Settings of a log replace those of all logs, each with its own place for error messages.
     clock = entry.time or spec.time
     clock_place = where(spec, "logs", index, "time") if entry.time else where(spec, "time")
     columns = [column.column for column, _ in channels.values()] + ([clock.column] if clock.column else [])

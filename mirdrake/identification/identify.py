@@ -112,6 +112,7 @@ def identify(spec: StudySpec, folder: Path, *, progress: Progress | None = None)
         if not spec.force:
             reject_faults(check, {*model.inputs, *model.outputs})
         settings = make_settings(spec, model, given, vehicle)
+        # Stages change the settings: their results are guesses or fixed values of the final fit.
         stages = _run_stages(spec, model_spec, model, drives, settings, progress)
         progress("fitting")
         chosen = choose_structure(drives, model_spec, settings, _options(spec))
@@ -137,6 +138,7 @@ def make_settings(spec: StudySpec, model: Model, given: Mapping[str, float], veh
         ConfigError: unknown parameter, or a unit does not fit; all faults together.
     """
     known = {info.name: info for info in model.parameters}
+    # All faults of the study are reported together.
     faults = [
         ConfigError(f"{model.title} has no such parameter; {did_you_mean(name, known)}", path=("parameters", name))
         for name in spec.parameters

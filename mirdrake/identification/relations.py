@@ -121,6 +121,7 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
         known = use_vy and "vy" in grid.channels
         return grid.rate(get(grid, "vy")) if known else np.zeros(len(get(grid, "yaw_rate")))
 
+    # Each relation determines other scales: together they show which channel or step is wrong.
     if forward and "longitudinal_acceleration" in channels:
         relations.append(
             Relation("longitudinal_acceleration", (forward,), (1,), True, lambda g: g.rate(get(g, forward)), known=turn)

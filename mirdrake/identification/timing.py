@@ -168,7 +168,7 @@ def split_at_gaps(log: Log, *, repair: bool) -> tuple[list[Log], list[Finding]]:
     cuts = np.flatnonzero(np.diff(log.time) > longest) + 1
     if not len(cuts):
         return [log], []
-    # Short stretches carry no motion, but the longest one is always kept.
+    # Short stretches carry little information; the longest one is always kept.
     bounds = list(zip(np.append(0, cuts), np.append(cuts, len(log.time)), strict=True))
     least = min(max(MIN_PART, len(log.time) // 50), max(end - start for start, end in bounds))
     parts = [(start, end) for start, end in bounds if end - start >= least]

@@ -153,6 +153,7 @@ def _check_packages() -> None:
 
 def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
     """Check a study, and create or continue its folder."""
+    # Plain data with the overrides applied, so that the purpose of the journal changes with them.
     diagram = read_diagram(spec, spec.diagram, spec.overrides).model_dump(mode="json")
     diagram.pop("provenance", None)
     car = Car(spec.vehicle, spec.camera)

@@ -105,11 +105,13 @@ def find_delay_margin(
         ConfigError: the diagram cannot be built.
         MissingDependencyError: python-control is not installed.
     """
+    # Cameras do not act on the expert's loop, and rendering would only take time.
     data = {**diagram, "sensors": {}, "record": {**(diagram.get("record") or {}), "cameras": False}}
 
     def build(spec: Any, factories: Any, **options: Any) -> Any:
         return assemble(spec, factories=factories, **options)
 
+    # Cut at the steering: there the network takes the place of the expert.
     model = linearise(data, {}, build, reference, None, time=OPERATING_TIME, cut=True)
     own: Margins = model.margins()
     delay = latency + 0.5 / rate
@@ -117,6 +119,7 @@ def find_delay_margin(
     def delayed(frequencies: Any) -> Any:
         return model.loop(frequencies) * np.exp(-1j * np.asarray(frequencies) * delay)
 
+    # Up to the Nyquist frequency of the sampled loop.
     late = margins_of(delayed, 0.01, 0.999 * pi / model.system.dt)
     return DelayMargin(
         latency, 0.5 / rate, lead,

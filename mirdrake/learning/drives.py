@@ -122,6 +122,7 @@ class Car:
 
 def with_camera(diagram: dict[str, Any], car: Car, *, rate: float, world: Any = None) -> dict[str, Any]:
     """Return a diagram that records the pictures of one camera at a rate [Hz], in another world if one is given."""
+    # Only this camera renders: pictures of other cameras and sensors would cost time and are not learnt.
     mounts = diagram["vehicles"][car.vehicle].get("mounts") or {}
     mounts = {**mounts, car.camera: {**mounts.get(car.camera, {}), "rate": rate}}
     data = put(diagram, f"vehicles.{car.vehicle}.mounts", mounts)
@@ -143,8 +144,10 @@ def with_errors(diagram: dict[str, Any], car: Car, *, rms: float, seed: Sequence
     """
     if rms <= 0.0:
         return diagram
+    # Smooth errors below 0.5 Hz, which the vehicle follows: a fast error would hardly move it.
     random = np.random.default_rng(seed)
     frequencies, phases = random.uniform(*FREQUENCIES, SINES), random.uniform(0.0, tau, SINES)
+    # A sine of amplitude A has the mean square A² / 2, and those of independent sines add.
     amplitude = rms * (2.0 / SINES) ** 0.5
     systems: dict[str, Any] = {
         f"error{index}": {"kind": "sine", "amplitude": amplitude, "frequency": float(f), "phase": float(phase)}
@@ -175,6 +178,7 @@ def with_delay(diagram: dict[str, Any], car: Car, *, rate: float, latency: float
         rate: commands per second [Hz].
         latency: of each [s].
     """
+    # A network's command is held for a period and acts after its latency; the copy gets both.
     systems: dict[str, Any] = {"held": {"kind": "hold", "period": 1.0 / rate}}
     pairs, source = [(car.command, "held.u")], "held.y"
     if latency > 0.0:
@@ -186,6 +190,7 @@ def with_delay(diagram: dict[str, Any], car: Car, *, rate: float, latency: float
 
 
 def _connected(diagram: dict[str, Any], systems: Mapping[str, Any], pairs: Sequence[tuple[str, str]]) -> dict[str, Any]:
+    # An input port has one connection, so the one to the driver is replaced.
     taken = {sink for _, sink in pairs}
     kept = [pair for pair in diagram.get("connect", ()) if pair[1] not in taken]
     return {**diagram, "systems": {**diagram.get("systems", {}), **systems}, "connect": [*kept, *pairs]}
@@ -221,6 +226,7 @@ def drive(
     if folder.exists():
         with write_errors(folder):
             shutil.rmtree(folder)
+    # The diagram is built once for all segments. Laps are counted here, as each segment starts its own count.
     spec = make_spec({**diagram, "laps": None})
     assembly = assemble(spec)
     part, name = assembly.parts.vehicles[car.vehicle], assembly.tracks[car.vehicle]
@@ -233,9 +239,11 @@ def drive(
     speed, place = start.speed, None
     runs: list[Run] = []
     folders: list[str] = []
+    # Each pass is a run from the last place to the next intervention, which starts a new segment with its own folder.
     while covered < wanted - 1e-6 and time_left > CHECK_PERIOD and len(runs) <= MOST_INTERVENTIONS:
         watch = _Watch(plant, part, track, limit=limit, distance=wanted - covered)
 
+        # Defaults bind the values of this pass, as a closure would read those of a later one.
         def put_on_line(context: Context, place: float | None = place, speed: float = speed) -> None:
             if place is not None:
                 x, y, yaw = (float(value) for value in track.pose(place))
@@ -254,9 +262,11 @@ def drive(
         folders.append(str(path.relative_to(base)))
         time_left -= float(run.summary["simulated_s"])
         covered += watch.covered
+        # Put back where it left the line, at its speed: an intervention changes only the lateral state.
         place, speed = watch.place, max(watch.speed, 0.0)
         if run.stop.reason is not StopReason.CONDITION and not run.diverged:
             break
+    # With a duration of its own, a run of the expert is finished at its end, not after a lap.
     finished = covered >= wanted - 1e-6 or (duration is not None and len(runs) == 1 and time_left <= CHECK_PERIOD)
     return Drive(tuple(folders), _figures(runs, car.vehicle, covered / float(track.length), finished=finished))
 
@@ -271,6 +281,7 @@ class _Watch:
         self.place: float | None = None
 
     def __call__(self, context: Context) -> bool:
+        # Projecting at every step of the plant would slow the run down.
         if context.get_time() < self._next - 1e-9:
             return False
         self._next = context.get_time() + CHECK_PERIOD
@@ -281,6 +292,7 @@ class _Watch:
         x, y, _ = pose.translation()
         s, lateral = (float(value) for value in self._track.project(x, y))
         if self.place is not None:
+            # Differences wrapped to half a lap, so that passing the start line is no jump back.
             step, length = s - self.place, float(self._track.length)
             self.covered += (step + 0.5 * length) % length - 0.5 * length if self._track.closed else step
         self.place, self.speed = s, float(velocity[0] * np.cos(yaw) + velocity[1] * np.sin(yaw))

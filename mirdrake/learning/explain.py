@@ -49,10 +49,13 @@ def find_saliency(module: Any, pictures: NDArray[Any]) -> NDArray[np.float64]:
     inputs = torch.zeros(len(plain), getattr(module, "inputs", 0))
     with one_thread():
         for _ in range(NOISY):
+            # SmoothGrad: single gradients are noisy, their mean over disturbed pictures shows the structure.
             noisy = plain + 255.0 * NOISE * random.standard_normal(plain.shape, dtype=np.float32)
+            # Gradients by the scaled picture; inputs at zero are those at their means.
             value = (torch.from_numpy(noisy).permute(0, 3, 1, 2) / 127.5 - 1.0).requires_grad_(True)
             module(value, inputs)[:, 0].sum().backward()
             total += value.grad.abs().sum(dim=1).numpy()
+    # A percentile, so that a single pixel does not darken the rest of the picture.
     largest = np.percentile(total, LARGEST, axis=(1, 2), keepdims=True)
     scaled: NDArray[np.float64] = np.clip(total / np.maximum(largest, 1e-12), 0.0, 1.0)
     return scaled
@@ -75,6 +78,7 @@ def write_pictures(
         number of pictures.
     """
     torch = import_torch()
+    # Difference between network and expert for every picture, at the time at which the command acts.
     found: list[tuple[float, float, float, float, Any]] = []
     for run in runs:
         pictures = run.pictures.get(car.image, [])
@@ -83,6 +87,7 @@ def write_pictures(
         wanted = value_at(run.signals, car.command, times + lead)
         places = value_at(run.signals, f"{car.vehicle}.progress", times, held=True)
         found += zip(np.abs(given - wanted), places, given, wanted, pictures, strict=True)
+    # Neighbouring pictures are nearly equal, so the largest differences must lie apart along the track.
     chosen: list[tuple[float, float, float, float, Any]] = []
     for entry in sorted(found, key=lambda entry: -entry[0]):
         if len(chosen) < SHOWN and all(abs(entry[1] - other[1]) >= APART for other in chosen):
@@ -92,6 +97,7 @@ def write_pictures(
     pixels = [entry[4].pixels for entry in chosen]
     preparation = Preparation(pixels[0].shape[1], pixels[0].shape[0], crop, size)
     prepared = np.stack([preparation(picture) for picture in pixels])
+    # The number of further inputs is that by which the first dense layer is wider than the features.
     state = torch.load(folder / "training.pt", weights_only=True)["module"]
     inputs = state["dense.0.weight"].shape[1] - Architecture(*preparation.shape).features()
     module = make_pilotnet(Architecture(*preparation.shape, inputs))

@@ -83,12 +83,14 @@ def make_pilotnet(architecture: Architecture) -> "torch.nn.Module":
     torch = import_torch()
     nn = torch.nn
     layers: list[Any] = []
+    # The order of the layers determines the names of the weights, which the export reads.
     channels = 3
     for count, kernel, stride in CONVOLUTIONS:
         layers += [nn.Conv2d(channels, count, kernel, stride), nn.ReLU()]
         channels = count
     convolutions = nn.Sequential(*layers, nn.Flatten())
     units, dense = architecture.features() + architecture.inputs, []
+    # No activation after the last layer: steering has both signs.
     for count in DENSE:
         dense += [nn.Linear(units, count), nn.ReLU()]
         units = count
@@ -107,4 +109,5 @@ def make_pilotnet(architecture: Architecture) -> "torch.nn.Module":
             features = self.convolutions(pictures)
             return self.dense(torch.cat([features, inputs], dim=1))
 
+    # The layout of the stored pictures, which convolutions then read without conversion.
     return PilotNet().to(memory_format=torch.channels_last)

@@ -28,6 +28,7 @@ def area_matrix(size: int, target: int) -> Matrix:
     Each target pixel is the mean of the source over its interval, with partial pixels weighted by their overlap. Every
     row sums to 1.
     """
+    # Bounds of the target pixels in source pixels; the overlap of both intervals is the weight.
     edges = np.arange(target + 1) * (size / target)
     low, high = edges[:-1, np.newaxis], edges[1:, np.newaxis]
     pixels = np.arange(size)
@@ -85,6 +86,7 @@ class Preparation:
         part = pixels[self.rows, self.columns, :3]
         if self.shape == self.cropped:
             return np.ascontiguousarray(part)
+        # In single precision and rounded as in the exported graph, so that training and driving see equal pictures.
         values = np.tensordot(self.row_matrix, part.astype(np.float32), axes=(1, 0))
         values = np.matmul(self.column_matrix, values)
         return np.asarray(np.rint(values), dtype=np.uint8)

@@ -108,6 +108,7 @@ def read_result(folder: Path) -> CloneResult:
         raise ConfigError(f"{folder}: not the folder of a finished learning study (it has no {RESULT})")
     with read_errors(file):
         data = dict(parse_json(file.read_text(encoding="utf-8")))
+        # JSON has lists only; tuples and data classes are restored.
         rounds = [
             RoundResult(
                 **{

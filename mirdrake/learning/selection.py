@@ -43,6 +43,7 @@ def holds(condition: str, run: Run, vehicle: str, times: Array) -> NDArray[np.bo
     """
     prefix = f"where '{condition}': "
     try:
+        # The language of requirements needs an operator of time; only the expression inside is evaluated.
         requirement = parse_requirement(f"always {condition}")
     except ConfigError as error:
         raise ConfigError(f"{prefix}{error}") from None

@@ -120,7 +120,9 @@ def train(
     torch = import_torch()
     architecture = Architecture(*data.preparation.shape, len(data.inputs), len(data.labels))
     scaling = _scaling(data)
+    # Identifies the training, so that the state of another one is not continued; the scaling represents the data.
     key = digest_data([spec.model_dump(mode="json"), seed, repr(scaling), len(data), len(validation)])
+    # The caller's random state stays as it was; the weights depend on the seed only.
     with one_thread(), torch.random.fork_rng():
         torch.manual_seed(seed)
         module = make_pilotnet(architecture)
@@ -156,14 +158,17 @@ def _epoch(
     """Train one epoch, and return the mean loss."""
     total, done = 0.0, 0
     scale = torch.tensor(result.scaling.label_scale, dtype=torch.float32)
+    # Labels are scaled, so the width of the loss is scaled alike.
     width = spec.huber / float(scale[0])
     batches = data.batches(spec.batch, seed=seed, mirror=spec.mirror, brightness=spec.brightness, noise=spec.noise)
     for (pictures, inputs, labels, weights), rate in zip(batches, rates, strict=False):
+        # Set by hand instead of a scheduler: the rate is a function of the step, also after a resumption.
         for group in optimizer.param_groups:
             group["lr"] = rate
         output = result.module(*_tensors(torch, pictures, inputs, result.scaling))
         target = torch.from_numpy(labels) / scale
         loss = torch.nn.functional.huber_loss(output, target, reduction="none", delta=width).mean(dim=1)
+        # Weighted after the loss, so that rare labels count more without being repeated.
         if spec.balance:
             loss = loss * torch.from_numpy(weights)
         mean = loss.mean()
@@ -187,6 +192,7 @@ def _learning_rates(spec: TrainSpec, epoch: int, count: int) -> Iterator[float]:
 
 def _tensors(torch: Any, pictures: NDArray[Any], inputs: NDArray[Any], scaling: Scaling) -> tuple[Any, Any]:
     """Return scaled pictures, in memory as they are (channels last), and scaled inputs."""
+    # A view, not a copy: channels stay last in memory, the layout of the module.
     images = torch.from_numpy(np.asarray(pictures, dtype=np.float32)).permute(0, 3, 1, 2)
     images = images / 127.5 - 1.0
     shifted = np.asarray(inputs, dtype=np.float32) - np.asarray(scaling.input_mean, dtype=np.float32)
@@ -196,6 +202,7 @@ def _tensors(torch: Any, pictures: NDArray[Any], inputs: NDArray[Any], scaling: 
 def _scaling(data: DrivingData) -> Scaling:
     inputs = data.table[list(data.inputs)].to_numpy(dtype=float)
     deviations = inputs.std(axis=0)
+    # Root mean square about zero, not about the mean: see Scaling.
     labels = np.sqrt(np.mean(data.values**2, axis=0))
     return Scaling(
         tuple(inputs.mean(axis=0).tolist()),

@@ -111,6 +111,7 @@ def coast_down(data: DataSet, *, mass: float | None = None, linear: bool = False
             f"data: {len(table)} s of coasting; record a coast-down without pedals, {_LEAST_ROWS} s at least"
         )
     change, speed, square = table.T
+    # Without a mass, forces are per kilogram.
     factor = mass or 1.0
     unit = "N" if mass else "N/kg"
     columns = [np.ones(len(speed)), speed, square] if linear else [np.ones(len(speed)), square]

@@ -156,6 +156,7 @@ def simulate(
         return _compiled_runs(model, shots, columns, first, changes, derivatives=derivatives)
     scales = np.array(model.state_scales)
     size, count = len(scales), shots.count
+    # A copy, so that nodes of a run that diverges do not spoil the next one.
     nodes = shots.nodes.copy()
     nodes[:, 0] = first
     names = list(columns[0])

@@ -97,7 +97,7 @@ def _largest_lateral_acceleration(data: DataSet) -> float:
         forward = log.channels.get("vx", log.channels.get("speed"))
         rate, lateral = log.channels.get("yaw_rate"), log.channels.get("lateral_acceleration")
         if forward is not None and rate is not None:
-            # v r before the sensor, which contains roll, bank and shocks.
+            # v r is preferred to the sensor, whose reading contains roll, bank and shocks.
             lateral = forward * rate
         if lateral is not None:
             largest = max(largest, float(np.nanpercentile(np.abs(lateral), 99.0)))

@@ -139,6 +139,7 @@ class PlantModel(SimulatedModel):
 
     def _build(self, model: str, contact: str, world: str) -> Assembly:
         """Assemble the plant with the tables that replace driver, torques and rolling resistance."""
+        # Recorded inputs replace the driver: one table for each input of the vehicle.
         systems: dict[str, Any] = {"steering_table": {"kind": f"{_BLOCKS}Table", "size": 1}}
         connect = [["steering_table.y", f"{EGO}.steering_reference"]]
         pedals = self._vehicle.control.wheel_speed.uses_pedals
@@ -164,6 +165,7 @@ class PlantModel(SimulatedModel):
         if self._stiff and servo.kind == "servo":
             stiffness = _STIFFER * servo.stiffness
             control["steering"] = {"stiffness": stiffness, "damping": stiffness / _CORNER}
+        # Starts at the origin of a level world and at rest: positions do not matter, and the speed is set per run.
         entry = {
             "model": model,
             "start": {"x": 0.0, "y": 0.0, "yaw": 0.0},

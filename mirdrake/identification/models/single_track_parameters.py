@@ -197,6 +197,7 @@ def _roll_parameters(known: Mapping[str, float], outputs: Collection[str], size:
     # Without a roll sensor, the values of the vehicle's files are more certain than estimates from a log.
     measured = bool({"roll", "roll_rate"} & set(outputs))
     free = {name: measured or name not in known for name in ("roll_gain", "roll_frequency", "roll_damping")}
+    # Bounds and scales are multiples of mass and wheelbase, so that they suit vehicles of any size.
     m, length = size.mass, size.length
     arm_source = "" if "roll_arm" in known else "assumed: 0.15 of the wheelbase"
     return (
