@@ -92,6 +92,7 @@ def render_handling(results: HandlingResults) -> str:
 
 def _tiles(results: HandlingResults) -> list[Tile]:
     facts, p = results.facts, results.facts.parameters
+    # Static load of the front axle: the share of the distance from the centre of mass to the rear axle.
     front = 100.0 * p.rear_length / p.wheelbase
     per_g = math.degrees(facts.understeer) * GRAVITY
     scale = "full size" if facts.scale == 1.0 else f"estimated understeer gradient {per_g:.2f} deg/g"
@@ -142,6 +143,7 @@ def _headline(outcomes: Sequence[Outcome]) -> str:
     bad = [word for word in dict.fromkeys(words) if word not in {"done", "passed"}]
     parts = [f"{words.count(word)} of {len(words)} manoeuvres {word}" for word in bad]
     figures = [figures[0] for outcome in outcomes if (figures := _headline_figures(outcome))]
+    # Failures take the place of figures, as the title has room for three.
     parts += [_figure_text(metric) for metric in figures[: _MOST_FIGURES - len(parts)]]
     return ", ".join(parts) or f"{len(words)} manoeuvres done"
 
@@ -164,6 +166,7 @@ def _key_figures(outcome: Outcome) -> str:
 def _figure_text(metric: Metric) -> str:
     """Return a figure within a sentence: ``understeer gradient 0.87 deg/g``."""
     text = metric.text
+    # Abbreviations such as ABS keep their capitals.
     lower = text if text[:2].isupper() or text[1:2] in {"", ",", " "} else f"{text[:1].lower()}{text[1:]}"
     link = " in" if " to " in lower else ""  # "0 to 100 km/h in 7.05 s"
     return f"{lower.removeprefix('from ')}{link} {format_quantity(metric.value, metric.unit)}"
@@ -213,6 +216,7 @@ def _charts(outcome: Outcome) -> list[DrawnChart]:
     """Return the charts that are not all zero; an odd half-width chart at the end becomes wide."""
     shown = [chart for chart in outcome.charts if _is_informative(chart)]
     halves = [number for number, chart in enumerate(shown) if not _is_map(chart)]
+    # Half-width charts are side by side in pairs.
     alone = halves[-1] if len(halves) % 2 else -1
     return [
         _chart(chart, f"{outcome.name}{number}-", wide=_is_map(chart) or (number == alone and not chart.equal))
@@ -247,6 +251,7 @@ def draw_sheet(charts: Sequence[Chart]) -> str:
     """Return all charts of a manoeuvre, one below the other, as an SVG document."""
     with drawing_style():
         text = to_svg(_figure_of(charts, THEME, width=_MAP_WIDTH if any(map(_is_map, charts)) else 640.0, legend=True))
+    # A file of its own has no CSS variables of a page.
     for name, value in _FILE_COLOURS.items():
         text = text.replace(THEME[name], value)
     return re.sub(r"(<svg [^>]*>)", r'\1<rect width="100%" height="100%" fill="#ffffff"/>', text, count=1)
@@ -275,6 +280,7 @@ def _draw(axes: Axes, chart: Chart, theme: dict[str, str]) -> None:
     seen: set[str] = set()
     for line in chart.lines:
         x, y = np.asarray(line.x, dtype=float), np.asarray(line.y, dtype=float)
+        # Only functions of x can be thinned by buckets; loops and dots by a step.
         if len(x) > 2 * _POINTS and line.style != "dots" and bool(np.all(np.diff(x) >= 0.0)):
             x, y = thin(x, y, _POINTS)
         elif len(x) > 2 * _POINTS:
@@ -293,10 +299,12 @@ def _draw(axes: Axes, chart: Chart, theme: dict[str, str]) -> None:
     axes.yaxis.set_label_coords(-(_LEFT - 14.0) / axes.get_window_extent().width, 0.5)
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
     low, high = axes.get_ylim()
+    # A constant curve would otherwise show rounding noise over the full height.
     if high - low < 1e-6 * max(abs(high), 1e-6) or high - low < 1e-7:
         axes.set_ylim(low - 0.5, high + 0.5)
     if chart.log:
         axes.set_xscale("log")
+        # Fixed ticks, as a short logarithmic axis may have only one power of ten.
         axes.set_xticks([tick for tick in (0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0) if _inside(axes, tick)])
         axes.xaxis.set_major_formatter(ScalarFormatter())
         axes.xaxis.set_minor_formatter(NullFormatter())

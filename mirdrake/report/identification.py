@@ -100,6 +100,7 @@ def render_identification(result: Identification) -> str:
     fit, check = result.fit, result.check
     free = [parameter for parameter in fit.parameters if parameter.kind != "fixed"]
     against = sum(parameter.verdict == "contradicts the given value" for parameter in free)
+    # A parameter that contradicts the given value is identified all the same.
     good = sum(parameter.verdict == "identified" for parameter in free) + against
     held = [channel for channel in fit.channels if channel.part == "validation"]
     trained = [channel for channel in fit.channels if channel.part == "train"]
@@ -234,6 +235,7 @@ def _data_sections(report: DataReport, raw: DataSet | None, *, pictures: bool) -
     originals = {log.name: log for log in raw.logs} if raw is not None else {}
     seen: set[str] = set()
     for number, log in enumerate(report.data.logs):
+        # Findings of the whole log are shown with its first part only.
         first = log.name.partition(", part ")[0]
         names = {log.name} | ({first} if first not in seen else set())
         seen.add(first)
@@ -259,14 +261,17 @@ def _channels(report: DataReport, raw: Log | None, log: Log, number: int) -> Mar
     time = log.time
     if raw is not None and not retimed:
         inside = (raw.time >= log.time[0]) & (raw.time <= log.time[-1])
+        # Recorded stamps may be out of order; the chart needs increasing times.
         order = np.argsort(raw.time[inside], kind="stable")
         time = raw.time[inside][order]
     for name, values in log.channels.items():
         good = np.isfinite(values)
+        # Both curves on one time axis, that of the recording.
         repaired = np.interp(time, log.time[good], values[good]) if good.any() else np.full(len(time), np.nan)
         curves = [Curve("repaired", repaired, "main", width=1.1)]
         if raw is not None and not retimed:
             curves.insert(0, Curve("recorded", raw.channels[name][inside][order], "own1", width=1.1))
+        # The vertical range is that of the repaired values, so that glitches of the recording are cut off.
         about = known_channel(name)
         panels.append(
             Panel(
@@ -302,6 +307,7 @@ def _correlation(fit: Fit, free: Sequence[FittedParameter]) -> list[CorrelationR
     """Return the rows of the heat map: blue above zero, orange below."""
     rows = []
     for index, parameter in enumerate(free):
+        # Parameters fixed at the end have no row in the matrix.
         if index >= len(fit.correlation):
             break
         cells = []
@@ -343,10 +349,12 @@ def _profile(fit: Fit, name: str, number: int) -> Profile:
     figure = Figure(figsize=(width / 72.0, height / 72.0), dpi=72.0)
     axes = figure.add_axes((46.0 / width, 40.0 / height, 1.0 - 60.0 / width, 1.0 - 52.0 / height))
     value, cost = frame["value"].to_numpy(dtype=float), frame["cost"].to_numpy(dtype=float)
+    # The values of a profile need not be sorted.
     order = np.argsort(value)
     axes.plot(value[order], cost[order], color=THEME["main"], linewidth=1.6, marker="o", markersize=2.6)
     axes.axhline(_LEVEL, color=THEME["own1"], linewidth=1.2, linestyle="dashed")
     high = float(np.nanmax(cost)) if np.isfinite(cost).any() else 1.0
+    # The curve matters up to the 95 % level; steep ends would flatten it.
     axes.set_ylim(-0.3, min(max(high, 1.3 * _LEVEL), 12.0))
     axes.grid(color=THEME["grid"], linewidth=1.0)
     axes.xaxis.set_major_locator(MaxNLocator(4))

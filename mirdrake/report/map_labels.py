@@ -54,10 +54,13 @@ class Labels:
         """
         long, high = text_length(text, 12.0) + 5.0, 14.0
         x0, y0, x1, y1 = self._sheet.bounds(area)
+        # A quick test: most props are smaller than any label.
         if max(x1 - x0, y1 - y0) < min(long, high):
             return False
+        # The hull, as a label may cross a notch but must not reach outside.
         shape = shapely.Polygon(self._sheet.place(shapely.get_coordinates(area.convex_hull)))
         middle = shape.centroid
+        # Horizontal first, then vertical for narrow areas.
         for wide, tall, turn in ((long, high, 0), (high, long, -90)):
             for dx, dy in ((0.0, 0.0), (0.0, -0.25), (0.0, 0.25), (-0.25, 0.0), (0.25, 0.0)):
                 x, y = middle.x + dx * (x1 - x0), middle.y + dy * (y1 - y0)
@@ -75,6 +78,7 @@ class Labels:
     def write_beside(self, boxes: Iterable[Box], text: str, *, color: str = INK, weight: int = 400) -> bool:
         """Write a label beside the first box of the picture with free room, if possible off the roads."""
         boxes = list(boxes)
+        # First off the roads, then anywhere: a label on a road is better than none.
         return any(self._write_beside(boxes, text, color, weight, avoid=avoid) for avoid in (True, False))
 
     def _write_beside(self, boxes: Sequence[Box], text: str, color: str, weight: int, *, avoid: bool) -> bool:
@@ -123,6 +127,7 @@ class _Boxes:
         self._table, self._count = np.empty((64, 4)), 0
 
     def add(self, box: Box) -> None:
+        # The table doubles, so that adding a box takes constant time on average.
         if self._count == len(self._table):
             self._table = np.concatenate((self._table, np.empty_like(self._table)))
         self._table[self._count] = box
@@ -146,6 +151,7 @@ def label_tracks(sheet: Sheet, world: World, labels: Labels) -> None:
         reach = track.width / 2.0 * sheet.scale + 2.0
         spots = [(px - reach, py - reach, px + reach, py + reach) for px, py in sheet.place(np.column_stack((x, y)))]
         if len(world.tracks) > 1 or reach < 20.0:
+            # An eighth of the way along, as the beginning often has a start line and an arrow.
             labels.write_beside(spots[len(spots) // 8 :] + spots, f"{name} ({track.length:.4g} m)", color=MUTED)
 
 
@@ -173,6 +179,7 @@ def _spots(sheet: Sheet, area: BaseGeometry) -> list[tuple[Array, float]]:
             chords = shapely.get_parts(area.intersection(line))
             if not len(chords):
                 continue
+            # The longest chord is where the area has the most room.
             middle = max(chords, key=lambda chord: float(chord.length)).centroid
             level = area.intersection(shapely.LineString([(x0, middle.y), (x1, middle.y)]))
             room = min(shapely.get_parts(level), key=lambda chord: float(chord.distance(middle))).length
@@ -189,6 +196,7 @@ def label_props(sheet: Sheet, world: World, labels: Labels) -> None:
             groups.setdefault(placed.name.partition(".")[0], []).append(placed)
         series.setdefault(re.sub(r"\[\d+\]$", "", placed.name), []).append(placed)
     single = {name: members for name, members in series.items() if len(members) == 1}
+    # Single props first: their names cannot be replaced by that of a series.
     for name, members in sorted(series.items(), key=lambda item: item[0] not in single):
         nested = "." in name
         full = [placed.name for placed in members]
@@ -207,6 +215,7 @@ def _write_all(labels: Labels, members: Sequence[PlacedProp], texts: Sequence[st
     """Write a name into each prop where it fits, if it fits into most of them."""
     pairs = list(zip(members, texts, strict=True))
     fits = sum(labels.write_inside(placed.footprint, text, fill_of(placed), only_try=True) for placed, text in pairs)
+    # If the names fit into a few members only, that of the series is written once instead.
     if fits < 0.6 * len(pairs):
         return False
     for placed, text in pairs:

@@ -55,6 +55,7 @@ class Sheet:
             foot: kept free below the region, for the scale bar [px].
         """
         x0, y0, x1, y1 = bounds
+        # The whole region fits: the direction with less room decides.
         scale = min((width - 2.0 * margin) / (x1 - x0), (heights[1] - 2.0 * margin - foot) / (y1 - y0))
         height = min(max(heights[0], (y1 - y0) * scale + 2.0 * margin + foot), heights[1])
         corner = ((x0 + x1 - width / scale) / 2.0, (y0 + y1 - (height + foot) / scale) / 2.0)
@@ -74,6 +75,7 @@ class Sheet:
 
     def path(self, area: BaseGeometry) -> str:
         """Return the visible part of an area of W as the data of an SVG path; empty if none is visible."""
+        # Details below a sixth of a pixel are not visible.
         simple = shapely.simplify(area, 0.15 / self.scale)
         if not _within(simple.bounds, self._window):
             simple = shapely.clip_by_rect(simple, *self._window)

@@ -67,6 +67,7 @@ def draw_figure(
 def round_down(value: float) -> float:
     """Return the largest of 1, 2, 5, 10, 20, 50, … that is not above a positive value."""
     power = 10.0 ** math.floor(math.log10(value))
+    # The tolerance keeps a power of ten from falling to the step below it.
     return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= value * (1.0 + 1e-9))
 
 
@@ -91,6 +92,7 @@ def surfaces(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
             fill = palette.road(area.surface or "")
             edge = "#8d949d" if palette.detailed else palette.edge(fill)
             yield shape_tag(data, fill, stroke=edge, title=title, kind="road")
+            # Markings follow their road immediately, so that a later road covers them at a crossing.
             for line in drawing.lines:
                 if line.layer == "marking" and line.name == area.name:
                     yield _marking(line, sheet, palette)
@@ -147,6 +149,7 @@ def props(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
             radius = max(1.4, (x1 - x0) / 2.0)
             dot = f"M{x - radius:.1f} {y:.1f}a{radius:.1f} {radius:.1f} 0 1 0 {2 * radius:.1f} 0a{radius:.1f} "
             dot += f"{radius:.1f} 0 1 0 {-2 * radius:.1f} 0Z"
+            # Only what is in the picture is written, as a world may have thousands of trees.
             visible = x1 > 0.0 and x0 < sheet.width and y1 > 0.0 and y0 < sheet.height
             if visible:
                 shared.setdefault(fill, []).append(dot if small else sheet.path(placed.footprint))
@@ -203,6 +206,7 @@ def start_arrow(world: World, name: str, sheet: Sheet) -> np.ndarray:
     start = world.starts[name]
     outline = np.array([[0.0, 3.5], [14.0, 3.5], [14.0, 9.0], [28.0, 0.0], [14.0, -9.0], [14.0, -3.5], [0.0, -3.5]])
     c, s = math.cos(start.yaw), math.sin(start.yaw)
+    # Rotation by the heading with y downwards: (x, y) -> (x c + y s, -x s + y c).
     return np.asarray(sheet.place([[start.x, start.y]]) + outline @ np.array([[c, -s], [s, c]]))
 
 

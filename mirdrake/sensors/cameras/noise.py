@@ -41,6 +41,7 @@ def color_noise(seen: Colors, noise: float, *, stream: int, index: int) -> Color
             out[:, :, channel] = seen[:, :, channel]
         return out
     levels = _levels(noise, stream, index, out.size).reshape(3, *seen.shape[:2])
+    # int16: the sum of a colour and negative noise must not wrap around.
     sums = np.empty(seen.shape[:2], dtype=np.int16)
     for channel in range(3):
         np.add(levels[channel], seen[:, :, channel], out=sums)
@@ -62,11 +63,13 @@ def depth_noise(seen: Depths, mount: DepthCameraMount, *, stream: int, index: in
     if not (spec.base or spec.growth or step or inverse):
         return seen.copy()
     valid = np.isfinite(seen) & (seen > 0.0)
+    # Invalid depths get a number for the computation and are put back at the end.
     z = np.where(valid, seen, np.float32(mount.depth_near))
     if spec.base or spec.growth:
         deviation = np.float32(spec.base) + np.float32(spec.growth) * np.square(z - np.float32(spec.start))
         z += deviation * np.take(_quantiles(), _bits(stream, index, z.size)).reshape(z.shape)
         np.clip(z, np.float32(mount.depth_near), np.float32(mount.depth_far), out=z)
+    # Disparity is proportional to 1/z and is rounded to whole steps; at least one step, or z would be infinite.
     if inverse:
         z = 1.0 / (np.float32(inverse) * np.maximum(np.rint(1.0 / (z * np.float32(inverse))), np.float32(1.0)))
     if step:
@@ -76,6 +79,7 @@ def depth_noise(seen: Depths, mount: DepthCameraMount, *, stream: int, index: in
 
 def _levels(noise: float, stream: int, index: int, count: int) -> NDArray[np.int16]:
     """Return the white noise of a sample in grey levels."""
+    # At most half of the store, so that there are many different positions for a picture.
     if 2 * count > STORE:
         return _grey(noise, stream, index, count)
     begin = int(np.random.SFC64([stream, index]).random_raw() % (STORE - count + 1))
@@ -95,6 +99,7 @@ def _grey(noise: float, stream: int, index: int, count: int) -> NDArray[np.int16
 
 def _bits(stream: int, index: int, count: int) -> NDArray[np.uint16]:
     """Return uniform random numbers of 16 bits."""
+    # Four numbers of 16 bits from each 64-bit word.
     return np.random.SFC64([stream, index]).random_raw(-(-count // 4)).view(np.uint16)[:count]
 
 
@@ -102,6 +107,7 @@ def _bits(stream: int, index: int, count: int) -> NDArray[np.uint16]:
 def _quantiles() -> Depths:
     """Return equally likely quantiles of the standard normal distribution."""
     values = scipy.special.ndtri((np.arange(_LEVELS) + 0.5) / _LEVELS)
+    # Scaled to a standard deviation of exactly 1, which the cut tails would reduce.
     quantiles: Depths = (values / values.std()).astype(np.float32)
     quantiles.setflags(write=False)
     return quantiles

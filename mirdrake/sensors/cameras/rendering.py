@@ -50,9 +50,11 @@ def vehicle_renderer(parts: "PlantParts", part: "VehicleInPlant") -> str:
     """
     renderer = f"cameras/{part.name}"
     if not parts.scene_graph.HasRenderer(renderer):
+        # Labels and merging change geometry for all renderers, so they come before the first one.
         if parts.scene_graph.RendererCount() == 0:
             assign_labels(parts)
             _merge(parts)
+        # The cameras of other vehicles still see this one.
         others = [f"cameras/{name}" for name in parts.vehicles if name != part.name]
         hide_model(parts.plant, parts.scene_graph, part.instance, accepting=others)
         use_plain_textures(parts.plant, parts.scene_graph)
@@ -81,6 +83,7 @@ def camera_params(world: World) -> RenderEngineVtkParams:
     both lights as they do. The third weak light, from below, is omitted: surfaces that face downwards are black.
     """
     params = render_params(world)
+    # The order of lights is that of render_params: sun, two sky lights, one from below.
     sun, above, aside, *_ = params.lights
     total = above.intensity * np.array(above.direction) + aside.intensity * np.array(aside.direction)
     strength = float(np.linalg.norm(total))
@@ -117,6 +120,7 @@ def smooth_edges_quickly() -> None:
     _report_other_vtk(version("drake"))
     setenv = getattr(ctypes.CDLL(None), "setenv", None) if sys.platform == "linux" else None
     if setenv is not None:
+        # 0: a value that the user has set is kept.
         setenv(b"MESA_SHADER_READ_PATH", os.fsencode(SHADERS), 0)
 
 
@@ -164,6 +168,7 @@ def _egl_fault() -> str | None:
     except OSError:
         return "libEGL.so.1 is not installed"
     pointer, count = ctypes.c_void_p, ctypes.c_int()
+    # Extensions are not exported by the library; their addresses must be asked for.
     egl.eglGetProcAddress.restype, egl.eglGetProcAddress.argtypes = pointer, [ctypes.c_char_p]
     query, get_display = (egl.eglGetProcAddress(name) for name in (b"eglQueryDevicesEXT", b"eglGetPlatformDisplayEXT"))
     if not query or not get_display:
@@ -171,6 +176,7 @@ def _egl_fault() -> str | None:
     devices = (pointer * 16)()
     ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, pointer, pointer)(query)(16, devices, ctypes.byref(count))
     egl.eglInitialize.argtypes = [pointer, pointer, pointer]
+    # One device that starts is enough; software rendering counts.
     for device in devices[: count.value]:
         display = ctypes.CFUNCTYPE(pointer, ctypes.c_uint, pointer, pointer)(get_display)(_DEVICES, device, None)
         if display and egl.eglInitialize(display, None, None):

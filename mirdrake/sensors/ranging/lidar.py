@@ -51,6 +51,7 @@ class LidarScan:
         As those of a real sensor, they are not corrected for the motion of the vehicle. Beams without return are left
         out.
         """
+        # Columns leave one after the other, so that beams are made by columns; ranges are stored by rows.
         places = grid(self.azimuths, self.elevations).transpose(1, 0, 2) * self.ranges[:, :, None]
         hits: Array = places[np.isfinite(self.ranges)]
         return hits
@@ -62,11 +63,13 @@ class LidarScan:
         """
         if not np.isfinite(self.time):
             return np.empty((0, 3))
+        # Time of each column before the end of the turn, negative.
         ago = self.beam_times - self.time
         R = rotations(ago[:, None] * self.twist[:3]) @ self.pose[:, :3]
         places = grid(self.azimuths, self.elevations) * self.ranges.T[:, :, None]
         with np.errstate(invalid="ignore"):  # inf of beams without return
             places = np.einsum("cij,crj->cri", R, places)
+        # On a circle the mean direction of the path is that at half of the angle turned.
         chord = rotations(0.5 * ago[:, None] * self.twist[:3]) @ self.twist[3:]
         places += (self.pose[:, 3] + ago[:, None] * chord)[:, None]
         hits: Array = places.transpose(1, 0, 2)[np.isfinite(self.ranges)]
@@ -124,6 +127,7 @@ class Lidar(SampledValue):
         Args:
             context: context of this system.
         """
+        # The states are evaluated once, for the beams and for the pose in the scan.
         time, states = context.get_time(), self.caster.states(context)
         ranges = self.caster.reading(self.caster.look(context, states).distance, round(time * self.rate))
         own, X_BS = states[self.caster.carrier], self.caster.X_BS
@@ -135,6 +139,7 @@ class Lidar(SampledValue):
             self.azimuths,
             self.elevations,
             np.column_stack((own.R @ X_BS.rotation().matrix(), own.p + arm)),
+            # Velocity of the sensor: v_S = v_B + w x p_BS, in the world.
             np.concatenate((own.w, own.v + np.cross(own.w, arm))),
         )
 
@@ -151,6 +156,7 @@ class Lidar(SampledValue):
 
     def _update(self, context: Context, state: State) -> None:
         super()._update(context, state)
+        # Stored after the sample was taken: the next turn begins where this one ended.
         self.caster.keep(context, state.get_mutable_discrete_state())
 
 

@@ -76,15 +76,19 @@ class Radar(SampledSensor):
         hits = self.caster.look(context, states)
         distance, thing, body = (values.ravel() for values in (hits.distance, hits.thing, hits.body))
         targets: list[Array] = []
+        # -1 (nothing hit) is below GROUND.
         for number in np.unique(thing[thing >= GROUND]).tolist():
             rays = np.flatnonzero(thing == number)
             nearest = distance[rays].min()
+            # An object with a return inside the near limit is not reported, not even by its farther parts.
             if nearest >= self.mount.near:
                 rays = rays[distance[rays] <= nearest + self.mount.range_cell]
                 directions = self.caster.beams.directions[0, rays]
+                # The field of view is less than half a turn, so that the mean of azimuths does not wrap.
                 azimuth = np.arctan2(directions[:, 1], directions[:, 0]).mean()
                 rate = self._range_rates(states, directions, distance[rays], body[rays]).mean()
                 targets.append(np.array([nearest, azimuth, rate]))
+        # The nearest first; more than the radar can report are dropped.
         targets = sorted(targets, key=lambda target: float(target[0]))[: self.mount.targets]
         sample = np.array([*targets, *([NOTHING] * (self.mount.targets - len(targets)))], dtype=float)
         return self._reading(sample, round(context.get_time() * self.rate)).ravel()
@@ -96,20 +100,25 @@ class Radar(SampledSensor):
         start, directions_W = own.p + arm, directions @ (own.R @ X_BS.rotation().matrix()).T
         ends = start + distance[:, None] * directions_W
         velocity = np.zeros_like(ends)
+        # Body 0 is the world, which does not move; its range rate is that of the radar alone.
         for index in np.unique(body[body > 0]).tolist():
             state, rays = states[index], body == index
+            # Velocity of the point of the body that the ray hit, which includes its rotation.
             velocity[rays] = state.v + np.cross(state.w, ends[rays] - state.p)
+        # Range rate: relative velocity along the ray, positive when the target moves away.
         rates: Array = np.einsum("ij,ij->i", velocity - own.v - np.cross(own.w, arm), directions_W)
         return rates
 
     def _reading(self, targets: Array, index: int) -> Array:
         """Return targets with noise (n, 3); lost ones are moved to the end."""
+        # Which targets exist is decided before noise and loss, so that the random numbers do not shift.
         mount, valid = self.mount, np.isfinite(targets[:, 0])
         targets[:, 0] = self.caster.reading(targets[:, 0], index)
         generator = sample_noise(substream(self._stream, "targets"), index)
         deviations = np.array([mount.azimuth_noise, mount.range_rate_noise])
         targets[valid, 1:] += (deviations * generator.standard_normal((len(targets), 2)))[valid]
         targets[~np.isfinite(targets[:, 0])] = NOTHING
+        # Stable: targets at equal range keep their order; lost ones have an infinite range and are last.
         ordered: Array = targets[np.argsort(targets[:, 0], kind="stable")]
         return ordered
 

@@ -79,6 +79,7 @@ def _primitive(shape: Shape) -> Faces | None:
 def _tube(radius: float, half: float, *, closed: bool) -> Faces:
     """Return a cylinder about z, wrapped in a prism; with its ends if closed."""
     angle = 2.0 * pi / _SIDES * np.arange(_SIDES)
+    # Radius of the corners of a prism whose sides touch the cylinder.
     outer = radius / cos(pi / _SIDES)
     ring = outer * np.column_stack((np.cos(angle), np.sin(angle)))
     low, high = (np.column_stack((ring, np.full(_SIDES, z))) for z in (-half, half))
@@ -89,6 +90,7 @@ def _tube(radius: float, half: float, *, closed: bool) -> Faces:
         bottom, top = np.broadcast_to([0.0, 0.0, -half], low.shape), np.broadcast_to([0.0, 0.0, half], low.shape)
         ends = [np.stack((bottom, low_next, low), axis=1), np.stack((top, high, high_next), axis=1)]
     corners = np.concatenate(sides + ends)
+    # Triangles of the ends follow those of the sides.
     cap = np.arange(len(corners)) >= 2 * _SIDES
     mantle = Quadric(np.diag([1.0 / radius, 1.0 / radius, 0.0]), np.zeros(3), _UP, -half, half)
     return Faces(corners, np.zeros(len(corners), dtype=int), cap, (mantle,))
@@ -100,6 +102,7 @@ def _wrapped_sphere() -> Array:
     corners = np.asarray(trimesh.creation.icosphere(subdivisions=4).triangles)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
+    # Enlarged until no triangle is inside of the sphere: a ray then meets the wrapping before the sphere.
     wrapped: Array = corners / float(np.einsum("ij,ij->i", normal, corners[:, 0]).min())
     return wrapped
 
@@ -114,6 +117,7 @@ def _ball(radii: Array, *, low: float = -np.inf, high: float = np.inf) -> Faces:
 
 def _cone(height: float, a: float, b: float) -> Faces:
     """Return Drake's cone: tip at the origin, elliptic base at z = height."""
+    # Sagitta of a chord: r (1 - cos(pi / n)) stays below the limit.
     sides = max(16, ceil(pi / acos(max(1.0 - _CHORD / max(a, b), 0.9))))
     angle = 2.0 * pi / sides * np.arange(sides)
     ring = np.column_stack((a * np.cos(angle), b * np.sin(angle), np.full(sides, height)))
@@ -131,6 +135,7 @@ def _mesh(shape: Mesh) -> Faces | None:
     source = shape.source()
     if source.is_path():
         path = Path(source.path())
+        # Files of other formats are not tried; the caller takes the convex hull instead.
         corners = _read_file(path) if path.suffix.lower() in _READABLE else None
     else:
         memory = source.in_memory()
@@ -141,6 +146,7 @@ def _mesh(shape: Mesh) -> Faces | None:
         return None
     corners = corners * np.asarray(shape.scale3())
     count = len(corners)
+    # -1: no quadric, the triangles themselves are the surface.
     return Faces(corners, np.full(count, -1), np.zeros(count, dtype=bool))
 
 
@@ -164,6 +170,7 @@ def _read(file: Any, extension: str, resolver: Any) -> Array | None:
     if extension not in _READABLE:
         return None
     try:
+        # Materials and textures are not needed, and may be missing.
         options: dict[str, Any] = {"skip_materials": True} if extension in {".obj", ".gltf", ".glb"} else {}
         scene = trimesh.load_scene(file, file_type=extension[1:], resolver=resolver, **options)
         parts = [part.triangles for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
