@@ -163,6 +163,7 @@ class AlongLayout(Schema, Layout):
         """Yield the positions, the left one of a pair first."""
         track = areas.track(self.track, where(self, "track"))
         begin, end = draw.numbers(self.s, "m", "s", self) if self.s is not None else (0.0, track.length)
+        # On the whole of a closed track the last position would be the first one again.
         whole = track.closed and end - begin >= track.length - 1e-9
         shares = _shares(self, self.spacing, self.count, end - begin, draw, is_open=not whole)
         distance = draw.number(self.distance, "m", "distance", self)
@@ -220,6 +221,7 @@ def draw_in(area: BaseGeometry, draw: Draw, *, location: str) -> tuple[float, fl
     generator = draw.stream("place").generator
     xmin, ymin, xmax, ymax = area.bounds
     shapely.prepare(area)
+    # Rejection sampling, a hundred points at a time: uniform in any shape of the area.
     for _ in range(_TRIES // 100):
         points = generator.uniform((xmin, ymin), (xmax, ymax), (100, 2))
         hits = np.nonzero(shapely.contains_xy(area, points[:, 0], points[:, 1]))[0]
@@ -242,6 +244,7 @@ def _shares(
             raise ConfigError(
                 f"{where(spec, 'spacing')}: {gap:g} m; it must be above 0 and give at most {LARGEST_COUNT} props"
             )
+        # The spacing is the largest distance allowed; the tolerance absorbs rounding of the quotient.
         number = math.ceil(length / gap - 1e-9) + (1 if is_open else 0)
     if number <= 1:
         return [0.0] * number

@@ -118,8 +118,10 @@ class ObjFiles:
             return []
         name = stem.rpartition("/")[2]
         lines, materials = ([f"mtllib {name}.mtl"] if colored else []), []
+        # OBJ counts positions, normals and texture coordinates separately, from 1, over the whole file.
         base = np.ones(3, dtype=np.int64)
         for number, part in enumerate(parts):
+            # Rounded and merged, which makes files small; adding zero turns -0 into 0.
             points, point_index = np.unique(np.round(part.points, 5) + 0.0, axis=0, return_inverse=True)
             normals, normal_index = np.unique(np.round(part.normals, 3) + 0.0, axis=0, return_inverse=True)
             lines += ["v " + " ".join(f"{x:.9g}" for x in point) for point in points.tolist()]
@@ -133,6 +135,7 @@ class ObjFiles:
                 materials += [f"newmtl m{number}", "Kd " + " ".join(f"{c:.4g}" for c in part.color), "Ks 0 0 0"]
             if textured:
                 assert part.picture is not None
+                # A picture replaces the colour, which would otherwise multiply it.
                 materials[-2] = "Kd 1 1 1"
                 materials.append(f"map_Kd {name}_{number}.png")
                 self.files[f"{stem}_{number}.png"] = part.picture
@@ -161,6 +164,7 @@ def plain_color(data: Mapping[str, Any]) -> Json:
         shading = material["pbrMetallicRoughness"]
         texture = shading.pop("baseColorTexture", None)
         if texture is not None:
+            # Pictures are in sRGB, factors of glTF are linear.
             shading["baseColorFactor"] = [*(c**2.2 for c in _mean_color(images[texture["index"]])), 1.0]
     return document
 

@@ -50,6 +50,7 @@ def advance(pose: Placement, piece: Piece) -> Placement:
     x, y, yaw = pose
     if piece.start_curvature == piece.end_curvature:
         half = piece.turn / 2.0
+        # sin(x)/x is 1 at zero, where the division would fail.
         chord = piece.length * (math.sin(half) / half if half else 1.0)
         return x + chord * math.cos(yaw + half), y + chord * math.sin(yaw + half), yaw + piece.turn
     step, cells, rate = cells_of(piece)
@@ -62,6 +63,7 @@ def advance(pose: Placement, piece: Piece) -> Placement:
 def cells_of(piece: Piece) -> tuple[float, int, float]:
     """Return the cell length [m], the number of cells and the rate of curvature [1/m²] of a piece."""
     sharpest = max(abs(piece.start_curvature), abs(piece.end_curvature))
+    # Small enough cells that three nodes of the quadrature are exact almost to rounding.
     cells = max(_CELLS, math.ceil(piece.length / _CELL_LENGTH), math.ceil(piece.length * sharpest / _CELL_ANGLE))
     return piece.length / cells, cells, (piece.end_curvature - piece.start_curvature) / piece.length
 

@@ -114,6 +114,7 @@ class Prop:
         for solid in self.solids:
             corners = solid.corners
             size, middle = np.ptp(corners, axis=0), 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+            # The box has its inertia about its centre; shifting by -middle moves the reference point to P.
             part = SpatialInertia.SolidBoxWithMass(self.mass * solid.volume / total, *size)
             result += part.Shift(-middle)
         return result
@@ -176,6 +177,7 @@ class PlacedProp:
 
     def is_called(self, pattern: str) -> bool:
         """Return whether its name, with or without its index, matches a pattern with * and ?."""
+        # Brackets of an index are not character classes of a pattern.
         return fnmatch.fnmatchcase(
             self.name.replace("[", "(").replace("]", ")"), pattern.replace("[", "(").replace("]", ")")
         ) or (fnmatch.fnmatchcase(self.name.rpartition("[")[0], pattern))
@@ -274,6 +276,7 @@ def load_prop(name: str, *, size: Size | None = None, scale: float = 1.0, where:
             raise ConfigError(f"{_prefix(where)}'{folder.name}' has the size {sides} m; use scale instead")
         x, y, z = (scale * want / have for want, have in zip(size, spec.size, strict=True))
         factors = (x, y, z)
+    # The times of the files are part of the key, so that a changed prop is not served from the cache.
     return _make_prop(home, folder.name, factors, where, _stamps(home, spec))
 
 
@@ -341,6 +344,7 @@ def _make_prop(folder: Path, name: str, factors: Size, location: str, stamps: tu
         if not visual.is_file():
             raise ConfigError(f"{where(spec, 'visual')}: no such file: {spec.visual}")
     _check_sides((x, y, z), f"'{name}'", location)
+    # Density is kept.
     mass = spec.mass * math.prod(factors)
     return Prop(name, solids, (x, y, z), mass, spec.mu, visual, factors, spec.paint, spec.driven_over)
 
@@ -348,6 +352,7 @@ def _make_prop(folder: Path, name: str, factors: Size, location: str, stamps: tu
 def _solid(spec: Any, folder: Path, factors: Size, location: str) -> Solid:
     """Return a solid, stretched by factors along the axes of P."""
     X_PS = RigidTransform(RollPitchYaw(spec.roll, spec.pitch, spec.yaw), np.multiply(spec.at, factors))
+    # A turned solid would be sheared by different factors along the axes of the prop.
     uniform = math.isclose(factors[0], factors[1]) and math.isclose(factors[0], factors[2])
     if not uniform and (spec.roll or spec.pitch or spec.yaw):
         raise ConfigError(

@@ -112,6 +112,7 @@ class PolygonSpec(RootModel[Annotated[list[Pair], Field(min_length=3, max_length
     def polygon(self, spec: "RegionSpec", areas: NamedAreas, draw: Draw) -> BaseGeometry | None:
         """Return the polygon."""
         points = [draw.numbers(point, "m", f"polygon[{i}]", spec) for i, point in enumerate(self.root)]
+        # Corners in an order that crosses itself are allowed; the area is that of both loops.
         return shapely.make_valid(shapely.Polygon(points))
 
 
@@ -135,6 +136,7 @@ class BandSpec(Schema, Region):
         if self.right is not None:
             right = draw.number(self.right, "m", "band.right", spec)
         begin, end = (0.0, track.length) if self.s is None else draw.numbers(self.s, "m", "band.s", spec)
+        # On a closed track a strip may run over the start: its end then has the smaller station.
         s = np.linspace(begin, end + track.length if track.closed and end < begin else end, 1000)
         if np.min(offset_at(left, s) - offset_at(right, s)) <= 0.0:
             return None
@@ -201,6 +203,7 @@ def strip(track: Track, begin: float, end: float, right: Offset, left: Offset) -
     if track.closed and end < begin:
         end += track.length
     stations = track.stations()
+    # Three laps, so that a strip over the start finds its stations on both sides of it.
     if track.closed:
         stations = np.concatenate([stations + lap * track.length for lap in (-1, 0, 1)])
     between = stations[(stations > begin + 1e-6) & (stations < end - 1e-6)]

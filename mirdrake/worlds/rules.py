@@ -41,6 +41,7 @@ class _AreaRule:
         if not prop.is_called(self.props) or (prop.prop.driven_over and not self.bumps):
             return True
         if self.inside:
+            # With a small tolerance, because props are often placed exactly on the edge of a region.
             return bool(self.area.buffer(_SLACK).covers(prop.footprint))
         return not self.area.intersects(prop.footprint)
 
@@ -89,6 +90,7 @@ class Rules:
         draw: Draw,
     ) -> None:
         self.min_gap = max((spec.min_gap for spec in specs if spec.min_gap is not None), default=0.0)
+        # The rule with the largest gap is the one that a prop breaks.
         self.gap_where = next((where(spec, "min_gap") for spec in specs if spec.min_gap == self.min_gap), "")
         self.drivable: list[DrivableSpec] = []
         self.on_ground: list[GroundTolerance] = []
@@ -109,6 +111,7 @@ class Rules:
             if spec.drivable is not None:
                 _check_drivable(spec.drivable, starts, goals)
                 self.drivable.append(spec.drivable)
+        # Prepared once: every attempt of a random prop is checked against all areas.
         for area in self._areas:
             shapely.prepare(area.area)
 

@@ -70,6 +70,7 @@ def export_sdf(world: World, *, file: str = "world.sdf") -> SdfExport:
     _text(tree, "gravity", _numbers(world.ground.gravity))
     _add_light(tree, world)
     mu, left_out = _ground_mu(world)
+    # Two hyphens are not allowed in an XML comment.
     for line in left_out:
         tree.append(ElementTree.Comment(f" left out: {line.replace('--', '- -')} "))
     _add_ground(tree, world, mu, meshes)
@@ -107,6 +108,7 @@ def model_names(names: Sequence[str], *, taken: Iterable[str] = ()) -> list[str]
 def _ground_mu(world: World) -> tuple[float, list[str]]:
     """Return the single friction coefficient of the ground [-], and the others, which are lost."""
     roads = {road.name: road.mu for road in world.road_areas}
+    # SDF has one coefficient for the whole ground: the largest of the roads.
     mu = max(roads.values(), default=world.ground.mu)
     lost = [
         f"friction {value:g} of track '{name}' (the ground has {mu:g})" for name, value in roads.items() if value != mu
@@ -179,6 +181,7 @@ def _add_inertial(link: Element, prop: Prop) -> None:
     """Add mass, centre of mass and the inertia about it."""
     sum_P = prop.inertia
     centre = sum_P.get_com()
+    # SDF wants the inertia about the centre of mass, Drake has it about P.
     moments = sum_P.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3()
     inertial = SubElement(link, "inertial")
     _text(inertial, "pose", _numbers([*centre, 0.0, 0.0, 0.0]))

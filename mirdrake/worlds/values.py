@@ -53,6 +53,7 @@ class Stream:
 
     def __init__(self, seed: int, path: str) -> None:
         self.seed, self.path = seed, path
+        # A hash of seed and path: each value has its own stream, which no other value can shift.
         digest = hashlib.sha256(f"{seed}/{path}".encode()).digest()
         self.generator = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))
 
@@ -106,6 +107,7 @@ def draw_word(value: str, *, parameters: Parameters, stream: Stream, where: str 
         ConfigError: a parameter is unknown, or a choice is empty.
     """
     words = [word.strip() for word in str(value).split("|")]
+    # Nothing is drawn without a choice, so that streams stay where they are.
     word = words[int(stream.generator.integers(len(words)))] if len(words) > 1 else words[0]
     if word.startswith("$"):
         parameter = _parameter(word[1:], parameters, where)
@@ -183,11 +185,13 @@ class _Parser:
         self._position += 1
         second_unit, second = self._with_unit(self._sum)
         self._expect_end()
+        # In 2 .. 3 m the unit of the second number holds for both.
         low, high = self._scaled(first, first_unit or second_unit), self._scaled(second, second_unit)
         if operator == ".." and high < low:
             self._fail(f"the range from {low:g} to {high:g} is reversed; swap its limits")
         if operator == "+-" and high < 0.0:
             self._fail(f"the standard deviation {high:g} is negative; give 0 or more")
+        # The difference may overflow although both limits are finite.
         if not (math.isfinite(low) and math.isfinite(high) and math.isfinite(high - low)):
             self._fail("not finite")
         if not draw:
@@ -207,6 +211,7 @@ class _Parser:
         if not unit:
             return number
         if self._unit is None:
+            # Any unit is allowed where the type is not known yet, but only one in a value.
             if self.unit not in {"", unit}:
                 self._fail(f"two units, {self.unit} and {unit}; use the same one")
             self.unit = unit

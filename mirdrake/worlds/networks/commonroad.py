@@ -83,6 +83,7 @@ def number_at(element: Element, path: str, document: XmlDocument, default: float
     texts: list[str | None] = []
     if child is not None:
         exact = child if child.find("exact") is None else child.find("exact")
+        # An interval stands for an uncertain value; its middle is the nominal one.
         ends = [child.findtext("intervalStart"), child.findtext("intervalEnd")]
         texts = list(ends) if None not in ends else [None if exact is None else exact.text]
     elif default is not None:
@@ -116,6 +117,7 @@ def _lane(element: Element, name: str, document: XmlDocument) -> Lane:
             "its right one; it needs the same number, two or more"
         )
     middle, width = (left + right) / 2.0, np.hypot(*(left - right).T)
+    # Lanelets often have nodes a few millimetres apart, whose headings would be noise.
     kept = [0]
     for i in range(1, len(middle)):
         if math.dist(middle[i], middle[kept[-1]]) >= _STEP:
@@ -135,6 +137,7 @@ def _connected(lane: Lane, element: Element, lanes: Mapping[str, Lane], signs: M
         if other is not None and other.get("ref") in lanes:
             beside[side if other.get("drivingDir") == "same" else "opposite"] = other.get("ref")
     marks = [element.findtext(f"{side}Bound/lineMarking") or "" for side in ("left", "right")]
+    # Solid bounds must not be crossed.
     left, right = ("solid" not in mark for mark in marks)
     limits = [
         float(value.text or "nan")
@@ -151,6 +154,7 @@ def _connected(lane: Lane, element: Element, lanes: Mapping[str, Lane], signs: M
         opposite=beside["opposite"],
         change=("both" if right else "left") if left else ("right" if right else "none"),
         successors=tuple(e.get("ref", "") for e in element.iterfind("successor") if e.get("ref") in lanes),
+        # The lowest of several limits holds; zero is none.
         speed_limit=min(limits) if limits and min(limits) > 0.0 else None,
     )
 
@@ -205,6 +209,7 @@ def _signals(
             if not controlled and not len(places):
                 continue
             lane = lanes[controlled[0]] if controlled else None
+            # Without a position: at the right edge of the lane, where it ends.
             x, y = places[0] if len(places) else (lane.right_edge[-1] if lane is not None else (0.0, 0.0))
             yaw = 0.0 if lane is None else float(lane.yaw[-1])
             yield Signal(

@@ -45,11 +45,13 @@ def find_conflicts(lanes: Mapping[str, Lane]) -> tuple[Conflict, ...]:
     Lanes whose heights differ by more than 3 m at the overlap cross on a bridge and do not conflict.
     """
     rows = list(lanes.values())
+    # Shrunk, so that neighbours that share an edge do not overlap by rounding.
     areas = [lane.area.buffer(-_SHRINK) for lane in rows]
     first, second = shapely.STRtree(areas).query(areas, predicate="intersects")
     found: list[Conflict] = []
     for i, j in sorted((int(i), int(j)) for i, j in zip(first, second, strict=True) if i < j):
         a, b = rows[i], rows[j]
+        # Successive lanes overlap at their common end, where one follows the other.
         if b.id in (*a.successors, *a.predecessors):
             continue
         overlap = shapely.intersection(areas[i], areas[j])
@@ -75,6 +77,7 @@ def _height(lane: Lane, span: tuple[float, float]) -> float:
 
 def _kind(a: Lane, b: Lane) -> Literal["crossing", "merge", "split"]:
     if set(a.successors) & set(b.successors) or _apart(a, b, -1) < _SAME:
+        # Merging is checked first: lanes that part and join again need a rule where they join.
         return "merge"
     if set(a.predecessors) & set(b.predecessors) or _apart(a, b, 0) < _SAME:
         return "split"

@@ -74,6 +74,7 @@ class Lane:
     @property
     def direction(self) -> int:
         """1 in the direction of the reference line of the road, -1 against it."""
+        # By its stations and not its number, because numbers mean the opposite in left-hand traffic.
         return -1 if len(self.road_s) and self.road_s[-1] < self.road_s[0] else 1
 
     def pose(self, s: ArrayLike, offset: ArrayLike = 0.0) -> tuple[Array, Array, Array]:
@@ -106,12 +107,15 @@ class Lane:
     def project(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         """Return s [m] and the offset [m, + left] of the nearest point of the centre line, for points of any shape."""
         x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+
+        # Chord lengths are a little shorter than arc lengths; stations are transferred node by node.
         chord = np.asarray(shapely.line_locate_point(self._line, shapely.points(x, y)))
         s = np.interp(chord, self._chords, self.s)
         for _ in range(3):  # Newton's method from the nearest point of the polyline
             px, py, yaw = self.pose(s)
             along = (x - px) * np.cos(yaw) + (y - py) * np.sin(yaw)
             offset = (y - py) * np.cos(yaw) - (x - px) * np.sin(yaw)
+            # The divisor is limited, because points near the centre of curvature would be thrown far along the lane.
             s = np.clip(s + along / np.maximum(1.0 - self.curvature_at(s) * offset, 0.2), 0.0, self.length)
         px, py, yaw = self.pose(s)
         return np.asarray(s), np.asarray((y - py) * np.cos(yaw) - (x - px) * np.sin(yaw))
@@ -140,6 +144,7 @@ class Lane:
     def area(self) -> shapely.geometry.base.BaseGeometry:
         """The lane as a polygon [m]."""
         ring = shapely.Polygon(np.vstack((self.left_edge, self.right_edge[::-1])))
+        # The inner edge of a tight bend may cross itself.
         return ring if ring.is_valid else shapely.make_valid(ring).buffer(0.0)
 
 
@@ -170,6 +175,8 @@ def lane_along(
     arcs = chords / np.sinc(np.clip(half / math.pi, -0.5, 0.5))
     s = np.concatenate(([0.0], np.cumsum(arcs)))
     rate = 2.0 * half / arcs
+
+    # Mean curvatures hold in the middle of each arc; those at the nodes are interpolated.
     curvature = np.interp(s, (s[1:] + s[:-1]) / 2.0, rate)
     count = len(places)
     return Lane(
@@ -187,6 +194,7 @@ def lane_along(
 def close_gaps(areas: list[shapely.geometry.base.BaseGeometry]) -> shapely.geometry.base.BaseGeometry:
     """Return the union of areas [m], with gaps of up to 4 cm between them closed."""
     union = shapely.union_all(areas, grid_size=1e-6)
+    # Growing and shrinking by the same distance closes gaps, and mitred corners stay where they are.
     return union.buffer(_CLOSE, join_style="mitre").buffer(-_CLOSE, join_style="mitre")
 
 

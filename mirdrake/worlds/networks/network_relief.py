@@ -44,6 +44,7 @@ class NetworkRelief(Schema):
             )
         x, y = np.meshgrid(low[0] + self.cell * np.arange(columns), low[1] + self.cell * np.arange(rows))
         heights = scipy.interpolate.griddata(points, z, (x, y), method="linear")
+        # Linear interpolation ends at the convex hull of the lanes; beyond it the nearest height continues.
         outside = np.isnan(heights)
         nearest = scipy.spatial.cKDTree(points).query(np.column_stack((x[outside], y[outside])))[1]
         heights[outside] = z[nearest]
@@ -56,10 +57,12 @@ def _points(network: Network) -> tuple[Array, Array]:
     heights: list[Array] = []
     for lane in network.lanes.values():
         bank = lane.bank if len(lane.bank) else np.zeros_like(lane.s)
+        # Edges as well as centre lines, so that the surface follows the banking of each lane.
         for side in (0.5, 0.0, -0.5):
             places.append(np.column_stack(lane.pose(lane.s, side * lane.width)[:2]))
             heights.append(lane.z + side * lane.width * bank)
     points, z = np.vstack(places), np.concatenate(heights)
+    # Neighbours share their edges: equal points would make the triangulation degenerate.
     _, kept = np.unique(np.round(points, 3), axis=0, return_index=True)
     return points[kept], z[kept]
 

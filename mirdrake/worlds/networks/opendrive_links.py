@@ -50,9 +50,11 @@ def find_links(root: Element, roads: Mapping[str, RoadLanes], lanes: Mapping[str
     joints += [joint for junction in root.iterfind("junction") for joint in _of_junction(junction, roads)]
     following: dict[str, list[str]] = {name: [] for name in lanes}
     wrong: list[str] = []
+    # Links are stated from both sides, in either order; the directions of travel decide which lane comes first.
     for first, second in dict.fromkeys(joints):
         if first[0] not in lanes or second[0] not in lanes:
             continue
+        # Whether traffic leaves the lane at this end: one side must leave and the other one enter.
         exits = [(lanes[name].direction > 0) == (end == "end") for name, end in (first, second)]
         if exits[0] == exits[1]:
             wrong.append(f"{first[0]} and {second[0]}")
@@ -79,10 +81,12 @@ def _of_road(road: RoadLanes, roads: Mapping[str, RoadLanes]) -> Iterator[tuple[
     for i, section in enumerate(road.sections):
         for number, row in section.lanes.items():
             for key, own, beside in (("predecessor", "start", i - 1), ("successor", "end", i + 1)):
+                # A lane may be linked to several ones where it splits.
                 for link in row.element.iterfind(f"link/{key}"):
                     other = link.get("id", "")
                     port: Port = (lane_id(road.id, i, number), own)  # type: ignore[assignment]
                     if 0 <= beside <= last:
+                        # Within a road, the end of a section meets the start of the next one.
                         yield port, (lane_id(road.id, beside, other), "end" if own == "start" else "start")
                     elif (neighbour := _linked(road, key, roads)) is not None:
                         linked, end = neighbour
@@ -112,6 +116,7 @@ def _of_junction(junction: Element, roads: Mapping[str, RoadLanes]) -> Iterator[
             continue
         contact = connection.get("contactPoint")
         end: End = contact if contact in {"start", "end"} else "start"  # type: ignore[assignment]
+        # The file states which end of the connecting road is used, but not which end of the incoming one.
         own = _nearest_end(incoming, other, end)
         at = 0 if end == "start" else len(other.sections) - 1
         here = 0 if own == "start" else len(incoming.sections) - 1
@@ -143,6 +148,7 @@ def _add_by_geometry(roads: Mapping[str, RoadLanes], lanes: Mapping[str, Lane], 
     predecessor, and their roads must be linked.
     """
     preceded = {name for names in following.values() for name in names}
+    # A stated link is never contradicted by the geometry.
     ends = [lane for lane in lanes.values() if lane.kind == "driving" and not following[lane.id]]
     starts = [lane for lane in lanes.values() if lane.kind == "driving" and lane.id not in preceded]
     added = 0

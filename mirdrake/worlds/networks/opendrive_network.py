@@ -81,6 +81,7 @@ def _lanes_of(road: RoadLanes) -> Iterator[Lane]:
         s = road.stations(section)
         kept: dict[int, Lane] = {}
         for number, row in section.lanes.items():
+            # The inner neighbour is towards lane 0, the reference line with its offset.
             inner = number - (1 if number > 0 else -1)
             strip = road.strip(section, s, inner if inner in section.lanes or not inner else 0, number)
             if strip.width.max() < _NARROWEST:
@@ -88,6 +89,7 @@ def _lanes_of(road: RoadLanes) -> Iterator[Lane]:
             order = slice(None) if number * with_line > 0 else slice(None, None, -1)
             yaw = strip.yaw if number * with_line > 0 else strip.yaw + math.pi
             points = np.column_stack((strip.x, strip.y))[order]
+            # Points coincide where a lane has no length on the inside of a bend.
             apart = np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-5)
             if apart.sum() < 2:
                 continue
@@ -104,6 +106,7 @@ def _lanes_of(road: RoadLanes) -> Iterator[Lane]:
                 road=road.id,
                 number=number,
                 road_s=s[order][apart],
+                # Seen in the other direction, left and right are exchanged.
                 bank=(strip.bank if number * with_line > 0 else -strip.bank)[order][apart],
                 speed_limit=_limit(road, section, row),
                 change=_change(section, number, with_line),
@@ -121,6 +124,7 @@ def _with_neighbours(lanes: dict[int, Lane], with_line: int) -> dict[int, Lane]:
         # The outer side is on the left of lanes with positive numbers in the direction of the reference line.
         outer_is_left = (number > 0) == (number * with_line > 0)
         left, right = (outer, inner) if outer_is_left else (inner, outer)
+        # Only the innermost lanes border on the opposite direction.
         across = driven.get(-sign) if number == sign else None
         done[number] = replace(
             lane,
@@ -155,6 +159,7 @@ def _allowed(element: Element | None, step: int) -> bool:
     mark = None if element is None else element.find("roadMark")
     if mark is None:
         return True
+    # Without a stated attribute the kind of the paint decides: solid lines must not be crossed.
     default = "none" if mark.get("type", "none").startswith("solid") else "both"
     return mark.get("laneChange", default) in {"both", "increase" if step > 0 else "decrease"}
 

@@ -135,6 +135,7 @@ class RoadLanes:
 
     def stations(self, section: Section) -> Array:
         """Return stations of a section [m] at which polylines are accurate to 1 mm, with all joints."""
+        # Polynomials change at these stations, and edges may have kinks there: each must be a node.
         breaks = {section.begin, section.end, *(s for s, _ in self._legs)}
         for table in (self._offset, self._elevation, self._banking):
             breaks.update(table.rows[:, 0].tolist())
@@ -145,10 +146,12 @@ class RoadLanes:
         knots[-1] = section.end
         parts = [np.array([section.begin])]
         for begin, end in itertools.pairwise(knots):
+            # The bend of a part is estimated from nine samples, of the reference line and of all edges.
             u = np.linspace(begin, end, 9)
             bend = np.abs(self._reference(u)[3]).max()
             for edge in self._edges(section, u, begin).values():
                 bend = max(bend, float(np.abs(edge[2]).max()) + bend)
+            # Sagitta of a curve with curvature k over a step h: k h² / 8.
             step = min(_STEPS[1], max(_STEPS[0], math.sqrt(8.0 * _SAGITTA / max(bend, 1e-9))))
             parts.append(np.linspace(begin, end, max(1, math.ceil((end - begin) / step)) + 1)[1:])
         return np.concatenate(parts)
@@ -162,6 +165,7 @@ class RoadLanes:
             inner: number of a lane; 0 is the reference line with its offset.
             outer: number of the other one; the same for the edge itself.
         """
+        # At a break edges may jump; each part is evaluated by the polynomials valid at its start.
         ends = np.append(np.searchsorted(s, self._all_breaks(section)), len(s) - 1)
         t, slope, width = np.empty_like(s), np.empty_like(s), np.empty_like(s)
         for i, j in itertools.pairwise(np.unique(np.concatenate(([0], ends)))):
@@ -170,10 +174,13 @@ class RoadLanes:
             (a, da, _), (b, db, _) = edges[inner], edges[outer]
             t[part], slope[part], width[part] = (a + b) / 2.0, (da + db) / 2.0, np.abs(b - a)
         x, y, yaw, k = self._reference(s)
+
+        # 1 - k t, the ratio of lengths beside the reference line; limited where a lane folds inside a bend.
         scale = 1.0 - k * t
         turn = np.arctan2(slope, np.maximum(scale, _FOLD))
         bank = np.tan(self._profile(self._banking, s))
         z = self._height(s) + t * bank
+        # The width across the lane is that across the road times the cosine of the angle between them.
         return Strip(s, t, x - t * np.sin(yaw), y + t * np.cos(yaw), z, yaw + turn, width * np.cos(turn), bank)
 
     def place(self, s: float, t: float) -> tuple[float, float, float, float]:
@@ -194,11 +201,13 @@ class RoadLanes:
         if not elements:
             raise ConfigError(f"{self.where}: road '{self.id}' has no <laneSection> and therefore no width")
         begins = [max(0.0, number_of(e, "s", self._places)) for e in elements]
+        # The first section must cover the start, even if the file lets it begin a little later.
         begins[0] = 0.0
         ends = [*begins[1:], self.length]
         return [
             self._read_section(element, begin, end)
             for element, begin, end in zip(elements, begins, ends, strict=True)
+            # Sections without length have no nodes.
             if end - begin > 1e-3
         ]
 
@@ -222,6 +231,7 @@ class RoadLanes:
                 lane = section.lanes[number]
                 if lane.widths.rows.size or not lane.borders.rows.size:  # widths have priority over borders
                     value, first, second = lane.widths(s, at)
+                    # A negative width by rounding of the coefficients is none, and has no slope.
                     positive = value > 0.0
                     rows = (np.where(positive, v, 0.0) for v in (value, first, second))
                     inner = tuple(a + sign * b for a, b in zip(inner, rows, strict=True))
@@ -244,6 +254,7 @@ class RoadLanes:
         for i in np.unique(leg_of):
             begin, leg = self._legs[i]
             here = leg_of == i
+            # Stated stations and lengths differ by rounding: between two geometries the end of the first one is held.
             u = np.clip(s[here] - begin, 0.0, leg.length)
             x[here], y[here], yaw[here] = leg.pose(u)
             k[here] = _curvature(leg, u)
@@ -277,6 +288,7 @@ def _curvature(leg: Leg, u: Array) -> Array:
     if leg.piece is not None:
         length, first, last = leg.piece
         return first + (last - first) * u / length
+    # Polynomials have no curvature of their own here: the heading is differentiated, inside of the geometry.
     h = min(0.05, leg.length / 4.0)
     middle = np.clip(u, h, leg.length - h)
     return np.asarray((leg.pose(middle + h)[2] - leg.pose(middle - h)[2]) / (2.0 * h))

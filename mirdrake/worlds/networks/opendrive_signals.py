@@ -46,6 +46,7 @@ def read_signals(
         lanes: their lanes by id.
         places: line of each element, for messages.
     """
+    # Signals of one controller switch together.
     groups = {
         control.get("signalId", ""): controller.get("id", "")
         for controller in root.iterfind("controller")
@@ -62,6 +63,7 @@ def read_signals(
             if code == _STOP_LINE:
                 lines.append(_Mark("none", None, valid))
                 continue
+            # Signals without effect remain in the world, for drawing, but nothing stops at them.
             kind = _kind(element)
             signal = _signal(element, road, kind, tuple(valid), groups, places, taken=signals)
             signals[signal.name] = signal
@@ -71,8 +73,11 @@ def read_signals(
                 marks.append(_Mark(kind, signal.name if kind == "lights" else None, valid))
         for element in road.element.iterfind("objects/object"):
             text = " ".join(element.get(key, "") for key in ("type", "subtype", "name"))
+            # Files name stop lines that are objects in several ways.
             if re.search(r"stop[ _]?line", text, re.IGNORECASE):
                 lines.append(_Mark("none", None, _valid_places(element, road, lanes, places)))
+
+    # Only after all signals are known, because a reference may precede the signal that it names.
     for road in roads.values():
         marks += _references(road, signals, lanes, places)
     notes = [f"signs of type {code}, without effect: {count}" for code, count in sorted(unread.items())]
@@ -81,6 +86,7 @@ def read_signals(
 
 def _kind(element: Element) -> Control:
     code = element.get("type", "")
+    # Any dynamic signal is a traffic light, whatever its country's code, unless it is for others.
     if element.get("dynamic") == "yes" and code not in _FOR_OTHERS:
         return "lights"
     return _SIGNS.get(code, "none")
@@ -101,6 +107,7 @@ def _signal(
     name = signal_name("signal", own)
     name = f"{name}_{len(taken)}" if name in taken else name
     x, y, z, yaw = road.place(number_of(element, "s", places), number_of(element, "t", places, 0.0))
+    # Valid for the traffic against the reference line.
     if element.get("orientation") == "-":
         yaw += math.pi
     return Signal(
@@ -144,11 +151,14 @@ def _valid_places(element: Element, road: RoadLanes, lanes: Mapping[str, Lane], 
         lane = lanes.get(lane_id(road.id, section, number))
         if lane is None or lane.kind not in DRIVEN:
             continue
+
+        # Lanes that are stated take precedence over the direction for which a signal is valid.
         if ranges:
             is_valid = any(low <= number <= high for low, high in ranges)
         else:
             is_valid = orientation not in {"+", "-"} or (lane.direction > 0) == (orientation == "+")
         if is_valid:
+            # Stations on the road decrease along lanes against it; `interp` needs them to increase.
             order = slice(None, None, lane.direction)
             found[lane.id] = float(np.interp(s, lane.road_s[order], lane.s[order]))
     return found
@@ -168,6 +178,7 @@ def _stop_lines(marks: list[_Mark], lines: list[_Mark], lanes: Mapping[str, Lane
         for lane, s in mark.places.items():
             near = [line for line in painted.get(lane, []) if abs(line - s) < _NEAR]
             at = min(near, key=lambda line: abs(line - s)) if near else s
+            # One stop line per place, even if several signals or signs belong to it; the first one read holds.
             if any(abs(other - at) < 1.0 for other in done.get(lane, [])):
                 continue
             done.setdefault(lane, []).append(at)

@@ -57,6 +57,7 @@ def decide(network: Network, root: Element | None = None) -> tuple[dict[str, Jun
     pairs: set[tuple[str, str]] = set()
     for conflict in network.conflicts:
         a, b = (network.lanes[name] for name in conflict.lanes)
+        # Lanes that split have no conflict: their vehicles come one after the other.
         if conflict.kind == "split" or a.junction is None or a.junction != b.junction:
             continue
         sign = _compare(a, b, approaches, stated.get(a.junction, set()), network.left_hand)
@@ -90,6 +91,7 @@ def _approach(lanes: Mapping[str, Lane], name: str, controls: Mapping[str, Contr
     control = controls.get(name, "none")
     # Within the junction there may be several sections; before it the sign is on one of the last lanes.
     back = 0.0
+    # Only while there is one way back: a sign before a branch need not be meant for this lane.
     while len(first.predecessors) == 1 and back < _BACK and control == "none":
         first = lanes[first.predecessors[0]]
         if first.junction not in {None, lane.junction}:
@@ -101,6 +103,7 @@ def _approach(lanes: Mapping[str, Lane], name: str, controls: Mapping[str, Contr
         begin = lanes[begin.predecessors[0]]
     while len(last.successors) == 1 and lanes[last.successors[0]].junction == lane.junction:
         last = lanes[last.successors[0]]
+    # Lanes with a common entry belong to one approach, whose vehicles do not meet each other.
     entry = begin.predecessors[0] if begin.predecessors else begin.id
     turn = math.remainder(float(last.yaw[-1] - begin.yaw[0]), 2.0 * math.pi)
     return _Approach(control, float(begin.yaw[0]), turn, entry)
@@ -110,6 +113,7 @@ def _rule(approaches: Iterable[_Approach], id_: str, stated: Mapping[str, set[tu
     controls = {approach.entry: approach.control for approach in approaches}
     if "lights" in controls.values():
         return "lights"
+    # One stop sign alone is a minor road; all of them together are an all-way stop.
     if len(controls) > 1 and set(controls.values()) == {"stop"}:
         return "all_way_stop"
     return "priority" if id_ in stated or set(controls.values()) & {"stop", "yield"} else "right_before_left"
@@ -119,6 +123,7 @@ def _compare(
     a: Lane, b: Lane, approaches: Mapping[str, _Approach], stated: set[tuple[str, str]], left_hand: bool
 ) -> int:
     """Return 1 if the first lane has priority, -1 if the second has it, 0 if neither."""
+    # Priorities of the file come first, then signs, then the rules of the road.
     if (a.road, b.road) in stated or (b.road, a.road) in stated:
         return 1 if (a.road, b.road) in stated else -1
     first, second = approaches[a.id], approaches[b.id]
@@ -128,9 +133,12 @@ def _compare(
     if first.entry == second.entry:
         return 0
     apart = math.remainder(second.yaw - first.yaw, 2.0 * math.pi)  # + : the second comes from the right
+    # Oncoming: who turns across the other's lane waits, left in right-hand traffic, right in left-hand traffic.
     if abs(apart) > math.radians(135.0):
         across = [(-approach.turn if left_hand else approach.turn) > _TURN for approach in (first, second)]
         return 0 if across[0] == across[1] else (-1 if across[0] else 1)
+    # Nearly the same direction: they merge, and neither comes from the right.
     if abs(apart) < math.radians(45.0):
         return 0
+    # Right before left; the first lane has priority if the second one comes from its left.
     return -1 if apart > 0.0 else 1

@@ -135,12 +135,14 @@ def _shortest(network: Network, start: Place, goal: Place) -> list[Leg]:
             break
         lane = network.lanes[name]
         if name == goal[0] and goal[1] >= s:
+            # The goal is a node of its own; it is reached along the lane, from an entry before it.
             heapq.heappush(queue, (cost + goal[1] - s, next(counter), goal, (node, False)))
         for following in lane.successors:
             if network.lanes[following].kind in DRIVEN:
                 entry = (following, 0.0)
                 heapq.heappush(queue, (cost + lane.length - s, next(counter), entry, (node, False)))
         for beside, at, end in _changes(network, lane, s):
+            # A change that would end beyond the goal cannot reach it.
             if beside != goal[0] or at + end - s <= goal[1] + 1e-6:
                 heapq.heappush(queue, (cost + _CHANGE_COST, next(counter), (beside, at), (node, True)))
     if finish is None:
@@ -194,6 +196,7 @@ def _points(network: Network, legs: Sequence[Leg]) -> tuple[Array, Array]:
         # Changes in a row share what is left of the lane.
         after = list(itertools.takewhile(lambda row: row.change, legs[i:]))
         last = legs[i + len(after)]
+        # What is left of the last lane, after the part that the blend before has used, is divided equally.
         room = max((last.end - last.begin - (s0 - leg.begin)) / len(after), 0.1)
         s = s0 + np.linspace(0.0, min(room, _CHANGE[1]), max(2, math.ceil(min(room, _CHANGE[1]) / _STEP) + 1))
         u = np.linspace(0.0, 1.0, len(s))
@@ -203,8 +206,10 @@ def _points(network: Network, legs: Sequence[Leg]) -> tuple[Array, Array]:
         at, _ = beside.project(here[:, 0], here[:, 1])
         there = np.column_stack(beside.pose(at)[:2])
         points.append((1.0 - weight) * here + weight * there)
+        # During a change the narrower of both lanes limits the road.
         widths.append(np.minimum(lane.width_at(s), beside.width_at(at)))
         begin = float(at[-1])
     place, width = np.vstack(points), np.concatenate(widths)
+    # Parts share their end points.
     apart = np.append(True, np.hypot(*np.diff(place, axis=0).T) > 1e-3)
     return place[apart], width[apart]
