@@ -327,7 +327,6 @@ def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
     return source.error(" ".join(message.split()), *path, code=code)
 
 
-# Building a JSON Schema takes longer than validating a file, and each unknown key needs it.
 @lru_cache(maxsize=64)
 def _json_schema(schema: type[Schema]) -> Json:
     """Return the JSON Schema of a class, which is made once."""

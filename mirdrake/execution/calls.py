@@ -48,7 +48,7 @@ def open_executor(
     """
     if workers is not None and workers < 0:
         raise ConfigError(f"workers: {workers} is not allowed; it must be at least 0")
-    # No more processes than calls: starting one takes longer than many a run.
+    # No more processes than calls, as each takes time to start.
     count = min(os.cpu_count() or 1 if workers is None else workers, calls)
     if executor is not None:
         yield executor, AHEAD

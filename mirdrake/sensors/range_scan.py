@@ -309,7 +309,7 @@ class RangeScan(LeafSystem):
     def _near_fixed(self, x: float, y: float, yaw: float) -> tuple[Chains, bool]:
         """Return the static footprints in the frame of the scan, and whether one contains its origin."""
         shapes, cos, sin = self._fixed, math.cos(yaw), math.sin(yaw)
-        # Circles are tested first: transforming all corners of a large world would dominate the time of a scan.
+        # Circles are tested first, so that only corners of polygons in reach are transformed.
         dx, dy = shapes.centre[:, 0] - x, shapes.centre[:, 1] - y
         seen, around = self._in_view(cos * dx + sin * dy, cos * dy - sin * dx, shapes.radius)
         inside = bool(around.any() and shapely.intersects_xy(shapes.polygons[around], x, y).any())

@@ -119,7 +119,6 @@ class Caster:
         mount = self._mount
         # Limits apply to the true distance: noise must not create or remove returns at the limits.
         seen = (distance >= mount.near) & (distance <= mount.far)
-        # Without errors no random numbers are needed, which are a large part of the time of a scan.
         if not (mount.noise or mount.resolution or mount.lost_beams):
             return np.where(seen, distance, np.inf)
         generator = sample_noise(substream(self._stream, "beams"), index)

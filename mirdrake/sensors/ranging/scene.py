@@ -132,7 +132,6 @@ class RayScene:
         cap = self._cap[faces[which]]
         if cap.any():  # within the edge of an end the flat face counts
             ends = which[cap]
-            # One origin for all rays is not repeated, as the brackets would need.
             o = origins if len(origins) == 1 else origins[ends]
             at_end = self._within(o + distance[ends, None] * directions[ends], curve[ends])
             near[cap] = np.where(at_end, distance[ends], near[cap])

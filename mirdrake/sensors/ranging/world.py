@@ -182,10 +182,10 @@ class RayWorld:
         columns, rows = beams.directions.shape[:2]
         local, times = beams.directions, beams.times
         seen = [mover for mover in self._movers if mover.body in movers]
-        # If nothing moves noticeably during a turn, all columns share one pose, and the cast is several times faster.
         moving = not _rests(*carrier, period, far) or not all(
             _rests(*movers[mover.body], period, mover.size) for mover in seen
         )
+        # If nothing moves noticeably during a turn, one pose serves all columns and none is interpolated.
         if times.any() and moving:
             R_WB, p_WB = poses_at(times, *carrier, period)
         else:  # one pose for all columns
