@@ -29,5 +29,7 @@ def find_knee(values: NDArray[np.float64]) -> int:
         values: objectives of the front, shape (n, m), n >= 1.
     """
     low, high = values.min(axis=0), values.max(axis=0)
+    # An objective that is the same everywhere has no range; it becomes zero.
     scaled = (values - low) / np.where(high > low, high - low, 1.0)
+    # Rounded, so that sums that are equal except for rounding count as equal.
     return int(np.argmin(np.round(scaled.sum(axis=1), 12)))

@@ -130,6 +130,7 @@ class OptunaProposer:
             self._study = self._optuna.create_study(
                 directions=["minimize"] * objectives, sampler=self._sampler(method, trials, seed, start)
             )
+            # Enqueued trials are the first ones that are asked for.
             for point in start:
                 self._study.enqueue_trial(dict(point))
         self._open: list[Any] = []

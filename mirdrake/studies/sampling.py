@@ -71,11 +71,13 @@ def spread(entry: ParameterSpec, unit: NDArray[np.float64]) -> list[Any]:
     """Map numbers between 0 and 1, shape (n,), to values of a parameter."""
     if entry.values is not None:
         count = len(entry.values)
+        # Equal shares of 0 to 1; the minimum is for u = 1.
         return [entry.values[min(int(u * count), count - 1)] for u in unit]
     assert entry.low is not None
     assert entry.high is not None
     if entry.scale == "log":
         values = np.exp(np.log(entry.low) + unit * (np.log(entry.high) - np.log(entry.low)))
+        # Exponential and logarithm may leave the range by rounding, which the parameter could reject.
         return [float(value) for value in np.clip(values, entry.low, entry.high)]
     return [float(value) for value in entry.low + unit * (entry.high - entry.low)]
 

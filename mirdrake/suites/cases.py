@@ -401,6 +401,8 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
     for key, location in named:
         if key != "seed" and key not in spec.params:
             yield f"{location}: unknown parameter '{key}'; {did_you_mean(key, ['seed', *spec.params])}"
+
+    # Each check is independent, so that all faults of a test are reported at once.
     try:
         find_vehicle(test.vehicle, where=where(test, "vehicle"))
     except MirdrakeError as error:

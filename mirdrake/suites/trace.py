@@ -113,11 +113,14 @@ def _curve(seen: Observation, finding: Finding) -> MarginCurve:
 
 def _thin(times: Array, values: Array) -> tuple[Array, Array]:
     """Return a curve with the same outline in few points: the lowest and the highest of each stretch."""
+    # Two points for each stretch; the double minus rounds up.
     size = -(-len(times) // (_POINTS // 2))
     if size <= 2:
         return times, values
+    # Values that are not finite must not become the lowest or highest of a stretch.
     known = np.where(np.isfinite(values), values, 0.0)
     parts = [np.arange(begin, min(begin + size, len(times))) for begin in range(0, len(times), size)]
     kept = [row for part in parts for row in (part[known[part].argmin()], part[known[part].argmax()])]
+    # Both ends are kept, so that the curve has its full length.
     rows = np.unique([0, *kept, len(times) - 1])
     return times[rows], values[rows]

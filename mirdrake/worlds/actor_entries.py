@@ -72,6 +72,7 @@ def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Sour
 def _actors_of(entry: Json, index: int, draw: Draw, source: Source, taken: dict[str, int]) -> list[Json]:
     """Return the actors of one entry."""
     kind = str(entry.get("actor", "actor"))
+    # A random choice is named by its first alternative, so that names do not depend on the draw.
     base = str(entry["name"]) if "name" in entry else kind.split("|")[0].strip().lstrip("$") or "actor"
     along = entry.get("along")
     if not isinstance(along, Mapping):
@@ -90,6 +91,7 @@ def _actors_of(entry: Json, index: int, draw: Draw, source: Source, taken: dict[
         first += gap
         place = {"track": row.track, "s": first, "offset": row.offset}
         place |= {} if row.lane is None else {"lane": row.lane}
+        # From here on it is an actor like any other on a track.
         rest = {key: value for key, value in entry.items() if key != "along"}
         actors.append(_evaluate({**rest, "on_track": place}, name, index, draw, source))
     return actors

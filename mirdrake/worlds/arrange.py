@@ -233,11 +233,13 @@ class Arranger:
 
     def _prop_maker(self, item: _Item) -> Callable[[int], list[PlacedProp]]:
         def make(attempt: int) -> list[PlacedProp]:
+            # Every attempt draws all values of the prop, not only its position, from streams of its own.
             entry, draw = item.entry, item.draw.again(attempt)
             prop = self._prop(entry, draw)
             x, y, z, yaw = item.again(attempt).pose()
             roll, pitch = (draw.number(getattr(entry, key), "rad", key, entry) for key in ("roll", "pitch"))
             X_WP = RigidTransform(RollPitchYaw(roll, pitch, yaw), [x, y, z])
+            # Streams are named by their values, so that this order has no effect on what is drawn.
             color = _color(entry, draw)
             if entry.mass is not None:
                 mass = draw.number(entry.mass, "kg", "mass", entry)

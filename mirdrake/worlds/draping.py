@@ -125,12 +125,14 @@ def _divided(values: Array, long: NDArray[np.bool_]) -> Array:
         chosen, flags = values[count == number], long[count == number]
         if not len(chosen):
             continue
+        # With two edges to halve, the first is the one after the edge that stays.
         first = np.argmax(flags & ~np.roll(flags, 1, axis=1), axis=1) if number < 3 else np.zeros(len(chosen), int)
         order = (first[:, None] + np.arange(3)) % 3
         a, b, c = (chosen[np.arange(len(chosen)), order[:, i]] for i in range(3))
         ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
         pieces = {
             1: [(a, ab, c), (ab, b, c)],
+            # All parts keep the winding of their triangle.
             2: [(ab, b, bc), (a, ab, bc), (a, bc, c)],
             3: [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)],
         }[number]

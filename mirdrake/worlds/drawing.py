@@ -110,6 +110,8 @@ def make_drawing(world: World) -> WorldDrawing:
     ground, specs = world.ground, world.spec.tracks
     areas = [DrawnArea("ground", "", shapely.box(*ground.extent), ground.surface, ground.mu)]
     lines: list[DrawnLine] = []
+
+    # The order is that of drawing: verges, network, roads and patches from the lowest to the highest.
     for name, track in world.roads().items():
         surface = specs[name].verge
         if surface is not None and surface != ground.surface:
@@ -133,6 +135,7 @@ def make_drawing(world: World) -> WorldDrawing:
             lines.append(DrawnLine("gate", name, _gate_points(world.tracks[goal.gate[0]], goal.gate[1])))
     areas += [
         DrawnArea("prop", placed.name, placed.footprint, color=placed.color, top=placed.top)
+        # Low props first, so that high ones cover them.
         for placed in sorted(world.props, key=lambda placed: placed.top)
     ]
     starts = tuple(DrawnStart(name, start.x, start.y, start.yaw) for name, start in world.starts.items())

@@ -219,6 +219,7 @@ def _make_props(
     shipped = data_root() / "worlds" / "groups"
 
     def find_group(name: str) -> GroupSpec | None:
+        # Groups of the file itself come first, then included ones, then those of the library.
         if name in spec.groups or name in included:
             return spec.groups.get(name) or included[name]
         file = shipped / f"{name}.yaml"

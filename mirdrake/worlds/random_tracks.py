@@ -110,8 +110,10 @@ def _rounded(spec: RandomTrackSpec, corners: Array, random: np.random.Generator)
         if abs(turn) < _STRAIGHTEST or abs(turn) > 0.9 * math.pi:
             return None
         transition = min(spec.transition, 0.45 * abs(turn))
+        # Of radius 1: lengths are proportional to the radius, which is chosen below to fit.
         unit = ArcSpec(radius=1.0, angle=turn, transition=transition if transition > 1e-3 else 0.0).pieces()
         tangent = _tangent_length(unit)
+        # Less than half of a side, so that a straight remains between two roundings.
         room = _SIDE_SHARE * min(float(lengths[index]), float(lengths[index - 1]))
         radius = min(radius, room / tangent)
         if radius < spec.min_radius:

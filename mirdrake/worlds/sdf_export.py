@@ -139,6 +139,7 @@ def _add_ground(tree: Element, world: World, mu: float, meshes: ObjFiles) -> Non
     xmin, ymin, xmax, ymax = world.ground.extent
     box = Box(xmax - xmin + 2.0 * _APRON, ymax - ymin + 2.0 * _APRON, _DEPTH)
     X = RigidTransform([(xmin + xmax) / 2.0, (ymin + ymax) / 2.0, -_DEPTH / 2.0])
+    # The ground collides as a box below z = 0, while the scenery is visual only.
     _add_collision(link, "plane", box, X, mu, meshes)
     for number, item in enumerate(scenery(world)):
         name = model_names([item.name])[0]
@@ -173,6 +174,7 @@ def _add_prop(tree: Element, placed: PlacedProp, name: str, meshes: ObjFiles) ->
             _add_visual(link, f"visual_{index}", shape, solid.X_PS, color)
         return
     for index, (uri, own) in enumerate(meshes.add_mesh(prop.name, prop.visual, prop.paint)):
+        # Only painted parts have a colour of their own to replace; the others keep their materials.
         paint = own if own is None or placed.color is None else placed.color
         _add_visual(link, f"visual_{index}", _mesh(uri, prop.scale), RigidTransform(), paint)
 

@@ -79,6 +79,7 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "worl
     path = None if data["path"] is None else Path(data["path"])
     tracks = {name: _read_track(name, track) for name, track in data["tracks"].items()}
     network = read_network_data(data["network"]) if data.get("network") else None
+    # The ground is computed again from its specification, because the data do not hold its grids.
     terrain = make_relief(spec.ground.relief, tracks, path.parent if path is not None else Path.cwd(), network)
     of_actors = {name: kinds[index] for name, index in data.get("actors", {}).items()}
     network = read_network_data(data["network"]) if data.get("network") else None
@@ -94,6 +95,7 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "worl
         ground=Ground(**{**data["ground"], "extent": tuple(data["ground"]["extent"]), "terrain": terrain}),
         patches=tuple(Patch(**{**patch, "area": shapely.from_wkb(patch["area"])}) for patch in data["patches"]),
         goals={name: _read_goal(goal) for name, goal in data["goals"].items()},
+        # Placed objects are read and not arranged again, so that the world is that of the run.
         props=tuple(_read_placed(placed, kinds) for placed in data["props"]),
         network=network,
     )

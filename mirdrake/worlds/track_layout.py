@@ -347,12 +347,16 @@ def _check(spec: TrackSpec, track: Track, line: _CentreLine) -> None:
             f"{where(spec)}: does not close: gap {gap:.3g} m, {abs(math.degrees(angle)):.3g} deg; allowed are 1 mm and "
             f"0.01 deg; {advice if spec.segments is not None else 'leave out closed: true'}"
         )
+
+    # With a constant width the sharpest bend decides, wherever it is.
     if not is_varying and track.min_radius <= track.width / 2.0:
         nearest = line.near(track.sharpest())
         raise WorldError(
             f"{where(spec)}: the inner edge folds: smallest radius {track.min_radius:.3g} m{nearest}, width "
             f"{track.width:.3g} m; make the radius larger than half the width"
         )
+
+    # With a varying width the product of curvature and distance of the inner edge decides.
     if is_varying and (fold := track.folds()) is not None:
         k = track.curvature_at(fold)
         side = float(track.left_width(fold) if k > 0.0 else track.right_width(fold))
@@ -361,6 +365,7 @@ def _check(spec: TrackSpec, track: Track, line: _CentreLine) -> None:
             f"but the edge is {side:.3g} m away; make the road narrower there"
             + (", or raise csv.smooth" if spec.csv is not None else "")
         )
+    # A track that is not a road has no surface that could overlap.
     if spec.road and not spec.crossing and (crossing := _first_crossing(track)) is not None:
         first, second = crossing
         x, y, _ = track.pose_at(first)

@@ -245,6 +245,7 @@ class _Parser:
 
     def _factor(self) -> float:
         self._depth += 1
+        # Python's own limit of recursion would end the program with a traceback.
         if self._depth > _DEEPEST:
             self._fail(f"more than {_DEEPEST} nested brackets or signs")
         try:

@@ -64,6 +64,8 @@ def read_commonroad(path: str | Path) -> Network:
     for name, element in elements.items():
         lanes[name] = replace(_lane(element, name, document), junction=junction_of.get(name))
         marks += _marks(element, document)
+
+    # Links refer to lanelets further down in the file, so that they follow once all are known.
     lanes = {name: _connected(lane, elements[name], lanes, signs) for name, lane in lanes.items()}
     lanes = _with_predecessors(lanes)
     signals = {signal.name: signal for signal in _signals(root, elements, lanes, document)}
@@ -206,6 +208,7 @@ def _signals(
                 "lights" if tag == "trafficLight" else next((_SIGNS[c] for c in codes if c in _SIGNS), "none")
             )
             places = points_of(element.find("position"), document)
+            # Without a position and without a lane there is no place for it.
             if not controlled and not len(places):
                 continue
             lane = lanes[controlled[0]] if controlled else None

@@ -164,11 +164,13 @@ class Network:
         lanes = self._driving
         point = shapely.Point(x, y)
         distances = shapely.distance([lane.area for lane in lanes], point)
+        # A point may be on several lanes, as in a junction: all that contain it are compared.
         near = np.flatnonzero(distances < distances.min() + 1e-3)
 
         def rank(index: int) -> tuple[float, float]:
             s, offset = lanes[index].project(x, y)
             turn = 0.0 if yaw is None else 1.0 - float(np.cos(lanes[index].pose(s)[2] - yaw))
+            # Rounded, so that lanes of nearly the same direction are compared by their distance.
             return round(turn, 3), abs(float(offset))
 
         best = lanes[min(near.tolist(), key=rank)]

@@ -121,9 +121,12 @@ def _shortest(network: Network, start: Place, goal: Place) -> list[Leg]:
     # A node is an entry into a lane: its id and station. Of a lane only the earliest entry at its start is needed,
     # and one by a change from each neighbour.
     counter = itertools.count()
+    # The counter decides between equal costs: the first one entered, so that routes are reproducible.
     queue: list[tuple[float, int, Place, tuple[Place, bool] | None]] = [(0.0, next(counter), start, None)]
     came: dict[Place, tuple[Place, bool] | None] = {}
     finish: Place | None = None
+
+    # The first time that a node leaves the queue it has its least cost; later entries are skipped.
     while queue:
         cost, _, node, before = heapq.heappop(queue)
         if node in came:
@@ -151,6 +154,7 @@ def _shortest(network: Network, start: Place, goal: Place) -> list[Leg]:
             "of travel, or check the connections of the network"
         )
 
+    # Backwards from the goal; each node knows the one before it and whether a lane change leads on.
     nodes: list[tuple[Place, bool]] = [(finish, False)]
     while (step := came[nodes[0][0]]) is not None:
         nodes.insert(0, step)
