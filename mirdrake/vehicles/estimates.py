@@ -48,7 +48,7 @@ STEERING_MOST = 0.8
 """Largest estimate of a steering limit [rad]; the joints of driven front wheels do not allow more."""
 
 YAW_COEFFICIENT = (0.09, 0.13)
-"""Return yaw inertia over mass x wheelbase x length: of robots and of road vehicles [-].
+"""Yaw inertia over mass x wheelbase x length: of robots and of road vehicles [-].
 
 Burg uses this form for road vehicles with 0.127 (quoted by MacInnis et al., SAE 970951); the four measured vehicles in
 tests/data/yaw_inertias.csv have 0.12 to 0.15. Model cars have their mass near the middle: F1TENTH 0.067, BARC 0.085 to

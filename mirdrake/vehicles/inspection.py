@@ -14,6 +14,7 @@ from its middle. The outer front wheel runs on a circle of radius sqrt(L² + (R 
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -124,9 +125,8 @@ def inspect_vehicle(vehicle: Vehicle) -> Inspection:
         sensors=_sensors(plant, context, vehicle),
         warnings=(),
     )
-    # Warnings are found from the figures, hence after the (frozen) record of these exists.
-    object.__setattr__(figures, "warnings", (*find_oddities(figures, vehicle), *vehicle.warnings))
-    return figures
+    # Warnings are found from the figures, hence after the record of these exists.
+    return replace(figures, warnings=(*find_oddities(figures, vehicle), *vehicle.warnings))
 
 
 # --- parts -------------------------------------------------------------------------------------------------------
