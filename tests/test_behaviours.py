@@ -27,7 +27,9 @@ from mirdrake.controllers.behaviours.laws import (
 )
 from mirdrake.controllers.behaviours.obstacle_stopper import published_speed
 from mirdrake.controllers.behaviours.outline import Outline, outline_of
+from mirdrake.controllers.drivable_line import DrivingLimits
 from mirdrake.controllers.drivers import DRIVERS, make_driver
+from mirdrake.controllers.path_tracking import PathGains
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.yaml_io import parse_tree, parse_yaml
 from mirdrake.sensors.range_scan import RangeScan
@@ -390,6 +392,25 @@ def test_it_keeps_its_lane_and_stops_before_an_obstacle_in_it(offset):
     assert run.speed[-1] < 1e-3
     assert run.clearance[-1] == pytest.approx(2.0, abs=0.3)
     assert s[-1] > 80.0
+
+
+def test_it_brakes_for_an_obstacle_within_the_stopping_distance_of_a_command_above_a_lowered_set_point():
+    straight = Track([Piece(300.0, 0.0, 0.0)], closed=False)
+    driver = HoldLane(CAR, straight, gains=PathGains(10.0), limits=DrivingLimits(3.0, 1.5, 2.0))
+    simulator = Simulator(driver)
+    context = simulator.get_mutable_context()
+    driver.state.FixValue(context, [20.0, 0, 0, 0, 0, 0, 10.0, 0, 0, 0, 0, 0])
+    driver.ranges.FixValue(context, np.full(driver.ranges.size(), math.inf))
+    simulator.AdvanceTo(0.2)
+    assert driver.GetOutputPort("command").Eval(context)[0] == pytest.approx(10.0)
+    driver.set_gains(context, PathGains(3.0))
+    ranges = np.full(driver.ranges.size(), math.inf)
+    ranges[len(ranges) // 2] = 20.0
+    driver.ranges.FixValue(context, ranges)
+    simulator.AdvanceTo(0.24)  # one update
+    highest = brake_speed(18.0, deceleration=2.0, reaction=0.3)
+    assert 7.0 < highest < 8.0
+    assert driver.GetOutputPort("command").Eval(context)[0] == pytest.approx(highest)
 
 
 def test_a_lane_is_as_long_as_its_circle():

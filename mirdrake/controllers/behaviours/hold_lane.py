@@ -124,16 +124,26 @@ class HoldLane(PathTracker):
         speed, steering, stamp = values.value(self._command).tolist()
         progress = float(values.value(self._error)[2])
         profile = brake_speed(
-            self._gap(context, progress) - self.distance, deceleration=self.limits.deceleration, reaction=self.reaction
+            self._gap(context, progress, speed) - self.distance,
+            deceleration=self.limits.deceleration,
+            reaction=self.reaction,
         )
         values.set_value(self._command, Command(min(speed, profile), steering, stamp))
 
-    def _gap(self, context: Context, progress: float) -> float:
-        """Return the free distance along the lane [m] ahead of the bumper; inf beyond the stopping distance."""
+    def _gap(self, context: Context, progress: float, command: float) -> float:
+        """Return the free distance along the lane [m] ahead of the bumper; inf beyond the stopping distance.
+
+        Args:
+            context: Context of this system.
+            progress: arc length of the rear axle centre [m].
+            command: speed without obstacles [m/s].
+        """
         x, y, _, _, _, yaw, *_ = self.state.Eval(context).tolist()
         points = self.fan.points(self.ranges.Eval(context))
+        # The command exceeds a set-point that has just been lowered; farther obstacles do not lower the command.
+        fastest = max(self.get_gains(context).speed, command)
         matters = self.distance + stopping_distance(
-            self.get_gains(context).speed, deceleration=self.limits.deceleration, reaction=self.reaction
+            fastest, deceleration=self.limits.deceleration, reaction=self.reaction
         )
         # Projection is costly: only points within the stopping distance are projected.
         points = points[np.hypot(points[:, 0] - self.outline.front, points[:, 1]) <= matters + self._half]
