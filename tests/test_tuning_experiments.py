@@ -1,9 +1,11 @@
 """Experiments on loops in time: exact simulation, step tests, relay feedback, frequency response in closed loop."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -26,6 +28,7 @@ from mirdrake.tuning import (
     simulate_loop,
     ultimate_point,
 )
+from mirdrake.tuning.identify import fit_response
 
 THIRD = lags(1.0, 1.0, 1.0)
 RELAY_PLANTS = {
@@ -167,6 +170,28 @@ def test_frequency_response_in_closed_loop(method: str) -> None:
     assert np.max(np.abs(response.values / exact - 1.0)) < 0.02
     middle = math.sqrt(response.frequencies[4] * response.frequencies[5])
     assert complex(response.response(middle)) == pytest.approx(complex(plant.response(middle)), rel=0.03)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_fit_of_a_frequency_response_starts_at_the_first_guess(order: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[np.ndarray] = []
+    least_squares = scipy.optimize.least_squares
+
+    def record(residual: Any, begin: np.ndarray, **settings: Any) -> Any:
+        started.append(begin)
+        return least_squares(residual, begin, **settings)
+
+    monkeypatch.setattr(scipy.optimize, "least_squares", record)
+    frequencies = np.geomspace(0.5, 20.0, 12)
+    plant = TransferFunction((3.0,), (1.0, 0.5) if order == 1 else (1.0, 2.0, 5.0), 0.1)
+    # Of order 1 the second value is the time constant.
+    first = (2.0, 1.0, 0.05) if order == 1 else (2.0, 1.0, 4.0, 0.05)
+    fitted, percent = fit_response(FrequencyResponse(frequencies, plant.response(frequencies)), first, order=order)
+    np.testing.assert_allclose(np.exp(started[0]), first, rtol=1e-12)
+    np.testing.assert_allclose(
+        (*fitted.numerator, *fitted.denominator), (*plant.numerator, *plant.denominator), rtol=1e-6
+    )
+    assert percent == pytest.approx(100.0)
 
 
 def test_the_deviation_of_a_frequency_response_is_that_of_the_noise() -> None:

@@ -182,12 +182,8 @@ def fit_response(
         ratio = response.values / model(x).response(response.frequencies)
         return np.asarray(np.concatenate([np.log(np.abs(ratio)) * weight, np.angle(ratio) * weight]))
 
-    first = list(start)
-    # The callers pass twice the gain b as a first guess of order 1.
-    if order == 1:
-        first[0] = start[0] / 2.0
     # Start within the bounds of the logarithms, also for zeros.
-    begin = np.log(np.maximum(first, 1e-6))
+    begin = np.log(np.maximum(start, 1e-6))
     fit = scipy.optimize.least_squares(
         residual, begin, bounds=(np.full(len(begin), -20.0), np.full(len(begin), 20.0)), max_nfev=400
     )

@@ -191,8 +191,8 @@ def _fit(response: FrequencyResponse, spec: LoopSpec, *, order: int) -> tuple[Tr
     gain = float(np.abs(part.values[0]))
     below = np.flatnonzero(np.abs(part.values) < gain / math.sqrt(2.0))
     corner = float(frequencies[below[0]]) if len(below) else high
-    # Several starts, since the fit has local minima; order 1 expects twice the gain (see fit_response).
-    starts = [(2.0 * gain * w, 1.0 / w, delay) for w in (corner, 0.1 * corner) for delay in (0.1 * period, period)]
+    # Several starts, since the fit has local minima.
+    starts = [(gain * w, 1.0 / w, delay) for w in (corner, 0.1 * corner) for delay in (0.1 * period, period)]
     if order == 2:
         starts = [
             (gain * w * w, damping * w, w * w, 0.1 * period)  # type: ignore[misc]

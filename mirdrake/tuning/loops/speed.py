@@ -207,8 +207,8 @@ class WheelSpeedLoop(VehicleLoop):
         response = measure_frequency_response(
             excite, period=period, frequencies=np.geomspace(0.5, top, 14), amplitude=0.1 * limit, cycles=2, settle=1
         )
-        # Twice the gain 1 / J, as fit_response expects of order 1.
-        main, fit = fit_response(response, (2.0 / inertia, 2.0, spec.delay + period), order=1)
+        # First guess: an inertia with a time constant of 2 s, and the dead time of actuator and control unit.
+        main, fit = fit_response(response, (1.0 / inertia, 2.0, spec.delay + period), order=1)
         first = FirstOrder(main.numerator[0] / main.denominator[1], 1.0 / main.denominator[1], main.delay)
         experiments.append(simple_experiment("frequency_response", first, fit_percent=fit))
 
