@@ -17,6 +17,9 @@ OSCILLATION = 0.1
 DIVERGED = 10.0
 """A loop is unstable if its error exceeds so many steps."""
 
+LEAST_SAMPLES = 20
+"""A loop is unstable if its record has fewer samples."""
+
 DECAY = 0.6
 """An oscillation decays if its RMS in the last quarter of the test is below this fraction of that in the third."""
 
@@ -37,9 +40,9 @@ def judge(
 
     Costs are taken from the step to the end; overshoot, rise and settling from the step to the load, the steady error
     over the last tenth before the load. The loop is unstable if a number is not finite, if the error exceeds ten steps,
-    or if its oscillation about a straight line in the last quarter of the time has an RMS above :data:`OSCILLATION` of
-    the step, apart from noise, and does not decay. The same holds for `others`: the speed of a car is smooth even if
-    its wheels slip in turns.
+    if the record has fewer than :data:`LEAST_SAMPLES` samples, or if its oscillation about a straight line in the last
+    quarter of the time has an RMS above :data:`OSCILLATION` of the step, apart from noise, and does not decay. The same
+    holds for `others`: the speed of a car is smooth even if its wheels slip in turns.
 
     Args:
         t: [s], shape (n,).
@@ -53,14 +56,17 @@ def judge(
         others: further signals that must not oscillate [y], each of shape (n,), by what oscillates.
     """
     response = pd.DataFrame({"t": t, "reference": reference, "output": output, "effort": effort})
-    if not (np.isfinite(output).all() and np.isfinite(effort).all()) or len(t) < 20:
+    if not (np.isfinite(output).all() and np.isfinite(effort).all()):
         return Evaluation("unstable", response=response, reason="a number is not finite")
     # All bounds are relative to the step, as loops have different units and sizes.
     step = abs(course.step)
     error = reference - output
     # Noise of five standard deviations does not count as divergence.
-    if np.abs(error).max() > DIVERGED * step + 5.0 * noise:
+    if np.abs(error).max(initial=0.0) > DIVERGED * step + 5.0 * noise:
         return Evaluation("unstable", response=response, reason="the error exceeds ten steps")
+    # Oscillations of fewer samples cannot be judged; such a run has ended early.
+    if len(t) < LEAST_SAMPLES:
+        return Evaluation("unstable", response=response, reason=f"the run ended after {len(t)} samples")
 
     # Oscillation in the last quarter of the time, compared with the quarter before.
     span = t[-1] - t[0]
