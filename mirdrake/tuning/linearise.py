@@ -242,7 +242,6 @@ class _Stepper:
         if cut:
             self._gain, self.offset = 0.0, value
             self._probe.set(own, 0.0, value)
-        self._operating_input = value
         return context.Clone()
 
     def output(self, context: Context) -> float:

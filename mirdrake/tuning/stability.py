@@ -104,10 +104,10 @@ def _highest(loop: TransferFunction) -> float:
     largest = 1.0
     order = len(loop.denominator) - 1
     # For each coefficient the frequency above which its term is less than a thousandth of the leading term.
-    for polynomial, below in ((loop.denominator, 0), (loop.numerator, 0)):
+    for polynomial in (loop.denominator, loop.numerator):
         degree = len(polynomial) - 1
         for k, coefficient in enumerate(polynomial):
-            drop = order - degree + k - below
+            drop = order - degree + k
             if drop > 0 and coefficient != 0.0:
                 largest = max(
                     largest if largest != 1.0 else 0.0, (1e3 * (order + 1) * abs(coefficient)) ** (1.0 / drop)
