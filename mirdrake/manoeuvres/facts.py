@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.single_track import SingleTrackParameters, estimate_parameters
+from mirdrake.single_track import SingleTrackParameters, estimate_parameters, understeer_gradient
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.outline import measure_outline
 
@@ -68,8 +68,7 @@ class Facts:
     @property
     def understeer(self) -> float:
         """Estimated understeer gradient at the road wheels, of the single-track model's stiffnesses [rad s²/m]."""
-        p = self.parameters
-        return p.mass / p.wheelbase * (p.rear_length / p.front_stiffness - p.front_length / p.rear_stiffness)
+        return understeer_gradient(self.parameters)
 
     def steering_for(self, lateral_acceleration: float, speed: float) -> float:
         """Return the estimated bicycle angle [rad] for a lateral acceleration [m/s²] at a speed [m/s]."""
