@@ -86,6 +86,31 @@ def test_an_ended_episode_starts_again_in_the_next_step(env):
     assert restarts > 16
 
 
+def test_a_reset_forgets_episodes_that_had_ended(env):
+    env.reset(seed=0)
+    while not env._ended.any():
+        env.step(actions(env, 8.0, 0.5))
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(actions(env, 8.0, 0.0))
+    assert (info["time"] == env.period).all()
+    assert (reward > 0.0).all()
+
+
+def test_a_restart_leaves_the_signals_of_the_other_cars():
+    """Two cars that drive alike, one restarted by hand: the signals of the other one equal those without a restart."""
+    seen = []
+    for restarts in (False, True):
+        env = VectorDriveEnv(2, observe=OBSERVED, ends=())
+        env.reset()
+        for k in range(6):
+            env._ended[1] = restarts and k == 5
+            observation, *_ = env.step(actions(env, 6.0, 0.05))
+        seen.append(observation[0].tolist())
+        assert observation[0, OBSERVED.index("ego.speed_trim")] != 0.0
+    assert seen[0] == seen[1]
+    assert (observation[1] != observation[0]).any()
+
+
 def test_it_drives_as_the_control_unit_of_the_batch():
     env = VectorDriveEnv(3, observe=OBSERVED, parameters={"mass": [1500.0, 1600.0, 1800.0]}, ends=())
     env.reset(seed=0)
@@ -123,7 +148,7 @@ def test_places_on_the_track_are_those_of_the_single_environment(single):
         env.reset()
         env.cars.reset(x=pose[0], y=pose[1], yaw=pose[2], vx=pose[3])
         env._progress[:] = s
-        env._advance(0)
+        env._advance(0, np.ones(1, dtype=bool))
         ours = env._observations()[0]
         for name in ("lateral_error", "heading_error", "progress", "wheels_on_road", "vx", "yaw"):
             index = OBSERVED.index(f"ego.{name}")

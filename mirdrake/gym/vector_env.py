@@ -177,7 +177,9 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
             self._np_random, self._np_random_seed = gymnasium.utils.seeding.np_random(seed)
         self.cars.reset()
         self._place(np.arange(self.num_envs))
-        self._advance(0)
+        # Episodes that had ended before this reset do not restart once more in the next step.
+        self._ended[:] = False
+        self._advance(0, ~self._ended)
         return self._observations(), {"time": self._steps * self.period}
 
     def step(
@@ -195,19 +197,13 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         share = np.clip(np.nan_to_num(np.asarray(actions, dtype=float)), -1.0, 1.0)
         self._setpoints = 0.5 * (low + high + share * (high - low))
         again = np.flatnonzero(self._ended)
-        if len(again):
-            # The flag of divergence makes the kernel skip cars that wait for their reset; _place clears it.
-            held = self.cars.diverged.copy()
-            held[again] = True  # they do not move in this step
-            self.cars.diverged[:] = held
-        self._advance(self._periods)
+        self._advance(self._periods, ~self._ended)
         self._steps += 1
-        diverged = self.cars.diverged.copy()
         if len(again):
             # Cars that start again are placed after the step and only their signals are written, without motion.
-            diverged[again] = False
             self._place(again)
-            self._advance(0)
+            self._advance(0, self._ended)
+        diverged = self.cars.diverged.copy()
 
         # Rewards and ends, as in the single environment.
         signals = self._signals
@@ -242,8 +238,12 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         memory[PID:ACTUATOR] = PidState()
         self._memory[cars], self._progress[cars], self._steps[cars] = memory, s, 0
 
-    def _advance(self, periods: int) -> None:
+    def _advance(self, periods: int, chosen: Flags) -> None:
+        """Advance the chosen cars (num_envs) and write their signals; with 0 periods only the latter."""
         cars = self.cars
+        # The kernel skips cars with the flag of divergence, so the others have it while it runs.
+        diverged = cars.diverged.copy()
+        cars.diverged[~chosen] = True
         # Without periods set-points are not read, and before the first action there are none.
         setpoints = self._setpoints if periods else np.zeros((self.num_envs, 2))
         arguments = (
@@ -251,6 +251,7 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
             setpoints, periods, cars.step_time, 1,
         )  # fmt: skip
         cars.share(self._kernel, arguments, (cars.state, cars.diverged, self._memory, self._progress, self._signals))
+        cars.diverged[~chosen] = diverged[~chosen]
 
     def _observations(self, diverged: Flags | None = None) -> Observations:
         """Return the observations; those of diverged cars are zero, within their ranges."""
