@@ -153,6 +153,12 @@ def test_a_hill_a_patch_of_ice_and_a_gust_act_by_place():
     assert cars["vx"][0] == pytest.approx(10.0, abs=1e-12)
 
 
+def test_a_car_that_only_the_check_of_the_table_rejects_raises_an_error(monkeypatch):
+    monkeypatch.setattr("mirdrake.batched.table.are_allowed", lambda table: np.arange(len(table)) != 1)
+    with pytest.raises(ConfigError, match="car 1: a parameter is out of range: mass=1000"):
+        mir.batch(CAR, parameters={"mass": [900.0, 1000.0]})
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [

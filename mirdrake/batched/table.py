@@ -46,4 +46,7 @@ def make_table(parameters: SingleTrackParameters, columns: Mapping[str, ArrayLik
             SingleTrackParameters(**row)
         except ConfigError as error:
             raise ConfigError(f"batch: car {wrong[0]}: {error}") from None
+        # Both checks have the same ranges; should they ever differ, no car passes without a message.
+        values = ", ".join(f"{name}={value:g}" for name, value in row.items())
+        raise ConfigError(f"batch: car {wrong[0]}: a parameter is out of range: {values}")
     return table
