@@ -152,6 +152,7 @@ parameters:
         ({"vehicle": "bolt", "drive": "torque"}, "", "needs a vehicle with a tyre model"),
         ({"contact": "points"}, "", "model.contact: 'points' is not allowed; allowed: 'point'"),
         ({"settle": -1.0}, "", "model.settle"),
+        ({"time_step": 0.0}, "", "model.time_step"),
         ({"time_steps": 0.01}, "", "model.time_steps: unknown field; did you mean 'time_step'"),
         ({"outputs": ["jerk"]}, "", "no output 'jerk'"),
         ({}, "road_wheel_angle", "needs the steering"),

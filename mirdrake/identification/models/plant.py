@@ -71,7 +71,7 @@ class PlantOptions(ModelOptions):
 
     vehicle: str | None = Field(default=None, description="name or folder of the vehicle; that of the study [-]")
     contact: Literal["point", "hydroelastic"] = Field(default="point", description="contact model [-]")
-    time_step: float | None = Field(default=None, ge=0.0, description="step of the plant [s]")
+    time_step: float | None = Field(default=None, gt=0.0, description="step of the plant [s]")
     drive: Literal["torque", "pedals", "speed"] | None = Field(
         default=None, description="how the drive is fed in; the first one that all logs allow if left out [-]"
     )
