@@ -234,7 +234,7 @@ FACTORS = {
 
 
 class Mistake(NamedTuple):
-    """Channel and mistake that would explain_gains the gains."""
+    """Channel and mistake that would explain the gains."""
 
     channel: str
     what: str

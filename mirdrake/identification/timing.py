@@ -283,8 +283,7 @@ def _copied_rows(fresh: dict[str, NDArray[np.bool_]], seen: dict[str, tuple[floa
     counts = {name: int(rows.sum()) for name, rows in fresh.items()}
     # The channel with the most changes defines the rows of the original log.
     lead = fresh[max(counts, key=lambda name: counts[name])]
-    near = lead
-    alike = [name for name, rows in fresh.items() if np.mean(near[rows]) > 0.95]
+    alike = [name for name, rows in fresh.items() if np.mean(lead[rows]) > 0.95]
     if len(alike) < len(fresh):
         return None
     whole = {factor for factor, _ in seen.values()}

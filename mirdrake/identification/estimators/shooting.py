@@ -1,6 +1,6 @@
 """Simulation of a segment and its sensitivities by condensed multiple shooting, all shots side by side.
 
-A segment is make_shots into shots of equal length. Each is integrated from a guess of its initial state, together with
+A segment is cut into shots of equal length. Each is integrated from a guess of its initial state, together with
 small changes of every state and every free parameter, as one batch of arrays (Runge-Kutta of fourth order). Newton
 steps on the initial states close the gaps between the shots. The result is the trajectory from the initial state of the
 segment; its derivatives by that state and by the parameters follow by the chain rule from shot to shot::
@@ -36,7 +36,7 @@ _MAX_LENGTH = 160
 
 @dataclass
 class Shots:
-    """A segment make_shots into shots, with the initial states that closed the gaps last.
+    """A segment cut into shots, with the initial states that closed the gaps last.
 
     Attributes:
         drive: the segment.

@@ -2,7 +2,7 @@
 
 The plain model is fitted first, then each addition of :meth:`Model.additions` in turn, starting from the best fit so
 far and with the noise of the first one. An addition is kept if its values are plausible and if it predicts parts of the
-logs better that it was not fitted to (:func:`~mirdrake.identification.estimators.consistency.prediction_costs`), by
+logs better that it was not fitted to (:func:`~mirdrake.identification.estimators.consistency.cross_validate`), by
 more than the standard error over the parts allows for chance (M. Stone, Cross-validatory choice, J. R. Statist. Soc. B
 36, 1974; the rule of standard errors is that of L. Breiman and others, Classification and Regression Trees, 1984).
 """
