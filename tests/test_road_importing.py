@@ -10,6 +10,7 @@ import pytest
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.importing.roads import import_road_world, is_road_file
+from mirdrake.importing.roads.gps_tracks import _heights
 from mirdrake.importing.roads.openscenario import read_scenario_world
 from mirdrake.importing.roads.road_world import RoadWorld
 from mirdrake.importing.worlds import WorldImport
@@ -297,3 +298,15 @@ def test_openscenario_names_a_parameter_or_map_that_is_missing(tmp_path: Path) -
         read_scenario_world(tmp_path / "cut_in.xosc", "cut_in")
     with pytest.raises(ConfigError, match=r"cut_in.xosc:\d+: unknown parameter 'sped' in value; did you mean 'speed'"):
         scenario(tmp_path, SCENARIO.replace("${speed}", "$sped"))
+
+
+def test_heights_of_a_closed_track_are_averaged_across_its_joint() -> None:
+    angle = np.linspace(0.0, 2.0 * math.pi, 241)[:-1]
+    places, length = 100.0 * np.column_stack((np.cos(angle), np.sin(angle))), 200.0 * math.pi
+    rows = re.findall(r"\[([^,\]]+), ([^\]]+)\]", _heights(places, 5.0 * np.sin(angle), length, closed=True))
+    at, height = np.array(rows, dtype=float).T
+    # The mean of a sine over a window keeps its phase, so that heights stay antisymmetric about the joint.
+    np.testing.assert_allclose(height[1:], -height[:0:-1], atol=2e-3)
+    # Trapezoids over 17 points of 5 m: the mean of cosines about the middle scales the sine.
+    scale = np.cos(np.linspace(-40.0, 40.0, 17) / 100.0).mean()
+    np.testing.assert_allclose(height, 5.0 * scale * np.sin(at / 100.0), atol=5e-3)
