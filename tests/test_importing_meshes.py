@@ -21,7 +21,7 @@ from pydrake.systems.framework import DiagramBuilder
 from mirdrake.core.errors import MissingDependencyError
 from mirdrake.core.paths import cache_folder
 from mirdrake.importing.meshes.convert import MeshError, convert_collision, convert_visual, mesh_bounds
-from mirdrake.importing.meshes.convex import CutTime
+from mirdrake.importing.meshes.convex import CutTime, make_hull
 from mirdrake.importing.shape import Shape
 from mirdrake.viewer.private_meshcat import make_private_meshcat
 from tests.mesh_rigs import CORNERS, QUADS, TEXTURED, add_eye, box, flat, write_dae, write_stl
@@ -759,3 +759,13 @@ def test_another_surface_or_version_is_cut_anew_and_an_unwritable_cache_is_not_a
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     shapes, _ = convert_collision(mesh(tmp_path / "0.stl"), tmp_path, name="unwritable")
     assert len(shapes) == 2
+
+
+def test_the_hull_of_two_points_is_a_rod_between_them():
+    ends = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 2.0]])
+    hull = make_hull(ends)
+    along = (hull.points - ends[0]) @ (ends[1] / 3.0)
+    across = np.linalg.norm(hull.points - ends[0] - np.outer(along, ends[1] / 3.0), axis=1)
+    assert (along.min(), along.max()) == pytest.approx((0.0, 3.0), abs=1e-6)
+    assert across.max() == pytest.approx(0.5e-3 * np.sqrt(2.0), rel=1e-3)
+    assert hull.volume == pytest.approx(3.0e-6, rel=1e-3)

@@ -96,8 +96,8 @@ def make_hull(points: Array) -> Hull:
     except (QhullError, ValueError):
         middle = points.mean(axis=0)
         # Principal axes of the points; those without extent get the thickness.
-        _, spread, axes = np.linalg.svd(points - middle, full_matrices=False)
-        axes = axes if len(axes) == 3 else np.eye(3)
+        # Fewer than three points have less than three of them, unless the full matrix adds the others.
+        _, spread, axes = np.linalg.svd(points - middle, full_matrices=len(points) < 3)
         flat = np.pad(spread, (0, 3 - len(spread))) < 1e-6 * max(float(spread.max()), 1e-3)
         cloud = points
         for axis in axes[flat] if flat.any() else np.eye(3):
