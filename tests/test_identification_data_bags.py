@@ -11,8 +11,9 @@ from mcap.writer import Writer
 from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.export.mcap import write_mcap
 from mirdrake.identification import load_data
-from mirdrake.readers import bags
+from mirdrake.readers import bags, read_table
 from mirdrake.runs.logs import RunWriter, load_run
+from mirdrake.vehicles import load_vehicle
 from mirdrake.worlds import load_world
 
 rosbags = pytest.importorskip("rosbags")
@@ -166,6 +167,29 @@ def test_an_exported_run_is_read_back(tmp_path, monkeypatch):
     assert log.time == pytest.approx(time)
     assert log.channels["vx"] == pytest.approx(3.0 + time)
     assert log.channels["yaw_rate"] == pytest.approx(rates(time))
+
+
+@pytest.mark.parametrize("columns", [[], ["time"], ["time", "received"]])
+def test_a_bag_without_a_requested_topic_is_one_line(tmp_path, columns):
+    bag = tmp_path / write_ros(tmp_path, "mcap")
+    with pytest.raises(ConfigError, match=r"no column of a topic is named, .*; topics: /\w+") as error:
+        read_table(bag, columns)
+    assert "\n" not in str(error.value)
+
+
+def test_a_run_without_joints_has_no_joint_states(tmp_path, monkeypatch):
+    writer = RunWriter(tmp_path / "run", {"vehicles": {"ego": {}}, "sensors": {}, "record": {}})
+    writer.write_signals(0.1 * np.arange(5.0), {"ego.vx": np.ones(5)}, {"ego.vx": "m/s"})
+    writer.finish(dict)
+    run = load_run(tmp_path / "run")
+    from mirdrake.export import mcap as exporting
+
+    vehicle = load_vehicle("bolt")
+    scene = SimpleNamespace(vehicles={"ego": vehicle}, world=load_world("empty"))
+    monkeypatch.setattr(type(run), "scene", lambda _: scene)
+    streams = exporting._Streams(run)
+    (part,) = streams._frames.parts.vehicles.values()
+    assert list(streams._joints(part)) == []
 
 
 def test_without_the_package_its_extra_is_named(tmp_path, monkeypatch):

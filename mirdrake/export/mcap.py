@@ -254,6 +254,8 @@ class _Streams:
 
     def _joints(self, part: VehicleInPlant) -> Iterator[Message]:
         joints, topic = joint_columns(self._run, part), f"/{part.name}/joint_states"
+        if not joints:
+            return
         names = [joint.name() for joint, _, _ in joints]
         rates = [rate for _, _, rate in joints if rate is not None]
         indices = [rates.index(rate) if rate is not None else None for _, _, rate in joints]

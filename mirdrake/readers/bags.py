@@ -55,6 +55,13 @@ def read_bag(request: Request) -> Table:
     columns = [name for name in requested if name not in CLOCKS]
     with ExitStack() as stack:
         bag = _open(path, stack)
+        # Each topic has its own clock, so that without a topic there are no rows.
+        if not columns:
+            topics = ", ".join(sorted(bag.topics)[:10]) + (" …" if len(bag.topics) > 10 else "")
+            raise ConfigError(
+                f"{shown(path)}: no column of a topic is named, for example /odom:twist.twist.linear.x; "
+                f"topics: {topics or 'none'}"
+            )
         places = {name: _split(path, name, bag.topics) for name in columns}
         rows = _collect(path, bag, places)
     received = "received" in requested
