@@ -1,6 +1,7 @@
 """Import of vehicles: recognition by motion, correction of impossible values, and drives of the result."""
 
 from math import cos, pi, sin, tan
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -11,6 +12,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from mirdrake.assembly.diagram import assemble
 from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError, ModelError
+from mirdrake.importing.changes import Changes
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.vehicles import import_vehicle
 from mirdrake.importing.vehicles.model import (
@@ -27,6 +29,7 @@ from mirdrake.importing.vehicles.model import (
 from mirdrake.importing.vehicles.recognise import recognise
 from mirdrake.importing.vehicles.repair import repair
 from mirdrake.importing.vehicles.ros_control import read_ros2_control
+from mirdrake.importing.vehicles.springs import WheelSpring, _travel
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
 
@@ -816,6 +819,16 @@ def test_plausible_limits_of_the_source_are_kept_with_their_place():
     assert numbers["steering_rate"].value == 0.5
 
 
+def test_an_impossible_torque_of_one_axle_does_not_count():
+    """The other axle states a possible one; equal wheels have it, as with limits of joints."""
+    model = car()
+    values = {"front_torque": "1e6", "back_torque": "300"}
+    model.plugins.append(Plugin("drive", "libdrive.so", values, "car.urdf:80"))
+    assert repaired(model, "all").numbers["max_torque"].value == pytest.approx(4 * 300.0)
+    model.plugins[-1].values["front_torque"] = "200"
+    assert repaired(model, "all").numbers["max_torque"].value == pytest.approx(2 * (200.0 + 300.0))
+
+
 PRIUS = {
     "front_torque": "859.4", "back_torque": "0", "front_brake_torque": "1031.28", "back_brake_torque": "687.52",
     "max_speed": "38.0", "max_steer": "0.55", "min_gas_flow": "9e-05", "flwheel_steering_p_gain": "1e4",
@@ -1387,3 +1400,16 @@ def test_a_car_with_springs_rests_on_them(tmp_path, same_process, hubs):
     run = drive(result, [{"time": 0, "speed": 2.0}], 4.0)
     assert run["ego.vx"].iloc[-1] == pytest.approx(2.0, abs=0.05)
     assert abs(run["ego.vz"].iloc[-1]) < 5e-3
+
+
+def test_a_travel_without_the_zero_position_has_the_length_that_all_springs_allow():
+    """From 0.02 to 0.10 m and from 0.05 to 0.12 m: both allow 0.05 to 0.10 m, half of it to each side of zero."""
+    ranges = ((0.02, 0.10), (0.05, 0.12))
+    springs = [
+        WheelSpring(Joint("s", "prismatic", "a", "b", axis=Z, limits=Limits(low, high), where="car.urdf:60"))
+        for low, high in ranges
+    ]
+    changes = Changes()
+    assert _travel(springs, SimpleNamespace(suspension_travel=0.1), changes) == pytest.approx((-0.025, 0.025))
+    (change,) = changes
+    assert (change.old, change.new) == ("0.05 … 0.1 m", "±0.025 m")

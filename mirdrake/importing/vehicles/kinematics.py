@@ -42,7 +42,7 @@ class Tree:
         return joints[::-1]
 
     def rigid_with(self, link: str, free: Container[str]) -> list[str]:
-        """Return a link and its descendants, except see the steering limit a joint named in `free`."""
+        """Return a link and its descendants, except beyond a joint named in `free`."""
         links = [link]
         for name in self.poses:  # parents come first
             if name in self.above and self.above[name].parent in links and self.above[name].name not in free:

@@ -226,7 +226,8 @@ def _drive_torque(roles: Roles, stated: Sequence[Stated], estimates: Estimates, 
         changes,
     )
     # A plugin that states both axles may drive them differently, so the total is not that of equal wheels.
-    by_end = {item.end: item for item in stated if item.figure == "torque" and item.end and item.value > 0.0}
+    possible = [item for item in stated if item.figure == "torque" and 0.0 < item.value <= MOST_TORQUE * share]
+    by_end = {item.end: item for item in possible if item.end}
     total = torque.value * len(driven)
     if roles.drive == "all" and len(by_end) == 2 and torque.source.startswith("imported: plugin"):
         total = 2.0 * sum(item.value for item in by_end.values())

@@ -257,7 +257,7 @@ def _travel(springs: Sequence[WheelSpring], estimates: Estimates, changes: Chang
     # Zero has to be inside of the travel, because it is the position of the loaded car.
     if low < 0.0 < high:
         return low, high
-    half = 0.5 * (min(highs) - min(lows))
+    half = 0.5 * (high - low)
     half = half if half > 0.0 else usual
     why = "the zero position of the loaded car is in the middle of the travel"
     changes.add(Code.SUSPENSION, where, "suspension: travel", f"{low:.3g} … {high:.3g} m", f"±{half:.3g} m", why)
