@@ -243,7 +243,9 @@ def _heights(places: Array, heights: Array, length: float, closed: bool) -> str:
     stations = np.linspace(0.0, length, max(2, round(length / _HEIGHT_STEP)) + 1)
     grid = np.linspace(-_HEIGHT_STEP, _HEIGHT_STEP, 17)
     # The window continues across the joint of a closed track, and ends with an open one.
-    means = [np.interp((at + grid) % length if closed else np.clip(at + grid, 0.0, length), s, z).mean() for at in stations]
+    means = [
+        np.interp((at + grid) % length if closed else np.clip(at + grid, 0.0, length), s, z).mean() for at in stations
+    ]
     if closed:
         stations, means = stations[:-1], means[:-1]
     return ", ".join(f"[{number(at)}, {number(mean - means[0])}]" for at, mean in zip(stations, means, strict=True))
