@@ -205,8 +205,38 @@ def test_coast_down_by_regression():
     assert load["rolling_resistance"] == pytest.approx(COAST["rolling_resistance"], rel=0.05)
     assert load["drag_area"] == pytest.approx(COAST["drag"], rel=0.05)
     assert estimate["A"].low < COAST["rolling_resistance"] * MASS * 9.80665 < estimate["A"].high
+    per_kilogram = road_load_coefficients(coast_down(coast_data()), MASS, density=2.0)
+    assert per_kilogram == pytest.approx(load, rel=1e-6)
     with pytest.raises(ConfigError, match="coasting"):
         coast_down(lateral_data(duration=8.0))
+
+
+def test_a_coast_down_in_reverse_has_the_same_road_load():
+    (log,) = coast_data().logs
+    backwards = replace(log, channels={**log.channels, "vx": -log.channels["vx"]})
+    forwards, other = coast_down(DataSet((log,)), mass=MASS), coast_down(DataSet((backwards,)), mass=MASS)
+    assert [p.value for p in other.parameters] == [p.value for p in forwards.parameters]
+
+
+def test_a_coast_down_leaves_out_turns():
+    """From 40 s to 60 s the car turns with 2 m/s², and the side forces slow it by 0.1 m/s² more."""
+    time = np.arange(0.0, 120.0, 0.02)
+    turning = (time > 40.0) & (time < 60.0)
+    v = np.full(len(time), 32.0)
+    for i in range(1, len(time)):
+        load = COAST["rolling_resistance"] * MASS * 9.80665 + COAST["drag"] * v[i - 1] ** 2
+        v[i] = v[i - 1] - 0.02 * (load / MASS + 0.1 * turning[i])
+    assert v.min() > 1.0
+    random = np.random.default_rng(0)
+    channels = {"vx": v + random.normal(0.0, 0.03, len(time)), "throttle": 0.0 * time, "brake": 0.0 * time}
+    channels["yaw_rate"] = np.where(turning, 2.0 / v, 0.0) + random.normal(0.0, 0.003, len(time))
+    estimate = coast_down(DataSet((Log("coast", "train", time, channels),)), mass=MASS)
+    load = road_load_coefficients(estimate, MASS, density=2.0)
+    assert load["rolling_resistance"] == pytest.approx(COAST["rolling_resistance"], rel=0.05)
+    assert load["drag_area"] == pytest.approx(COAST["drag"], rel=0.05)
+    del channels["yaw_rate"]
+    blind = coast_down(DataSet((Log("coast", "train", time, channels),)), mass=MASS)
+    assert road_load_coefficients(blind, MASS)["rolling_resistance"] > 1.1 * load["rolling_resistance"]
 
 
 def test_understeer_gradient_and_ratio_by_regression():

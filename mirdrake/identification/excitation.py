@@ -8,6 +8,9 @@ from mirdrake.identification.findings import Excitation, Verdict, statement
 from mirdrake.identification.plausibility import STEERING
 from mirdrake.identification.relations import Grid, make_grid
 
+STRAIGHT = 0.5
+"""Lateral acceleration, by yaw rate and speed, below which driving counts as straight [m/s²]."""
+
 
 def check_excitation(log: Log) -> list[Excitation]:
     """Return figures and a verdict for each group of parameters that the channels of a log could give."""
@@ -60,7 +63,7 @@ def _longitudinal(name: str, grid: Grid, speed: Array) -> list[Excitation]:
     ratings = []
     pedals = {pedal: grid.channels[pedal] for pedal in ("throttle", "brake") if pedal in grid.channels}
     # In turns the tyres' side forces also slow the car, which would count as drag.
-    straight = np.abs(grid.channels["yaw_rate"] * speed) < 0.5 if "yaw_rate" in grid.channels else speed > -1e9
+    straight = np.abs(grid.channels["yaw_rate"] * speed) < STRAIGHT if "yaw_rate" in grid.channels else speed > -1e9
     if len(pedals) == 2:
         coast = (pedals["throttle"] < 0.01) & (pedals["brake"] < 0.01) & (speed > 0.5) & straight
         duration = float(coast.sum()) * grid.step

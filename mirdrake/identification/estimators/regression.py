@@ -1,6 +1,6 @@
 """Regressions with linear parameters and intervals for autocorrelated residuals.
 
-- coast_down: dv/dt over windows = -(A + B v + C v²) / m, with released pedals.
+- coast_down: d|v|/dt over windows = -(A + B |v| + C v²) / m, with released pedals and straight driving.
 - understeer: steering channel = ratio (L r / v + K ay) + bias, in quasi-steady turns.
 """
 
@@ -12,8 +12,10 @@ from scipy.ndimage import gaussian_filter1d
 
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError
+from mirdrake.identification.alignment import smooth
 from mirdrake.identification.data import DataSet, Log
 from mirdrake.identification.estimators.covariance import Stretch, score_covariance
+from mirdrake.identification.excitation import STRAIGHT
 from mirdrake.identification.fit import Fit, FittedParameter
 from mirdrake.identification.models.base import SPEED, Array, find_channel
 from mirdrake.identification.models.steer import STEERING
@@ -90,7 +92,7 @@ def coast_down(data: DataSet, *, mass: float | None = None, linear: bool = False
     """Estimate the road load F = A + B v + C v² over the mass from coasting.
 
     Args:
-        data: training logs; pedals, if recorded, mark where the vehicle coasts.
+        data: training logs; pedals and yaw rate, if recorded, mark where the vehicle coasts straight ahead.
         mass: mass with the equivalent mass of rotating parts [kg]; None: everything per kilogram.
         linear: whether there is a term B v.
         window: length over which the deceleration is taken [s].
@@ -126,14 +128,18 @@ def coast_down(data: DataSet, *, mass: float | None = None, linear: bool = False
 
 
 def _coasting(log: Log, window: float) -> Array:
-    """Return rows of acceleration [m/s²], mean speed and mean squared speed."""
+    """Return rows of the change of the speed's magnitude [m/s²], its mean and mean square; see :func:`coast_down`."""
     name = find_channel(set(log.channels), SPEED, "the speed", "coast_down")
     grid = make_grid(log)
-    v = grid.channels[name]
-    free = np.abs(v) > 1.0
+    # The road load opposes the motion in both directions.
+    v = np.abs(grid.channels[name])
+    free = v > 1.0
     for pedal in ("throttle", "brake"):
         if pedal in grid.channels:
             free &= grid.channels[pedal] < 0.01
+    # In turns the tyres' side forces also slow the car, which would count as drag.
+    if "yaw_rate" in grid.channels:
+        free &= np.abs(smooth(grid, "yaw_rate") * v) < STRAIGHT
     # Slope of the speed by regression over each window: differences of neighbouring samples are mostly noise.
     many = max(round(window / grid.step), 4)
     samples = []
@@ -218,5 +224,15 @@ def _fit(data: DataSet, model: str, how: str, names: Sequence[tuple[str, str]], 
 def road_load_coefficients(
     fit: Fit, mass: float, *, gravity: float = GRAVITY, density: float = 1.2
 ) -> Mapping[str, float]:
-    """Return rolling resistance [1] and drag area [m²] of a coast-down for a mass."""
-    return {"rolling_resistance": fit["A"].value / (mass * gravity), "drag_area": 2.0 * fit["C"].value / density}
+    """Return rolling resistance [1] and drag area [m²] of a coast-down for a mass.
+
+    Args:
+        fit: result of :func:`coast_down`, with or without a mass.
+        mass: mass of the vehicle [kg].
+        gravity: [m/s²].
+        density: of the air [kg/m³].
+    """
+    # A fit without a mass has forces per kilogram.
+    scale = mass if fit["A"].unit == "N/kg" else 1.0
+    a, c = scale * fit["A"].value, scale * fit["C"].value
+    return {"rolling_resistance": a / (mass * gravity), "drag_area": 2.0 * c / density}
