@@ -9,13 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 
 import mirdrake as mir
 from mirdrake.assembly.diagram import assemble, make_spec
+from mirdrake.assembly.diagram_spec import without_user_systems
 from mirdrake.assembly.drawing import draw_svg, write_dot
+from mirdrake.assembly.wiring import Wiring
 from mirdrake.cli import main as mir_main
 from mirdrake.core.errors import ConfigError, MissingDependencyError
+from mirdrake.core.signals import signals
 from mirdrake.runs.simulation import simulate
 
 POINT: dict[str, Any] = {"contact": "point"}
@@ -71,6 +75,61 @@ def port_names(diagram: Diagram) -> tuple[list[str], list[str]]:
     """Return names of a diagram's inputs and outputs."""
     inputs = [diagram.get_input_port(i).get_name() for i in range(diagram.num_input_ports())]
     return inputs, [diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())]
+
+
+def test_without_user_systems_nothing_is_connected_to_what_is_left_out() -> None:
+    spec = make_spec(
+        drive(
+            vehicles={"ego": {"model": "bolt"}, "other": {"model": "bolt", "start": {"x": 20.0}}},
+            control={"ego": {"kind": "own:Driver"}, "other": {"kind": "constant", "speed": 1.0}},
+            systems={
+                "painter": {"kind": "own:Painter"},
+                "pilot": {"kind": "network", "image": "painter.y"},
+                "half": {"kind": "gain", "gain": 0.5},
+                "twice": {"kind": "gain", "gain": 2.0},
+                "kept": {"kind": "gain", "gain": 1.0},
+            },
+            connect=[
+                ["ego.steering_command", "half.u"],
+                ["half.y", "ego.steering_reference"],
+                ["ego.command.speed", "twice.u"],
+                ["ego.vx", "ego.driver_speed"],
+                ["other.steering_command", "kept.u"],
+                ["kept.y", "other.steering_reference"],
+            ],
+        )
+    )
+    rest, left_out = without_user_systems(spec)
+    assert list(rest.systems) == ["kept"]
+    assert list(rest.control) == ["other"]
+    assert rest.connect == spec.connect[-2:]
+    assert left_out == [
+        "systems.painter (own:Painter)",
+        "systems.half (an input is from ego.driver)",
+        "systems.twice (an input is from ego.driver)",
+        "systems.pilot (an input is from painter)",
+        "control.ego (own:Driver)",
+        "4 connections of these",
+    ]
+    assert assemble(rest).unread == ()
+
+
+def test_elements_of_a_default_source_without_names_cannot_be_filled_in() -> None:
+    wiring = Wiring(DiagramBuilder(), make_spec(drive(connect=[["one.y", "two.u.a"]])))
+    one = wiring.builder.AddNamedSystem("one", ConstantVectorSource([1.0]))
+    three = wiring.builder.AddNamedSystem("three", ConstantVectorSource([1.0, 1.0]))
+    two = wiring.builder.AddSystem(PassThrough(2))
+    wiring.sources |= {"one.y": (one.get_output_port(), None), "three.y": (three.get_output_port(), None)}
+    wiring.sinks["two.u"] = (two.get_input_port(), signals(("a", ""), ("b", "")))
+    wiring.defaults.append(("three.y", "two.u"))
+    with pytest.raises(ConfigError, match=r"input 'two.u' has no value for b; connect them"):
+        wiring.connect()
+
+
+def test_an_unknown_element_of_an_input_has_no_default_source() -> None:
+    assembly = assemble(make_spec(drive()))
+    assert assembly.default_source("ego.speed_reference") == "ego.speed_command"
+    assert assembly.default_source("ego.speed_reference.nothing") is None
 
 
 # --- file and twin ---------------------------------------------------------------------------------------------------

@@ -103,10 +103,12 @@ class Assembly:
             return self.defaults[sink]
         port, _, element = sink.rpartition(".")
         source, contents = self.defaults.get(port), self.inputs.get(port)
-        if source is None or contents is None:
+        names = [signal.name for signal in contents or ()]
+        known = None if source is None else self.outputs[source]
+        # An element of a source without names cannot be connected.
+        if element not in names or not known:
             return None
-        index = [signal.name for signal in contents].index(element)
-        return f"{source}.{(self.outputs[source] or contents)[index].name}"
+        return f"{source}.{known[names.index(element)].name}"
 
     def output_port(self, name: str) -> tuple[OutputPort, int]:
         """Return the port and the index of an element of an output.

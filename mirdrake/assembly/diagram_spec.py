@@ -33,6 +33,9 @@ from mirdrake.plant.plant import PlantSpec
 from mirdrake.vehicles.vehicle import VARIANT_MARK
 from mirdrake.worlds import World, load_world
 
+SPLIT = ("speed_command", "steering_command", "command_stamp")
+"""Elements of a driver's command as outputs of its vehicle, behind which user blocks may be inserted."""
+
 Name = Annotated[str, matching(r"^[A-Za-z_][A-Za-z0-9_]*$", "letters, digits and _")]
 
 BlockName = Annotated[
@@ -237,23 +240,30 @@ def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
         spec: is not changed.
     """
     systems = {name: entry.kind for name, entry in spec.systems.items() if ":" in entry.kind}
-    found = bool(systems)
-    while found:  # a system without one of its inputs is a fault
-        fed = [(source.split(".")[0], sink.split(".")[0]) for source, sink in spec.connect]
-        found = False
-        for source, sink in fed:
-            if source in systems and sink in spec.systems and sink not in systems:
-                systems[sink], found = f"an input is from {source}", True
     drivers = {name: entry.kind for name, entry in spec.control.items() if ":" in entry.kind}
+
+    def missing(end: str) -> str:
+        """Return what is left out with a port, "" if the port remains."""
+        owner, _, port = end.partition(".")
+        of_driver = port in SPLIT or port.startswith("driver") or port.split(".")[0] == "command"
+        return owner if owner in systems else f"{owner}.driver" if owner in drivers and of_driver else ""
+
+    found = bool(systems or drivers)
+    while found:  # a system without one of its inputs is a fault
+        found = False
+        for source, sink, _ in connections_of(spec):
+            fed = sink.split(".")[0]
+            if missing(source) and fed in spec.systems and fed not in systems:
+                systems[fed], found = f"an input is from {missing(source)}", True
     rest = spec.model_copy()
     rest.systems = {name: entry for name, entry in spec.systems.items() if name not in systems}
     rest.control = {name: entry for name, entry in spec.control.items() if name not in drivers}
-    # Connections to systems that are left out would be faults.
-    rest.connect = [pair for pair in spec.connect if not any(end.split(".")[0] in systems for end in pair)]
+    # Connections to systems and drivers that are left out would be faults.
+    rest.connect = [pair for pair in spec.connect if not any(map(missing, pair))]
     lost = len(spec.connect) - len(rest.connect)
     left_out = [f"systems.{name} ({kind})" for name, kind in systems.items()]
     left_out += [f"control.{name} ({kind})" for name, kind in drivers.items()]
-    return rest, left_out + ([f"{lost} connections of these systems"] if lost else [])
+    return rest, left_out + ([f"{lost} connections of these"] if lost else [])
 
 
 def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:

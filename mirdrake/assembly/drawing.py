@@ -15,7 +15,8 @@ from collections.abc import Collection, Mapping
 from pydrake.systems.framework import Diagram, System
 
 from mirdrake.assembly.diagram import Assembly
-from mirdrake.assembly.wiring import JOIN, SPLIT
+from mirdrake.assembly.diagram_spec import SPLIT
+from mirdrake.assembly.wiring import JOIN
 from mirdrake.controllers.control_diagram import HOLD
 from mirdrake.core.errors import ConfigError, MissingDependencyError
 

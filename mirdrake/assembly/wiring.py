@@ -16,9 +16,8 @@ from mirdrake.core.signals import Signal, signals_of
 from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import PlantParts
 
-SPLIT = ("speed_command", "steering_command", "command_stamp")
 JOIN = ("speed_reference", "steering_reference", "reference_stamp")
-"""Names of the ports between a driver and a vehicle's control unit, where user blocks may be inserted."""
+"""Inputs of a vehicle's control unit, which its driver or user blocks feed."""
 
 _RESERVED = {"plant", "scene_graph", "meshcat_visualizer"}  # Drake gives its own systems these names
 
@@ -179,13 +178,16 @@ class Wiring:
         """Connect an input by elements; the others come from its default.
 
         Raises:
-            ConfigError: an element is not given, and the input has no default.
+            ConfigError: an element is not given, and the input has no default whose elements have names.
         """
         port, contents = self.sinks[name]
         names = [signal.name for signal in contents or ()]
         default = next((source for source, sink in self.defaults if sink == name), None)
+        # The elements of the default source may have other names; their order is the same.
+        known = [signal.name for signal in self.sources[default][1] or ()] if default is not None else []
         missing = [element for element in names if element not in given]
-        if missing and default is None:
+        # Elements of a source without names cannot be taken one by one.
+        if missing and not known:
             raise ConfigError(
                 f"{where(self.spec, 'connect')}: input '{name}' has no value for {', '.join(missing)}; connect them"
             )
@@ -194,8 +196,6 @@ class Wiring:
         for index, element in enumerate(names):
             source = given.get(element)
             if source is None:
-                # The elements of the default source may have other names; their order is the same.
-                known = [signal.name for signal in self.sources[str(default)][1] or ()]
                 source = f"{default}.{known[index]}"
             self.link(self._output(source), join.get_input_port(index))
         self.link(join.get_output_port(), port)

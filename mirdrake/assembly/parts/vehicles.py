@@ -6,10 +6,10 @@ from pathlib import Path
 from pydrake.systems.framework import InputPort, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
-from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.diagram_spec import SPLIT, DiagramSpec
 from mirdrake.assembly.parts.actors import add_road_ahead
 from mirdrake.assembly.parts.control import add_control
-from mirdrake.assembly.wiring import JOIN, SPLIT, Wiring
+from mirdrake.assembly.wiring import JOIN, Wiring
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals_of
 from mirdrake.core.vectors import COMMAND
