@@ -24,10 +24,13 @@ class SelectedByKind(Generic[SchemaT]):
     Args:
         registry: classes by kind, or where to import them; each has a field ``kind`` with that value.
         default: kind of an entry without the key; by default the key is required.
+        by_name: whether the bare name of a kind is an entry with its defaults.
     """
 
-    def __init__(self, registry: Mapping[str, type[SchemaT] | str], *, default: str | None = None) -> None:
-        self._registry, self._default = registry, default
+    def __init__(
+        self, registry: Mapping[str, type[SchemaT] | str], *, default: str | None = None, by_name: bool = False
+    ) -> None:
+        self._registry, self._default, self._by_name = registry, default, by_name
 
     def __getitem__(self, kind: str) -> type[SchemaT]:
         """Return the class of a kind."""
@@ -44,11 +47,14 @@ class SelectedByKind(Generic[SchemaT]):
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """Return the JSON Schema of the union of all classes."""
         members = {kind: self[kind].__pydantic_core_schema__ for kind in self._registry}
-        return handler(core_schema.tagged_union_schema(members, discriminator=str))
+        union = handler(core_schema.tagged_union_schema(members, discriminator=str))
+        return {"anyOf": [{"enum": list(self._registry)}, union]} if self._by_name else union
 
     def _validate(self, value: Any) -> Any:
         if isinstance(value, Schema):
             return value
+        if self._by_name and isinstance(value, str):
+            value = {"kind": value}
         kind = value.get("kind", self._default) if isinstance(value, Mapping) else None
         if kind is None:
             raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})

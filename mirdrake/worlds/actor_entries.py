@@ -6,27 +6,16 @@ from typing import Any
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.json_io import Json
-from mirdrake.core.yaml_io import Schema, Source, validate
+from mirdrake.core.yaml_io import Source, validate
 from mirdrake.core.yaml_tree import Key
+from mirdrake.worlds.actors_spec import AlongSpec
 from mirdrake.worlds.draw import Draw, evaluate_tree
-from mirdrake.worlds.schema_types import Value
 from mirdrake.worlds.values import is_random
 
 LARGEST_COUNT = 2000
 """Largest number of actors in a world."""
 
 _NUMBER = re.compile(r"(.*(?:within|@|[<>])\s*)(.+)", re.DOTALL)  # the number at the end of a condition
-
-
-class AlongSpec(Schema):
-    """Several actors one behind the other on a track."""
-
-    track: str
-    lane: int | str | None = None
-    s: Value = 0.0
-    spacing: Value
-    count: Value
-    offset: Value = 0.0
 
 
 def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Source]:

@@ -23,7 +23,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from mirdrake.core.kinds import SelectedByKind
 from mirdrake.core.yaml_io import Acceleration, Duration, Length, Schema, Speed, to_si
-from mirdrake.worlds.schema_types import Label, exactly_one
+from mirdrake.worlds.schema_types import Label, Value, exactly_one
 
 BEHAVIOURS: dict[str, str] = {
     "follow": "mirdrake.actors.behaviours.follow:Follow",
@@ -44,15 +44,10 @@ class ActorBehaviour(Schema):
     kind: str
 
 
-def _mapping(value: Any) -> Any:
-    """Return a mapping with a kind; a bare kind is a behaviour with its defaults."""
-    return {"kind": value} if isinstance(value, str) else value
-
-
-BEHAVIOUR_KINDS: SelectedByKind[ActorBehaviour] = SelectedByKind(BEHAVIOURS)
+BEHAVIOUR_KINDS: SelectedByKind[ActorBehaviour] = SelectedByKind(BEHAVIOURS, by_name=True)
 """Classes of :data:`BEHAVIOURS` by kind."""
 
-Behaviour = Annotated[ActorBehaviour, BEHAVIOUR_KINDS, BeforeValidator(_mapping)]
+Behaviour = Annotated[ActorBehaviour, BEHAVIOUR_KINDS]
 
 
 # --- triggers -----------------------------------------------------------------------------------------------------
@@ -73,24 +68,24 @@ class Condition(Schema):
     value: float = Field(description="distance, station or gap [m], time [s] or speed [m/s]")
     track: str | None = Field(default=None, description="track of a station [-]")
 
-    @model_validator(mode="before")
-    @classmethod
-    def _parse(cls, data: Any) -> Any:
-        if not isinstance(data, str):
-            return data
-        text = " ".join(data.split())
-        if match := _WITHIN.fullmatch(text):
-            of, given = match.groups()
-            kind = "time" if re.search(r"\d\s*(s|ms|min)$", given) else "distance"
-            return {"kind": kind, "of": of, "value": _number(given, "s" if kind == "time" else "m")}
-        if match := _PAST.fullmatch(text):
-            of, track, given = match.groups()
-            return {"kind": "past", "of": of, "track": track, "value": _number(given, "m")}
-        if match := _COMPARED.fullmatch(text):
-            signal, sign, given = match.groups()
-            kind = f"{signal}_{'below' if sign == '<' else 'above'}"
-            return {"kind": kind, "value": _number(given, "m" if signal == "gap" else "m/s")}
-        raise ValueError(f"{data[:60]!r} is not a condition; allowed are {_FORMS}")
+
+def _condition(data: Any) -> Any:
+    """Return the data of a condition that is given as a text."""
+    if not isinstance(data, str):
+        return data
+    text = " ".join(data.split())
+    if match := _WITHIN.fullmatch(text):
+        of, given = match.groups()
+        kind = "time" if re.search(r"\d\s*(s|ms|min)$", given) else "distance"
+        return {"kind": kind, "of": of, "value": _number(given, "s" if kind == "time" else "m")}
+    if match := _PAST.fullmatch(text):
+        of, track, given = match.groups()
+        return {"kind": "past", "of": of, "track": track, "value": _number(given, "m")}
+    if match := _COMPARED.fullmatch(text):
+        signal, sign, given = match.groups()
+        kind = f"{signal}_{'below' if sign == '<' else 'above'}"
+        return {"kind": kind, "value": _number(given, "m" if signal == "gap" else "m/s")}
+    raise ValueError(f"{data[:60]!r} is not a condition; allowed are {_FORMS}")
 
 
 def _number(text: str, unit: str) -> float:
@@ -100,11 +95,15 @@ def _number(text: str, unit: str) -> float:
     return value
 
 
+ConditionText = Annotated[Condition, BeforeValidator(_condition, json_schema_input_type=Condition | str)]
+"""A condition, or its text."""
+
+
 class Trigger(Schema):
     """When something happens: `at` a time, or `when` a condition holds."""
 
     at: Annotated[Duration, Field(ge=0.0)] | None = Field(default=None, description="time since the start [s]")
-    when: Condition | None = Field(default=None, description=f"condition, such as {_FORMS} [-]")
+    when: ConditionText | None = Field(default=None, description=f"condition, such as {_FORMS} [-]")
 
     @model_validator(mode="after")
     def _one_trigger(self) -> Self:
@@ -130,16 +129,20 @@ class LaneChange(Schema):
     to: Literal["left", "right"] = Field(description="side of the lane [-]")
     within: Duration = Field(default=4.0, gt=0.0, le=60.0, description="duration at the present speed [s]")
 
-    @model_validator(mode="before")
-    @classmethod
-    def _text(cls, data: Any) -> Any:
-        if not isinstance(data, str):
-            return data
-        match = _LANE_CHANGE.fullmatch(" ".join(data.split()))
-        if match is None:
-            raise ValueError(f"{data[:40]!r} is not a lane change; write 'left in 3 s' or 'right'")
-        side, time = match.groups()
-        return {"to": side} | ({"within": time} if time else {})
+
+def _lane_change(data: Any) -> Any:
+    """Return the data of a lane change that is given as a text."""
+    if not isinstance(data, str):
+        return data
+    match = _LANE_CHANGE.fullmatch(" ".join(data.split()))
+    if match is None:
+        raise ValueError(f"{data[:40]!r} is not a lane change; write 'left in 3 s' or 'right'")
+    side, time = match.groups()
+    return {"to": side} | ({"within": time} if time else {})
+
+
+LaneChangeText = Annotated[LaneChange, BeforeValidator(_lane_change, json_schema_input_type=LaneChange | str)]
+"""A lane change, or its text."""
 
 
 class Stop(Schema):
@@ -161,7 +164,7 @@ class Step(Trigger):
     """A step of a scenario: a trigger and one action."""
 
     change_speed: SpeedChange | None = Field(default=None, description="change of speed at a constant rate [-]")
-    change_lane: LaneChange | None = Field(default=None, description="change to the next lane: left in 3 s [-]")
+    change_lane: LaneChangeText | None = Field(default=None, description="change to the next lane: left in 3 s [-]")
     stop: Stop | None = Field(default=None, description="brake to standstill: {rate: 4 m/s^2} [-]")
     go: Go | None = Field(default=None, description="start after a stop: {rate: 2 m/s^2} [-]")
 
@@ -229,3 +232,25 @@ class ActorSpec(Schema):
 
 def _default_behaviour() -> ActorBehaviour:
     return BEHAVIOUR_KINDS["follow"](kind="follow")
+
+
+class AlongSpec(Schema):
+    """Several actors one behind the other on a track."""
+
+    track: str
+    lane: int | str | None = None
+    s: Value = 0.0
+    spacing: Value
+    count: Value
+    offset: Value = 0.0
+
+
+class ActorEntry(ActorSpec):
+    """Entry of a world file, from which :mod:`mirdrake.worlds.actor_entries` makes one actor or several."""
+
+    name: Label | None = Field(default=None, description="its name; default: that of the prop and a number [-]")  # type: ignore[assignment]
+    along: AlongSpec | None = Field(default=None, description="several on a track, one behind the other [-]")
+
+
+ActorList = Annotated[list[ActorSpec], BeforeValidator(lambda data: data, json_schema_input_type=list[ActorEntry])]
+"""Actors; JSON Schema sees the entries of a world file."""

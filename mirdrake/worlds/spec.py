@@ -26,7 +26,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, PlainValidator, field_validator, model_validator
 
 from mirdrake.core.yaml_io import Angle, Length, Schema, Speed, to_si
-from mirdrake.worlds.actors_spec import ActorSpec, Step
+from mirdrake.worlds.actors_spec import ActorList, Step
 from mirdrake.worlds.case_spec import CaseSpec
 from mirdrake.worlds.lights import LightSpec
 from mirdrake.worlds.networks.network_spec import NetworkSpec
@@ -367,6 +367,6 @@ class WorldSpec(Schema):
     groups: dict[Label, GroupSpec] = Field(default_factory=dict, description="props that belong together [-]")
     rules: list[RuleSpec] = Field(default_factory=list, description="conditions on the world [-]")
     tests: list[CaseSpec] = Field(default_factory=list, description="requirements on a vehicle in the world [-]")
-    actors: list[ActorSpec] = Field(default_factory=list, max_length=2000, description="props that move [-]")
+    actors: ActorList = Field(default_factory=list, max_length=2000, description="props that move [-]")
     signals: dict[Label, LightSpec] = Field(default_factory=dict, description="traffic lights by name [-]")
     scenario: dict[Label, list[Step]] = Field(default_factory=dict, description="steps of actors by name [-]")
