@@ -270,6 +270,35 @@ def test_a_hostile_expression_is_an_error_in_time(expression, tmp_path):
     assert "root:" not in text
 
 
+FUNCTIONS_AS_TEXT = [
+    "enumerate",
+    "[map]",
+    "xacro",
+    "str(enumerate)",
+    "repr([enumerate])",
+    "str([(1, map)])",
+    "'%s' % [map]",
+    "'%s' % (map,)",
+    "'{}'.format([map])",
+    "'{!r}'.format((map,))",
+    "f'{[map]}'",
+    "str({1: map})",
+    "xacro.message([map])",
+]
+
+
+@pytest.mark.parametrize("expression", FUNCTIONS_AS_TEXT)
+def test_a_function_has_no_text(expression, evaluator):
+    with pytest.raises(xacro.XacroException, match="a function has no text"):
+        evaluator.evaluate(expression, {})
+
+
+def test_no_error_contains_an_address_in_memory(tmp_path):
+    with pytest.raises(ModelError, match=r"<function _map> is not in list") as caught:
+        value(tmp_path, "[1].index(map)")
+    assert "0x" not in str(caught.value)
+
+
 def hostile_grammar(seed: int) -> str:
     """Return an expression of the building blocks of sandbox escapes."""
     source = random.Random(seed)

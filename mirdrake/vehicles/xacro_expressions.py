@@ -29,6 +29,7 @@ from mirdrake.vehicles.xacro_functions import (
     items_of,
     measure,
     method_of,
+    printable,
     range_of,
     repr_of,
     text_of,
@@ -120,7 +121,7 @@ class Evaluator:
             names: more names, before all others; their functions may be called.
 
         Raises:
-            XacroException: the expression uses what is not allowed, or its value is too large.
+            XacroException: the expression uses what is not allowed, or its value is too large or a function.
             NameError, TypeError, ValueError and so on: as Python raises them.
         """
         if len(text) > LONGEST:
@@ -140,7 +141,7 @@ class Evaluator:
         self._until, self._nested = time.thread_time() + SECONDS, self._nested + 1
         self._callable = self._callable | {id(function) for function in self._first.values() if callable(function)}
         try:
-            return self._value(tree.body, {}, 0)
+            return printable(self._value(tree.body, {}, 0))
         finally:
             self._steps, self._symbols, self._first, self._callable, self._until = outer
             self._nested -= 1

@@ -114,18 +114,31 @@ def items_of(value: Any) -> list[Any]:
 
 def text_of(value: Any = "") -> str:
     """Return the text of a value."""
-    return str(_printable(value))
+    return str(printable(value))
 
 
 def repr_of(value: Any) -> str:
     """Return the text of a value as Python writes it."""
-    return repr(_printable(value))
+    return repr(printable(value))
 
 
-def _printable(value: Any) -> Any:
-    """Return a value whose text does not contain an address in memory."""
-    if callable(value) or isinstance(value, Functions | Table):
-        raise XacroException("a function has no text")
+def printable(value: Any) -> Any:
+    """Return a value whose text does not contain an address in memory.
+
+    Raises:
+        XacroException: it is a function or contains one.
+    """
+    # Shared parts are visited again each time, so the size is checked first.
+    check_size(measure(value))
+    waiting = [value]
+    while waiting:
+        item = waiting.pop()
+        if callable(item) or isinstance(item, Functions | Table):
+            raise XacroException("a function has no text")
+        if isinstance(item, dict):
+            waiting += [*dict.keys(item), *dict.values(item)]
+        elif isinstance(item, list | tuple | set | frozenset):
+            waiting += item
     return value
 
 
@@ -170,7 +183,7 @@ def _modulo(left: Any, right: Any) -> Any:
             _check_format(spec)
             if "*" in spec:
                 raise XacroException("a format with * is not allowed in an expression")
-        _printable(right)
+        printable(right)
         check_size(len(left) + (left.count("%") + 1) * measure(right))
     return left % right
 
@@ -195,13 +208,13 @@ class _Formatter(string.Formatter):
         return format_value(value, format_spec)
 
     def convert_field(self, value: Any, conversion: Any) -> Any:
-        return super().convert_field(_printable(value), conversion)
+        return super().convert_field(printable(value), conversion)
 
 
 def format_value(value: Any, spec: str) -> str:
     """Return a value formatted with a bounded width and precision."""
     _check_format(spec)
-    return format(_printable(value), spec)
+    return format(printable(value), spec)
 
 
 def _format(text: str, *values: Any, **named: Any) -> str:
@@ -311,7 +324,7 @@ def extreme_of(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return ``min``, ``max`` or ``sorted`` with plain functions as key only."""
 
     def extreme(*values: Any, **named: Any) -> Any:
-        if named.get("key") not in {None, abs, len, float, _int, str}:
+        if named.get("key") not in {None, abs, len, float, _int, text_of}:
             raise XacroException("key must be abs, len, float, int or str")
         return function(*values, **named)
 
@@ -321,7 +334,7 @@ def extreme_of(function: Callable[..., Any]) -> Callable[..., Any]:
 def _instance(value: Any, kinds: Any) -> bool:
     if isinstance(kinds, tuple):
         return any(_instance(value, kind) for kind in kinds)
-    return isinstance(value, int if kinds is _int else kinds)
+    return isinstance(value, {_int: int, text_of: str}.get(kinds, kinds))
 
 
 def _limited(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -354,7 +367,7 @@ def _product(values: Any, *, start: Any = 1) -> Any:
 
 
 PYTHON: dict[str, object] = {
-    "True": True, "False": False, "list": list, "dict": dict, "len": len, "str": str, "float": float, "int": _int,
+    "True": True, "False": False, "list": list, "dict": dict, "len": len, "str": text_of, "float": float, "int": _int,
     "bool": bool, "tuple": tuple, "set": set, "frozenset": frozenset, "abs": abs, "all": all, "any": any,
     "divmod": divmod, "ord": ord, "map": _map, "filter": _filter, "min": extreme_of(min), "max": extreme_of(max),
     "round": _round, "sorted": extreme_of(sorted), "range": range_of, "sum": _sum, "repr": repr_of,

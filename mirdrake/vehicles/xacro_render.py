@@ -503,7 +503,8 @@ def _drop_space_and_comments(node: Any) -> None:
 
 
 def _one_line(error: Exception) -> str:
-    parts = " ".join(str(error).split()).split(" when evaluating expression ")
+    # Python writes functions with their address in memory, which is different in each run.
+    parts = re.sub(r" at 0x[0-9a-f]+", "", " ".join(str(error).split())).split(" when evaluating expression ")
     text = _printable(" in ".join(parts[:2])) or type(error).__name__
     return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} …"
 
