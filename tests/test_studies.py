@@ -2,6 +2,7 @@
 
 import gc
 import json
+import math
 import os
 import random
 import signal
@@ -213,6 +214,17 @@ def test_workers_survive_failing_jobs() -> None:
             hang.result(timeout=300)
         assert rejected.exception(timeout=300) is not None
         assert fine.result(timeout=300) == 3
+    finally:
+        workers.shutdown(cancel_futures=True)
+
+
+def test_a_call_may_take_any_time() -> None:
+    """As each shard of a single-track study may."""
+    workers = Workers(1, limit=math.inf)
+    try:
+        assert workers.submit(abs, -3).result(timeout=300) == 3
+        with pytest.raises(WorkerLostError, match="ended by SIGABRT"):
+            workers.submit(os.abort).result(timeout=300)
     finally:
         workers.shutdown(cancel_futures=True)
 

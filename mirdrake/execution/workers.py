@@ -1,6 +1,7 @@
 """Worker processes with the interface of ``concurrent.futures`` that survive calls which hang or crash."""
 
 import gc
+import math
 import os
 import queue
 import sys
@@ -60,7 +61,7 @@ class Workers(Executor):
 
     Args:
         count: number of processes, which start immediately.
-        limit: wall time that a call may take [s]; or a function of its arguments that returns it.
+        limit: wall time that a call may take [s], infinite for any; or a function of its arguments that returns it.
     """
 
     def __init__(self, count: int, *, limit: float | Callable[..., float]) -> None:
@@ -147,7 +148,8 @@ class Workers(Executor):
             worker.begin(limit)
             worker.pipe.send(work)
             # The sentinel is ready when the process ends, so that a crash is noticed without a timeout.
-            connection.wait([worker.pipe, worker.process.sentinel], timeout=limit)
+            patience = limit if math.isfinite(limit) else None  # the system's timers know no infinity
+            connection.wait([worker.pipe, worker.process.sentinel], timeout=patience)
             # No message after the wait: the limit has passed, or the process is dead.
             fault, result, replace = worker.pipe.recv() if worker.pipe.poll() else (_lost(worker), None, True)
         except (EOFError, OSError):
