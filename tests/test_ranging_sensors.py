@@ -315,6 +315,21 @@ def test_its_own_vehicle_can_be_seen() -> None:
     assert not bodies & set(without.caster._movers)
 
 
+def test_a_rolling_lidar_sees_the_body_that_carries_it() -> None:
+    """The roof below it moves along, so that it is where it was in every column."""
+    room = Room()
+    room.plant.RegisterVisualGeometry(
+        room.carrier, RigidTransform([0.0, 0.0, -0.5]), Box(4.0, 4.0, 0.2), "roof", np.ones(4)
+    )
+    room.starts[0] = (room.carrier, ABOVE, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    down = lidar(columns=36, rows=2, vertical_start=-0.5, vertical_end=-0.5 + 1e-9)
+    sensor = make(Lidar, room, down)
+    simulator = room.start(sensor)
+    simulator.AdvanceTo(0.35)
+    hits = sensor.caster.look(sensor.GetMyContextFromRoot(simulator.get_context()))
+    assert hits.distance == pytest.approx(0.4 / sin(0.5), abs=MILLIMETRE)
+
+
 def test_a_run_with_all_of_them_is_the_same_twice() -> None:
     runs = [
         Simulation(assemble(_drive(["roof_lidar", "sonar_front_left"]) | {"seed": 3})).run(duration=0.3)

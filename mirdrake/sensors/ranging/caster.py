@@ -52,8 +52,8 @@ class Caster:
         body, self.X_BS = mount_pose(frame)
         self.carrier = int(body.index())
         self._movers = world.movers(hidden)
-        # The layout of the stored states follows this order.
-        self._bodies = [self.carrier, *self._movers]
+        # The layout of the stored states follows this order; a visible carrier is stored once.
+        self._bodies = list(dict.fromkeys([self.carrier, *self._movers]))
         self._rolling = bool(beams.times.any())
         self._poses = system.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self._velocities = system.DeclareAbstractInputPort(
