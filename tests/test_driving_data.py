@@ -54,6 +54,14 @@ def test_training_and_validation_are_apart_along_the_track(run: Path, tmp_path: 
         mir.driving_data(run, folder=tmp_path).split(0.2, gap=200.0)
 
 
+def test_a_short_first_run_does_not_shorten_the_track(run: Path, tmp_path: Path) -> None:
+    short = write_run(tmp_path / "short", seconds=10.0)
+    training, validation = mir.driving_data([short, run], folder=tmp_path).split(0.2, gap=20.0)
+    _, alone = mir.driving_data(run, folder=tmp_path).split(0.2, gap=20.0)
+    assert len(validation) == len(alone)  # the short run ends before the first place for validation, 64 m
+    assert (training.table["run"] == 0).any()
+
+
 def test_mirrored_pictures_have_opposite_labels(run: Path, tmp_path: Path) -> None:
     data = mir.driving_data(run, folder=tmp_path)
     seen = 0
@@ -65,6 +73,25 @@ def test_mirrored_pictures_have_opposite_labels(run: Path, tmp_path: Path) -> No
         distance = np.abs(plain[:, np.newaxis] - np.sin(0.1 * (number[:, np.newaxis] + 100.0 * np.arange(9))))
         assert np.median(distance.min(axis=1)) < 0.1  # JPEG changes some numbers by a few units
     assert 300 < seen < 500
+
+
+def test_mirrored_pictures_have_mirrored_inputs(run: Path, tmp_path: Path) -> None:
+    data = mir.driving_data(run, inputs=["ego.vx", "ego.lateral_error"], folder=tmp_path)
+    for pictures, inputs, labels, _ in data.batches(64, seed=1, mirror=True):
+        sign = np.where(pictures[:, 3, 6, 0] > 50.0, -1.0, 1.0)
+        assert inputs[:, 0] == pytest.approx(np.full(len(labels), SPEED))
+        # The label is sin(t) and the lateral error cos(t); the time is that of the picture.
+        assert labels[:, 0] ** 2 + inputs[:, 1] ** 2 == pytest.approx(np.ones(len(labels)), abs=1e-3)
+        number = np.rint(pictures[:, 3].max(axis=(1, 2)) - 100.0)
+        times = 0.1 * (number[:, np.newaxis] + 100.0 * np.arange(9))
+        away = np.abs(sign[:, np.newaxis] * inputs[:, 1:] - np.cos(times)) + np.abs(
+            sign[:, np.newaxis] * labels[:, :1] - np.sin(times)
+        )
+        assert np.median(away.min(axis=1)) < 0.2  # JPEG changes some numbers by a few units
+    data = mir.driving_data(run, inputs=["ego.progress"], folder=tmp_path)
+    with pytest.raises(ConfigError, match=r"input 'ego\.progress' has no known mirrored value"):
+        next(data.batches(64, mirror=True))
+    assert next(data.batches(64)).inputs.shape == (64, 1)
 
 
 def test_batches_repeat_with_a_seed_and_stay_within_the_range(run: Path, tmp_path: Path) -> None:

@@ -261,6 +261,7 @@ def _study(folder: Path, **changes: Any) -> Path:
         ({"worlds": ["skid_pad"]}, r"worlds: .*unknown world 'skid_pad'; did you mean 'skidpad'"),
         ({"overrides": {"control.ego.sped": 5}}, r"overrides\.control\.ego\.sped: .*sped: unknown field"),
         ({"train": {"epochs": 0}}, r"train\.epochs"),
+        ({"inputs": ["progress"]}, r"inputs: input 'ego\.progress' has no known mirrored value"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
 )

@@ -36,6 +36,7 @@ from mirdrake.learning.delays import DelayMargin, delay_sentence, find_delay_mar
 from mirdrake.learning.drives import PILOT, Car, Drive, drive, with_camera, with_delay, with_errors, with_network
 from mirdrake.learning.explain import write_pictures
 from mirdrake.learning.exporting import export_onnx
+from mirdrake.learning.mirroring import mirror_signs
 from mirdrake.learning.pilotnet import Architecture, import_torch
 from mirdrake.learning.preparation import Preparation
 from mirdrake.learning.result import JOURNAL, CloneResult, RoundResult, write_result
@@ -164,6 +165,12 @@ def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
         raise ConfigError(
             f"{where(spec, 'diagram')}: '{car.vehicle}' has no driver, so there is no expert to learn from"
         )
+    # Before anything is driven: training would raise the error only after all runs of the expert.
+    if spec.train.mirror:
+        try:
+            mirror_signs([f"{car.vehicle}.{name}" for name in spec.inputs])
+        except ConfigError as error:
+            raise ConfigError(f"{where(spec, 'inputs')}: {error}") from None
     own = diagram["world"]
     worlds = _labelled(spec.worlds) or _labelled([own])
     judged = _labelled(spec.drive.worlds) or _labelled([own])

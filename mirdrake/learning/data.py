@@ -28,6 +28,7 @@ from mirdrake.core.files import replacing, write_errors
 from mirdrake.core.paths import cache_folder
 from mirdrake.core.recording.pictures import Picture
 from mirdrake.core.yaml_io import Source, validate
+from mirdrake.learning.mirroring import mirror_signs
 from mirdrake.learning.preparation import CropSpec, Preparation
 from mirdrake.learning.selection import holds, value_at
 from mirdrake.runs.logs import Run, load_run
@@ -130,7 +131,8 @@ class DrivingData:
         # Runs of the same world share a track, so that no place is in both parts by different runs.
         for rows in self.table.groupby("track").indices.values():
             place = self.table["place"].to_numpy(dtype=float)[rows]
-            length = float(self.table["length"].to_numpy(dtype=float)[rows[0]])
+            # A run that ends early has not seen the whole track, so the longest progress of all runs counts.
+            length = float(self.table["length"].to_numpy(dtype=float)[rows].max())
             # Every part loses a gap at both ends, next to the validation of this part and of the one before.
             part = length / parts
             if part * (1.0 - validation) <= 2.0 * gap:
@@ -159,15 +161,19 @@ class DrivingData:
         Args:
             size: pairs in each batch; the last one may be smaller.
             seed: of order and changes; None: in order.
-            mirror: mirror half of the pictures and change the signs of their labels.
+            mirror: mirror half of the pictures with their inputs, and change the signs of their labels.
             brightness: each picture is multiplied by a factor within 1 ± brightness.
             noise: standard deviation of noise on each colour, full scale 1.
+
+        Raises:
+            ConfigError: an input has no mirrored value; see :mod:`mirdrake.learning.mirroring`.
         """
         random = np.random.default_rng(seed)
         # One random stream in a fixed order of calls: equal seeds give equal batches.
         order = random.permutation(len(self)) if seed is not None else np.arange(len(self))
         rows, labels = self.table["row"].to_numpy(), self.values.astype(np.float32)
         inputs, weights = self.table[list(self.inputs)].to_numpy(dtype=np.float32), self.weights.astype(np.float32)
+        signs = mirror_signs(self.inputs) if mirror else None
         # Drawing new noise for every pixel would take longer than the training step.
         bank = random.standard_normal(NOISE_BANK, dtype=np.float32) * np.float32(255.0 * noise) if noise else None
         for begin in range(0, len(order), size):
@@ -177,11 +183,12 @@ class DrivingData:
             # permutation.
             pictures = stored[np.sort(rows[chosen])][np.argsort(np.argsort(rows[chosen]))].astype(np.float32)
             # Indexing with an array copies, so that the change of signs stays within this batch.
-            label = labels[chosen]
-            if mirror:
+            label, given = labels[chosen], inputs[chosen]
+            if signs is not None:
                 turned = random.random(len(chosen)) < 0.5
                 pictures[turned] = pictures[turned, :, ::-1]
                 label[turned] *= -1.0
+                given[turned] *= signs
             if brightness:
                 factors = random.uniform(1.0 - brightness, 1.0 + brightness, len(chosen))
                 pictures *= factors.astype(np.float32)[:, np.newaxis, np.newaxis, np.newaxis]
@@ -192,7 +199,7 @@ class DrivingData:
             # Cameras saturate, too.
             if brightness or noise:
                 np.clip(pictures, 0.0, 255.0, out=pictures)
-            yield Batch(pictures, inputs[chosen], label, weights[chosen])
+            yield Batch(pictures, given, label, weights[chosen])
 
     def _pictures(self) -> NDArray[np.uint8]:
         stored: NDArray[np.uint8] = np.load(self.file, mmap_mode="r")
