@@ -3,9 +3,9 @@
 With the spacing error e = gap - r - h v, speed v, acceleration a and time gap h::
 
     ACC:   a_wanted = kp e + kd (v_lead - v)
-    CACC:  h u' = -u + kp e + kd e' + u_lead(t - theta),   a_wanted = u,   e' = v_lead - v - h a
+    CACC:  h u' = -u + kp e + kd e' + a_lead(t - theta),   a_wanted = u,   e' = v_lead - v - h a
 
-u_lead is the acceleration of the vehicle ahead, received theta seconds later (J. Ploeg et al., Design and experimental
+a_lead is the acceleration of the vehicle ahead, received theta seconds later (after J. Ploeg et al., Design and experimental
 evaluation of cooperative adaptive cruise control, ITSC 2011). A message that is lost is replaced by the one before it.
 Disturbances of speed are amplified from vehicle to vehicle by |Gamma(j w)|, see :func:`amplification`.
 """
@@ -73,7 +73,8 @@ def amplification(
     """Return |Gamma(j w)|: amplitude of the speed of a vehicle over that of the one ahead [-]; string stable if <= 1.
 
     With vehicles x'' = a, lag a' = -a + a_wanted, G = 1/(s² (lag s + 1)), K = kp + kd s and H = h s + 1:
-    CACC: Gamma = (exp(-delay s) + G K) / (H (1 + G K)); ACC: Gamma = G K / (1 + G (K + kp h s)).
+    CACC: Gamma = (exp(-delay s) / (lag s + 1) + G K) / (H (1 + G K)), since the message is the acceleration, which has
+    the lag, and not the commanded one; ACC: Gamma = G K / (1 + G (K + kp h s)).
 
     Args:
         frequency: w [rad/s].
@@ -88,7 +89,8 @@ def amplification(
     if delay is None:
         return abs(plant * control / (1.0 + plant * (control + kp * time_gap * s)))
     loop = plant * control
-    return abs((cmath.exp(-delay * s) + loop) / ((time_gap * s + 1.0) * (1.0 + loop)))
+    message = cmath.exp(-delay * s) / (lag * s + 1.0)
+    return abs((message + loop) / ((time_gap * s + 1.0) * (1.0 + loop)))
 
 
 class PlatoonDriver(PathTracker):
