@@ -6,8 +6,8 @@ With the spacing error e = gap - r - h v, speed v, acceleration a and time gap h
     CACC:  h u' = -u + kp e + kd e' + a_lead(t - theta),   a_wanted = u,   e' = v_lead - v - h a
 
 a_lead is the acceleration of the vehicle ahead, received theta seconds later (after J. Ploeg et al., Design and
-experimental evaluation of cooperative adaptive cruise control, ITSC 2011). A message that is lost is replaced by the one
-before it.
+experimental evaluation of cooperative adaptive cruise control, ITSC 2011). A message that is lost is replaced by the
+one before it.
 Disturbances of speed are amplified from vehicle to vehicle by |Gamma(j w)|, see :func:`amplification`.
 """
 
