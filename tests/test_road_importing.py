@@ -3,6 +3,7 @@
 import math
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pymap3d
@@ -12,9 +13,11 @@ from mirdrake.core.errors import ConfigError
 from mirdrake.importing.roads import import_road_world, is_road_file
 from mirdrake.importing.roads.gps_tracks import _heights
 from mirdrake.importing.roads.openscenario import read_scenario_world
+from mirdrake.importing.roads.osc_file import Scenario, Spot, find_spot, lane_beside, lanes_between
 from mirdrake.importing.roads.road_world import RoadWorld
 from mirdrake.importing.worlds import WorldImport
 from mirdrake.worlds import World, load_world
+from mirdrake.worlds.networks.opendrive_network import read_network
 from tests.opendrive_maps import crossing, document, geometry, lane, road, section, signal
 
 
@@ -210,8 +213,8 @@ THREE_LANES = document(
 SCENARIO = (Path(__file__).parent / "cut_in.xosc").read_text(encoding="utf-8")
 
 
-def scenario(folder: Path, text: str = SCENARIO) -> RoadWorld:
-    (folder / "road.xodr").write_text(THREE_LANES, encoding="utf-8")
+def scenario(folder: Path, text: str = SCENARIO, map_text: str = THREE_LANES) -> RoadWorld:
+    (folder / "road.xodr").write_text(map_text, encoding="utf-8")
     (folder / "cut_in.xosc").write_text(text, encoding="utf-8")
     return read_scenario_world(folder / "cut_in.xosc", "cut_in")
 
@@ -290,6 +293,61 @@ def test_openscenario_speed_actions_become_rates(tmp_path: Path) -> None:
     assert step("linear", "distance", 28.0) == "- {at: 4 s, change_speed: {to: 3, rate: 2}}"
     assert step("linear", "rate", 6.0) == "- {at: 4 s, change_speed: {to: 3, rate: 6}}"
     assert step("step", "time", 0.0) == "- {at: 4 s, change_speed: {to: 3, rate: 50}}"
+
+
+def test_openscenario_headings_are_absolute_unless_they_are_relative(tmp_path: Path) -> None:
+    scenario(tmp_path)
+    map_file = tmp_path / "turned.xodr"
+    map_file.write_text(document(road("0", geometry(0.0, 0.0, 1.0, 100.0))), encoding="utf-8")
+    source, network = Scenario(tmp_path / "cut_in.xosc"), read_network(map_file)
+    other = {"Ego": Spot((0.0, 0.0, 0.3), "0.0.-1", 5.0)}
+
+    def yaw(position: str, turn: str) -> float:
+        element = ElementTree.fromstring(f"<Position>{position.format(turn)}</Position>")
+        spot = find_spot(source, element, network, other)
+        assert spot is not None
+        return spot.pose[2]
+
+    on_lane = '<LanePosition roadId="0" laneId="-1" s="5">{}</LanePosition>'
+    beside = '<RelativeLanePosition entityRef="Ego" dLane="0" ds="10">{}</RelativeLanePosition>'
+    near = '<RelativeObjectPosition entityRef="Ego" dx="1" dy="0">{}</RelativeObjectPosition>'
+    for position, base in ((on_lane, 1.0), (beside, 1.0), (near, 0.3)):
+        assert yaw(position, "") == pytest.approx(base)
+        assert yaw(position, '<Orientation type="relative" h="0.2"/>') == pytest.approx(base + 0.2)
+        assert yaw(position, '<Orientation type="absolute" h="0.2"/>') == pytest.approx(0.2)
+        assert yaw(position, '<Orientation h="0.2"/>') == pytest.approx(0.2)
+
+
+def test_openscenario_lanes_are_counted_without_a_lane_0() -> None:
+    numbers = [-3, -2, -1, 1, 2, 3]
+    for i, number in enumerate(numbers):
+        for j, other in enumerate(numbers):
+            assert lane_beside(number, j - i) == other
+            assert lanes_between(number, other) == j - i
+
+
+def test_openscenario_lane_change_to_the_other_direction_is_reported_as_such(tmp_path: Path) -> None:
+    text = SCENARIO.replace('delay="0.5"', 'delay="0"').replace('laneId="-3"', 'laneId="-1"').replace("$lane", "0")
+    text = text.replace('<RelativeTargetLane entityRef="Ego" value="0"/>', '<AbsoluteTargetLane value="WANTED"/>')
+    lanes = section([lane(1)], [lane(-1), lane(-2)])
+    map_text = document(road("0", geometry(0.0, 0.0, 0.0, 1000.0), lanes))
+    for target, reason in (("1", "the target is one of the other"), ("3", "the target is 3 lanes away")):
+        made = scenario(tmp_path, text.replace("WANTED", target), map_text)
+        assert [c.reason for c in made.changes if c.part == "'CutIn' of Other" and c.left_out][0].endswith(reason)
+    assert "change_lane: right" in block(scenario(tmp_path, text.replace("WANTED", "-2"), map_text), "scenario")[1]
+
+
+def test_openscenario_test_of_an_ego_at_the_end_of_its_lane_has_no_track(tmp_path: Path) -> None:
+    short = document(road("0", geometry(0.0, 0.0, 0.0, 1.0)))
+    text = SCENARIO.replace('laneId="-3" s="5"', 'laneId="-1" s="0.5"')
+    made = scenario(tmp_path, text, short)
+    assert block(made, "tracks") == []
+    assert "behaviour: {kind: blind}" in block(made, "tests")
+    (tmp_path / "cut_in").mkdir()
+    for name, content in made.files.items():
+        (tmp_path / "cut_in" / name).write_bytes(content)
+    (tmp_path / "cut_in.yaml").write_text(made.text, encoding="utf-8")
+    assert list(load_world(str(tmp_path / "cut_in.yaml")).starts) == ["ego"]
 
 
 def test_openscenario_names_a_parameter_or_map_that_is_missing(tmp_path: Path) -> None:

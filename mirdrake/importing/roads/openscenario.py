@@ -19,6 +19,7 @@ from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.opendrive_network import read_network
 
 _BEFORE, _AHEAD = 50.0, 1500.0  # [m] of the track of the ego vehicle behind and ahead of it
+_SHORTEST = 1.0  # [m] of that track
 _EGO = ("ego", "ego_vehicle", "hero", "host", "vut")
 
 
@@ -69,7 +70,8 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
             lines += [f"  {plain_name(key)}:", *(f"    - {row}" for row in rows)]
     stop = " or ".join(conditions(scenario, scenario.root.find("Storyboard/StopTrigger")))
     if ego in spots:
-        lines += _test(name_of_ego, spots[ego], speeds.get(ego, 0.0), scenario)
+        on_track = _track(spots[ego], network) is not None
+        lines += _test(name_of_ego, on_track=on_track, speed=speeds.get(ego, 0.0), scenario=scenario)
         made.checks.append("The driver of the test does not react to others; replace its behaviour by your own.")
     if stop:
         why = "the test has a duration"
@@ -87,15 +89,20 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
 
 
 def _ego(name: str, spot: Spot, speed: float, network: Network | None) -> list[str]:
-    """Return a track along the lane of the ego vehicle, and its start."""
+    """Return a track along the lane of the ego vehicle, if there is one, and its start."""
     lines = []
-    if network is not None and spot.lane is not None:
-        length = network.lanes[spot.lane].length
-        begin, end = max(spot.s - _BEFORE, 0.0), min(spot.s + _AHEAD, length)
-        if end - begin > 1.0:
-            places = f"from: {spot.lane}@{number(begin)}, to: {spot.lane}@{number(end)}"
-            lines += ["", "tracks:", f"  {name}_lane: {{route: {{{places}}}}}"]
+    if (part := _track(spot, network)) is not None:
+        places = f"from: {spot.lane}@{number(part[0])}, to: {spot.lane}@{number(part[1])}"
+        lines += ["", "tracks:", f"  {name}_lane: {{route: {{{places}}}}}"]
     return [*lines, "", "start:", f"  {name}: {{{pose(*spot.pose)}, speed: {number(speed)}}}"]
+
+
+def _track(spot: Spot, network: Network | None) -> tuple[float, float] | None:
+    """Return the part of the lane of the ego vehicle that is its track [m]; None without a lane or on a shorter one."""
+    if network is None or spot.lane is None:
+        return None
+    begin, end = max(spot.s - _BEFORE, 0.0), min(spot.s + _AHEAD, network.lanes[spot.lane].length)
+    return (begin, end) if end - begin > _SHORTEST else None
 
 
 def _actor(entity: Entity, spot: Spot, speed: float) -> str:
@@ -110,15 +117,15 @@ def _actor(entity: Entity, spot: Spot, speed: float) -> str:
     return f"  - {{actor: {entity.prop}, name: {plain_name(entity.name)}, {place}, speed: {number(speed)}}}"
 
 
-def _test(name: str, spot: Spot, speed: float, scenario: Scenario) -> list[str]:
-    """Return a test that drives the ego vehicle along its lane for the duration of the scenario."""
+def _test(name: str, *, on_track: bool, speed: float, scenario: Scenario) -> list[str]:
+    """Return a test that drives the ego vehicle along its track, if it has one, for the duration of the scenario."""
     times = [
         scenario.number(element, "value")
         for element in scenario.root.iterfind("Storyboard/StopTrigger//SimulationTimeCondition")
     ]
     duration = min([*times, 600.0]) if times else 20.0
     driver = f"kind: path_tracking, track: {name}_lane, speed: {number(max(speed, 1.0))}"
-    if spot.lane is None:
+    if not on_track:
         driver = "kind: blind"
     rows = [f"name: {plain_name(scenario.path.stem)}", f"start: {name}"]
     rows += [f"behaviour: {{{driver}}}", f"duration: {number(max(duration, 1.0))} s", "expect: [never collision]"]

@@ -193,7 +193,10 @@ def find_spot(scenario: Scenario, position: Element, network: Network | None, sp
         return None
     number, other = scenario.number, spots.get(scenario.text(element, "entityRef"))
     turn = element.find("Orientation")
-    heading = 0.0 if turn is None else number(turn, "h", 0.0)
+    turned = turn is not None and "h" in turn.attrib
+    heading = number(turn, "h") if turn is not None and turned else 0.0
+    # Orientation.type: relative to the lane or to the other entity; a missing one means absolute.
+    absolute = turn is not None and turned and scenario.text(turn, "type", "absolute") != "relative"
     if element.tag == "WorldPosition":
         pose = number(element, "x"), number(element, "y"), number(element, "h", 0.0)
         return _located(pose, network)
@@ -201,27 +204,46 @@ def find_spot(scenario: Scenario, position: Element, network: Network | None, sp
         found = _on_road(
             network, scenario.text(element, "roadId"), scenario.text(element, "laneId"), number(element, "s")
         )
-        return None if found is None else on_lane(*found, number(element, "offset", 0.0), heading)
+        return None if found is None else on_lane(*found, number(element, "offset", 0.0), heading, absolute=absolute)
     if other is None:
         return None
     x, y, yaw = other.pose
     if element.tag == "RelativeLanePosition" and network is not None and other.lane is not None:
-        return _relative(
-            network, other, round(number(element, "dLane")), number(element, "ds", 0.0), number(element, "offset", 0.0)
-        )
+        found = _relative(network, other, round(number(element, "dLane")), number(element, "ds", 0.0))
+        return None if found is None else on_lane(*found, number(element, "offset", 0.0), heading, absolute=absolute)
     if element.tag in {"RelativeObjectPosition", "RelativeWorldPosition"}:
         dx, dy = number(element, "dx"), number(element, "dy")
         # Offsets are along the axes of the other entity, or along those of the world.
         c, s = (math.cos(yaw), math.sin(yaw)) if element.tag == "RelativeObjectPosition" else (1.0, 0.0)
-        return _located((x + c * dx - s * dy, y + s * dx + c * dy, yaw + heading), network)
+        return _located((x + c * dx - s * dy, y + s * dx + c * dy, heading if absolute else yaw + heading), network)
     return None
 
 
-def on_lane(lane: Lane, s: float, offset: float, heading: float) -> Spot:
-    """Return a spot on a lane; the offset is + left of the reference line, also on lanes against it."""
+def on_lane(lane: Lane, s: float, offset: float, heading: float, *, absolute: bool = False) -> Spot:
+    """Return a spot on a lane.
+
+    Args:
+        lane: the lane.
+        s: station on it [m].
+        offset: from its middle [m], + left of the reference line, also on lanes against it.
+        heading: against the lane, or that in the world if it is absolute [rad].
+        absolute: whether it is.
+    """
     aside = offset * lane.direction
     x, y, yaw = (float(value) for value in lane.pose(s, aside))
-    return Spot((x, y, yaw + heading), lane.id, s, aside)
+    return Spot((x, y, heading if absolute else yaw + heading), lane.id, s, aside)
+
+
+def lane_beside(number: int, lanes: int) -> int:
+    """Return the number of the lane that is some lanes to the left in the direction of the reference line."""
+    # There is no lane 0: lane 1 follows lane -1.
+    place = (number if number < 0 else number - 1) + lanes
+    return place if place < 0 else place + 1
+
+
+def lanes_between(number: int, other: int) -> int:
+    """Return how many lanes another one is to the left of a lane in the direction of the reference line."""
+    return (other if other < 0 else other - 1) - (number if number < 0 else number - 1)
 
 
 def _on_road(network: Network, road: str, number: str, s: float) -> tuple[Lane, float] | None:
@@ -238,8 +260,8 @@ def _on_road(network: Network, road: str, number: str, s: float) -> tuple[Lane, 
     return None
 
 
-def _relative(network: Network, other: Spot, lanes: int, ahead: float, offset: float) -> Spot | None:
-    """Return the spot a number of lanes (+ left) beside another one, and a distance ahead along that lane [m]."""
+def _relative(network: Network, other: Spot, lanes: int, ahead: float) -> tuple[Lane, float] | None:
+    """Return the lane a number of lanes (+ left) beside a spot, and the station a distance ahead along it [m]."""
     assert other.lane is not None
     lane = network.lanes[other.lane]
     beside = [
@@ -247,9 +269,7 @@ def _relative(network: Network, other: Spot, lanes: int, ahead: float, offset: f
         for row in network.lanes.values()
         if row.road == lane.road and row.id.split(".")[1:2] == lane.id.split(".")[1:2]
     ]
-    number = lane.number + lanes * lane.direction
-    if lane.number * number <= 0:  # there is no lane 0
-        number += lanes * lane.direction // max(1, abs(lanes))
+    number = lane_beside(lane.number, lanes * lane.direction)
     target = next((row for row in beside if row.number == number), None)
     if target is None:
         return None
@@ -259,7 +279,7 @@ def _relative(network: Network, other: Spot, lanes: int, ahead: float, offset: f
     while at > target.length and target.successors:
         at -= target.length
         target = network.lanes[target.successors[0]]
-    return on_lane(target, at, offset, 0.0) if 0.0 <= at <= target.length else None
+    return (target, at) if 0.0 <= at <= target.length else None
 
 
 def _located(pose: Placement, network: Network | None) -> Spot:

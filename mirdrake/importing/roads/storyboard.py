@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from xml.etree.ElementTree import Element
 
 from mirdrake.importing.changes import Changes, Code
-from mirdrake.importing.roads.osc_file import Entity, Scenario, Spot
+from mirdrake.importing.roads.osc_file import Entity, Scenario, Spot, lane_beside, lanes_between
 from mirdrake.importing.roads.road_world import number
 from mirdrake.importing.target import plain_name
 from mirdrake.worlds.networks import Network
@@ -249,18 +249,20 @@ def _lane_change(board: Board, action: Element, actor: str) -> str:
     if dynamics is None or target is None or board.network is None or board.spots[actor].lane is None:
         raise NotRepresentedError("no dynamics, no target, or the actor is not on a lane")
     lane = board.network.lanes[board.spots[actor].lane or ""]
-    now = lane.number + board.lanes.get(actor, 0) * lane.direction
+    now = lane_beside(lane.number, board.lanes.get(actor, 0) * lane.direction)
     absolute, relative = target.find("AbsoluteTargetLane"), target.find("RelativeTargetLane")
     if absolute is not None:
         wanted = round(board.scenario.number(absolute, "value"))
     elif relative is not None and (spot := board.spots.get(relative.get("entityRef", ""))) is not None and spot.lane:
         base = board.network.lanes[spot.lane]
         own = board.lanes.get(relative.get("entityRef", ""), 0)
-        wanted = base.number + (own + round(board.scenario.number(relative, "value"))) * base.direction
+        wanted = lane_beside(base.number, (own + round(board.scenario.number(relative, "value"))) * base.direction)
     else:
         raise NotRepresentedError("the target lane is not known")
     # Lane numbers increase to the left of the reference line; lanes against it have the opposite sides.
-    left = (wanted - now) * lane.direction
+    left = lanes_between(now, wanted) * lane.direction
+    if abs(left) == 1 and wanted * now < 0:
+        raise NotRepresentedError("a step changes to a lane of the same direction; the target is one of the other")
     if abs(left) != 1:
         raise NotRepresentedError(f"a step changes to the next lane; the target is {abs(left)} lanes away")
     width = float(lane.width_at(board.spots[actor].s))
