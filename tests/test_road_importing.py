@@ -333,7 +333,8 @@ def test_openscenario_lane_change_to_the_other_direction_is_reported_as_such(tmp
     map_text = document(road("0", geometry(0.0, 0.0, 0.0, 1000.0), lanes))
     for target, reason in (("1", "the target is one of the other"), ("3", "the target is 3 lanes away")):
         made = scenario(tmp_path, text.replace("WANTED", target), map_text)
-        assert [c.reason for c in made.changes if c.part == "'CutIn' of Other" and c.left_out][0].endswith(reason)
+        reason_given = next(c.reason for c in made.changes if c.part == "'CutIn' of Other" and c.left_out)
+        assert reason_given.endswith(reason)
     assert "change_lane: right" in block(scenario(tmp_path, text.replace("WANTED", "-2"), map_text), "scenario")[1]
 
 
