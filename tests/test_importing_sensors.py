@@ -4,7 +4,9 @@ from math import pi, radians
 from random import Random
 from typing import Any
 
+import numpy as np
 import pytest
+from pydrake.math import RotationMatrix
 
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.importing.vehicles.car import Car
@@ -257,3 +259,28 @@ def test_other_plugins_are_reported_and_do_not_become_sensors(tmp_path, file, re
     car = car_with(tmp_path, plugin(file, "", name="gz::sim::systems::Imu"))
     assert not car.mounts
     assert reports(car, "plugin", "left out", reason)
+
+
+def test_a_camera_has_the_rotation_of_its_pose_in_the_sensor(tmp_path):
+    def turned(pose: str) -> tuple[Car, Any]:
+        inside = f"<pose>0 0 1 0 0 0.3</pose><camera>{pose}</camera>"
+        car = car_with(tmp_path, f"<gazebo reference='hub_l'><sensor name='m' type='camera'>{inside}</sensor></gazebo>")
+        return car, car.mount_frames[0].X_PF.rotation()
+
+    _, plain = turned("")
+    for pose, angle in (("<pose>0 0 0 0 0.2 0</pose>", 0.2), ("<pose degrees='1'>0 0 0 0 10 0</pose>", radians(10.0))):
+        _, pitched = turned(pose)
+        turn = plain.inverse().multiply(pitched).matrix()
+        np.testing.assert_allclose(turn, RotationMatrix.MakeYRotation(angle).matrix(), atol=1e-12)
+    car, wrong = turned("<pose>0 0 0 0 0.2</pose>")
+    np.testing.assert_allclose(wrong.matrix(), plain.matrix(), atol=1e-12)
+    assert reports(car, "camera.pose", "0 0 0 0 0.2", "six numbers")
+
+
+def test_eyes_that_are_not_parallel_are_reported(tmp_path):
+    eyes = "".join(
+        f"<camera name='{name}'><pose>0 {y} 0 0 0 {yaw}</pose></camera>"
+        for name, y, yaw in (("left", 0.06, 0.0), ("right", -0.06, 0.1))
+    )
+    car = car_with(tmp_path, f"<gazebo reference='hub_l'><sensor name='m' type='multicamera'>{eyes}</sensor></gazebo>")
+    assert reports(car, "right eye", "5.73 deg", "parallel")

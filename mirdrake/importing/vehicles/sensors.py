@@ -2,12 +2,13 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from math import atan2, inf, isfinite, isnan, radians
+from math import atan2, degrees, inf, isfinite, isnan, radians
 
 import numpy as np
 from pydrake.math import RigidTransform
 
 from mirdrake.importing.changes import Change, Changes, Code
+from mirdrake.importing.values import make_pose
 from mirdrake.importing.vehicles.car import Frame
 from mirdrake.importing.vehicles.model import SensorTag, SourceModel
 from mirdrake.importing.vehicles.names import Names
@@ -35,6 +36,8 @@ _KINDS = {
     "imu": "imu", "gps": "gps", "navsat": "gps", "sonar": "sonar",
 }  # fmt: skip
 
+_TURNS = 1e6  # [rad] or [deg]: larger angles have no digits left
+_PARALLEL = 1e-3  # [rad] between the eyes of a stereo camera
 _CAMERA = {"width": 800, "height": 600, "horizontal_fov": 1.047, "near": 0.1, "far": 100.0}
 _SONAR = re.compile("sonar|ultraso|gazebo_ros_range|range_sensor", re.IGNORECASE)
 _DEPTH = re.compile("kinect|depth|realsense", re.IGNORECASE)
@@ -112,6 +115,10 @@ class _Reader:
                 # The mount of a stereo camera is midway between its eyes.
                 left, right = X_SC, self._pose(cameras[1])
                 across = left.inverse().multiply(right.translation())
+                turn = left.rotation().InvertAndCompose(right.rotation()).ToAngleAxis().angle()
+                if turn > _PARALLEL:
+                    why = "the eyes of a stereo camera are parallel"
+                    self._add_change("right eye", f"{degrees(turn):.3g} deg against the left one", "parallel", why)
                 mount["baseline"] = float(np.linalg.norm(across)) or self._get("plugin.hackBaseline") or 0.0
                 X_SC = RigidTransform(left.rotation(), 0.5 * (left.translation() + right.translation()))
             yield from self._checked(suffix, mount, X_SC)
@@ -177,15 +184,21 @@ class _Reader:
         return value
 
     def _pose(self, camera: str) -> RigidTransform:
-        """Return the pose of a camera in its sensor."""
+        """Return the pose of a camera in its sensor; that of the sensor, with a change, if it is not possible."""
+        text = self._sensor.values.get(f"{camera}.pose", "")
+        if not text.strip():
+            return RigidTransform()
         try:
-            values = [float(word) for word in self._sensor.values.get(f"{camera}.pose", "").split()]
+            values = np.array([float(word) for word in text.split()])
         except ValueError:
-            values = []
-        position = np.array(values[:3]) if len(values) == 6 else np.zeros(3)
-        return RigidTransform(
-            position if np.isfinite(position).all() and np.abs(position).max() <= REACH else np.zeros(3)
-        )
+            values = np.empty(0)
+        # The comparison is false for NaN, too.
+        if len(values) != 6 or not np.abs(values[:3]).max() <= REACH or not np.abs(values[3:]).max() <= _TURNS:
+            why = f"a pose has six numbers, and a camera is at most {REACH:g} m from its sensor"
+            self._add_change(f"{camera}.pose", " ".join(text.split())[:40], "that of the sensor", why)
+            return RigidTransform()
+        in_degrees = self._sensor.values.get(f"{camera}.pose.degrees") in ("1", "true")
+        return make_pose(values[:3], np.radians(values[3:]) if in_degrees else values[3:])
 
     def _noise(self, mount: MountData, **keys: tuple[str, ...]) -> MountData:
         """Return the standard deviations of the source."""
