@@ -20,7 +20,9 @@ from mirdrake.core.errors import ConfigError, MirdrakeError, ModelError
 from mirdrake.importing import packages
 from mirdrake.importing.gazebo_xml import read_gazebo_xml
 from mirdrake.importing.meshes.convex import make_hull
-from mirdrake.importing.worlds import import_world
+from mirdrake.importing.shape import Shape
+from mirdrake.importing.worlds import import_world, surfaces
+from mirdrake.importing.worlds.surfaces import cut_walls
 from mirdrake.world_checks import check
 from mirdrake.world_checks import first_steps as first_steps_of
 from mirdrake.worlds.loading import load_world
@@ -203,6 +205,57 @@ def test_rooms_within_walls_stay_free_and_terrain_is_reported(tmp_path):
     with pytest.raises(ModelError, match="terrain"):
         import_world(tmp_path / "trap.world", folder=tmp_path / "strict", strict=True)
     assert not (tmp_path / "strict").exists()
+
+
+def posts(count):
+    """Return the triangles (n, 3, 3) [m] of posts that are open on top, of 0.1 m x 0.1 m x (1 m and more)."""
+    ring = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
+    rows = []
+    for number in range(count):
+        low, high = (np.column_stack((ring, np.full(4, z))) for z in (0.0, 1.0 + 0.01 * number))
+        shift = np.array([number % 20 + 0.3, number // 20 + 0.3, 0.0])
+        for k in range(4):
+            a, b = k, (k + 1) % 4
+            rows += [np.array([low[a], low[b], high[b]]) + shift, np.array([low[a], high[b], high[a]]) + shift]
+    return np.array(rows)
+
+
+def test_more_separate_walls_than_a_prop_may_have_are_cut_to_the_largest(tmp_path):
+    shape = Shape("mesh", where="trap.world:3")
+    kept, left_out = cut_walls(shape, posts(200), tmp_path, name="wall")
+    assert (len(kept), left_out) == (180, 20)
+    # The lowest 20 posts are left out.
+    rows = [part.mesh.read_text(encoding="utf-8").splitlines() for part in kept]
+    heights = [max(float(row.split()[3]) for row in part if row.startswith("v ")) for part in rows]
+    assert min(heights) == pytest.approx(1.2)
+    assert cut_walls(shape, posts(150), tmp_path, name="wall")[1] == 0
+
+
+def test_walls_of_more_triangles_than_a_cut_may_make_end_at_a_wide_grid(tmp_path, monkeypatch):
+    monkeypatch.setattr(surfaces, "_MOST_TRIANGLES", 100)
+    kept, left_out = cut_walls(Shape("mesh", where="trap.world:3"), posts(30), tmp_path, name="wall")
+    assert left_out == 0
+    assert 30 <= len(kept) <= 2 * 30  # a line of the grid may go through a post
+
+
+def test_a_plane_with_other_visuals_leaves_them_as_scenery(tmp_path):
+    tree = "<visual name='v'><pose>0 0 2 0 0 0</pose><geometry><sphere><radius>1</radius></sphere></geometry></visual>"
+    floor = "<collision name='c'><geometry><plane><normal>0 0 1</normal><size>9 9</size></plane></geometry></collision>"
+    inside = f"<model name='both'><static>1</static><pose>8 3 0 0 0 0</pose><link name='l'>{floor}{tree}</link></model>"
+    _, world = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
+    (mesh,) = world.spec.scenery
+    assert mesh.at == pytest.approx((8.0, 3.0, 0.0), abs=0.01)
+
+
+def test_the_friction_of_a_box_is_reported(tmp_path):
+    crate = (
+        "<model name='crate'><pose>9 3 0.5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
+        "<size>1 1 1</size></box></geometry><surface><friction><ode><mu>0.2</mu></ode></friction></surface>"
+        "</collision></link></model>"
+    )
+    result, _ = imported(traps.world(tmp_path, crate), tmp_path / "worlds")
+    (change,) = changes_of(result, "model 'crate': friction")
+    assert (change.old, change.new) == ("mu 0.2", "mu 0.6")
 
 
 def test_populations(tmp_path):

@@ -19,6 +19,7 @@ from mirdrake.importing.worlds.known import Known, colour_in, find_known, plain_
 from mirdrake.importing.worlds.model import Crowd, SourceObject, SourceWorld
 from mirdrake.importing.worlds.prop_folder import EmptyPropError, convex_outlines, key_of, write_prop, write_visual
 from mirdrake.importing.worlds.surfaces import corners_of, cut_walls, kind_of
+from mirdrake.worlds.props import DEFAULT_MU
 
 _WHEELS = 3  # turning joints that make a vehicle
 _SUNK = 2e-3  # [m] and [rad]: penetration and tilt of a loose object due to Gazebo's soft contacts
@@ -178,6 +179,10 @@ class Converter:
         rgba = next((seen.rgba for seen in obj.visuals if seen.rgba is not None), None)
         entry = Entry((shape.kind, shape.size), self._new_name(obj.name), X_WP, obj)
         entry.color = None if rgba is None else (rgba[0], rgba[1], rgba[2])
+        if obj.mu is not None and abs(obj.mu - DEFAULT_MU) > 1e-9:
+            what = f"model '{obj.name}': friction"
+            why = f"the entry of a {shape.kind} has no friction of its own; write a prop.yaml for another one"
+            self.changes.add(Code.MODEL, obj.where, what, f"mu {obj.mu:g}", f"mu {DEFAULT_MU:g}", why)
         self._set_loose(entry)
         return entry
 
@@ -228,9 +233,13 @@ class Converter:
             kind = kind_of(corners) if corners is not None else "solid"
             what = f"model '{obj.name}': collision mesh {shape.address}"
             if kind == "walls" and corners is not None:
-                parts = cut_walls(shape, corners, target, name=f"wall_{index}")
+                parts, left_out = cut_walls(shape, corners, target, name=f"wall_{index}")
                 why = "the convex hull of the walls would fill the room"
                 self.changes.add(Code.MODEL, shape.where, what, "walls", f"{len(parts)} convex parts", why)
+                if left_out:
+                    why = f"{left_out} of {left_out + len(parts)} separate parts are too many; the largest are kept"
+                    self.changes.add(Code.MODEL, shape.where, what, f"{left_out} smaller parts", None, why)
+                    self.lost.append(f"{shape.where}: {what}: {why}")
                 shapes += parts
             elif kind == "terrain":
                 why = "it is terrain; the ground of a world is a plane"

@@ -283,7 +283,7 @@ class _Reader:
         return obj
 
     def _planes(self, obj: SourceObject) -> bool:
-        """Take the planes out of an object; whether it was nothing else."""
+        """Take the planes out of an object; return whether it was nothing else."""
         if obj.absent and plain_name(obj.kind) in _PLANES:
             size = (20.0, 20.0) if plain_name(obj.kind) == "asphalt_plane" else (100.0, 100.0)
             self._world.planes.append(Plane(obj.name, obj.X_WM, size, None, obj.kind, obj.where))
@@ -301,7 +301,8 @@ class _Reader:
             self._world.planes.append(Plane(obj.name, X_WP, edges, obj.mu, words, shape.where))
         obj.collisions = [shape for shape in obj.collisions if shape.kind != "plane"]
         obj.visuals = [shape for shape in obj.visuals if shape.kind != "plane"]
-        return not obj.collisions
+        # What it shows besides its planes is drawn, like that of any other object without collision shapes.
+        return not obj.collisions and not obj.visuals
 
     def _light(self, element: Element, frame: str) -> None:
         where, name = self._tree.where(element), element.get("name", "")

@@ -116,11 +116,12 @@ def tops_at(corners: Array, places: Array) -> Array:
     return heights
 
 
-def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[Shape]:
-    """Return walls as many small convex shapes.
+def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> tuple[list[Shape], int]:
+    """Return walls as many small convex shapes, and the number of parts that are left out.
 
     Each convex body of the mesh is one shape. Floors of the others are ignored, and each shape is a connected part
-    within a square of a grid. The squares are 0.5 m wide, or as much larger as it takes for 180 parts.
+    within a square of a grid. The squares are 0.5 m wide, or as much larger as it takes for 180 parts. Of more than 180
+    parts that are not connected the largest ones are kept.
 
     Args:
         shape: shape that the triangles belong to.
@@ -144,12 +145,18 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
     low, high = points[:, 2].min(), points[:, 2].max()
     above = triangles.mean(axis=1)[:, 2] > low + max(FLAT, 0.25 * (high - low))
     faces = faces[above | (np.abs(normal[:, 2]) <= 0.9 * np.linalg.norm(normal, axis=1))]
-    # Wider squares until there are few enough parts.
-    width = 0.5
+    # Wider squares until there are few enough parts. Squares wider than the mesh cut nothing more, so that they are
+    # the last ones: what is left then are separate bodies.
+    width, room, left_out = 0.5, max(_MOST_PARTS - len(parts), 1), 0
+    widest = float(np.linalg.norm(np.ptp(points, axis=0)))
     while len(faces):
-        cut = _parts(points, faces, width)
-        if cut is not None and len(cut) + len(parts) <= max(_MOST_PARTS, len(parts) + 1):
-            parts += cut
+        last = width > widest
+        cut = _parts(points, faces, width, any_number=last)
+        if cut is not None and (last or len(cut) <= room):
+            if len(cut) > room:
+                cut.sort(key=lambda part: -float(np.linalg.norm(np.ptp(part, axis=0))))
+                left_out = len(cut) - room
+            parts += cut[:room]
             break
         width *= 1.5
     folder.mkdir(parents=True, exist_ok=True)
@@ -159,7 +166,7 @@ def cut_walls(shape: Shape, corners: Array, folder: Path, *, name: str) -> list[
         path = folder / f"{name}_{number}.obj"
         write_obj(hull.points, hull.faces, path)
         shapes.append(Shape("convex", mesh=path, where=shape.where))
-    return shapes
+    return shapes, left_out
 
 
 def _bodies(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
@@ -191,11 +198,14 @@ def _is_full(points: Array, faces: NDArray[np.int64]) -> bool:
     return float(below.min(axis=1).max()) < 2e-3 and float(np.mean(_gaps(points[faces]) < 0.05)) > 0.9
 
 
-def _parts(points: Array, faces: NDArray[np.int64], width: float) -> list[Array] | None:
-    """Return the corners of the connected parts within grid cells; None if there are too many triangles."""
+def _parts(points: Array, faces: NDArray[np.int64], width: float, *, any_number: bool) -> list[Array] | None:
+    """Return the corners of the connected parts within grid cells.
+
+    None if splitting would need too many triangles, or if there are too many parts, unless any number is asked for.
+    """
     areas = np.linalg.norm(np.ptp(points[faces], axis=1), axis=1)
     # A triangle is split into about (edge / width)² pieces: too many would exhaust the memory.
-    if (np.maximum(1.0, areas / width) ** 2).sum() > _MOST_TRIANGLES:
+    if (np.maximum(1.0, areas / width) ** 2).sum() > max(_MOST_TRIANGLES, len(faces)):
         return None
     points, faces = trimesh.remesh.subdivide_to_size(points, faces, max_edge=width, max_iter=20)
     square = np.floor(points[faces].mean(axis=1)[:, :2] / width).astype(np.int64)
@@ -206,7 +216,7 @@ def _parts(points: Array, faces: NDArray[np.int64], width: float) -> list[Array]
         used, inner = np.unique(faces[group], return_inverse=True)
         inner = inner.reshape(-1, 3)
         parts += [points[used[np.unique(inner[rows])]] for rows in _bodies(inner)]
-        if len(parts) > 20 * _MOST_PARTS:
+        if len(parts) > 20 * _MOST_PARTS and not any_number:
             return None
     return parts
 
