@@ -1,15 +1,18 @@
 """Effective plane of a wheel on uneven ground against closed forms, and the vertical force of a tyre."""
 
 from math import acos, cos, sin, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from mirdrake.core.errors import ConfigError
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.ground.terrain import SAMPLES, Block, Plane, Wave
 from mirdrake.plant.wheels.ground_contact import EffectivePlane, effective_plane
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
+from mirdrake.tyres.magic_formula_tyres import MagicFormulaTyres
 from mirdrake.tyres.vertical import VerticalTyre, vertical_force, vertical_of_file
 
 RADIUS, WIDTH = 0.3, 0.2
@@ -89,15 +92,43 @@ def test_vertical_force() -> None:
     assert vertical_force(tyre, -0.01, 1.0, 0.0) == 0.0
 
 
-def test_vertical_tyre_of_a_file_has_its_stiffness_at_the_nominal_load() -> None:
+def tyre_parameters(qfz2: float) -> MagicFormulaParameters:
     needed: dict[str, Any] = {"pcx1": 1.6, "pdx1": 1.1, "pkx1": 22.0, "pcy1": 1.3, "pky1": -20.0, "pky2": 1.5}
     needed |= {"pdy1": -1.0}
     known = MagicFormulaParameters.__dataclass_fields__
-    parameters = MagicFormulaParameters(
-        unloaded_radius=0.32, fnomin=4000.0, vertical_stiffness=2.1e5, vertical_damping=300.0, qfz2=15.0,
+    return MagicFormulaParameters(
+        unloaded_radius=0.32, fnomin=4000.0, vertical_stiffness=2.1e5, vertical_damping=300.0, qfz2=qfz2,
         **{name: value for name, value in needed.items() if name in known},
     )  # fmt: skip
-    tyre = vertical_of_file(parameters)
+
+
+def test_the_force_of_a_softening_tyre_rises_up_to_the_free_radius_or_is_an_error() -> None:
+    """With a = Cz R0 / Fz0 = 16.8, the slope at R0 is zero at q = (-1 - sqrt(1 + a²)) / 2 = -8.915."""
+    tyre = vertical_of_file(tyre_parameters(-8.9))
+    assert tyre is not None
+    forces = [vertical_force(tyre, depth, 0.0, 0.0) for depth in np.linspace(0.0, 0.32, 100)]
+    assert np.all(np.diff(forces) > 0.0)
+    assert tyre(forces[50]) == pytest.approx(0.32 * 50 / 99)
+    with pytest.raises(ConfigError, match="a tyre has a load of 60000 N at rest, but carries 35"):
+        tyre(60000.0)
+    for qfz2 in (-8.93, 16.8**2 / 4.0, 100.0):
+        with pytest.raises(ConfigError, match=r"QFZ2 = .* the vertical force does not rise"):
+            vertical_of_file(tyre_parameters(qfz2))
+
+
+def test_a_vertical_force_that_falls_is_an_error_with_its_line(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[1] / "models" / "tyres" / "215_50R17.tir").read_text(encoding="utf-8")
+    lines = text.splitlines()
+    start = next(index for index, line in enumerate(lines) if line.startswith("[VERTICAL]"))
+    lines[start + 1 : start + 1] = ["VERTICAL_STIFFNESS = 200000", "QFZ2 = -50"]
+    (tmp_path / "soft.tir").write_text("\n".join(lines), encoding="utf-8")
+    tyres = MagicFormulaTyres.model_validate({"kind": "magic_formula", "file": "soft.tir", "rolling_resistance": 0.01})
+    with pytest.raises(ConfigError, match=rf"soft.tir:{start + 3}: QFZ2 = -50 does not fit"):
+        tyres.vertical_tyres(tmp_path)
+
+
+def test_vertical_tyre_of_a_file_has_its_stiffness_at_the_nominal_load() -> None:
+    tyre = vertical_of_file(tyre_parameters(15.0))
     assert tyre is not None
     depth = tyre(4000.0)
     assert tyre.stiffness + 2.0 * tyre.hardening * depth == pytest.approx(2.1e5)

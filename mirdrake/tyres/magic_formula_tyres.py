@@ -23,7 +23,7 @@ from mirdrake.tyres.magic_formula import (
 )
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 from mirdrake.tyres.relaxation import Contact
-from mirdrake.tyres.tir import read_tir
+from mirdrake.tyres.tir import TirFile, read_tir
 from mirdrake.tyres.vertical import VerticalTyre, vertical_of_file
 
 _Scale = Annotated[float, Field(gt=0)]
@@ -145,7 +145,7 @@ class MagicFormulaTyres(SlipTyres):
 
     def vertical_tyres(self, folder: Path) -> tuple[VerticalTyre | None, VerticalTyre | None]:
         """Return vertical stiffness and damping of front and rear tyres; see the base class."""
-        front, rear = (vertical_of_file(read_tir(path).parameters) for path in self.property_files(folder))
+        front, rear = (_vertical_tyre(read_tir(path)) for path in self.property_files(folder))
         return front, rear
 
 
@@ -162,6 +162,16 @@ def make_law(parameters: MagicFormulaParameters) -> TyreLaw:
         return TyreAtLoad(contact, curve_at(parameters, point, slopes), MagicFormulaTyres.law)
 
     return law
+
+
+def _vertical_tyre(file: TirFile) -> VerticalTyre | None:
+    """Return the vertical behaviour in a .tir file, with its place in errors."""
+    try:
+        return vertical_of_file(file.parameters)
+    except ConfigError as error:
+        # Only a file with QFZ2 can fail.
+        lines = [entries["QFZ2"].line for entries in file.sections.values() if "QFZ2" in entries]
+        raise ConfigError(f"{file.name}:{lines[0]}: {error}") from None
 
 
 def _scaled(parameters: MagicFormulaParameters, scale: TyreScale) -> MagicFormulaParameters:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import Any
 
+from mirdrake.core.errors import ConfigError
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
 
 
@@ -35,10 +36,20 @@ class VerticalTyre:
     growth: float = 0.0
 
     def __call__(self, load: float) -> float:
-        """Return the deflection at rest [m] under a load [N]."""
+        """Return the deflection at rest [m] under a load [N].
+
+        Raises:
+            ConfigError: the tyre softens with the deflection, and its force never reaches the load.
+        """
         load = max(load, 0.0)
+        square = self.stiffness**2 + 4.0 * self.hardening * load
+        if square < 0.0:
+            largest = -(self.stiffness**2) / (4.0 * self.hardening)
+            raise ConfigError(
+                f"a tyre has a load of {load:.0f} N at rest, but carries {largest:.0f} N at most (QFZ2 < 0)"
+            )
         # The root of the quadratic equation in the form that also holds for a linear spring, without cancellation.
-        return 2.0 * load / (self.stiffness + sqrt(self.stiffness**2 + 4.0 * self.hardening * load))
+        return 2.0 * load / (self.stiffness + sqrt(square))
 
 
 def vertical_force(tyre: Any, deflection: float, rate: float, spin: float) -> float:
@@ -60,13 +71,23 @@ def vertical_force(tyre: Any, deflection: float, rate: float, spin: float) -> fl
 
 
 def vertical_of_file(parameters: MagicFormulaParameters) -> VerticalTyre | None:
-    """Return the vertical behaviour in a .tir file; None if it has no vertical stiffness."""
+    """Return the vertical behaviour in a .tir file; None if it has no vertical stiffness.
+
+    Raises:
+        ConfigError: the force does not rise with the deflection from 0 to the free radius.
+    """
     p = parameters
     if p.vertical_stiffness <= 0.0:
         return None
     # qFz1 of the head of the module; the stiffness in the file is the slope at the nominal load.
     square = (p.vertical_stiffness * p.unloaded_radius / p.fnomin) ** 2 - 4.0 * p.qfz2
     linear = sqrt(max(square, 0.0))
+    # The slope is linear in the deflection, so both ends of 0 to R0 suffice; a wheel cannot deflect further.
+    if min(linear, linear + 2.0 * p.qfz2) <= 0.0:
+        raise ConfigError(
+            f"QFZ2 = {p.qfz2:g} does not fit VERTICAL_STIFFNESS, UNLOADED_RADIUS and FNOMIN: the vertical force does "
+            "not rise with the deflection; correct it, or leave QFZ2 out"
+        )
     return VerticalTyre(
         linear * p.fnomin / p.unloaded_radius,
         p.qfz2 * p.fnomin / p.unloaded_radius**2,
