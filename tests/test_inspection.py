@@ -7,8 +7,10 @@ import re
 import shutil
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 import trimesh
+from pydrake.geometry import Capsule
 
 from mirdrake.cli import main
 from mirdrake.core.paths import data_root
@@ -273,3 +275,9 @@ def test_the_command_rejects_unsupported_requests(capsys, tmp_path):
     assert "did you mean 'bolt'?" in capsys.readouterr().err
     assert main(["inspect", "bolt", "--out", str(tmp_path / "bolt.pdf")]) == 2
     assert "must end in .html, .svg, .dot or .json" in capsys.readouterr().err
+
+
+def test_a_capsule_is_drawn_around_its_origin():
+    mesh = surfaces._primitive(Capsule(0.1, 1.0))
+    assert mesh is not None
+    assert mesh.bounds == pytest.approx(np.array([[-0.1, -0.1, -0.6], [0.1, 0.1, 0.6]]), abs=1e-3)

@@ -144,9 +144,9 @@ def _primitive(shape: Shape) -> trimesh.Trimesh | None:
     if isinstance(shape, Sphere):
         return trimesh.creation.icosphere(subdivisions=3, radius=shape.radius())
     if isinstance(shape, Capsule):
-        return trimesh.creation.capsule(height=shape.length(), radius=shape.radius()).apply_translation(
-            [0.0, 0.0, -0.5 * shape.length()]
-        )
+        capsule = trimesh.creation.capsule(height=shape.length(), radius=shape.radius())
+        # Drake's origin is the middle; that of trimesh was once the centre of the lower cap.
+        return capsule.apply_translation(-capsule.bounds.mean(axis=0))
     if isinstance(shape, Ellipsoid):
         ball = trimesh.creation.icosphere(subdivisions=3)
         return ball.apply_scale([shape.a(), shape.b(), shape.c()])
