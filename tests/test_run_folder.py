@@ -24,6 +24,7 @@ from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.paths import names
 from mirdrake.runs.logs import Run, RunWriter, load_run
 from mirdrake.runs.simulation import Simulation, default_folder, simulate
+from mirdrake.runs.summary import drive_figures
 from mirdrake.workflow import run_diagram
 
 FIGURES = {"simulated_s", "wall_s", "real_time_factor", "stop_reason", "stop_detail", "spec_sha256", "seed", "vehicles"}
@@ -406,3 +407,21 @@ def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
     os.symlink("/dev/full", tmp_path / "run" / "events.jsonl")
     with pytest.raises(RunError, match=r"events\.jsonl: cannot be written: No space left"):
         writer.write_event({"time": 1.0, "kind": "stop", "text": "here"})
+
+
+def test_the_figures_of_a_drive_cover_its_time():
+    """10 s at 10 m/s are 100 m, with 101 samples, as both ends have one."""
+    times = np.linspace(0.0, 10.0, 101)
+    vx, wheels = np.full(101, -10.0), np.full(101, 3.0)
+    figures = drive_figures(times, {"vx": vx, "wheels_on_road": wheels})
+    assert (figures["distance_m"], figures["off_road_s"], figures["max_speed_mps"]) == (100.0, 10.0, 10.0)
+    accelerated = drive_figures(times, {"vx": 2.0 * times, "wheels_on_road": np.where(times < 9.95, 4.0, 3.0)})
+    assert (accelerated["distance_m"], accelerated["off_road_s"]) == (100.0, 0.05)
+
+
+def test_figures_that_are_not_finite_are_none():
+    """NaN is no JSON."""
+    times = np.linspace(0.0, 1.0, 11)
+    vx = np.where(times < 0.5, 1.0, np.nan)
+    figures = drive_figures(times, {"vx": vx, "lateral_error": vx, "lap": vx, "speed_command": vx})
+    assert set(figures.values()) == {None}

@@ -1,5 +1,6 @@
 """Provenance of a run in spec.yaml, and its figures in summary.json."""
 
+import math
 import platform
 import sys
 from collections.abc import Mapping, Sequence
@@ -149,10 +150,10 @@ def _vehicle_figures(signals: pd.DataFrame, name: str) -> dict[str, float | None
 
 
 def drive_figures(times: Array, signals: Mapping[str, Array]) -> dict[str, float | None]:
-    """Return the figures of a drive by name; None for those whose signals are not there.
+    """Return the figures of a drive by name; None for those whose signals are not there, or not finite throughout.
 
     Args:
-        times: evenly spaced [s] (n).
+        times: evenly spaced, with both ends of the drive [s] (n).
         signals: signals of a vehicle (n each): vx, speed_command, wheels_on_road, lap, lateral_error, curvature.
     """
     figures: dict[str, float | None] = dict.fromkeys(VEHICLE_FIGURES)
@@ -161,11 +162,11 @@ def drive_figures(times: Array, signals: Mapping[str, Array]) -> dict[str, float
         return figures
     step = float(times[1] - times[0])
     # abs: distance travelled also counts in reverse.
-    figures["distance_m"] = round(float(np.sum(np.abs(vx)) * step), 3)
+    figures["distance_m"] = round(_integral(np.abs(vx), step), 3)
     figures["max_speed_mps"] = round(float(np.max(np.abs(vx))), 4)
     if wheels is not None:
         # Off the road as soon as one of the four wheels is.
-        figures["off_road_s"] = round(float(np.sum(wheels < 4) * step), 3)
+        figures["off_road_s"] = round(_integral((wheels < 4).astype(float), step), 3)
     if lap is not None:
         figures["laps"] = round(float(lap[-1]), 4)
     if lateral is not None:
@@ -178,7 +179,13 @@ def drive_figures(times: Array, signals: Mapping[str, Array]) -> dict[str, float
         if steady.any():
             error = np.mean((vx[steady] - command[steady]) / command[steady])
             figures["mean_speed_error_percent"] = round(100.0 * float(error), 4)
-    return figures
+    # JSON has no NaN: the signals of a diverged run are not finite.
+    return {name: value if value is not None and math.isfinite(value) else None for name, value in figures.items()}
+
+
+def _integral(values: Array, step: float) -> float:
+    """Return the integral of evenly spaced values (n) over their n - 1 steps by the trapezoidal rule."""
+    return step * float(np.sum(values) - 0.5 * (values[0] + values[-1]))
 
 
 def _steady(values: Array, *, samples: int) -> np.ndarray[Any, np.dtype[np.bool_]]:
