@@ -3,6 +3,7 @@
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,20 @@ from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.core.signals import Signal
 from mirdrake.learning.data import DrivingData
 from mirdrake.learning.delays import DelayMargin, delay_sentence, is_delay_the_cause
-from mirdrake.learning.drives import INTERVENTION_TIME, Car, Figures, with_delay, with_errors, with_network
+from mirdrake.learning.drives import (
+    INTERVENTION_TIME,
+    Car,
+    Drive,
+    Figures,
+    drive,
+    with_delay,
+    with_errors,
+    with_network,
+)
 from mirdrake.learning.pilotnet import Architecture
 from mirdrake.learning.preparation import CropSpec, Preparation
 from mirdrake.learning.spec import LearningSpec, load_learning
+from mirdrake.report.learning import headline
 
 STUDIES = Path(__file__).resolve().parent.parent / "studies"
 NO_TORCH = "needs PyTorch, which is not part of the development extras: pip install 'mirdrake[learning]'"
@@ -200,6 +211,46 @@ def test_the_delay_is_named_as_the_cause_if_a_perfect_copy_does_not_drive() -> N
 def test_the_autonomy_is_that_of_the_pilotnet_paper() -> None:
     # Bojarski et al., section 7: 10 interventions in 600 s are an autonomy of 90 %.
     assert pytest.approx(0.9) == 1.0 - INTERVENTION_TIME * 10 / 600.0
+
+
+def test_the_headline_is_that_of_a_drive_that_was_not_finished() -> None:
+    drives = {"a": Drive((), _figures(autonomy=0.9)), "b": Drive((), _figures(laps=0.4, finished=False))}
+    result: Any = SimpleNamespace(last=SimpleNamespace(drives=drives))
+    assert headline(result) == (
+        "The network drives 0.40 laps in 2 worlds, the worst of which is b with 0 interventions, not finished: "
+        "autonomy 100.0 %"
+    )
+
+
+RING: dict[str, Any] = {
+    "mirdrake": "world/1",
+    "ground": {"surface": "grass", "mu": 0.5},
+    "tracks": {"main": {"random": {"length": 120, "corners": 4, "min_radius": 8, "max_radius": 12}}},
+    "start": {"line": {"on_track": {"track": "main", "s": 0}}},
+}
+
+
+def test_an_intervention_is_counted_when_the_car_leaves_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "ring.yaml").write_text(yaml.safe_dump(RING, sort_keys=False), encoding="utf-8")
+    diagram: dict[str, Any] = {
+        "world": str(tmp_path / "ring.yaml"),
+        "vehicles": {"ego": {"model": "bolt"}},
+        "control": {"ego": {"kind": "path_tracking", "speed": 5}},
+        "plant": {"contact": "point", "time_step": 0.02},
+        "duration": 0.5,
+        "record": {"report": False, "meshcat": False},
+    }
+    car = Car("ego", "front_camera")
+    # The time ends before the lap, on the line: not finished, but no intervention either.
+    ended = drive(diagram, car, tmp_path / "ended", base=tmp_path, laps=1.0, limit=float("inf"))
+    assert (ended.figures.finished, ended.figures.interventions, ended.figures.autonomy) == (False, 0, 1.0)
+    assert len(ended.folders) == 1
+    # Every place counts as off the line: each segment ends at its first check with an intervention, up to the limit.
+    monkeypatch.setattr("mirdrake.learning.drives.MOST_INTERVENTIONS", 3)
+    left = drive(diagram, car, tmp_path / "left", base=tmp_path, laps=1.0, limit=-1.0)
+    assert (left.figures.finished, left.figures.interventions, len(left.folders)) == (False, 3, 3)
 
 
 def test_injected_errors_have_the_given_size_and_repeat() -> None:

@@ -53,7 +53,7 @@ class Figures:
     Attributes:
         laps: distance along the track over its length [1].
         time: simulated [s].
-        interventions: times that the car was put back onto the line.
+        interventions: times that the car left the line by more than the limit or diverged, to be put back.
         autonomy: 1 - 6 s · interventions / time [1].
         rms: root mean square of the lateral error [m].
         largest: largest lateral error [m].
@@ -236,11 +236,11 @@ def drive(
     simulation, plant = Simulation(assembly), assembly.parts.plant
     time_left = duration or spec.duration * max(1.0, laps)
     whole, wanted, covered = time_left, laps * float(track.length), 0.0
-    speed, place = start.speed, None
+    speed, place, interventions = start.speed, None, 0
     runs: list[Run] = []
     folders: list[str] = []
     # Each pass is a run from the last place to the next intervention, which starts a new segment with its own folder.
-    while covered < wanted - 1e-6 and time_left > CHECK_PERIOD and len(runs) <= MOST_INTERVENTIONS:
+    while covered < wanted - 1e-6 and time_left > CHECK_PERIOD and interventions < MOST_INTERVENTIONS:
         watch = _Watch(plant, part, track, limit=limit, distance=wanted - covered)
 
         # Defaults bind the values of this pass, as a closure would read those of a later one.
@@ -264,11 +264,14 @@ def drive(
         covered += watch.covered
         # Put back where it left the line, at its speed: an intervention changes only the lateral state.
         place, speed = watch.place, max(watch.speed, 0.0)
+        # The end of the time or of the distance is no intervention.
+        interventions += int(watch.has_left or run.diverged)
         if run.stop.reason is not StopReason.CONDITION and not run.diverged:
             break
     # With a duration of its own, a run of the expert is finished at its end, not after a lap.
     finished = covered >= wanted - 1e-6 or (duration is not None and len(runs) == 1 and time_left <= CHECK_PERIOD)
-    return Drive(tuple(folders), _figures(runs, car.vehicle, covered / float(track.length), finished=finished))
+    figures = _figures(runs, car.vehicle, covered / float(track.length), interventions, finished=finished)
+    return Drive(tuple(folders), figures)
 
 
 class _Watch:
@@ -277,7 +280,7 @@ class _Watch:
     def __init__(self, plant: Any, part: Any, track: Any, *, limit: float, distance: float) -> None:
         self._plant, self._part, self._track = plant, part, track
         self._limit, self._distance, self._next = limit, distance, 0.0
-        self.covered, self.speed = 0.0, 0.0
+        self.covered, self.speed, self.has_left = 0.0, 0.0, False
         self.place: float | None = None
 
     def __call__(self, context: Context) -> bool:
@@ -296,14 +299,14 @@ class _Watch:
             step, length = s - self.place, float(self._track.length)
             self.covered += (step + 0.5 * length) % length - 0.5 * length if self._track.closed else step
         self.place, self.speed = s, float(velocity[0] * np.cos(yaw) + velocity[1] * np.sin(yaw))
-        return bool(abs(lateral) > self._limit or self.covered >= self._distance)
+        self.has_left = bool(abs(lateral) > self._limit and self.covered < self._distance)
+        return self.has_left or self.covered >= self._distance
 
 
-def _figures(runs: Sequence[Run], vehicle: str, laps: float, *, finished: bool) -> Figures:
+def _figures(runs: Sequence[Run], vehicle: str, laps: float, interventions: int, *, finished: bool) -> Figures:
     errors = np.concatenate([run[f"{vehicle}.lateral_error"].to_numpy(dtype=float) for run in runs])
     time = sum(float(run.summary["simulated_s"]) for run in runs)
     off = sum(float(run.summary["vehicles"][vehicle]["off_road_s"] or 0.0) for run in runs)
-    interventions = len(runs) - 1 if finished else len(runs)
     return Figures(
         laps=round(laps, 4),
         time=round(time, 3),

@@ -74,7 +74,8 @@ def render_learning(result: CloneResult) -> str:
 def headline(result: CloneResult) -> str:
     """Return the result in one line."""
     drives = list(result.last.drives.items())
-    world, drive = min(drives, key=lambda entry: entry[1].figures.autonomy)
+    # A drive that ended early is worse than any that was finished.
+    world, drive = min(drives, key=lambda entry: (entry[1].figures.finished, entry[1].figures.autonomy))
     figures = drive.figures
     place = f"on {world}" if len(drives) == 1 else f"in {len(drives)} worlds, the worst of which is {world}"
     if figures.finished and not figures.interventions:
@@ -82,8 +83,9 @@ def headline(result: CloneResult) -> str:
             f"The network drives {figures.laps:.1f} laps {place} without an intervention: lateral error "
             f"{figures.rms:.3f} m RMS, largest {figures.largest:.2f} m"
         )
+    end = "" if figures.finished else ", not finished"
     return (
-        f"The network drives {figures.laps:.2f} laps {place} with {figures.interventions} interventions: autonomy "
+        f"The network drives {figures.laps:.2f} laps {place} with {figures.interventions} interventions{end}: autonomy "
         f"{100.0 * figures.autonomy:.1f} %"
     )
 
