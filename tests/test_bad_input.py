@@ -97,7 +97,7 @@ def error_of(lines: list[str]) -> str:
 
 FAULTS = {
     # what: (old text, new text, line, parts of the message)
-    "unknown world": ("world: empty", "world: emty", 1, ["world", "'emty'", "did you mean 'empty'", "test_track"]),
+    "unknown world": ("world: empty", "world: emty", 1, ["world", "'emty'", "did you mean 'empty'", "barrels"]),
     "unknown vehicle": ("model: bolt", "model: blot", 3, ["vehicles.ego.model", "'blot'", "did you mean 'bolt'"]),
     "unknown key": ("duration: 0.1", "durration: 0.1", 8, ["durration", "did you mean 'duration'"]),
     "unknown key of a vehicle": ("{model: bolt}", "{model: bolt, strat: x}", 3, ["strat", "did you mean 'start'"]),

@@ -11,6 +11,7 @@ import shapely
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
 from shapely import affinity
 
 from mirdrake.controllers import AxleGeometry
@@ -121,6 +122,9 @@ def drive(behaviour, props=(), *, duration, tracks=None, **car):
         builder.Connect(plant.state, driver.GetInputPort("state"))
     if driver.HasInputPort("ranges"):
         builder.Connect(sensor.ranges, driver.GetInputPort("ranges"))
+    if driver.HasInputPort("road_ahead"):
+        free = builder.AddSystem(ConstantVectorSource([math.inf, 0.0, math.inf, 2.0]))  # no object, no light
+        builder.Connect(free.get_output_port(), driver.GetInputPort("road_ahead"))
     builder.Connect(driver.GetOutputPort("command"), plant.command)
     simulator = Simulator(builder.Build())
     context = plant.GetMyContextFromRoot(simulator.get_context())

@@ -21,7 +21,7 @@ ONE_MODEL_PER_WORLD = [
     (MODELS[(index + turn) % len(MODELS)], world, contact)
     for index, world in enumerate(WORLDS)
     for turn, contact in enumerate(["tyre"] if world in RELIEF else CONTACTS)
-    if world != "hill_road"  # its ground takes long to be made
+    if world != "hill_road" and not load_world(world).actors  # their ground or traffic takes long to be made
 ]
 ALL_OTHERS = [
     case

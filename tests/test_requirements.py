@@ -399,9 +399,8 @@ def test_motion_signals_follow_from_the_velocity() -> None:
 
 def _with(world, **attributes) -> Any:
     """Return a world with other props or goals."""
-    return SimpleNamespace(
-        **({"tracks": world.tracks, "roads": world.roads, "props": (), "goals": {}, "actors": ()} | attributes)
-    )
+    same = {"tracks": world.tracks, "road_areas": world.road_areas, "lights": {}}
+    return SimpleNamespace(**(same | {"props": (), "goals": {}, "actors": ()} | attributes))
 
 
 @pytest.mark.parametrize(

@@ -456,10 +456,10 @@ def world(entry: str) -> str:
 
 FAULTS: list[tuple[str, str, dict[str, str]]] = [
     # a track of nothing, or of two things
-    ("width: 3", "w.yaml:3: tracks.main: give exactly one of segments, points, csv and xodr", {}),
+    ("width: 3", "w.yaml:3: tracks.main: give exactly one of segments, points, csv, xodr, random and route", {}),
     (
         "segments: [{line: 3}]\n    csv: a.csv",
-        "w.yaml:3: tracks.main: give exactly one of segments, points, csv and xodr",
+        "w.yaml:3: tracks.main: give exactly one of segments, points, csv, xodr, random and route",
         {},
     ),
     # a gap
