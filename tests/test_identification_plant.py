@@ -92,6 +92,22 @@ def test_resistances_in_the_context_decelerate_as_computed(coasting):
     assert deceleration(coasting) == free
 
 
+def test_accelerations_of_short_steps_are_the_slopes_of_the_speed():
+    """A step of 0.3 ms is below the shortest period of the record, 0.5 ms; every other step is a sample."""
+    time = np.arange(0.0, 0.3, 0.01)
+    zero = 0.0 * time
+    channels = {"road_wheel_angle": zero, "vx": 15.0 - 0.1 * time, "drive_torque": zero - 500.0}
+    log = Log("braking", "train", time, {**channels, "longitudinal_acceleration": zero + 1e-6 * np.sin(50.0 * time)})
+    options = {"vehicle": "bolt@handling", "time_step": 3e-4, "settle": 0.2}
+    model = make_model(ModelSpec("plant", options), DataSet((log,)), {})
+    (drive,), _ = make_segments(model, (log,))
+    y, _ = model.run({info.name: info.guess for info in model.parameters}, drive, np.array([15.0]))
+    vx, acceleration = y[model.outputs.index("vx")], y[model.outputs.index("longitudinal_acceleration")]
+    slope = (vx[-2] - vx[10]) / (time[-2] - time[10])
+    assert slope < -0.2
+    assert acceleration[10:-1].mean() == pytest.approx(slope, rel=0.05)
+
+
 def test_impossible_parameters_give_no_run(coasting):
     model, drive, p = coasting
     assert model.run({**p, "yaw_inertia": 1.0}, drive, np.array([15.0])) is None

@@ -62,6 +62,9 @@ by this factor, with this corner frequency [rad/s]."""
 _FIRST = 0.2
 """Duration over which the initial speeds are estimated [s]."""
 
+_MOST_SAMPLES = 2000.0
+"""Highest rate of a diagram's record [Hz]."""
+
 _KEPT = 64
 """Number of cached runs."""
 
@@ -114,6 +117,8 @@ class PlantModel(SimulatedModel):
         self._settle = options.settle
         # Twice the rate of the control unit, so that every control instant is a step of the plant.
         self._step = 0.5 / loaded.control.rate if options.time_step is None else options.time_step
+        # Samples are whole steps apart, as between two steps the state is held and its slope would be a staircase.
+        self._sample = self._step * max(1, math.ceil(1.0 / (_MOST_SAMPLES * self._step) - 1e-9))
         self._vehicle = loaded
         self._stiff = self._steer == "road_wheel_angle"
         # A recorded angle is held by the unit between two instants; the lead compensates the mean delay of this hold.
@@ -179,7 +184,7 @@ class PlantModel(SimulatedModel):
             "systems": systems,
             "connect": connect,
             "plant": {"contact": contact, "time_step": self._step},
-            "record": {"rate": min(1.0 / self._step, 2000.0), "meshcat": False, "report": False},
+            "record": {"rate": min(1.0 / self._sample, _MOST_SAMPLES), "meshcat": False, "report": False},
         }
         try:
             return assemble(make_spec(data))
@@ -338,7 +343,7 @@ class PlantModel(SimulatedModel):
         state = vehicle_states(x[part.base.floating_positions_start() :][:7], x[start:][:6])
         vx, vy, turn = state[6], state[7], state[11]
         ahead = float(self._whole.com[0])
-        slopes = [np.gradient(values, self._step) for values in (vx, vy, turn)]
+        slopes = [np.gradient(values, self._sample) for values in (vx, vy, turn)]
         # Sensor positions are relative to the file's centre of mass, states to the rear axle.
         position, tilt = ahead + p["accelerometer_ahead"], p["accelerometer_tilt"]
         return {
