@@ -8,8 +8,9 @@ import pytest
 
 from mirdrake.core.pid import PidGains
 from mirdrake.tuning import LinearProcess, TransferFunction, find_margins, simulate_loop
-from mirdrake.tuning.confirm import LEAST, confirm_margins
+from mirdrake.tuning.confirm import ABOVE, LEAST, confirm_margins
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Fidelity
+from mirdrake.tuning.loops.blocks import LONGEST
 from mirdrake.tuning.spec import breaks_limit
 
 PERIOD, DEAD_TIME = 0.01, 0.1
@@ -60,6 +61,45 @@ def test_of_margins_that_are_too_small_the_smaller_are_claimed() -> None:
     for check in confirm_margins(drive, GAINS, small, delay=DEAD_TIME, step=1.0):
         assert check.claimed == small[check.name]
         assert check.stable_at_above
+
+
+@pytest.mark.parametrize(
+    ("nominal", "margin", "driven"),
+    [(0.05, 0.4, [0.05 + ABOVE * 0.4]), (0.08, 0.4, [LONGEST]), (0.2, 0.4, [LONGEST]), (0.35, 0.4, [])],
+)
+def test_delays_are_driven_up_to_the_longest_one_of_the_actuator(
+    nominal: float, margin: float, driven: list[float]
+) -> None:
+    """A longer delay cannot be tested; it would count as unstable, and the margin of the model would not be claimed."""
+    delays: list[float] = []
+
+    def accept(
+        gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
+    ) -> Evaluation:
+        """Return a response that is stable at all delays that the actuator can have."""
+        assert conditions.delay is not None
+        delays.append(conditions.delay)
+        return drive(GAINS) if conditions.delay <= LONGEST else Evaluation("failed")
+
+    checks = confirm_margins(accept, GAINS, {"delay_margin_s": margin}, delay=nominal, step=1.0)
+    assert [check.claimed for check in checks] == [margin] * len(driven)
+    assert delays == pytest.approx(driven)  # each delay is driven once
+    assert all(delay <= LONGEST for delay in delays)
+
+
+def test_an_unstable_loop_with_a_long_nominal_delay_claims_what_the_plant_confirms() -> None:
+    nominal, true = 0.2, 0.27
+
+    def limited(
+        gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
+    ) -> Evaluation:
+        assert conditions.delay is not None
+        assert conditions.delay <= LONGEST
+        return drive(GAINS) if conditions.delay - nominal <= true else Evaluation("unstable")
+
+    (check,) = confirm_margins(limited, GAINS, {"delay_margin_s": 0.4}, delay=nominal, step=1.0)
+    assert check.claimed == pytest.approx(true, abs=0.02 * 0.4)
+    assert not check.stable_at_above
 
 
 def test_a_value_that_prints_as_its_limit_does_not_break_it() -> None:

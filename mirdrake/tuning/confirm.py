@@ -1,7 +1,7 @@
 """Confirmation of gain and delay margins on the plant: the loop is driven at parts of the margin of its model.
 
 A margin of the model is claimed if the plant is stable there. Otherwise the largest part of it at which the plant is
-stable is found by bisection, and claimed.
+stable is found by bisection, and claimed. Delays are driven up to the longest one of the actuator.
 """
 
 import math
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluator
+from mirdrake.tuning.loops.blocks import LONGEST
 from mirdrake.tuning.models import Floats
 
 BELOW, ABOVE = 0.9, 1.1
@@ -37,7 +38,8 @@ class MarginCheck:
         name: gain_margin or delay_margin_s.
         model: margin of the model.
         claimed: the smaller one of model and plant.
-        stable_at_above: whether the plant is stable at :data:`ABOVE` of the model's margin.
+        stable_at_above: whether the plant is stable at :data:`ABOVE` of the model's margin, or at the longest delay
+            that can be driven if that is shorter.
     """
 
     name: str
@@ -68,7 +70,8 @@ def confirm_margins(
     # yet.
     def stable(factor: float, added: float) -> bool:
         changed = {name: factor * value for name, value in gains.items()}
-        result = evaluate(changed, Conditions(delay=delay + added) if added else NOMINAL)
+        # The limit is reached exactly, whatever the rounding of the sum.
+        result = evaluate(changed, Conditions(delay=min(delay + added, LONGEST)) if added else NOMINAL)
         if result.status != "ok" or result.response is None:
             return False
         response = result.response
@@ -80,20 +83,23 @@ def confirm_margins(
     checks = []
     if 1.0 < factor <= LARGEST_GAIN:
         checks.append(_check("gain_margin", factor, lambda part: stable(part * factor, 0.0)))
-    if 0.0 < lag <= LARGEST_DELAY:
-        checks.append(_check("delay_margin_s", lag, lambda part: stable(1.0, part * lag)))
+    longest = LONGEST - delay
+    if 0.0 < lag <= min(LARGEST_DELAY, longest / LEAST):
+        checks.append(_check("delay_margin_s", lag, lambda part: stable(1.0, part * lag), largest=longest / lag))
     return tuple(checks)
 
 
-def _check(name: str, margin: float, stable: Callable[[float], bool]) -> MarginCheck:
-    """Find the largest part of a margin, up to 1, at which the plant is stable."""
+def _check(name: str, margin: float, stable: Callable[[float], bool], *, largest: float = math.inf) -> MarginCheck:
+    """Find the largest part of a margin, up to 1, at which the plant is stable; parts up to `largest` can be driven."""
     # The model is conservative here: the claim is that of the model, which is the smaller one.
-    if stable(ABOVE) or stable(1.0):
-        return MarginCheck(name, margin, margin, stable(ABOVE))
+    first = min(ABOVE, largest)
+    above = stable(first)
+    if above or (first > 1.0 and stable(1.0)):
+        return MarginCheck(name, margin, margin, above)
 
     # Go down in steps of 0.1 until the plant is stable; below LEAST nothing is claimed.
-    high = 1.0
-    low = BELOW
+    high = min(1.0, largest)
+    low = high - (1.0 - BELOW)
     while not stable(low):
         high, low = low, low - (1.0 - BELOW)
         if low < LEAST:
