@@ -24,16 +24,20 @@ from typing import Any
 
 import pandas as pd
 
+from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.assembly.scene import make_scene
 from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_errors, write_file
 from mirdrake.core.paths import installed_version
 from mirdrake.execution.calls import open_executor
 from mirdrake.execution.worker_server import LOOP, start_server
+from mirdrake.runs.summary import scene_hashes
 from mirdrake.tuning.acceptance import StepEffect, accept
 from mirdrake.tuning.check import baseline_gains, check_study
 from mirdrake.tuning.designs import Design, OmittedDesign, make_designs, slower_designs
 from mirdrake.tuning.identify import Identification, identify_loop
+from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.evaluate import LoopEvaluator, bench_of
 from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.over_speed import tune_over_speed
@@ -134,8 +138,8 @@ def tune(
     loop = make_loop_spec(spec)
     check_study(spec, loop)
     folder = Path(out)
-    # The key identifies study and loop: a folder of another study is rejected, that of this one is resumed.
-    key = digest_data(plain({"study": spec.model_dump(mode="json"), "loop": asdict(loop)}))
+    # A folder of another study is rejected, that of this one is resumed.
+    key = study_key(spec, loop)
     finished = _open(folder, key)
     if finished is not None:
         return finished
@@ -152,6 +156,17 @@ def tune(
     except (KeyboardInterrupt, StoppedError):
         raise StoppedError(f"{folder}: stopped; run it again to resume") from None
     return write_result(replace(result, folder=folder, wall_s=round(time.monotonic() - began, 1)), tables)
+
+
+def study_key(spec: TuningSpec, loop: LoopSpec) -> str:
+    """Return what identifies a study: its spec, its loop, and the contents of the files of its vehicles and world.
+
+    Raises:
+        ConfigError, ModelError, WorldError: a vehicle or the world has faults.
+    """
+    # The spec names vehicle and world only: evaluations before and after a change of their files must not be mixed.
+    content = scene_hashes(make_scene(make_spec(loop.diagram)))
+    return digest_data(plain({"study": spec.model_dump(mode="json"), "loop": asdict(loop), "content": content}))
 
 
 @contextmanager
@@ -178,7 +193,10 @@ def _open(folder: Path, key: str) -> TuningResult | None:
         return None
     file = folder / STUDY
     if not file.is_file() or key not in file.read_text(encoding="utf-8"):
-        raise RunError(f"{folder}: is not empty and does not belong to this study; choose another folder")
+        raise RunError(
+            f"{folder}: is not empty and does not belong to this study, or its vehicle or world has changed; "
+            "choose another folder"
+        )
     return read_result(folder) if (folder / FILE).is_file() else None
 
 
@@ -206,7 +224,7 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
 
     # The winner is the best candidate, or the nearest to the constraints if there is none.
     tried = [designs.baseline, *designs.tested, *choice.added]
-    if outcome.best is not None and outcome.best not in tried:
+    if outcome.best is not None and outcome.best.name not in {candidate.name for candidate in tried}:
         tried.append(outcome.best)
     winner = outcome.best or min(tried[1:] or tried, key=lambda candidate: candidate.rank)
 
@@ -297,11 +315,14 @@ def _search(stages: Stages, designs: Designs, choice: RuleChoice) -> SearchOutco
     """Search on the reduced model, then on the plant around the best, and choose the best candidate."""
     tried = [designs.baseline, *designs.tested, *choice.added]
     rules = [candidate.design.gains for candidate in tried[1:]]
-    # Without rules all tested gains, the baseline included, start the search.
-    known_gains = rules if stages.identifiable else [candidate.design.gains for candidate in tried]
-    known_gains += [stages.loop.present] if stages.identifiable and stages.loop.present else []
+    # Without a model all tested gains, the baseline included, start the search.
+    known_gains, ranged = [candidate.design.gains for candidate in tried], rules
+    if stages.identifiable:
+        # The present gains start the search, too, but do not widen the ranges of the rules, if there are any.
+        present = [stages.loop.present] if stages.loop.present else []
+        known_gains, ranged = [*rules, *present], rules or present
     max_sensitivity = stages.constraints.get("ms", math.inf)
-    space = search_space(stages.spec, stages.loop, rules, max_sensitivity)
+    space = search_space(stages.spec, stages.loop, ranged, max_sensitivity)
     coarse = stages.search(space, stages.first_fidelity, inside(space, known_gains), "search")
 
     # Second stage: on the plant, in the part of the space around the best trials of the first.
