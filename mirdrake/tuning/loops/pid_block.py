@@ -20,7 +20,7 @@ from mirdrake.assembly.scene import make_scene
 from mirdrake.controllers import PidGains
 from mirdrake.core.errors import ConfigError
 from mirdrake.tuning.frequency_response import FrequencyResponse
-from mirdrake.tuning.gains import controller_response, hold_response
+from mirdrake.tuning.gains import controller_response
 from mirdrake.tuning.identify import Identification, fit_response, simple_experiment
 from mirdrake.tuning.linearise import linearise
 from mirdrake.tuning.loops.base import Conditions, LoopModel, LoopSpec, role
@@ -163,8 +163,7 @@ def measure_linear_response(spec: LoopSpec) -> FrequencyResponse:
     top = 0.999 * math.pi / period
     frequencies = np.geomspace(1e-4 * top, top, SAMPLES)
     # G = -L / C: the present controller, with its hold, is divided out.
-    controller = controller_response(present, frequencies, period=period) / hold_response(frequencies, period)
-    values = -model.response(frequencies) / controller / hold_response(frequencies, period)
+    values = -model.response(frequencies) / controller_response(present, frequencies, period=period)
     # An infinite or zero response has no logarithm for the fit.
     kept = np.isfinite(values) & (np.abs(values) > 0.0)
     if kept.sum() < 2 or (not values[kept][0].real > 0.0 and not values[kept][0].imag < 0.0):
