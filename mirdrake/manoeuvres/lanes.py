@@ -212,12 +212,12 @@ class CourseSpec(ManoeuvreSpec):
             ahead=point,
         )
         # A run that is 10 m (to scale) beside the outermost cones is lost; end it early.
-        lane = max(s.high for s in sections if math.isfinite(s.high)) + 5.0 * facts.scale
+        lost = max(s.high for s in sections if math.isfinite(s.high)) + 10.0 * facts.scale
 
         def stop(time: float, state: Sequence[float]) -> str | None:  # noqa: ARG001
             if state[0] > end:
                 return "the end of the course"
-            if abs(state[1]) > lane + 5.0 * facts.scale:
+            if abs(state[1]) > lost:
                 return "it left the course"
             return "it stopped" if state[6] < 0.2 * speed else None
 
