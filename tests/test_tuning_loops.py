@@ -131,7 +131,7 @@ def test_a_sustained_oscillation_is_unstable_and_a_decaying_one_is_not() -> None
     [(19, 0.0, "the run ended after 19 samples"), (0, 0.0, "the run ended after 0"), (19, 11.0, "exceeds ten steps")],
 )
 def test_a_short_record_is_unstable_for_its_own_reason(count: int, error: float, reason: str) -> None:
-    t, ones = 0.02 * np.arange(count), np.ones(count)
+    t, ones = np.linspace(0.0, 0.4, count), np.ones(count)
     result = judge(t, ones, ones - error, ones, course=course())
     assert result.status == "unstable"
     assert reason in result.reason
