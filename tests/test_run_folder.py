@@ -425,3 +425,19 @@ def test_figures_that_are_not_finite_are_none():
     vx = np.where(times < 0.5, 1.0, np.nan)
     figures = drive_figures(times, {"vx": vx, "lateral_error": vx, "lap": vx, "speed_command": vx})
     assert set(figures.values()) == {None}
+
+
+def test_the_samples_of_vehicles_and_actors_are_equally_many_after_a_kill(tmp_path: Path) -> None:
+    """The tables are written one after the other; here the kill comes between the two."""
+    writer = RunWriter(tmp_path / "run", {"name": "drive"})
+    units = {"time": "s", "ego.vx": "m/s", "actors.lead.x": "m"}
+    for start in (0.0, 3.0):
+        times = start + np.arange(3.0)
+        writer.write_signals(times, {"ego.vx": times, "actors.lead.x": 2.0 * times}, units)
+        writer._signals.flush()
+        if start == 0.0:
+            writer._actors.flush()
+    run = load_run(tmp_path / "run")
+    assert run.signals.index.tolist() == run.actors.index.tolist() == [0.0, 1.0, 2.0]
+    assert run.actors["lead.x"].tolist() == [0.0, 2.0, 4.0]
+    assert run.summary["simulated_s"] == 2.0

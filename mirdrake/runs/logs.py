@@ -92,7 +92,7 @@ class Run:
 
         ``signals.attrs["units"]`` has the unit of each column.
         """
-        table = read_signals(self.folder) if self.table is None else self.table
+        table = self._tables[0]
         of_actors = [name for name in table.columns if name.startswith(OF_ACTORS)]
         table = table.drop(columns=of_actors) if of_actors else table
         table.attrs["units"] = {name: unit for name, unit in self.units.items() if not name.startswith(OF_ACTORS)}
@@ -101,10 +101,19 @@ class Run:
     @cached_property
     def actors(self) -> pd.DataFrame:
         """Samples of the actors at the same times, by ``<actor>.<signal>``; without columns if there are none."""
-        if self.table is None:
-            return read_table(None if self.folder is None else self.folder / ACTORS)
-        names = [name for name in self.table.columns if name.startswith(OF_ACTORS)]
-        return self.table[names].rename(columns=lambda name: name.removeprefix(OF_ACTORS))
+        return self._tables[1]
+
+    @cached_property
+    def _tables(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Samples of the vehicles and of the actors, with equally many rows."""
+        if self.table is not None:
+            names = [name for name in self.table.columns if name.startswith(OF_ACTORS)]
+            return self.table, self.table[names].rename(columns=lambda name: name.removeprefix(OF_ACTORS))
+        signals = read_signals(self.folder)
+        actors = read_table(None if self.folder is None else self.folder / ACTORS)
+        # The two are written one after the other, so that a kill may leave one longer than the other.
+        rows = min(len(signals), len(actors)) if len(actors.columns) else len(signals)
+        return signals.head(rows), actors.head(rows)
 
     def scene(self) -> Scene:
         """Return the world and the vehicles of the run as they were, read from the folder at the first call.

@@ -87,7 +87,8 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
     }
 
     names = [f"{name}.{key}" for name in actors.frames for key in ("x", "y", "yaw")]
-    moves = run.actors[names].to_numpy().reshape(times.size, -1, 3) if names else None
+    # A run that was killed early may have no samples of the actors yet.
+    moves = run.actors[names].to_numpy().reshape(times.size, -1, 3) if names and not run.actors.empty else None
     scene_context = parts.scene_graph.GetMyMutableContextFromRoot(context)
 
     place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
