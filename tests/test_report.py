@@ -17,10 +17,11 @@ import shapely
 from mirdrake.assembly.scene import Scene
 from mirdrake.core.errors import RunError
 from mirdrake.report import write_report
-from mirdrake.report.drive import draw_drive
+from mirdrake.report.drive import draw_drive, own_track
 from mirdrake.report.figures import thin
-from mirdrake.report.run_report import render_report
+from mirdrake.report.run_report import _figures, render_report
 from mirdrake.report.svg import embed_svg
+from mirdrake.report.vehicle_charts import VehicleSignals
 from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
 from mirdrake.runs.logs import Event, Run
 from mirdrake.vehicles import load_vehicle
@@ -335,6 +336,16 @@ def test_several_vehicles_share_the_map_and_have_a_section_each(tmp_path):
     assert page.text.count("Speed and set-point") == 2
     assert "2 vehicles drove on test_track for 20.0\u00a0s" in page.text
     assert "rival, the Bolt, drove" in page.text
+
+
+def test_the_road_of_a_vehicle_is_that_of_its_own_track():
+    world = load_world("skidpad")
+    t = np.linspace(0.0, 5.0, 51)
+    columns = {"ego.x": -t, "ego.y": 0.0 * t - 18.0, "ego.vx": -1.0 - t, "ego.lateral_error": 0.0 * t - 1.0}
+    vehicle = VehicleSignals(pandas.DataFrame(columns, index=pandas.Index(t, name="time")), "ego")
+    assert own_track(vehicle, world) is world.tracks["right"]  # not the first one
+    assert own_track(vehicle, world, "eight") is world.tracks["eight"]
+    assert _figures(vehicle, {})["max_speed_mps"] == 6.0  # also in reverse
 
 
 def test_events_are_listed_in_order_and_a_flood_of_them_is_cut(tmp_path):

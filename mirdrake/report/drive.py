@@ -1,6 +1,6 @@
 """The drive from above: the map with the driven lines, their colours, and close views of the largest lateral errors."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from mirdrake.report.svg import SCALE_STEPS
 from mirdrake.report.vehicle_charts import VehicleSignals
 from mirdrake.report.words import format_quantity, format_time
 from mirdrake.report.world_map import draw_figure, props, signals, surfaces
-from mirdrake.worlds import World, make_world
+from mirdrake.worlds import Track, World, make_world
 
 ACTOR_COLOUR = "muted"
 """Colour of the paths of actors."""
@@ -63,6 +63,7 @@ def draw_drive(
     signals: pandas.DataFrame,
     world: World | None,
     actors: pandas.DataFrame | None = None,
+    followed: Mapping[str, Track | None] | None = None,
 ) -> DriveMap | None:
     """Return the map of a drive; None if there is nothing to draw.
 
@@ -71,6 +72,7 @@ def draw_drive(
         signals: signals of all vehicles.
         world: world of the run; None if it is not known.
         actors: samples of the actors; their paths are grey.
+        followed: tracks of vehicles by their names; the others are on the track nearest to their start.
     """
     # Without a world, an empty one: the driven line is drawn on its own.
     world = world if world is not None else make_world({"mirdrake": "world/1"})
@@ -89,7 +91,8 @@ def draw_drive(
         # One vehicle has its line coloured by a quantity; several have a colour each.
         classes, scale = _colour_classes(vehicle) if len(names) == 1 else (None, None)
         lines.append(DrivenLine(vehicle["x"], vehicle["y"], VEHICLE_COLOURS[index % len(VEHICLE_COLOURS)], classes))
-        places += _worst_places(vehicle, tracks[0].width if tracks else 3.0, places, count=3 if len(names) == 1 else 1)
+        track = (followed or {}).get(name) or own_track(vehicle, world)
+        places += _worst_places(vehicle, track.width if track else 3.0, places, count=3 if len(names) == 1 else 1)
     if not lines and not tracks:
         return None
     spots = [place for place, _ in places]
@@ -106,6 +109,29 @@ def draw_drive(
         any(len(x.points) for x in lines),
         actors=any(line.colour == ACTOR_COLOUR for line in lines),
     )
+
+
+def own_track(vehicle: VehicleSignals, world: World, name: str | None = None) -> Track | None:
+    """Return the track against which a vehicle was measured: that of its driver, or the nearest one to its start.
+
+    Args:
+        vehicle: signals of the vehicle.
+        world: world of the run.
+        name: name of the track that its driver follows, if any.
+
+    Returns:
+        the track; None in a world without tracks.
+    """
+    tracks = world.tracks
+    if name in tracks:
+        return tracks[name]
+    if len(tracks) < 2 or not vehicle.has("x", "y"):
+        return next(iter(tracks.values()), None)
+    # The same rule by which a simulation chooses the track of a vehicle without one.
+    points = np.column_stack((vehicle["x"], vehicle["y"]))
+    points = points[np.isfinite(points).all(axis=1)]
+    x, y = points[0].tolist() if len(points) else (0.0, 0.0)
+    return min(tracks.values(), key=lambda track: abs(float(track.project(x, y)[1])))
 
 
 def _draw_map(world: World, lines: Sequence[DrivenLine], places: Sequence[Place]) -> Markup:

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from mirdrake.assembly.scene import Scene
 from mirdrake.core.errors import MirdrakeError, RunError
 from mirdrake.core.files import write_file
-from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive
+from mirdrake.report.drive import VEHICLE_COLOURS, draw_drive, own_track
 from mirdrake.report.drive_layers import scale_colours
 from mirdrake.report.figures import Array, drawing_style
 from mirdrake.report.inner_charts import make_inner_charts
@@ -79,18 +79,16 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
     world = _world_name(spec, summary)
     scene, scene_notes = _scene_of(run)
     loaded = {} if scene is None else scene.vehicles
-    tracks = [] if scene is None else list(scene.world.tracks.values())
     names = _vehicle_names(run)
+    tracks = {name: _track_of(run, VehicleSignals(signals, name), scene) for name in names}
     folder = run.folder.name if run.folder else ""
     # Pictures need Matplotlib's settings of reports, whatever the settings of the user are.
     with drawing_style():
         vehicles = [
-            _make_vehicle_page(
-                run, VehicleSignals(signals, name), index, tracks[0] if tracks else None, loaded.get(name)
-            )
+            _make_vehicle_page(run, VehicleSignals(signals, name), index, tracks[name], loaded.get(name))
             for index, name in enumerate(names)
         ]
-        drive = draw_drive(names, signals, None if scene is None else scene.world, run.actors)
+        drive = draw_drive(names, signals, None if scene is None else scene.world, run.actors, tracks)
         inner = make_inner_charts(
             signals, run.units, vehicles=names, systems=spec.get("systems") or {}, marks=_marks(run)
         )
@@ -189,6 +187,15 @@ def _make_vehicle_page(
     )
 
 
+def _track_of(run: Run, signals: VehicleSignals, scene: Scene | None) -> Track | None:
+    """Return the track against which a vehicle was measured, if it is known."""
+    if scene is None:
+        return None
+    driver = ((run.spec or {}).get("control") or {}).get(signals.name)
+    name = driver.get("track") if isinstance(driver, Mapping) else None
+    return own_track(signals, scene.world, name if isinstance(name, str) else None)
+
+
 def _road_edges(signals: VehicleSignals, track: Track | None) -> tuple[Array, Array] | None:
     """Return the lateral positions [m] of the road's edges along the drive, + left, if its width varies."""
     if track is None or track.edges is None or not signals.has("lateral_error", "progress"):
@@ -209,7 +216,7 @@ def _figures(signals: VehicleSignals, summary: Mapping[str, Any]) -> dict[str, f
         if signals.has("lateral_error"):
             figures.setdefault("max_abs_lateral_error_m", float(np.nanmax(np.abs(signals["lateral_error"]))))
         if signals.has("vx"):
-            figures.setdefault("max_speed_mps", float(np.nanmax(signals["vx"])))
+            figures.setdefault("max_speed_mps", float(np.nanmax(np.abs(signals["vx"]))))
     return figures
 
 
