@@ -1,7 +1,10 @@
 """The world editor without a browser: changes of the file by gestures, and marks on the map."""
 
 import json
+import os
 import random
+import socket
+import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -381,3 +384,23 @@ def test_after_random_gestures_the_file_means_what_is_shown_and_undo_restores_ev
             document.undo()
         assert document.text == begin
         document.close()
+
+
+def test_an_editor_that_finds_no_port_leaves_no_thread_and_no_lock(tmp_path: Path) -> None:
+    path = tmp_path / "yard.yaml"
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(MirdrakeError):
+        Editor(path, port=taken.getsockname()[1])
+    assert "world check" not in {thread.name for thread in threading.enumerate()}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_lock_of_a_document_is_removed_while_it_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise the file of an editor that has locked it in between would be removed."""
+    document = Document(tmp_path / "yard.yaml")
+    lock, remaining, close = document._lock_path, [], os.close
+    assert lock.exists()
+    monkeypatch.setattr(
+        "mirdrake.editor.document.os.close", lambda number: (remaining.append(lock.exists()), close(number))
+    )
+    document.close()
+    assert remaining == [False]

@@ -125,9 +125,10 @@ class Document:
     def close(self) -> None:
         """Release the file for other editors."""
         if self._lock is not None:
-            os.close(self._lock)
+            # Removed while it is locked: another editor could lock it between the two, and lose its file.
             with suppress(OSError):
                 self._lock_path.unlink()
+            os.close(self._lock)
             self._lock = None
 
     @property

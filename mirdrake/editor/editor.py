@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -52,15 +53,19 @@ class Editor:
     """
 
     def __init__(self, path: Path, *, port: int | None = None) -> None:
-        # The document takes the lock of the file; everything that fails after it has to release that.
+        # The document takes the lock of the file; everything that fails after it has to release that,
+        # and to end the threads that were started.
         self.document = Document(path)
         self._lock = threading.Lock()
-        try:
+        with ExitStack() as undo:
+            undo.callback(self.document.close)
             self.scene: Scene = read_scene(self.document.text, path)
             self._faults: list[str] = []
             self._tests = CaseRunner(path)
             self._checker = Checker(path)
+            undo.callback(self._checker.close)
             self._view = View()
+            undo.callback(self._view.close)
             posts: dict[str, Callable[[Message], Reply]] = {
                 "state": self._state, "gesture": self._gesture, "preview": self._preview, "undo": self._undo,
                 "redo": self._redo, "save": self._save, "reload": self._reload, "ghosts": self._ghosts,
@@ -74,9 +79,7 @@ class Editor:
                 posts={name: self._guarded(post) for name, post in posts.items()},
                 largest=_LARGEST,
             )
-        except BaseException:
-            self.document.close()
-            raise
+            undo.pop_all()
         self._checker.check(self.document.text)
 
     @property
