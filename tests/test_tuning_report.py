@@ -11,6 +11,8 @@ import pytest
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.report.tuning import FIGURES, render_tuning, write_tuning_report
+from mirdrake.report.tuning_axes import Shown
+from mirdrake.report.tuning_charts import draw_distribution
 from mirdrake.report.words import format_quantity
 from mirdrake.tuning.loops.base import Conditions
 from mirdrake.tuning.result import TABLES, Schedule, ScheduleRow, ScheduleTest, TuningResult, read_result
@@ -226,3 +228,13 @@ def test_the_documentation_defines_every_figure_of_the_report() -> None:
     text = (Path(__file__).resolve().parent.parent / "docs" / "tuning.md").read_text()
     for label, _ in FIGURES.values():
         assert f"**{label}**" in text, label
+
+
+@pytest.mark.parametrize(("tops", "cut"), [((1.0, 9.0), True), ((-2.0, 9.0), False), ((0.0, 9.0), False)])
+def test_a_distribution_is_cut_only_where_six_times_the_best_has_a_meaning(tops, cut, monkeypatch):
+    limits = []
+    monkeypatch.setattr("matplotlib.axes.Axes.set_xlim", lambda _, *values, **__: limits.append(values))
+    table = pd.DataFrame({"candidate": ["a", "b"], "status": "ok", "margin": tops})
+    shown = [Shown(name, "best", "main") for name in ("a", "b")]
+    draw_distribution(table, "margin", "Margin", shown)
+    assert ((0.0, 6.0) in limits) is cut
