@@ -18,8 +18,10 @@ from mirdrake.assembly.diagram_spec import without_user_systems
 from mirdrake.assembly.drawing import draw_svg, write_dot
 from mirdrake.assembly.wiring import Wiring
 from mirdrake.cli import main as mir_main
+from mirdrake.controllers.platoon import CaccSpec
 from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.core.signals import signals
+from mirdrake.core.yaml_io import Source, validate
 from mirdrake.runs.simulation import simulate
 
 POINT: dict[str, Any] = {"contact": "point"}
@@ -130,6 +132,16 @@ def test_an_unknown_element_of_an_input_has_no_default_source() -> None:
     assembly = assemble(make_spec(drive()))
     assert assembly.default_source("ego.speed_reference") == "ego.speed_command"
     assert assembly.default_source("ego.speed_reference.nothing") is None
+
+
+@pytest.mark.parametrize("delay", [0.001, 0.05, 0.0999])
+def test_a_delay_between_two_periods_is_an_error(delay: float) -> None:
+    systems = {"late": {"kind": "delay", "delay": delay, "period": 0.02}}
+    with pytest.raises(ConfigError, match=rf"delay: {delay} s is not a multiple of the period, 0.02 s"):
+        assemble(make_spec(drive(systems=systems, connect=[["ego.vx", "late.u"]])))
+    spec = validate({"kind": "cacc", "delay": delay}, CaccSpec, Source("d.yaml", {}))
+    with pytest.raises(ConfigError, match=rf"delay: {delay} s is not a multiple of the period, 0.02 s"):
+        spec.make_system(None, None)  # type: ignore[arg-type]
 
 
 # --- file and twin ---------------------------------------------------------------------------------------------------

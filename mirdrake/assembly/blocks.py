@@ -23,6 +23,7 @@ from pydrake.systems.primitives import (
 )
 
 from mirdrake.controllers import DiscretePid, PidGains, PidLimits
+from mirdrake.core.checks import whole_periods
 from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
 from mirdrake.core.user_systems import construct, make_user_system
 from mirdrake.core.yaml_io import Duration, Period, Schema, Source, validate
@@ -108,8 +109,10 @@ class DelayBlock(Schema):
 
     def make(self) -> System:
         """Return the system."""
+        steps = whole_periods(self.delay, self.period)
         # A delay of zero steps would be an algebraic connection.
-        steps = max(1, round(self.delay / self.period))
+        if not steps:
+            raise ConfigError(f"delay: {self.delay:g} s is not a multiple of the period, {self.period:g} s")
         return DiscreteTimeDelay(self.period, steps, self.size)
 
 

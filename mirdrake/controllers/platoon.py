@@ -24,6 +24,8 @@ from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.controllers.driver import DrivenWorld
 from mirdrake.controllers.path_tracking import PathTracker, PathTrackingSpec
 from mirdrake.controllers.traffic_driver import LAG, LEAD, make_tracker
+from mirdrake.core.checks import whole_periods
+from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import declare_vector_input
 from mirdrake.core.yaml_io import Acceleration, Duration, Length
 
@@ -112,7 +114,7 @@ class PlatoonDriver(PathTracker):
         self._spec = spec
         self.road_ahead = declare_vector_input(self, "road_ahead", ROAD_AHEAD)
         # One message is the newest, the others are on their way for the delay.
-        messages = 1 + (round(spec.delay / self.period) if isinstance(spec, CaccSpec) else 0)
+        messages = 1 + ((whole_periods(spec.delay, self.period) or 0) if isinstance(spec, CaccSpec) else 0)
         # u, speed of the vehicle ahead and own speed one step before, number of the step, messages on their way
         self._memory = self.DeclareDiscreteState(np.concatenate(([0.0, np.nan, np.nan, 0.0], np.zeros(messages))))
 
@@ -172,9 +174,22 @@ class CaccSpec(AccSpec):
 
     kind: Literal["cacc"] = Field(description="cooperative adaptive cruise control [-]")  # type: ignore[assignment]
     time_gap: Duration = Field(default=0.6, gt=0.0, le=10.0, description="time gap [s]")
-    delay: Duration = Field(default=0.1, ge=0.0, le=2.0, description="delay of messages [s]")
+    delay: Duration = Field(default=0.1, ge=0.0, le=2.0, description="delay of messages [s]; a multiple of the period")
     loss: float = Field(default=0.0, ge=0.0, lt=1.0, description="probability that a message is lost [-]")
     seed: int = Field(default=0, ge=0, description="of the lost messages [-]")
+
+    def make_system(
+        self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None
+    ) -> PathTracker:
+        """Return the driver as a system; see the base class.
+
+        Raises:
+            ConfigError: also if the delay is not a multiple of the period.
+        """
+        if whole_periods(self.delay, self.period) is None:
+            place = self.place("delay", where)
+            raise ConfigError(f"{place}: {self.delay:g} s is not a multiple of the period, {self.period:g} s")
+        return super().make_system(vehicle, world, where=where, folder=folder)
 
     def is_lost(self, number: int) -> bool:
         """Return whether a message is lost, by its number: the same in every run."""

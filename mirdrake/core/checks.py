@@ -35,6 +35,12 @@ def checks_arguments(function: Callable[P, T]) -> Callable[P, T]:
     return checked
 
 
+def whole_periods(delay: float, period: float) -> int | None:
+    """Return the number of periods of a delay; None if it is not a multiple of the period [s]."""
+    steps = round(delay / period)
+    return steps if abs(steps * period - delay) <= 1e-9 else None
+
+
 def check_number(
     owner: str,
     name: str,

@@ -18,7 +18,7 @@ from mirdrake.controllers.ackermann import Ackermann
 from mirdrake.controllers.control_step import LAST, STEERING_ACTUATOR, ControlSetup
 from mirdrake.controllers.joint_blocks import STATUS
 from mirdrake.controllers.vehicle_control import ControlUnit, StepResult
-from mirdrake.core.checks import check_number
+from mirdrake.core.checks import check_number, whole_periods
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import declare_state_output, declare_vector_input
 from mirdrake.core.vectors import COMMAND, STATE
@@ -85,11 +85,12 @@ class SingleTrackControl(ControlUnit):
         )
         check_number("SingleTrackControl", "delay", delay, unit="s", at_least=0.0)
         # The delay is a shift register that moves once per update, so it must be a whole number of periods.
-        self._delay_steps = round(delay / self._period)
-        if abs(self._delay_steps * self._period - delay) > 1e-9:
+        steps = whole_periods(delay, self._period)
+        if steps is None:
             raise ConfigError(
                 f"SingleTrackControl: delay must be a multiple of the period, {self._period:g} s, got {delay:g} s"
             )
+        self._delay_steps = steps
         self._true = Ackermann(geometry)
         # The model needs true speeds and forces; the laws of the unit calculate with the believed radius.
         self._true_over_believed = self._radius / believed

@@ -9,6 +9,7 @@ from collections.abc import MutableSequence
 from math import exp, inf
 from typing import NamedTuple
 
+from mirdrake.core.checks import whole_periods
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import where
 from mirdrake.vehicles.powertrain_spec import Actuator
@@ -38,16 +39,16 @@ class ActuatorLaw:
     """
 
     def __init__(self, actuator: Actuator, *, period: float) -> None:
-        self._steps = round(actuator.delay / period)
-        if abs(self._steps * period - actuator.delay) > 1e-9:
-            near = max(self._steps, 1) * period
+        steps = whole_periods(actuator.delay, period)
+        if steps is None:
+            near = max(round(actuator.delay / period), 1) * period
             raise ConfigError(
                 f"{where(actuator, 'delay')}: {actuator.delay:g} s is not a multiple of the {period:g} s between two "
                 f"set-points; write for example {near:g}"
             )
         rate = inf if actuator.rate is None else actuator.rate
         self.numbers = ActuatorNumbers(period, actuator.time_constant, rate)
-        self.size = self._steps + 1
+        self.size = steps + 1
 
     def rest(self, value: float) -> list[float]:
         """Return the memory of an actuator at rest at a value."""
