@@ -100,8 +100,11 @@ def test_accelerations_of_short_steps_are_the_slopes_of_the_speed():
     log = Log("braking", "train", time, {**channels, "longitudinal_acceleration": zero + 1e-6 * np.sin(50.0 * time)})
     options = {"vehicle": "bolt@handling", "time_step": 3e-4, "settle": 0.2}
     model = make_model(ModelSpec("plant", options), DataSet((log,)), {})
+    assert isinstance(model, PlantModel)
     (drive,), _ = make_segments(model, (log,))
-    y, _ = model.run({info.name: info.guess for info in model.parameters}, drive, np.array([15.0]))
+    run = model.run({info.name: info.guess for info in model.parameters}, drive, np.array([15.0]))
+    assert run is not None
+    y = run[0]
     vx, acceleration = y[model.outputs.index("vx")], y[model.outputs.index("longitudinal_acceleration")]
     slope = (vx[-2] - vx[10]) / (time[-2] - time[10])
     assert slope < -0.2

@@ -47,6 +47,6 @@ def make_table(parameters: SingleTrackParameters, columns: Mapping[str, ArrayLik
         except ConfigError as error:
             raise ConfigError(f"batch: car {wrong[0]}: {error}") from None
         # Both checks have the same ranges; should they ever differ, no car passes without a message.
-        values = ", ".join(f"{name}={value:g}" for name, value in row.items())
-        raise ConfigError(f"batch: car {wrong[0]}: a parameter is out of range: {values}")
+        given = ", ".join(f"{name}={value:g}" for name, value in row.items())
+        raise ConfigError(f"batch: car {wrong[0]}: a parameter is out of range: {given}")
     return table
