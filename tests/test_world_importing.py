@@ -842,6 +842,37 @@ def test_loose_objects_a_little_in_the_ground_are_put_onto_it(tmp_path):
     assert change.old == "1 up to 0.025 m in the ground: barrel"
 
 
+def test_loose_objects_fall_onto_what_is_below_them(tmp_path):
+    """A chain of blocks, each beside the next but one; a cup 3 cm above a fixed table; a cup on one that floats."""
+    chain = "".join(
+        traps.model(f"block{k}", size="1 1 0.5", pose=f"{9 + 0.6 * k} 5 {1.25 + 0.5 * k} 0 0 0", static=False)
+        for k in range(3)
+    )
+    table = traps.model("table", size="1 1 0.7", pose="5 9 0.35 0 0 0")
+    cup = traps.model("cup", size="0.1 0.1 0.1", pose="5 9 0.78 0 0 0", static=False)
+    shelf = traps.model("shelf", size="1 1 0.1", pose="9 12 1.05 0 0 0")
+    book = traps.model("book", size="0.2 0.2 0.1", pose="9 12 1.45 0 0 0", static=False)
+    result, world = imported(traps.world(tmp_path, chain + table + cup + shelf + book), tmp_path / "worlds")
+    bottoms = {name: prop.bottom for name, prop in placed(world).items()}
+    assert [bottoms[f"block{k}"] for k in range(3)] == pytest.approx([0.0, 0.5, 1.0], abs=1e-6)
+    assert bottoms["cup"] == pytest.approx(0.7, abs=1e-6)
+    assert bottoms["book"] == pytest.approx(1.1, abs=1e-6)
+    assert not changes_of(result, "overlapping objects")
+    (change,) = changes_of(result, "loose objects above the ground")
+    assert change.old.startswith("5 up to 1 m above the ground")
+    assert change.new == "on the ground, or on what is below them"
+
+
+def test_what_rests_on_an_object_in_the_ground_is_lifted_with_it(tmp_path):
+    crate = traps.model("crate", pose="9 5 0.45 0 0 0", static=False)
+    cup = traps.model("cup", size="0.1 0.1 0.1", pose="9 5 1.0 0 0 0", static=False)
+    result, world = imported(traps.world(tmp_path, crate + cup), tmp_path / "worlds")
+    bottoms = {name: prop.bottom for name, prop in placed(world).items()}
+    assert (bottoms["crate"], bottoms["cup"]) == pytest.approx((0.0, 1.0), abs=1e-6)
+    assert not changes_of(result, "overlapping objects")
+    assert changes_of(result, "loose objects")[-1].new == "lifted with them"
+
+
 def test_a_world_that_makes_the_solver_fail_is_found(tmp_path, monkeypatch):
     _, world = imported(traps.world(tmp_path, traps.model("crate", pose="9 0 0.5 0 0 0", static=False)), tmp_path / "w")
     assert not first_steps_of.find_first_step_fault(world, (), "bolt")

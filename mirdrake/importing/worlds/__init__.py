@@ -5,6 +5,7 @@
     .world .sdf ── read_world ──► SourceWorld     read_world.py, read_model.py, read_crowd.py
     SourceWorld ── make_ground ──► GroundText     ground.py: planes, floors, roads
     SourceWorld ── Converter ──► Entry, ...       convert.py: known.py, prop_folder.py, surfaces.py
+    Entry, ... ── settle ──► Entry, ...           settle.py: loose objects
     Entry, ... ── world_text ──► <name>.yaml      entry.py, text.py
     all of it: import_world ──► WorldImport       here
 
@@ -34,6 +35,7 @@ from mirdrake.importing.worlds.ground import GroundText, make_ground
 from mirdrake.importing.worlds.model import Array, SourceWorld
 from mirdrake.importing.worlds.placed import find_overlaps, place, reach
 from mirdrake.importing.worlds.read_world import read_world
+from mirdrake.importing.worlds.settle import settle
 from mirdrake.importing.worlds.starts import CAR, FreePlaces
 from mirdrake.importing.worlds.text import report_text, world_text
 from mirdrake.vehicles.scaffold import check_name
@@ -49,7 +51,6 @@ __all__ = ["Change", "WorldImport", "import_world"]
 _AHEAD = 30.0  # [m] to be free ahead of the origin, where a world without starts has its start
 _REACH = 200.0  # [m] of the ground of a world without tracks and size
 _FARTHEST = 2000.0  # [m] up to which the ground is widened to surfaces; solvers lose digits far from the origin
-_SHALLOW = 0.1  # [m] depth in the ground up to which a loose object is put onto it
 _MARGIN = 20.0  # [m] ground beyond the props
 _MOST_PAIRS = 60  # overlaps that are named one by one
 _MOST_ENTRIES = 5000  # of a world
@@ -143,9 +144,9 @@ def _build(
     # Objects of the source may overlap, float or be buried; rules allow it in the new world.
     show_progress("placing")
     props = place(entries, building)
-    overlaps = _overlap_rules(props, where, changes)
-    if _settle(entries, props, where, changes):
+    if settle(entries, props, where, changes):
         props = place(entries, building)
+    overlaps = _overlap_rules(props, where, changes)
     heights = _height_rules(props, where, changes)
     # Rules name single props, so entries are merged into grids only without rules.
     grids = into_grids(entries) if not overlaps and not heights else entries
@@ -230,38 +231,6 @@ def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], 
     return {new: f"at: [{number(pose[0])}, {number(pose[1])}], yaw: {degrees(pose[2])}"}, (
         remark if world.spec.start else "no free space ahead of the origin"
     )
-
-
-def _settle(entries: list[Entry], props: list[PlacedProp], where: str, changes: Changes) -> bool:
-    """Put loose objects that are above the ground, or a little in it, onto it, stacks together.
-
-    Returns:
-        whether there were any.
-    """
-    by_name = {entry.name: entry for entry in entries}
-    faults = find_unsupported(Neighbours(props), None)
-    shallow = {fault.names[0] for fault in faults if fault.kind == "buried" and (fault.depth or 0.0) <= _SHALLOW}
-    moved = False
-    # Gazebo lets floating objects fall and pushes buried ones out; both end on the ground.
-    for names, state, why in (
-        ({fault.names[0] for fault in faults if fault.kind == "floating"}, "above", "fall"),
-        (shallow, "in", "be pushed out"),
-    ):
-        loose = [prop for prop in props if prop.name in names and not prop.static]
-        moved = moved or bool(loose)
-        if not loose:
-            continue
-        farthest = 0.0
-        for prop in loose:
-            # Objects above each other move by the same height: that of the lowest of them.
-            bottom = min(other.bottom for other in loose if other.footprint.intersects(prop.footprint))
-            farthest = max(farthest, abs(bottom))
-            X = by_name[prop.name].X_WP
-            by_name[prop.name].X_WP = RigidTransform(X.rotation(), X.translation() - np.array([0.0, 0.0, bottom]))
-        was = f"{len(loose)} up to {farthest:.3g} m {state} the ground: {', '.join(prop.name for prop in loose[:5])}"
-        what = f"loose objects {state} the ground"
-        changes.add(Code.MODEL, where, what, was, "on the ground", f"they would {why} in the source")
-    return moved
 
 
 def _height_rules(props: list[PlacedProp], where: str, changes: Changes) -> dict[str, float]:
