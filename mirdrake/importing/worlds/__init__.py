@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RollPitchYaw
 
 from mirdrake.core.errors import ConfigError, ModelError, WorldError
 from mirdrake.core.files import staging
