@@ -10,6 +10,7 @@ from numba.core.caching import CompileResultCacheImpl
 
 from mirdrake.core import compiled as machine
 from mirdrake.core.compiled import compiled, plain, record_type, records
+from mirdrake.core.maths import absolute, choose, wrap_angle
 
 
 class Spring(NamedTuple):
@@ -62,6 +63,31 @@ def test_a_function_and_what_it_calls_are_compiled_with_a_law():
         assert forces == pytest.approx([50.0 + times * 200.0, 50.0 + times * 400.0])
         assert struts["force"] == pytest.approx([times * 200.0, times * 400.0])
     assert compiled(pull_all, pull, parts=(pull,)) is compiled(pull_all, pull, parts=(pull,))
+
+
+def wrap_all(angles, wrapped, sizes):
+    for i in range(len(angles)):
+        wrapped[i] = wrap_angle(angles[i])
+        sizes[i] = absolute(angles[i])
+
+
+def test_angles_and_sizes_are_bit_equal_to_those_of_python():
+    half = np.pi * np.arange(-9.0, 10.0)
+    near = np.concatenate([half, np.nextafter(half, np.inf), np.nextafter(half, -np.inf), [-0.0, 1e-310, 1e17]])
+    angles = np.concatenate([near, np.random.default_rng(1).uniform(-50.0, 50.0, 1000)])
+    wrapped, sizes = np.empty_like(angles), np.empty_like(angles)
+    compiled(wrap_all, parts=())(angles, wrapped, sizes)
+    assert wrapped.tobytes() == np.array([wrap_angle(angle) for angle in angles.tolist()]).tobytes()
+    assert sizes.tobytes() == np.abs(angles).tobytes()
+
+
+def test_values_are_chosen_element_by_element_of_arrays_of_numpy_and_jax():
+    x = np.array([-1.0, 0.0, 2.0])
+    assert choose(x < 0.0, -x, x).tolist() == [1.0, 0.0, 2.0]
+    assert (choose(True, 1.0, 2.0), choose(np.False_, 1.0, 2.0)) == (1.0, 2.0)
+    jax = pytest.importorskip("jax")
+    given = jax.numpy.asarray(x)
+    assert jax.jit(lambda x: choose(x < 0.0, -x, x))(given).tolist() == [1.0, 0.0, 2.0]
 
 
 def test_where_nothing_can_be_written_it_is_compiled_all_the_same(monkeypatch):

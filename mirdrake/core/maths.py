@@ -88,12 +88,29 @@ def larger(x: Value, y: Value) -> Value:
 
 def choose(condition: Any, yes: Value, no: Value) -> Value:
     """Return one of two values by a condition, for each element of arrays; not for Expressions."""
-    return np.where(condition, yes, no) if isinstance(condition, np.ndarray) else yes if condition else no
+    # Most conditions are plain, and this is called at every step.
+    if isinstance(condition, bool):
+        return yes if condition else no
+    library = _library(condition)
+    return (yes if condition else no) if library is drake_math else library.where(condition, yes, no)
 
 
 def wrap_angle(angle: float) -> float:
     """Return an angle in [-pi, pi] [rad]; for floats only."""
     return math.remainder(angle, 2.0 * math.pi)
+
+
+def _wrap_angle(angle):  # type: ignore[no-untyped-def]  # Numba compares its signature with that of a lambda
+    """Return the same as :func:`wrap_angle`, bit by bit; for Numba, which does not know math.remainder.
+
+    The remainders of positive numbers are exact; m is in [0, 2 pi), and c is its distance to 2 pi.
+    """
+    turn, size = 2.0 * math.pi, abs(angle)
+    m = size % turn
+    c = turn - m
+    # Half a turn goes to the even number of turns, as IEEE 754 has it.
+    r = m if m < c else -c if m > c else m - 2.0 * (0.5 * (size - m) % turn)
+    return math.copysign(1.0, angle) * r
 
 
 # Numba matches the names of arguments, so each overload repeats them.
@@ -106,10 +123,10 @@ COMPILED_FORMS: dict[Callable[..., Any], Callable[..., Any]] = {
     tanh: lambda x: lambda x: math.tanh(x),
     exp: lambda x: lambda x: math.exp(x),
     sqrt: lambda x: lambda x: math.sqrt(x),
-    absolute: lambda x: lambda x: -x if x < 0.0 else x,
+    absolute: lambda x: lambda x: abs(x),
     smaller: lambda x, y: lambda x, y: y if y < x else x,
     larger: lambda x, y: lambda x, y: y if y > x else x,
     choose: lambda condition, yes, no: lambda condition, yes, no: yes if condition else no,
-    wrap_angle: lambda angle: lambda angle: angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5),
+    wrap_angle: lambda angle: _wrap_angle,
 }
 """Numba overload of each function for floats, which :mod:`mirdrake.core.compiled` compiles in its place."""
