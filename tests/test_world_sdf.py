@@ -44,6 +44,12 @@ WORLD: dict[str, Any] = {
 }
 
 
+def test_relief_is_reported_as_it_does_not_collide() -> None:
+    bump = {"bump": {"at": [5, 0], "length": 1, "height": 0.1}}
+    (line,) = export_sdf(make_world({"mirdrake": "world/1", "name": "bumpy", "ground": {"relief": [bump]}})).left_out
+    assert line == "collision with the relief of the ground (it collides as a plane at z = 0)"
+
+
 @pytest.fixture(scope="module")
 def world() -> World:
     return make_world(WORLD)
