@@ -120,6 +120,13 @@ def test_lights_control_the_lane_of_their_orientation_at_the_painted_line(tmp_pa
     assert network.notes == ("signs of type 274.1, without effect: 1",)
 
 
+@pytest.mark.parametrize("sign", ["205", "206"])
+def test_lights_hold_before_a_sign_beside_them(tmp_path: Path, sign: str) -> None:
+    signs = signal("sign", 0.5, sign) + signal("L", 0.5, "1000001", dynamic="yes")
+    (line,) = read(tmp_path, crossing(signals={180: signs})).stop_lines
+    assert (line.lane, line.kind, line.signal) == ("180.0.1", "lights", "L")
+
+
 def test_validity_and_signal_reference(tmp_path: Path) -> None:
     two = section(right=[lane(-1), lane(-2)])
     only = '<validity fromLane="-2" toLane="-2"/>'

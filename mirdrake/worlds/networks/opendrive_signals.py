@@ -174,15 +174,19 @@ def _stop_lines(marks: list[_Mark], lines: list[_Mark], lanes: Mapping[str, Lane
         for lane, s in line.places.items():
             painted.setdefault(lane, []).append(s)
     done: dict[str, list[float]] = {}
-    for mark in marks:
+    found: list[tuple[int, StopLine]] = []
+    # Lights first: signs beside them hold only while they are out of order.
+    for number, mark in sorted(enumerate(marks), key=lambda row: row[1].kind != "lights"):
         for lane, s in mark.places.items():
             near = [line for line in painted.get(lane, []) if abs(line - s) < _NEAR]
             at = min(near, key=lambda line: abs(line - s)) if near else s
-            # One stop line per place, even if several signals or signs belong to it; the first one read holds.
+            # One stop line per place, even if several signals or signs belong to it; the first one holds.
             if any(abs(other - at) < 1.0 for other in done.get(lane, [])):
                 continue
             done.setdefault(lane, []).append(at)
-            yield StopLine(f"{lane}@{at:.4g}", lane, min(at, lanes[lane].length), mark.kind, mark.name)
+            stop = StopLine(f"{lane}@{at:.4g}", lane, min(at, lanes[lane].length), mark.kind, mark.name)
+            found.append((number, stop))
+    yield from (stop for _, stop in sorted(found, key=lambda row: row[0]))  # in the order of the file
     for lane, stations in painted.items():
         for s in stations:
             if not any(abs(other - s) < 1.0 for other in done.get(lane, [])):
