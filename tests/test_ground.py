@@ -119,6 +119,13 @@ def test_kerb_beside_a_road() -> None:
     assert terrain.height(10.0, 3.2) == 0.0
 
 
+def test_a_kerb_ends_with_its_road() -> None:
+    kerb = Kerb(left=False, height=0.12, face=0.12, top=0.3, begin=-np.inf, end=np.inf)
+    terrain = Terrain([arc(radius=1e6, angle=3e-5, kerb=kerb, blends=False)])  # 30 m
+    heights = terrain.height([-2.0, -0.01, 0.01, 29.99, 30.01, 32.0], -3.2)
+    assert heights == pytest.approx([0.0, 0.0, 0.12, 0.12, 0.0, 0.0], abs=1e-3)
+
+
 @pytest.mark.parametrize("name", ["B", "D"])
 def test_roughness_has_the_density_of_its_class(name: str) -> None:
     """Octave bands from 0.0125 to 1.6 cycles/m within 1 dB of ISO 8608, slope -2 within 0.1."""

@@ -289,10 +289,11 @@ def _on_track(
     # Distance beyond the nearer edge; `sign` turns derivatives by this distance into derivatives by n.
     edge, sign = (n - left, 1.0) if n > 0.0 else (-n - right, -1.0)
 
+    past = abs(ahead) if station_is_end(layer, station, t) else 0.0
+
     # Height of the road, blended into the layers below it over the embankment.
     if layer.blends != 0:
         shoulder = layer.b
-        past = abs(ahead) if station_is_end(layer, station, t) else 0.0
         # Beside and beyond the end of the road the same ramp blends it; the larger distance decides.
         outside = max(edge - shoulder, past)
         if outside < layer.a:
@@ -319,8 +320,8 @@ def _on_track(
             zx = (1.0 - weight) * zx + forward * tx - across * ty
             zy = (1.0 - weight) * zy + forward * ty + across * tx
 
-    # Kerb beside the road.
-    if layer.f == sign and edge > 0.0:
+    # Kerb beside the road; it ends with the road, up to rounding of the foot.
+    if layer.f == sign and edge > 0.0 and past < 1e-6:
         s = numbers[p] + t * length
         reach = layer.d
         if edge < 2.0 * reach + layer.e and layer.g <= s <= layer.h:
