@@ -43,7 +43,7 @@ LIMIT: Final = 22
 """Columns: distance to the object ahead [m]; 1: its braking is limited."""
 AIM: Final = 23
 WAIT: Final = 24
-"""Columns of a walker: number of the corner that it walks to; 1: it waits at a crossing."""
+"""Columns of a walker: its speed across its lane, + left [m/s]; 1: it waits at a crossing."""
 COLUMNS: Final = 25
 
 

@@ -86,8 +86,10 @@ def step(t: LaneTable, crew: Crew, now: Array, vehicles: Array, time: float, dt:
         after: states after the step; written.
     """
     n = len(now)
-    # Arrays of one size for compiled code: two lanes per actor, eight lanes touched by each body, and the stop lines.
-    most = 2 * n + 8 * (n + len(vehicles)) + len(crew.places)
+    # Arrays of one size for compiled code, with room for all that can occur: two lanes per actor, all paths under each
+    # actor, all lanes under each actor on a path and under each vehicle, and the stop lines.
+    paths = crew.own.sum()
+    most = 2 * n + n * paths + (paths + len(vehicles)) * len(crew.own) + len(crew.places)
     on, owners, rows = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, occupancy.WIDE))
     count = fill(t, crew.own, crew.shape, now, vehicles, on, owners, rows)
     count = fill_lines(crew.stops, crew.places, crew.programmes, time, on, owners, rows, count)

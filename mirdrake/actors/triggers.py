@@ -84,8 +84,8 @@ def is_due(step: Array, i: int, now: Array, vehicles: Array, time: float, next_r
     if kind == SPEED_ABOVE:
         return bool(now[i, V] > step[VALUE])
 
-    # Numbers from n on are vehicles.
-    subject = int(step[SUBJECT])
+    # Numbers from n on are vehicles; -1 is the actor itself.
+    subject = i if step[SUBJECT] < 0.0 else int(step[SUBJECT])
     if subject < len(now):
         x, y, vx, vy = now[subject, X], now[subject, Y], now[subject, VX], now[subject, VY]
     else:

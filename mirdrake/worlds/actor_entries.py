@@ -70,11 +70,13 @@ def _actors_of(entry: Json, index: int, draw: Draw, source: Source, taken: dict[
             base = f"{base}_{taken[base]}"
         return [_evaluate(entry, base, index, draw, source)]
     row = validate(dict(along), AlongSpec, source._replace(prefix=("actors", index, "along")))
-    own = draw.below("actors").below(base)
+    # Several entries without a name count on; each has a stream of its own, the first one that of the name.
+    begin = 0 if "name" in entry else taken.get(base, -1) + 1
+    own = draw.below("actors").below(f"{base}_{begin}" if begin else base)
     count, first = own.count(row.count, "count", row, largest=LARGEST_COUNT), own.number(row.s, "m", "s", row)
     actors = []
     for number in range(count):
-        name = f"{base}_{number}"
+        name = f"{base}_{begin + number}"
         # The stream of each spacing has the name of its actor: one more actor does not change those before it.
         gap = draw.below("actors").below(name).number(row.spacing, "m", "spacing", row) if number else 0.0
         first += gap
@@ -83,6 +85,8 @@ def _actors_of(entry: Json, index: int, draw: Draw, source: Source, taken: dict[
         # From here on it is an actor like any other on a track.
         rest = {key: value for key, value in entry.items() if key != "along"}
         actors.append(_evaluate({**rest, "on_track": place}, name, index, draw, source))
+    if "name" not in entry:
+        taken[base] = begin + count - 1
     return actors
 
 

@@ -68,6 +68,15 @@ class Condition(Schema):
     value: float = Field(description="distance, station or gap [m], time [s] or speed [m/s]")
     track: str | None = Field(default=None, description="track of a station [-]")
 
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        # The distance of an actor to itself is zero: such a trigger would fire at once.
+        if self.kind in {"distance", "time"} and self.of is None:
+            raise ValueError(f"kind: {self.kind} needs of: the vehicle or actor that comes near")
+        if self.kind == "past" and self.track is None:
+            raise ValueError("kind: past needs track, whose station is the value")
+        return self
+
 
 def _condition(data: Any) -> Any:
     """Return the data of a condition that is given as a text."""
