@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from mirdrake.runs.simulation import simulate
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.lock import lock_text
 from mirdrake.worlds.networks import Network
+from mirdrake.worlds.networks.lane import lane_along
 from mirdrake.worlds.networks.opendrive_network import continuity
 from mirdrake.worlds.networks.routes import find_place, find_route
 from mirdrake.worlds.scenery import scenery
@@ -53,6 +55,14 @@ def test_shortest_route_over_a_crossing_has_the_length_of_its_lanes(tmp_path: Pa
     route = find_route(network_of(tmp_path), ("180.0.1", 10.0), ("90.0.-1", 30.0))
     assert route.lanes == ("180.0.1", "180_left.0.-1", "90.0.-1")
     assert route.length == pytest.approx(40.0 + 11.75 * math.pi / 2.0 + 30.0, rel=1e-4)
+
+
+def test_route_on_a_ring_of_one_lane_goes_over_its_end() -> None:
+    angle = np.linspace(0.0, 2.0 * math.pi, 200)
+    points = 20.0 * np.column_stack((np.cos(angle), np.sin(angle)))
+    ring = replace(lane_along("ring", points, width=3.5), successors=("ring",))
+    route = find_route(Network("ring", {"ring": ring}), ("ring", 100.0), ("ring", 30.0))
+    assert route.length == pytest.approx(ring.length - 100.0 + 30.0, rel=1e-3)
 
 
 def test_route_on_one_lane_ends_ahead_of_its_start_or_goes_round(tmp_path: Path) -> None:

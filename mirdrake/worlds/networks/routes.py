@@ -162,7 +162,8 @@ def _shortest(network: Network, start: Place, goal: Place) -> list[Leg]:
     for ((name, s), change), ((following, at), _) in itertools.pairwise(nodes):
         if change:
             legs.append(Leg(name, s, s, change=True))
-        elif following == name:
+        # A ring may be its own successor: a smaller station is reached over its end.
+        elif following == name and at >= s:
             legs.append(Leg(name, s, at))
         else:
             legs.append(Leg(name, s, network.lanes[name].length))
