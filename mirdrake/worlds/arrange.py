@@ -67,12 +67,14 @@ class _Draft:
         random: whether it is drawn until it touches nothing.
         name: its name.
         where: ``file:line: path`` of its entry.
+        entry: name of its entry; that of a group has another one in each position of the group.
     """
 
     make: Callable[[int], list[PlacedProp]]
     random: bool
     name: str
     where: str
+    entry: str
 
 
 @dataclass(frozen=True)
@@ -177,8 +179,9 @@ class Arranger:
         # Fixed props are placed first, as random ones avoid them.
         placed_props = _PlacedProps(self._gap, self._may_overlap)
         unplaced: dict[str, list[str]] = {}
+        failed: set[str] = set()
         for draft in sorted(drafts, key=lambda draft: draft.random):  # stable: fixed ones first
-            if draft.where in unplaced:  # other props of the same entry will not find a position either
+            if draft.entry in failed:  # other props of the same entry will not find a position either
                 unplaced[draft.where].append(draft.name)
                 continue
             try:
@@ -187,7 +190,8 @@ class Arranger:
                 faults.append(str(error))
                 continue
             if props is None:
-                unplaced[draft.where] = [draft.name]
+                unplaced.setdefault(draft.where, []).append(draft.name)
+                failed.add(draft.entry)
                 continue
             placed_props.add(props)
         if faults:
@@ -225,9 +229,9 @@ class Arranger:
             label = name if entry.at is not None else f"{name}[{index}]"
             item = _Item(entry, label, draw.below(str(index)), slot, frame, (*order, index), depth)
             if group is None:
-                yield _Draft(self._prop_maker(item), random, label, where(entry))
+                yield _Draft(self._prop_maker(item), random, label, where(entry), name)
             elif random:
-                yield _Draft(self._group_maker(item, group), True, label, where(entry))
+                yield _Draft(self._group_maker(item, group), True, label, where(entry), name)
             else:
                 yield from self._group_drafts(item, group)
 

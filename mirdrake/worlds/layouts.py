@@ -163,9 +163,12 @@ class AlongLayout(Schema, Layout):
         """Yield the positions, the left one of a pair first."""
         track = areas.track(self.track, where(self, "track"))
         begin, end = draw.numbers(self.s, "m", "s", self) if self.s is not None else (0.0, track.length)
+        # On a closed track a range may run over the start: its end then has the smaller station.
+        if track.closed and end < begin:
+            end += track.length
         # On the whole of a closed track the last position would be the first one again.
         whole = track.closed and end - begin >= track.length - 1e-9
-        shares = _shares(self, self.spacing, self.count, end - begin, draw, is_open=not whole)
+        shares = _shares(self, self.spacing, self.count, abs(end - begin), draw, is_open=not whole)
         distance = draw.number(self.distance, "m", "distance", self)
         middle = draw.number(self.offset, "m", "offset", self)
         for index, share in enumerate(shares):
