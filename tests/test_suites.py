@@ -173,6 +173,7 @@ def test_a_case_that_changed_is_run_again(damaged: Suite, tmp_path: Path) -> Non
     case = damaged.cases[0]
     assert case.digest() == _case(1).digest()
     assert vary(case, {"seed": 5}).digest() != case.digest()
+    assert vary(case, {"seed": -5}).diagram["seed"] == 0
 
 
 def test_ctrl_c_leaves_what_is_done(tmp_path: Path) -> None:

@@ -266,7 +266,7 @@ def vary(case: Case, values: Values, *, name: str | None = None) -> Case:
     # The test itself is evaluated again only if it depends on the values, since that lays out the whole world.
     seed = _seed(merged, case.diagram["seed"])
     test = _varied(case.test, path, merged) if _varies(case.test, path) else None
-    diagram = case.diagram | {"world": _world_entry(case.world, merged), "seed": seed}
+    diagram = case.diagram | {"world": _world_entry(case.world, merged), "seed": max(0, seed)}
     if test is not None:
         diagram = _diagram(test, path, merged, seed)
     return replace(case, name=name or case.name, values=merged, diagram=diagram, pinned=merged)
