@@ -397,10 +397,14 @@ def test_an_editor_that_finds_no_port_leaves_no_thread_and_no_lock(tmp_path: Pat
 def test_the_lock_of_a_document_is_removed_while_it_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise the file of an editor that has locked it in between would be removed."""
     document = Document(tmp_path / "yard.yaml")
-    lock, remaining, close = document._lock_path, [], os.close
+    lock, close = document._lock_path, os.close
+    remaining: list[bool] = []
     assert lock.exists()
-    monkeypatch.setattr(
-        "mirdrake.editor.document.os.close", lambda number: (remaining.append(lock.exists()), close(number))
-    )
+
+    def watched(number: int) -> None:
+        remaining.append(lock.exists())
+        close(number)
+
+    monkeypatch.setattr("mirdrake.editor.document.os.close", watched)
     document.close()
     assert remaining == [False]

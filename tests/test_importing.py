@@ -1410,6 +1410,7 @@ def test_a_travel_without_the_zero_position_has_the_length_that_all_springs_allo
         for low, high in ranges
     ]
     changes = Changes()
-    assert _travel(springs, SimpleNamespace(suspension_travel=0.1), changes) == pytest.approx((-0.025, 0.025))
+    estimates: Any = SimpleNamespace(suspension_travel=0.1)
+    assert _travel(springs, estimates, changes) == pytest.approx((-0.025, 0.025))
     (change,) = changes
     assert (change.old, change.new) == ("0.05 … 0.1 m", "±0.025 m")

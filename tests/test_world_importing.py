@@ -225,7 +225,8 @@ def test_more_separate_walls_than_a_prop_may_have_are_cut_to_the_largest(tmp_pat
     kept, left_out = cut_walls(shape, posts(200), tmp_path, name="wall")
     assert (len(kept), left_out) == (180, 20)
     # The lowest 20 posts are left out.
-    rows = [part.mesh.read_text(encoding="utf-8").splitlines() for part in kept]
+    meshes = [part.mesh for part in kept if part.mesh is not None]
+    rows = [mesh.read_text(encoding="utf-8").splitlines() for mesh in meshes]
     heights = [max(float(row.split()[3]) for row in part if row.startswith("v ")) for part in rows]
     assert min(heights) == pytest.approx(1.2)
     assert cut_walls(shape, posts(150), tmp_path, name="wall")[1] == 0
