@@ -429,7 +429,7 @@ duration: 1 s
         (
             "ego.speed.kp",
             "control.ego.sped",
-            "study.yaml:7: parameters.control.ego.sped: sped: unknown field",
+            "study.yaml:7: parameters.control.ego.sped: control.ego.sped: unknown field",
         ),
         ("ego.speed.kp", "connect.3.x", "study.yaml:7: parameters.connect.3.x: a list of 0 has no item '3'"),
         ("ego.speed.kp", "duration", "study.yaml:7: parameters.duration: cannot differ"),
@@ -463,7 +463,7 @@ duration: 1 s
         (
             "duration: 1 s",
             "overrides: {plant.contakt: point}",
-            "study.yaml:9: overrides.plant.contakt: contakt: unknown field",
+            "study.yaml:9: overrides.plant.contakt: plant.contakt: unknown field",
         ),
     ],
 )
