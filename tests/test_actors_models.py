@@ -12,7 +12,7 @@ from mirdrake.actors.behaviours.idm_mobil import IdmMobil, mobil
 from mirdrake.actors.crew import make_crew, start_states
 from mirdrake.actors.motion import GAP, LANE, A, S, V, X, Y, lateral, span_of
 from mirdrake.actors.step import compiled_step
-from mirdrake.controllers.platoon import acc, amplification, cacc_step
+from mirdrake.controllers.platoon import CaccSpec, acc, amplification, cacc_step
 from mirdrake.worlds import World, make_world
 from mirdrake.worlds.clearance import Volume
 
@@ -272,7 +272,8 @@ def test_string_stability_needs_a_time_gap() -> None:
         return max(amplification(w, kp=0.2, kd=0.7, time_gap=time_gap, lag=0.1, delay=delay) for w in frequencies)
 
     assert worst(3.0, None) <= 1.0 < worst(0.5, None)
-    assert worst(0.9, 0.1) <= 1.0 < worst(0.6, 0.1)
+    default = CaccSpec(kind="cacc", track="main", speed=10.0)
+    assert worst(default.time_gap, default.delay) <= 1.0 < worst(0.6, default.delay)
 
 
 def test_the_volume_of_an_actor_is_that_of_its_prop() -> None:

@@ -173,7 +173,7 @@ class CaccSpec(AccSpec):
     """The same with messages from the vehicle ahead: cooperative adaptive cruise control."""
 
     kind: Literal["cacc"] = Field(description="cooperative adaptive cruise control [-]")  # type: ignore[assignment]
-    time_gap: Duration = Field(default=0.6, gt=0.0, le=10.0, description="time gap [s]")
+    time_gap: Duration = Field(default=0.9, gt=0.0, le=10.0, description="time gap [s]")
     delay: Duration = Field(default=0.1, ge=0.0, le=2.0, description="delay of messages [s]; a multiple of the period")
     loss: float = Field(default=0.0, ge=0.0, lt=1.0, description="probability that a message is lost [-]")
     seed: int = Field(default=0, ge=0, description="of the lost messages [-]")
