@@ -72,7 +72,7 @@ def test_a_kind_of_driver_is_one_file_and_one_line(tmp_path):
     run_in_copy(
         tmp_path,
         new={"controllers/weave.py": KIND},
-        lines=[(registry, "    StraightAndAvoidSpec,\n)", "    StraightAndAvoidSpec,\n    WeaveSpec,\n)")],
+        lines=[(registry, "    TrafficDriverSpec,\n)", "    TrafficDriverSpec,\n    WeaveSpec,\n)")],
         imported=[(registry, "from mirdrake.controllers.weave import WeaveSpec")],
         check=CHECK,
     )

@@ -11,7 +11,7 @@ Numbers may carry a unit (``90 deg``, ``8 m/s``, ``36 km/h``, ``20 ms``): annota
 import math
 import re
 from collections.abc import Hashable, Iterable, Iterator
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -193,7 +193,9 @@ def validate(data: Any, schema: type[SchemaT], source: Source) -> SchemaT:
         # Each line costs a search for similar names: a file of another kind may have thousands of unknown keys.
         entries = error.errors()
         # Equal messages of the branches of a union are reported once.
-        faults = {str(fault): fault for fault in (_fault(entry, schema, source) for entry in entries[:MOST_FAULTS])}
+        # The JSON Schema is made at the first unknown key only, and not kept: a kind may be registered later.
+        keys = cache(schema.model_json_schema)
+        faults = {str(fault): fault for fault in (_fault(entry, keys, source) for entry in entries[:MOST_FAULTS])}
         if len(entries) > MOST_FAULTS:
             more = source.error(f"{len(entries) - MOST_FAULTS} more faults; correct these first", code="too_many")
             faults[str(more)] = more
@@ -273,7 +275,7 @@ def _shown_value(value: Any) -> str:
 _NOT_NUMBERS = {"float_type", "float_parsing", "int_type", "int_parsing", "int_from_float"}
 
 
-def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
+def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> ConfigError:
     """Return an error of pydantic in the words of this module, with its location."""
     location = tuple(entry["loc"])
     # Tags of unions are part of pydantic's location, but not of the file.
@@ -289,7 +291,7 @@ def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
         # For an unknown key, its own line is known; the path may already end with it.
         if path[-1:] != (str(location[-1]),):
             path = (*path, location[-1])
-        message = f"unknown field; {did_you_mean(location[-1], _allowed_keys(schema, location[:-1]))}"
+        message = f"unknown field; {did_you_mean(location[-1], _allowed_keys(json_schema(), location[:-1]))}"
     elif kind == "missing":
         code = "missing_key"
         path = (*path, location[-1])
@@ -327,15 +329,8 @@ def _fault(entry: Any, schema: type[Schema], source: Source) -> ConfigError:
     return source.error(" ".join(message.split()), *path, code=code)
 
 
-@lru_cache(maxsize=64)
-def _json_schema(schema: type[Schema]) -> Json:
-    """Return the JSON Schema of a class, which is made once."""
-    return schema.model_json_schema()
-
-
-def _allowed_keys(schema: type[Schema], location: Key) -> list[str]:
-    """Return the keys that a mapping at this location may have, from the JSON Schema."""
-    root = _json_schema(schema)
+def _allowed_keys(root: Json, location: Key) -> list[str]:
+    """Return the keys that a mapping at this location may have, from the JSON Schema of the file."""
     nodes = [root]
 
     # Unions and references: a location may have several possible schemas, which are all searched.

@@ -6,7 +6,10 @@ variance vₖ for autocorrelated residuals. If the logs differ by more than that
 scatters with a variance τ² between manoeuvres, by the random-effects model of meta-analysis (R. DerSimonian and
 N. Laird, Controlled Clinical Trials 7, 1986)::
 
-    Q = Σ (dₖ - d̄)² / vₖ        τ² = (Q - (K - 1)) / (Σ 1/vₖ - Σ 1/vₖ² / Σ 1/vₖ), at least 0
+    Q = Σ (dₖ - d̄)² / vₖ        τ² = (Q - (K - 1)) / (Σ 1/vₖ - Σ 1/vₖ² / Σ 1/vₖ)
+
+By noise alone Q is χ² with K - 1 degrees of freedom and half of all τ² are positive. τ counts from the quantile
+:data:`CHANCE` of Q on (W. G. Cochran, Biometrics 10, 1954): a model is called wrong by evidence only.
 
 τ is not divided by the number of logs, as the next manoeuvre differs again: an identified value is one that a further
 manoeuvre would confirm. Logs that were held out count as well: they are the test that the fit has not seen.
@@ -16,6 +19,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from mirdrake.identification.estimators.covariance import Stretch, noise_models, score_covariance
 from mirdrake.identification.estimators.problem import Problem
@@ -24,6 +28,9 @@ from mirdrake.identification.models.base import Array
 
 PARTS, MIN_LENGTH = 8, 2.0
 """Number of parts of the training logs, nearly; shortest part [s]."""
+
+CHANCE = 0.99
+"""Probability below which a scatter between parts is one of noise [1]."""
 
 
 class Part(NamedTuple):
@@ -119,9 +126,9 @@ def variation(parts: Sequence[Part], prior: Array) -> Array:
     shift, weight = np.array(shifts), 1.0 / np.maximum(variances, 1e-300)
     total = weight.sum(axis=0)
     mean = (weight * shift).sum(axis=0) / total
-    excess = (weight * (shift - mean) ** 2).sum(axis=0) - (len(parts) - 1)
-    # Truncated at zero: less scatter than noise explains is chance.
-    return np.asarray(np.sqrt(np.maximum(excess / (total - (weight**2).sum(axis=0) / total), 0.0)))
+    scatter, freedom = (weight * (shift - mean) ** 2).sum(axis=0), len(parts) - 1
+    size = np.sqrt(np.maximum(scatter - freedom, 0.0) / (total - (weight**2).sum(axis=0) / total))
+    return np.where(scatter > chi2.ppf(CHANCE, freedom), size, 0.0)
 
 
 def prior_information(problem: Problem) -> Array:
