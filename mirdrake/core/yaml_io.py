@@ -10,7 +10,7 @@ Numbers may carry a unit (``90 deg``, ``8 m/s``, ``36 km/h``, ``20 ms``): annota
 
 import math
 import re
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
