@@ -35,10 +35,10 @@ from mirdrake.controllers.drivable_line import (
     make_centre_line,
     make_drivable_line,
 )
-from mirdrake.controllers.driver import DrivenWorld, Driver
+from mirdrake.controllers.driver import DrivenWorld, Driver, find_track
 from mirdrake.controllers.path_law import Motion, PathNumbers, Place, TrackerNumbers, project, tracker_step
 from mirdrake.core.checks import check_number
-from mirdrake.core.errors import ConfigError, DivergedError, did_you_mean
+from mirdrake.core.errors import ConfigError, DivergedError
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.maths import wrap_angle
 from mirdrake.core.signals import declare_state_output, declare_vector_input
@@ -351,17 +351,17 @@ class PathTrackingSpec(Driver):
     def make_system(
         self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None
     ) -> PathTracker:
-        """Return the driver as a system with the input ``state`` and the outputs ``command`` and ``path_error``.
+        """Return the driver as a system with the ports of :class:`PathTracker`, and those that its kind adds.
 
         Raises:
             ConfigError: the world has no such track, or it is too tight for the vehicle.
         """
         del folder
-        track = world.tracks.get(self.track)
         try:
-            if track is None:
-                hint = did_you_mean(self.track, world.tracks) if world.tracks else "the world has none"
-                raise ConfigError(f"unknown track '{self.track}'; {hint}")
-            return PathTracker(track, vehicle.geometry, gains=self.gains(), period=self.period, limits=self.limits())
+            return self.make_tracker(find_track(world, self.track), vehicle.geometry)
         except ConfigError as error:
             raise ConfigError(f"{self.place('track', where)}: {error}") from None
+
+    def make_tracker(self, track: Track, geometry: SteeringGeometry) -> PathTracker:
+        """Return the tracker of a track for a vehicle; other kinds of drivers return a derived class of it."""
+        return PathTracker(track, geometry, gains=self.gains(), period=self.period, limits=self.limits())

@@ -20,10 +20,12 @@ from pydantic import Field
 from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.actors.road_ahead import ROAD_AHEAD
+from mirdrake.controllers.ackermann import SteeringGeometry
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
+from mirdrake.controllers.drivable_line import Track
 from mirdrake.controllers.driver import DrivenWorld
 from mirdrake.controllers.path_tracking import PathTracker, PathTrackingSpec
-from mirdrake.controllers.traffic_driver import LAG, LEAD, make_tracker
+from mirdrake.controllers.traffic_driver import LAG, LEAD
 from mirdrake.core.checks import whole_periods
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import declare_vector_input
@@ -157,16 +159,9 @@ class AccSpec(PathTrackingSpec):
     range: Length = Field(default=150.0, gt=0.0, le=1000.0, description="largest distance to the vehicle ahead [m]")
     braking_limit: Acceleration = Field(default=6.0, gt=0.0, le=20.0, description="largest deceleration [m/s^2]")
 
-    def make_system(
-        self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None
-    ) -> PathTracker:
-        """Return the driver as a system with the inputs ``state`` and ``road_ahead``.
-
-        Raises:
-            ConfigError: the world has no such track, or it is too tight for the vehicle.
-        """
-        del folder
-        return make_tracker(self, lambda *given, **more: PlatoonDriver(self, *given, **more), vehicle, world, where)
+    def make_tracker(self, track: Track, geometry: SteeringGeometry) -> PathTracker:
+        """Return the tracker, which also has the input ``road_ahead``."""
+        return PlatoonDriver(self, track, geometry, gains=self.gains(), period=self.period, limits=self.limits())
 
 
 class CaccSpec(AccSpec):

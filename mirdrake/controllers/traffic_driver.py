@@ -1,6 +1,5 @@
 """Follow a track in traffic: keep the distance to the object ahead by the intelligent driver model, obey lights."""
 
-from pathlib import Path
 from typing import Any, Final, Literal
 
 from pydantic import Field
@@ -8,11 +7,11 @@ from pydrake.systems.framework import Context, DiscreteValues
 
 from mirdrake.actors.behaviours.idm import Idm, idm
 from mirdrake.actors.road_ahead import ROAD_AHEAD
+from mirdrake.controllers.ackermann import SteeringGeometry
 from mirdrake.controllers.behaviours.laws import brake_speed, stopping_distance
-from mirdrake.controllers.behaviours.outline import ShapedVehicle
-from mirdrake.controllers.driver import DrivenWorld, Reaction
+from mirdrake.controllers.drivable_line import Track
+from mirdrake.controllers.driver import Reaction
 from mirdrake.controllers.path_tracking import PathTracker, PathTrackingSpec
-from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.signals import declare_vector_input
 from mirdrake.core.yaml_io import Acceleration, Duration, Length
 from mirdrake.worlds.lights import AMBER, GREEN
@@ -96,40 +95,6 @@ class TrafficDriverSpec(PathTrackingSpec):
             standstill=self.standstill,
         )
 
-    def make_system(
-        self, vehicle: ShapedVehicle, world: DrivenWorld, *, where: str = "", folder: Path | None = None
-    ) -> PathTracker:
-        """Return the driver as a system with the inputs ``state`` and ``road_ahead``.
-
-        Raises:
-            ConfigError: the world has no such track, or it is too tight for the vehicle.
-        """
-        del folder
-        return make_tracker(self, lambda *given, **more: TrafficDriver(self, *given, **more), vehicle, world, where)
-
-
-def make_tracker(
-    spec: PathTrackingSpec, make: Any, vehicle: ShapedVehicle, world: DrivenWorld, where: str
-) -> PathTracker:
-    """Return a tracker of the track of a spec.
-
-    Args:
-        spec: settings of the driver.
-        make: class of the tracker, or a function that returns one.
-        vehicle: vehicle to drive.
-        world: its world.
-        where: ``file:line: path`` for errors.
-
-    Raises:
-        ConfigError: the world has no such track, or it is too tight for the vehicle.
-    """
-    track = world.tracks.get(spec.track)
-    try:
-        if track is None:
-            hint = did_you_mean(spec.track, world.tracks) if world.tracks else "the world has none"
-            raise ConfigError(f"unknown track '{spec.track}'; {hint}")
-        options = {"gains": spec.gains(), "period": spec.period, "limits": spec.limits()}
-        tracker: PathTracker = make(track, vehicle.geometry, **options)
-    except ConfigError as error:
-        raise ConfigError(f"{spec.place('track', where)}: {error}") from None
-    return tracker
+    def make_tracker(self, track: Track, geometry: SteeringGeometry) -> PathTracker:
+        """Return the tracker, which also has the input ``road_ahead``."""
+        return TrafficDriver(self, track, geometry, gains=self.gains(), period=self.period, limits=self.limits())
