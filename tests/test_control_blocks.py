@@ -312,6 +312,18 @@ def test_inner_signals_are_recorded_as_the_actuators_sample_them():
     assert "ego.control.speed_pid.integral" in run.signals
 
 
+@pytest.mark.parametrize(
+    ("pattern", "inner"),
+    [("*.speed_pid.*", True), ("ego*", True), ("*_pid.error", True), ("*.vx", False)],
+)
+def test_a_pattern_expands_the_unit_if_it_chooses_one_of_its_signals(pattern, inner):
+    record = {"signals": [pattern], "meshcat": False, "report": False}
+    diagram = {"vehicles": {"ego": {"model": "bolt"}}, "world": "empty", "plant": {"contact": "point"}}
+    taps = assemble(make_spec(diagram | {"record": record})).taps
+    names = [signal.name for signal in taps["ego.control"].contents] if "ego.control" in taps else []
+    assert ("ego.control.speed_pid.error" in names) == inner
+
+
 def test_a_pattern_without_a_signal_is_reported_with_the_nearest():
     record = {"signals": ["ego.control.speedpid.error"]}
     with pytest.raises(

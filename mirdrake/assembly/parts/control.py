@@ -1,38 +1,37 @@
 """The control unit of one vehicle in a diagram: one fused system, or a Diagram of its blocks."""
 
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from pydrake.systems.framework import System
 
 from mirdrake.assembly.blocks import make_block
 from mirdrake.assembly.diagram_spec import DiagramSpec
+from mirdrake.assembly.parts.taps import columns_of, is_chosen
 from mirdrake.assembly.wiring import JOIN, Wiring
 from mirdrake.controllers.control_diagram import expand_control
 from mirdrake.controllers.vehicle_control import VehicleControl
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import Source, where
 from mirdrake.plant.plant import PlantParts, VehicleInPlant
-from mirdrake.vehicles import Vehicle
 
 
-def is_expanded(spec: DiagramSpec, name: str, vehicle: Vehicle) -> bool:
+def is_expanded(spec: DiagramSpec, unit: VehicleControl, name: str) -> bool:
     """Return whether a diagram needs the blocks of a vehicle's control unit: to replace, connect or record one."""
     prefix = f"{name}.control."
-    named = [*spec.systems, *(end for pair in spec.connect for end in pair)]
+    patterns = spec.record.inner_signals
+    named = [*spec.systems, *(end for pair in spec.connect for end in pair), *patterns]
     return (
         any(text.startswith(prefix) and text.removeprefix(prefix) not in JOIN for text in named)
-        or bool(vehicle.control.disabled_blocks())
-        or any(_may_match(pattern, name) for pattern in spec.record.inner_signals)
+        or bool(unit.vehicle.control.disabled_blocks())
+        or (bool(patterns) and _records_blocks(patterns, unit, prefix))
     )
 
 
-def _may_match(pattern: str, vehicle: str) -> bool:
-    """Return whether a pattern of record.signals can match a port of a vehicle's control unit."""
-    parts = pattern.split(".")
-    if not fnmatchcase(vehicle, parts[0]):
-        return False
-    return parts[0] in {"*", "**"} if len(parts) == 1 else fnmatchcase("control", parts[1]) and len(parts) > 1
+def _records_blocks(patterns: list[str], unit: VehicleControl, prefix: str) -> bool:
+    """Return whether patterns of record.signals choose an output of a block of a control unit."""
+    # The blocks are made for their names alone: what they are called is known nowhere else.
+    columns = {prefix + name: columns_of(prefix + name, *port) for name, port in expand_control(unit).outputs.items()}
+    return any(is_chosen(pattern, name, elements) for pattern in patterns for name, elements in columns.items())
 
 
 def add_control(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: DiagramSpec, *, expand: bool) -> System:
@@ -46,7 +45,7 @@ def add_control(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
         expand: whether to add the blocks even if nothing refers to them.
     """
     unit = VehicleControl(parts.plant, part, machine_code=spec.plant.machine_code)
-    if not expand and not is_expanded(spec, part.name, part.vehicle):
+    if not expand and not is_expanded(spec, unit, part.name):
         wiring.add(f"{part.name}.control", unit)
         return unit
     prefix = f"{part.name}.control."

@@ -115,7 +115,7 @@ def _add_chosen_taps(
         ConfigError: a pattern chooses nothing.
     """
     columns = {
-        name: _columns(name, port, contents)
+        name: columns_of(name, port, contents)
         for name, (port, contents) in wiring.sources.items()
         if port.get_data_type() == PortDataType.kVectorValued
     }
@@ -123,11 +123,7 @@ def _add_chosen_taps(
     own_blocks = tuple(f"{name}." for name in spec.systems if "." in name)
     chosen = dict.fromkeys(name for name in columns if own_blocks and name.startswith(own_blocks))
     for index, pattern in enumerate(spec.record.inner_signals):
-        names = [
-            name
-            for name, elements in columns.items()
-            if any(fnmatchcase(text, pattern) for text in (name, *(signal.name for signal in elements)))
-        ]
+        names = [name for name, elements in columns.items() if is_chosen(pattern, name, elements)]
         if not names:
             place, near = where(spec, "record", "signals", index), did_you_mean(pattern, columns)
             raise ConfigError(f"{place}: no signal matches '{pattern}'; {near}. `mirdrake ports` lists all")
@@ -157,7 +153,12 @@ def _add_chosen_taps(
     return taps
 
 
-def _columns(name: str, port: OutputPort, contents: tuple[Signal, ...] | None) -> tuple[Signal, ...]:
+def is_chosen(pattern: str, name: str, elements: Sequence[Signal]) -> bool:
+    """Return whether a pattern of record.signals chooses an output, by its name or that of an element."""
+    return any(fnmatchcase(text, pattern) for text in (name, *(signal.name for signal in elements)))
+
+
+def columns_of(name: str, port: OutputPort, contents: tuple[Signal, ...] | None) -> tuple[Signal, ...]:
     """Return full names and units of the elements of an output."""
     if contents is None:
         contents = tuple(Signal(str(index), "") for index in range(port.size()))
