@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import load_yaml, read_tree
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-
-Json = dict[str, Any]
 
 
 class Kind(NamedTuple):

@@ -14,6 +14,7 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, field_validator
 
 from mirdrake.controllers.drivers import DriverSpec
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import find, resolved
 from mirdrake.core.recording.pictures import parse_start
 from mirdrake.core.yaml_io import (
@@ -70,11 +71,11 @@ class VehicleEntry(Schema):
     ) = Field(None, description="a start of the world, or {x, y, yaw}; the world's first one if left out [-]")
     speed: Speed | None = Field(None, description="speed at the start [m/s]; that of the start if left out")
     arguments: dict[str, str] = Field(default_factory=dict, description="xacro arguments [-]")
-    mounts: dict[str, dict[str, Any]] = Field(
+    mounts: dict[str, Json] = Field(
         default_factory=dict,
         description="keys of sensors.yaml to change, such as {front_camera: {rate: 25}, gps: {preset: rtk_gps}} [-]",
     )
-    control: dict[str, Any] = Field(
+    control: Json = Field(
         default_factory=dict, description="merged over its control.yaml, such as {wheel_speed: {kp: 3}} [-]"
     )
     parked: bool = Field(False, description="all wheels held by brakes, whatever is commanded [-]")
@@ -87,7 +88,7 @@ class SystemEntry(Schema):
 
     kind: str = Field(description="a kind of ours, or module:Class [-]")
 
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> Json:
         """Return the keys other than the kind."""
         return dict(self.model_extra or {})
 
@@ -182,7 +183,7 @@ class DiagramSpec(Schema):
     folder: str | None = Field(
         None, description="where modules of the user's own blocks lie; the file's folder if left out [-]"
     )
-    provenance: dict[str, Any] | None = Field(None, description="written into spec.yaml by a run; not read [-]")
+    provenance: Json | None = Field(None, description="written into spec.yaml by a run; not read [-]")
     name: str = Field("diagram", description="name in run folders; the file's own if left out [-]")
 
     @field_validator("name")

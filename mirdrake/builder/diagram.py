@@ -34,6 +34,7 @@ from mirdrake.controllers.driver import Driver
 from mirdrake.core.checks import checks_arguments
 from mirdrake.core.errors import ConfigError, MirdrakeError, MissingDependencyError, did_you_mean
 from mirdrake.core.files import write_file
+from mirdrake.core.json_io import Json
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.paths import find
 from mirdrake.core.signals import signals_of
@@ -100,7 +101,7 @@ class Diagram:
         find("worlds", str(where_world), where="Diagram: world")
         keys = {"time_step": time_step, "contact": contact}
         numerics = dict(plant or {}) | {key: value for key, value in keys.items() if value is not None}
-        self._data: dict[str, Any] = {"world": world, "vehicles": {}}
+        self._data: Json = {"world": world, "vehicles": {}}
         self._data |= {"plant": numerics} if numerics else {}
         given = {"name": name, "duration": duration, "seed": seed}
         self._data |= {key: value for key, value in given.items() if value is not None}
@@ -470,7 +471,7 @@ class Diagram:
         self._data = self._changed(path, value)
         return self[path[-1]]
 
-    def _changed(self, path: tuple[str, ...], value: Any) -> dict[str, Any]:
+    def _changed(self, path: tuple[str, ...], value: Any) -> Json:
         """Return the data with a changed part.
 
         Raises:

@@ -7,6 +7,7 @@ from typing import Any
 
 from mirdrake.cli.common import add_set, kind_of, parse_names, positive_time, whole_number
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import shown
 
 MORE = """\
@@ -88,7 +89,7 @@ def _spec(options: argparse.Namespace) -> Any:
         sensors = [name for name, mount in mounts.items() if mount.kind in {"lidar", "laser_scanner"}]
     else:
         sensors = parse_names(options.sensors)
-    entry: dict[str, Any] = {"model": options.vehicle}
+    entry: Json = {"model": options.vehicle}
     if options.start is not None:
         entry["start"] = options.start
     data = {

@@ -3,9 +3,10 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mirdrake.cli.common import parse_pairs
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import shown
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
     progress = (lambda text: print(f"  {text} ...", file=sys.stderr)) if sys.stderr.isatty() else None
     while True:
         try:
-            given: dict[str, Any] = {
+            given: Json = {
                 "name": options.name,
                 "folder": options.out,
                 "packages": packages,

@@ -4,9 +4,10 @@ import argparse
 import sys
 import textwrap
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import shown
 from mirdrake.vehicles.questions import (
     BODIES,
@@ -93,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _given(options: argparse.Namespace) -> dict[str, Any]:
+def _given(options: argparse.Namespace) -> Json:
     """Return the given options, by argument of :func:`mirdrake.vehicles.scaffold.plan_vehicle`."""
     keys = [*QUANTITIES, *TYRES, "drive", "body", "sensors"]
     given = {key: value for key in keys if (value := getattr(options, key)) is not None}

@@ -28,6 +28,7 @@ from mirdrake.controllers.control_step import (
 )
 from mirdrake.controllers.joint_blocks import STATUS
 from mirdrake.core.compiled import compiled, records
+from mirdrake.core.json_io import Json
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.pid import PidGains, PidLimits, PidNumbers, PidState
 from mirdrake.core.signals import declare_state_output, declare_vector_input
@@ -100,7 +101,7 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         mass: float,
         radii: tuple[float, float, float, float],
         driven: Sequence[bool],
-        places: dict[str, Any],
+        places: Json,
         actuators: int,
         powertrain: PowertrainLaw | None,
         single_track: bool = False,

@@ -4,7 +4,8 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any
+
+from mirdrake.core.json_io import Json
 
 
 class CaseRunner:
@@ -46,7 +47,7 @@ class CaseRunner:
 
     close = stop
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> Json:
         """Return name, output and exit code of the last run; its code is None while it runs."""
         return {"name": self._name, "lines": self._lines[-60:], "code": self._code}
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.json_io import Json
 from mirdrake.editor.document import revision_of
 
 WAIT = 1.0
@@ -30,7 +31,7 @@ class Checker:
     """
 
     def __init__(self, path: Path) -> None:
-        self.result: tuple[str, list[dict[str, Any]]] | None = None
+        self.result: tuple[str, list[Json]] | None = None
         self._path, self._text, self._due = path, "", 0.0
         self._process: subprocess.Popen[bytes] | None = None
         self._changed, self._closed = threading.Event(), False
@@ -86,12 +87,12 @@ class Checker:
                 self.result = (revision_of(text), json.loads(out.splitlines()[-1]))
 
 
-def _unfinished() -> dict[str, Any]:
+def _unfinished() -> Json:
     text = f"the check of goals and paths was not finished within {TIME_LIMIT:.0f} s; run `mirdrake world check`"
     return {"kind": "unchecked", "text": text, "names": [], "depth": None}
 
 
-def _faults(job: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _faults(job: Mapping[str, Any]) -> list[Json]:
     from mirdrake.editor.picture import fault_json
     from mirdrake.world_checks import examine
     from mirdrake.worlds.loading import parse_world

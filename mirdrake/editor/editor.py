@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mirdrake.core.errors import ConfigError, MirdrakeError
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import find
 from mirdrake.editor.case_runner import CaseRunner
 from mirdrake.editor.checker import Checker
@@ -31,7 +32,7 @@ _GHOST_SEEDS = 20  # draws that are shown as ghosts
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
 Message = Mapping[str, Any]
-Reply = dict[str, Any]
+Reply = Json
 
 
 class Editor:

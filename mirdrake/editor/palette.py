@@ -1,9 +1,9 @@
 """Props and groups that can be dropped on the map, with their outlines from above."""
 
 from pathlib import Path
-from typing import Any
 
 from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import data_root
 from mirdrake.editor.picture import path_of
 from mirdrake.worlds.loading import parse_world
@@ -11,7 +11,7 @@ from mirdrake.worlds.loading import parse_world
 _ONE = "mirdrake: world/1\nprops:\n  - {{{kind}: {name}, at: [0, 0]}}\n"
 
 
-def palette(folder: Path) -> list[dict[str, Any]]:
+def palette(folder: Path) -> list[Json]:
     """Return props and groups with their outlines; those that cannot be placed alone are left out.
 
     Args:

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_edit import scalar_text
 from mirdrake.core.yaml_items import find_span, source_of
 from mirdrake.editor.elements import Element
@@ -18,8 +19,6 @@ from mirdrake.worlds.drawing import make_drawing
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.world import World
-
-Json = dict[str, Any]
 
 _TOLERANCE = 0.02  # [m] of outlines of the ground and roads
 _MOST_FIELDS = 60  # values of an element in the panel

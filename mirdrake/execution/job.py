@@ -18,6 +18,7 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, MirdrakeError, RunError, did_you_mean
+from mirdrake.core.json_io import Json
 from mirdrake.core.user_modules import load_user_function
 from mirdrake.execution.parameters import ContextParameter, find_context_parameters
 from mirdrake.runs.simulation import Simulation
@@ -44,7 +45,7 @@ class Job:
     """
 
     index: int
-    diagram: dict[str, Any]
+    diagram: Json
     parameters: dict[str, float]
     metrics: tuple[str, ...]
     duration: float
@@ -148,7 +149,7 @@ def _run(job: Job, built: _Built) -> Outcome:
         return Outcome(job.index, "unstable", str(run.stop), simulated)
 
     # A function is called once, whatever number of metrics take their values from it.
-    results: dict[str, Any] = {}
+    results: Json = {}
     for name, function in functions.items():
         try:
             results[name] = function(run)

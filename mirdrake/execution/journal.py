@@ -12,9 +12,9 @@ from typing import Any
 
 from mirdrake.core.errors import RunError
 from mirdrake.core.files import read_errors, write_errors, write_file
-from mirdrake.core.json_io import parse_json
+from mirdrake.core.json_io import Json, parse_json
 
-Record = dict[str, Any]
+Record = Json
 """Plain data, as JSON has it."""
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import write_file
-from mirdrake.core.json_io import parse_json
+from mirdrake.core.json_io import Json, parse_json
 
 Array = NDArray[np.float64]
 Verdict = Literal["identified", "weakly identified", "not identifiable", "contradicts the given value", "fixed"]
@@ -203,7 +203,7 @@ class Fit:
             parts = [frame.assign(**{key: label}) for label, frame in frames.items()]
             table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame({key: pd.Series(dtype=str)})
             write_file(folder / f"{name}.parquet", table.to_parquet(index=False))
-        content: dict[str, Any] = {"mirdrake": FORMAT}
+        content: Json = {"mirdrake": FORMAT}
         for item in fields(self):
             if item.name not in {"traces", "profiles"}:
                 content[item.name] = getattr(self, item.name)

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Source, shown, to_si, validate
 from mirdrake.identification.channels import CHANNELS
 from mirdrake.identification.spec import DataSpec
@@ -41,7 +41,7 @@ def map_log(
     Raises:
         ConfigError: the file cannot be read, or no column is mapped.
     """
-    channels: dict[str, Any] = {}
+    channels: Json = {}
     for text in mapped:
         name, equals, column = text.partition("=")
         if not equals or not column:
@@ -51,7 +51,7 @@ def map_log(
         channels[name] = _column(column)
     if clock is not None and step is not None:
         raise ConfigError("--step: --time names a clock already; leave out one of them")
-    time: dict[str, Any] = {"column": "time"} if clock is None else _column(clock)
+    time: Json = {"column": "time"} if clock is None else _column(clock)
     if step is not None:
         time = {"step": to_si(step, "s")}
     # Columns of a bag cannot be listed without reading it, so they have no aliases.
@@ -71,7 +71,7 @@ def map_log(
             )
     elif not channels:
         raise ConfigError(f"{shown(path)}: no topic is mapped; give --map CHANNEL=/topic:field:UNIT")
-    content: dict[str, Any] = {"mirdrake": "data/1", "time": time, "channels": channels, "logs": [{"file": path.name}]}
+    content: Json = {"mirdrake": "data/1", "time": time, "channels": channels, "logs": [{"file": path.name}]}
     content |= {} if wheelbase is None else {"wheelbase": wheelbase}
     return validate(content, DataSpec, Source("command line", {}))
 

@@ -24,6 +24,7 @@ from typing import Any, Literal
 from pydantic import Field, field_validator
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Duration, Schema, Source, load_yaml, read_tree, validate
 from mirdrake.identification.spec import DataSpec
 
@@ -89,9 +90,9 @@ class StudySpec(Schema):
     mirdrake: Literal["identification/1"] = Field(description="format and version [-]")
     name: str = Field(default="", description="name in reports; that of the file if left out [-]")
     about: str = Field(default="", description="description for people [-]")
-    data: str | dict[str, Any] = Field(description="data file, relative to this file, or its content [-]")
+    data: str | Json = Field(description="data file, relative to this file, or its content [-]")
     vehicle: str | None = Field(default=None, description="name or path of the vehicle, for given values [-]")
-    model: dict[str, Any] = Field(description="kind of the model and its options, or only its kind [-]")
+    model: Json = Field(description="kind of the model and its options, or only its kind [-]")
     parameters: dict[str, ParameterSpec] = Field(default={}, description="settings by name of the parameter [-]")
     estimator: EstimatorSpec = Field(default=EstimatorSpec(), description="options of the estimator [-]")
     stages: list[StageSpec] = Field(default=[], description="fits before the final one, in order [-]")
@@ -107,7 +108,7 @@ class StudySpec(Schema):
 
     @field_validator("model")
     @classmethod
-    def _has_kind(cls, model: dict[str, Any]) -> dict[str, Any]:
+    def _has_kind(cls, model: Json) -> Json:
         if not isinstance(model.get("kind"), str):
             raise ValueError("needs a kind, for example {kind: single_track}")
         return model

@@ -27,6 +27,7 @@ from mirdrake.assembly.scene import make_scene
 from mirdrake.core.digest import digest, digest_data
 from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
 from mirdrake.core.files import read_errors, write_errors
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import installed_version
 from mirdrake.core.signals import Signal
 from mirdrake.core.yaml_io import where
@@ -66,15 +67,15 @@ class _Setup:
     """
 
     spec: LearningSpec
-    diagram: dict[str, Any]
+    diagram: Json
     car: Car
-    worlds: dict[str, Any]
-    judged: dict[str, Any]
+    worlds: Json
+    judged: Json
     folder: Path
     journal: Journal
     progress: Progress
 
-    def step(self, key: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    def step(self, key: str, work: Callable[[], Json]) -> Json:
         """Return the record of a step; it is done unless the journal has it."""
         if key not in self.journal:
             began = time.process_time()
@@ -184,7 +185,7 @@ def _set_up(spec: LearningSpec, folder: Path, progress: Progress) -> _Setup:
     return _Setup(spec, diagram, car, worlds, judged, folder.resolve(), Journal(folder / JOURNAL, purpose), progress)
 
 
-def _labelled(worlds: list[str | dict[str, Any]]) -> dict[str, Any]:
+def _labelled(worlds: list[str | Json]) -> Json:
     """Return worlds by a label: the name, with the number of the entry if there are several."""
     entries = [_entry(world) for world in worlds]
     # Labels name folders and steps of the journal, so they must be unique and free of path separators.
@@ -194,12 +195,12 @@ def _labelled(worlds: list[str | dict[str, Any]]) -> dict[str, Any]:
     return dict(zip(names, entries, strict=True))
 
 
-def _entry(world: str | dict[str, Any]) -> dict[str, Any]:
+def _entry(world: str | Json) -> Json:
     """Return a world with its parameters as an entry of a diagram."""
     return {"name": world} if isinstance(world, str) else world
 
 
-def _check_world(spec: LearningSpec, diagram: dict[str, Any], car: Car, world: Any, key: str) -> None:
+def _check_world(spec: LearningSpec, diagram: Json, car: Car, world: Any, key: str) -> None:
     """Check that the diagram can be laid out in a world, and that the camera and its pictures fit the network."""
     try:
         # Every world is laid out before the first run: a fault in the last one would otherwise show after hours.
@@ -219,7 +220,7 @@ def _check_world(spec: LearningSpec, diagram: dict[str, Any], car: Car, world: A
         raise ConfigError(f"{where(spec, 'picture')}: {error}") from None
 
 
-def _delay(setup: _Setup) -> dict[str, Any]:
+def _delay(setup: _Setup) -> Json:
     spec = setup.spec
     setup.progress("delay margin", 0.0)
     margin = find_delay_margin(
@@ -233,7 +234,7 @@ def _delayed_expert(setup: _Setup) -> Drive:
     spec, car = setup.spec, setup.car
     world = next(iter(setup.judged.values()))
 
-    def work() -> dict[str, Any]:
+    def work() -> Json:
         diagram = {**setup.diagram, "world": _entry(world)}
         diagram = with_delay(diagram, car, rate=spec.rate, latency=spec.latency)
         return drive(
@@ -245,7 +246,7 @@ def _delayed_expert(setup: _Setup) -> Drive:
     return Drive.read(setup.step("delayed-expert", work))
 
 
-def _without_time(record: dict[str, Any]) -> dict[str, Any]:
+def _without_time(record: Json) -> Json:
     return {key: value for key, value in record.items() if key != "processor_s"}
 
 
@@ -256,7 +257,7 @@ def _expert_run(setup: _Setup, label: str, world: Any, index: int) -> Drive:
     key = f"expert-{label}-{index + 1}"
     number = list(setup.worlds).index(label)
 
-    def work() -> dict[str, Any]:
+    def work() -> Json:
         # From zero to the largest error: clean runs for precision, disturbed ones for recoveries.
         size = spec.collect.errors * index / max(spec.collect.runs - 1, 1)
         diagram = with_camera(setup.diagram, car, rate=spec.collect.rate, world=world)
@@ -273,7 +274,7 @@ def _network_run(setup: _Setup, key: str, number: int, world: Any, laps: float) 
     """Return a drive of the network of a round."""
     spec, car = setup.spec, setup.car
 
-    def work() -> dict[str, Any]:
+    def work() -> Json:
         # At the network's own rate, so that pictures and evaluations coincide in time.
         diagram = with_camera(setup.diagram, car, rate=spec.rate, world=world)
         file = _round_folder(setup, number) / "pilot.onnx"
@@ -306,7 +307,7 @@ def _round(setup: _Setup, number: int, collected: list[Drive], own: list[Drive])
         folder.mkdir(exist_ok=True)
     file = folder / "pilot.onnx"
 
-    def work() -> dict[str, Any]:
+    def work() -> Json:
         setup.progress(f"pictures of round {number}", 0.0)
         # Validation by place, not at random: neighbouring pictures are nearly equal.
         data = _data(setup, collected, own)
@@ -385,7 +386,7 @@ def _export(setup: _Setup, trained: Trained, preparation: Preparation, file: Pat
     export_onnx(trained, preparation, file, rate=setup.spec.rate, outputs=(Signal("steering", "rad"),), **notes)
 
 
-def _explain(setup: _Setup, number: int, driven: Drive) -> dict[str, Any]:
+def _explain(setup: _Setup, number: int, driven: Drive) -> Json:
     """Write the pictures with the largest differences of network and expert, and what the network looks at."""
     setup.progress("saliency", 0.0)
     spec, folder = setup.spec, _round_folder(setup, number)

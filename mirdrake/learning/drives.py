@@ -16,6 +16,7 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import write_errors
+from mirdrake.core.json_io import Json
 from mirdrake.plant.plant import set_start
 from mirdrake.runs.logs import Run, load_run
 from mirdrake.runs.simulation import Simulation
@@ -78,7 +79,7 @@ class Drive:
     folders: tuple[str, ...]
     figures: Figures
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> Json:
         """Return plain data for a journal."""
         return {"folders": list(self.folders), "figures": asdict(self.figures)}
 
@@ -120,7 +121,7 @@ class Car:
         return f"{self.vehicle}.steering_reference"
 
 
-def with_camera(diagram: dict[str, Any], car: Car, *, rate: float, world: Any = None) -> dict[str, Any]:
+def with_camera(diagram: Json, car: Car, *, rate: float, world: Any = None) -> Json:
     """Return a diagram that records the pictures of one camera at a rate [Hz], in another world if one is given."""
     # Only this camera renders: pictures of other cameras and sensors would cost time and are not learnt.
     mounts = diagram["vehicles"][car.vehicle].get("mounts") or {}
@@ -131,7 +132,7 @@ def with_camera(diagram: dict[str, Any], car: Car, *, rate: float, world: Any = 
     return data if world is None else {**data, "world": {"name": world} if isinstance(world, str) else world}
 
 
-def with_errors(diagram: dict[str, Any], car: Car, *, rms: float, seed: Sequence[int]) -> dict[str, Any]:
+def with_errors(diagram: Json, car: Car, *, rms: float, seed: Sequence[int]) -> Json:
     """Return a diagram in which errors are added to the steering of the expert: a sum of sines.
 
     The expert sees what they do to the car and corrects it. Its commands, without the errors, are the labels.
@@ -149,7 +150,7 @@ def with_errors(diagram: dict[str, Any], car: Car, *, rms: float, seed: Sequence
     frequencies, phases = random.uniform(*FREQUENCIES, SINES), random.uniform(0.0, tau, SINES)
     # A sine of amplitude A has the mean square A² / 2, and those of independent sines add.
     amplitude = rms * (2.0 / SINES) ** 0.5
-    systems: dict[str, Any] = {
+    systems: Json = {
         f"error{index}": {"kind": "sine", "amplitude": amplitude, "frequency": float(f), "phase": float(phase)}
         for index, (f, phase) in enumerate(zip(frequencies, phases, strict=True))
     }
@@ -159,9 +160,7 @@ def with_errors(diagram: dict[str, Any], car: Car, *, rms: float, seed: Sequence
     return _connected(diagram, systems, pairs)
 
 
-def with_network(
-    diagram: dict[str, Any], car: Car, *, file: Path, latency: float, inputs: Sequence[str] = ()
-) -> dict[str, Any]:
+def with_network(diagram: Json, car: Car, *, file: Path, latency: float, inputs: Sequence[str] = ()) -> Json:
     """Return a diagram in which a network steers; the expert's commands are still computed and recorded."""
     systems = {PILOT: {"kind": "network", "file": str(file), "image": car.image, "latency": latency}}
     pairs = [(f"{PILOT}.y", car.reference)]
@@ -169,7 +168,7 @@ def with_network(
     return _connected(diagram, systems, pairs)
 
 
-def with_delay(diagram: dict[str, Any], car: Car, *, rate: float, latency: float) -> dict[str, Any]:
+def with_delay(diagram: Json, car: Car, *, rate: float, latency: float) -> Json:
     """Return a diagram in which the expert's steering acts with the delay of a network: a perfect copy of the expert.
 
     Args:
@@ -179,7 +178,7 @@ def with_delay(diagram: dict[str, Any], car: Car, *, rate: float, latency: float
         latency: of each [s].
     """
     # A network's command is held for a period and acts after its latency; the copy gets both.
-    systems: dict[str, Any] = {"held": {"kind": "hold", "period": 1.0 / rate}}
+    systems: Json = {"held": {"kind": "hold", "period": 1.0 / rate}}
     pairs, source = [(car.command, "held.u")], "held.y"
     if latency > 0.0:
         period = latency / max(1, round(latency / DELAY_STEP))
@@ -189,7 +188,7 @@ def with_delay(diagram: dict[str, Any], car: Car, *, rate: float, latency: float
     return _connected({**diagram, "sensors": {}, "record": record}, systems, [*pairs, (source, car.reference)])
 
 
-def _connected(diagram: dict[str, Any], systems: Mapping[str, Any], pairs: Sequence[tuple[str, str]]) -> dict[str, Any]:
+def _connected(diagram: Json, systems: Mapping[str, Any], pairs: Sequence[tuple[str, str]]) -> Json:
     # An input port has one connection, so the one to the driver is replaced.
     taken = {sink for _, sink in pairs}
     kept = [pair for pair in diagram.get("connect", ()) if pair[1] not in taken]
@@ -197,7 +196,7 @@ def _connected(diagram: dict[str, Any], systems: Mapping[str, Any], pairs: Seque
 
 
 def drive(
-    diagram: dict[str, Any],
+    diagram: Json,
     car: Car,
     folder: Path,
     *,

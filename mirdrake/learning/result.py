@@ -4,11 +4,10 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.files import read_errors, write_file
-from mirdrake.core.json_io import parse_json
+from mirdrake.core.json_io import Json, parse_json
 from mirdrake.learning.delays import DelayMargin, delay_sentence, is_delay_the_cause
 from mirdrake.learning.drives import Drive
 
@@ -58,7 +57,7 @@ class CloneResult:
 
     name: str
     folder: Path
-    spec: dict[str, Any]
+    spec: Json
     seed: int
     versions: dict[str, str]
     vehicle: str

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import resolved
 from mirdrake.core.yaml_io import Angle, Duration, Length, Schema, load_yaml
 from mirdrake.learning.preparation import CropSpec
@@ -57,7 +58,7 @@ class DriveSpec(Schema):
     """The drive of the network."""
 
     laps: float = Field(1.0, gt=0.0, le=1000.0, description="[-]")
-    worlds: list[str | dict[str, Any]] = Field(
+    worlds: list[str | Json] = Field(
         default_factory=list, description="worlds to drive in; by default that of the diagram [-]"
     )
     intervention: Length = Field(1.0, gt=0.0, description="lateral error that counts as an intervention [m]")
@@ -77,10 +78,8 @@ class LearningSpec(Schema):
 
     mirdrake: Literal["learning/1"] = Field("learning/1", description="format of this file [-]")
     name: str = Field("learning", min_length=1, description="default: that of the file [-]")
-    diagram: str | dict[str, Any] = Field(description="name of a diagram with an expert, a path, or the diagram [-]")
-    overrides: dict[str, Any] = Field(
-        default_factory=dict, description="values of the diagram, nested or by dotted path [-]"
-    )
+    diagram: str | Json = Field(description="name of a diagram with an expert, a path, or the diagram [-]")
+    overrides: Json = Field(default_factory=dict, description="values of the diagram, nested or by dotted path [-]")
     vehicle: str = Field("ego", description="vehicle of the diagram that the network drives [-]")
     camera: str = Field("front_camera", description="its camera [-]")
     inputs: list[str] = Field(default_factory=list, description="signals that the network takes besides, as vx [-]")
@@ -93,7 +92,7 @@ class LearningSpec(Schema):
         description="time after the exposure at which a label is read [s]; by default the delay "
         "of the loop: latency and half a period",
     )
-    worlds: list[str | dict[str, Any]] = Field(
+    worlds: list[str | Json] = Field(
         default_factory=list, description="worlds to learn in; by default that of the diagram [-]"
     )
     picture: PictureSpec = Field(default_factory=PictureSpec, description="preparation of the pictures [-]")
@@ -105,7 +104,7 @@ class LearningSpec(Schema):
 
     @field_validator("overrides")
     @classmethod
-    def _by_path(cls, value: dict[str, Any]) -> dict[str, Any]:
+    def _by_path(cls, value: Json) -> Json:
         return dict(_leaves(value))
 
     @field_validator("rounds", mode="before")

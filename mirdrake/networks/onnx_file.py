@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mirdrake.core.digest import digest
 from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.core.files import read_errors
-from mirdrake.core.json_io import parse_json
+from mirdrake.core.json_io import Json, parse_json
 from mirdrake.core.signals import Signal
 
 METADATA = "mirdrake"
@@ -162,7 +162,7 @@ def _read_output(entry: Any, named: Any, file: Path) -> tuple[Signal, ...]:
     return tuple(Signal(f"y{index}", "") for index in range(size))
 
 
-def _metadata(entries: Mapping[str, str], file: Path) -> dict[str, Any]:
+def _metadata(entries: Mapping[str, str], file: Path) -> Json:
     """Return what an export of mirdrake has written about the network; empty for other files."""
     if METADATA not in entries:
         return {}

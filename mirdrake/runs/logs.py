@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from mirdrake.assembly.scene import Scene, read_scene, write_scene
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
 from mirdrake.core.files import read_errors, write_errors, write_file
-from mirdrake.core.json_io import parse_json
+from mirdrake.core.json_io import Json, parse_json
 from mirdrake.core.recording.arrays import RunArrays
 from mirdrake.core.recording.parts import PartedTable, read_part, stored
 from mirdrake.core.recording.pictures import Picture, parse_start, picture_folders, read_pictures
@@ -79,8 +79,8 @@ class Run:
     """
 
     folder: Path | None
-    spec: dict[str, Any]
-    summary: dict[str, Any]
+    spec: Json
+    summary: Json
     units: dict[str, str] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     table: pd.DataFrame | None = None
@@ -266,7 +266,7 @@ def reads_run(function: Callable[Concatenate[Run, P], T]) -> Callable[Concatenat
     return read
 
 
-def _mapping(data: Any) -> dict[str, Any]:
+def _mapping(data: Any) -> Json:
     if not isinstance(data, dict):
         raise ValueError("its top level is not a mapping (key: value)")
     return data

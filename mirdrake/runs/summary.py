@@ -15,6 +15,7 @@ from mirdrake.assembly.diagram import Assembly
 from mirdrake.assembly.scene import Scene
 from mirdrake.controllers.schedule import ScheduleSpec
 from mirdrake.core.digest import digest_data
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import installed_version
 from mirdrake.runs.incidents import Incident
 from mirdrake.runs.stop import Stop
@@ -32,7 +33,7 @@ STEADY = 2.0
 """Time for which a command must have been constant to count as steady [s]."""
 
 
-def resolved_spec(assembly: Assembly, *, duration: float) -> dict[str, Any]:
+def resolved_spec(assembly: Assembly, *, duration: float) -> Json:
     """Return the spec with all defaults, digests of its models and worlds, and versions: enough to repeat a run."""
     data = assembly.spec.model_dump(mode="json")
     data["duration"] = duration

@@ -21,13 +21,13 @@ import pyarrow.parquet as pq
 
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.files import read_errors, replacing, write_errors, write_file
-from mirdrake.core.json_io import parse_json
+from mirdrake.core.json_io import Json, parse_json
 from mirdrake.core.recording.parts import read_part
 from mirdrake.execution.journal import Journal, Record, read_records
 
 STUDY_FILE, JOURNAL_FILE, RESULTS_FILE, SHARDS = "study.json", "results.jsonl", "results.parquet", "shards"
 
-Row = dict[str, Any]
+Row = Json
 """A row of the table: run, parameters, status, reason, simulated, metrics."""
 
 
@@ -83,7 +83,7 @@ def write_results(folder: Path, table: pa.Table) -> None:
         (folder / JOURNAL_FILE).unlink(missing_ok=True)
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
+def read_manifest(folder: Path) -> Json:
     """Return the content of study.json.
 
     Raises:

@@ -11,6 +11,7 @@ from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
 from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import installed_version
 from mirdrake.core.user_modules import load_user_function
 from mirdrake.core.yaml_io import Schema, Source, validate, where
@@ -39,7 +40,7 @@ class Plan:
     """
 
     spec: StudySpec
-    diagram: dict[str, Any]
+    diagram: Json
     parameters: dict[str, ContextParameter]
     rows: list[tuple[Any, ...]]
     duration: float
@@ -71,7 +72,7 @@ class Plan:
             units[name] = None if texts else self.parameters[name].unit if name in self.parameters else ""
         return units
 
-    def manifest(self) -> dict[str, Any]:
+    def manifest(self) -> Json:
         """Return the content of study.json."""
         study = self.spec.model_dump(mode="json", exclude={"time_limit", "folder"})
         study["diagram"] = self.diagram
@@ -123,7 +124,7 @@ def make_plan(spec: StudySpec) -> Plan:
     return Plan(spec, data, parameters, sample(spec), spec.duration or diagram.duration, digest)
 
 
-def put(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+def put(data: Json, path: str, value: Any) -> Json:
     """Return data with a value set at a dotted path; the containers on the path are copied.
 
     Raises:
@@ -142,7 +143,7 @@ def put(data: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     return result  # type: ignore[no-any-return]
 
 
-def read_diagram(spec: Schema, given: str | dict[str, Any], overrides: Mapping[str, Any]) -> DiagramSpec:
+def read_diagram(spec: Schema, given: str | Json, overrides: Mapping[str, Any]) -> DiagramSpec:
     """Return the diagram of a study with the changes for all of its runs.
 
     Args:

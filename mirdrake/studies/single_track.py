@@ -16,6 +16,7 @@ from mirdrake.batched.arrays import Floats
 from mirdrake.controllers.path_tracking import PathGains, PathTrackingSpec
 from mirdrake.controllers.schedule import ConstantSpec, ScheduleSpec
 from mirdrake.core.errors import ConfigError, MirdrakeError, did_you_mean
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import where
 from mirdrake.execution.job import Outcome, one_line
 from mirdrake.runs.summary import drive_figures
@@ -58,7 +59,7 @@ class Shard:
 
     number: int
     first: int
-    diagram: dict[str, Any]
+    diagram: Json
     columns: dict[str, list[float]]
     metrics: tuple[str, ...]
     duration: float
@@ -157,7 +158,7 @@ class _Model:
         ConfigError: a value is out of range, or the vehicle cannot be simulated in a batch.
     """
 
-    def __init__(self, diagram: dict[str, Any], columns: Mapping[str, Floats], count: int) -> None:
+    def __init__(self, diagram: Json, columns: Mapping[str, Floats], count: int) -> None:
         self._assembly = assembly = assemble(make_spec(diagram))
         self.name = next(iter(assembly.parts.vehicles))
         self._vehicle, spec = _vehicle(assembly), assembly.spec

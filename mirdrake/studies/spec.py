@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import resolved
 from mirdrake.core.yaml_io import Duration, Schema, Source, any_to_si, load_yaml, shown, validate
 
@@ -76,13 +77,11 @@ class StudySpec(Schema):
 
     mirdrake: Literal["study/1"] = Field("study/1", description="format of this file [-]")
     name: str = Field("study", min_length=1, description="default: that of the file [-]")
-    diagram: str | dict[str, Any] = Field(description="name of a diagram, a path, or the diagram itself [-]")
+    diagram: str | Json = Field(description="name of a diagram, a path, or the diagram itself [-]")
     model: Literal["plant", "single_track"] = Field(
         "plant", description="the full plant, or the single-track model in batches of many runs [-]"
     )
-    overrides: dict[str, Any] = Field(
-        default_factory=dict, description="values of the diagram for all runs, by dotted path [-]"
-    )
+    overrides: Json = Field(default_factory=dict, description="values of the diagram for all runs, by dotted path [-]")
     parameters: dict[str, ParameterSpec] = Field(
         min_length=1, description="dotted paths of the diagram, and context parameters such as ego.speed.kp [-]"
     )

@@ -7,11 +7,12 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.digest import digest, digest_data
 from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import find
 from mirdrake.core.yaml_io import read_tree, shown, where
 from mirdrake.requirements import Requirement, parse_requirement
@@ -69,7 +70,7 @@ class Case:
     test: str
     world: str
     values: Values
-    diagram: dict[str, Any]
+    diagram: Json
     expect: tuple[tuple[str, str], ...]
     goal: str | None = None
     content: str = ""
@@ -99,7 +100,7 @@ class Case:
         """Return the digest of the case; equal cases have equal digests."""
         return digest_data(self.data())
 
-    def data(self) -> dict[str, Any]:
+    def data(self) -> Json:
         """Return plain data for JSON."""
         data = asdict(self) | {"expect": [list(pair) for pair in self.expect]}
         others = [asdict(other) | {"expect": [list(pair) for pair in other.expect]} for other in self.others]
@@ -182,7 +183,7 @@ class Result:
         # Errors first: what could not be judged may hide anything.
         return ({"error": 0, "invalid": 1, "fail": 2, "pass": 3}[self.verdict], self.share)
 
-    def data(self) -> dict[str, Any]:
+    def data(self) -> Json:
         """Return plain data for JSON."""
         return asdict(self)
 
@@ -342,7 +343,7 @@ def _axis(key: str, given: int | Sequence[Value], seed: int) -> list[Value]:
     return list(given)
 
 
-def _diagram(test: CaseSpec, path: Path, values: Values, seed: int) -> dict[str, Any]:
+def _diagram(test: CaseSpec, path: Path, values: Values, seed: int) -> Json:
     drivers = {VEHICLE: test.behaviour} | {name: other.behaviour for name, other in test.others.items()}
     control = {name: {"kind": given} if isinstance(given, str) else dict(given) for name, given in drivers.items()}
     others = {name: {"model": other.vehicle, "start": other.start} for name, other in test.others.items()}
@@ -361,7 +362,7 @@ def _diagram(test: CaseSpec, path: Path, values: Values, seed: int) -> dict[str,
     }
 
 
-def _world_entry(path: str, values: Values) -> str | dict[str, Any]:
+def _world_entry(path: str, values: Values) -> str | Json:
     if not values:
         return path
     parameters = {key: value for key, value in values.items() if key != "seed"}

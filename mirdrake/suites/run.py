@@ -5,11 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.files import read_errors, write_errors, write_file
-from mirdrake.core.json_io import parse_json
+from mirdrake.core.json_io import Json, parse_json
 from mirdrake.execution.journal import Journal, Record, read_records
 from mirdrake.suites.cases import Case, Judgement, OtherExpectations, Result
 from mirdrake.suites.worker import open_case_workers
@@ -132,7 +131,7 @@ def load_suite(folder: Path | str) -> Suite:
     return Suite(cases, _results(cases, read_records(folder / RESULTS_FILE, key="digest"), folder), folder)
 
 
-def _case(data: dict[str, Any]) -> Case:
+def _case(data: Json) -> Case:
     others = tuple(
         OtherExpectations(**(other | {"expect": tuple((text, target) for text, target in other["expect"])}))
         for other in data.get("others", ())

@@ -16,14 +16,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import pandas as pd
 from pydantic import TypeAdapter, ValidationError
 
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.files import write_errors, write_file
-from mirdrake.core.json_io import parse_json
+from mirdrake.core.json_io import Json, parse_json
 from mirdrake.core.yaml_io import read_text, shown
 from mirdrake.tuning.acceptance import AGAINST_BASELINE, Criterion, StepEffect
 from mirdrake.tuning.confirm import MarginCheck
@@ -152,7 +152,7 @@ class TuningResult:
 
     name: str
     vehicle: str
-    spec: dict[str, Any]
+    spec: Json
     spec_sha256: str
     seed: int
     versions: dict[str, str]

@@ -27,11 +27,12 @@ sin(2 atan(N / P)) (eq. 4.E25): it is largest at the load P.
 from dataclasses import dataclass, fields
 from math import inf, pi
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
 from mirdrake.core.checks import check_number
+from mirdrake.core.json_io import Json
 from mirdrake.core.maths import Value, absolute, choose, larger, sin, smaller, sqrt
 from mirdrake.core.yaml_io import Force, Length, Schema
 from mirdrake.tyres.base import FittedEntry, SlipTyres, SteadyLaw, TyreAtLoad, TyreLaw
@@ -229,7 +230,7 @@ class BrushAxle(Schema):
 
     def make_law(self) -> TyreLaw:
         """Return the tyre law of one tyre."""
-        data: dict[str, Any] = self.model_dump(exclude={"relaxation_x", "relaxation_y"})
+        data: Json = self.model_dump(exclude={"relaxation_x", "relaxation_y"})
         tyre = BrushTyre(**data)
 
         def law(load: float, inclination: float, friction: float) -> TyreAtLoad:  # noqa: ARG001 - no camber

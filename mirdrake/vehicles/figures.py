@@ -4,6 +4,8 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, cast
 
+from mirdrake.core.json_io import Json
+
 
 @dataclass(frozen=True)
 class LinkFigures:
@@ -195,9 +197,9 @@ class Inspection:
     sensors: tuple[SensorFigures, ...]
     warnings: tuple[str, ...]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Json:
         """Plain data, for JSON; what is not finite becomes None."""
-        return cast(dict[str, Any], _finite(asdict(self)))
+        return cast(Json, _finite(asdict(self)))
 
 
 def _finite(value: Any) -> Any:

@@ -12,6 +12,7 @@ from typing import Any, Literal, Self
 from pydantic import Field, model_validator
 
 from mirdrake.core.errors import did_you_mean
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import search_folders
 from mirdrake.core.yaml_io import Schema, load_yaml
 
@@ -24,7 +25,7 @@ class PresetSpec(Schema):
     name: str = Field(min_length=1, description="maker and product")
     grade: Literal["A", "B", "C"] = Field(description="A: measured; B: data sheet or publication; C: mostly assumed")
     sources: dict[str, str] = Field(description="dotted path of a number in `mount` -> its source, or assumed")
-    mount: dict[str, Any] = Field(description="as in sensors.yaml, without a frame")
+    mount: Json = Field(description="as in sensors.yaml, without a frame")
 
     @model_validator(mode="after")
     def _a_kind_and_no_place(self) -> Self:

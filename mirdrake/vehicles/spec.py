@@ -6,11 +6,12 @@ Dimensions and masses are not repeated here; they are measured on the kinematics
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from mirdrake.core.errors import did_you_mean
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Acceleration, Angle, AngularRate, Duration, Frequency, Length, Schema, Speed
 from mirdrake.tyres import TyreSpec
 from mirdrake.vehicles.chassis_spec import Aerodynamics, Suspension, SuspensionJoints, WheelJoints
@@ -234,6 +235,6 @@ class VariantSpec(Schema):
 
     description: str = Field(min_length=1, description="one line")
     arguments: dict[str, str] = Field(default_factory=dict, description="arguments of the xacro files")
-    vehicle: dict[str, Any] = Field(default_factory=dict, description="merged over vehicle.yaml")
-    control: dict[str, Any] = Field(default_factory=dict, description="merged over control.yaml")
-    sensors: dict[str, Any] = Field(default_factory=dict, description="merged over sensors.yaml")
+    vehicle: Json = Field(default_factory=dict, description="merged over vehicle.yaml")
+    control: Json = Field(default_factory=dict, description="merged over control.yaml")
+    sensors: Json = Field(default_factory=dict, description="merged over sensors.yaml")

@@ -8,13 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Source, validate
 from mirdrake.vehicles.geometry import VehicleGeometry
 from mirdrake.vehicles.mounts import SensorsSpec
 from mirdrake.vehicles.spec import ControlSpec, VehicleSpec
 from mirdrake.vehicles.vehicle import Vehicle
 
-Data = dict[str, Any]
+Data = Json
 
 
 def vehicle_data(vehicle: Vehicle) -> Data:

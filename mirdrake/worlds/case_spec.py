@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator
 
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Duration, Schema
 from mirdrake.worlds.schema_types import Label
 
@@ -34,7 +35,7 @@ class OtherSpec(Schema):
     vehicle: str = Field(default="bolt", description="name of a vehicle [-]")
     start: str = Field(description="a start of the world [-]")
     goal: str | None = Field(default=None, description="a goal of the world, to which 'at goal' refers [-]")
-    behaviour: str | dict[str, Any] = Field(description="a driver as in a diagram file, its kind, or module:Class [-]")
+    behaviour: str | Json = Field(description="a driver as in a diagram file, its kind, or module:Class [-]")
     expect: list[str] = Field(default_factory=list, description="requirements on this vehicle [-]")
 
 
@@ -47,7 +48,7 @@ class CaseSpec(Schema):
     vehicle: str = Field(default="bolt", description="name of a vehicle [-]")
     start: str | None = Field(default=None, description="a start of the world; default: the first [-]")
     goal: str | None = Field(default=None, description="a goal of the world, to which 'at goal' refers [-]")
-    behaviour: str | dict[str, Any] = Field(description="a driver as in a diagram file, its kind, or module:Class [-]")
+    behaviour: str | Json = Field(description="a driver as in a diagram file, its kind, or module:Class [-]")
     duration: Duration = Field(default=30.0, gt=0.0, le=86400.0, description="simulated time [s]")
     contact: Literal["point", "hydroelastic", "tyre"] = Field(default="point", description="contact of the tyres [-]")
     variations: dict[str, int | list[Any]] = Field(

@@ -33,6 +33,7 @@ from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, MirdrakeError
+from mirdrake.core.json_io import Json
 from mirdrake.execution.parameters import find_context_parameters
 from mirdrake.identification.models.base import SPEED, Array, ModelOptions, Segment, find_channel, select_outputs
 from mirdrake.identification.models.plant_context import body_inertia, measure, set_damping
@@ -145,7 +146,7 @@ class PlantModel(SimulatedModel):
     def _build(self, model: str, contact: str, world: str) -> Assembly:
         """Assemble the plant with the tables that replace driver, torques and rolling resistance."""
         # Recorded inputs replace the driver: one table for each input of the vehicle.
-        systems: dict[str, Any] = {"steering_table": {"kind": f"{_BLOCKS}Table", "size": 1}}
+        systems: Json = {"steering_table": {"kind": f"{_BLOCKS}Table", "size": 1}}
         connect = [["steering_table.y", f"{EGO}.steering_reference"]]
         pedals = self._vehicle.control.wheel_speed.uses_pedals
         if self._way == "speed":
@@ -165,7 +166,7 @@ class PlantModel(SimulatedModel):
             connect += [[source, "moments.torque"], [f"{EGO}.wheel_speeds", "moments.spins"]]
             connect.append(["moments.y", f"{EGO}.wheel_torque"])
         # Tables send no stamps, so the watchdog must not stop the vehicle.
-        control: dict[str, Any] = {"dead_man": _NEVER, "rate": self._rate}
+        control: Json = {"dead_man": _NEVER, "rate": self._rate}
         servo = self._vehicle.control.steering
         if self._stiff and servo.kind == "servo":
             stiffness = _STIFFER * servo.stiffness

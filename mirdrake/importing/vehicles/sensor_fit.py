@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import copysign, inf, isfinite, pi, radians
 from types import MappingProxyType
-from typing import Any
 
 from pydantic import ValidationError
 
+from mirdrake.core.json_io import Json
 from mirdrake.sensors.ranging.mount import MAX_RAYS, ROUNDED_TURN
 from mirdrake.vehicles.mount import Mount
 from mirdrake.vehicles.mounts import SENSOR_KINDS
@@ -24,7 +24,7 @@ _FANS = _ANGLES[:2]
 _RANGES = (("near", "far"), ("depth_near", "depth_far"))
 
 
-MountData = dict[str, Any]
+MountData = Json
 """A mount as in sensors.yaml."""
 
 

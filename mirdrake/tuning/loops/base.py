@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol
 
 import pandas as pd
 
+from mirdrake.core.json_io import Json
 from mirdrake.tuning.models import TransferFunction
 
 Fidelity = Literal["reduced", "plant"]
@@ -193,7 +194,7 @@ class LoopSpec:
     """
 
     kind: str
-    diagram: dict[str, Any]
+    diagram: Json
     vehicle: str
     gains: dict[str, Gain]
     reference: str | float
@@ -210,7 +211,7 @@ class LoopSpec:
     noisy: bool = False
     present: dict[str, float] = field(default_factory=dict)
     present_kind: str = ""
-    test_control: dict[str, Any] = field(default_factory=dict)
+    test_control: Json = field(default_factory=dict)
     model: LoopModel | None = None
 
     @property

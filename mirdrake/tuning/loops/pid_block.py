@@ -19,6 +19,7 @@ from mirdrake.assembly.diagram_spec import DiagramSpec, make_spec
 from mirdrake.assembly.scene import make_scene
 from mirdrake.controllers import PidGains
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.json_io import Json
 from mirdrake.tuning.frequency_response import FrequencyResponse
 from mirdrake.tuning.gains import controller_response
 from mirdrake.tuning.identify import Identification, fit_response, simple_experiment
@@ -79,7 +80,7 @@ def with_linear_model(spec: LoopSpec) -> LoopSpec:
     # All sinks of the control get the delayed one.
     delayed = [[f"{DELAY}.y" if source == control else source, sink] for source, sink in pairs]
     kind = f"{DelayedActuator.__module__}:{DelayedActuator.__name__}"
-    diagram: dict[str, Any] = {
+    diagram: Json = {
         **spec.diagram,
         "systems": {**spec.diagram["systems"], DELAY: {"kind": kind, "size": 1, "period": period}},
         "connect": [*delayed, [control, f"{DELAY}.u"]],

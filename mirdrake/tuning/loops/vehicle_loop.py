@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import _absolute, make_spec
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import where
 from mirdrake.tuning.loops.base import Course, Gain, LoopSpec
 from mirdrake.tuning.loops.bench import PlantBench
@@ -81,8 +82,8 @@ class VehicleLoop(LoopKind):
 
         # All gains are zero in the file; the bench writes them to a Context.
         # Commands on the bench have no time stamps: the watchdog must not stop the vehicle.
-        test_control: dict[str, Any] = {"dead_man": _NO_TIMEOUT, **self.test_control(study)}
-        control: dict[str, Any] = {**test_control, self.section: {}}
+        test_control: Json = {"dead_man": _NO_TIMEOUT, **self.test_control(study)}
+        control: Json = {**test_control, self.section: {}}
         for path, value in settings.items():
             group, key = path.split(".")
             control.setdefault(group, {})[key] = value
@@ -97,7 +98,7 @@ class VehicleLoop(LoopKind):
         source, sink = self.delayed_ports
         blocks = {"delay": {"kind": f"{_BLOCKS}DelayedActuator", "size": self.channels(vehicle), "period": period}}
         connect = [[f"{EGO}.{source}", "delay.u"], ["delay.y", f"{EGO}.{sink}"]]
-        diagram: dict[str, Any] = {
+        diagram: Json = {
             "name": study.name,
             "world": study.world if study.folder is None else _absolute(study.world, Path(study.folder)),
             "vehicles": {

@@ -6,12 +6,13 @@ W. J. Rugh and J. S. Shamma, Research on gain scheduling, Automatica 36 (2000) 1
 from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import Schema, Speed
 
 
@@ -61,7 +62,7 @@ class GainTable:
             for k in range(1, count + 1)
         ]
 
-    def data(self) -> list[dict[str, Any]]:
+    def data(self) -> list[Json]:
         """Return one row per speed with the keys speed and gains, as plain data."""
         return [{"speed": speed, "gains": self.at(speed)} for speed in self.speeds]
 

@@ -19,6 +19,7 @@ from mirdrake.assembly.diagram import Assembly
 from mirdrake.assembly.diagram_spec import Place
 from mirdrake.controllers.schedule import ScheduleSpec
 from mirdrake.core.files import write_file
+from mirdrake.core.json_io import Json
 from mirdrake.runs.logs import SPEC, Run, RunWriter, read_signals
 from mirdrake.runs.recorder import Blocks, Events, Recorder, vector_sensors
 from mirdrake.runs.stop import Stop, StopReason
@@ -112,7 +113,7 @@ class DriveLog:
         units, scene = self._telemetry.units, self._assembly.scene
         return Run(self.folder, self._data, summary, units, self._events.entries, laid_out=scene)
 
-    def _resolve(self, duration: float) -> dict[str, Any]:
+    def _resolve(self, duration: float) -> Json:
         data = resolved_spec(self._assembly, duration=duration)
         commands = ScheduleSpec(kind="schedule", file=".", vehicle=self._name)
         data["control"] = {self._name: commands.model_dump(mode="json")}
@@ -121,7 +122,7 @@ class DriveLog:
 
 def _merge_gains(control: Mapping[str, Any], gains: Mapping[str, float]) -> Mapping[str, Any]:
     """Return changes of a control.yaml merged with gains by their paths."""
-    data: dict[str, Any] = deepcopy(dict(control))
+    data: Json = deepcopy(dict(control))
     for path, value in gains.items():
         loop, _, gain = path.partition(".")
         data.setdefault(loop, {})[gain] = value

@@ -57,7 +57,7 @@ def _plain(record: Any) -> Json:
     return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in values.items()}
 
 
-def _arrays(data: Mapping[str, Any]) -> dict[str, Any]:
+def _arrays(data: Mapping[str, Any]) -> Json:
     """Return fields with lists of numbers as arrays, and lists of names as tuples."""
 
     def read(value: Any) -> Any:
