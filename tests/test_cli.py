@@ -82,6 +82,15 @@ def test_run_takes_a_path_from_any_folder(call_command: Callable[..., tuple[int,
     assert load_run(tmp_path / "out").summary["diagram"] == "drive"
 
 
+def test_quiet_prints_warnings_and_nothing_else(
+    call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
+) -> None:
+    fast = ("--set", "vehicles.ego.speed=200", "--set", "duration=0.02")
+    code, out, err = call_command("run", "drive.yaml", "--out", "out", "--quiet", *fast)
+    assert (code, out) == (0, "")
+    assert re.fullmatch(r"warning: t = 0\.00 s: ego: starts at 200 m/s; its top speed is [\d.]+ m/s; .*\n", err)
+
+
 def test_overrides_reach_every_level_and_win_over_the_file(
     call_command: Callable[..., tuple[int, str, str]], tmp_path: Path
 ) -> None:

@@ -166,6 +166,20 @@ def test_a_joint_that_steers_and_spins_becomes_a_knuckle_and_a_wheel(kind):
     assert result.layout.kingpin_track == pytest.approx(TRACK)
 
 
+@pytest.mark.parametrize("union", ["a", "b"])
+def test_a_knuckle_on_one_side_only_leaves_the_total_mass(union):
+    model, sign = car(), {"a": 1, "b": -1}[union]
+    joint = model.joints.pop(f"j1{union}")
+    model.links[joint.child].inertial.mass += HUB  # its wheel has the mass of the hub that it lacks
+    del model.joints[f"k{union}"], model.links[f"hub_{union}"]
+    position = at(WHEELBASE / 2, sign * TRACK / 2, 0.0)
+    add(model, Joint(joint.name, "universal", "chassis", joint.child, position, axis=Z, axis2=Y))
+    result = repaired(model)
+    assert [part.mass.mass for part in result.knuckles] == pytest.approx([HUB, HUB])
+    assert [result.wheels[f"front_{side}"].mass.mass for side in ("left", "right")] == pytest.approx([WHEEL, WHEEL])
+    assert result.total_mass() == pytest.approx(BODY + 4 * WHEEL + 2 * HUB)
+
+
 def test_suspension_joints_are_fixed_and_their_values_reported():
     model = car()
     for letter in "ab":

@@ -49,6 +49,19 @@ def written(folder, text, name="cart.urdf"):
     return path
 
 
+def test_every_key_of_a_spring_between_links_is_read_or_reported(tmp_path):
+    keys = {"stiffness": "3000", "damping": "200", "free_length": "0.3", "p_AP": "0 0 0.1", "p_BQ": "0 0 0"}
+    tag = "drake:linear_spring_damper"
+    spring = f'<{tag}><{tag}_body_A name="body"/><{tag}_body_B name="wheel"/>'
+    spring += "".join(f'<{tag}_{key} value="{value}"/>' for key, value in keys.items()) + f"</{tag}>"
+    text = URDF.replace('type="continuous"', 'type="prismatic"').replace('<spring between="body"/>', spring)
+    text = text.replace('<robot name="cart">', '<robot name="cart" xmlns:drake="http://drake.mit.edu">')
+    model = read_source(written(tmp_path, text))
+    assert (model.joints["axle"].stiffness, model.joints["axle"].damping) == (3000.0, 200.5)
+    rows = {change.part: (change.old, change.new) for change in model.changes if change.part.startswith("spring of")}
+    assert rows == {f"spring of joint 'axle': {key}": (keys[key], None) for key in ("free_length", "p_AP", "p_BQ")}
+
+
 def test_a_urdf_is_read_unchanged(tmp_path):
     model = read_source(written(tmp_path, URDF))
     body, axle = model.links["body"], model.joints["axle"]

@@ -117,7 +117,7 @@ def test_a_camera_sees_as_high_as_its_picture_is_and_a_gps_sees_nothing(bolt):
 
 
 def test_joints_have_roles_and_limits(bolt):
-    roles = {joint.name: joint.role for joint in bolt.joints}
+    roles = {joint.name: joint.role_text for joint in bolt.joints}
     assert roles["front_left_wheel_joint"] == "front_left wheel, driven"
     assert roles["back_right_wheel_joint"] == "rear_right wheel"
     assert roles["front_right_steering_joint"] == "right steering"

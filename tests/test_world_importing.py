@@ -22,6 +22,7 @@ from mirdrake.importing.gazebo_xml import read_gazebo_xml
 from mirdrake.importing.meshes.convex import make_hull
 from mirdrake.importing.shape import Shape
 from mirdrake.importing.worlds import import_world, surfaces
+from mirdrake.importing.worlds.ground import _route_around
 from mirdrake.importing.worlds.surfaces import cut_walls
 from mirdrake.world_checks import check
 from mirdrake.world_checks import first_steps as first_steps_of
@@ -122,6 +123,13 @@ def test_collision_geometry_has_the_poses_of_drake(tmp_path, trap):
         assert any(origins), f"{shape} at {X_WG.translation()}"
 
 
+def test_a_model_of_nothing_but_models_is_not_reported_as_left_out(tmp_path):
+    inside = f"<model name='group'><static>1</static>{traps.model('a')}{traps.model('b', pose='5 0 0 0 0 0')}</model>"
+    result, world = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
+    assert set(placed(world)) == {"group_a", "group_b"}
+    assert not changes_of(result, "model 'group'")
+
+
 def test_poses_of_a_saved_world_take_precedence(tmp_path):
     result, world = imported(traps.saved(tmp_path), tmp_path / "worlds")
     props = placed(world)
@@ -205,6 +213,60 @@ def test_rooms_within_walls_stay_free_and_terrain_is_reported(tmp_path):
     with pytest.raises(ModelError, match="terrain"):
         import_world(tmp_path / "trap.world", folder=tmp_path / "strict", strict=True)
     assert not (tmp_path / "strict").exists()
+
+
+def test_the_floor_of_an_arena_is_ground_whatever_its_walls_are_called(tmp_path):
+    corners = np.array([[-40, -30], [40, -30], [40, 30], [-40, 30]])
+    floor = [f"v {x} {y} 0" for x, y in corners] + ["f 1 2 3", "f 1 3 4"]
+    (tmp_path / "floor.obj").write_text("\n".join(floor) + "\n")
+    walls = [f"v {x} {y} {z}" for z in (0, 1) for x, y in corners]
+    walls += [f"f {a} {b} {b + 4}\nf {a} {b + 4} {a + 4}" for a, b in ((1, 2), (2, 3), (3, 4), (4, 1))]
+    (tmp_path / "walls.obj").write_text("\n".join(walls) + "\n")
+    links = "".join(
+        f"<link name='{name}'><collision name='c'>{traps.shape('mesh', f'{name}.obj')}</collision>"
+        f"<visual name='v'>{traps.shape('mesh', f'{name}.obj')}</visual></link>"
+        for name in ("walls", "floor")
+    )
+    inside = f"<model name='arena'><static>1</static>{links}</model>"
+    _, world = imported(traps.world(tmp_path, inside, plane=""), tmp_path / "worlds")
+    arena = placed(world)["arena"]
+    # The floor is not a part of the prop: only the walls are left, and the middle is free.
+    assert arena.footprint.distance(shapely.Point(0.0, 0.0)) > 25.0
+    assert arena.footprint.distance(shapely.Point(0.0, -30.0)) < 0.1
+
+
+def test_the_middle_of_a_roundabout_is_an_obstacle_and_a_raised_yard_on_the_plane_is_not(tmp_path):
+    inside = traps.model("circle", "cylinder", "20 0.04") + traps.model(
+        "middle", "cylinder", "9 0.3", pose="0 0 0.15 0 0 0"
+    )
+    inside += traps.model("yard", size="18 18 0.3", pose="60 0 0.15 0 0 0")
+    _, world = imported(traps.world(tmp_path, inside), tmp_path / "worlds")
+    assert set(placed(world)) == {"middle"}
+    assert {patch.name for patch in world.patches} == {"circle", "yard"}
+
+
+@pytest.mark.parametrize("obstacle", [None, (1.0, 0.0), (1.0, 1.9), (1.8, -2.0)])
+@pytest.mark.parametrize("width", [6.4, 8.0])
+def test_the_line_on_square_corners_and_beside_obstacles_suits_a_car(width, obstacle):
+    long, wide = 75.0, 50.0
+    boxes = [(0, wide / 2, long, width), (0, -wide / 2, long, width), (long / 2, 0, width, wide + width)]
+    boxes += [(-long / 2, 0, width, wide + width)]
+    area = shapely.union_all([shapely.box(x - a / 2, y - b / 2, x + a / 2, y + b / 2) for x, y, a, b in boxes])
+    crates = []
+    if obstacle is not None:
+        size, beside = obstacle
+        crates = [shapely.box(-size / 2, wide / 2 + beside - size / 2, size / 2, wide / 2 + beside + size / 2)]
+    route = _route_around(area, crates)
+    assert route is not None
+    track = route.track
+    assert track.closed
+    assert track.length == pytest.approx(2.0 * (long + wide), rel=0.08)
+    s = np.linspace(0.0, track.length, 800)
+    line = shapely.LineString(np.column_stack(track.point(s, np.zeros_like(s))))
+    # A car of 4.5 m minimum radius, 1.8 m wide, stays on the road and passes the crate.
+    assert track.min_radius > (4.5 if obstacle is None or width > 7.0 else 3.5)
+    assert line.distance(area.boundary) > 1.0
+    assert all(line.distance(crate) > 0.95 for crate in crates)
 
 
 def posts(count):

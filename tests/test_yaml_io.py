@@ -34,6 +34,15 @@ from mirdrake.core.yaml_io import (
 from tests.timing import reference_seconds
 
 
+def test_a_caller_may_change_the_data_of_a_text_that_is_parsed_again() -> None:
+    text = "a: {b: [1, 2]}\n"
+    data, _ = parse_tree(text, "first")
+    data["a"]["b"].append(3)
+    again, source = parse_tree(text, "second")
+    assert again == {"a": {"b": [1, 2]}}
+    assert source.where("a", "b") == "second:1: a.b"
+
+
 class Plant(Schema):
     time_step: float = 0.005
     contact: Literal["point", "hydroelastic"] = "hydroelastic"

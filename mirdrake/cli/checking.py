@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -72,8 +71,10 @@ class Findings:
 
         Macros and variants repeat a fault with another name or another list of allowed values; the first is kept.
         """
+        known = {_NAMES.sub("", line) for line in self.faults}
         for line in lines:
-            if _NAMES.sub("", line) not in map(partial(_NAMES.sub, ""), self.faults):
+            if (plain := _NAMES.sub("", line)) not in known:
+                known.add(plain)
                 self.faults.append(line)
 
 

@@ -109,9 +109,8 @@ def run(options: argparse.Namespace) -> int:
             realtime_rate=1.0 if options.realtime else 0.0,
             progress=show,
             print_line=lambda text: progress.update(text=text),
-            report=None
-            if options.quiet
-            else lambda incident: progress.write(f"warning: t = {incident.time:.2f} s: {incident.text}"),
+            # Warnings are printed also with --quiet, which is for progress and results.
+            report=lambda incident: progress.write(f"warning: t = {incident.time:.2f} s: {incident.text}"),
         )
     if not options.quiet:
         _print_summary(finished)

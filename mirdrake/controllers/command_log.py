@@ -15,11 +15,12 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mirdrake.controllers.schedule import Interpolation
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.files import read_errors
 from mirdrake.core.recording.pictures import picture_time
@@ -29,7 +30,6 @@ from mirdrake.readers.tables import read_bytes
 from mirdrake.readers.units import unit_factor
 
 Row = tuple[float, float, float]
-Interpolation = Literal["linear", "hold"]
 
 _NAMES = {"time": ("t",), "speed": ("velocity", "speed_command"), "steering": ("steering_angle", "steering_command")}
 _UNITS = {"time": "s", "speed": "m/s", "steering": "rad"}

@@ -4,12 +4,11 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from pydantic import Field, model_validator
 from pydrake.systems.framework import BasicVector, Context
 
-from mirdrake.controllers.command_log import Interpolation, read_commands
 from mirdrake.controllers.driver import Driver, SteeringAngle
 from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError, did_you_mean
@@ -19,7 +18,8 @@ from mirdrake.core.signals import declare_vector_output
 from mirdrake.core.vectors import COMMAND, Setpoint
 from mirdrake.core.yaml_io import Duration, Period, Schema, Speed
 
-INTERPOLATIONS = ("linear", "hold")
+Interpolation = Literal["linear", "hold"]
+INTERPOLATIONS = get_args(Interpolation)
 
 
 class Schedule:
@@ -149,7 +149,7 @@ class ScheduleSpec(Driver):
     """Commands over time: rows, or a file of recorded commands (:mod:`mirdrake.controllers.command_log`)."""
 
     kind: Literal["schedule"] = Field(description="commands over time [-]")
-    interpolation: Literal["linear", "hold"] | None = Field(
+    interpolation: Interpolation | None = Field(
         None,
         description="straight lines between the rows, or each row until the next; left out: lines, but in a table of "
         "recorded commands hold [-]",
@@ -183,6 +183,9 @@ class ScheduleSpec(Driver):
             ConfigError: the file does not exist, or has faults.
         """
         if self.file is not None:
+            # pandas takes most of a second to import, which commands without recorded files need not spend.
+            from mirdrake.controllers.command_log import read_commands
+
             log = read_commands(Path(self.file), vehicle=self.vehicle)
             return Schedule(log.rows, interpolation=self.interpolation or log.interpolation)
         rows = ((row.time, row.speed, row.steering) for row in self.rows or ())

@@ -4,8 +4,10 @@
 null, with anchors, aliases and ``<<`` merges, but no other tags. :mod:`mirdrake.core.yaml_io` validates the data.
 """
 
+import copy
 import re
 from collections.abc import Hashable, Iterable, Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import yaml
@@ -128,14 +130,8 @@ def parse_tree(text: str, name: str) -> tuple[Any, Source]:
     Raises:
         ConfigError: the text is not YAML, repeats a key, or expands to too much data.
     """
-    lines: dict[Key, int] = {}
     try:
-        loader = _Loader(text)
-        node = loader.get_single_node()
-        if node is None:
-            return {}, Source(name, lines)
-        _LineCollector(lines).visit(node, ())
-        return loader.construct_document(node), Source(name, lines)
+        data, lines = _parsed(text)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         raise ConfigError(_yaml_problem(error), file=name, line=line, code="not_yaml") from None
@@ -144,9 +140,24 @@ def parse_tree(text: str, name: str) -> tuple[Any, Source]:
         code = error.character if isinstance(error.character, int) else ord(str(error.character))
         text = f"not valid YAML: character {code:#x} is not allowed"
         raise ConfigError(text, file=name, line=line, code="not_yaml") from None
+    # A copy, because callers may change the data; aliases of a node stay one object.
+    return copy.deepcopy(data), Source(name, lines)
+
+
+@lru_cache(maxsize=8)
+def _parsed(text: str) -> tuple[Any, dict[Key, int]]:
+    """Return the data and lines of a text; a file is read for its format, and again with the reader of the format."""
+    lines: dict[Key, int] = {}
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return {}, lines
+        _LineCollector(lines).visit(node, ())
+        return loader.construct_document(node), lines
     except (ValueError, OverflowError):  # PyYAML does not catch a few errors: "\UFFFFFFFF", %YAML 9999…
-        text = "not valid YAML: a code or version out of range"
-        raise ConfigError(text, file=name, line=loader.line + 1, code="not_yaml") from None
+        problem = "not valid YAML: a code or version out of range"
+        raise _FileFaultError(problem=problem, problem_mark=loader.get_mark()) from None
 
 
 def _yaml_problem(error: yaml.MarkedYAMLError) -> str:

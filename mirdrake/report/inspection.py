@@ -49,7 +49,7 @@ def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: bool =
     inner, outer = figures.steering_limits
     turned = collect_surfaces(vehicle, steering=(inner, outer))
     turned_solid = collect_surfaces(vehicle, collision=True, steering=(inner, outer))
-    wheels = {joint.child for joint in figures.joints if "wheel" in joint.role}
+    wheels = {joint.child for joint in figures.joints if joint.role.is_wheel}
     graph, graph_note = _graph(figures)
     return render_page(
         _TEMPLATE,

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from mirdrake.assembly.drawing import run_dot
 from mirdrake.core.constants import GRAVITY
-from mirdrake.vehicles.figures import Inspection, JointFigures, LinkFigures
+from mirdrake.vehicles.figures import Inspection, JointFigures, JointRole, LinkFigures
 
 _COLOURS = {"body": "#dbe7f3", "wheel": "#e3f1e4", "knuckle": "#fdebd0", "sensor": "#f3e5f5", "frame": "#eceff1"}
 
@@ -107,7 +107,7 @@ def draw_links(figures: Inspection) -> str:
 
 def write_links_dot(figures: Inspection) -> str:
     """Return links and joints as a graph in the DOT language."""
-    roles = {joint.child: joint.role for joint in figures.joints}
+    roles = {joint.child: joint.role for joint in figures.joints if joint.role}
     mounts = {sensor.frame for sensor in figures.sensors}
     lines = [
         "digraph {",
@@ -116,9 +116,8 @@ def write_links_dot(figures: Inspection) -> str:
         '  edge [fontname="Helvetica", fontsize=10, color="#607d8b", fontcolor="#37474f", arrowsize=0.7];',
     ]
     for link in figures.links:
-        role = roles.get(link.name, "body")
-        carries = role.endswith(("steering", "suspension"))
-        kind = "wheel" if "wheel" in role else "knuckle" if carries else "body" if link.mass else "frame"
+        role = roles.get(link.name, JointRole.NONE)
+        kind = "wheel" if role.is_wheel else "knuckle" if role else "body" if link.mass else "frame"
         kind = "sensor" if kind == "frame" and link.name in mounts else kind
         weight = f'<br/><font point-size="9">{link.mass:.4g} kg</font>' if link.mass else ""
         label = f"<<b>{html.escape(link.name)}</b>{weight}>"
@@ -156,7 +155,7 @@ def _joint_row(joint: JointFigures) -> tuple[str, ...]:
         limits_of(joint),
         f"{joint.velocity:g}",
         f"{joint.damping:g}",
-        joint.role or "-",
+        joint.role_text or "-",
     )
 
 

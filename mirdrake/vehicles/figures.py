@@ -2,9 +2,25 @@
 
 import math
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from typing import Any, cast
 
 from mirdrake.core.json_io import Json
+
+
+class JointRole(StrEnum):
+    """Role of a joint in vehicle.yaml."""
+
+    NONE = ""
+    WHEEL = "wheel"
+    DRIVEN_WHEEL = "wheel, driven"
+    STEERING = "steering"
+    SUSPENSION = "suspension"
+
+    @property
+    def is_wheel(self) -> bool:
+        """Whether the joint is the axle of a wheel."""
+        return self in {JointRole.WHEEL, JointRole.DRIVEN_WHEEL}
 
 
 @dataclass(frozen=True)
@@ -47,7 +63,8 @@ class JointFigures:
         kind: its type in the URDF.
         parent: link.
         child: link.
-        role: role in vehicle.yaml; "" for none.
+        role: role in vehicle.yaml.
+        corner: place of the role, ``front_left`` or ``left``; "" without a role.
         place: place of its child's frame in base_link [m].
         axis: axis in base_link; empty for fixed joints.
         lower: limit [rad], of a prismatic joint [m]; -inf without one.
@@ -61,7 +78,8 @@ class JointFigures:
     kind: str
     parent: str
     child: str
-    role: str
+    role: JointRole
+    corner: str
     place: tuple[float, float, float]
     axis: tuple[float, ...]
     lower: float
@@ -69,6 +87,11 @@ class JointFigures:
     velocity: float
     effort: float
     damping: float = 0.0
+
+    @property
+    def role_text(self) -> str:
+        """Corner and role, such as "front_left wheel, driven"; "" without a role."""
+        return f"{self.corner} {self.role}".strip()
 
 
 @dataclass(frozen=True)

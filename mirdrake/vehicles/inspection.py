@@ -31,6 +31,7 @@ from mirdrake.vehicles.figures import (
     ActuatorFigures,
     Inspection,
     JointFigures,
+    JointRole,
     LinkFigures,
     Overlap,
     SensorFigures,
@@ -219,14 +220,17 @@ def _link(
 
 def _joints(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[JointFigures, ...]:
     joints = vehicle.spec.joints
-    roles = {getattr(joints.wheels, wheel): f"{wheel} wheel" for wheel in WHEELS}
-    driven = {getattr(joints.wheels, wheel) for wheel in vehicle.spec.driven_wheels()}
-    roles = {name: f"{role}, driven" if name in driven else role for name, role in roles.items()}
-    roles |= {joints.steering.left: "left steering", joints.steering.right: "right steering"}
+    driven = set(vehicle.spec.driven_wheels())
+    roles = {
+        getattr(joints.wheels, wheel): (JointRole.DRIVEN_WHEEL if wheel in driven else JointRole.WHEEL, wheel)
+        for wheel in WHEELS
+    }
+    roles |= {getattr(joints.steering, side): (JointRole.STEERING, side) for side in ("left", "right")}
     # Dampers of a suspension are force elements of mirdrake, not joint damping of the URDF.
     dampers: dict[str, float] = {}
     if joints.suspension is not None and vehicle.spec.suspension is not None:
-        roles |= {name: f"{wheel} suspension" for wheel, name in zip(WHEELS, joints.suspension.names(), strict=True)}
+        names = zip(WHEELS, joints.suspension.names(), strict=True)
+        roles |= {name: (JointRole.SUSPENSION, wheel) for wheel, name in names}
         corners = vehicle.spec.suspension.corners()
         dampers = {name: corner.damping for name, corner in zip(joints.suspension.names(), corners, strict=True)}
     # Effort limits belong to actuators in Drake; a joint without one has none.
@@ -245,6 +249,7 @@ def _joints(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Join
         if kind == "prismatic":
             axis = joint.translation_axis()
         limits = (joint.position_lower_limits(), joint.position_upper_limits(), joint.velocity_upper_limits())
+        role, corner = roles.get(name, (JointRole.NONE, ""))
         lower, upper, velocity = (float(limit[0]) if turns else 0.0 for limit in limits)
         rows.append(
             JointFigures(
@@ -252,7 +257,8 @@ def _joints(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Join
                 kind=kind,
                 parent=joint.parent_body().name(),
                 child=joint.child_body().name(),
-                role=roles.get(name, ""),
+                role=role,
+                corner=corner,
                 place=_three(X_BJ.translation()),
                 axis=_three(X_BJ.rotation().multiply(axis)) if axis is not None else (),
                 lower=lower,
@@ -271,16 +277,18 @@ def _actuators(plant: MultibodyPlant, joints: Sequence[JointFigures]) -> tuple[A
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
         joint = known[actuator.joint().name()]
-        role = joint.role
-        # Drive and brake torque share the actuator of a wheel, so a driven wheel has both roles.
-        moves = f"drives and brakes the {role.partition(' wheel')[0]} wheel" if role.endswith("driven") else ""
-        moves = moves or (f"brakes the {role}" if role.endswith("wheel") else "")
-        moves = moves or (f"steers the {role.partition(' ')[0]} front wheel" if role.endswith("steering") else "")
+        corner = joint.corner.replace("_", " ")
+        # Drive and brake torque share the actuator of a wheel.
+        moves = {
+            JointRole.DRIVEN_WHEEL: f"drives and brakes the {corner} wheel",
+            JointRole.WHEEL: f"brakes the {corner} wheel",
+            JointRole.STEERING: f"steers the {corner} front wheel",
+        }.get(joint.role, f"moves '{joint.child}'")
         rows.append(
             ActuatorFigures(
                 name=actuator.name(),
                 joint=joint.name,
-                moves=(moves or f"moves '{joint.child}'").replace("_", " " if role else "_"),
+                moves=moves,
                 effort=float(actuator.effort_limit()),
             )
         )

@@ -2,7 +2,7 @@
 
 import math
 
-from mirdrake.vehicles.figures import Inspection, LinkFigures
+from mirdrake.vehicles.figures import Inspection, JointRole, LinkFigures
 from mirdrake.vehicles.vehicle import Vehicle
 
 SPIN_FACTORS = (0.4, 1.0)
@@ -104,9 +104,9 @@ def _limits(figures: Inspection, vehicle: Vehicle) -> list[str]:
     """Return messages on joints without limits."""
     messages = []
     for joint in figures.joints:
-        if joint.role.endswith("steering") and math.isinf(vehicle.geometry.steering_rate):
+        if joint.role is JointRole.STEERING and math.isinf(vehicle.geometry.steering_rate):
             messages.append(f"joint '{joint.name}': no limit of its rate; the steering jumps")
-        elif "wheel" in joint.role and math.isinf(joint.velocity):
+        elif joint.role.is_wheel and math.isinf(joint.velocity):
             messages.append(f"joint '{joint.name}': no limit of its speed")
         if math.isinf(joint.effort):
             messages.append(f"joint '{joint.name}': no effort limit; it can give any torque")

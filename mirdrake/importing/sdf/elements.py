@@ -26,7 +26,7 @@ FARTHEST = 4.5e4
 SMALLEST, LARGEST = 1e-3, 1e4
 """Sides of a shape of a world [m]."""
 
-HEIGHTMAP = "terrain; the ground is a plane"
+HEIGHTMAP = "terrain is not imported; a grid of ground.relief can read its picture"
 """Reason for rejecting a heightmap as a shape."""
 
 _MOST_POINTS = 400  # of an outline

@@ -22,6 +22,7 @@ _WITHOUT_EFFECT = {
     "turnGravityOff", "selfCollide", "gravity", "self_collide", "provideFeedback", "implicitSpringDamper", "static",
     "disableFixedJointLumping", "preserveFixedJoint", "dampingFactor", "maxContacts", "fdir1",
 }  # fmt: skip
+_SPRING_KEYS = {"body_A", "body_B", "stiffness", "damping"}
 
 
 def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Where) -> None:
@@ -80,6 +81,12 @@ def read_spring_damper(element: ElementTree.Element, model: SourceModel, where: 
     for joint in model.joints.values():
         if joint.kind == "prismatic" and {joint.parent, joint.child} == ends and stiffness is not None:
             joint.stiffness, joint.damping = stiffness, joint.damping + (damping or 0.0)
+            for key in sorted(values.keys() - _SPRING_KEYS):
+                part, why = (
+                    f"spring of joint '{joint.name}': {key}",
+                    "a spring acts along its joint and carries the car",
+                )
+                model.changes.add(Code.ELEMENT, where(element), part, values[key], None, why)
             return
     was = " and ".join(sorted(ends))
     why = "no prismatic joint connects its links"

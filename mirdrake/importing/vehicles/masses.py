@@ -54,6 +54,8 @@ def gather_masses(tree: Tree, layout: Layout, parts: Parts, bounds: Bounds) -> l
     # A knuckle has no measured volume; a cube with the wheel radius as edge replaces it, and zero mass is allowed.
     for part in knuckles:
         _discard_implausible(part, layout.radii[0] ** 3, (0.0, WHEEL_DENSITY[1]), tree, changes)
+    front = (wheels["front_left"], wheels["front_right"])
+    _part_from_wheel(knuckles, front)
     # Missing masses: the body by density, wheels and knuckles relative to it.
     if body.mass.mass <= 0.0:
         edges = bounds[1] - bounds[0]
@@ -66,23 +68,25 @@ def gather_masses(tree: Tree, layout: Layout, parts: Parts, bounds: Bounds) -> l
         if max(part.mass.mass for part in pair) <= 0.0:
             mass = min(283.0 * np.pi * radius**2 * width, 0.025 * body.mass.mass)  # as in estimates.HOW
             _set_wheels(pair, mass, cylinder_inertia(mass, radius=radius, length=width, axis=1))
-            location = tree.model.links[pair[0].links[0]].where
             changes.add(
-                Code.MASS, location, f"{end} wheels: mass", "none", f"{mass:.4g} kg", "estimated as for a new vehicle"
+                Code.MASS,
+                _where(pair, tree),
+                f"{end} wheels: mass",
+                "none",
+                f"{mass:.4g} kg",
+                "estimated as for a new vehicle",
             )
             continue
         _mirror(f"{end} wheels", pair, tree, changes)
         _repair_wheel(pair, end, radius, width, tree, changes)
     # A knuckle without links takes its mass from the wheel, so that the sum is unchanged.
-    front = (wheels["front_left"], wheels["front_right"])
-    if not knuckles[0].links:
+    if not any(part.links for part in knuckles):
         _split(knuckles, front, layout.radii[0], tree, changes)
     elif max(part.mass.mass for part in knuckles) <= 0.0:
         mass = 0.5 * front[0].mass.mass
         _set_knuckles(knuckles, mass, layout.radii[0])
-        location = tree.model.links[knuckles[0].links[0]].where
         why = "a moving link needs a mass; estimated as half a wheel's"
-        changes.add(Code.MASS, location, "steering knuckles: mass", "none", f"{mass:.4g} kg", why)
+        changes.add(Code.MASS, _where(knuckles, tree), "steering knuckles: mass", "none", f"{mass:.4g} kg", why)
     else:
         _mirror("steering knuckles", knuckles, tree, changes)
     for end in ("front", "rear") if parts.carriers else ():
@@ -192,11 +196,27 @@ def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: Changes) ->
         mean, com = 0.5 * (left.mass + right.mass), 0.5 * (left.com + MIRROR @ right.com)
         inertia = 0.5 * (left.inertia + MIRROR @ right.inertia @ MIRROR)
     if abs(left.mass - right.mass) > 1e-3 * mean:
-        location = tree.model.links[pair[0].links[0]].where
         was = f"{left.mass:.4g} and {right.mass:.4g} kg"
-        changes.add(Code.MASS, location, f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are equal")
+        changes.add(
+            Code.MASS, _where(pair, tree), f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are equal"
+        )
     pair[0].mass = Mass(mean, com, inertia)
     pair[1].mass = Mass(mean, MIRROR @ com, MIRROR @ inertia @ MIRROR)
+
+
+def _where(pair: tuple[Part, Part], tree: Tree) -> str:
+    """Return the place of the first link of a pair; a part that mirdrake adds has no link in the source."""
+    return next((tree.model.links[name].where for part in pair for name in part.links), "")
+
+
+def _part_from_wheel(knuckles: tuple[Part, Part], wheels: tuple[Part, Part]) -> None:
+    """Take the mass of a knuckle without links from its wheel, if the knuckle of the other side has links."""
+    for mine, other, wheel in zip(knuckles, knuckles[::-1], wheels, strict=True):
+        mass, whole = other.mass, wheel.mass
+        if not mine.links and 0.0 < mass.mass < whole.mass:
+            mine.mass = Mass(mass.mass, MIRROR @ mass.com, MIRROR @ mass.inertia @ MIRROR)
+            rest = 1.0 - mass.mass / whole.mass
+            wheel.mass = Mass(rest * whole.mass, whole.com, rest * whole.inertia)
 
 
 def _set_wheels(pair: tuple[Part, Part], mass: float, inertia: Vector) -> None:

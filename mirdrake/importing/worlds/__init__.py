@@ -176,8 +176,9 @@ def _build(
     laid = write(starts)
     # The world is loaded before the starts are known, because the search needs it laid out.
     show_progress("looking for a free start")
-    first, remark = _free_start(laid, props)
-    blocked = [start for start in starts if not FreePlaces(laid).is_start(laid.starts[start])]
+    free = FreePlaces(laid)
+    first, remark = _free_start(laid, free, props)
+    blocked = [start for start in starts if not free.is_start(laid.starts[start])]
     for start in blocked:
         why = f"no free space for a car of the size of {CAR}"
         changes.add(Code.START, where, f"start '{start}'", starts.pop(start), None, why)
@@ -202,14 +203,13 @@ def _relative(text: str, building: Path) -> str:
     return text.replace(f"{shown(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
 
 
-def _free_start(world: World, props: list[PlacedProp]) -> tuple[dict[str, str], str]:
+def _free_start(world: World, free: FreePlaces, props: list[PlacedProp]) -> tuple[dict[str, str], str]:
     """Return a start with room for a car, and what is wrong with the first start of the source.
 
     It is on the track with the most room ahead along its line (the longest of several), else where the first start is,
     or as near to it as there is room. Nothing is returned if the first start of the source has room,
     if a world without starts has room ahead of its origin, or if no place has room.
     """
-    free = FreePlaces(world)
     name, start = next(iter(world.starts.items()))
     if world.spec.start and free.is_start(start):
         return {}, ""

@@ -22,6 +22,7 @@ _GENTLE = math.cos(math.radians(10.0))  # of a road with slopes
 _RISE = 0.15  # [m] within a sheet on the ground
 _SMALLEST = 1.0  # [m²] of surfaces on the ground
 _SMALLEST_RAISED, _NARROWEST_RAISED = 12.0, 1.5  # [m²], [m] of surfaces above it
+_STEP, _AROUND = 0.1, 0.5  # [m] height of a step that is an edge, and width of what is around it
 _OBSTACLES = ("kerb", "curb", "sidewalk", "pavement_edge", "barrier", "wall", "platform", "stage", "step", "stair",
               "bump", "table", "pallet", "bed", "container", "trailer", "roof")  # fmt: skip
 _MOST_TRIANGLES = 60_000
@@ -48,6 +49,7 @@ class Surface:
         box: its box; None if it is not a single upright box.
         whole: no part of its shapes is above it.
         words: names of model and materials.
+        own_words: the same, of meshes only those that the surface is part of.
     """
 
     obj: SourceObject
@@ -61,6 +63,7 @@ class Surface:
     box: Shape | None
     whole: bool
     words: str
+    own_words: str
 
     @property
     def width(self) -> float:
@@ -94,7 +97,10 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
         if not len(upper):
             continue
         name = PurePath(shape.address).stem if shape in road_meshes else words
+        # The walls.stl of an arena do not make its floor.stl an obstacle.
+        own = " ".join((obj.name, obj.kind, shape.address, shape.submesh)) if shape.kind == "mesh" else words
         surface = _surface(obj, shape, upper, float(corners[:, :, 2].min()), whole=whole, words=name)
+        surface.own_words = name if shape in road_meshes else own
         # Only an upright box or plane can be written as a rectangle.
         level = abs(float((obj.X_WM @ shape.X_LG).rotation().matrix()[2, 2])) > _LEVEL
         surface.box = shape if shape.kind in {"box", "plane"} and level else None
@@ -108,7 +114,7 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
         same.triangles, same.polygons = np.concatenate((same.triangles, upper)), merged
         same.area, same.top = sum(polygon.area for polygon in merged), max(same.top, top)
         same.rise, same.thickness = max(same.rise, surface.rise), max(same.thickness, surface.thickness)
-        same.box, same.whole = None, same.whole and whole
+        same.box, same.whole, same.own_words = None, same.whole and whole, f"{same.own_words} {surface.own_words}"
     return sorted((surface for surface in (*floors, *roads) if surface.polygons), key=lambda surface: surface.top)
 
 
@@ -121,7 +127,7 @@ def _surface(obj: SourceObject, shape: Shape, upper: Array, lowest: float, *, wh
     top = float(heights.max()) if rise <= FLAT else float(np.median(heights))
     area = sum(polygon.area for polygon in polygons)
     thickness = float(heights.max()) - lowest
-    return Surface(obj, [shape], upper, polygons, area, top, rise, thickness, None, whole, words)
+    return Surface(obj, [shape], upper, polygons, area, top, rise, thickness, None, whole, words, words)
 
 
 def _road_in_mesh(shape: Shape, obj: SourceObject, *, whole: bool) -> Surface | None:
@@ -168,7 +174,7 @@ def is_ground(surface: Surface, height: float) -> bool:
     """
     # On the ground any thin surface counts; above it only wide ones that are not named as an obstacle.
     above = surface.top - height
-    named = any(word in surface.words.lower() for word in _OBSTACLES)
+    named = any(word in surface.own_words.lower() for word in _OBSTACLES)
     if surface.rise > HIGHEST and not surface.whole:
         return False
     if surface.rise <= HIGHEST and above <= FLAT:
@@ -178,6 +184,27 @@ def is_ground(surface: Surface, height: float) -> bool:
         return surface.area >= _SMALLEST and thin and not foot
     wide = surface.area >= _SMALLEST_RAISED and surface.width >= _NARROWEST_RAISED
     return wide and not named and (above <= HIGHEST or surface.rise > HIGHEST)
+
+
+def is_island(surface: Surface, others: Iterable[Surface]) -> bool:
+    """Return whether a surface is a step above lower surfaces all around it, as the middle of a roundabout is.
+
+    Args:
+        surface: the surface.
+        others: surfaces of roads and yards; those that touch it at its own height make it a part of them.
+    """
+    if surface.width < 0.25 * math.sqrt(surface.area):
+        return False  # long ones are roads
+    area = shapely.union_all(surface.polygons)
+    ring = shapely.difference(area.buffer(_AROUND), area)
+    lower = []
+    for other in others:
+        step = surface.top - other.top
+        if step > _STEP:
+            lower += other.polygons
+        elif other is not surface and shapely.union_all(other.polygons).distance(area) <= FLAT:
+            return False
+    return bool(shapely.intersection(ring, shapely.union_all(lower)).area > 0.95 * ring.area)
 
 
 def corners_in_world(shape: Shape, obj: SourceObject) -> Array:

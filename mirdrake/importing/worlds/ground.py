@@ -22,6 +22,7 @@ from mirdrake.importing.worlds.drivable import (
     footprints,
     heights_below,
     is_ground,
+    is_island,
     surfaces_of,
     without,
 )
@@ -117,6 +118,8 @@ def make_ground(world: SourceWorld, changes: Changes) -> GroundText:
 
     # Slabs and sheets, visual-only surfaces and roads; then the objects on them.
     accepted = [surface for surface in surfaces if is_ground(surface, ground.height)]
+    roads_and_yards = [surface for surface in accepted if surface not in floors]
+    accepted = [surface for surface in accepted if surface in floors or not is_island(surface, roads_and_yards)]
     roads = _lay_down(world, ground, [surface for surface in accepted if surface not in floors], changes)
     _take_out(world, ground, accepted, changes)
     roads += _lay_down(world, ground, _take_seen(world, ground, changes), changes)
@@ -458,7 +461,7 @@ def _route_around(area: shapely.Polygon, obstacles: list[shapely.Polygon]) -> Ro
         return route
     free = [part for part in shapely.get_parts(shapely.difference(area, blocked)) if part.geom_type == "Polygon"]
     largest = max(free, key=shapely.area, default=None)
-    return (route_in_area(largest) if largest is not None else None) or route
+    return (route_in_area(largest, area) if largest is not None else None) or route
 
 
 def _new_track(ground: GroundText, wanted: str, route: Route, more: str) -> str:

@@ -108,8 +108,10 @@ class _Reader:
         for crowd, indices in self._crowds:  # a model may hold nothing but an include
             copied = [objects[index] for index in indices]
             self._crowd(crowd, next((obj for obj in copied if obj.collisions or obj.absent), copied[0]))
-        for index, obj in enumerate(objects):
-            if index in copies:
+        # A model of nothing but models is a name for them.
+        groups = {obj.name.rpartition("::")[0] for obj in objects}
+        for index, (obj, draft) in enumerate(zip(objects, self._models.drafts, strict=True)):
+            if index in copies or (obj.name in groups and not draft.links and not obj.broken):
                 continue
             if obj.name in self._gone:
                 why = "the saved state deletes it"

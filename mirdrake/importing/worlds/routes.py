@@ -32,6 +32,10 @@ _LEAST_LINE = 1e-3  # [m] of a line that is left between a corner and its neighb
 _STRAIGHT = 1e-4  # [rad] turn of a corner that is none
 _BACK = math.radians(170.0)  # turn above which a line reverses its direction
 _BESIDE = 1.2  # [m] between a line to follow and the edge of a wide road: half a car
+_INTO_MARGIN = 0.2  # [m] into the room for a car beside obstacles, which is more than half of its width
+# Smoothing, and tolerance of the remaining points, in widths of the road. With a small tolerance the points of a
+# smoothed line stay even, so that no arc is tight; a large one leaves a corner of two straights to one arc.
+_SMOOTHINGS = ((0.0, 0.04), (0.5, 0.01), (0.75, 0.01), (1.0, 0.01), (1.5, 0.01), (2.5, 0.01), (0.0, 0.12), (0.0, 0.25))
 _MOST_SEGMENTS = 1500
 _MOST_POINTS = 5000  # on the boundary of an area
 _LONG = 3.0  # length over width of a road
@@ -89,14 +93,20 @@ def route_of_line(points: Array, width: float, *, is_road: bool = True) -> Route
     return None
 
 
-def route_in_area(area: shapely.Polygon) -> Route | None:
-    """Return the track along the middle of an area [m]; None if it is too wide or too short for a road."""
+def route_in_area(area: shapely.Polygon, whole: shapely.Polygon | None = None) -> Route | None:
+    """Return the track along the middle of an area; None if it is too wide or too short for a road.
+
+    Args:
+        area: the road, without obstacles and room for a car beside them [m].
+        whole: the road with its obstacles; None if it has none.
+    """
     # A long area has about the area length x width and the circumference 2 x length.
     width = 2.0 * area.area / area.length
     if width > WIDEST or width < 0.05:
         return None
     # The medial axis is noisy: smooth it until it has a radius that a car can follow.
-    line, clear = _medial_line(area, width)
+    # Passages beside obstacles may be narrow, as room for the car is already subtracted.
+    line, clear = _medial_line(area, width, narrowest=0.2 if whole is None else 0.05)
     if len(line) < 2 or float(np.hypot(*np.diff(line, axis=0).T).sum()) < _LONG * width:
         return None
     # The lower quartile: wide places do not make the whole road wide.
@@ -105,14 +115,18 @@ def route_in_area(area: shapely.Polygon) -> Route | None:
     if not closed:  # the ends fork into the corners of the area
         line = _trimmed(line, 0.5 * wide)
     best: tuple[float, Array] | None = None
+    edges = (area if whole is None else whole).boundary
     # The least smoothing with a radius that suits most cars is used.
-    for smoothness in (0.0, 0.5, 1.0, 1.5, 2.5):
-        simple = _smoothed(line, wide, smoothness, closed=closed)
+    for smoothness, tolerance in _SMOOTHINGS:
+        simple = _smoothed(line, wide, smoothness, tolerance, closed=closed)
         route = route_of_line(simple, wide, is_road=False)
         if route is None:
             continue
         x, y = route.track.point(s := np.linspace(0.0, route.track.length, 400), np.zeros_like(s))
-        if shapely.distance(shapely.points(x, y), area.boundary).min() < min(0.25 * wide, _BESIDE):
+        points = shapely.points(x, y)
+        if shapely.distance(points, edges).min() < min(0.25 * wide, _BESIDE):
+            continue
+        if whole is not None and shapely.distance(points, area).max() > _INTO_MARGIN:
             continue
         radius = min(route.track.min_radius, _RADIUS)
         if best is None or radius > best[0] + 0.1:
@@ -142,8 +156,8 @@ def _trimmed(line: Array, length: float) -> Array:
     return kept
 
 
-def _smoothed(line: Array, wide: float, smoothness: float, *, closed: bool) -> Array:
-    """Return a line with few points, smoothed over a multiple of the road width [m]."""
+def _smoothed(line: Array, wide: float, smoothness: float, tolerance: float, *, closed: bool) -> Array:
+    """Return a line smoothed over a multiple of the road width [m], with few points within a part of that width."""
     if smoothness:
         whole = shapely.LineString(line)
         count = max(8, math.ceil(whole.length / (0.25 * wide)))
@@ -152,7 +166,7 @@ def _smoothed(line: Array, wide: float, smoothness: float, *, closed: bool) -> A
         sigma = smoothness * wide / (whole.length / count)
         places = gaussian_filter1d(places, sigma, axis=0, mode="wrap" if closed else "nearest")
         line = np.vstack((places, places[:1])) if closed else places
-    simple: Array = shapely.get_coordinates(shapely.simplify(shapely.LineString(line), 0.04 * wide))
+    simple: Array = shapely.get_coordinates(shapely.simplify(shapely.LineString(line), tolerance * wide))
     return simple
 
 
@@ -213,8 +227,13 @@ def _rounded(
     return (float(places[0, 0]), float(places[0, 1]), float(headings[0])), segments
 
 
-def _medial_line(area: shapely.Polygon, width: float) -> tuple[Array, Array]:
+def _medial_line(area: shapely.Polygon, width: float, *, narrowest: float) -> tuple[Array, Array]:
     """Return the longest line along the middle of an area, and its distance from the boundary at each point.
+
+    Args:
+        area: the area [m].
+        width: its mean width [m].
+        narrowest: least distance from the boundary, in widths.
 
     Returns:
         points (n, 2) [m] and distances (n) [m]; the last point of a closed line is the first. Empty without a line.
@@ -234,7 +253,7 @@ def _medial_line(area: shapely.Polygon, width: float) -> tuple[Array, Array]:
     inside = shapely.contains_xy(simple, *vertices.T)
     clear = shapely.distance(shapely.points(vertices), simple.boundary)
     # Near the boundary the axis branches into each corner.
-    inside &= clear > 0.2 * width
+    inside &= clear > narrowest * width
     # Ridges with the index -1 extend to infinity (Voronoi of SciPy).
     edges: NDArray[np.int64] = np.array(
         [pair for pair in diagram.ridge_vertices if min(pair) >= 0], dtype=np.int64
