@@ -13,7 +13,7 @@ import pytest
 from mirdrake.core.errors import ConfigError
 from mirdrake.tyres.magic_formula import magic_formula
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
-from mirdrake.tyres.tir import TirFile, read_tir
+from mirdrake.tyres.tir import TirFile, parse_tir, read_tir
 
 TYRE = MagicFormulaParameters(
     unloaded_radius=0.3175, fnomin=4000.0, fzmin=200.0, fzmax=9000.0, longvl=16.5, vxlow=1.0,
@@ -212,6 +212,11 @@ def test_a_tyre_is_the_same_in_every_dialect(tmp_path: Path, name: str) -> None:
         assert harder.fx < ours.fx  # PPX1 softens at 2.4 bar
     else:
         assert list(ours) == pytest.approx(list(theirs), rel=1e-8)
+
+
+@pytest.mark.parametrize("end", ["\x1a", "\n\x1a\n", "\0\0"])
+def test_a_file_may_end_as_old_programs_end_it(end: str) -> None:
+    assert parse_tir(ADAMS + end).parameters == parse_tir(ADAMS).parameters
 
 
 def test_unused_keys_and_sections_of_a_file_are_kept(tmp_path: Path) -> None:

@@ -252,6 +252,7 @@ def test_the_line_on_square_corners_and_beside_obstacles_suits_a_car(width, obst
     boxes = [(0, wide / 2, long, width), (0, -wide / 2, long, width), (long / 2, 0, width, wide + width)]
     boxes += [(-long / 2, 0, width, wide + width)]
     area = shapely.union_all([shapely.box(x - a / 2, y - b / 2, x + a / 2, y + b / 2) for x, y, a, b in boxes])
+    assert isinstance(area, shapely.Polygon)
     crates = []
     if obstacle is not None:
         size, beside = obstacle

@@ -99,6 +99,11 @@ def _add_portrait(folder: Path) -> None:
         print(f"note: README.md has no picture of the vehicle: {reason}", file=sys.stderr)
 
 
+def _radii(radii: tuple[float, float]) -> str:
+    front, rear = (f"{radius:.3f}" for radius in radii)
+    return f"wheel radius {front} m" if front == rear else f"wheel radii {front} and {rear} m"
+
+
 def _print_result(result: "ImportResult") -> None:
     from mirdrake.importing.changes import Code, count_changes
 
@@ -108,7 +113,7 @@ def _print_result(result: "ImportResult") -> None:
     print(f"{shown(result.folder)}/")
     print(
         f"  wheelbase {geometry.wheelbase:.3f} m, track {geometry.front_track:.3f} and {geometry.rear_track:.3f} m, "
-        f"wheel radius {geometry.front_wheel_radius:.3f} m, {result.vehicle.spec.drive} drive"
+        f"{_radii((geometry.front_wheel_radius, geometry.rear_wheel_radius))}, {result.vehicle.spec.drive} drive"
     )
     print(f"  {count_changes(result.changes)}; all changes are listed in {shown(result.folder / 'README.md')}")
     for change in result.changes:
@@ -128,7 +133,7 @@ def _print_plan(plan: "ImportPlan") -> None:
     print(f"{shown(plan.folder)}/ would be written")
     print(
         f"  wheelbase {layout.wheelbase:.3f} m, track {layout.tracks[0]:.3f} and {layout.tracks[1]:.3f} m, "
-        f"wheel radius {layout.radii[0]:.3f} m, {plan.car.drive} drive, {len(plan.car.mounts)} sensors"
+        f"{_radii(layout.radii)}, {plan.car.drive} drive, {len(plan.car.mounts)} sensors"
     )
     print(f"  {count_changes(plan.changes)}; meshes are only converted and checked by the import itself")
     for change in plan.changes:

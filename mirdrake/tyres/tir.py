@@ -233,13 +233,16 @@ def write_tir(parameters: MagicFormulaParameters, *, comments: tuple[str, ...] =
 # --- lines -------------------------------------------------------------------------------------------------------
 
 
+_ENDS = "\x1a\0"  # Ctrl-Z or zeros that old programs write at the end of a file
+
+
 def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str, Entry]], dict[str, int]]:
     """Return the entries by section, and the lines of the sections."""
     sections: dict[str, dict[str, Entry]] = {}
     lines: dict[str, int] = {}
     section, table = "", False
     for number, raw in enumerate(text.splitlines(), start=1):
-        line = _without_comment(raw).strip()
+        line = _without_comment(raw).strip(_ENDS).strip()
         if not line:
             continue
         location = f"{name}:{number}"

@@ -116,6 +116,8 @@ def _bound(cls: type[Mount], mount: MountData, defaults: Mapping[str, float], co
             continue
         low, high, strict = limits_of(cls, key)
         field, distance = cls.model_fields[key], any(key in pair for pair in _RANGES)
+        allowed = f"above {low:g}" if strict else f"{low:g} and more"
+        allowed += f", up to {high:g}, is allowed" if isfinite(high) else " is allowed"
         if distance and value > FARTHEST:
             _set(mount, key, FARTHEST, f"at most {FARTHEST:g} m", corrections)
         elif key == "cone" and value >= high and isfinite(value):
@@ -124,14 +126,14 @@ def _bound(cls: type[Mount], mount: MountData, defaults: Mapping[str, float], co
             _set(mount, key, int(high), f"at most {high:g}", corrections)
         elif value < low or value > high or (strict and value == low) or not isfinite(value):
             if key in defaults:
-                _set(mount, key, defaults[key], f"{low:g} to {high:g} is allowed; Gazebo's default", corrections)
+                _set(mount, key, defaults[key], f"{allowed}; Gazebo's default", corrections)
             elif key in ("near", "depth_near"):
                 _set(mount, key, NEAREST, "above 0", corrections)
             elif not field.is_required():
                 del mount[key]
                 default = field.get_default(call_default_factory=True)
                 text = f"{default:g}" if isinstance(default, int | float) else "0"
-                corrections.append(Correction(key, f"{value:.6g}", text, f"{low:g} to {high:g} is allowed"))
+                corrections.append(Correction(key, f"{value:.6g}", text, allowed))
     # Noise is a mapping in the schema: a plain number is its standard deviation.
     for key in [key for key, value in mount.items() if key.endswith("noise") and not isinstance(value, str | dict)]:
         if not (isfinite(mount[key]) and mount[key] >= 0.0):
