@@ -65,13 +65,7 @@ def test_a_vy_that_changes_too_slowly_for_its_accelerometer_is_reported(factor, 
         assert f"instead of {factor * STEP:.3g} s" in finding[0].text
 
 
-WRONG_CLOCK = pytest.mark.xfail(
-    strict=True,
-    reason="two channels against two: the clock becomes that of the late ones, whose steering is then early",
-)
-
-
-@pytest.mark.parametrize("ahead", [0.0, pytest.param(1.4, marks=WRONG_CLOCK)])
+@pytest.mark.parametrize("ahead", [0.0, 1.4])
 def test_velocities_of_one_source_have_the_same_delay(ahead):
     """An inertial unit with both velocities at the rear axle, 100 ms late: the lever arm alone looks like 100 ms."""
     report = checked(drive(2, late={"vx": 0.1, "vy": 0.1}, ahead=ahead))

@@ -181,19 +181,33 @@ def pair_delays(grid: Grid) -> list[tuple[Relation, Delay]]:
     return pairs
 
 
-def check_response(log: Log) -> list[Finding]:
-    """Report the delay of the yaw rate against the steering: response of the car plus delays of the channels."""
-    grid, findings = make_grid(log), []
+def steering_response(grid: Grid) -> tuple[str, Delay] | None:
+    """Return the steering channel and the delay of the yaw rate behind it; None if they are not correlated."""
     for name in STEERING:
         if name in grid.channels and "yaw_rate" in grid.channels:
             delay = estimate_delay(grid.channels["yaw_rate"], grid.channels[name], grid.step)
             if delay is not None and abs(delay.correlation) > 0.7:
-                # A response before its cause shows that the clocks of the channels differ.
-                early = delay.is_likely and delay.value < -max(grid.step, 4.0 * delay.sigma)
-                text = statement("response", channel=name, delay=delay.value, early=early)
-                severity: Severity = "warning" if early else "info"
-                findings.append(Finding(log.name, "response", f"yaw_rate, {name}", severity, delay.value, "s", text))
-    return findings
+                return name, delay
+    return None
+
+
+def slack(delay: Delay, step: float) -> float:
+    """Return how early a response may seem by its uncertainty [s]."""
+    return max(step, CERTAIN * delay.sigma)
+
+
+def check_response(log: Log) -> list[Finding]:
+    """Report the delay of the yaw rate against the steering: response of the car plus delays of the channels."""
+    grid = make_grid(log)
+    found = steering_response(grid)
+    if found is None:
+        return []
+    name, delay = found
+    # A response before its cause shows that the clocks of the channels differ.
+    early = delay.is_likely and delay.value < -slack(delay, grid.step)
+    text = statement("response", channel=name, delay=delay.value, early=early)
+    severity: Severity = "warning" if early else "info"
+    return [Finding(log.name, "response", f"yaw_rate, {name}", severity, delay.value, "s", text)]
 
 
 def smooth(grid: Grid, name: str) -> Array:

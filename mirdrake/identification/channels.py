@@ -45,10 +45,15 @@ CHANNELS: dict[str, Channel] = {
     "sideslip": Channel("rad", "to the left", 4.0),
     "x": Channel("m", "position on the ground", 1e8),
     "y": Channel("m", "position on the ground, 90 degrees left of x", 1e8),
+    "latitude": Channel("rad", "of the position, WGS 84, north", 1.6),
+    "longitude": Channel("rad", "of the position, WGS 84, east", 6.3),
     "steering_wheel_angle": Channel("rad", "hand wheel angle, to the left", 40.0),
     "road_wheel_angle": Channel("rad", "angle of the front wheels, to the left", 4.0),
+    "road_wheel_angle_left": Channel("rad", "angle of the left front wheel, to the left", 4.0),
+    "road_wheel_angle_right": Channel("rad", "angle of the right front wheel, to the left", 4.0),
     "steering_command": Channel("1", "set-point in any unit, to the left", 1e6),
     "steering_torque": Channel("N m", "at the hand wheel, to the left", 1e4),
+    "speed_command": Channel("m/s", "set-point of the speed", 150.0, moves=False),
     "throttle": Channel("1", "pedal, 0 to 1", 10.0, moves=False),
     "brake": Channel("1", "pedal, 0 to 1", 10.0, moves=False),
     "gear": Channel("1", "code of the gear", 100.0, moves=False),
@@ -56,8 +61,12 @@ CHANNELS: dict[str, Channel] = {
     "drive_torque": Channel("N m", "at the wheels, forward", 1e6),
     "brake_torque": Channel("N m", "at the wheels, as logged", 1e6),
     "grade": Channel("rad", "of the road, upward", 1.6),
+    "bank": Channel("rad", "of the road, the left side up", 1.6),
     **{f"wheel_speed_{wheel}": Channel("m/s", "of the wheel's rim, forward", 300.0) for wheel in WHEELS},
     **{f"wheel_rate_{wheel}": Channel("rad/s", "of the wheel, forward", 3e3) for wheel in WHEELS},
+    **{f"tyre_force_x_{wheel}": Channel("N", "on the tyre along the wheel, forward", 1e6) for wheel in WHEELS},
+    **{f"tyre_force_y_{wheel}": Channel("N", "on the tyre across the wheel, to the left", 1e6) for wheel in WHEELS},
+    **{f"tyre_force_z_{wheel}": Channel("N", "on the tyre, up", 1e6) for wheel in WHEELS},
 }
 
 

@@ -12,6 +12,7 @@ from mirdrake.core.digest import digest
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import load_yaml, shown, where
 from mirdrake.identification.channels import channel
+from mirdrake.identification.derived import add_derived
 from mirdrake.identification.spec import REPAIRS, Column, DataSpec, LogSpec, Repair, TimeColumn
 from mirdrake.readers import read_table
 from mirdrake.readers.tables import Table
@@ -62,12 +63,14 @@ class DataSet:
         logs: all logs.
         wheelbase: front to rear axle [m], if it is given.
         repairs: repairs that the data check may make.
+        clock: channel without delay, if it is given.
         digest: SHA-256 of all times and values.
     """
 
     logs: tuple[Log, ...]
     wheelbase: float | None = None
     repairs: tuple[Repair, ...] = REPAIRS
+    clock: str | None = None
     digest: str = field(init=False)
 
     def __post_init__(self) -> None:
@@ -126,7 +129,7 @@ def make_data(spec: DataSpec, folder: Path) -> DataSet:
     for index, name in enumerate(names):
         if name in names[:index]:
             raise ConfigError(f"{where(spec, 'logs', index)}: a second log '{name}'; give it another name")
-    return DataSet(tuple(logs), spec.wheelbase, tuple(spec.repairs))
+    return DataSet(tuple(logs), spec.wheelbase, tuple(spec.repairs), spec.clock)
 
 
 def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
@@ -186,6 +189,8 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     if np.isnan(time).any():
         notes.append(f"{int(np.isnan(time).sum())} rows without a time are skipped")
     _check_forward(table, time, keep)
+    values, derived = add_derived(values)
+    notes += derived
     name = entry.name or Path(entry.file).name
     return Log(name, entry.use, time[keep], {key: item[keep] for key, item in values.items()}, tuple(notes))
 

@@ -8,6 +8,7 @@ import yaml
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import load_yaml, parse_yaml, shown, where
 from mirdrake.identification.channels import CHANNELS
+from mirdrake.identification.derived import available
 from mirdrake.identification.models.base import SPEED
 from mirdrake.identification.models.registry import default_models, model_class
 from mirdrake.identification.models.steer import STEERING
@@ -30,7 +31,7 @@ def default_study(path: Path, *, overrides: Iterable[str] = ()) -> StudySpec:
     """
     spec = load_yaml(path, DataSpec)
     # Only channels that all logs have can be inputs or outputs of one fit.
-    shared = set.intersection(*({*spec.channels, *entry.channels} for entry in spec.logs))
+    shared = set.intersection(*(available({*spec.channels, *entry.channels}) for entry in spec.logs))
     kind = next(default_models(shared), None)
     if kind is None or (_needs_speed(shared) and "road_wheel_angle" not in shared):
         raise ConfigError(f"{where(spec, 'channels')}: {_missing(shared)}")

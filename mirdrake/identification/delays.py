@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirdrake.identification.alignment import CERTAIN, STEERING, Delay, estimate_delay, pair_delays
+from mirdrake.identification.alignment import Delay, pair_delays, slack, steering_response
+from mirdrake.identification.clocks import Response, Tie, solve_ties
 from mirdrake.identification.data import Array, Log
 from mirdrake.identification.findings import Finding, Severity, Statement, statement
 from mirdrake.identification.lateral_delays import LateralDelays, estimate_lateral_delays
@@ -21,8 +22,6 @@ CONTRADICTS = 0.04
 """Least difference between the delays of a single log and of all logs that counts as a contradiction [s]."""
 
 Pairs = list[tuple[Relation, Delay]]
-Tie = tuple[str, str, float, float]
-"""A channel, the channel it is compared with, its delay against it and the standard deviation [s]."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +33,23 @@ class _Evidence:
         pairs: relations and their delays.
         lateral: delays of the lateral channels, if they are measured.
         sources: channels that come from one source.
+        clock: channel without delay, by the data file.
     """
 
     grids: Sequence[Grid]
     pairs: Pairs
     lateral: LateralDelays | None
     sources: Sequence[Collection[str]]
+    clock: str | None
+
+    @property
+    def response(self) -> Response | None:
+        """Delay of the yaw rate behind the steering, by the log that determines it best."""
+        found = [(delay[1], grid) for grid in self.grids if (delay := steering_response(grid)) is not None]
+        if not found:
+            return None
+        best, grid = min(found, key=lambda pair: pair[0].sigma)
+        return Response("yaw_rate", best.value, slack(best, grid.step))
 
     @property
     def step(self) -> float:
@@ -53,7 +63,7 @@ class _Evidence:
 
 
 def check_delays(
-    logs: Sequence[Log], sources: Sequence[Collection[str]] = (), *, repair: bool
+    logs: Sequence[Log], sources: Sequence[Collection[str]] = (), *, repair: bool, clock: str | None = None
 ) -> tuple[list[Log], list[Finding]]:
     """Find channels with a delay; the repair shifts as few as possible.
 
@@ -64,6 +74,7 @@ def check_delays(
         logs: logs of one vehicle.
         sources: channels that come from one source: if some have a delay, those whose delay is unknown have it, too.
         repair: whether to shift them.
+        clock: channel without delay; None for the choice of :mod:`mirdrake.identification.clocks`.
     """
     # Drifting clocks first: a delay that changes has no value.
     all_findings: list[Finding] = []
@@ -71,7 +82,7 @@ def check_delays(
     for log in logs:
         grid = make_grid(log)
         own = pair_delays(grid)
-        log, drifts = _check_drift(log, grid, own, repair=repair)
+        log, drifts = _check_drift(log, grid, own, repair=repair, clock=clock)
         # Stretching a clock changes all delays of its channels, so they are estimated again.
         if any(drift.done for drift in drifts):
             grid = make_grid(log)
@@ -89,7 +100,7 @@ def check_delays(
     for group in groups:
         lateral = together if len(group) == len(logs) else singles[group[0]]
         evidence = _Evidence(
-            [grids[index] for index in group], _pooled([pairs[index] for index in group]), lateral, sources
+            [grids[index] for index in group], _pooled([pairs[index] for index in group]), lateral, sources, clock
         )
         shifts, findings = _delays(evidence, repair=repair, together=len(group) > 1)
         for index in group:
@@ -168,7 +179,10 @@ def _delays(evidence: _Evidence, *, repair: bool, together: bool) -> tuple[dict[
     pairs = [pair for pair in timed if pair[0].measured != "lateral_acceleration"]
 
     # Each channel's delay against most of the others, then that of channels from the same source.
-    delays = _balance(_pair_ties(pairs) + _lateral_ties(evidence), threshold, evidence.sources)
+    delays = solve_ties(
+        _pair_ties(pairs) + _lateral_ties(evidence), threshold,
+        sources=evidence.sources, clock=evidence.clock, response=evidence.response,
+    )  # fmt: skip
     # Both coordinates come from one receiver.
     if "x" in delays:
         delays["y"] = delays["x"]
@@ -257,7 +271,7 @@ def _pair_finding(
     return Finding("", "delay", f"{relation.measured}, {other}", severity, delay.value, "s", text, done)
 
 
-def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool) -> tuple[Log, list[Finding]]:
+def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool, clock: str | None) -> tuple[Log, list[Finding]]:
     """Find clocks of different rates; the repair stretches channels with another clock than the steering."""
     # An accelerometer ahead of the reference has an apparent delay d / v, which changes with the speed like a drift.
     span, hidden = float(np.ptp(log.time)), _drift_by_position(grid)
@@ -270,20 +284,19 @@ def _check_drift(log: Log, grid: Grid, pairs: Pairs, *, repair: bool) -> tuple[L
     if not drifting:
         return log, []
     ties = [
-        (first, second, delay.drift if _drifts(delay, span, grid.step) else 0.0, delay.drift_sigma)
+        Tie(first, second, delay.drift if _drifts(delay, span, grid.step) else 0.0, delay.drift_sigma)
         for first, second, delay in seen
     ]
     # Relations between sensors cannot show which clock is right; the steering, the input of the model, decides.
-    steer = next((name for name in STEERING if name in grid.channels), None)
-    if steer is not None and "yaw_rate" in grid.channels:
-        response = estimate_delay(grid.channels["yaw_rate"], grid.channels[steer], grid.step)
+    steered = steering_response(grid)
+    if steered is not None:
+        steer, response = steered
         other = max((pair[2].drift for pair in drifting), key=abs)
-        if response is not None and abs(response.correlation) > 0.7:
-            # Either the yaw rate drifts away from the steering as those two do, or it stays with it: the nearer one.
-            drift = response.drift
-            near = min((0.0, other, -other), key=lambda rate: abs(rate - drift))
-            ties.append(("yaw_rate", steer, near, max(response.drift_sigma, 1e-6)))
-    rates = _balance(ties, 1e-6, (), steer)
+        # Either the yaw rate drifts away from the steering as those two do, or it stays with it: the nearer one.
+        near = min((0.0, other, -other), key=lambda rate: abs(rate - response.drift))
+        ties.append(Tie("yaw_rate", steer, near, max(response.drift_sigma, 1e-6)))
+        clock = clock or steer
+    rates = solve_ties(ties, 1e-6, clock=clock, one_sided=False)
     # A drift that stays below a sample over the whole log is not worth interpolating all its values.
     stretched = {name: rate for name, rate in rates.items() if abs(rate) * span > grid.step}
     if "x" in stretched:
@@ -320,12 +333,7 @@ def _drifts(delay: Delay, span: float, step: float) -> bool:
 def _pair_ties(pairs: Pairs) -> list[Tie]:
     """Return the ties by pairs of channels; an insignificant delay ties them with zero."""
     return [
-        (
-            relation.measured,
-            _timing_channel(relation),
-            delay.value if delay.is_likely else 0.0,
-            delay.sigma,
-        )
+        Tie(relation.measured, _timing_channel(relation), delay.value if delay.is_likely else 0.0, delay.sigma)
         for relation, delay in pairs
     ]
 
@@ -335,12 +343,12 @@ def _lateral_ties(evidence: _Evidence) -> list[Tie]:
     lateral = evidence.lateral
     if lateral is None:
         return []
-    ties: list[Tie] = [
-        ("vy", "yaw_rate", lateral.velocity, max(lateral.sigmas[1], 1e-4)),
-        ("lateral_acceleration", "yaw_rate", lateral.acceleration, max(lateral.sigmas[0], 1e-4)),
+    ties = [
+        Tie("vy", "yaw_rate", lateral.velocity, max(lateral.sigmas[1], 1e-4)),
+        Tie("lateral_acceleration", "yaw_rate", lateral.acceleration, max(lateral.sigmas[0], 1e-4)),
     ]
     if lateral.together and lateral.velocity:
-        ties.append((evidence.forward, "vy", 0.0, 1e-4))
+        ties.append(Tie(evidence.forward, "vy", 0.0, 1e-4))
     return ties
 
 
@@ -380,50 +388,3 @@ def _shifted(log: Log, delays: Mapping[str, float | Array]) -> Log:
 def _timing_channel(relation: Relation) -> str:
     """Return the channel of the right side that determines its timing: the differentiated one, or the yaw rate."""
     return "yaw_rate" if "yaw_rate" in relation.others else relation.others[0]
-
-
-def _balance(
-    ties: Sequence[Tie], least: float, sources: Sequence[Collection[str]] = (), lead: str | None = None
-) -> dict[str, float]:
-    """Return values of channels from their differences, zero for most of those that are tied, or for the `lead`.
-
-    Args:
-        ties: differences between channels.
-        least: smaller differences count as none, as do insignificant ones.
-        sources: channels that come from one source, which count as one.
-        lead: channel whose value is zero.
-    """
-    names = sorted({name for first, second, _, _ in ties for name in (first, second)})
-    if not names:
-        return {}
-    # Least squares over the differences; connected channels form a group.
-    matrix, right = np.zeros((len(ties), len(names))), np.zeros(len(ties))
-    groups = {name: name for name in names}
-    for row, (first, second, value, sigma) in enumerate(ties):
-        # Each tie is divided by its deviation, with a floor so that one very certain tie does not make the rest
-        # singular.
-        scale = 1.0 / max(sigma, 0.01 * least)
-        matrix[row, names.index(first)], matrix[row, names.index(second)] = scale, -scale
-        right[row] = value * scale
-        # The difference of two channels is known only within a group of connected ones.
-        old, new = groups[second], groups[first]
-        groups = {name: new if group == old else group for name, group in groups.items()}
-    solved = np.linalg.lstsq(matrix, right, rcond=None)[0]
-    covariance = np.linalg.pinv(matrix.T @ matrix)
-
-    # The zero of each group is the value that the fewest sources differ from; of several, the most certain one.
-    balanced: dict[str, float] = {}
-    # Several channels of one delayed source must not outvote the others.
-    share = {name: 1.0 / len(source) for source in sources for name in source}
-    for group in set(groups.values()):
-        members = [name for name in names if groups[name] == group]
-        index = [names.index(name) for name in members]
-        spread = covariance[np.ix_(index, index)]
-        away = solved[index][:, None] - solved[index]
-        variance = np.maximum(np.diag(spread)[:, None] + np.diag(spread) - 2.0 * spread, 0.0)
-        differs = np.abs(away) > np.maximum(least, CERTAIN * np.sqrt(variance))
-        weight = np.array([share.get(name, 1.0) for name in members])
-        ranks = list(zip((weight @ differs).round(9).tolist(), variance.sum(axis=0).tolist(), strict=True))
-        zero = members.index(lead) if lead in members else ranks.index(min(ranks))
-        balanced |= {name: float(away[row, zero]) * bool(differs[row, zero]) for row, name in enumerate(members)}
-    return balanced

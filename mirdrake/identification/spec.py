@@ -19,6 +19,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from mirdrake.core.errors import did_you_mean
 from mirdrake.core.yaml_io import Duration, Length, Schema
 from mirdrake.identification.channels import channel
 from mirdrake.readers import CsvLayout
@@ -111,7 +112,17 @@ class DataSpec(Schema):
     time: TimeColumn = Field(default=TimeColumn(column="time"), description="clock of all logs [-]")
     channels: dict[str, Mapped] = Field(default={}, description="columns of all logs, by name of the channel [-]")
     csv: CsvLayout = Field(default=CsvLayout(), description="layout of CSV files [-]")
+    clock: str | None = Field(
+        default=None, description="channel without delay, that others are shifted to; found if left out [-]"
+    )
     repairs: list[Repair] = Field(default=list(REPAIRS), description="repairs that the data check may make [-]")
     logs: list[LogSpec] = Field(min_length=1, description="the recorded logs [-]")
 
     _channels = field_validator("channels")(_checked)
+
+    @model_validator(mode="after")
+    def _known_clock(self) -> "DataSpec":
+        names = sorted({*self.channels, *(name for log in self.logs for name in log.channels)})
+        if self.clock is not None and self.clock not in names:
+            raise ValueError(f"clock: no channel '{self.clock}' is mapped; {did_you_mean(self.clock, names)}")
+        return self

@@ -14,7 +14,7 @@ _MORE_UNITS: dict[str, dict[str, float]] = {
 _ANY_CASE = {"deg", "rad", "km/h", "m/s", "mph", "deg/s", "rad/s", "rpm", "1/min", "m/s^2", "m/s²", "ms", "g", "mg"}
 
 
-QUANTITIES = ("s", "m", "m/s", "m/s^2", "rad", "rad/s", "N m")
+QUANTITIES = ("s", "m", "m/s", "m/s^2", "rad", "rad/s", "N", "N m")
 """SI units of the quantities in logs."""
 
 _SPELLINGS = {
