@@ -84,6 +84,54 @@ def read_bag(request: Request) -> Table:
     return Table(shown(path), list(table), table, dict.fromkeys(CLOCKS, "s"), None, notes)
 
 
+class Topic(NamedTuple):
+    """Contents of a topic.
+
+    Attributes:
+        name: topic.
+        kind: type of its messages.
+        fields: numeric fields, dotted; ``yaw`` for the heading of a quaternion.
+    """
+
+    name: str
+    kind: str
+    fields: tuple[str, ...]
+
+
+def list_topics(path: Path) -> list[Topic]:
+    """Return the topics of a bag with the numeric fields of their first message.
+
+    Raises:
+        ConfigError: the file cannot be read.
+        MissingDependencyError: the packages for bags are not installed.
+    """
+    topics = []
+    with ExitStack() as stack:
+        bag = _open(path, stack)
+        for name, kind in sorted(bag.topics.items()):
+            # One topic at a time: the index of the file leads to its first message.
+            try:
+                first = next((message for _, _, message in bag.messages({name})), None)
+            except MissingDependencyError:
+                raise
+            except Exception as error:
+                raise ConfigError(f"{shown(path)}: {name}: cannot be read: {_one_line(error)}") from None
+            topics.append(Topic(name, kind, tuple(_numeric_fields(first))))
+    return topics
+
+
+def _numeric_fields(item: Any, prefix: str = "") -> Iterator[str]:
+    """Yield the numeric fields of a message; arrays are left out."""
+    for key in _keys(item):
+        inner = _get(item, key)
+        if isinstance(inner, bool | int | float | np.number):
+            yield prefix + key
+        elif key not in {"header", "stamp"} and not isinstance(inner, str | bytes | list | np.ndarray | None):
+            yield from _numeric_fields(inner, f"{prefix}{key}.")
+    if _angle(item, "yaw") is not None:
+        yield f"{prefix}yaw"
+
+
 def _open(path: Path, stack: ExitStack) -> Bag:
     # Files with JSON or Protobuf need no ROS; those with ROS messages are read by rosbags.
     if path.suffix == ".mcap" and (bag := _open_mcap(path, stack)) is not None:
@@ -225,17 +273,21 @@ def _value(path: Path, name: str, message: Any, keys: tuple[str, ...]) -> Any:
 
 
 def _fields(item: Any, key: str) -> str:
-    if isinstance(item, Mapping):
-        names = list(item)
-    elif isinstance(item, list | tuple | np.ndarray):
+    if isinstance(item, list | tuple | np.ndarray):
         return f"it has the items 0 to {len(item) - 1}"
-    elif hasattr(item, "DESCRIPTOR"):
-        names = list(item.DESCRIPTOR.fields_by_name)
-    else:
-        names = [name for name in getattr(item, "__dataclass_fields__", {}) if not name.startswith("_")]
+    names = _keys(item)
     if isinstance(item, Mapping) or names:
         return did_you_mean(key, names) if key else "fields: " + ", ".join(names)
     return "name one of its numeric fields"
+
+
+def _keys(item: Any) -> list[str]:
+    """Return the names of the fields of a message."""
+    if isinstance(item, Mapping):
+        return list(item)
+    if hasattr(item, "DESCRIPTOR"):
+        return list(item.DESCRIPTOR.fields_by_name)
+    return [name for name in getattr(item, "__dataclass_fields__", {}) if not name.startswith("_")]
 
 
 def _angle(item: Any, key: str) -> float | None:

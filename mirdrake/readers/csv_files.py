@@ -1,9 +1,9 @@
 """CSV files as people and instruments write them.
 
 Comment lines and text before the header are skipped; the header itself may be a comment (``# time, v`` of NumPy,
-``%time,field.x`` of ROS). The delimiter, the decimal mark and the units in the header (``speed [km/h]``,
-``speed (km/h)``) or in a row below it are detected, and so are files with a channel in each line. What was detected is
-noted in the table.
+``%time,field.x`` of ROS), and so may the units below it. The delimiter, the decimal mark and the units in the header
+(``speed [km/h]``, ``speed (km/h)``) or in a row below it are detected, and so are files with a channel in each line.
+What was detected is noted in the table.
 """
 
 import gzip
@@ -135,10 +135,17 @@ def _with_units(text: _Text, header: _Header) -> _Header:
             # A title that is requested with its brackets keeps them.
             names[index] = title if title in text.request.columns else match.group(1)
             units[names[index]] = match.group(2).strip()
-    if header.line is not None and rows and _is_unit_row(below := text.cells(rows[0], header.delimiter)):
-        units |= {title: unit.strip("[]()") for title, unit in zip(names, below, strict=False) if unit.strip("[]()-")}
-        text.notes.append(f"line {rows[0] + 1} is a row of units")
-        rows = rows[1:]
+    # The row of units is a comment below the header, or the first row.
+    below = [] if header.line is None or not rows else [*range(header.line + 1, rows[0]), rows[0]]
+    for index in below:
+        cells = _without_comment_mark(text.cells(index, header.delimiter), text.request, ())
+        if len(cells) <= len(names) and _is_unit_row(cells):
+            units |= {
+                title: unit.strip("[]()") for title, unit in zip(names, cells, strict=False) if unit.strip("[]()-")
+            }
+            text.notes.append(f"line {index + 1} is a row of units")
+            rows = rows[1:] if index == rows[0] else rows
+            break
     return replace(header, names=names, units=units, rows=rows)
 
 
@@ -258,6 +265,11 @@ def _delimiter_of(text: _Text, at: int) -> str:
 
 
 def _find_delimiter(line: str) -> str:
+    # In a row of numbers the most frequent mark may be the decimal comma: the delimiter leaves numbers.
+    for mark in (*_DELIMITERS, "space"):
+        cells = _split(line, mark)
+        if len(cells) > 1 and any(cells) and all(_NUMBER.fullmatch(cell) for cell in cells):
+            return mark
     counts = {mark: line.count(mark) for mark in _DELIMITERS}
     best = max(counts, key=lambda mark: counts[mark])
     return best if counts[best] else "space" if len(line.split()) > 1 else ","
@@ -280,12 +292,16 @@ def _commented_header(text: _Text) -> int | None:
     numbers = text.cells(first, delimiter)
     if len(numbers) < 2 or np.mean([bool(_NUMBER.fullmatch(cell)) for cell in numbers]) < 0.5:
         return None
-    # The comment nearest to the numbers is the header; others may look like one.
+    # The comment nearest to the numbers is the header, others may look like one; but its units may lie between.
+    units = None
     for index in reversed(range(first)):
         names = _without_comment_mark(_split(text.lines[index].strip(), delimiter), text.request, ())
-        if len(names) == len(numbers) and not any(_NUMBER.fullmatch(name) for name in names):
+        if len(names) != len(numbers) or any(_NUMBER.fullmatch(name) for name in names):
+            continue
+        if units is not None or not _is_unit_row(names):
             return index
-    return None
+        units = index
+    return units
 
 
 def _without_comment_mark(names: list[str], request: Request, wanted: Collection[str] | None = None) -> list[str]:
@@ -299,7 +315,9 @@ def _without_comment_mark(names: list[str], request: Request, wanted: Collection
 def _is_unit_row(cells: list[str]) -> bool:
     if not any(cells) or any(cell and _NUMBER.fullmatch(cell) for cell in cells):
         return False
-    return any(is_unit(cell.strip("[]()")) for cell in cells)
+    # Names such as t, m or g are units as well: in a row of units, most cells are.
+    units = [is_unit(bare) for cell in cells if (bare := cell.strip("[]()")) not in {"", "-"}]
+    return any(units) and 2 * sum(units) >= len(units)
 
 
 def _find_decimal(rows: list[list[str]], delimiter: str) -> str:

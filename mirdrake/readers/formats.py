@@ -12,6 +12,8 @@ from mirdrake.core.recording.parts import read_part, stored
 from mirdrake.readers.bags import read_bag
 from mirdrake.readers.csv_files import read_csv
 from mirdrake.readers.mat_files import read_mat
+from mirdrake.readers.npy_files import read_npy
+from mirdrake.readers.pickle_files import read_pickle
 from mirdrake.readers.tables import CsvLayout, Request, Table
 from mirdrake.readers.vbo_files import read_vbo
 
@@ -34,8 +36,7 @@ def read_table(path: Path, columns: Collection[str] = (), layout: CsvLayout | No
     """
     request = Request(path, columns, layout or CsvLayout())
     if path.is_dir():
-        # A ROS 2 bag is a folder with metadata.yaml.
-        return (read_bag if (path / "metadata.yaml").is_file() else read_run)(request)
+        return (read_bag if is_bag(path) else read_run)(request)
     if not path.exists():
         raise ConfigError(f"{request.name}: no such file")
     suffix = path.suffix.lower()
@@ -47,6 +48,11 @@ def read_table(path: Path, columns: Collection[str] = (), layout: CsvLayout | No
     if reader is None:
         raise ConfigError(f"{request.name}: unknown format '{path.suffix}'; {did_you_mean(path.suffix, FORMATS)}")
     return reader(request)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a file is a bag, whose columns are topics and fields; a ROS 2 bag is a folder with metadata.yaml."""
+    return FORMATS.get(path.suffix.lower()) is read_bag or (path / "metadata.yaml").is_file()
 
 
 def read_run(request: Request) -> Table:
@@ -87,6 +93,10 @@ FORMATS: dict[str, Reader] = {
     ".vbo": read_vbo,
     ".parquet": read_parquet,
     ".mat": read_mat,
+    ".npy": read_npy,
+    ".npz": read_npy,
+    ".pkl": read_pickle,
+    ".pickle": read_pickle,
     ".bag": read_bag,
     ".db3": read_bag,
     ".mcap": read_bag,

@@ -12,7 +12,7 @@ import numpy as np
 
 from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.core.yaml_io import shown
-from mirdrake.readers.tables import Request, Table, read_bytes
+from mirdrake.readers.tables import Request, Table, read_bytes, vectors
 
 
 def read_mat(request: Request) -> Table:
@@ -21,23 +21,8 @@ def read_mat(request: Request) -> Table:
     Version 7.3 is HDF5 and needs h5py.
     """
     path, raw = request.path, read_bytes(request.path)
-    columns: dict[str, Any] = {}
-
-    def collect(prefix: str, value: Any) -> None:
-        if isinstance(value, dict):
-            for key, item in value.items():
-                collect(f"{prefix}.{key}" if prefix else key, item)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size > 1:
-            # A vector, whichever way it lies.
-            if value.size == max(value.shape):
-                columns[prefix] = value.ravel()
-            elif value.ndim == 2:  # columns of a matrix, counted from 1 as in MATLAB
-                # Samples run along the longer edge.
-                tall = value if value.shape[0] >= value.shape[1] else value.T
-                columns.update({f"{prefix}.{index + 1}": tall[:, index] for index in range(tall.shape[1])})
-
     content = (_read_hdf5 if raw[:10] == b"MATLAB 7.3" else _read_mat5)(path, raw)
-    collect("", {key: value for key, value in content.items() if not key.startswith(("__", "#"))})
+    columns = vectors({key: value for key, value in content.items() if not key.startswith(("__", "#"))})
     if not columns:
         raise ConfigError(f"{shown(path)}: has no vectors of numbers")
     return Table(shown(path), list(columns), columns)

@@ -101,6 +101,45 @@ class Table:
         return f"{self.name}:{self.lines[index]}" if self.lines is not None else f"{self.name}: row {index + 1}"
 
 
+def vectors(content: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
+    """Return the vectors of numbers in nested mappings, sequences and arrays, by name.
+
+    Entries of a mapping and fields of a structured array are ``outer.inner``; columns of a matrix are numbered from 1.
+
+    Args:
+        content: mapping, sequence or array; anything else has no vectors.
+        prefix: name of the content.
+    """
+    columns: dict[str, NDArray[Any]] = {}
+    dot = f"{prefix}." if prefix else ""
+    if isinstance(content, list | tuple) and content and all(isinstance(row, Mapping) for row in content):
+        # Records: the keys of the first one are the columns.
+        content = {key: [row.get(key, np.nan) for row in content] for key in content[0]}
+    if isinstance(content, Mapping):
+        for key, item in content.items():
+            columns |= vectors(item, f"{dot}{key}")
+        return columns
+    if isinstance(content, list | tuple):
+        try:
+            content = np.asarray(content)
+        except ValueError:  # rows of several lengths
+            return columns
+    if not isinstance(content, np.ndarray) or content.size < 2:
+        return columns
+    if content.dtype.names:
+        for key in content.dtype.names:
+            columns |= vectors(content[key], f"{dot}{key}")
+    elif content.dtype.kind in "biuf":
+        # A vector, whichever way it lies.
+        if content.size == max(content.shape):
+            columns[prefix or "1"] = content.ravel()
+        elif content.ndim == 2:
+            # Samples run along the longer edge.
+            tall = content if content.shape[0] >= content.shape[1] else content.T
+            columns |= {f"{dot}{index + 1}": tall[:, index] for index in range(tall.shape[1])}
+    return columns
+
+
 def _is_number(text: str) -> bool:
     try:
         float(text)
