@@ -24,6 +24,7 @@ examples:
 
 _IDENTIFY = """\
 examples:
+  mirdrake identify new lap.csv                     write a data file for a log, with guesses as comments
   mirdrake identify check drives.yaml               check the logs before any fit
   mirdrake identify study.yaml                      check, fit, table and report
   mirdrake identify study.yaml --set model.tyres=fiala --out runs/fiala
@@ -58,6 +59,7 @@ VERBS = {
         verbs={
             "run": Verb("run an identification study; 'run' may be left out", "identify_run"),
             "check": Verb("check recorded drives: clock, glitches, delays, units, excitation", "identify_check"),
+            "new": Verb("write a data file for a log, with guesses of its channels, units and signs", "identify_new"),
             "apply": Verb("write the parameters of a fit into vehicle.yaml", "identify_apply"),
         },
     ),

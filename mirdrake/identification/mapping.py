@@ -9,6 +9,7 @@ from mirdrake.core.yaml_io import Source, shown, to_si, validate
 from mirdrake.identification.channels import CHANNELS
 from mirdrake.identification.spec import DataSpec
 from mirdrake.readers import CsvLayout, read_table
+from mirdrake.readers.formats import is_bag
 from mirdrake.readers.tables import Table
 from mirdrake.readers.units import unit_factor
 
@@ -56,7 +57,7 @@ def map_log(
         time = {"step": to_si(step, "s")}
     # Columns of a bag cannot be listed without reading it, so they have no aliases.
     columns = [entry["column"] for entry in channels.values()] + [time.get("column", "time")]
-    if path.suffix.lower() not in {".bag", ".db3", ".mcap"} and not (path / "metadata.yaml").is_file():
+    if not is_bag(path):
         table = read_table(path, columns, CsvLayout())
         used = {entry["column"] for entry in channels.values()}
         for name in table.names:

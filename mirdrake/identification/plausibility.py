@@ -114,6 +114,16 @@ def check_steering(log: Log, wheelbase: float | None) -> list[Finding]:
     return findings
 
 
+def steering_sign(log: Log, name: str) -> float | None:
+    """Return the partial correlation of a steering channel with the yaw rate; None if it is unknown or too small."""
+    grid = make_grid(log)
+    forward = "vx" if "vx" in grid.channels else "speed"
+    if not {forward, "yaw_rate", name} <= set(grid.channels):
+        return None
+    value = _steering_correlation(*(smooth(grid, channel) for channel in (forward, name, "yaw_rate")))
+    return value if value is not None and abs(value) > MIN_OPPOSITE else None
+
+
 def _check_steering_channel(
     log: Log,
     grid: Grid,

@@ -5,8 +5,9 @@ For velocities and accelerations of one point of a rigid body on a flat road (IS
     ax = dvx/dt - r vy        r = dψ/dt
     ay = dvy/dt + r vx        |v| = ds/dt,  wheels ≈ vx
 
-Each is a relation ``left = gain · right + offset``. The gain is 1 if units, signs and sample time are right. A wrong
-sample time shows in all relations with one derivative and in no other; a wrong unit in all relations of its channel.
+On a road with a bank φ, left side up, ay also has g sin φ, as accelerometers measure the force of the ground. Each is a
+relation ``left = gain · right + offset``. The gain is 1 if units, signs and sample time are right. A wrong sample time
+shows in all relations with one derivative and in no other; a wrong unit in all relations of its channel.
 """
 
 from collections.abc import Callable, Mapping
@@ -119,7 +120,8 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
     def side(grid: Grid) -> Array:
         # Without vy the turn counts as quasi-steady, dvy/dt = 0.
         known = use_vy and "vy" in grid.channels
-        return grid.rate(get(grid, "vy")) if known else np.zeros(len(get(grid, "yaw_rate")))
+        values = grid.rate(get(grid, "vy")) if known else np.zeros(len(get(grid, "yaw_rate")))
+        return values + GRAVITY * np.sin(get(grid, "bank")) if "bank" in grid.channels else values
 
     # Each relation determines other scales: together they show which channel or step is wrong.
     if forward and "longitudinal_acceleration" in channels:
@@ -260,13 +262,13 @@ def explain_gains(gains: list[Gain], units: Mapping[str, str]) -> tuple[list[Mis
     for name, (what, (of, size)) in product(names, FACTORS.items()):
         if of and units[name] not in of:
             continue
-        if all(_is_near_one(gain.gain / _effect(gain.relation, name, size)) for gain in gains):
+        if all(_is_near_one(gain.gain / relation_effect(gain.relation, name, size)) for gain in gains):
             candidates.append(Mistake(name, what))
     return candidates, None
 
 
-def _effect(relation: Relation, name: str, factor: float) -> float:
-    """Return the factor on a gain if a channel is too large by a factor."""
+def relation_effect(relation: Relation, name: str, factor: float) -> float:
+    """Return the factor on the gain of a relation if the values of a channel are multiplied by a factor."""
     if name == relation.measured:
         return factor if relation.measured not in relation.others else 1.0
     if name in relation.others:

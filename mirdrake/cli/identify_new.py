@@ -1,0 +1,52 @@
+"""``mirdrake identify new``: write a data file for a log, with guesses of its channels."""
+
+import argparse
+from pathlib import Path
+
+from mirdrake.cli.common import add_quiet
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.files import write_file
+from mirdrake.core.yaml_io import shown
+
+MORE = """\
+LOG is a file of any known format, a bag or a run folder. Channels are guessed by the names of columns (English, German,
+French) or the types of messages, units and signs by the file and by the relations between channels. The data file has
+each guess with its reason as a comment: check them, then run the two commands that are printed.
+
+examples:
+  mirdrake identify new lap.csv
+  mirdrake identify new drive.mcap --out drives.yaml"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the verb."""
+    parser.add_argument("log", type=Path, metavar="LOG", help="recorded log")
+    parser.add_argument("--out", type=Path, metavar="FILE.yaml", help="data file (default: LOG with the suffix .yaml)")
+    parser.add_argument("--force", action="store_true", help="replace a data file that exists")
+    add_quiet(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the data file and print what is missing in it."""
+    from mirdrake.identification.proposal_text import proposal_text
+    from mirdrake.identification.proposals import missing_channels, propose_data
+
+    log: Path = options.log
+    out: Path = options.out or log.with_suffix(".yaml")
+    if out.exists() and not options.force:
+        raise ConfigError(f"{shown(out)}: exists already; give --out FILE.yaml, or --force to replace it")
+    if out.resolve().parent != log.resolve().parent:
+        raise ConfigError(f"--out {shown(out)}: write it into the folder of the log, {shown(log.resolve().parent)}")
+    proposal = propose_data(log)
+    if not proposal.channels:
+        names = ", ".join(other.column for other in proposal.others[:20])
+        raise ConfigError(f"{shown(log)}: no column has a known name; map them with --map of identify check: {names}")
+    text = proposal_text(proposal)
+    write_file(out, text.encode())
+    if not options.quiet:
+        print(text)
+        for line in missing_channels(proposal):
+            print(line)
+        name = shown(out)
+        print(f"{name}: check each line, then\n  mirdrake identify check {name}\n  mirdrake identify {name}")
+    return 0

@@ -1,0 +1,140 @@
+"""Channels and units by the names of columns, as people and instruments write them, in English, German and French."""
+
+import re
+import unicodedata
+
+from mirdrake.identification.channels import CHANNELS, WHEELS
+from mirdrake.readers.units import is_unit, plain_unit, unit_factor
+
+_COMMAND = r"(cmd|command|target|soll|desired|request|demand|set_?point|consigne)"
+_SPEED, _STEER = r"(speed|vel|geschw|vitesse|v$)", r"(steer|lenk|delta|servo|spurwinkel|wheel_angle)"
+_ACC, _GYRO = r"(acc|accel|acceleration|beschl)\w*", r"(gyro|gyr|angular|ang|rot|rotation|omega)\w*"
+_TYRE = r"(tyre|tire|wheel|rad|reifen)"
+
+NAMES: tuple[tuple[str, str], ...] = (
+    ("speed_command", rf"{_COMMAND}.*{_SPEED}|(^v|speed|vel|geschw)[a-z_]*_{_COMMAND}"),
+    ("steering_command", rf"{_COMMAND}.*{_STEER}|{_STEER}[a-z_]*_{_COMMAND}"),
+    ("", _COMMAND),
+    ("wheel_speed", r"(wheel|rad|roue)_?(speed|geschw|vitesse|vel)|^(v|ws)_?(fl|fr|rl|rr|vl|vr|hl|hr)$"),
+    ("wheel_rate", r"wheel_?(rate|omega|rpm)|rad_?drehzahl|omega_?(fl|fr|rl|rr|vl|vr|hl|hr)$"),
+    ("tyre_force_x", rf"{_TYRE}.*(fx|force_x|long\w*_force|laengskraft)|^fx_?\w"),
+    ("tyre_force_y", rf"{_TYRE}.*(fy|force_y|lat\w*_force|querkraft)|^fy_?\w"),
+    ("tyre_force_z", rf"{_TYRE}.*(fz|force_z|vert\w*_force|aufstandskraft)|radlast|^fz_?\w"),
+    ("steering_torque", r"(steer|lenk|hand_?wheel)\w*(torque|moment)"),
+    ("", r"(steer|lenk)\w*(rate|speed|geschw|vel)"),
+    ("road_wheel_angle_left", rf"{_STEER}\w*_(fl|vl|left|links|l)(_|$)|(left|links)\w*{_STEER}"),
+    ("road_wheel_angle_right", rf"{_STEER}\w*_(fr|vr|right|rechts|r)(_|$)|(right|rechts)\w*{_STEER}"),
+    ("steering_wheel_angle", r"steering_?wheel|hand_?wheel|lenkrad|volant|^swa$|^lrw"),
+    ("road_wheel_angle", r"road_?wheel|wheel_?angle|steering_t[iy]re|radlenk|radwinkel|^delta(_f)?$"),
+    ("steering", r"steer|lenk|braquage|servo"),
+    (
+        "yaw_rate",
+        rf"(yaw|heading)_?(rate|vel|speed)|gier_?\w*(rate|geschw)|lacet|{_GYRO}_?z$|^w_?z$|psi_?(dot|p|punkt)",
+    ),
+    ("roll_rate", rf"roll_?(rate|vel)|wank_?\w*(rate|geschw)|roulis|{_GYRO}_?x$|^w_?x$"),
+    ("pitch_rate", rf"pitch_?(rate|vel)|nick_?\w*(rate|geschw)|tangage|{_GYRO}_?y$|^w_?y$"),
+    ("longitudinal_acceleration", rf"laengsbeschl|long\w*acc|acc\w*long|(^|_)a(cc)?_?x$|{_ACC}_x$|accel_?x"),
+    ("lateral_acceleration", rf"querbeschl|lat(eral)?_?acc|acc\w*lat|(^|_)a(cc)?_?y$|{_ACC}_y$|accel_?y"),
+    ("vertical_acceleration", rf"vert\w*acc|(^|_)a(cc)?_?z$|{_ACC}_z$|accel_?z"),
+    ("engine_speed", r"rpm|engine_?speed|motor_?(drehzahl|speed)|drehzahl|regime"),
+    ("vx", r"long\w*_?(vel|speed)|laengsgeschw|(^|_)v_?x$|(vel|velocity|speed|linear)\w*_x$"),
+    ("vy", r"lat(eral)?_?(vel|speed)|quergeschw|(^|_)v_?y$|(vel|velocity|speed|linear)\w*_y$"),
+    ("", r"(^|_)v_?z$|(vel|velocity|linear)\w*_z$"),
+    ("speed", r"speed|geschw|vitesse|velocity|^v$|^v_(car|veh|fzg|gps|ref|ist)|^vel$"),
+    ("latitude", r"^lat(itude)?$|latitude|breitengrad|(^|_)lat$"),
+    ("longitude", r"^(lon|lng|long)(gitude)?$|longitude|laengengrad|(^|_)lon$"),
+    ("sideslip", r"side_?slip|schwimmwinkel|^beta$|derive"),
+    ("bank", r"bank|querneigung|cross_?slope|devers"),
+    ("grade", r"grade|slope|steigung|laengsneigung|pente"),
+    ("yaw", r"heading|^yaw|_yaw|gierwinkel|^psi$|kurswinkel|^kurs$"),
+    ("roll", r"^roll|_roll|wankwinkel|rollwinkel"),
+    ("pitch", r"^pitch|_pitch|nickwinkel"),
+    ("throttle", r"throttle|fahrpedal|gaspedal|^gas$|accel\w*_?ped|accelerator|^apps"),
+    ("brake_torque", r"(brake|brems)\w*(torque|moment)"),
+    ("brake", r"brake|brems|frein"),
+    ("drive_torque", r"(drive|wheel|axle|antrieb|rad)\w*(torque|moment)"),
+    ("gear", r"^gear|gang$|^gang|rapport"),
+    ("x", r"^x$|pos(ition)?_x$|east|utm_?e|rechtswert|^x_?(pos|m)"),
+    ("y", r"^y$|pos(ition)?_y$|north|utm_?n|hochwert|^y_?(pos|m)"),
+)
+"""Channel, or part of its name, and pattern of a column, most specific first; an empty channel ends the search."""
+
+TIME = re.compile(
+    r"^(t|time|zeit|temps|time_?stamp|zeit_?stempel|elapsed\w*|rel\w*_time|sec|seconds|time_?s|utc\w*)$|(^|_)(time|zeit)$"
+)
+
+_WHEEL_MARKS = (
+    r"(fl|vl|front_left|lf|vorne_links|avg)", r"(fr|vr|front_right|rf|vorne_rechts|avd)",
+    r"(rl|hl|rear_left|lr|hinten_links|arg)", r"(rr|hr|rear_right|hinten_rechts|ard)",
+)  # fmt: skip
+_WHEELS = dict(zip(WHEELS, _WHEEL_MARKS, strict=True))
+
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
+
+
+def plain_name(column: str) -> str:
+    """Return a name in lower case with underscores: ``gyro_z`` for ``Gyro Z`` and ``imu.gyroZ``."""
+    # Words of camel case are separated before the case is lost.
+    text = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", column.strip().replace("kN", "kn")).lower().translate(_UMLAUTS)
+    text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
+
+
+def channel_by_name(column: str) -> str | None:
+    """Return the channel of a column by its name; ``steering`` if it may be several of them; None if unknown."""
+    # The device before a dotted name counts only if the rest says nothing.
+    for name in dict.fromkeys((plain_name(column.rpartition(".")[2]), plain_name(column))):
+        if name in CHANNELS:
+            return name
+        bare = re.sub(rf"_({'|'.join(_SUFFIXES)})$", "", name)
+        found = next((channel for channel, pattern in NAMES if re.search(pattern, bare)), None)
+        if found == "":
+            return None
+        if found in {"wheel_speed", "wheel_rate", "tyre_force_x", "tyre_force_y", "tyre_force_z"}:
+            wheel = next(
+                (wheel for wheel, mark in _WHEELS.items() if re.search(rf"(^|_|f[xyz]|v){mark}(_|$)", bare)), None
+            )
+            return f"{found}_{wheel}" if wheel else None
+        if found is not None:
+            return found
+    return None
+
+
+_SUFFIXES = (
+    "kmh", "km_h", "kph", "mph", "mps", "m_s", "ms2", "mps2", "m_s2", "g", "deg", "rad", "grad", "degs", "deg_s", "dps",
+    "rads", "rad_s", "rps", "s", "ms", "us", "ns", "m", "n", "kn", "nm", "pct", "percent", "ist", "mess", "filt", "raw",
+    "act", "actual",
+)  # fmt: skip
+"""Units and remarks at the end of names."""
+
+_SUFFIX_UNITS = {
+    "km_h": "km/h", "m_s": "m/s", "ms2": "m/s^2", "m_s2": "m/s^2", "degs": "deg/s", "deg_s": "deg/s", "rads": "rad/s",
+    "rad_s": "rad/s", "rps": "rad/s", "grad": "deg", "n": "N", "kn": "kN", "pct": "%", "percent": "%",
+}  # fmt: skip
+
+
+def unit_by_name(column: str, si: str) -> str | None:
+    """Return the unit at the end of a name, such as km/h for ``v_kmh``, if it is one of a quantity; None without.
+
+    Args:
+        column: name of the column.
+        si: SI unit of the quantity.
+    """
+    words = plain_name(column).split("_")
+    for count in (2, 1):
+        if len(words) <= count:
+            continue
+        suffix = "_".join(words[-count:])
+        unit = _SUFFIX_UNITS.get(suffix, suffix)
+        if fits(unit, si):
+            return plain_unit(unit)
+    return None
+
+
+def fits(unit: str, si: str) -> bool:
+    """Whether a text is a unit of a quantity."""
+    try:
+        unit_factor(unit, si)
+    except ValueError:
+        return False
+    return bool(unit) and (si == "1" or is_unit(unit))

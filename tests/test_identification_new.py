@@ -1,0 +1,206 @@
+"""A data file is proposed for logs in other people's formats; loaded, it gives the true channels."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+
+from mirdrake.cli import main
+from mirdrake.identification import load_data
+from mirdrake.identification.channels import CHANNELS
+from mirdrake.identification.column_names import channel_by_name, unit_by_name
+from tests.test_identification_data import changed, checked, clean, recorded
+
+G, KMH, DEG = 9.80665, 3.6, 180.0 / math.pi
+
+
+def truth():
+    """Return time and channels of a noisy drive, with a hand wheel and the position."""
+    log = recorded(3)
+    t, channels = log.time, dict(log.channels)
+    _, exact = clean()
+    vx, vy, yaw = exact["vx"], exact["vy"], exact["yaw"]
+    channels["steering_wheel_angle"] = 15.5 * channels["road_wheel_angle"]
+    step = t[1] - t[0]
+    channels["x"] = np.cumsum(vx * np.cos(yaw) - vy * np.sin(yaw)) * step
+    channels["y"] = np.cumsum(vx * np.sin(yaw) + vy * np.cos(yaw)) * step
+    return t, channels
+
+
+def proposed(folder, name, capsys):
+    """Return the log that the proposed data file describes, and its text."""
+    assert main(["identify", "new", str(folder / name)]) == 0
+    text = capsys.readouterr().out
+    data = (folder / name).with_suffix(".yaml")
+    assert data.read_text(encoding="utf-8") in text
+    (log,) = load_data(data).logs
+    return log, text
+
+
+def agree(log, channels, names, rows=slice(None)):
+    """Check that channels of a log are the true ones."""
+    for name in names:
+        true = channels[name][rows]
+        assert log.channels[name] == pytest.approx(true, abs=2e-3 * np.ptp(true)), name
+
+
+def write_table(path, columns, header, *, delimiter=",", comma=False):
+    rows = "\n".join(delimiter.join(f"{value:.7g}" for value in row) for row in np.column_stack(list(columns)))
+    path.write_text(header + (rows.replace(".", ",") if comma else rows) + "\n", encoding="utf-8")
+
+
+def test_a_german_log_with_units_below_a_commented_header(tmp_path, capsys):
+    t, c = truth()
+    columns = [t, KMH * c["vx"], DEG * c["yaw_rate"], c["lateral_acceleration"] / G, DEG * c["steering_wheel_angle"],
+               200.0 + 0.0 * t + np.arange(len(t)) % 7]  # fmt: skip
+    header = "# Messfahrt Boxberg\n# Zeit; Geschwindigkeit; Gierrate; Querbeschleunigung; Lenkwinkel; Öltemperatur\n"
+    write_table(tmp_path / "fahrt.csv", columns, header + "# s; km/h; °/s; g; °; °C\n", delimiter=";", comma=True)
+    log, text = proposed(tmp_path, "fahrt.csv", capsys)
+    agree(log, {**c, "speed": c["vx"]}, ("speed", "yaw_rate", "lateral_acceleration", "steering_wheel_angle"))
+    assert '#   "Öltemperatur": 200 to 206 °C' in text
+
+
+def test_units_and_signs_that_nobody_states_follow_from_kinematics(tmp_path, capsys):
+    """Gyro in deg/s with z down, acceleration in g, a compass, a road wheel angle in rad, a clock in ms."""
+    t, c = truth()
+    columns = [1e3 * t, KMH * c["vx"], -DEG * c["yaw_rate"], c["lateral_acceleration"] / G, c["road_wheel_angle"],
+               90.0 - DEG * c["yaw"], c["longitudinal_acceleration"]]  # fmt: skip
+    write_table(tmp_path / "log.csv", columns, "Timestamp,CarSpeed,GyroZ,AccY,SteerAngle,Heading,AccX\n")
+    log, text = proposed(tmp_path, "log.csv", capsys)
+    assert log.time == pytest.approx(t)
+    names = ("yaw_rate", "lateral_acceleration", "road_wheel_angle", "longitudinal_acceleration")
+    agree(log, {**c, "speed": c["vx"]}, ("speed", *names))
+    assert np.diff(log.channels["yaw"]) == pytest.approx(np.diff(c["yaw"]), abs=1e-5)
+    assert "unit guessed from steps of 10" in text
+    assert text.count("sign: -1") == 2
+
+
+def test_both_wheels_latitude_and_longitude_give_steering_and_position(tmp_path, capsys):
+    t, c = truth()
+    radius = 6_371_000.0
+    latitude, longitude = 50.0 + DEG * c["y"] / radius, 8.0 + DEG * c["x"] / (radius * math.cos(math.radians(50.0)))
+    delta = c["road_wheel_angle"]
+    columns = {
+        "t_s": t, "v_x_mps": c["vx"], "steer_fl_deg": DEG * 1.03 * delta, "steer_fr_deg": DEG * 0.97 * delta,
+        "wz_dps": DEG * c["yaw_rate"], "lat_deg": latitude, "lon_deg": longitude, "v_soll_kmh": KMH * (c["vx"] + 0.1),
+        "bank_deg": 1.0 + 0.1 * np.sin(t), "Fy_FL_kN": 0.5 * np.sin(t),
+    }  # fmt: skip
+    np.savez(tmp_path / "run.npz", **columns)
+    log, text = proposed(tmp_path, "run.npz", capsys)
+    agree(log, c, ("vx", "road_wheel_angle", "yaw_rate"))
+    # The Earth is no sphere: by 0.5 %.
+    assert log.channels["x"] == pytest.approx(c["x"] - c["x"][0], abs=0.006 * np.ptp(c["x"]))
+    assert log.channels["speed_command"] == pytest.approx(c["vx"] + 0.1)
+    assert np.ptp(log.channels["tyre_force_y_front_left"]) == pytest.approx(1000.0, rel=0.01)
+    assert "bank: {column: bank_deg" in text
+    assert "road_wheel_angle from road_wheel_angle_left and road_wheel_angle_right: mean of both" in " ".join(log.notes)
+
+
+def test_topics_of_a_bag_are_mapped_by_the_types_of_their_messages(tmp_path, capsys):
+    """An IMU, odometry, a command, and a vendor's own type, as JSON in MCAP."""
+    t, c = truth()
+    with (tmp_path / "drive.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        kinds = {
+            "/sensing/imu": "sensor_msgs/msg/Imu", "/odom": "nav_msgs/Odometry", "/camera": "sensor_msgs/msg/Image",
+            "/cmd": "ackermann_msgs/msg/AckermannDriveStamped", "/acme/chassis": "acme_msgs/msg/Chassis",
+        }  # fmt: skip
+        topics = {
+            topic: writer.register_channel(topic, "json", writer.register_schema(kind, "jsonschema", b"{}"))
+            for topic, kind in kinds.items()
+        }
+
+        def vector(x=0.0, y=0.0, z=0.0):
+            return {"x": x, "y": y, "z": z}
+
+        for row, now in [*enumerate(t)][::4]:
+            side, forward, turn = (float(c[name][row]) for name in ("lateral_acceleration", "vx", "yaw_rate"))
+            half = 0.5 * float(c["yaw"][row])
+            angle = {"w": math.cos(half), **vector(z=math.sin(half))}
+            messages = {
+                "/sensing/imu": {"angular_velocity": vector(z=turn), "linear_acceleration": vector(0.0, side, 9.8)},
+                "/odom": {"pose": {"pose": {"position": vector(), "orientation": angle}},
+                          "twist": {"twist": {"linear": vector(forward), "angular": vector(z=turn)}}},
+                "/camera": {"height": 480, "data": [1, 2]},
+                "/cmd": {"drive": {"speed": forward + 0.2, "steering_angle": 0.1 * turn}},
+                "/acme/chassis": {"steering_wheel_angle_deg": DEG * float(c["steering_wheel_angle"][row])},
+            }  # fmt: skip
+            for topic, message in messages.items():
+                stamp = int(1e9 * now) + 10**18
+                writer.add_message(topics[topic], stamp, json.dumps(message).encode(), stamp)
+        writer.finish()
+    log, text = proposed(tmp_path, "drive.mcap", capsys)
+    rows = slice(None, None, 4)
+    agree(log, c, ("vx", "yaw_rate", "lateral_acceleration", "steering_wheel_angle"), rows)
+    assert log.channels["speed_command"] == pytest.approx(c["vx"][rows] + 0.2)
+    assert "field of sensor_msgs/msg/Imu" in text
+    assert {"yaw_rate@odom", "yaw_rate@sensing_imu"} & set(log.channels)
+    assert "/camera" not in text
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("notes.csv", "name,town\n" + "a,b\n" * 30, "has no column of numbers"),
+        ("oil.csv", "time,oil\n" + "".join(f"{row},{row % 7}\n" for row in range(30)), "no column has a known name"),
+        ("short.csv", "time,vx\n0,1\n", "has no column of numbers"),
+    ],
+)
+def test_a_log_without_known_columns_is_reported_in_one_line(tmp_path, capsys, name, content, expected):
+    (tmp_path / name).write_text(content, encoding="utf-8")
+    assert main(["identify", "new", str(tmp_path / name)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert expected in line
+
+
+def test_a_data_file_is_not_overwritten(tmp_path, capsys):
+    t, c = truth()
+    write_table(tmp_path / "log.csv", [t, c["vx"]], "time [s],vx [m/s]\n")
+    (tmp_path / "log.yaml").write_text("mine\n", encoding="utf-8")
+    assert main(["identify", "new", str(tmp_path / "log.csv")]) == 2
+    assert "exists already; give --out FILE.yaml" in capsys.readouterr().err
+    assert main(["identify", "new", str(tmp_path / "log.csv"), "--force"]) == 0
+    assert "missing for a fit of the steering: the steering" in capsys.readouterr().out
+    assert list(load_data(tmp_path / "log.yaml").logs[0].channels) == ["vx"]
+
+
+@pytest.mark.parametrize(
+    ("column", "expected"),
+    [
+        ("Gierrate", "yaw_rate"), ("IMU.Gyro_Z", "yaw_rate"), ("yawRate", "yaw_rate"), ("psi_dot", "yaw_rate"),
+        ("Gierwinkelgeschwindigkeit", "yaw_rate"), ("wz", "yaw_rate"), ("Lenkradwinkel", "steering_wheel_angle"),
+        ("SteeringWheelAngle", "steering_wheel_angle"), ("Längsgeschwindigkeit", "vx"),
+        ("lat_acc", "lateral_acceleration"), ("delta_soll", "steering_command"), ("comment", None),
+        ("GPS Speed", "speed"), ("v_kmh", "speed"), ("Radgeschwindigkeit VL", "wheel_speed_front_left"),
+        ("Lenkwinkelgeschwindigkeit", None), ("Breitengrad", "latitude"), ("Querneigung", "bank"),
+        ("FahrpedalStellung", "throttle"), ("brake_pressure", "brake"), ("Motordrehzahl", "engine_speed"),
+        ("accel_pedal", "throttle"), ("target_lane", None), ("heading", "yaw"), ("v_z", None),
+    ],
+)  # fmt: skip
+def test_names_of_columns(column, expected):
+    assert channel_by_name(column) == expected
+    assert expected is None or expected in CHANNELS
+
+
+@pytest.mark.parametrize(
+    ("column", "si", "expected"),
+    [("v_kmh", "m/s", "km/h"), ("a_y_g", "m/s^2", "g"), ("gyro_z_deg_s", "rad/s", "deg/s"), ("yaw", "rad", None),
+     ("vx_m_s", "m/s", "m/s"), ("steer_deg", "rad", "deg"), ("speed_g", "m/s", None), ("throttle_pct", "1", "%")],
+)  # fmt: skip
+def test_units_at_the_end_of_names(column, si, expected):
+    assert unit_by_name(column, si) == expected
+
+
+def test_a_banked_road_explains_its_part_of_the_lateral_acceleration():
+    log = recorded(4)
+    bank = 0.2 * np.sin(0.4 * log.time)
+    banked = changed(log, lateral_acceleration=log.channels["lateral_acceleration"] + G * np.sin(bank))
+
+    relation = ("kinematics", "lateral_acceleration, vx, yaw_rate")
+    (finding,) = checked(changed(banked, bank=bank)).of(*relation)
+    assert (finding.value, finding.severity) == (pytest.approx(1.0, abs=0.02), "info")
+    assert not checked(banked).of(*relation)  # without the bank, both sides are hardly correlated
