@@ -12,7 +12,10 @@ from mirdrake.identification import DataSet, Log
 from mirdrake.identification.check import check_data
 from mirdrake.identification.estimators.consistency import Part, variation
 from mirdrake.identification.estimators.structure import predicts_better
+from mirdrake.identification.identifiability import Uncertainty, combinations, judge
 from mirdrake.identification.identify import identify
+from mirdrake.identification.models import ModelSpec, make_model
+from mirdrake.identification.parameters import Setting, resolve_parameters
 from mirdrake.identification.study import load_identification
 
 CAR = Vehicle("linear", 1500.0, 1.2, 1.5, 2400.0, 9e4, 1.1e5)
@@ -100,3 +103,41 @@ def test_an_effect_is_kept_if_most_parts_of_the_logs_are_predicted_better():
     assert predicts_better(plain, plain - np.array([3.0, 2.0, 4.0, 3.0, 2.0, 3.0, 4.0, 3.0]))
     assert not predicts_better(plain, plain - np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))  # one part only
     assert not predicts_better(plain, plain + 1.0)
+
+
+def judged(given, sigma):
+    """Return the verdict on a stiffness of 9e4 N/rad, and the combinations; `sigma` of each parameter [1]."""
+    motion = drive(CAR, np.full(2000, 15.0), np.zeros(2000))
+    known = {"mass": 1500.0, "front_length": 1.2, "rear_length": 1.5, "steering_ratio": 1.0}
+    model = make_model(ModelSpec("single_track"), recorded(motion, np.random.default_rng(0), {}), known)
+    settings = {name: Setting(fixed=value) for name, value in known.items()}
+    stiffness = {"cornering_stiffness_front": 9e4, "cornering_stiffness_rear": 1.4e5}
+    settings |= {info.name: Setting(fixed=info.guess) for info in model.parameters if info.name not in settings}
+    settings |= {name: Setting(guess=value, free=True) for name, value in stiffness.items()}
+    settings["cornering_stiffness_front"] = Setting(guess=9e4, free=True, given=given)
+    unknowns = resolve_parameters(model.parameters, settings)
+    values = {item.info.name: stiffness.get(item.info.name, item.info.guess) for item in unknowns}
+    uncertainty = Uncertainty(np.full(2, sigma), np.eye(2), [None, None])
+    parameters = judge(model, unknowns, values, uncertainty)
+    return parameters, combinations(model, unknowns, values, sigma**2 * np.eye(2), parameters)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "verdict"),
+    [(0.03, "contradicts the given value"), (0.1, "weakly identified"), (0.3, "not identifiable")],
+)
+def test_a_given_value_outside_of_the_interval_is_reported_whatever_the_verdict(sigma, verdict):
+    front, inside = (next(item for item in judged(given, sigma)[0] if item.kind == "free") for given in (3e4, 8.8e4))
+    assert front.verdict == verdict
+    assert "the given 3e+04 N/rad lies outside of the interval" in front.explanation
+    assert "outside" not in inside.explanation
+
+
+def test_the_understeer_gradient_is_listed_where_both_stiffnesses_are_identified():
+    """K = m/L (b/Cf - a/Cr), and its relative deviation by 1 % of each stiffness."""
+    parameters, found = judged(9e4, 0.01)
+    assert {item.verdict for item in parameters if item.kind == "free"} == {"identified"}
+    (gradient,) = (item for item in found if item.name == "understeer gradient")
+    parts = np.array([1.5 / 9e4, -1.2 / 1.4e5]) * 1500.0 / 2.7
+    assert gradient.value == pytest.approx(parts.sum(), rel=1e-6)
+    assert gradient.sigma == pytest.approx(0.01 * np.hypot(*parts), rel=1e-3)

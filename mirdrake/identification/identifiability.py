@@ -143,14 +143,17 @@ def _judge(
         inseparable = [name for rho, name in ranked if name != info.name and rho > INSEPARABLE][:2]
         if inseparable or depends_on is None or noise * span > IDENTIFIED * sigma:
             remedy = model.suggest_experiment(frozenset({info.name, *inseparable}))
-    elif unknown.given is not None and _contradicts(unknown, value, sigma, span):
+    # A wide interval excludes a given value as well as a narrow one; a value without meaning excludes nothing.
+    is_usable = bound is None and not is_meaningless and math.isfinite(sigma)
+    contradicts = is_usable and unknown.given is not None and _contradicts(unknown, value, sigma, span)
+    if contradicts and verdict == "identified":
         verdict = "contradicts the given value"
     prior_share = noise * unknown.slope(value) / unknown.prior[1] if unknown.kind == "prior" and unknown.prior else 0.0
     return Judgement(
         unknown, value, verdict, noise, by_assumptions, between, sigma,
         "low" if bound == "low" else "high" if bound else None,
         span <= WEAK, is_meaningless, None if is_plausible else plausible, depends_on, tuple(inseparable), remedy,
-        prior_share,
+        prior_share, contradicts,
     )  # fmt: skip
 
 
@@ -172,8 +175,9 @@ def combinations(
     covariance: Array,
     judged: Sequence[FittedParameter],
     effects: Sequence[AssumptionEffect] = (),
+    between: Array | None = None,
 ) -> tuple[Combination | Direction, ...]:
-    """Return what is identified where single parameters are not: derived quantities of the model, then eigenvectors.
+    """Return derived quantities of the model that the logs determine, and directions of poorly known parameters.
 
     Args:
         model: fitted model.
@@ -182,13 +186,13 @@ def combinations(
         covariance: covariance of the scaled free parameters by noise (p, p).
         judged: parameters with their verdicts.
         effects: contributions of the assumptions; a combination may be insensitive to them.
+        between: standard deviations between parts of the logs (p); None for none.
     """
+    between = np.zeros(len(covariance)) if between is None else between
     poor = {judgement.name for judgement in judged if judgement.verdict in {"not identifiable", "weakly identified"}}
-    if not poor:
-        return ()
     free = [unknown for unknown in unknowns if unknown.kind != "fixed"]
     return (
-        *_derived_combinations(model, free, values, covariance, poor, effects),
+        *_derived_combinations(model, free, values, covariance, effects, between),
         *_directions(free, covariance, poor, effects),
     )
 
@@ -198,10 +202,10 @@ def _derived_combinations(
     free: Sequence[FitParameter],
     values: Mapping[str, float],
     covariance: Array,
-    poor: set[str],
     effects: Sequence[AssumptionEffect],
+    between: Array,
 ) -> Iterator[Combination]:
-    """Yield the well-known derived quantities of a model that depend on poorly known parameters."""
+    """Yield the derived quantities of a model that are known, whether or not the parameters in them are."""
     base = model.derived_quantities(values)
     slopes = {name: np.zeros(len(free)) for name in base}
     for i, unknown in enumerate(free):
@@ -213,14 +217,14 @@ def _derived_combinations(
             slopes[key][i] = (up[key][0] - down[key][0]) / 2e-4
     others = [(effect, model.derived_quantities({**values, **effect.assumption.changes})) for effect in effects]
     for key, (value, unit) in base.items():
-        variance = float(slopes[key] @ covariance @ slopes[key])
+        # Each parameter differs between logs for itself.
+        variance = float(slopes[key] @ covariance @ slopes[key]) + float(slopes[key] ** 2 @ between**2)
         for effect, other in others:
             # An assumption moves the quantity through the estimates and directly.
             itself = effect.size * (other[key][0] - value) / effect.assumption.fraction
             variance += (float(slopes[key] @ effect.shift) + itself) ** 2
         sigma = max(variance, 0.0) ** 0.5
-        touched = {free[i].info.name for i in np.flatnonzero(np.abs(slopes[key]) > 1e-12).tolist()}
-        if touched & poor and sigma < NEGLIGIBLE_COMBINATION * abs(value):
+        if np.any(np.abs(slopes[key]) > 1e-12) and sigma < NEGLIGIBLE_COMBINATION * abs(value):
             yield Combination(key, value, sigma, unit)
 
 

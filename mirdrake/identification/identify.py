@@ -309,7 +309,9 @@ def reject_poor_fit(found: Fit) -> Fit:
 def _weakened(found: Fit, verdicts: Collection[Verdict], verdict: Verdict, text: str) -> Fit:
     """Return the fit with a note, and with another verdict in place of some."""
     parameters = tuple(
-        replace(parameter, verdict=verdict, explanation=text) if parameter.verdict in verdicts else parameter
+        replace(parameter, verdict=verdict, explanation=f"{text}; {parameter.explanation}")
+        if parameter.verdict in verdicts
+        else parameter
         for parameter in found.parameters
     )
     return replace(found, parameters=parameters, notes=(text, *found.notes))

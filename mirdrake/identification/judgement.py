@@ -28,6 +28,7 @@ class Judgement:
         inseparable: names of strongly correlated parameters.
         remedy: experiment that would identify the parameter.
         prior_share: standard deviation by noise over that of the prior; 0 without one.
+        contradicts: whether the given value lies outside of the interval, however wide that is.
     """
 
     parameter: FitParameter
@@ -45,11 +46,12 @@ class Judgement:
     inseparable: tuple[str, ...]
     remedy: str
     prior_share: float
+    contradicts: bool
 
 
 @dataclass(frozen=True)
 class Combination:
-    """Identified combination of parameters with a name of its own.
+    """Known combination of parameters with a name of its own.
 
     Attributes:
         name: what it is.

@@ -385,9 +385,7 @@ def _least_of(fits: Sequence[ChannelFit]) -> str:
     if not fits:
         return "no such log"
     worst = _worst(fits)
-    # The noise limit is an estimate; a fit may be above it.
-    limit = max(worst.noise_limit_percent, worst.nrmse_percent)
-    return f"worst channel: {worst.channel} of {worst.log}; its noise allows {limit:.0f} %"
+    return f"worst channel: {worst.channel} of {worst.log}; its noise allows {worst.noise_limit_percent:.0f} %"
 
 
 def _number(value: float | None, none: str = "–") -> str:

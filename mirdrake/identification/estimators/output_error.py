@@ -207,7 +207,7 @@ def summarise(
         how += f", pieces of {options.shooting:g} s" + (" joined" if options.continuity is not None else "")
     return Fit(
         name, model.title, how, judged, correlation, condition, channels, traces, profiles,
-        tuple(map(messages.combination, combinations(model, unknowns, values, wide, judged, effects))),
+        tuple(map(messages.combination, combinations(model, unknowns, values, wide, judged, effects, between))),
         tuple(advice), tuple(lines), data.digest,
         versions={package: version(package) for package in ("numpy", "scipy")},
     )  # fmt: skip
@@ -272,9 +272,12 @@ def _fits(model: Model, log: Log, pairs: Sequence[tuple[Segment, Array]]) -> lis
         shown = np.concatenate([run[i] for _, run in pairs])
         off = seen - shown
         inputs = [np.concatenate([drive.inputs[key] for drive, _ in pairs]) for key in model.inputs]
+        # The noise limit is an estimate; what a model reached, the noise allows.
+        reached = nrmse(seen, shown)
+        limit = float(np.fmax(noise_limit_nrmse(seen), reached))
         fits.append(
             ChannelFit(
-                log.name, log.use, name, channel(name).unit, nrmse(seen, shown), noise_limit_nrmse(seen),  # type: ignore[arg-type]
+                log.name, log.use, name, channel(name).unit, reached, limit,  # type: ignore[arg-type]
                 float(np.sqrt(np.nanmean(off**2))) if np.isfinite(off).any() else float("nan"),
                 whiteness(off), input_correlation(off, inputs),
             )
