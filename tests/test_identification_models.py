@@ -58,7 +58,7 @@ def test_single_track_equals_equations_written_independently():
 @pytest.mark.parametrize("count", [1, 7])
 def test_shots_form_one_trajectory(count):
     model = single_track(tyres="fiala")
-    model.has_machine_code = False  # which needs no shots
+    model.uses_machine_code = False  # which needs no shots
     p = {info.name: info.guess for info in model.parameters}
     (drive,), _ = make_segments(model, lateral_data().logs)
     shots = make_shots(model, drive, p)
@@ -415,7 +415,7 @@ def test_a_segment_in_shots_equals_one_shot_and_the_machine_code(monkeypatch):
     first = shots.nodes[:, 0].copy()
     stiffer = p | {"cornering_stiffness_front": p["cornering_stiffness_front"] * (1.0 + 1e-5)}
     compiled = simulate(model, shots, [p, stiffer], first, changes=1e-5)
-    monkeypatch.setattr(type(model), "has_machine_code", False)
+    monkeypatch.setattr(type(model), "uses_machine_code", False)
     many = simulate(model, shots, [p, stiffer], first, changes=1e-5)
     whole = replace(shots, count=1, length=drive.size, nodes=first[:, None])
     unsplit = simulate(model, whole, [p], first, derivatives=False)

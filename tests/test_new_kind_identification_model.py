@@ -6,7 +6,7 @@ from pydantic import Field
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.identification.identify import identify
-from mirdrake.identification.models import MODELS, Model, ModelOptions
+from mirdrake.identification.models import MODELS, EquationModel, ModelOptions
 from mirdrake.identification.models.base import find_channel, select_outputs
 from mirdrake.identification.parameters import Parameter
 from mirdrake.identification.study import load_identification
@@ -30,7 +30,7 @@ class CartOptions(ModelOptions):
     input: str = Field(default="throttle", description="channel of the set-point [-]")
 
 
-class CartModel(Model):
+class CartModel(EquationModel):
     """Speed of a cart as a first-order lag: τ v̇ = K u - v."""
 
     kind = "cart"

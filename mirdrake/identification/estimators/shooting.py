@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mirdrake.identification.models.base import Array, Model, Segment
+from mirdrake.identification.models.equations import CompiledModel, EquationModel
 from mirdrake.identification.models.simulated import SimulatedModel
 
 _DIFFERENCE = 1e-5
@@ -92,7 +93,7 @@ class Sensitivity:
     last_by: Array
 
 
-def _inputs(model: Model, shots: Shots, columns: Sequence[Mapping[str, float]], same: Sequence[bool]) -> Array:
+def _inputs(model: EquationModel, shots: Shots, columns: Sequence[Mapping[str, float]], same: Sequence[bool]) -> Array:
     """Return the inputs of the equations (times in a shot, inputs, columns, shots)."""
     base = model.input_signals(columns[0], shots.drive, shots.times)
     step = shots.length * 2 * shots.substeps
@@ -108,7 +109,7 @@ def _inputs(model: Model, shots: Shots, columns: Sequence[Mapping[str, float]], 
     return inputs
 
 
-def _integrate(model: Model, shots: Shots, x: Array, u: Array, p: Mapping[str, Array]) -> Array:
+def _integrate(model: EquationModel, shots: Shots, x: Array, u: Array, p: Mapping[str, Array]) -> Array:
     """Return the states at all samples and at the end of each shot (length + 1, states, columns, shots)."""
     h = shots.drive.step / shots.substeps
     states = np.empty((shots.length + 1, *x.shape))
@@ -152,7 +153,8 @@ def simulate(
     """
     if isinstance(model, SimulatedModel):
         return _difference_runs(model, shots.drive, columns, first, changes, derivatives=derivatives)
-    if model.has_machine_code:
+    assert isinstance(model, EquationModel)  # the two kinds of models
+    if isinstance(model, CompiledModel) and model.uses_machine_code:
         return _compiled_runs(model, shots, columns, first, changes, derivatives=derivatives)
     scales = np.array(model.state_scales)
     size, count = len(scales), shots.count
@@ -244,7 +246,7 @@ def _difference_runs(
 
 
 def _compiled_runs(
-    model: Model,
+    model: CompiledModel,
     shots: Shots,
     columns: Sequence[Mapping[str, float]],
     first: Array,
@@ -284,7 +286,14 @@ def _compiled_runs(
 
 
 def _chain(
-    model: Model, shots: Shots, path: Array, u: Array, p: Mapping[str, Array], free: int, changes: float, nodes: Array
+    model: EquationModel,
+    shots: Shots,
+    path: Array,
+    u: Array,
+    p: Mapping[str, Array],
+    free: int,
+    changes: float,
+    nodes: Array,
 ) -> Sensitivity | None:
     """Return the derivatives along the whole segment by the chain rule.
 

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
@@ -10,7 +10,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mirdrake.batched.log_runs import LogRuns
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import Schema, Source
 from mirdrake.identification.data import DataSet
@@ -174,10 +173,11 @@ class Addition(NamedTuple):
 
 
 class Model(ABC):
-    """Equations ẋ = f(x, u, p), y = h(x, u, p).
+    """States, outputs and parameters of a model, whatever computes its runs.
 
-    A new model is a subclass in a file of its own and one line in the registry. Everything that differs between models
-    is an attribute or a method here.
+    A new model is a subclass of :class:`~mirdrake.identification.models.equations.EquationModel` or
+    :class:`~mirdrake.identification.models.simulated.SimulatedModel` in a file of its own, and one line in the
+    registry. Everything that differs between models is an attribute or a method here.
 
     Args of the constructor: the channels that all logs have, known parameter values by name, the wheelbase of the data
     set [m] or None, and the checked :attr:`Options`.
@@ -186,7 +186,6 @@ class Model(ABC):
         kind: key in the registry.
         Options: schema of the options.
         uses_steering_guess: whether slow turns give the first guess of steering ratio and offset.
-        has_machine_code: whether :meth:`run_log` is available.
         title: kind and options in words.
         parameters: all parameters.
         states: names of the states.
@@ -196,13 +195,11 @@ class Model(ABC):
         max_step: longest step of the integration [s].
         difference_step: change of a scaled parameter for a numerical derivative.
         tolerance: relative change of the unknowns at which a fit ends.
-        input_parameters: parameters that change :meth:`input_signals`.
     """
 
     kind: ClassVar[str]
     Options: ClassVar[type[ModelOptions]] = ModelOptions
     uses_steering_guess: ClassVar[bool] = False
-    has_machine_code: ClassVar[bool] = False
     title: str
     parameters: tuple[Parameter, ...]
     states: tuple[str, ...]
@@ -212,7 +209,6 @@ class Model(ABC):
     max_step: float = 0.0101
     difference_step: float = 1e-5
     tolerance: float = 1e-7
-    input_parameters: frozenset[str] = frozenset()
 
     @abstractmethod
     def __init__(self, channels: set[str], known: Mapping[str, float], wheelbase: float | None, options: Any) -> None:
@@ -245,48 +241,8 @@ class Model(ABC):
         yield from ()
 
     @abstractmethod
-    def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
-        """Return the inputs of the equations (inputs, times).
-
-        Args:
-            p: parameters.
-            drive: recorded channels.
-            times: relative to the first sample, evenly spaced [s].
-        """
-
-    @abstractmethod
-    def rates(self, x: Array, u: Array, p: Values) -> Array:
-        """Return the time derivatives of the states.
-
-        Args:
-            x: states (states, columns, shots).
-            u: inputs (inputs, columns, shots).
-            p: parameters (columns, 1) each.
-        """
-
-    @abstractmethod
-    def observe(self, x: Array, u: Array, p: Values) -> Array:
-        """Return the sensor readings of :attr:`outputs` (outputs, …); arguments as in :meth:`rates`, or more axes."""
-
-    @abstractmethod
     def initial_states(self, p: Mapping[str, float], drive: Segment, rows: NDArray[np.intp]) -> Array:
         """Return guesses of the states at samples of a segment (states, rows), from the measurements."""
-
-    def run_log(
-        self, columns: Sequence[Mapping[str, float]], inputs: Array, rows: Sequence[int], starts: Array, step: float,
-        substeps: int,
-    ) -> LogRuns:  # fmt: skip
-        """Return complete runs along a log by machine code; only if :attr:`has_machine_code`.
-
-        Args:
-            columns: parameters of each run (n).
-            inputs: sets of inputs at the ends and middles of the steps (sets, times, inputs).
-            rows: index of the inputs of each run (n).
-            starts: initial states (n, states).
-            step: step of the integration [s].
-            substeps: steps per sample.
-        """
-        raise NotImplementedError
 
     def derived_quantities(self, p: Mapping[str, float]) -> dict[str, tuple[float, str]]:
         """Return physically meaningful combinations of parameters: value and unit by name."""

@@ -14,20 +14,20 @@ from mirdrake.identification.models.base import (
     SPEED,
     Addition,
     Array,
-    Model,
     ModelOptions,
     Segment,
     Values,
     find_channel,
     select_outputs,
 )
+from mirdrake.identification.models.equations import EquationModel
 from mirdrake.identification.models.filters import second_order
 from mirdrake.identification.models.manoeuvres import lateral_manoeuvres
 from mirdrake.identification.models.steer import STEERING, STEERING_PARAMETERS, steering_angle, steering_parameters
 from mirdrake.identification.parameters import Parameter, Setting
 
 
-class _DirectModel(Model):
+class _DirectModel(EquationModel):
     """Model whose outputs follow from its inputs alone; its one state is not observed."""
 
     states, state_scales = ("none",), (1.0,)

@@ -23,13 +23,13 @@ from mirdrake.identification.models.base import (
     SPEED,
     Array,
     Assumption,
-    Model,
     ModelOptions,
     Segment,
     Values,
     find_channel,
     select_outputs,
 )
+from mirdrake.identification.models.equations import EquationModel
 from mirdrake.identification.models.filters import first_order
 from mirdrake.identification.models.manoeuvres import longitudinal_manoeuvres
 from mirdrake.identification.parameters import Parameter
@@ -54,7 +54,7 @@ class LongitudinalOptions(ModelOptions):
     outputs: list[str] | None = Field(default=None, description="channels to compare; all if left out [-]")
 
 
-class LongitudinalModel(Model):
+class LongitudinalModel(EquationModel):
     """Longitudinal motion; equations in the head of the module.
 
     Raises:

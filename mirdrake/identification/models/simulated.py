@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 
-from mirdrake.identification.models.base import Array, Model, Segment, Values
+from mirdrake.identification.models.base import Array, Model, Segment
 
 
 class SimulatedModel(Model):
@@ -26,15 +26,3 @@ class SimulatedModel(Model):
         Returns:
             None if the run fails.
         """
-
-    def input_signals(self, p: Mapping[str, float], drive: Segment, times: Array) -> Array:
-        """Not used: a run reads the segment itself."""
-        raise NotImplementedError
-
-    def rates(self, x: Array, u: Array, p: Values) -> Array:
-        """Not used: the model is simulated and has no equations."""
-        raise NotImplementedError
-
-    def observe(self, x: Array, u: Array, p: Values) -> Array:
-        """Not used: a run returns the outputs."""
-        raise NotImplementedError

@@ -82,13 +82,13 @@ from mirdrake.identification.models.base import (
     Addition,
     Array,
     Assumption,
-    Model,
     ModelOptions,
     Segment,
     Values,
     find_channel,
     select_outputs,
 )
+from mirdrake.identification.models.equations import CompiledModel
 from mirdrake.identification.models.manoeuvres import lateral_manoeuvres
 from mirdrake.identification.models.single_track_equations import TrackFlags, TrackInputs, TrackState
 from mirdrake.identification.models.single_track_parameters import DELAYS, RELAXATION, single_track_parameters
@@ -150,7 +150,7 @@ class SingleTrackOptions(ModelOptions):
     outputs: list[str] | None = Field(default=None, description="channels to compare; all if left out [-]")
 
 
-class SingleTrackModel(Model):
+class SingleTrackModel(CompiledModel):
     """Single track; equations in the head of the module.
 
     Raises:
@@ -160,7 +160,6 @@ class SingleTrackModel(Model):
     kind = "single_track"
     Options = SingleTrackOptions
     uses_steering_guess = True
-    has_machine_code = True
     rolls_by_default = False
 
     def __init__(
@@ -273,7 +272,7 @@ class SingleTrackModel(Model):
         self, columns: Sequence[Mapping[str, float]], inputs: Array, rows: Sequence[int], starts: Array, step: float,
         substeps: int,
     ) -> LogRuns:  # fmt: skip
-        """See :meth:`Model.run_log`."""
+        """See :meth:`CompiledModel.run_log`."""
         # A plain array viewed as records: filling records field by field would take longer than the run.
         numbers: Array = np.array([list(vars(self._numbers(p)).values()) for p in columns])
         wide = np.zeros((len(starts), len(TrackState._fields)))
