@@ -193,7 +193,7 @@ def _seconds(numbers: Mapping[str, Array], time: str | None, unit: str) -> Array
         return 0.01 * np.arange(len(next(iter(numbers.values()))))
     size = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}.get(unit.lower(), 1.0)
     values = numbers[time]
-    return np.asarray((values - values[np.isfinite(values)][0]) * size)
+    return np.asarray((values - values[np.isfinite(values)][0]) * size, dtype=np.float64)
 
 
 def _proposals_by_name(table: Table, numbers: Mapping[str, Array], time: str | None) -> list[Proposal]:
@@ -267,8 +267,7 @@ def _solve_units(proposals: list[Proposal], numbers: Mapping[str, Array], second
     """Return proposals with the units and signs at the least cost: relations that fail, and unusual choices."""
     log = _log(proposals, numbers, seconds)
     gains = [(gain.relation, gain.gain) for gain in estimate_gains(log)]
-    turns = [name for name in STEERING if (sign := steering_sign(log, name)) is not None]
-    signs = {name: steering_sign(log, name) for name in turns}
+    turns = {name: sign for name in STEERING if (sign := steering_sign(log, name)) is not None}
     sizes = {item.channel: float(np.nanpercentile(np.abs(numbers[item.column]), 99.0)) for item in proposals}
     options = [
         [(unit, sign) for unit in ((item.unit,) if item.is_stated else _UNITS[channel(item.channel).unit])
@@ -284,11 +283,11 @@ def _solve_units(proposals: list[Proposal], numbers: Mapping[str, Array], second
         ratios = {target: ratios[item.sources[0]] for item in derived for target in item.targets} | ratios
         total = 0.0
         for relation, gain in gains:
-            value = gain * math.prod(relation_effect(relation, name, ratio) for name, ratio in ratios.items())
+            value: float = gain * math.prod(relation_effect(relation, name, ratio) for name, ratio in ratios.items())
             total += min(abs(math.log(abs(value))) / math.log(1.25), 4.0) + 6.0 * (value < 0.0)
         # The yaw rate follows speed times steering: the sign of their correlation changes with each of the three.
         speed = next((ratios[name] for name in ("vx", "speed") if name in ratios), 1.0)
-        total += sum(6.0 * (signs[name] * ratios[name] * ratios["yaw_rate"] * speed < 0.0) for name in turns)  # type: ignore[operator]
+        total += sum(6.0 * (sign * ratios[name] * ratios["yaw_rate"] * speed < 0.0) for name, sign in turns.items())
         for item, own in zip(chosen, options, strict=True):
             usual = _USUAL.get(channel(item.channel).unit, math.inf)
             total += 2.0 * (abs(item.factor) * sizes[item.channel] > usual) + 0.25 * own.index((item.unit, 1))
