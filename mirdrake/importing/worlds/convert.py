@@ -59,16 +59,14 @@ class Converter:
             what, known = f"actor '{actor}'", find_known(kind)
             if known is None:
                 self.changes.add(
-                    Code.MODEL, where, what, kind, None, "actors do not move in mirdrake, and its model is unknown"
+                    Code.MODEL, where, what, kind, None, "its motion is not imported, and its model is unknown"
                 )
                 continue
             # A person stands upright on the ground: only position and heading remain.
             x, y, _ = X.translation()
             X_WM = RigidTransform(RollPitchYaw(0.0, 0.0, _yaw(X)), [x, y, self.height])
             obj = SourceObject(actor, kind, X_WM, True, absent=True, where=where)
-            done.append(
-                self._known(obj, known, what, "actors do not move in mirdrake; it is placed at its first position")
-            )
+            done.append(self._known(obj, known, what, "its motion is not imported; it is placed at its first position"))
         done += [entry for crowd in world.crowds if (entry := self._crowd(crowd)) is not None]
         if self._sunk:
             count = len(self._sunk)

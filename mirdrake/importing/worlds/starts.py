@@ -16,6 +16,7 @@ CAR = "bolt"
 
 _ROOM = 0.3  # [m] on all sides
 _AHEAD = (120.0, 60.0, 30.0, 15.0, 6.0, 0.0)  # [m] to be free in front; the first of them for which there is a place
+_AHEAD_OFF_ROAD = (30.0, 15.0, 6.0, 0.0)  # [m] likewise without a road, where more would lead out of yards and arenas
 _LOW = 0.05  # [m] height of objects that are not obstacles
 _STEP = 2.0  # [m] between places that are tried
 _MOST_PLACES = 20_000
@@ -80,7 +81,7 @@ class FreePlaces:
 
     def find_near(self, x: float, y: float) -> tuple[float, float, float] | None:
         """Return the nearest pose to a point with room, also ahead [m, rad]; None if there is none."""
-        for ahead in _AHEAD:
+        for ahead in _AHEAD_OFF_ROAD:
             for dx, dy in _spiral():
                 for yaw in _HEADINGS:
                     if self.is_free(x + dx, y + dy, float(yaw), ahead=ahead):
