@@ -127,6 +127,12 @@ def test_a_run_carries_its_scene_and_the_lock_of_its_world(run: Run, project: Pa
 # --- what reads a run -------------------------------------------------------------------------------------------------
 
 
+def test_a_run_is_checked_without_its_models(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(project / "moved")]) == 0
+    out, err = capsys.readouterr()
+    assert (out.splitlines()[0], err) == (f"{project / 'moved'}: sound", "")
+
+
 @pytest.fixture
 def closed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Forbid the search for files by name and the rendering of xacro."""

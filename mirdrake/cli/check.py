@@ -51,6 +51,7 @@ def _check_name(
     from mirdrake.assembly.diagram import assemble, load_diagram
     from mirdrake.assembly.diagram_spec import without_user_systems
     from mirdrake.core.user_modules import without_user_code
+    from mirdrake.runs.logs import load_run
     from mirdrake.schemas import check_file
     from mirdrake.world_checks import check_world
 
@@ -71,8 +72,10 @@ def _check_name(
         spec = load_diagram(str(Path(name) / "spec.yaml") if kind == "runs" else name, overrides=overrides)
         if not trust:
             spec, skipped = without_user_systems(spec)
+        # A run is checked with the world and the vehicles that it had; overrides may name others.
+        of_run = kind == "runs" and not overrides
         with nullcontext() if trust else without_user_code():
-            assembly = assemble(spec)
+            assembly = assemble(spec, scene=load_run(name).scene() if of_run else None)
         unread = [] if skipped else [f"output '{port}' is not read" for port in assembly.unread]
         return (), (), [*unread, *skipped_lines(skipped)]
     except MirdrakeError as error:
