@@ -135,3 +135,27 @@ def test_random_edits_mean_what_they_should_and_can_be_undone_by_hand(seed: int)
         if count > 1:
             shorter = yaml.safe_load(remove_item(text, ("p", str(index))))
             assert shorter == {**data, "p": data["p"][:index] + data["p"][index + 1 :]}
+
+
+def test_a_missing_value_is_added_with_the_mappings_above_it() -> None:
+    assert set_scalar(YARD, ("start", "gate", "at"), "[1, 2]") == f"{YARD}start: {{gate: {{at: [1, 2]}}}}\n"
+    empty = "a: {b: }\nc:   # nothing\nd: {}\n"
+    assert set_scalar(empty, ("a", "b", "x"), "1") == empty.replace("b: }", "b: {x: 1}}")
+    assert set_scalar(empty, ("c", "x", "y"), "1") == empty.replace("c:", "c: {x: {y: 1}}", 1)
+    assert set_scalar(empty, ("d", "x", "y"), "1") == empty.replace("d: {}", "d: {x: {y: 1}}")
+    with pytest.raises(ConfigError, match="is not in the file"):
+        set_scalar(YARD, ("mirdrake", "x"), "1")
+    merged = "a: &a {at: [1, 2]}\nb: {<<: *a}\n"
+    with pytest.raises(ConfigError, match=r"b\.at: comes from a merge"):
+        set_scalar(merged, ("b", "at", "0"), "5")
+
+
+def test_an_item_is_inserted_before_another_one_and_its_comments() -> None:
+    flow = "points: [[0, 0], [1, 1],\n         [2, 2]]\n"
+    assert insert_item(flow, ("points",), "[5, 5]", index=2) == flow.replace("[2, 2]", "[5, 5], [2, 2]")
+    assert insert_item(flow, ("points",), "[5, 5]", index=3) == flow.replace("[2, 2]", "[2, 2], [5, 5]")
+    new = "  - {prop: cone}\n"
+    assert insert_item(YARD, ("props",), "{prop: cone}", index=0) == YARD.replace("props:\n", f"props:\n{new}")
+    assert insert_item(YARD, ("props",), "{prop: cone}", index=1) == YARD.replace(
+        "  - prop: van", f"{new}  - prop: van"
+    )

@@ -5,8 +5,8 @@ import argparse
 MORE = """\
 Prints an address and waits. Drag props and groups from the palette, move and turn them on the map, or type their
 values; overlaps are red while you drag. Each gesture changes as little of the file as possible: comments and layout
-stay. Ctrl-S saves, Ctrl-Z undoes. Ctrl-C ends; a text that is not saved is lost. A file that does not exist begins as
-an empty world.
+stay. Ctrl-S saves, Ctrl-Z undoes. Ctrl-C ends; a text that is not saved is kept in a hidden file for the next time.
+A file that does not exist begins as an empty world.
 
 examples:
   mirdrake world edit yard.yaml
@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
         editor.serve()
     except KeyboardInterrupt:
         if not editor.document.is_saved:
-            print(f"warning: {editor.document.name}: the last changes were not saved", flush=True)
+            print(f"warning: {editor.document.name}: not saved; the next `world edit` restores the text", flush=True)
     finally:
         editor.server.stop_listening()
         editor.release()

@@ -1,6 +1,6 @@
 """Edits of list items and scalars in a YAML text that keep every other byte.
 
-:func:`set_scalar` and :func:`set_scalars` replace the text of values, :func:`insert_item` appends an item to a list,
+:func:`set_scalar` and :func:`set_scalars` replace the text of values, :func:`insert_item` adds an item to a list,
 :func:`remove_item` removes one with its comments, and :func:`item_text` returns one for a copy. A comment line directly
 above an item belongs to it, and so does a comment behind it on the same line; a blank line ends the block.
 
@@ -68,12 +68,13 @@ def set_scalars(text: str, changes: Sequence[tuple[Path, str]], *, name: str = "
     Raises:
         ConfigError: one of them cannot be changed.
     """
-    data, _ = parse_tree(text, name)
+    before, _ = parse_tree(text, name)
+    data = before
     # All cuts are found in the original text, so that they can be applied together.
     cuts: list[tuple[int, int, str]] = []
     for path, written in changes:
         data = _replaced(data, path, _parsed(written, name))
-        cuts.append(_cut(text, path, written, name))
+        cuts.append(_cut(text, before, path, written, name))
     # From the end, so that the positions before a cut stay; of two additions at one position the later is behind.
     changed = text
     in_order = sorted(cuts, key=lambda cut: cut[0])
@@ -82,30 +83,52 @@ def set_scalars(text: str, changes: Sequence[tuple[Path, str]], *, name: str = "
     return _verified(changed, data, name, changes[-1][0])
 
 
-def _cut(text: str, path: Path, written: str, name: str) -> tuple[int, int, str]:
-    """Return start and end of the text that is replaced, and what comes there."""
+def _cut(text: str, before: Any, path: Path, written: str, name: str) -> tuple[int, int, str]:
+    """Return start and end of the text that is replaced, and what comes there; `before` is the data of the text."""
     node = _find(text, path)
     if node is None:
-        parent = _find(text, path[:-1])
-        if parent is None or parent.kind != "mapping":
-            _reject(text, name, path, "is not in the file")
-        return _cut_in_mapping(text, parent, f"{scalar_text(path[-1])}: {written}")
+        return _cut_missing(text, before, path, written, name)
     if node.kind == "alias":
         _reject(text, name, path, "is an alias; edit the file by hand")
     if node.kind != "scalar" and not node.flow:
         _reject(text, name, path, f"is a {node.kind} of several lines; edit the file by hand")
-    # `key:` without a value has no space in front of the new one.
-    space = " " if node.start == node.end and text[node.start - 1 : node.start] not in {" ", ""} else ""
-    return node.start, node.end, f"{space}{written}"
+    return node.start, node.end, f"{_space_before(text, node)}{written}"
 
 
-def insert_item(text: str, path: Path, item: str, *, name: str = "<text>") -> str:
-    """Return the text with an item at the end of a list; a missing list is added at the end of its mapping.
+def _cut_missing(text: str, before: Any, path: Path, written: str, name: str) -> tuple[int, int, str]:
+    """Return the cut that adds a value, with the mappings above it that are missing, too."""
+    length, parent = len(path) - 1, None
+    while (parent := _find(text, path[:length])) is None and length:
+        length -= 1
+    if parent is not None and parent.kind == "alias":
+        _reject(text, name, path[:length], "is an alias; edit the file by hand")
+    # A value without text of its own comes from a merge; adding a part of it would replace it as a whole.
+    if length < len(path) - 1 and value_at(before, path[: length + 1]) not in (REMOVED, None):
+        _reject(text, name, path[: length + 1], "comes from a merge; edit the file by hand")
+    for key in reversed(path[length + 1 :]):
+        written = f"{{{scalar_text(key)}: {written}}}"
+    entry = f"{scalar_text(path[length])}: {written}"
+    if parent is not None and parent.kind == "mapping":
+        return _cut_in_mapping(text, parent, entry)
+    # Else only `key:` without a value, or null, can get one.
+    if parent is None or parent.kind != "scalar" or value_at(before, path[:length]) is not None:
+        _reject(text, name, path, "is not in the file")
+    return parent.start, parent.end, f"{_space_before(text, parent)}{{{entry}}}"
+
+
+def _space_before(text: str, node: Node) -> str:
+    """Return the space that is missing in front of the new value of `key:` without a value."""
+    return " " if node.start == node.end and text[node.start - 1 : node.start] not in {" ", ""} else ""
+
+
+def insert_item(text: str, path: Path, item: str, *, index: int | None = None, name: str = "<text>") -> str:
+    """Return the text with an item more in a list; a missing list is added at the end of its mapping.
 
     Args:
         text: the text.
         path: path of the list.
         item: the item as YAML, in one line or as lines of a block whose first line begins at the item's text.
+        index: number of the item that it comes before; default: it is the last one.
         name: name of the text in errors.
 
     Raises:
@@ -117,8 +140,15 @@ def insert_item(text: str, path: Path, item: str, *, name: str = "<text>") -> st
     items = [] if present is REMOVED or present is None else present
     if not isinstance(items, list):
         _reject(text, name, path, "is not a list")
-    wanted = _replaced(data, path, [*items, _parsed(_dedented(item), name)])
+    place = len(items) if index is None else index
+    wanted = _replaced(data, path, [*items[:place], _parsed(_dedented(item), name), *items[place:]])
     node = _find(text, path)
+    if node is not None and node.kind == "list" and place < len(node.values):
+        following = node.values[place]
+        # Before the comments of the item that follows, or directly before it in braces.
+        begin = following.start if node.flow else _block_of(text, following.start, following.end)[0]
+        new = f"{item}, " if node.flow else f"{' ' * node.column}- {item}{newline}"
+        return _verified(f"{text[:begin]}{new}{text[begin:]}", wanted, name, path)
     if node is None:
         parent = _find(text, path[:-1])
         if parent is None or parent.kind != "mapping" or parent.flow:

@@ -4,8 +4,15 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
-from mirdrake.core.json_io import Json
+from mirdrake.core.errors import MirdrakeError
+from mirdrake.runs.simulation import default_folder
+from mirdrake.suites.cases import Case, Result
+from mirdrake.suites.run import load_suite
+
+RECORDING = "recording.html"
+"""Recording in the folder of a case; the command line writes those of the worst cases, and of a case run alone."""
 
 
 class CaseRunner:
@@ -20,21 +27,22 @@ class CaseRunner:
         self._process: subprocess.Popen[str] | None = None
         self._name, self._lines = "", list[str]()
         self._code: int | None = None
-        self._thread: threading.Thread | None = None
+        self._folder: Path | None = None
+        self._recordings: dict[str, Path] = {}
+        self._final: list[dict[str, Any]] | None = None
 
     def run(self, name: str = "") -> None:
-        """Run one test, or all without a name; a run that has not ended is stopped."""
+        """Run one test or case, or all without a name; a run that has not ended is stopped."""
         self.stop()
+        self._folder = default_folder(self._path.stem, base=self._path.parent)
         command = [sys.executable, "-P", "-m", "mirdrake.cli", "world", "test", str(self._path), "--quiet"]
-        if name:
-            command += ["--case", name]
-        self._name, self._lines, self._code = name or "all tests", [], None
+        command += ["--out", str(self._folder), *(["--case", name] if name else [])]
+        self._name, self._lines, self._code, self._final = name or "all tests", [], None, None
         self._process = process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
             cwd=self._path.parent,
         )  # fmt: skip
-        self._thread = threading.Thread(target=self._read, args=(process,), daemon=True)
-        self._thread.start()
+        threading.Thread(target=self._read, args=(process, self._lines), daemon=True).start()
 
     def stop(self) -> None:
         """Stop the run, if there is one; the results so far stay in its folder."""
@@ -47,15 +55,46 @@ class CaseRunner:
 
     close = stop
 
-    def state(self) -> Json:
-        """Return name, output and exit code of the last run; its code is None while it runs."""
-        return {"name": self._name, "lines": self._lines[-60:], "code": self._code}
+    def state(self) -> dict[str, Any]:
+        """Return name, output, exit code and results of the last run; its code is None while it runs."""
+        return {"name": self._name, "lines": self._lines[-60:], "code": self._code, "cases": self._cases()}
 
-    def _read(self, process: "subprocess.Popen[str]") -> None:
+    def recording(self, name: str) -> Path | None:
+        """Return the recording of a case of the last run; None if there is none."""
+        return self._recordings.get(name)
+
+    def _cases(self) -> list[dict[str, Any]]:
+        """Return the results so far, the worst first."""
+        if self._folder is None or self._final is not None:
+            return self._final or []
+        ended = self._code is not None
+        try:
+            suite = load_suite(self._folder)
+        except MirdrakeError:  # it has not begun
+            return []
+        folders = {result.name: self._folder / result.folder for result in suite.results if result.folder is not None}
+        self._recordings = {
+            name: folder / RECORDING for name, folder in folders.items() if (folder / RECORDING).is_file()
+        }
+        rows = [_row(case, result, recorded=result.name in self._recordings) for case, result in suite.ranked()]
+        # The page asks often; after the end nothing changes any more.
+        self._final = rows if ended else None
+        return rows
+
+    def _read(self, process: "subprocess.Popen[str]", lines: list[str]) -> None:
         assert process.stdout is not None
-        lines = self._lines
-        for line in process.stdout:
-            lines.append(line.rstrip())
+        lines.extend(line.rstrip() for line in process.stdout)  # as they come
         code = process.wait()
         if process is self._process:
             self._code = code
+
+
+def _row(case: Case, result: Result, *, recorded: bool) -> dict[str, Any]:
+    worst = result.worst
+    margin = "" if worst is None or worst.margin is None else f"{worst.margin:+.3g} {worst.unit}".rstrip()
+    return {
+        "name": result.name, "verdict": result.verdict, "margin": margin, "recorded": recorded,
+        "values": ", ".join(f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}"
+                            for key, value in case.values.items()),
+        "reason": result.reason or ("" if worst is None else worst.text),
+    }  # fmt: skip

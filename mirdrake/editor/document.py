@@ -1,5 +1,6 @@
 """The text of a world file while it is edited: undo, redo, save, and changes by other programs."""
 
+import json
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +20,9 @@ NEW_WORLD = "mirdrake: world/1\n\nground: {surface: asphalt}\n"
 class Document:
     """A text with its history and its file; line ends are kept as they are in the file.
 
-    Only one editor has a file at a time: a lock file beside it names the process. A second editor only reads.
+    Only one editor has a file at a time: it holds the lock of a hidden file beside it. A second editor only reads.
+    A text that is not saved is kept in another hidden file, so that it is not lost when the process ends at any moment;
+    the next editor begins with it.
 
     Args:
         path: the file; if there is none, it begins as an empty world and is written by the first save.
@@ -27,6 +30,7 @@ class Document:
     Attributes:
         text: the present text.
         read_only: why the file cannot be saved; empty if it can.
+        restored: whether the text is one that an earlier editor has not saved; undo returns to the file.
 
     Raises:
         ConfigError: the file cannot be read.
@@ -41,6 +45,7 @@ class Document:
         self.text = NEW_WORLD if self.is_new else self._saved
         self._undo: list[str] = []
         self._redo: list[str] = []
+        self.restored = not self.read_only and self._restore()
 
     @property
     def name(self) -> str:
@@ -68,18 +73,21 @@ class Document:
             # A new change after an undo drops the redone branch, as in every editor.
             self._undo = [*self._undo[-MOST_STEPS + 1 :], self.text]
             self._redo, self.text = [], text
+            self._keep()
 
     def undo(self) -> None:
         """Return to the text before the last change."""
         if self._undo:
             self._redo.append(self.text)
             self.text = self._undo.pop()
+            self._keep()
 
     def redo(self) -> None:
         """Repeat the change that was undone last."""
         if self._redo:
             self._undo.append(self.text)
             self.text = self._redo.pop()
+            self._keep()
 
     def changed_outside(self) -> bool:
         """Return whether another program changed the file since it was read or saved."""
@@ -98,6 +106,7 @@ class Document:
         self.is_new = False
         # As a change: undo returns to the text of the editor.
         self.change(self._saved)
+        self._keep()
 
     def save(self, *, overwrite: bool = False) -> None:
         """Write the file, completely or not at all, with the mode that it had.
@@ -121,9 +130,10 @@ class Document:
             with suppress(OSError):
                 self.path.chmod(mode & 0o777)
         self._saved, self.is_new = self.text, False
+        self._keep()
 
     def close(self) -> None:
-        """Release the file for other editors."""
+        """Release the file for other editors; a text that is not saved is kept for the next one."""
         if self._lock is not None:
             # Removed while it is locked: another editor could lock it between the two, and lose its file.
             with suppress(OSError):
@@ -131,9 +141,45 @@ class Document:
             os.close(self._lock)
             self._lock = None
 
+    def _keep(self) -> None:
+        """Write the text beside the file until it is saved."""
+        # The editor that has the file is the only one that writes here. A full disk must not stop the editing.
+        if self._lock is None:
+            return
+        with suppress(OSError, RunError):
+            if self.is_saved or not self._undo:
+                self._kept_path.unlink(missing_ok=True)
+            else:
+                base = None if self.is_new else self._saved
+                write_file(self._kept_path, json.dumps({"base": base, "text": self.text}))
+
+    def _restore(self) -> bool:
+        """Take the text that an earlier editor has kept; return whether there is one."""
+        try:
+            kept = json.loads(self._kept_path.read_text(encoding="utf-8"))
+            base, text = kept["base"], kept["text"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return False
+        if not isinstance(text, str) or not isinstance(base, str | None) or text == self.text:
+            return False
+        # The file that the text was made from: if another program has changed it since, saving asks first.
+        if base is not None:
+            self._saved = base
+        self._undo, self.text = [self.text], text
+        return True
+
+    @property
+    def file_text(self) -> str:
+        """Text of the file when this editor read or saved it last; of a new one, an empty world."""
+        return NEW_WORLD if self.is_new else self._saved
+
     @property
     def _lock_path(self) -> Path:
         return self.path.with_name(f".{self.path.name}.editing")
+
+    @property
+    def _kept_path(self) -> Path:
+        return self.path.with_name(f".{self.path.name}.unsaved")
 
     def _take_lock(self) -> str:
         """Lock the file for this process; return why it is read only."""
@@ -141,18 +187,24 @@ class Document:
             import fcntl
         except ImportError:  # a system without these locks
             return ""
-        try:
-            # A lock file, as the world file itself is replaced at each save and a lock on it would be lost.
-            lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT, 0o600)
-        except OSError as error:
-            return f"its folder cannot be written: {error.strerror}; save it elsewhere"
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        while True:
+            try:
+                # A lock file, as the world file itself is replaced at each save and a lock on it would be lost.
+                lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT, 0o600)
+            except OSError as error:
+                return f"its folder cannot be written: {error.strerror}; save it elsewhere"
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(lock)
+                return "open in another editor; close that one first"
+            # An editor that closes between the two calls removes the lock file: then the lock is of a file that no
+            # other editor finds, and a second one would get the lock of the next.
+            with suppress(OSError):
+                if os.path.samestat(os.fstat(lock), os.stat(self._lock_path)):
+                    self._lock = lock
+                    return ""
             os.close(lock)
-            return "open in another editor; close that one first"
-        self._lock = lock
-        return ""
 
 
 def revision_of(text: str) -> str:

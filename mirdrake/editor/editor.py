@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from mirdrake.core.errors import ConfigError, MirdrakeError
 from mirdrake.core.json_io import Json
@@ -16,7 +17,7 @@ from mirdrake.editor.document import Document, revision_of
 from mirdrake.editor.elements import BODY, TURN, LockedError
 from mirdrake.editor.gestures import Gesture, Move, TextGesture, changes_of, read_gesture
 from mirdrake.editor.marks import mark_moved, mark_overlaps
-from mirdrake.editor.palette import palette
+from mirdrake.editor.palette import palette, picture
 from mirdrake.editor.picture import make_picture, mark_json, path_of
 from mirdrake.editor.scene import Scene, read_scene
 from mirdrake.editor.view import View
@@ -60,8 +61,8 @@ class Editor:
         self._lock = threading.Lock()
         with ExitStack() as undo:
             undo.callback(self.document.close)
-            self.scene: Scene = read_scene(self.document.text, path)
-            self._faults: list[str] = []
+            self.scene, self._faults = self._first_scene(path)
+            self._marks = mark_overlaps(self.scene)
             self._tests = CaseRunner(path)
             self._checker = Checker(path)
             undo.callback(self._checker.close)
@@ -97,7 +98,7 @@ class Editor:
         self.server.start()
 
     def close(self) -> None:
-        """Stop serving and release the file; a text that is not saved is lost."""
+        """Stop serving and release the file; a text that is not saved is kept for the next editor."""
         self.server.close()
         self.release()
 
@@ -115,13 +116,23 @@ class Editor:
     # Files and messages of the page.
 
     def _file(self, path: str) -> Answer | None:
+        kind, _, name = path.partition("/")
+        if kind == "replay":
+            file = self._tests.recording(unquote(name))
+            return None if file is None else (file.read_bytes(), "text/html; charset=utf-8")
+        if kind == "palette":
+            what, _, name = unquote(name).removesuffix(".png").partition("/")
+            scene = self.scene
+            known = {"what": what, "name": name} in palette(scene.world)
+            content = picture(what, name, scene.data, self.document.path) if known else None
+            return None if content is None else (content, "image/png")
         name = path or "editor.html"
         page = files("mirdrake.editor") / "page" / name
-        kind = _TYPES.get(Path(name).suffix)
+        content_type = _TYPES.get(Path(name).suffix)
         # A name with a slash could lead out of the folder of the page.
-        if "/" in name or kind is None or not page.is_file():
+        if "/" in name or content_type is None or not page.is_file():
             return None
-        return page.read_bytes(), f"{kind}; charset=utf-8"
+        return page.read_bytes(), f"{content_type}; charset=utf-8"
 
     def _guarded(self, post: Callable[[Message], Reply]) -> Callable[[Message], Reply]:
         def answer(message: Message) -> Reply:
@@ -137,13 +148,23 @@ class Editor:
 
         return answer
 
+    def _first_scene(self, path: Path) -> tuple[Scene, list[str]]:
+        """Return the scene of the text; if it is a restored one with faults, that of the file, and the faults."""
+        try:
+            return read_scene(self.document.text, path), []
+        except MirdrakeError as error:
+            if not self.document.restored:
+                raise
+            faults = str(error).splitlines()
+        return read_scene(self.document.file_text, path), faults
+
     def _status(self) -> Reply:
         document = self.document
         return {
             "revision": revision_of(document.text), "file": document.name, "saved": document.is_saved,
             "undo": document.can_undo, "redo": document.can_redo, "read_only": document.read_only,
-            "outside": document.changed_outside(), "faults": self._faults, "check": self._check(),
-            "tests": self._tests.state(),
+            "outside": document.changed_outside(), "restored": document.restored, "faults": self._faults,
+            "check": self._check(), "tests": self._tests.state(),
         }  # fmt: skip
 
     def _check(self) -> Reply | None:
@@ -156,8 +177,8 @@ class Editor:
     def _everything(self) -> Reply:
         return {
             **self._status(), "text": self.document.text, "scene": make_picture(self.scene),
-            "marks": mark_json(mark_overlaps(self.scene)), "test_names": [test.name for test in self._spec_tests()],
-            "seed": self.scene.world.spec.seed,
+            "marks": mark_json(self._marks), "test_names": [test.name for test in self._spec_tests()],
+            "seed": self.scene.world.spec.seed, "groups": list(self.scene.world.spec.groups),
         }  # fmt: skip
 
     def _spec_tests(self) -> list[Any]:
@@ -189,7 +210,7 @@ class Editor:
         return self._show(scene)
 
     def _show(self, scene: Scene) -> Reply:
-        self.scene, self._faults = scene, []
+        self.scene, self._faults, self._marks = scene, [], mark_overlaps(scene)
         self._checker.check(scene.text)
         return self._everything()
 
@@ -208,7 +229,10 @@ class Editor:
             else:
                 continue
             moved += [(placed, *shift) for placed in self.scene.props_of(move.element)]
-        marks = mark_moved(self.scene, moved) if moved else []
+        # Overlaps of props that are not moved stay.
+        names = {placed.name for placed, *_ in moved}
+        marks = [mark for mark in self._marks if names.isdisjoint(mark.names)]
+        marks += mark_moved(self.scene, moved) if moved else []
         return {"sequence": message.get("sequence"), "marks": mark_json(marks)}
 
     def _undo(self, _: Message) -> Reply:
@@ -255,7 +279,9 @@ class Editor:
         elif not self.document.is_saved:
             raise ConfigError("the world is not saved; save it, then run its tests")
         else:
-            self._tests.run(name if name in {test.name for test in self._spec_tests()} else "")
+            # `name#3` is one case of a test.
+            known = name.partition("#")[0] in {test.name for test in self._spec_tests()}
+            self._tests.run(name if known else "")
         return self._status()
 
     def _draw(self, _: Message) -> Reply:
@@ -265,7 +291,7 @@ class Editor:
         return {"drawn": revision_of(self.scene.text)}
 
     def _palette(self, _: Message) -> Reply:
-        return {"palette": palette(self.document.path.parent)}
+        return {"palette": palette(self.scene.world)}
 
 
 def edit_world(name: str, *, port: int | None = None) -> Editor:

@@ -5,6 +5,7 @@ only list. A gesture changes the text as little as possible, or is rejected with
 """
 
 import math
+import re
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
@@ -18,7 +19,13 @@ from mirdrake.core.yaml_items import insert_item, item_text, remove_item, set_sc
 from mirdrake.editor.elements import BODY, Change, LockedError
 from mirdrake.editor.scene import Scene
 from mirdrake.editor.values import write_number
-from mirdrake.worlds.props import PlacedProp
+from mirdrake.worlds.actors import WALKER_LENGTH
+from mirdrake.worlds.props import PlacedProp, load_prop
+from mirdrake.worlds.world import World
+
+_CROSSING, _AHEAD = 8.0, 30.0  # [m], paths of new actors
+_WALK, _DRIVE = 1.4, 8  # [m/s], their speeds
+_LINE_END = re.compile(r"(\r\n|\r|\n)")
 
 Meters = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 
@@ -71,10 +78,10 @@ class SetGesture(Gesture):
 
 
 class InsertGesture(Gesture):
-    """A prop or group of the palette is dropped on the map, or a start or goal is added."""
+    """A prop, group or actor of the palette is dropped on the map, or a start or goal is added."""
 
     kind: Literal["insert"] = Field(description="[-]")
-    what: Literal["prop", "group", "start", "goal"] = Field(description="[-]")
+    what: Literal["prop", "group", "actor", "start", "goal"] = Field(description="[-]")
     name: Annotated[str, Field(min_length=1, max_length=200)] = Field(
         description="name of the prop, group, start or goal"
     )
@@ -88,13 +95,13 @@ class InsertGesture(Gesture):
         if self.what in {"prop", "group"}:
             item = f"{{{self.what}: {scalar_text(self.name)}, {position}}}"
             return insert_item(scene.text, ("props",), item, name=name)
+        if self.what == "actor":
+            item = f"{{actor: {scalar_text(self.name)}, {_motion(scene.world, self.name, self.x, self.y)}}}"
+            return insert_item(scene.text, ("actors",), item, name=name)
         key = "start" if self.what == "start" else "goals"
         used = scene.data.get(key) or {}
         label = _free_name(self.name, used)
         entry = f"{{{position}, yaw: 0 deg}}" if self.what == "start" else f"{{{position}, radius: 2}}"
-        # The first entry also needs its mapping.
-        if not used:
-            return set_scalar(scene.text, (key,), f"{{{scalar_text(label)}: {entry}}}", name=name)
         return set_scalar(scene.text, (key, label), entry, name=name)
 
 
@@ -114,8 +121,35 @@ class DeleteGesture(Gesture):
         return text
 
 
+class InsertPointGesture(Gesture):
+    """A point is added to a polygon, a path or the control points of a road."""
+
+    kind: Literal["insert_point"] = Field(description="[-]")
+    element: str = Field(description="its key [-]")
+    index: Annotated[int, Field(ge=0)] = Field(description="number of the point that it comes before [-]")
+    x: Meters = Field(description="position [m]")
+    y: Meters = Field(description="position [m]")
+
+    def text(self, scene: Scene, name: str) -> str:
+        """Return the changed text."""
+        point = f"[{write_number(self.x, 'm')}, {write_number(self.y, 'm')}]"
+        return insert_item(scene.text, _points_of(scene, self.element), point, index=self.index, name=name)
+
+
+class DeletePointGesture(Gesture):
+    """A point is removed."""
+
+    kind: Literal["delete_point"] = Field(description="[-]")
+    element: str = Field(description="its key [-]")
+    index: Annotated[int, Field(ge=0)] = Field(description="number of the point [-]")
+
+    def text(self, scene: Scene, name: str) -> str:
+        """Return the changed text."""
+        return remove_item(scene.text, (*_points_of(scene, self.element), str(self.index)), name=name)
+
+
 class CopyGesture(Gesture):
-    """Entries of props are repeated at the end of the list, displaced."""
+    """Entries of props and actors are repeated at the end of their list, displaced."""
 
     kind: Literal["copy"] = Field(description="[-]")
     elements: Annotated[list[str], Field(min_length=1, max_length=200)] = Field(description="their keys [-]")
@@ -124,24 +158,27 @@ class CopyGesture(Gesture):
 
     def text(self, scene: Scene, name: str) -> str:
         """Return the changed text."""
-        text, names = scene.text, {entry.get("name") for entry in scene.data.get("props") or []}
-        count = len(scene.data.get("props") or [])
+        text = scene.text
+        names = {key: {entry.get("name") for entry in scene.data.get(key) or []} for key in ("props", "actors")}
+        counts = {key: len(scene.data.get(key) or []) for key in names}
         for key in self.elements:
             element = scene.element(key)
             item = item_text(scene.text, element.path)
-            if element.kind != "prop" or item is None:
-                raise LockedError(f"{element.label} cannot be copied; only entries of props can")
-            text = insert_item(text, ("props",), item, name=name)
+            if element.kind not in {"prop", "actor"} or item is None:
+                raise LockedError(f"{element.label} cannot be copied; only entries of props and actors can")
+            where = element.path[0]
+            copy = (where, str(counts[where]))
+            text = insert_item(text, (where,), item, name=name)
             # The copy is moved by the changes that would move the original, applied to the new index.
             changes = _shifted(scene, Move(element=key, x=0.0, y=0.0), self.dx, self.dy)
-            text = _apply(text, [(("props", str(count), *path[2:]), value) for path, value in changes], name)
-            given = scene.data["props"][int(element.path[1])].get("name")
+            text = _apply(text, [((*copy, *path[2:]), value) for path, value in changes], name)
+            given = scene.data[where][int(element.path[1])].get("name")
             if given is not None:
-                label = _free_name(str(given), names)
-                names.add(label)
-                text = set_scalar(text, ("props", str(count), "name"), scalar_text(label), name=name)
+                label = _free_name(str(given), names[where])
+                names[where].add(label)
+                text = set_scalar(text, (*copy, "name"), scalar_text(label), name=name)
             # The next copy comes after this one.
-            count += 1
+            counts[where] += 1
         return text
 
 
@@ -172,11 +209,14 @@ class TextGesture(Gesture):
     value: str = Field(description="the whole text [-]")
 
     def text(self, scene: Scene, name: str) -> str:  # noqa: ARG002  # all gestures share one signature
-        """Return the typed text."""
-        return self.value
+        """Return the typed text with the line ends of the file."""
+        return with_line_ends(self.value, scene.text)
 
 
-GESTURES = DragGesture | SetGesture | InsertGesture | DeleteGesture | CopyGesture | ExpandGesture | TextGesture
+GESTURES = (
+    DragGesture | SetGesture | InsertGesture | InsertPointGesture | DeletePointGesture | DeleteGesture | CopyGesture
+    | ExpandGesture | TextGesture
+)  # fmt: skip
 """All gestures."""
 
 _ADAPTER: TypeAdapter[Gesture] = TypeAdapter(Annotated[GESTURES, Field(discriminator="kind")])
@@ -195,6 +235,26 @@ def read_gesture(message: Mapping[str, Any]) -> Gesture:
         raise ConfigError(f"not a gesture: {'.'.join(map(str, fault['loc']))}: {fault['msg']}") from None
 
 
+def with_line_ends(typed: str, before: str) -> str:
+    """Return a text of a browser, which has line feeds only, with the line ends of the text before.
+
+    Lines at the beginning and the end that have not changed keep their own; new ones have that of the first line.
+    """
+    parts, new = _LINE_END.split(before), _LINE_END.sub("\n", typed).split("\n")
+    old, ends = parts[::2], parts[1::2]
+    usual = ends[0] if ends else "\n"
+    most = min(len(old), len(new))
+    same = next((i for i in range(most) if old[i] != new[i]), most)
+    tail = next((i for i in range(most - same) if old[-1 - i] != new[-1 - i]), most - same)
+    moved = len(old) - len(new)  # of the lines at the end
+
+    def end_of(line: int) -> str:
+        number = line if line < same else line + moved if line >= len(new) - tail else len(ends)
+        return ends[number] if number < len(ends) else usual
+
+    return "".join(line + end_of(number) for number, line in enumerate(new[:-1])) + new[-1]
+
+
 def changes_of(scene: Scene, moves: list[Move]) -> list[Change]:
     """Return the changes of the file for moved handles.
 
@@ -209,6 +269,30 @@ def changes_of(scene: Scene, moves: list[Move]) -> list[Change]:
             raise LockedError(f"{element.label}: {handle.lock}")
         changes += handle.move(move.x, move.y)
     return changes
+
+
+def _points_of(scene: Scene, key: str) -> tuple[str, ...]:
+    element = scene.element(key)
+    if element.points is None or element.handles[0].lock:
+        raise LockedError(f"{element.label}: {element.handles[0].lock or 'it has no points'}")
+    return element.points
+
+
+def _motion(world: World, prop: str, x: float, y: float) -> str:
+    """Return place and speed of a new actor: along the road below it, else on a straight path of its own."""
+    length = load_prop(prop).size[0]
+    walks = length <= WALKER_LENGTH
+    track = next((name for name, road in world.roads().items() if not walks and road.inside(x, y)), None)
+    if track is not None:
+        place = (
+            f"on_track: {{track: {scalar_text(track)}, s: {write_number(world.tracks[track].project(x, y)[0], 'm')}}}"
+        )
+    else:
+        # A pedestrian crosses a road of usual width; a vehicle drives ahead.
+        end = (x, y + _CROSSING) if walks else (x + _AHEAD, y)
+        points = [f"[{write_number(px, 'm')}, {write_number(py, 'm')}]" for px, py in ((x, y), end)]
+        place = f"path: [{', '.join(points)}]"
+    return f"{place}, speed: {_WALK if walks else _DRIVE}"
 
 
 def _shifted(scene: Scene, move: Move, dx: float, dy: float) -> list[Change]:

@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mirdrake.core.json_io import Json
-from mirdrake.core.yaml_edit import scalar_text
+from mirdrake.core.yaml_edit import REMOVED, scalar_text, value_at
 from mirdrake.core.yaml_items import find_span, source_of
+from mirdrake.editor.actors import pose_of
 from mirdrake.editor.elements import Element
 from mirdrake.editor.marks import Mark
 from mirdrake.editor.scene import Scene, prop_key
@@ -18,7 +19,10 @@ from mirdrake.world_checks.faults import Fault
 from mirdrake.worlds.drawing import make_drawing
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
+from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import World
+
+Json = dict[str, Any]
 
 _TOLERANCE = 0.02  # [m] of outlines of the ground and roads
 _MOST_FIELDS = 60  # values of an element in the panel
@@ -37,6 +41,12 @@ def make_picture(scene: Scene) -> Json:
         {"layer": line.layer, "name": line.name, "d": _polyline(line.points), "width": line.width, "dash": line.dash}
         for line in drawing.lines
     ]
+    # Lines to follow that are not roads can be selected as well.
+    lines += [
+        {"layer": "centre", "name": name, "d": _polyline(_centre_line(track)), "width": 0.0, "dash": None}
+        for name, track in scene.world.tracks.items()
+        if name not in scene.world.roads()
+    ]
     return {
         "name": scene.world.name,
         "bounds": list(drawing.bounds),
@@ -44,7 +54,7 @@ def make_picture(scene: Scene) -> Json:
         "ground": scene.world.ground.surface,
         "areas": areas,
         "lines": lines,
-        "props": [_prop(placed) for placed in scene.world.props],
+        "props": [*(_prop(placed) for placed in scene.world.props), *_actors(scene.world)],
         "starts": [
             {"name": start.name, "key": f"start/{start.name}", "x": start.x, "y": start.y, "yaw": start.yaw}
             for start in drawing.starts
@@ -62,6 +72,7 @@ def view_of(world: World) -> tuple[float, float, float, float]:
     boxes += [patch.area.bounds for patch in world.patches]
     # Starts are points; a margin makes their vehicles visible.
     boxes += [(start.x - 6.0, start.y - 6.0, start.x + 6.0, start.y + 6.0) for start in world.starts.values()]
+    boxes += [(x - 3.0, y - 3.0, x + 3.0, y + 3.0) for x, y, _ in (pose_of(world, actor) for actor in world.actors)]
     boxes += [goal.area.bounds for goal in world.goals.values() if goal.area is not None]
     low, high = np.min([box[:2] for box in boxes], axis=0), np.max([box[2:] for box in boxes], axis=0)
     # A small world is not enlarged beyond 30 m across.
@@ -110,6 +121,17 @@ def _prop(placed: PlacedProp) -> Json:
     }  # fmt: skip
 
 
+def _actors(world: World) -> Iterator[Json]:
+    entries = {spec.name: entry for spec, entry in zip(world.spec.actors, world.actor_entries, strict=True)}
+    for actor in world.actors:
+        placed = actor.placed(*pose_of(world, actor))
+        yield {**_prop(replace(placed, order=(entries[actor.name],))), "key": f"actors/{entries[actor.name]}"}
+
+
+def _centre_line(track: Track) -> Array:
+    return np.column_stack(track.point(np.append(track.stations(sagitta=_TOLERANCE), track.length), 0.0))
+
+
 def _element(scene: Scene, element: Element) -> Json:
     span = find_span(scene.text, element.path)
     handles = [
@@ -128,15 +150,20 @@ def _element(scene: Scene, element: Element) -> Json:
         "layout": element.layout,
         "lines": [span.first_line, span.last_line] if span else None,
         "handles": handles,
+        "outlines": [
+            {"role": outline.role, "d": _polyline(outline.points), "moves": outline.moves}
+            for outline in element.outlines
+        ],
+        "points": element.points is not None,
+        "closed": element.closed,
         "fields": list(_fields(scene.text, _raw(scene.data, element.path), element.path))[:_MOST_FIELDS],
     }
 
 
 def _raw(data: Any, path: Sequence[str]) -> Any:
-    for key in path:
-        # Paths have indices of lists as text.
-        data = data[int(key)] if isinstance(data, list) else data[key]
-    return data
+    value = value_at(data, path)
+    # The start of a world without starts is not in its file.
+    return {} if value is REMOVED else value
 
 
 def _fields(text: str, raw: Any, path: tuple[str, ...], label: str = "") -> Iterator[Json]:

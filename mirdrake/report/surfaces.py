@@ -1,6 +1,6 @@
 """The surfaces of a vehicle as triangles, and a shaded picture of them along one axis: a drawing to scale.
 
-Parallel projection and a depth buffer; Drake's own renderer has perspective only, and needs EGL.
+Drake's own renderer has perspective only, and needs EGL; see :mod:`mirdrake.viewer.raster`.
 """
 
 import io
@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from PIL import Image
 from pydrake.geometry import (
     Box,
     Capsule,
@@ -33,23 +32,19 @@ from mirdrake.core.hulls import read_hull
 from mirdrake.vehicles import Vehicle
 from mirdrake.vehicles.parse import parse_urdf
 from mirdrake.viewer.pages import data_address
+from mirdrake.viewer.raster import draw_triangles, read_triangles
 
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
 GREY: Colour = (0.62, 0.66, 0.70)
-_UPRIGHT = np.array(
-    [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
-)  # glTF has y up (glTF 2.0 specification, section 3.4)
 _LIGHT = np.array([0.35, -0.30, 0.89])  # towards the sun
 _MOST = 400_000  # triangles that are drawn; of more, every second or third
-_AT_ONCE = 1_500_000  # pixels that are looked at together
 _VIEWS = {  # axis and sign of what is across and up in the picture, and towards the viewer
     "side": ((0, 1), (2, 1), (1, -1)),
     "top": ((0, 1), (1, 1), (2, 1)),
     "front": ((1, 1), (2, 1), (0, 1)),
 }
-_FINER = 2  # pixels drawn for one that is kept, each way
 
 
 @dataclass(frozen=True)
@@ -114,7 +109,7 @@ def _triangulate(
         colour = (rgba.r(), rgba.g(), rgba.b())
     mesh = _primitive(shape)
     if mesh is None and not collision and isinstance(shape, Mesh) and shape.source().is_path():
-        parts = _read_mesh(Path(shape.source().path()), colour)
+        parts = read_triangles(Path(shape.source().path()), colour)
         scale = np.asarray(shape.scale3())
         if parts:
             # Scale and mirror images of the URDF apply to the vertices of the file.
@@ -153,38 +148,6 @@ def _primitive(shape: Shape) -> trimesh.Trimesh | None:
     return None
 
 
-def _read_mesh(path: Path, colour: Sequence[float]) -> list[tuple[Array, NDArray[np.int64], Array]]:
-    """Return the parts of a mesh file with the colours of their materials; none if it cannot be read."""
-    try:
-        scene = trimesh.load(path, force="scene")
-        parts = scene.dump()
-    except Exception:  # whatever a reader of foreign files raises; the hull is drawn instead
-        return []
-    upright = path.suffix.lower() in {".gltf", ".glb"}
-    surfaces = []
-    for part in parts:
-        if not isinstance(part, trimesh.Trimesh) or not len(part.faces):
-            continue
-        points = np.asarray(part.vertices) @ (_UPRIGHT.T if upright else np.eye(3))
-        colours = _face_colours(part, colour)
-        # glTF stores linear light; the drawing is in sRGB, approximated by gamma 2.2.
-        surfaces.append((points, np.asarray(part.faces), colours ** (1.0 / 2.2) if upright else colours))
-    return surfaces
-
-
-def _face_colours(part: trimesh.Trimesh, colour: Sequence[float]) -> Array:
-    """Return colours (n, 3) of the faces, 0 .. 1: of the texture, of the material, or the given one."""
-    material = getattr(part.visual, "material", None)
-    if material is None:
-        return np.tile(colour, (len(part.faces), 1))
-    texture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-    if texture is not None and getattr(part.visual, "uv", None) is not None:
-        of_vertices = np.asarray(part.visual.to_color().vertex_colors)[:, :3] / 255.0
-        mean: Array = of_vertices[part.faces].mean(axis=1)
-        return mean
-    return np.tile(np.asarray(material.main_color)[:3] / 255.0, (len(part.faces), 1))
-
-
 # --- pictures ----------------------------------------------------------------------------------------------------
 
 
@@ -198,83 +161,16 @@ def picture_of(surfaces: Sequence[Surface], *, view: str, box: tuple[float, floa
         box: region in the two axes of the view: left, low, right, high [m].
         width: width of the picture [pixel].
     """
-    across, up, near = _VIEWS[view]
-    left, low, right, high = box
-    columns = _FINER * width
-    scale = columns / (right - left)
-    rows = _FINER * max(1, round((high - low) * scale / _FINER))
-    pixels = np.zeros((rows, columns, 4), dtype=np.uint8)
-    if surfaces:
-        triangles = np.concatenate([surface.triangles for surface in surfaces])
-        colours = np.concatenate([surface.colours for surface in surfaces])
-        # A drawing of a thousand pixels does not need every triangle of a scanned body.
-        step = -(-len(triangles) // _MOST)
-        triangles, colours = triangles[::step], colours[::step]
-        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
-        # Orientation of foreign meshes is unreliable; every normal is turned to the viewer.
-        normals *= np.where(near[1] * normals[:, near[0]] < 0.0, -1.0, 1.0)[:, None]
-        light = _LIGHT.copy()
-        # The light always comes from the viewer's side.
-        light[near[0]] = near[1] * abs(light[near[0]])
-        shade = 0.50 + 0.50 * np.clip(normals @ light, 0.0, 1.0) + 0.12 * normals[:, near[0]] * near[1]
-        painted = 255.0 * np.clip(colours * shade[:, None] + 0.03, 0.0, 1.0)
-        x = (across[1] * triangles[:, :, across[0]] - left) * scale
-        y = (high - up[1] * triangles[:, :, up[0]]) * scale
-        _fill(pixels, x, y, near[1] * triangles[:, :, near[0]], painted.astype(np.uint8))
-    # Reduced by averaging: smooth edges, also in the opacity.
-    small = Image.fromarray(pixels).resize((width, rows // _FINER), Image.Resampling.BOX)
-    file = io.BytesIO()
-    small.save(file, "PNG")
-    return data_address(file.getvalue(), "image/png")
-
-
-def _fill(pixels: NDArray[np.uint8], x: Array, y: Array, depth: Array, colours: NDArray[np.uint8]) -> None:
-    """Fill triangles; the nearest triangle of a pixel is visible.
-
-    Args:
-        pixels: picture (rows, columns, 4), red, green, blue, opacity; changed.
-        x: corners (n, 3), across [pixel].
-        y: the same, downwards [pixel].
-        depth: the same, towards the viewer.
-        colours: colours of the triangles (n, 3).
-    """
-    rows, columns, _ = pixels.shape
-    picture, nearest = pixels.reshape(-1, 4), np.full(rows * columns, -np.inf)
-    # Twice the signed area; the barycentric coordinates below are divided by it.
-    twice = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
-    # Pixels whose middles may be inside: those of the box around each triangle.
-    first_x = np.clip(np.ceil(x.min(axis=1) - 0.5), 0, columns).astype(int)
-    first_y = np.clip(np.ceil(y.min(axis=1) - 0.5), 0, rows).astype(int)
-    wide = np.clip(np.floor(x.max(axis=1) - 0.5) + 1, 0, columns).astype(int) - first_x
-    count = np.maximum(wide, 0) * np.maximum(
-        np.clip(np.floor(y.max(axis=1) - 0.5) + 1, 0, rows).astype(int) - first_y, 0
+    rotation = np.zeros((3, 3))
+    for row, (axis, sign) in enumerate(_VIEWS[view]):
+        rotation[row, axis] = sign
+    triangles = np.concatenate([surface.triangles for surface in surfaces]) if surfaces else np.zeros((0, 3, 3))
+    colours = np.concatenate([surface.colours for surface in surfaces]) if surfaces else np.zeros((0, 3))
+    # A drawing of a thousand pixels does not need every triangle of a scanned body.
+    step = max(1, -(-len(triangles) // _MOST))
+    picture = draw_triangles(
+        triangles[::step] @ rotation.T, colours[::step], light=rotation @ _LIGHT, box=box, width=width
     )
-    # Triangles seen edge-on cover no pixel and would divide by zero.
-    count[np.abs(twice) < 1e-9] = 0
-    some = np.nonzero(count)[0]
-    begin = 0
-    total = np.cumsum(count[some])
-    while begin < len(some):
-        before = total[begin - 1] if begin else 0
-        # At least one triangle at a time, even if it covers more pixels than the limit.
-        end = max(begin + 1, int(np.searchsorted(total, before + _AT_ONCE)))
-        part = some[begin:end]
-        begin = end
-        which = np.repeat(part, count[part])
-        # Number of each pixel within the box of its triangle, which gives row and column.
-        within = np.arange(len(which)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
-        column, row = first_x[which] + within % wide[which], first_y[which] + within // wide[which]
-        u, v = column + 0.5 - x[which, 0], row + 0.5 - y[which, 0]
-        second = (u * (y[which, 2] - y[which, 0]) - v * (x[which, 2] - x[which, 0])) / twice[which]
-        third = (v * (x[which, 1] - x[which, 0]) - u * (y[which, 1] - y[which, 0])) / twice[which]
-        z = depth[which, 0] + second * (depth[which, 1] - depth[which, 0]) + third * (depth[which, 2] - depth[which, 0])
-        pixel = row * columns + column
-        # Tolerance at the edges, so that no gap remains between neighbouring triangles.
-        seen = (second >= -1e-9) & (third >= -1e-9) & (second + third <= 1.0 + 1e-9) & (z > nearest[pixel])
-        which, pixel, z = which[seen], pixel[seen], z[seen]
-        order = np.argsort(z, kind="stable")  # the last one written stays
-        pixel, which = pixel[order], which[order]
-        nearest[pixel] = z[order]
-        picture[pixel, :3] = colours[which]
-        picture[pixel, 3] = 255
+    file = io.BytesIO()
+    picture.save(file, "PNG")
+    return data_address(file.getvalue(), "image/png")

@@ -15,11 +15,17 @@ from mirdrake.worlds.values import is_random
 LARGEST_COUNT = 2000
 """Largest number of actors in a world."""
 
-_NUMBER = re.compile(r"(.*(?:within|@|[<>])\s*)(.+)", re.DOTALL)  # the number at the end of a condition
+_CONDITION = re.compile(r"(.*(?:within|@|[<>])\s*)(.+)", re.DOTALL)  # the number at the end of a condition
 
 
-def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Source]:
-    """Return an entry for each actor, without expressions, and the source with their lines.
+def split_condition(text: str) -> tuple[str, str] | None:
+    """Return the words of a condition, and the number at its end as it is written; None if it has no number."""
+    match = _CONDITION.fullmatch(text)
+    return None if match is None else (match.group(1), match.group(2))
+
+
+def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Source, tuple[int, ...]]:
+    """Return an entry for each actor, without expressions, the source with their lines, and their entries' numbers.
 
     An entry with `along` becomes several actors: ``name_0``, ``name_1``, ... Actors without a name have that of their
     prop and their number among these.
@@ -33,7 +39,7 @@ def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Sour
         ConfigError: a value is not a valid expression, or there are too many actors.
     """
     if not isinstance(entries, list):
-        return entries, source
+        return entries, source, ()
     result: list[Any] = []
     origins: list[int] = []
     taken: dict[str, int] = {}
@@ -55,7 +61,7 @@ def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Sour
             below.setdefault(key[1], []).append((key[2:], line))
     for number, index in enumerate(origins):
         lines |= {("actors", number, *key): line for key, line in below.get(index, [])}
-    return result, source._replace(lines=lines)
+    return result, source._replace(lines=lines), tuple(origins)
 
 
 def _actors_of(entry: Json, index: int, draw: Draw, source: Source, taken: dict[str, int]) -> list[Json]:
@@ -110,8 +116,8 @@ def evaluate_trigger(entry: Any, draw: Draw, source: Source, path: tuple[Any, ..
         return entry
     rest = evaluate_tree({key: value for key, value in entry.items() if key != "when"}, draw, source, path)
     when = entry.get("when")
-    if isinstance(when, str) and (match := _NUMBER.fullmatch(when)) is not None:
-        words, number = match.groups()
+    if isinstance(when, str) and (parts := split_condition(when)) is not None:
+        words, number = parts
         if "$" in number or is_random(number):
             number = evaluate_tree(number, draw, source, (*path, "when"))
         when = f"{words}{number}"

@@ -97,13 +97,17 @@ def make_world(data: WorldSpec | Mapping[str, Any], *, path: Path | None = None)
 
 def _make(data: Any, source: Source, *, path: Path | None) -> World:
     """Make a world from plain data: evaluate, validate, lay out."""
+    actor_entries: tuple[int, ...] = ()
     if isinstance(data, dict):
-        data, source = _evaluated(dict(data), source)
-    return _lay_out(validate(data, WorldSpec, source), path=path)
+        data, source, actor_entries = _evaluated(dict(data), source)
+    return _lay_out(validate(data, WorldSpec, source), path=path, actor_entries=actor_entries)
 
 
-def _evaluated(data: Json, source: Source) -> tuple[Json, Source]:
-    """Return a world file with its parameters and the values outside of props evaluated, and its locations."""
+def _evaluated(data: Json, source: Source) -> tuple[Json, Source, tuple[int, ...]]:
+    """Return a world file with its parameters and the values outside of props evaluated, and its locations.
+
+    The numbers are those of the entries of the actors, see :attr:`mirdrake.worlds.world.World.actor_entries`.
+    """
     seed = data.get("seed", 0)
     # An invalid seed is reported by the validation below; here any number will do.
     draw = Draw(seed if isinstance(seed, int) else 0, "", {})
@@ -133,14 +137,15 @@ def _evaluated(data: Json, source: Source) -> tuple[Json, Source]:
             else test
             for i, test in enumerate(tests)
         ]
+    actor_entries: tuple[int, ...] = ()
     if "actors" in data:
-        data["actors"], source = evaluate_actors(data["actors"], draw, source)
+        data["actors"], source, actor_entries = evaluate_actors(data["actors"], draw, source)
     if "scenario" in data:
         data["scenario"] = evaluate_scenario(data["scenario"], draw, source)
-    return data, source
+    return data, source, actor_entries
 
 
-def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
+def _lay_out(spec: WorldSpec, *, path: Path | None, actor_entries: tuple[int, ...] = ()) -> World:
     folder = path.parent if path is not None else Path.cwd()
     name = spec.name or (path.stem if path else "world")
 
@@ -185,7 +190,7 @@ def _lay_out(spec: WorldSpec, *, path: Path | None) -> World:
     actors, paths = lay_out_actors(spec, tracks, network)
     world = World(
         name, spec, path, tracks, starts, ground, tuple(patches.values()), goals, tuple(props), tuple(unplaced), rules,
-        network, paths=paths, actors=actors,
+        network, paths=paths, actors=actors, actor_entries=actor_entries,
     )  # fmt: skip
     world.lights  # noqa: B018 - reports faults of signals
     return world

@@ -152,6 +152,8 @@ class World:
     """paths of single actors, by id"""
     actors: tuple[Actor, ...] = ()
     """in the order of their names"""
+    actor_entries: tuple[int, ...] = field(default=(), compare=False)
+    """for each actor of the specification, the number of its entry in the file"""
 
     @cached_property
     def lanes(self) -> dict[str, Lane]:

@@ -1,15 +1,18 @@
 // The page of the world editor: shows the state of the server and sends gestures to it.
 
 import { send, latest } from "./server.js";
-import { WorldMap, make, fill } from "./map.js";
-import { Gestures, make_draggable } from "./gestures.js";
+import { WorldMap } from "./map.js";
+import { Gestures } from "./gestures.js";
+import { show_palette } from "./palette.js";
+import { Results } from "./results.js";
 
 const $ = (id) => document.getElementById(id);
 const POLL = 700; // ms between questions for changes outside and for the check
 const TYPING = 600; // ms without a key after which a typed text is sent
 
 const map = new WorldMap($("map"));
-let state = {}, typed = null, note_timer = null, pending = 0;
+const options = { snap: () => $("snap").checked };
+let state = {}, typed = null, note_timer = null, pending = 0, groups = null;
 
 // --- notes ---
 
@@ -56,7 +59,9 @@ function take(reply) {
     map.show_marks(reply.marks);
     show_fields();
   }
-  if (reply.text !== undefined && typed === null && $("yaml").value !== reply.text) show_text(reply.text);
+  // The browser's text has line feeds only; the server keeps the line ends of the file.
+  if (reply.text !== undefined && typed === null && $("yaml").value !== reply.text.replace(/\r\n?/g, "\n")) show_text(reply.text);
+  if (reply.groups && String(reply.groups) !== groups) fill_palette(reply.groups);
   if (before !== state.revision && $("ghosts").checked) show_ghosts();
   if (reply.scene && before !== state.revision) show_solid();
   show_status();
@@ -82,7 +87,7 @@ function show_status() {
     $("case").replaceChildren(...["", ...(state.test_names || [])].map((name) => new Option(name || "all tests", name)));
   }
   $("test").disabled = $("case").disabled = !(state.test_names || []).length;
-  show_test();
+  results.show(state.tests || {});
 }
 
 function show_faults() {
@@ -112,7 +117,7 @@ function show_faults() {
 
 function show_fault(fault) {
   const keys = new Set();
-  for (const [key, parts] of map.nodes) if (parts.some(({ prop }) => (fault.names || []).includes(prop.name))) keys.add(key);
+  for (const [key, parts] of map.nodes) if (parts.some(({ prop }) => fault.names?.includes(prop.name))) keys.add(key);
   if (keys.size) choose(keys);
   const line = /:(\d+):/.exec(fault.text);
   if (line) go_to_line(Number(line[1]), Number(line[1]));
@@ -132,7 +137,7 @@ function show_fields() {
   box.replaceChildren();
   const add = (tag, text, name = "") => { const node = document.createElement(tag); node.textContent = text; node.className = name; box.append(node); return node; };
   $("mark").style.display = "none";
-  if (!map.chosen.size) { add("p", "Click a prop, start, goal or patch. Shift and drag selects an area."); return; }
+  if (!map.chosen.size) { add("p", "Click a prop, actor, start, goal, patch or road. Shift and drag selects an area."); return; }
   if (map.chosen.size > 1) { add("p", `${map.chosen.size} elements. Drag one of them to move all.`); return; }
   const key = [...map.chosen][0], element = state.scene.elements[key], count = (map.nodes.get(key) || []).length;
   add("p", `${element.label}: ${element.kind}${element.layout ? `, ${element.layout}` : ""}${count > 1 ? `, ${count} props` : ""}`);
@@ -161,6 +166,7 @@ function show_fields() {
       "Each prop becomes an entry of its own at its present position; random values are fixed.", false,
       [["Expand", () => gesture({ kind: "expand", element: key })], ["Cancel", () => {}]]));
   }
+  if (element.points && !lock) add("p", "Drag a small circle to add a point; double-click a point to remove it.");
   if (element.lines) go_to_line(...element.lines);
 }
 
@@ -205,17 +211,16 @@ function gesture(message) {
   return ask("gesture", message);
 }
 
-async function drop(tile, x, y) {
-  const count = (state.scene.elements && Object.keys(state.scene.elements).filter((key) => key.startsWith("props/")).length) || 0;
-  const reply = await gesture({ kind: "insert", what: tile.what, name: tile.name, x, y });
-  if (!reply.error && (tile.what === "prop" || tile.what === "group")) choose([`props/${count}`]);
+// What a gesture adds is chosen, so that it can be moved on.
+async function add(message) {
+  const before = new Set(Object.keys(state.scene.elements)), reply = await gesture(message);
+  if (!reply.error) choose(Object.keys(state.scene.elements).filter((key) => !before.has(key)));
 }
 
-async function copy() {
-  const keys = [...map.chosen], count = Object.keys(state.scene.elements).filter((key) => key.startsWith("props/")).length;
-  if (!keys.length) return;
-  const reply = await gesture({ kind: "copy", elements: keys, dx: 1, dy: -1 });
-  if (!reply.error) choose(keys.map((_, index) => `props/${count + index}`));
+const drop = (tile, x, y) => add({ kind: "insert", what: tile.what, name: tile.name, x, y });
+
+function copy() {
+  if (map.chosen.size) add({ kind: "copy", elements: [...map.chosen], dx: 1, dy: -1 });
 }
 
 function remove() {
@@ -224,9 +229,11 @@ function remove() {
 
 async function save(overwrite = false) {
   const reply = await ask("save", { overwrite });
+  if (!reply.error) return reply;
   if (reply.error && /another program/.test(reply.error)) {
     note(reply.error, true, [["Reload", () => ask("reload")], ["Overwrite", () => save(true)]]);
   }
+  return reply;
 }
 
 async function show_ghosts() {
@@ -255,16 +262,20 @@ async function show_solid() {
   if (again) show_solid();
 }
 
-function show_test() {
-  const run = state.tests || {};
-  $("results").hidden = !run.name;
-  const going = run.name && run.code === null;
-  $("verdict").textContent = !run.name ? "" : going ? `${run.name}: running …` : `${run.name}: ${{ 0: "passed", 1: "failed" }[run.code] || "error"}`;
-  $("output").textContent = (run.lines || []).join("\n");
-  $("test").textContent = going ? "Stop" : "Run test";
+async function run_test(name, stop = false) {
+  const reply = await ask("test", { name, stop });
+  if (reply.error && !state.saved && !state.read_only) {
+    note(reply.error, true, [["Save and run", async () => { if (!(await save()).error) run_test(name); }]]);
+  }
 }
 
-const options = { snap: () => $("snap").checked };
+const results = new Results((name) => run_test(name));
+
+async function fill_palette(names) {
+  groups = String(names);
+  show_palette($("palette"), (await send("palette")).palette || [], map, options, drop);
+}
+
 new Gestures(map, {
   choose, copy, remove, gesture,
   hover: (x, y) => { $("readout").textContent = `x ${x.toFixed(2)} m   y ${y.toFixed(2)} m`; },
@@ -282,7 +293,7 @@ $("delete").addEventListener("click", remove);
 $("fit").addEventListener("click", () => map.fit());
 $("ghosts").addEventListener("change", show_ghosts);
 $("solid").addEventListener("change", show_solid);
-$("test").addEventListener("click", () => ask("test", { name: $("case").value, stop: state.tests?.name && state.tests.code === null }));
+$("test").addEventListener("click", () => run_test($("case").value, state.tests?.name && state.tests.code === null));
 $("yaml").addEventListener("scroll", place_mark);
 $("yaml").addEventListener("input", () => {
   show_gutter();
@@ -295,39 +306,6 @@ map.onview = () => {
   $("scale").querySelector("i").style.width = `${length * map.scale}px`;
   $("scale").querySelector("span").textContent = `${length} m`;
 };
-
-function show_palette(entries) {
-  const tile_of = (tile) => {
-    const node = document.createElement("div");
-    node.className = "tile";
-    node.dataset.name = tile.name;
-    node.title = `${tile.name}: drag it onto the map`;
-    const icon = make("svg");
-    if (tile.paths) {
-      const [x0, y0, x1, y1] = tile.box, pad = 0.06 * Math.max(x1 - x0, y1 - y0);
-      icon.setAttribute("viewBox", `${x0 - pad} ${-y1 - pad} ${x1 - x0 + 2 * pad} ${y1 - y0 + 2 * pad}`);
-      const group = make("g", { transform: "scale(1 -1)" }, icon);
-      tile.paths.forEach((d, index) => make("path", { class: "prop", d, fill: fill({ kind: tile.kinds[index] }) }, group));
-    } else {
-      icon.setAttribute("viewBox", "-4 -4 8 8");
-      if (tile.what === "start") make("path", { d: "M-3 -.8H0V-2L3 0L0 2V.8H-3Z", fill: "#1f6feb" }, icon);
-      else make("circle", { r: 2.6, fill: "#2f9e55", "fill-opacity": 0.35, stroke: "#2f9e55", "stroke-width": 0.4 }, icon);
-    }
-    node.append(icon, tile.name.replaceAll("_", " "));
-    make_draggable(node, map, options, (x, y) => drop(tile, x, y));
-    return node;
-  };
-  const section = (title, tiles) => {
-    const head = document.createElement("h2"), box = document.createElement("div");
-    head.textContent = title;
-    box.className = "tiles";
-    box.append(...tiles.map(tile_of));
-    $("palette").append(head, box);
-  };
-  section("Places", [{ what: "start", name: "start" }, { what: "goal", name: "goal" }]);
-  section("Props", entries.filter((entry) => entry.what === "prop"));
-  section("Groups", entries.filter((entry) => entry.what === "group"));
-}
 
 async function poll() {
   if (!pending && typed === null) {
@@ -348,5 +326,7 @@ window.addEventListener("beforeunload", (event) => { if (!state.saved && !state.
 await ask("state", { all: true });
 show_fields();
 document.body.dataset.ready = "1";
-send("palette").then((reply) => show_palette(reply.palette || []));
+if (state.restored) {
+  note("This text was not saved when the editor ended. Undo returns to the file.", false, [["Undo", () => ask("undo")], ["Keep it", () => {}]]);
+} else if (state.read_only) note(`Read only: ${state.read_only}`, true);
 poll();

@@ -3,6 +3,7 @@
 const GRID = 0.5; // m
 const ANGLE = Math.PI / 12; // 15 degrees
 const STILL = 3; // px that a press may move and still be a click
+const TWICE = 400; // ms between the clicks of a double click
 
 export class Gestures {
   constructor(map, actions, options) {
@@ -33,7 +34,13 @@ export class Gestures {
       return;
     }
     const handle = event.target.closest?.("[data-handle]"), node = event.target.closest?.("[data-key]");
-    if (handle) {
+    const between = event.target.closest?.("[data-insert]");
+    if (between) {
+      this.drag = { kind: "insert", key: [...this.map.chosen][0], index: Number(between.dataset.insert), node: between, start, screen };
+    } else if (node && (node.dataset.key.startsWith("tracks/") || node.dataset.fixed) && !event.shiftKey) {
+      // A road covers much of the map: a click selects it, a drag on it moves the map. Its handles move the road.
+      this.drag = { kind: "pan", start, screen, empty: true, pick: [node.dataset.key] };
+    } else if (handle) {
       this.drag = { kind: "handle", key: [...this.map.chosen][0], handle: handle.dataset.handle, start, screen };
     } else if (node) {
       const key = node.dataset.key, chosen = this.map.chosen;
@@ -61,6 +68,10 @@ export class Gestures {
       drag.screen = [event.clientX, event.clientY];
     } else if (drag.kind === "band") {
       this.map.rubber_band(drag.start, [x, y]);
+    } else if (drag.kind === "insert") {
+      drag.place = [this.snapped(x, event), this.snapped(y, event)];
+      drag.node.setAttribute("cx", drag.place[0]);
+      drag.node.setAttribute("cy", drag.place[1]);
     } else if (drag.kind === "body") {
       drag.moves = this.body_moves(drag, x, y, event);
       if (drag.moves) this.actions.preview(drag.moves);
@@ -126,10 +137,23 @@ export class Gestures {
       this.actions.choose(this.map.inside(drag.start, this.map.to_world(event)));
       this.map.rubber_band(null);
     } else if (drag.empty && !drag.moved) {
-      this.actions.choose([]);
+      this.actions.choose(drag.pick || []);
+    } else if (drag.kind === "insert" && drag.moved) {
+      this.actions.gesture({ kind: "insert_point", element: drag.key, index: drag.index, x: drag.place[0], y: drag.place[1] });
     } else if (drag.moves) {
       this.actions.gesture({ kind: "drag", moves: drag.moves });
+    } else if (drag.kind === "handle" && !drag.moved) {
+      this.click_point(drag, event.timeStamp);
     }
+  }
+
+  // A double click on a point removes it.
+  click_point(drag, time) {
+    const number = /^point (\d+)$/.exec(drag.handle), last = this.clicked;
+    this.clicked = { handle: drag.handle, key: drag.key, time };
+    if (!number || last?.handle !== drag.handle || last.key !== drag.key || time - last.time > TWICE) return;
+    this.clicked = null;
+    this.actions.gesture({ kind: "delete_point", element: drag.key, index: Number(number[1]) });
   }
 
   stop() {

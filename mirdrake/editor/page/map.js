@@ -25,7 +25,7 @@ export class WorldMap {
   constructor(svg) {
     this.svg = svg;
     this.world = make("g", {}, svg);
-    this.layers = Object.fromEntries(["grid", "areas", "ghosts", "props", "marks", "handles", "over"].map(
+    this.layers = Object.fromEntries(["grid", "areas", "ways", "ghosts", "props", "marks", "handles", "over"].map(
       (name) => [name, make("g", { class: `layer-${name}` }, this.world)]));
     this.labels = make("g", {}, svg);
     this.scale = 10; // px per metre
@@ -96,22 +96,31 @@ export class WorldMap {
     const { areas, props } = this.layers;
     areas.replaceChildren();
     for (const area of picture.areas) {
-      const index = area.layer === "goal" ? `goals/${area.name}` : this.patch_key(area);
-      const node = make("path", { class: `${area.layer}${index ? " element" : ""}`, d: area.d }, areas);
+      const node = make("path", { class: area.layer, d: area.d }, areas);
       if (area.layer === "patch" && PATCH[area.surface]) node.style.fill = PATCH[area.surface];
-      if (index) node.dataset.key = index;
+      this.name_node(node, { goal: `goals/${area.name}`, road: `tracks/${area.name}` }[area.layer] || this.patch_key(area));
       make("title", {}, node).textContent = area.name || area.layer;
     }
     for (const line of picture.lines) {
       const attributes = { class: line.layer, d: line.d, "stroke-width": line.width || 0.25 };
       if (line.dash) attributes["stroke-dasharray"] = line.dash.join(" ");
-      make("path", attributes, areas);
+      const node = make("path", attributes, areas);
+      if (line.layer === "centre") this.name_node(node, `tracks/${line.name}`);
+    }
+    this.layers.ways.replaceChildren();
+    for (const [key, element] of Object.entries(picture.elements)) {
+      for (const { role, d, moves } of element.outlines) {
+        const node = make("path", { class: role, d }, this.layers.ways);
+        this.name_node(node, key);
+        if (!moves) node.dataset.fixed = "1";
+        make("title", {}, node).textContent = `${role} of ${element.label}`;
+      }
     }
     props.replaceChildren();
     this.nodes = new Map();
     for (const prop of [...picture.props].sort((a, b) => a.top - b.top)) {
       const group = make("g", { class: "element", "data-key": prop.key, "data-name": prop.name }, props);
-      const body = make("path", { class: `prop${prop.random ? " random" : ""}`, d: prop.d, fill: fill(prop) }, group);
+      const body = make("path", { class: `prop${prop.random ? " random" : ""}${prop.key.startsWith("actors/") ? " actor" : ""}`, d: prop.d, fill: fill(prop) }, group);
       make("title", {}, body).textContent = `${prop.name}: ${prop.kind} at (${prop.x.toFixed(2)}, ${prop.y.toFixed(2)}) m`;
       if (FACING.has(prop.kind)) {
         const c = Math.cos(prop.yaw), s = Math.sin(prop.yaw), l = prop.length;
@@ -134,6 +143,13 @@ export class WorldMap {
     if (first) this.fit();
     this.draw_choice();
     this.draw_view();
+  }
+
+  // Nodes of an element have its key: a click on them selects it.
+  name_node(node, key) {
+    if (!key || !(key in this.picture.elements)) return;
+    node.classList.add("element");
+    node.dataset.key = key;
   }
 
   patch_key(area) {
@@ -159,7 +175,7 @@ export class WorldMap {
   displace(key, shift) {
     this.shift.set(key, shift);
     const turn = shift.turn ? ` rotate(${shift.turn * 180 / Math.PI} ${shift.cx} ${shift.cy})` : "";
-    for (const node of this.svg.querySelectorAll(`[data-key="${CSS.escape(key)}"]`)) {
+    for (const node of this.svg.querySelectorAll(`[data-key="${CSS.escape(key)}"]:not([data-fixed])`)) {
       node.setAttribute("transform", `translate(${shift.dx} ${shift.dy})${turn}`);
     }
     this.draw_handles();
@@ -177,19 +193,36 @@ export class WorldMap {
     if (!this.picture || this.chosen.size !== 1) return;
     const key = [...this.chosen][0], element = this.picture.elements[key], shift = this.shift.get(key);
     const moved = (handle) => shift && !shift.handle ? [handle.x + shift.dx, handle.y + shift.dy] : [handle.x, handle.y];
-    const body = element.handles[0];
+    const body = element.handles[0], place = (handle) => shift?.handle === handle.name ? [shift.x, shift.y] : moved(handle);
+    if (element.points) this.draw_points(element, place, layer);
     for (const handle of element.handles) {
       if (handle.x === null || handle.y === null) continue;
-      const [x, y] = shift?.handle === handle.name ? [shift.x, shift.y] : moved(handle);
+      const [x, y] = place(handle);
       if (handle.name === "yaw" || handle.name === "radius") {
         const [bx, by] = moved(body);
         make("path", { class: "arm", d: `M${bx} ${by}L${x} ${y}` }, layer);
       }
       if (handle.name === "body" && element.layout === "at" && element.kind !== "goal") continue;
-      const node = make("circle", { class: `handle${handle.lock ? " lock" : ""}`, cx: x, cy: y, r: 5.5 / this.scale }, layer);
+      const kind = `${handle.lock ? " lock" : ""}${handle.name.startsWith("trigger") ? " when" : ""}`;
+      const node = make("circle", { class: `handle${kind}`, cx: x, cy: y, r: 5.5 / this.scale }, layer);
       node.dataset.handle = handle.name;
       make("title", {}, node).textContent = handle.lock || handle.name;
     }
+  }
+
+  // The points of a path or road joined by lines, with small handles between them that add a point.
+  draw_points(element, place, layer) {
+    const points = element.handles.filter((handle) => handle.name.startsWith("point ")).map(place);
+    if (points.length < 2) return;
+    make("path", { class: "arm", d: `M${points.map((point) => point.join(" ")).join("L")}${element.closed ? "Z" : ""}` }, layer);
+    if (element.handles[0].lock) return;
+    points.forEach(([x, y], index) => {
+      const [u, v] = points[(index + 1) % points.length];
+      if (index + 1 === points.length && !element.closed) return;
+      const node = make("circle", { class: "handle between", cx: (x + u) / 2, cy: (y + v) / 2, r: 3.5 / this.scale }, layer);
+      node.dataset.insert = index + 1;
+      make("title", {}, node).textContent = "drag to add a point";
+    });
   }
 
   show_marks(marks) {
