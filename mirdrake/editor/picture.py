@@ -54,6 +54,7 @@ def make_picture(scene: Scene) -> Json:
         "ground": scene.world.ground.surface,
         "areas": areas,
         "lines": lines,
+        "clear": [path_of(area) for area in scene.world.rules.clear] if scene.world.rules is not None else [],
         "props": [*(_prop(placed) for placed in scene.world.props), *_actors(scene.world)],
         "starts": [
             {"name": start.name, "key": f"start/{start.name}", "x": start.x, "y": start.y, "yaw": start.yaw}

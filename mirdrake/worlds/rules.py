@@ -69,6 +69,7 @@ class Rules:
         gap_where: ``file:line: path`` of that rule.
         drivable: paths that vehicles must have.
         on_ground: tolerances of props that must stand on the ground.
+        clear: areas of `keep_clear`, in which no props may be [m].
 
     Args:
         specs: specs of the file.
@@ -94,12 +95,15 @@ class Rules:
         self.gap_where = next((where(spec, "min_gap") for spec in specs if spec.min_gap == self.min_gap), "")
         self.drivable: list[DrivableSpec] = []
         self.on_ground: list[GroundTolerance] = []
+        self.clear: list[BaseGeometry] = []
         self._areas: list[_AreaRule] = []
         self._pairs: list[tuple[str, str]] = []
         for index, spec in enumerate(specs):
             below = draw.below(f"rules.{index}")
             if spec.keep_clear is not None:
-                self._areas.append(_keep_clear(spec.keep_clear, areas, starts, goals))
+                rule = _keep_clear(spec.keep_clear, areas, starts, goals)
+                self._areas.append(rule)
+                self.clear.append(rule.area)
             for part, inside in ((spec.inside, True), (spec.outside, False)):
                 if part is not None:
                     self._areas.append(_placement_rule(part, areas, below, inside=inside))

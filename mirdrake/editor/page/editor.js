@@ -99,6 +99,7 @@ function show_faults() {
   const rest = (check?.faults || []).filter((fault) => fault.kind !== "overlap" && fault.kind !== "file");
   const all = [...rows, ...quick, ...(check?.fresh ? rest : [])];
   $("checked").textContent = !check || !check.fresh ? "checking goals and paths …" : all.length ? `${all.length} to correct` : "";
+  map.show_faults(new Set(check?.fresh ? rest.flatMap((fault) => fault.names) : []));
   const list = all.map((fault) => {
     const item = document.createElement("li");
     item.textContent = fault.text;

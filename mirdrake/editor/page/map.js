@@ -91,6 +91,10 @@ export class WorldMap {
 
   show(picture) {
     const first = this.picture === null;
+    // Random props are drawn again when others take their positions: ghosts show where they were.
+    const now = new Map(picture.props.map((prop) => [prop.name, prop]));
+    this.show_ghosts((this.picture?.props || []).filter(
+      (old) => old.random && now.has(old.name) && now.get(old.name).d !== old.d && !this.shift.has(old.key)).map((old) => old.d));
     this.picture = picture;
     this.svg.style.background = GROUND[picture.ground] || GROUND.asphalt;
     const { areas, props } = this.layers;
@@ -107,6 +111,7 @@ export class WorldMap {
       const node = make("path", attributes, areas);
       if (line.layer === "centre") this.name_node(node, `tracks/${line.name}`);
     }
+    for (const d of picture.clear) make("title", {}, make("path", { class: "clear", d }, areas)).textContent = "to be kept clear";
     this.layers.ways.replaceChildren();
     for (const [key, element] of Object.entries(picture.elements)) {
       for (const { role, d, moves } of element.outlines) {
@@ -223,6 +228,13 @@ export class WorldMap {
       node.dataset.insert = index + 1;
       make("title", {}, node).textContent = "drag to add a point";
     });
+  }
+
+  // Props that break a rule, as the complete check finds.
+  show_faults(names) {
+    for (const parts of this.nodes?.values() || []) {
+      for (const { prop, body } of parts) body.classList.toggle("broken", names.has(prop.name));
+    }
   }
 
   show_marks(marks) {
