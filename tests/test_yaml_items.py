@@ -140,7 +140,7 @@ def test_random_edits_mean_what_they_should_and_can_be_undone_by_hand(seed: int)
 def test_a_missing_value_is_added_with_the_mappings_above_it() -> None:
     assert set_scalar(YARD, ("start", "gate", "at"), "[1, 2]") == f"{YARD}start: {{gate: {{at: [1, 2]}}}}\n"
     empty = "a: {b: }\nc:   # nothing\nd: {}\n"
-    assert set_scalar(empty, ("a", "b", "x"), "1") == empty.replace("b: }", "b: {x: 1}}")
+    assert set_scalar(empty, ("a", "b", "x"), "1") == empty.replace("b: }", "b: {x: 1} }")
     assert set_scalar(empty, ("c", "x", "y"), "1") == empty.replace("c:", "c: {x: {y: 1}}", 1)
     assert set_scalar(empty, ("d", "x", "y"), "1") == empty.replace("d: {}", "d: {x: {y: 1}}")
     with pytest.raises(ConfigError, match="is not in the file"):
