@@ -141,8 +141,8 @@ def test_a_missing_value_is_added_with_the_mappings_above_it() -> None:
     assert set_scalar(YARD, ("start", "gate", "at"), "[1, 2]") == f"{YARD}start: {{gate: {{at: [1, 2]}}}}\n"
     empty = "a: {b: }\nc:   # nothing\nd: {}\n"
     assert set_scalar(empty, ("a", "b", "x"), "1") == empty.replace("b: }", "b: {x: 1} }")
-    assert set_scalar(empty, ("c", "x", "y"), "1") == empty.replace("c:", "c: {x: {y: 1}}", 1)
-    assert set_scalar(empty, ("d", "x", "y"), "1") == empty.replace("d: {}", "d: {x: {y: 1}}")
+    assert set_scalar(empty, ("c", "x", "z"), "1") == empty.replace("c:", "c: {x: {z: 1}}", 1)
+    assert set_scalar(empty, ("d", "x", "z"), "1") == empty.replace("d: {}", "d: {x: {z: 1}}")
     with pytest.raises(ConfigError, match="is not in the file"):
         set_scalar(YARD, ("mirdrake", "x"), "1")
     merged = "a: &a {at: [1, 2]}\nb: {<<: *a}\n"

@@ -256,7 +256,8 @@ def _block_of(text: str, start: int, end: int) -> tuple[int, int]:
     begin = line_start(text, start)
     indent = len(text[begin:]) - len(text[begin:].lstrip(" "))
     while begin > 0:
-        above = line_start(text, begin - 1)
+        # Before the line break, which may have two characters.
+        above = line_start(text, begin - (2 if text.endswith("\r\n", 0, begin) else 1))
         line = text[above:begin]
         # A comment with another indentation belongs to what is around the item.
         is_own = line.lstrip(" ").startswith("#") and len(line) - len(line.lstrip(" ")) == indent

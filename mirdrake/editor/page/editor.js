@@ -70,7 +70,7 @@ function take(reply) {
 }
 
 function show_status() {
-  $("file").textContent = state.file;
+  $("file").textContent = state.file.split("/").pop();
   $("file").title = state.file;
   const saved = $("saved");
   saved.textContent = state.read_only ? "read only" : state.saved ? "saved" : "not saved";
@@ -98,11 +98,12 @@ function show_faults() {
   const check = state.check;
   const rest = (check?.faults || []).filter((fault) => fault.kind !== "overlap" && fault.kind !== "file");
   const all = [...rows, ...quick, ...(check?.fresh ? rest : [])];
-  $("checked").textContent = !check || !check.fresh ? "checking goals and paths …" : all.length ? `${all.length} to correct` : "";
+  $("checked").textContent = rows.length ? "the map shows the last valid world" : !check || !check.fresh ? "checking goals and paths …" : all.length ? `${all.length} to correct` : "";
   map.show_faults(new Set(check?.fresh ? rest.flatMap((fault) => fault.names) : []));
   const list = all.map((fault) => {
     const item = document.createElement("li");
-    item.textContent = fault.text;
+    item.textContent = fault.text.replace(/^\S*:(\d+): /, "line $1: ");
+    item.title = fault.text;
     if (fault.kind === "gap" || fault.kind === "unchecked") item.className = "amber";
     item.addEventListener("click", () => show_fault(fault));
     return item;
@@ -144,6 +145,7 @@ function show_fields() {
   add("p", `${element.label}: ${element.kind}${element.layout ? `, ${element.layout}` : ""}${count > 1 ? `, ${count} props` : ""}`);
   const lock = element.handles[0].lock;
   if (lock) add("p", lock, "lock");
+  else if (element.points) add("p", "Drag a small circle to add a point; double-click a point to remove it.");
   const table = document.createElement("table");
   for (const field of element.fields) {
     const row = table.insertRow(), input = document.createElement("input");
@@ -167,7 +169,6 @@ function show_fields() {
       "Each prop becomes an entry of its own at its present position; random values are fixed.", false,
       [["Expand", () => gesture({ kind: "expand", element: key })], ["Cancel", () => {}]]));
   }
-  if (element.points && !lock) add("p", "Drag a small circle to add a point; double-click a point to remove it.");
   if (element.lines) go_to_line(...element.lines);
 }
 

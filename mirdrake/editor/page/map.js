@@ -127,6 +127,8 @@ export class WorldMap {
       const group = make("g", { class: "element", "data-key": prop.key, "data-name": prop.name }, props);
       const body = make("path", { class: `prop${prop.random ? " random" : ""}${prop.key.startsWith("actors/") ? " actor" : ""}`, d: prop.d, fill: fill(prop) }, group);
       make("title", {}, body).textContent = `${prop.name}: ${prop.kind} at (${prop.x.toFixed(2)}, ${prop.y.toFixed(2)}) m`;
+      // A pedestrian is too small to be seen and hit on a map of a whole street.
+      if (prop.key.startsWith("actors/") && prop.length < 1) make("path", { class: "dot", d: `M${prop.x} ${prop.y}h0` }, group);
       if (FACING.has(prop.kind)) {
         const c = Math.cos(prop.yaw), s = Math.sin(prop.yaw), l = prop.length;
         const at = (u, v) => `${prop.x + c * u * l - s * v * l} ${prop.y + s * u * l + c * v * l}`;
@@ -209,7 +211,11 @@ export class WorldMap {
       }
       if (handle.name === "body" && element.layout === "at" && element.kind !== "goal") continue;
       const kind = `${handle.lock ? " lock" : ""}${handle.name.startsWith("trigger") ? " when" : ""}`;
-      const node = make("circle", { class: `handle${kind}`, cx: x, cy: y, r: 5.5 / this.scale }, layer);
+      const size = 5.5 / this.scale, name = `handle${kind}`;
+      // A square moves all points.
+      const node = element.points && handle.name === "body"
+        ? make("rect", { class: name, x: x - size, y: y - size, width: 2 * size, height: 2 * size }, layer)
+        : make("circle", { class: name, cx: x, cy: y, r: size }, layer);
       node.dataset.handle = handle.name;
       make("title", {}, node).textContent = handle.lock || handle.name;
     }
