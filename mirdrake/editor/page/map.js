@@ -180,6 +180,8 @@ export class WorldMap {
 
   // Displace the elements while they are dragged; the server has not changed them yet.
   displace(key, shift) {
+    // Above all others, or a low prop would be hidden by the one that it is dragged into.
+    if (!this.shift.has(key)) for (const { group } of this.nodes.get(key) || []) this.layers.props.append(group);
     this.shift.set(key, shift);
     const turn = shift.turn ? ` rotate(${shift.turn * 180 / Math.PI} ${shift.cx} ${shift.cy})` : "";
     for (const node of this.svg.querySelectorAll(`[data-key="${CSS.escape(key)}"]:not([data-fixed])`)) {
