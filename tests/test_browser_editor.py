@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from mirdrake.core.paths import data_root
+from mirdrake.editor.document import revision_of
 from mirdrake.editor.editor import Editor
 from mirdrake.worlds import load_world
 from tests.chromium import NEEDS_BROWSER, open_browser
@@ -121,8 +122,8 @@ class _Change:
         if kind is None:
             document = self.page.editor.document
             self.page.until(lambda: document.text != self.before)
-            text = "return document.getElementById('yaml').value"
-            self.page.until(lambda: self.page.run(text) == document.text.replace("\r\n", "\n"))
+            shown = "return document.body.dataset.revision"
+            self.page.until(lambda: self.page.run(shown) == revision_of(document.text))
 
 
 @pytest.fixture(scope="module")

@@ -73,8 +73,9 @@ def set_scalars(text: str, changes: Sequence[tuple[Path, str]], *, name: str = "
     # All cuts are found in the original text, so that they can be applied together.
     cuts: list[tuple[int, int, str]] = []
     for path, written in changes:
-        data = _replaced(data, path, _parsed(written, name))
+        value = _parsed(written, name)
         cuts.append(_cut(text, before, path, written, name))
+        data = _replaced(data, path, value)
     # From the end, so that the positions before a cut stay; of two additions at one position the later is behind.
     changed = text
     in_order = sorted(cuts, key=lambda cut: cut[0])
