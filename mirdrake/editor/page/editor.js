@@ -90,9 +90,9 @@ function show_status() {
   results.show(state.tests || {});
 }
 
-function show_faults() {
+function show_faults(marks = state.marks || []) {
   const rows = (state.faults || []).map((text) => ({ text, kind: "file" }));
-  const quick = (state.marks || []).map((mark) => ({
+  const quick = marks.map((mark) => ({
     text: `${mark.names[0]} and ${mark.names[1]} overlap by ${(100 * mark.depth).toFixed(1)} cm`, names: mark.names, kind: "overlap",
   }));
   const check = state.check;
@@ -205,7 +205,11 @@ function place_mark() {
 
 // --- gestures ---
 
-const preview = latest("preview", (reply) => { if (reply.marks) map.show_marks(reply.marks); });
+const preview = latest("preview", (reply) => {
+  if (!reply.marks) return;
+  map.show_marks(reply.marks);
+  show_faults(reply.marks);
+});
 
 function gesture(message) {
   preview.cancel();
@@ -283,7 +287,7 @@ new Gestures(map, {
   hover: (x, y) => { $("readout").textContent = `x ${x.toFixed(2)} m   y ${y.toFixed(2)} m`; },
   preview: (moves, turn = 0) => preview.push({ moves, turn }),
   reject: (text) => note(text, true),
-  cancel: () => { preview.cancel(); map.show_marks(state.marks || []); },
+  cancel: () => { preview.cancel(); map.show_marks(state.marks || []); show_faults(); },
   undo: () => ask("undo"), redo: () => ask("redo"), save: () => save(),
 }, options);
 
