@@ -91,7 +91,10 @@ class CaseRunner:
 
 def _row(case: Case, result: Result, *, recorded: bool) -> dict[str, Any]:
     worst = result.worst
-    margin = "" if worst is None or worst.margin is None else f"{worst.margin:+.3g} {worst.unit}".rstrip()
+    # The reason of a failure has the margin.
+    margin = ""
+    if worst is not None and worst.margin is not None and not result.reason:
+        margin = f"{worst.margin:+.3g} {worst.unit}".rstrip()
     return {
         "name": result.name, "verdict": result.verdict, "margin": margin, "recorded": recorded,
         "values": ", ".join(f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}"

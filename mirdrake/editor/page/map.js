@@ -172,6 +172,8 @@ export class WorldMap {
   }
 
   draw_choice() {
+    // Above all others, or a low prop would be hidden by the one that it is dragged into.
+    for (const key of this.chosen) for (const { group } of this.nodes.get(key) || []) this.layers.props.append(group);
     for (const node of this.svg.querySelectorAll(".chosen")) node.classList.remove("chosen");
     for (const node of this.svg.querySelectorAll("[data-key]")) {
       if (this.chosen.has(node.dataset.key)) (node.querySelector(".prop") || node).classList.add("chosen");
@@ -180,8 +182,6 @@ export class WorldMap {
 
   // Displace the elements while they are dragged; the server has not changed them yet.
   displace(key, shift) {
-    // Above all others, or a low prop would be hidden by the one that it is dragged into.
-    if (!this.shift.has(key)) for (const { group } of this.nodes.get(key) || []) this.layers.props.append(group);
     this.shift.set(key, shift);
     const turn = shift.turn ? ` rotate(${shift.turn * 180 / Math.PI} ${shift.cx} ${shift.cy})` : "";
     for (const node of this.svg.querySelectorAll(`[data-key="${CSS.escape(key)}"]:not([data-fixed])`)) {
