@@ -360,7 +360,7 @@ def test_an_editor_killed_at_any_moment_leaves_a_whole_file_and_its_last_text(tm
     path = tmp_path / "yard.yaml"
     path.write_text(YARD, encoding="utf-8")
     rng = random.Random(5)
-    for _ in range(25):
+    for _ in range(8):
         process = subprocess.Popen([sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE, text=True)
         assert process.stdout is not None
         process.stdout.readline()
