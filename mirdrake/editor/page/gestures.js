@@ -40,6 +40,8 @@ export class Gestures {
     } else if (node && (node.dataset.key.startsWith("tracks/") || node.dataset.fixed) && !event.shiftKey) {
       // A road covers much of the map: a click selects it, a drag on it moves the map. Its handles move the road.
       this.drag = { kind: "pan", start, screen, empty: true, pick: [node.dataset.key] };
+    } else if (handle?.dataset.handle === "body") {
+      this.drag = { kind: "body", keys: [...this.map.chosen], start, screen };
     } else if (handle) {
       this.drag = { kind: "handle", key: [...this.map.chosen][0], handle: handle.dataset.handle, start, screen };
     } else if (node) {
@@ -120,11 +122,7 @@ export class Gestures {
       return [{ element: drag.key, handle: "yaw", x: place[0], y: place[1] }];
     }
     const place = [this.snapped(x, event), this.snapped(y, event)];
-    if (drag.handle === "body") {
-      this.map.displace(drag.key, { dx: place[0] - body.x, dy: place[1] - body.y });
-    } else {
-      this.map.displace(drag.key, { dx: 0, dy: 0, handle: drag.handle, x: place[0], y: place[1] });
-    }
+    this.map.displace(drag.key, { dx: 0, dy: 0, handle: drag.handle, x: place[0], y: place[1] });
     return [{ element: drag.key, handle: drag.handle, x: place[0], y: place[1] }];
   }
 

@@ -214,9 +214,9 @@ export class WorldMap {
       if (handle.name === "body" && element.layout === "at" && element.kind !== "goal") continue;
       const kind = `${handle.lock ? " lock" : ""}${handle.name.startsWith("trigger") ? " when" : ""}`;
       const size = 5.5 / this.scale, name = `handle${kind}`;
-      // A square moves all points.
+      // A square beside the middle of the points, where it hides none of them, moves all of them.
       const node = element.points && handle.name === "body"
-        ? make("rect", { class: name, x: x - size, y: y - size, width: 2 * size, height: 2 * size }, layer)
+        ? make("rect", { class: name, x: x + 2 * size, y: y - 4 * size, width: 2 * size, height: 2 * size }, layer)
         : make("circle", { class: name, cx: x, cy: y, r: size }, layer);
       node.dataset.handle = handle.name;
       make("title", {}, node).textContent = handle.lock || handle.name;
