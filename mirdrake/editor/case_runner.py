@@ -4,9 +4,9 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import Any
 
 from mirdrake.core.errors import MirdrakeError
+from mirdrake.core.json_io import Json
 from mirdrake.runs.simulation import default_folder
 from mirdrake.suites.cases import Case, Result
 from mirdrake.suites.run import load_suite
@@ -29,7 +29,7 @@ class CaseRunner:
         self._code: int | None = None
         self._folder: Path | None = None
         self._recordings: dict[str, Path] = {}
-        self._final: list[dict[str, Any]] | None = None
+        self._final: list[Json] | None = None
 
     def run(self, name: str = "") -> None:
         """Run one test or case, or all without a name; a run that has not ended is stopped."""
@@ -55,7 +55,7 @@ class CaseRunner:
 
     close = stop
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> Json:
         """Return name, output, exit code and results of the last run; its code is None while it runs."""
         return {"name": self._name, "lines": self._lines[-60:], "code": self._code, "cases": self._cases()}
 
@@ -63,7 +63,7 @@ class CaseRunner:
         """Return the recording of a case of the last run; None if there is none."""
         return self._recordings.get(name)
 
-    def _cases(self) -> list[dict[str, Any]]:
+    def _cases(self) -> list[Json]:
         """Return the results so far, the worst first."""
         if self._folder is None or self._final is not None:
             return self._final or []
@@ -89,7 +89,7 @@ class CaseRunner:
             self._code = code
 
 
-def _row(case: Case, result: Result, *, recorded: bool) -> dict[str, Any]:
+def _row(case: Case, result: Result, *, recorded: bool) -> Json:
     worst = result.worst
     # The reason of a failure has the margin.
     margin = ""

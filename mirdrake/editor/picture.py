@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_edit import REMOVED, scalar_text, value_at
 from mirdrake.core.yaml_items import find_span, source_of
 from mirdrake.editor.actors import pose_of
@@ -21,8 +22,6 @@ from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import World
-
-Json = dict[str, Any]
 
 _TOLERANCE = 0.02  # [m] of outlines of the ground and roads
 _MOST_FIELDS = 60  # values of an element in the panel
