@@ -1,12 +1,14 @@
 """Relief of worlds: keys, messages, shipped worlds, meshes on the terrain."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 
+from mirdrake.assembly.scene import Scene, read_scene, write_scene
 from mirdrake.core.errors import ConfigError, WorldError
 from mirdrake.ground import Terrain
 from mirdrake.ground.terrain import Block, Wave
@@ -56,6 +58,27 @@ def test_messages(entry: dict[str, Any], message: str) -> None:
     with pytest.raises((ConfigError, WorldError)) as error:
         world_with(entry, main=STRAIGHT)
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize("table", ["elevation", "banking"])
+def test_a_table_beside_a_closed_track_is_one_line(table: str) -> None:
+    circle = {"segments": [{"arc": {"radius": 20, "angle": "360 deg"}}], "closed": True, "width": 6}
+    with pytest.raises(ConfigError, match=rf"{table}: no s is on the closed track 'main', from 0 to 125\.7 m"):
+        world_with({"road": {"along": "main", table: [[500, 0], [600, 0.1]]}}, main=circle)
+
+
+def test_a_run_folder_has_the_heights_of_its_world(tmp_path: Path) -> None:
+    """The file of heights changes after the run; the ground of the run does not."""
+    heights, world = tmp_path / "hills.npy", tmp_path / "hills.yaml"
+    np.save(heights, np.arange(16.0).reshape(4, 4))
+    world.write_text("mirdrake: world/1\nground: {relief: [{grid: {file: hills.npy}}]}\n", encoding="utf-8")
+    run = tmp_path / "run"
+    run.mkdir()
+    write_scene(Scene(load_world(str(world)), {}), run)
+    np.save(heights, np.zeros((4, 4)))
+    assert read_scene(run).world.ground.terrain.height(1.0, 2.0) == pytest.approx(9.0)
+    heights.unlink()
+    assert read_scene(run).world.ground.terrain.height(1.0, 2.0) == pytest.approx(9.0)
 
 
 def test_an_embankment_that_reaches_another_part_of_the_road() -> None:

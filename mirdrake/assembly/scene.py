@@ -42,6 +42,7 @@ from mirdrake.vehicles.stored import read_vehicle, vehicle_data
 from mirdrake.vehicles.vehicle import check_pedals
 from mirdrake.worlds import World
 from mirdrake.worlds.lock import lock_text, mesh_files
+from mirdrake.worlds.relief import relief_files
 from mirdrake.worlds.scenery import scenery_file
 from mirdrake.worlds.stored import read_world, world_data
 
@@ -83,7 +84,14 @@ class Scene:
 
         Raises:
             WorldError: a file of a prop cannot be read.
+            OSError: a file of heights cannot be read.
         """
+        # Heights are copied, because the ground of a run must stay that of the run.
+        heights = {
+            name: path.read_bytes()
+            for name, path in relief_files(self.world.spec.ground.relief, self.world.path).items()
+        }
+        grids = {name: f"{digest(content)[:16]}{Path(name).suffix}" for name, content in heights.items()}
         data = {
             "mirdrake": FORMAT,
             "world": world_data(self.world, _reference),
@@ -93,9 +101,11 @@ class Scene:
                 for name, vehicle in self.vehicles.items()
             },
             "meshes": {_reference(path): _digest_of(path) for path in _meshes(self)},
+            **({"grids": grids} if grids else {}),
         }
         urdfs = {f"{name}.urdf": vehicle.urdf for name, vehicle in self.vehicles.items()}
-        return {FILE: json.dumps(data, indent=1) + "\n", LOCK: lock_text(self.world), **urdfs}
+        copies = {grids[name]: content for name, content in heights.items()}
+        return {FILE: json.dumps(data, indent=1) + "\n", LOCK: lock_text(self.world), **urdfs, **copies}
 
 
 # --- from a diagram ------------------------------------------------------------------------------------------------
@@ -224,7 +234,8 @@ def _read(data: Mapping[str, Any], place: Path) -> Scene:
             changes.append(f"{shown(mesh)}: is missing; the run is shown without it")
         elif now != recorded:
             changes.append(f"{shown(mesh)}: has changed since the run; it is shown as it is now")
-    world = read_world(data["world"], _find, location=shown(place / FILE))
+    grids = {name: place / copy for name, copy in data.get("grids", {}).items()}
+    world = read_world(data["world"], _find, location=shown(place / FILE), grids=grids)
     # Missing meshes are left out, so that an old run can still be drawn.
     world.spec.scenery[:] = [mesh for mesh in world.spec.scenery if scenery_file(world, mesh).is_file()]
     vehicles = {}

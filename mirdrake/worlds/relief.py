@@ -155,6 +155,7 @@ class RoadRelief(Schema):
         """Return its layers.
 
         Raises:
+            ConfigError: all entries of a table are outside of a closed track.
             WorldError: a closed track does not return to its height, or two parts of it meet at different heights.
         """
         track = _track(self.along, tracks, where(self, "along"))
@@ -167,10 +168,10 @@ class RoadRelief(Schema):
                     "start; make the mean grade zero"
                 )
         else:
-            z, slope = _smooth(self.elevation or [], s, track)
+            z, slope = _smooth(self.elevation or [], s, track, where(self, "elevation"))
         # Banking is a slope across the road: the tangent is interpolated, as heights are proportional to it.
         tangents = [(station, math.tan(angle)) for station, angle in self.banking]
-        bank, bank_slope = _smooth(tangents, s, track)
+        bank, bank_slope = _smooth(tangents, s, track, where(self, "banking"))
         road = replace(
             _road(track, s),
             z=z,
@@ -330,6 +331,24 @@ def make_relief(
     return Terrain(sources)
 
 
+def relief_files(specs: Sequence[ReliefSpec], path: Path | None) -> dict[str, Path]:
+    """Return the files of heights, by their names in the world file; `path` as in :func:`relief_content`."""
+    folder = path.parent if path is not None else Path.cwd()
+    return {spec.grid.file: folder / spec.grid.file for spec in specs if spec.grid is not None}
+
+
+def in_files(specs: Sequence[ReliefSpec], files: Mapping[str, Path]) -> list[ReliefSpec]:
+    """Return entries of `ground.relief` with other files of heights, by their names in the world file."""
+    return [
+        spec
+        if spec.grid is None or spec.grid.file not in files
+        else spec.model_copy(
+            update={"grid": spec.grid.model_copy(update={"file": str(files[spec.grid.file].absolute())})}
+        )
+        for spec in specs
+    ]
+
+
 def relief_content(specs: Sequence[ReliefSpec], path: Path | None) -> list[Any]:
     """Return the relief as plain data for a lock file, with the digests of its files.
 
@@ -379,13 +398,15 @@ def _road(track: Track, s: Array) -> Road:
     return Road(s, x, y, yaw, none, none, none, none, track.left_width(s), track.right_width(s), closed=track.closed)
 
 
-def _smooth(table: Sequence[tuple[float, float]], s: Array, track: Track) -> tuple[Array, Array]:
+def _smooth(table: Sequence[tuple[float, float]], s: Array, track: Track, place: str) -> tuple[Array, Array]:
     """Return values and derivatives of a table at stations: monotone cubic (PCHIP), periodic on a closed track."""
     if not table:
         return np.zeros_like(s), np.zeros_like(s)
     knots, values = (np.array(column, dtype=float) for column in zip(*table, strict=True))
     if track.closed:
         inside = (knots >= 0.0) & (knots < track.length)
+        if not inside.any():
+            raise ConfigError(f"{place}: no s is on the closed track '{track.name}', from 0 to {track.length:.4g} m")
         knots, values = knots[inside], values[inside]
         # Three laps, of which the middle one is used: the curve is smooth across the start.
         knots = np.concatenate([knots + lap * track.length for lap in (-1, 0, 1)])

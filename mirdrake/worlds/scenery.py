@@ -8,6 +8,7 @@ shows the surface below, darker and glossier, as if it were wet.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import tan
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ from mirdrake.worlds.drawing import EDGE_LINE_INSET
 from mirdrake.worlds.meshes import Surface, fill, make_gltf, skirt
 from mirdrake.worlds.networks.paint import paint
 from mirdrake.worlds.pieces import Array
+from mirdrake.worlds.relief import KerbRelief
 from mirdrake.worlds.spec import MarkingSpec, ScenerySpec
 from mirdrake.worlds.tracks import Offset, Track, offset_at
 from mirdrake.worlds.world import World, verge
@@ -42,6 +44,7 @@ SKIES = {"clear": ((70, 125, 200), (205, 222, 238)), "overcast": ((176, 182, 190
 """Colours of the skies at the zenith and at the horizon, red, green, blue, 0 .. 255."""
 
 _WHITE = (0.86, 0.86, 0.84)
+_STONE, _STONE_WIDTH = (0.62, 0.61, 0.58), 0.15  # colour of kerbs, and visible width of their tops [m]
 _PAINT = {"white": _WHITE, "yellow": (0.85, 0.62, 0.08)}
 _THICKNESS = 0.01  # [m] of the lanes of a network
 _WET, _WET_ROUGHNESS = (0.62, 0.66, 0.74), 0.55
@@ -127,6 +130,14 @@ def scenery(world: World) -> list[SceneryItem]:
     ground = shapely.difference(shapely.difference(plane, asphalt), covered)
     apron = shapely.difference(shapely.difference(wide, plane), covered)
     parts: list[Surface] = []
+    # Kerb stones are lighter than road and ground, as their height alone is hardly seen.
+    kerbs = [entry.kerb for entry in world.spec.ground.relief if entry.kerb is not None]
+    stones = _polygons(
+        shapely.intersection(shapely.union_all([_stone(world.tracks[kerb.along], kerb) for kerb in kerbs]), ground)
+    )
+    if not stones.is_empty:
+        ground = shapely.difference(ground, stones)
+        parts += _wetted(stones, wet, lambda part: fill(part, z=-depth, tile=1.0, color=_STONE, texture=None))
     for name, track in world.roads().items():
         edges = world.spec.tracks[name].verge
         if edges is not None and edges != world.ground.surface:
@@ -323,6 +334,22 @@ def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
     begins = period * np.arange(count)
     ends = np.minimum(begins + painted, track.length)
     return shapely.MultiPolygon([_patch(track, stations, a, b, right, left) for a, b in zip(begins, ends, strict=True)])
+
+
+def _stone(track: Track, kerb: KerbRelief) -> shapely.Polygon:
+    """Return the face of a kerb and the front of its top as a polygon."""
+    side = 1.0 if kerb.side == "left" else -1.0
+    width = kerb.height / tan(kerb.slope) + min(kerb.width, _STONE_WIDTH)
+    begin = 0.0 if kerb.from_ is None else max(kerb.from_, 0.0)
+    end = track.length if kerb.to is None else min(kerb.to, track.length)
+
+    def inner(s: Array) -> Array:
+        return side * (track.left_width(s) if side > 0.0 else track.right_width(s))
+
+    def outer(s: Array) -> Array:
+        return inner(s) + side * width
+
+    return _patch(track, track.stations(sagitta=_SAGITTA), begin, end, inner, outer)
 
 
 def _simple(shape: BaseGeometry) -> BaseGeometry:

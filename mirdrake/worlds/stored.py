@@ -7,6 +7,7 @@ referred to by their files. Rules, tests and unplaced props are left out: they a
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from mirdrake.worlds.networks.stored import network_data, read_network_data
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.props import PlacedProp, Prop, Solid
 from mirdrake.worlds.regions import Patch
-from mirdrake.worlds.relief import make_relief
+from mirdrake.worlds.relief import in_files, make_relief
 from mirdrake.worlds.solids import SOLID_KINDS, kind_of, mesh_of
 from mirdrake.worlds.spec import WorldSpec
 from mirdrake.worlds.tracks import Track
@@ -61,7 +62,13 @@ def world_data(world: World, refer: Callable[[Path], str]) -> Json:
     }
 
 
-def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "world") -> World:
+def read_world(
+    data: Mapping[str, Any],
+    find: FindFile,
+    *,
+    location: str = "world",
+    grids: Mapping[str, Path] = MappingProxyType({}),
+) -> World:
     """Return the world of the data of :func:`world_data`.
 
     Args:
@@ -69,6 +76,7 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "worl
         find: returns the file of a reference. A prop whose mesh is missing is rendered by its solids; solids whose
             meshes are missing are left out, or replaced by the bounding box of the prop if none is left.
         location: file of the data, for messages.
+        grids: copies of the files of heights, by their names in the world file; others are read where they were.
 
     Raises:
         ConfigError: the specification has faults.
@@ -80,9 +88,9 @@ def read_world(data: Mapping[str, Any], find: FindFile, *, location: str = "worl
     tracks = {name: _read_track(name, track) for name, track in data["tracks"].items()}
     network = read_network_data(data["network"]) if data.get("network") else None
     # The ground is computed again from its specification, because the data do not hold its grids.
-    terrain = make_relief(spec.ground.relief, tracks, path.parent if path is not None else Path.cwd(), network)
+    relief = in_files(spec.ground.relief, grids)
+    terrain = make_relief(relief, tracks, path.parent if path is not None else Path.cwd(), network)
     of_actors = {name: kinds[index] for name, index in data.get("actors", {}).items()}
-    network = read_network_data(data["network"]) if data.get("network") else None
     actors, paths = lay_out_actors(spec, tracks, network, of_actors)
     return World(
         paths=paths,
