@@ -1,4 +1,4 @@
-"""Entries and triggers of actors: names of rows, conditions about the actor itself, room for stop lines."""
+"""Entries and triggers of actors, objects behind and ends of roads over several lanes."""
 
 from typing import Any
 
@@ -7,7 +7,10 @@ import pytest
 
 from mirdrake.actors import triggers
 from mirdrake.actors.crew import make_crew
-from mirdrake.actors.motion import COLUMNS, SIDE, X
+from mirdrake.actors.lanes import LaneRow, LaneTable, Node
+from mirdrake.actors.motion import STATE
+from mirdrake.actors.occupancy import OnLane, behind, way_to_end
+from mirdrake.core.compiled import records
 from mirdrake.core.errors import ConfigError
 from mirdrake.worlds import World, make_world
 
@@ -31,9 +34,10 @@ def test_rows_without_a_name_count_on() -> None:
 def test_past_without_of_is_about_the_actor_itself() -> None:
     starts = {"when": {"kind": "past", "track": "main", "value": 100}}
     _, crew, _ = make_crew(world_of(row(20, starts=starts), row(200)), {}, 0)
-    now, after = np.zeros((4, COLUMNS)), np.zeros(COLUMNS)
+    now = np.zeros(4, STATE).view(np.recarray)
+    after = now[0].copy()
     # Only the second of four actors crosses the gate: the last one, number -1, is elsewhere.
-    now[:, SIDE], now[1, X], now[3, X] = -1.0, 101.0, 50.0
+    now.side, now.x[1], now.x[3] = -1.0, 101.0, 50.0
     none = np.empty((0, 5))
     assert triggers.is_due(crew.steps[0], 1, now, none, 0.0, after)
     assert not triggers.is_due(crew.steps[0], 0, now, none, 0.0, after)
@@ -50,3 +54,32 @@ def test_past_without_of_is_about_the_actor_itself() -> None:
 def test_incomplete_conditions_are_refused(condition: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         world_of(row(20, starts={"when": condition}))
+
+
+def chain(*lengths: float) -> LaneTable:
+    """Return a chain of straight lanes along x as attributes, as for compiled functions."""
+    begins = np.cumsum((0.0, *lengths))
+    rows = [
+        LaneRow(2 * k, 2, length, length, 0, 0, -1, -1, (k + 1 if k + 1 < len(lengths) else -1, -1, -1, -1), 3.5,
+                (begins[k], -1.75, begins[k + 1], 1.75))
+        for k, length in enumerate(lengths)
+    ]  # fmt: skip
+    nodes = [Node(x, 0.0, 0.0, 0.0) for k in range(len(lengths)) for x in begins[k : k + 2]]
+    return LaneTable(records(LaneRow, rows).view(np.recarray), records(Node, nodes).view(np.recarray))
+
+
+def test_a_follower_on_an_earlier_lane_is_behind() -> None:
+    table = chain(50.0, 5.0, 100.0)
+    cars = [OnLane(0, 7, 40.0, 2.0, 13.0, -1.0, 1.0, -1), OnLane(2, 8, 30.0, 2.0, 5.0, -1.0, 1.0, -1)]
+    objects = records(OnLane, cars).view(np.recarray)
+    # From 40 m on the first lane to 10 m on the third one, less half of both lengths.
+    assert behind(table, 2, 10.0, 2.0, 0, 300.0, objects, 2) == pytest.approx((15.0 + 10.0 - 4.0, 13.0, 7))
+    assert behind(table, 2, 40.0, 2.0, 0, 300.0, objects, 2) == pytest.approx((10.0 - 4.0, 5.0, 8))
+    assert behind(table, 0, 30.0, 2.0, 0, 300.0, objects, 2)[2] == -2
+
+
+def test_the_end_of_a_road_is_seen_from_lanes_before_the_last() -> None:
+    table = chain(50.0, 5.0, 100.0)
+    assert way_to_end(table, 0, 20.0, 300.0) == 135.0
+    assert way_to_end(table, 2, 20.0, 300.0) == 80.0
+    assert way_to_end(table, 0, 20.0, 20.0) == np.inf

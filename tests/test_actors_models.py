@@ -10,8 +10,8 @@ import pytest
 from mirdrake.actors.behaviours.idm import Idm, idm
 from mirdrake.actors.behaviours.idm_mobil import IdmMobil, mobil
 from mirdrake.actors.crew import make_crew, start_states
-from mirdrake.actors.motion import GAP, LANE, A, S, V, X, Y, lateral, span_of
-from mirdrake.actors.step import compiled_step
+from mirdrake.actors.motion import lateral, span_of
+from mirdrake.actors.step import TimeStep
 from mirdrake.controllers.platoon import CaccSpec, acc, amplification, cacc_step
 from mirdrake.worlds import World, make_world
 from mirdrake.worlds.clearance import Volume
@@ -31,11 +31,11 @@ def traffic_world(actors: list[dict[str, Any]], *, length: float, closed: bool =
 def simulate(world: World, duration: float, *, each: Any = None) -> Array:
     """Return the states at the end."""
     lanes, crew, _ = make_crew(world, {}, 0)
-    step: Any = compiled_step()
+    step = TimeStep(lanes, crew)
     now = start_states(world, lanes)
     after = np.empty_like(now)
     for k in range(round(duration / DT)):
-        step(lanes, crew, now, np.empty((0, 5)), k * DT, DT, after)
+        step(now, np.empty((0, 5)), k * DT, DT, after)
         now, after = after, now
         if each is not None:
             each(k * DT + DT, now)
@@ -55,20 +55,21 @@ def test_idm_keeps_its_equilibrium_gap(speed: float) -> None:
     world = traffic_world([car("follower", 10.0, 25.0), car("lead", 120.0, speed, behaviour="follow")], length=20_000.0)
     states = simulate(world, 400.0)
     expected = (2.0 + 1.8 * speed) / math.sqrt(1.0 - (speed / 25.0) ** 4)
-    assert states[0, V] == pytest.approx(speed, rel=1e-4)
-    assert states[0, GAP] == pytest.approx(expected, rel=1e-3)
+    assert states["v"][0] == pytest.approx(speed, rel=1e-4)
+    assert states["gap"][0] == pytest.approx(expected, rel=1e-3)
 
 
 def test_idm_stops_behind_a_standing_car() -> None:
     world = traffic_world([car("follower", 10.0, 20.0), car("lead", 400.0, 0.0, behaviour="follow")], length=1000.0)
     states = simulate(world, 120.0)
-    assert states[0, V] == pytest.approx(0.0, abs=0.02)
-    assert states[0, GAP] == pytest.approx(2.0, abs=0.1)
+    assert states["v"][0] == pytest.approx(0.0, abs=0.02)
+    assert states["gap"][0] == pytest.approx(2.0, abs=0.1)
     limits = []
-    simulate(world, 40.0, each=lambda _, now: limits.append(now[0, A]))
+    simulate(world, 40.0, each=lambda _, now: limits.append(now["a"][0]))
     assert min(limits) > -3.2  # about the comfortable deceleration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("acceleration", "is_stable"), [(0.6, False), (3.0, True)])
 def test_stability_of_a_ring_has_the_sign_of_the_linear_criterion(acceleration: float, is_stable: bool) -> None:
     # M. Treiber, A. Kesting, Traffic Flow Dynamics, 15.4: with the derivatives of the acceleration by gap, speed and
@@ -94,15 +95,15 @@ def test_stability_of_a_ring_has_the_sign_of_the_linear_criterion(acceleration: 
     ]
     world = traffic_world(cars, length=count * spacing, closed=True)
     lanes, crew, _ = make_crew(world, {}, 0)
-    crew.speed[:] = 25.0
-    step: Any = compiled_step()
+    crew.members["speed"][:] = 25.0
+    step = TimeStep(lanes, crew)
     now = start_states(world, lanes)
-    now[:, 18] = 25.0  # wanted speed
+    now["wanted"] = 25.0
     after, spread = np.empty_like(now), []
     for k in range(30_000):
-        step(lanes, crew, now, np.empty((0, 5)), k * DT, DT, after)
+        step(now, np.empty((0, 5)), k * DT, DT, after)
         now, after = after, now
-        spread.append(float(np.ptp(now[:, V])))
+        spread.append(float(np.ptp(now["v"])))
     early, late = max(spread[1000:2000]), max(spread[-1000:])
     assert late < 0.5 * early if is_stable else late > 2.0 * early
 
@@ -126,9 +127,9 @@ def test_lane_changes_leave_a_slow_car_behind_without_overlap() -> None:
     world = traffic_world(cars, length=2000.0, lanes=2)
     states = simulate(world, 40.0)
     assert [actor.lane for actor in world.actors] == ["main.1", "main.1"]
-    assert states[:, LANE].tolist() == [1.0, 0.0]  # numbers of main.2 and main.1
-    assert states[0, Y] == pytest.approx(1.75, abs=1e-3)
-    assert states[0, X] > states[1, X] + 10.0
+    assert states["lane"].tolist() == [1.0, 0.0]  # numbers of main.2 and main.1
+    assert states["y"][0] == pytest.approx(1.75, abs=1e-3)
+    assert states["x"][0] > states["x"][1] + 10.0
 
 
 @pytest.mark.slow
@@ -149,10 +150,10 @@ def test_a_ring_with_two_lanes_has_no_overlap_in_a_million_car_seconds() -> None
 
     def look(_: float, now: Array) -> None:
         if last[0] is not None:
-            changes[0] += int((now[:, LANE] != last[0]).sum())
-        last[0] = now[:, LANE].copy()
+            changes[0] += int((now["lane"] != last[0]).sum())
+        last[0] = now["lane"].copy()
         for lane in (0, 1):
-            s = np.sort(now[now[:, LANE] == lane, S])
+            s = np.sort(now["s"][now["lane"] == lane])
             if len(s) > 1:
                 length_of_lane = world.lanes[f"main.{lane + 1}"].length
                 gaps = np.diff(np.concatenate((s, [s[0] + length_of_lane]))) - size
@@ -185,7 +186,7 @@ def test_a_pedestrian_waits_for_a_car_that_arrives_within_its_critical_gap() -> 
         world = traffic_world([walker, *cars], length=400.0)
 
         def look(time: float, now: Array) -> None:
-            if now[-1, Y] > -1.5 and not entered:
+            if now["y"][-1] > -1.5 and not entered:
                 entered.append(time)
 
         simulate(world, 25.0, each=look)
@@ -207,11 +208,11 @@ def test_two_pedestrians_pass_each_other() -> None:
     closest = [math.inf]
 
     def look(_: float, now: Array) -> None:
-        closest[0] = min(closest[0], math.hypot(now[0, X] - now[1, X], now[0, Y] - now[1, Y]))
+        closest[0] = min(closest[0], math.hypot(now["x"][0] - now["x"][1], now["y"][0] - now["y"][1]))
 
     states = simulate(traffic_world([one, two], length=100.0), 30.0, each=look)
-    assert states[0, X] == pytest.approx(20.0, abs=0.05)
-    assert states[1, X] == pytest.approx(0.0, abs=0.05)
+    assert states["x"][0] == pytest.approx(20.0, abs=0.05)
+    assert states["x"][1] == pytest.approx(0.0, abs=0.05)
     assert closest[0] > 0.3
 
 
@@ -221,9 +222,9 @@ def test_an_offset_in_a_bend_shortens_the_way() -> None:
     cars = [car("inner", 0.0, 10.0, behaviour="follow"), car("middle", 0.0, 10.0, behaviour="follow")]
     cars[0]["on_track"]["offset"] = 3.0
     states = simulate(traffic_world(cars, length=length, closed=True), 10.0)
-    assert states[1, S] == pytest.approx(100.0, abs=1e-6)
-    assert states[0, S] == pytest.approx(100.0 / (1.0 - 3.0 / 60.0), rel=1e-5)
-    assert math.hypot(states[0, X] - 0.0, states[0, Y] - 60.0) == pytest.approx(57.0, abs=1e-3)
+    assert states["s"][1] == pytest.approx(100.0, abs=1e-6)
+    assert states["s"][0] == pytest.approx(100.0 / (1.0 - 3.0 / 60.0), rel=1e-5)
+    assert math.hypot(states["x"][0] - 0.0, states["y"][0] - 60.0) == pytest.approx(57.0, abs=1e-3)
 
 
 def test_a_lane_change_does_not_turn_sharper_than_its_radius() -> None:

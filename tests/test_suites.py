@@ -12,11 +12,13 @@ from textwrap import dedent
 
 import pytest
 
+from mirdrake.assembly.inputs import input_digest
 from mirdrake.core.errors import RunError
 from mirdrake.core.paths import find
 from mirdrake.runs.logs import load_run
 from mirdrake.suites import Case, Result, Suite, load_suite, run_suite, vary
 from mirdrake.suites.cases import Judgement
+from mirdrake.worlds import load_world
 
 EMPTY = str(find("worlds", "empty").resolve())
 
@@ -230,3 +232,31 @@ def test_margins_of_different_units_are_compared_by_their_shares() -> None:
     assert sorted((wide, tight), key=lambda result: result.place) == [tight, wide]
     assert tight.margin == 0.2
     assert tight.share == pytest.approx(0.4)
+
+
+def test_the_digest_of_the_inputs_changes_with_each_file(tmp_path: Path) -> None:
+    files = {
+        "world.yaml": "mirdrake: world/1\nground: {size: [200, 200], relief: [{grid: {file: hills.csv, cell: 10 m}}]}\n"
+        "tracks: {main: {csv: main.csv, width: 4}}\n",
+        "hills.csv": "0,0\n0,1\n",
+        "main.csv": "x,y\n0,0\n10,0\n20,1\n30,0\n",
+        "cars/one/main.urdf.xacro": "first",
+        "cars/two/tyres/front.tir": "second",
+        "drivers/own.py": "third",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+
+    def current() -> str:
+        world = load_world(str(tmp_path / "world.yaml"))
+        cars = [tmp_path / "cars" / "one", tmp_path / "cars" / "two"]
+        return input_digest(world, cars, {"ego": {"kind": "drivers.own:Driver"}}, tmp_path)
+
+    first = current()
+    assert current() == first
+    for name, text in files.items():
+        (tmp_path / name).write_text(text.replace("0,1", "0,2").replace("30,0", "31,0") + "\n")
+        assert current() != first, name
+        (tmp_path / name).write_text(text)
+    assert current() == first

@@ -9,9 +9,10 @@ import shapely
 from mirdrake.actors import triggers
 from mirdrake.actors.behaviours.base import NUMBERS, LaneBehaviour
 from mirdrake.actors.behaviours.walk import BEGIN, END, Walk
-from mirdrake.actors.lanes import Ints, LaneTable, lane_table
-from mirdrake.actors.motion import COLUMNS, GAP, LANE, OFFSET, OLD, SIDE, STARTED, WANTED, S, V, set_pose
-from mirdrake.actors.step import Crew
+from mirdrake.actors.lanes import LaneTable, lane_table
+from mirdrake.actors.motion import STATE, set_pose
+from mirdrake.actors.step import Crew, Member
+from mirdrake.core.compiled import Records, records
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import where
 from mirdrake.worlds import Actor, World
@@ -75,13 +76,12 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
     objects = {actor.name: number for number, actor in enumerate(actors)}
     objects |= {name: len(actors) + number for number, name in enumerate(vehicles)}
     steps: list[list[float]] = []
-    first = [0]
-    laws, numbers = [], np.zeros((len(actors), NUMBERS))
+    members, numbers = [], np.zeros((len(actors), NUMBERS))
     for row, actor in zip(numbers, actors, strict=True):
         behaviour = actor.spec.behaviour
         assert isinstance(behaviour, LaneBehaviour)
         values = (behaviour.braking_limit, *behaviour.numbers())
-        laws.append(behaviour.law)
+        first = len(steps)
         row[: len(values)] = values
         if isinstance(behaviour, Walk):
             row[BEGIN], row[END] = road_on_path(world, actor)
@@ -89,19 +89,16 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         if actor.spec.starts is not None:
             steps.append([*_trigger(actor.spec.starts, world, objects), triggers.START, 0.0, 0.0])
         steps += [[*_trigger(one, world, objects), *_action(one)] for one in actor.steps]
-        first.append(len(steps))
+        members.append(Member(behaviour.law, actor.spec.speed, actor.min_radius, first, len(steps)))
     shapes = [(actor.front, actor.rear, actor.half_width) for actor in actors]
     shapes += [outline_sizes(vehicle.volume) for vehicle in vehicles.values()]
     crew = Crew(
-        np.array([int(lane.kind == "path") for lane in world.lanes.values()], dtype=np.int64),
-        np.array(shapes, dtype=float).reshape(-1, 3),
-        np.array(laws, dtype=np.int64),
+        records(Member, members),
         numbers,
-        np.array([actor.spec.speed for actor in actors]),
-        np.array([actor.min_radius for actor in actors]),
+        np.array(shapes, dtype=float).reshape(-1, 3),
         np.array(steps, dtype=float).reshape(-1, triggers.WIDE),
-        np.array(first, dtype=np.int64),
         *stop_lines(world),
+        give_way_lines(world, {name: number for number, name in enumerate(world.lanes)}),
     )
     return lanes, crew, Bodies(state_size, tuple(vehicles.values()))
 
@@ -120,8 +117,8 @@ def road_on_path(world: World, actor: Actor) -> tuple[float, float]:
     return float(first.min()), float(first.max())
 
 
-def stop_lines(world: World) -> tuple[Ints, Array, Array]:
-    """Return lane and light of each stop line (q, 2), its station (q) [m], and the programmes of the lights (p, 4) [s].
+def stop_lines(world: World) -> tuple[Array, Array]:
+    """Return lane, light and station [m] of each stop line (q, 3), and the programmes of the lights (p, 4) [s].
 
     Lights are numbered in the order of the world, lanes in that of :attr:`World.lanes`.
     """
@@ -129,22 +126,41 @@ def stop_lines(world: World) -> tuple[Ints, Array, Array]:
     lines = [(numbers[lane], light, s) for light, one in enumerate(world.lights.values()) for lane, s in one.lines]
     table = np.array(lines, dtype=float).reshape(-1, 3)
     programmes = [(one.green, one.amber, one.red, one.offset) for one in world.lights.values()]
-    return table[:, :2].astype(np.int64), table[:, 2].copy(), np.array(programmes, dtype=float).reshape(-1, 4)
+    return table, np.array(programmes, dtype=float).reshape(-1, 4)
 
 
-def start_states(world: World, lanes: LaneTable) -> Array:
-    """Return the states of the actors at the start (n, columns)."""
+def give_way_lines(world: World, numbers: Mapping[str, int]) -> Array:
+    """Return the give-way lines on some lanes (k, 5); see :func:`mirdrake.actors.occupancy.fill_give_ways`.
+
+    Args:
+        world: the world.
+        numbers: numbers of the lanes by id, with those that have priority.
+    """
+    rows = [
+        (numbers[lane], s, numbers[other], place, one.gap)
+        for one in world.give_ways
+        for lane, s in one.lines
+        if lane in numbers
+        for other, place in one.conflicts
+    ]
+    return np.array(rows, dtype=float).reshape(-1, 5)
+
+
+def start_states(world: World, lanes: LaneTable) -> Records:
+    """Return the states of the actors at the start (n)."""
     numbers = {name: number for number, name in enumerate(world.lanes)}
-    rows = np.zeros((len(world.actors), COLUMNS))
+    # As attributes in Python, too, where `set_pose` is not compiled.
+    lanes = LaneTable(*(table.view(np.recarray) for table in lanes))
+    rows = np.zeros(len(world.actors), STATE).view(np.recarray)
     for row, actor in zip(rows, world.actors, strict=True):
         moves = actor.spec.starts is None
-        row[LANE], row[S], row[OFFSET], row[OLD] = numbers[actor.lane], actor.s, actor.offset, -1.0
+        row.lane, row.s, row.offset, row.old = numbers[actor.lane], actor.s, actor.offset, -1.0
         # The side of a gate is unknown until the first step; nothing is ahead until it has been searched.
-        row[STARTED], row[SIDE], row[GAP] = float(moves), np.nan, np.inf
-        row[WANTED] = actor.spec.speed
-        row[V] = actor.spec.speed if moves else 0.0
+        row.started, row.side, row.gap = float(moves), np.nan, np.inf
+        row.wanted = actor.spec.speed
+        row.v = actor.spec.speed if moves else 0.0
         set_pose(lanes, row)
-    return rows
+    return rows.view(np.ndarray)
 
 
 def outline_sizes(volume: Volume) -> tuple[float, float, float]:

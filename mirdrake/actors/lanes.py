@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mirdrake.core.compiled import Records, record_type, records
 from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.pieces import Array
 
@@ -16,89 +17,88 @@ _SPACING = 0.5  # [m] largest distance of nodes
 _CHOICES = 4  # successors of a lane
 
 
-class LaneTable(NamedTuple):
-    """Lanes in one table. Nodes of a lane are equally spaced; arrays of nodes have those of all lanes in a row."""
+class LaneRow(NamedTuple):
+    """A lane for compiled functions."""
 
-    first: Ints
-    """first node of each lane (l)"""
-    nodes: Ints
-    """number of its nodes (l)"""
-    step: Array
-    """distance of its nodes (l) [m]"""
-    length: Array
-    """(l) [m]"""
-    closed: Ints
-    """1: its end is its start (l)"""
-    left: Ints
-    """next lane to the left with the same direction (l); -1: none"""
-    right: Ints
-    """next lane to the right (l); -1: none"""
-    successors: Ints
-    """(l, 4); -1: none"""
-    width: Array
-    """mean width (l) [m]"""
-    box: Array
-    """smallest x and y, largest x and y of its area (l, 4) [m]"""
-    x: Array
-    """(n) [m]"""
-    y: Array
-    """(n) [m]"""
-    yaw: Array
-    """continuous along a lane (n) [rad]"""
-    curvature: Array
-    """(n) [1/m]"""
-    left_s: Array
-    """station on the lane to the left (n) [m]"""
-    right_s: Array
-    """station on the lane to the right (n) [m]"""
+    first: int
+    """its first node"""
+    nodes: int
+    """number of its nodes"""
+    step: float
+    """distance of its nodes [m]"""
+    length: float
+    """[m]"""
+    closed: int
+    """1: its end is its start"""
+    own: int
+    """1: the path of a single actor"""
+    left: int
+    """next lane to the left with the same direction; -1: none"""
+    right: int
+    """next lane to the right; -1: none"""
+    successors: tuple[int, int, int, int]
+    """-1: none"""
+    width: float
+    """mean width [m]"""
+    box: tuple[float, float, float, float]
+    """smallest x and y, largest x and y of its area [m]"""
+
+
+class Node(NamedTuple):
+    """A point of a lane."""
+
+    x: float
+    """[m]"""
+    y: float
+    """[m]"""
+    yaw: float
+    """continuous along a lane [rad]"""
+    curvature: float
+    """[1/m]"""
+
+
+class LaneTable(NamedTuple):
+    """Lanes in one table, as records: each array would be an argument of every compiled function that has the table."""
+
+    lanes: Records
+    """:class:`LaneRow` of each lane (l)"""
+    nodes: Records
+    """:class:`Node`, equally spaced; those of all lanes in a row (n)"""
 
 
 def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
     """Return the table of lanes, and the number of each id."""
-    numbers = {lane_id: number for number, lane in enumerate(lanes.values()) for lane_id in [lane.id]}
-    nodes: list[tuple[Array, ...]] = []
-    first: list[int] = []
-    count: list[int] = []
-    step: list[float] = []
-    box: list[tuple[float, ...]] = []
+    numbers = {lane.id: number for number, lane in enumerate(lanes.values())}
+    nodes: list[Array] = []
+    rows: list[LaneRow] = []
+    first = 0
     for lane in lanes.values():
-        amount = max(2, math.ceil(lane.length / _SPACING) + 1)
-        s = np.linspace(0.0, lane.length, amount)
+        count = max(2, math.ceil(lane.length / _SPACING) + 1)
+        s = np.linspace(0.0, lane.length, count)
         x, y, yaw = lane.pose(s)
-        beside = [_beside(lanes, one, x, y) for one in (lane.left, lane.right)]
-        first.append(sum(count))
-        count.append(amount)
-        step.append(lane.length / (amount - 1))
+        nodes.append(np.column_stack((x, y, yaw, lane.curvature_at(s))))
         # Nodes are on the centre line of the lane; its width extends the box to its area.
         margin = float(np.max(lane.width))
-        box.append((x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin))
-        nodes.append((x, y, yaw, lane.curvature_at(s), *beside))
-    # Tables have no ragged rows: nodes of all lanes are joined, and `first` finds those of one lane.
-    joined = [np.concatenate(column) for column in zip(*nodes, strict=True)] if nodes else [np.empty(0)] * 6
-    successors = np.full((len(numbers), _CHOICES), -1, dtype=np.int64)
-    for row, lane in zip(successors, lanes.values(), strict=True):
         following = [numbers[name] for name in lane.successors if name in numbers][:_CHOICES]
-        row[: len(following)] = following
-    table = LaneTable(
-        np.array(first, dtype=np.int64),
-        np.array(count, dtype=np.int64),
-        np.array(step),
-        np.array([lane.length for lane in lanes.values()]),
-        # A lane that is its own successor is closed.
-        np.array([int(lane.id in lane.successors) for lane in lanes.values()], dtype=np.int64),
-        np.array([numbers.get(lane.left or "", -1) for lane in lanes.values()], dtype=np.int64),
-        np.array([numbers.get(lane.right or "", -1) for lane in lanes.values()], dtype=np.int64),
-        successors,
-        np.array([float(np.mean(lane.width)) for lane in lanes.values()]),
-        np.array(box, dtype=float).reshape(-1, 4),
-        *joined,
-    )
-    return table, numbers
-
-
-def _beside(lanes: Mapping[str, Lane], other: str | None, x: Array, y: Array) -> Array:
-    """Return the stations on a lane beside points [m]; 0 without one."""
-    return np.zeros(len(x)) if other is None or other not in lanes else lanes[other].project(x, y)[0]
+        a, b, c, d = [*following, -1, -1, -1, -1][:_CHOICES]
+        rows.append(
+            LaneRow(
+                first=first,
+                nodes=count,
+                step=lane.length / (count - 1),
+                length=lane.length,
+                closed=int(lane.id in lane.successors),  # a lane that is its own successor
+                own=int(lane.kind == "path"),
+                left=numbers.get(lane.left or "", -1),
+                right=numbers.get(lane.right or "", -1),
+                successors=(a, b, c, d),
+                width=float(np.mean(lane.width)),
+                box=(x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin),
+            )
+        )
+        first += count
+    points = np.concatenate(nodes) if nodes else np.empty((0, len(Node._fields)))
+    return LaneTable(records(LaneRow, rows), points.view(record_type(Node))[:, 0]), numbers
 
 
 # --- compiled -----------------------------------------------------------------------------------------------------
@@ -111,11 +111,11 @@ def wrapped(value: float, period: float) -> float:
 
 def lane_cell(t: LaneTable, lane: int, s: float) -> tuple[int, float]:
     """Return the node before a station, and the share of the way to the next node."""
-    at = s / t.step[lane]
+    at = s / t.lanes[lane].step
     i = math.floor(at)
     # At the end of the lane the last piece is used with a share of one, because there is no node beyond.
-    i = max(0, min(i, t.nodes[lane] - 2))
-    return t.first[lane] + i, at - i
+    i = max(0, min(i, t.lanes[lane].nodes - 2))
+    return t.lanes[lane].first + i, at - i
 
 
 def lane_pose(t: LaneTable, lane: int, s: float) -> tuple[float, float, float, float]:
@@ -126,15 +126,16 @@ def lane_pose(t: LaneTable, lane: int, s: float) -> tuple[float, float, float, f
     beyond = 0.0
     if s < 0.0:
         beyond = s
-    elif s > t.length[lane]:
-        beyond = s - t.length[lane]
+    elif s > t.lanes[lane].length:
+        beyond = s - t.lanes[lane].length
     i, u = lane_cell(t, lane, s - beyond)
-    h = t.step[lane]
+    h = t.lanes[lane].step
     end, start, last = u * u * (3.0 - 2.0 * u), h * u * (1.0 - u) ** 2, h * u * u * (u - 1.0)
-    x = t.x[i] + end * (t.x[i + 1] - t.x[i]) + start * math.cos(t.yaw[i]) + last * math.cos(t.yaw[i + 1])
-    y = t.y[i] + end * (t.y[i + 1] - t.y[i]) + start * math.sin(t.yaw[i]) + last * math.sin(t.yaw[i + 1])
-    yaw = t.yaw[i] + u * (t.yaw[i + 1] - t.yaw[i])
-    k = t.curvature[i] + u * (t.curvature[i + 1] - t.curvature[i])
+    a, b = t.nodes[i], t.nodes[i + 1]
+    x = a.x + end * (b.x - a.x) + start * math.cos(a.yaw) + last * math.cos(b.yaw)
+    y = a.y + end * (b.y - a.y) + start * math.sin(a.yaw) + last * math.sin(b.yaw)
+    yaw = a.yaw + u * (b.yaw - a.yaw)
+    k = a.curvature + u * (b.curvature - a.curvature)
     if beyond != 0.0:
         x += beyond * math.cos(yaw)
         y += beyond * math.sin(yaw)
@@ -142,36 +143,18 @@ def lane_pose(t: LaneTable, lane: int, s: float) -> tuple[float, float, float, f
     return x, y, yaw, k
 
 
-def station_beside(t: LaneTable, lane: int, s: float, left: bool) -> float:
-    """Return the station on the next lane to the left, else right [m].
-
-    Stations of a closed neighbour jump by its length at its start.
-    """
-    i, u = lane_cell(t, lane, s)
-    if left:
-        a, b, other = t.left_s[i], t.left_s[i + 1], t.left[lane]
-    else:
-        a, b, other = t.right_s[i], t.right_s[i + 1], t.right[lane]
-    # Interpolation across the seam of the neighbour would run backwards along the whole lane.
-    if t.closed[other] == 1:
-        b = a + wrapped(b - a, t.length[other])
-        a = a % t.length[other]
-    station: float = a + u * (b - a)
-    return station
-
-
 def project(t: LaneTable, lane: int, x: float, y: float) -> tuple[float, float]:
     """Return the station [m] and the offset [m, + left] of a point: the nearest node, then Newton's method."""
     best, nearest, i = math.inf, 0, 0
-    while i < t.nodes[lane]:
-        node = t.first[lane] + i
-        away = math.hypot(t.x[node] - x, t.y[node] - y)
+    while i < t.lanes[lane].nodes:
+        node = t.lanes[lane].first + i
+        away = math.hypot(t.nodes[node].x - x, t.nodes[node].y - y)
         if away < best:
             best, nearest = away, i
-        i += max(1, int((away - best) / t.step[lane]))  # nodes between are farther away
+        i += max(1, int((away - best) / t.lanes[lane].step))  # nodes between are farther away
 
     # Newton's method on the condition that the offset is perpendicular: ds = along / (1 - k d).
-    s = nearest * t.step[lane]
+    s = nearest * t.lanes[lane].step
     offset = 0.0
     for _ in range(4):
         px, py, yaw, k = lane_pose(t, lane, s)
@@ -179,9 +162,9 @@ def project(t: LaneTable, lane: int, x: float, y: float) -> tuple[float, float]:
         offset = (y - py) * math.cos(yaw) - (x - px) * math.sin(yaw)
         # Limited steps and a limited divisor keep points near the centre of curvature from jumping along the lane.
         s += max(-2.0, min(2.0, along / max(1.0 - k * offset, 0.2)))
-        s = s % t.length[lane] if t.closed[lane] == 1 else max(0.0, min(s, t.length[lane]))
+        s = s % t.lanes[lane].length if t.lanes[lane].closed == 1 else max(0.0, min(s, t.lanes[lane].length))
     return s, offset
 
 
-PARTS = (wrapped, lane_cell, lane_pose, station_beside, project)
+PARTS = (wrapped, lane_cell, lane_pose, project)
 """Compiled functions of this module."""

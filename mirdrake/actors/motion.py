@@ -1,4 +1,4 @@
-"""Motion of actors: the state of each in one row of numbers, and poses on lanes.
+"""Motion of actors: the state of each as a record, and poses on lanes.
 
 An actor follows its lane, or is at an offset from it that changes over a distance. Its frame A, at the rear axle of a
 vehicle, moves along its x axis as that of a kinematic bicycle (R. Rajamani, Vehicle Dynamics and Control, 2.2), so that
@@ -6,45 +6,69 @@ it cannot move sideways or turn at standstill.
 """
 
 import math
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 from mirdrake.actors.lanes import LaneTable, lane_pose
-from mirdrake.worlds.pieces import Array
+from mirdrake.core.compiled import record_type
 
-X: Final = 0
-Y: Final = 1
-YAW: Final = 2
-VX: Final = 3
-VY: Final = 4
-WZ: Final = 5
-"""Columns: pose of A in W [m, m, rad], velocity of A [m/s, m/s], yaw rate [rad/s]."""
-LANE: Final = 6
-S: Final = 7
-V: Final = 8
-A: Final = 9
-"""Columns: number of the lane, station [m], speed along its path [m/s], its acceleration until now [m/s^2]."""
-FROM: Final = 10
-OFFSET: Final = 11
-DONE: Final = 12
-SPAN: Final = 13
-OLD: Final = 14
-"""Columns of a lane change: offset at its begin, wanted offset [m]; distance since the begin, its length [m], 0: no
-change; number of the lane that it leaves, -1: none."""
-STARTED: Final = 15
-STEP: Final = 16
-SIDE: Final = 17
-WANTED: Final = 18
-RAMP: Final = 19
-HELD: Final = 20
-"""Columns: whether it moves; number of the next step; signed distance of the subject beyond the gate of its trigger
-[m]; wanted speed [m/s]; rate of the present change of speed, 0: none [m/s^2]; 1: it stands until `go`."""
-GAP: Final = 21
-LIMIT: Final = 22
-"""Columns: distance to the object ahead [m]; 1: its braking is limited."""
-AIM: Final = 23
-WAIT: Final = 24
-"""Columns of a walker: its speed across its lane, + left [m/s]; 1: it waits at a crossing."""
-COLUMNS: Final = 25
+
+class State(NamedTuple):
+    """State of an actor."""
+
+    x: float
+    """position of A in W [m]"""
+    y: float
+    """[m]"""
+    yaw: float
+    """of A in W [rad]"""
+    vx: float
+    """velocity of A in W [m/s]"""
+    vy: float
+    """[m/s]"""
+    wz: float
+    """yaw rate [rad/s]"""
+    lane: float
+    """number of its lane"""
+    s: float
+    """station of A on it [m]"""
+    v: float
+    """speed along its path [m/s]"""
+    a: float
+    """acceleration in the last time step [m/s^2]"""
+    begin: float
+    """offset at the begin of a lane change [m]"""
+    offset: float
+    """wanted offset [m]"""
+    done: float
+    """distance since the begin of a lane change [m]"""
+    span: float
+    """its length, 0: no change [m]"""
+    old: float
+    """number of the lane that it leaves, -1: none"""
+    started: float
+    """1: it moves"""
+    step: float
+    """number of its next step of the scenario"""
+    side: float
+    """signed distance of the subject beyond the gate of its trigger [m]"""
+    wanted: float
+    """wanted speed [m/s]"""
+    ramp: float
+    """rate of the present change of speed, 0: none [m/s^2]"""
+    held: float
+    """1: it stands until `go`"""
+    gap: float
+    """distance to the object ahead [m]"""
+    limit: float
+    """1: its braking is limited"""
+    aim: float
+    """of a walker: speed across its lane, + left [m/s]"""
+    wait: float
+    """of a walker: 1: it waits at a crossing"""
+
+
+STATE: Final = record_type(State)
+"""Type of the records of :class:`State`: floats only, so that a vector of states is one of records as well."""
 
 
 def lateral(begin: float, end: float, done: float, span: float) -> tuple[float, float, float]:
@@ -69,15 +93,15 @@ def span_of(change: float, distance: float, min_radius: float) -> float:
     return max(distance, math.sqrt(10.0 / math.sqrt(3.0) * abs(change) * min_radius), 1e-3)
 
 
-def set_pose(t: LaneTable, row: Array) -> float:
+def set_pose(t: LaneTable, row: Any) -> float:
     """Write pose and velocity of an actor on a lane; return its change of station per metre of its path [-].
 
     With the offset d, its derivative d' and the curvature k of the lane, heading and path follow the Frenet equations
     (M. Werling et al., ICRA 2010, appendix): tan of the heading error p is d' / (1 - k d), ds = cos p / (1 - k d) per
     metre of the path, whose curvature is ((d'' + k d' tan p) cos² p / (1 - k d) + k) cos p / (1 - k d).
     """
-    x, y, yaw, k = lane_pose(t, int(row[LANE]), row[S])
-    d, slope, bend = lateral(row[FROM], row[OFFSET], row[DONE], row[SPAN])
+    x, y, yaw, k = lane_pose(t, int(row.lane), row.s)
+    d, slope, bend = lateral(row.begin, row.offset, row.done, row.span)
 
     # 1 - k d, limited as it vanishes at the centre of curvature; the station then runs at most ten times faster.
     shorter = max(1.0 - k * d, 0.1)
@@ -85,12 +109,12 @@ def set_pose(t: LaneTable, row: Array) -> float:
     error = math.atan(tangent)
     cosine = math.cos(error)
     curvature = ((bend + k * slope * tangent) * cosine * cosine / shorter + k) * cosine / shorter
-    row[X] = x - d * math.sin(yaw)
-    row[Y] = y + d * math.cos(yaw)
-    row[YAW] = yaw + error
-    row[VX] = row[V] * math.cos(row[YAW])
-    row[VY] = row[V] * math.sin(row[YAW])
-    row[WZ] = row[V] * curvature
+    row.x = x - d * math.sin(yaw)
+    row.y = y + d * math.cos(yaw)
+    row.yaw = yaw + error
+    row.vx = row.v * math.cos(row.yaw)
+    row.vy = row.v * math.sin(row.yaw)
+    row.wz = row.v * curvature
     return cosine / shorter
 
 

@@ -7,24 +7,27 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
 from mirdrake.actors import lanes, occupancy
-from mirdrake.actors.crew import Bodies, FullVehicle, outline_sizes
+from mirdrake.actors.crew import Bodies, FullVehicle, give_way_lines, outline_sizes
 from mirdrake.actors.lanes import LaneTable, lane_table, project
-from mirdrake.actors.occupancy import ahead, fill
+from mirdrake.actors.motion import STATE
+from mirdrake.actors.occupancy import ahead, fill, fill_give_ways
 from mirdrake.actors.traffic import PLANAR, actor_signals
 from mirdrake.core.compiled import compiled
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import declare_vector_input, declare_vector_output, signals
 from mirdrake.worlds import World
-from mirdrake.worlds.lights import GREEN
+from mirdrake.worlds.lights import GREEN, RED
 from mirdrake.worlds.pieces import Array
 
 ROAD_AHEAD = signals(
     ("gap", "m", "to the vehicle, actor or, with an outline on the lane, pedestrian ahead; inf: none"),
     ("speed", "m/s", "of that along the lane"),
-    ("line", "m", "from the front to the stop line of the next traffic light; inf: none"),
-    ("light", "", "state of that light: 0 red, 1 amber, 2 green"),
+    ("line", "m", "from the front to the stop line of the next traffic light or closed give-way line; inf: none"),
+    ("light", "", "state of that light: 0 red, also of a give-way line, 1 amber, 2 green"),
 )
 """What is ahead of a vehicle on its lane."""
+
+_BELOW = 1.0  # [m] behind the front bumper that a line still counts
 
 
 class RoadAhead(LeafSystem):
@@ -51,7 +54,13 @@ class RoadAhead(LeafSystem):
 
         # Only lanes in the direction of the track; oncoming traffic on other lanes is not ahead.
         own = {lane.id: lane for lane in world.lanes.values() if lane.road == track and lane.direction > 0}
+        self._own = len(own)
+        # Behind them, those to which it must give way.
+        for one in world.give_ways:
+            if any(lane in own for lane, _ in one.lines):
+                own |= {lane: world.lanes[lane] for lane, _ in one.conflicts}
         self._lanes, numbers = lane_table(own)
+        self._give_ways = give_way_lines(world, numbers)
         self._bodies = Bodies(state_size, tuple(vehicles.values()))
         self._me = list(vehicles).index(name)
         shapes = [outline_sizes(vehicle.volume) for vehicle in vehicles.values()]
@@ -60,7 +69,7 @@ class RoadAhead(LeafSystem):
         self._lights = [
             (light, numbers[lane], s) for light in world.lights.values() for lane, s in light.lines if lane in numbers
         ]
-        self._look: Callable[..., tuple[float, float, int, float]] = compiled(
+        self._look: Callable[..., tuple[float, float, int, float, float]] = compiled(
             look_ahead, parts=(*lanes.PARTS, *occupancy.PARTS)
         )
         self.plant_state = self.DeclareVectorInputPort("plant_state", state_size)
@@ -78,8 +87,13 @@ class RoadAhead(LeafSystem):
             # Without the yaw rate, which occupancy does not use.
             actors = self.actor_states.Eval(context).reshape(-1, len(PLANAR))[:, :5]
             objects = np.vstack((objects, actors))
-        gap, speed, lane, front = self._look(self._lanes, self._shape, objects, self._me)
+        gap, speed, lane, front, closed = self._look(
+            self._lanes, self._own, self._shape, objects, self._me, self._give_ways
+        )
         line, state = self._next_light(lane, front, context.get_time())
+        # A closed give-way line is like a red light.
+        if closed < line or (state == GREEN and closed < math.inf):
+            line, state = closed, float(RED)
         output.SetFromVector([gap, speed, line, state])
 
     def _next_light(self, lane: int, front: float, time: float) -> tuple[float, float]:
@@ -87,23 +101,30 @@ class RoadAhead(LeafSystem):
         nearest, state = math.inf, float(GREEN)
         for light, number, s in self._lights:
             away = s - front
-            if self._lanes.closed[lane]:
-                length = float(self._lanes.length[lane])
+            if self._lanes.lanes[lane]["closed"]:
+                length = float(self._lanes.lanes[lane]["length"])
                 # Wrapped into -1 m to length - 1 m: a line just behind the bumper keeps its negative distance.
-                away = (away + 1.0) % length - 1.0
-            if number == lane and -1.0 <= away < nearest:  # a line below the front bumper counts for a metre
+                away = (away + _BELOW) % length - _BELOW
+            if number == lane and -_BELOW <= away < nearest:  # a line below the front bumper counts for a metre
                 nearest, state = away, float(light.state(time))
         return nearest, state
 
 
-def look_ahead(t: LaneTable, shape: Array, objects: Array, me: int) -> tuple[float, float, int, float]:
-    """Return gap [m] and speed [m/s] of the next object, the lane of the vehicle, and the station of its front [m].
+def look_ahead(
+    t: LaneTable, own: int, shape: Array, objects: Array, me: int, give_ways: Array
+) -> tuple[float, float, int, float, float]:
+    """Return what is ahead of a vehicle.
+
+    These are gap [m] and speed [m/s] of the next object, the lane of the vehicle, the station of its front [m], and the
+    distance from that to the next closed give-way line [m].
 
     Args:
-        t: lanes of its track.
+        t: lanes of its track, then those with priority.
+        own: number of the lanes of its track.
         shape: front, rear and half of the width of all objects (n, 3) [m].
         objects: x, y, yaw, vx, vy of all objects (n, 5) [m, rad, m/s].
         me: number of the vehicle among them.
+        give_ways: give-way lines (k, 5).
     """
     x, y, yaw = objects[me, 0], objects[me, 1], objects[me, 2]
     front, rear, half_width = shape[me, 0], shape[me, 1], shape[me, 2]
@@ -111,17 +132,24 @@ def look_ahead(t: LaneTable, shape: Array, objects: Array, me: int) -> tuple[flo
 
     # The vehicle is on the lane whose centre line is nearest to its middle.
     best, lane, s, offset = math.inf, 0, 0.0, 0.0
-    for number in range(len(t.length)):
+    for number in range(own):
         station, aside = project(t, number, x + middle * math.cos(yaw), y + middle * math.sin(yaw))
         if abs(aside) < best:
             best, lane, s, offset = abs(aside), number, station, aside
 
-    # Each object can touch every lane once.
-    most = len(objects) * len(t.length)
-    on, owners, rows = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, occupancy.WIDE))
+    on_lanes = np.empty(
+        len(objects) * len(t.lanes) + 2 * len(give_ways), occupancy.OBJECT
+    )  # each object can touch every lane once
     # No rows of actors: actors have no lane of this table here and count as bodies, like vehicles.
-    count = fill(t, np.zeros(len(t.length), np.int64), shape, np.empty((0, 1)), objects, on, owners, rows)
+    count = fill(t, shape, np.empty(0, STATE), objects, on_lanes)
     gap, speed, _ = ahead(
-        t, lane, s, half, offset - half_width, offset + half_width, me, math.inf, 0.0, on, owners, rows, count
+        t, lane, s, half, offset - half_width, offset + half_width, me, math.inf, 0.0, on_lanes, count
     )
-    return gap, speed, lane, s + half
+
+    # Lines are written behind the objects.
+    closed = math.inf
+    for k in range(count, fill_give_ways(t, give_ways, on_lanes, count)):
+        line = on_lanes[k]
+        if line.lane == lane and line.blocker != me and line.middle - s - half >= -_BELOW:
+            closed = min(closed, line.middle - s - half)
+    return gap, speed, lane, s + half, closed

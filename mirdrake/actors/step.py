@@ -1,42 +1,21 @@
 """One time step of all actors, from the states of all at its begin, so that their order has no effect."""
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mirdrake.actors import lanes, laws, motion, occupancy, triggers, walkers
+from mirdrake.actors import lanes, motion, occupancy, triggers, walkers
+from mirdrake.actors import laws as accelerations
 from mirdrake.actors.behaviours import idm_mobil, walk
 from mirdrake.actors.behaviours.base import LIMIT as BRAKING
-from mirdrake.actors.lanes import Ints, LaneTable, project
+from mirdrake.actors.lanes import LaneTable, project
 from mirdrake.actors.laws import acceleration, at_end, sees, stopping_distance
-from mirdrake.actors.motion import (
-    DONE,
-    GAP,
-    HELD,
-    LANE,
-    LIMIT,
-    OFFSET,
-    OLD,
-    RAMP,
-    SIDE,
-    SPAN,
-    STARTED,
-    STEP,
-    WANTED,
-    A,
-    S,
-    V,
-    accelerate,
-    approach,
-    lateral,
-    set_pose,
-)
-from mirdrake.actors.occupancy import ahead, behind, fill, fill_lines
+from mirdrake.actors.motion import accelerate, approach, lateral, set_pose
+from mirdrake.actors.occupancy import ahead, behind, fill, fill_give_ways, fill_lines, way_to_end
 from mirdrake.actors.triggers import act, change_lane, is_due
 from mirdrake.actors.walkers import step_walker
-from mirdrake.core.compiled import compiled
+from mirdrake.core.compiled import Records, compiled
 from mirdrake.worlds.pieces import Array
 
 LOOK = 300.0
@@ -46,76 +25,75 @@ DECISION = 10
 """Time steps between two decisions of an actor about its lane: 0.2 s."""
 
 
+class Member(NamedTuple):
+    """What does not change of an actor."""
+
+    law: int
+    """number of its law"""
+    speed: float
+    """speed that it wants at the start [m/s]"""
+    min_radius: float
+    """smallest radius of its path [m]"""
+    first_step: int
+    """its first step of a scenario"""
+    last_step: int
+    """one behind its last step"""
+
+
 class Crew(NamedTuple):
     """Everything about the actors that does not change, in the order of their names."""
 
-    own: Ints
-    """1: the lane is the path of a single actor (l)"""
-    shape: Array
-    """front, rear and half of the width of the actors, then of the vehicles (n + m, 3) [m]"""
-    law: Ints
-    """law of each actor (n)"""
+    members: Records
+    """:class:`Member` (n)"""
     numbers: Array
     """parameters of the behaviours (n, 12)"""
-    speed: Array
-    """speed that each wants at the start (n) [m/s]"""
-    min_radius: Array
-    """(n) [m]"""
+    shape: Array
+    """front, rear and half of the width of the actors, then of the vehicles (n + m, 3) [m]"""
     steps: Array
     """steps of all scenarios (k, columns)"""
-    first_step: Ints
-    """first step of each actor; the last entry is k (n + 1)"""
-    stops: Ints
-    """lane and light of each stop line (q, 2)"""
-    places: Array
-    """stations of the stop lines (q) [m]"""
+    stops: Array
+    """lane and light of each stop line, and its station [m] (q, 3)"""
     programmes: Array
     """durations of green, amber, red and the offset of each light (p, 4) [s]"""
+    give_ways: Array
+    """give-way lines, see :func:`mirdrake.actors.occupancy.fill_give_ways` (w, 5)"""
 
 
-def step(t: LaneTable, crew: Crew, now: Array, vehicles: Array, time: float, dt: float, after: Array) -> None:
-    """Write the states of all actors after a time step.
+def act_all(t: LaneTable, crew: Crew, now: Records, vehicles: Array, time: float, after: Records) -> None:
+    """Begin the actions that are due.
 
     Args:
         t: lanes.
         crew: the actors.
-        now: states (n, columns).
+        now: states of the actors (n).
         vehicles: x, y, yaw, vx, vy of the vehicles (m, 5) [m, rad, m/s].
         time: time of `now` since the start [s].
-        dt: time step [s].
-        after: states after the step; written.
+        after: next states; changed.
     """
-    n = len(now)
-    # Arrays of one size for compiled code, with room for all that can occur: two lanes per actor, all paths under each
-    # actor, all lanes under each actor on a path and under each vehicle, and the stop lines.
-    paths = crew.own.sum()
-    most = 2 * n + n * paths + (paths + len(vehicles)) * len(crew.own) + len(crew.places)
-    on, owners, rows = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, occupancy.WIDE))
-    count = fill(t, crew.own, crew.shape, now, vehicles, on, owners, rows)
-    count = fill_lines(crew.stops, crew.places, crew.programmes, time, on, owners, rows, count)
-
-    # Actions first: a step that fires now already acts on the motion of this time step.
-    after[:] = now
-    for i in range(n):
-        number = crew.first_step[i] + int(now[i, STEP])
-        if number < crew.first_step[i + 1] and is_due(crew.steps[number], i, now, vehicles, time, after[i]):
-            after[i, STEP] += 1.0
+    for i in range(len(now)):
+        number = crew.members[i].first_step + int(now[i].step)
+        if number < crew.members[i].last_step and is_due(crew.steps[number], i, now, vehicles, time, after[i]):
+            after[i].step += 1.0
             # Not a number compares as false: the next gate needs one step to learn its side before it can fire.
-            after[i, SIDE] = math.nan
-            act(t, crew.steps[number], now[i], after[i], crew.speed[i], crew.min_radius[i])
-
-    # Lane changes before motions, because they decide on which lane an actor then looks ahead.
-    change_lanes(t, crew, now, time, dt, on, owners, rows, count, after)
-    for i in range(n):
-        if crew.law[i] == walk.LAW:
-            step_walker(t, crew.law, crew.numbers[i], crew.shape, i, now, vehicles, dt, after[i])
-        else:
-            move(t, crew, i, now[i], dt, on, owners, rows, count, after[i])
+            after[i].side = math.nan
+            act(t, crew.steps[number], now[i], after[i], crew.members[i].speed, crew.members[i].min_radius)
 
 
-def move(
-    t: LaneTable, crew: Crew, i: int, now: Array, dt: float, on: Ints, owners: Ints, rows: Array, count: int, row: Array
-) -> None:
+def walk_all(t: LaneTable, crew: Crew, now: Records, vehicles: Array, dt: float, after: Records) -> None:
+    """Write the motion of all pedestrians; arguments as those of :func:`act_all`, and the time step [s]."""
+    for i in range(len(now)):
+        if crew.members[i].law == walk.LAW:
+            step_walker(t, crew.members, crew.numbers[i], crew.shape, i, now, vehicles, dt, after[i])
+
+
+def move_all(t: LaneTable, crew: Crew, now: Records, dt: float, objects: Records, count: int, after: Records) -> None:
+    """Write the motion of all actors on lanes; arguments as those of :func:`move`."""
+    for i in range(len(now)):
+        if crew.members[i].law != walk.LAW:
+            move(t, crew, i, now[i], dt, objects, count, after[i])
+
+
+def move(t: LaneTable, crew: Crew, i: int, now: Any, dt: float, objects: Records, count: int, row: Any) -> None:
     """Write the motion of one actor.
 
     Args:
@@ -124,107 +102,102 @@ def move(
         i: number of the actor.
         now: its state.
         dt: time step [s].
-        on: objects on lanes, see :func:`mirdrake.actors.occupancy.fill`, as are the next three.
-        owners: see `on`.
-        rows: see `on`.
-        count: see `on`.
+        objects: objects on lanes, see :class:`mirdrake.actors.occupancy.OnLane`.
+        count: their number.
         row: its next state, with the actions that begin now; written.
     """
-    law, numbers, speed, lane = crew.law[i], crew.numbers[i], now[V], int(row[LANE])
+    law, numbers, speed, lane = crew.members[i].law, crew.numbers[i], now.v, int(row.lane)
     front, rear, half_width = crew.shape[i, 0], crew.shape[i, 1], crew.shape[i, 2]
     # Frame A is at the rear axle; objects on lanes are described by their middle and half of their length.
-    middle, half = row[S] + 0.5 * (front - rear), 0.5 * (front + rear)
-    d, _, _ = lateral(row[motion.FROM], row[OFFSET], row[DONE], row[SPAN])
+    middle, half = row.s + 0.5 * (front - rear), 0.5 * (front + rear)
+    d, _, _ = lateral(row.begin, row.offset, row.done, row.span)
     stop = stopping_distance(law, numbers, speed)
 
     # The object ahead; during a lane change on both lanes.
     gap, other = math.inf, 0.0
-    gap, other, _ = ahead(t, lane, middle, half, d - half_width, d + half_width, i, LOOK, stop, on, owners, rows, count)
-    if row[OLD] >= 0.0 and row[DONE] < row[SPAN]:
-        s, d_old = project(t, int(row[OLD]), now[motion.X], now[motion.Y])
+    gap, other, _ = ahead(t, lane, middle, half, d - half_width, d + half_width, i, LOOK, stop, objects, count)
+    if row.old >= 0.0 and row.done < row.span:
+        s, d_old = project(t, int(row.old), now.x, now.y)
         gap_old, other_old, _ = ahead(
-            t, int(row[OLD]), s + 0.5 * (front - rear), half, d_old - half_width, d_old + half_width, i, LOOK, stop,
-            on, owners, rows, count,
+            t, int(row.old), s + 0.5 * (front - rear), half, d_old - half_width, d_old + half_width, i, LOOK, stop,
+            objects, count,
         )  # fmt: skip
         if gap_old < gap:
             gap, other = gap_old, other_old
-    row[GAP] = gap
+    row.gap = gap
 
     # Speed and distance: a change of speed by a scenario, or the law of the behaviour.
-    wanted = 0.0 if row[HELD] > 0.0 else row[WANTED]
-    row[LIMIT] = 0.0
+    wanted = 0.0 if row.held > 0.0 else row.wanted
+    row.limit = 0.0
     # Not started yet; otherwise a rate set by a scenario takes precedence over the law, without regard to gaps.
-    if row[STARTED] == 0.0:
-        row[V], distance = 0.0, 0.0
-    elif row[RAMP] > 0.0:
-        row[V], distance = approach(speed, wanted, row[RAMP], dt)
+    if row.started == 0.0:
+        row.v, distance = 0.0, 0.0
+    elif row.ramp > 0.0:
+        row.v, distance = approach(speed, wanted, row.ramp, dt)
         # While it is held the rate stays, so that the law of the behaviour does not take over at standstill.
-        if row[V] == wanted and row[HELD] == 0.0:
-            row[RAMP] = 0.0
+        if row.v == wanted and row.held == 0.0:
+            row.ramp = 0.0
     else:
         a = acceleration(law, numbers, speed, wanted, gap, other, dt)
-        # A dead end is an obstacle; laws that ignore others must stop there as well.
-        if t.closed[lane] == 0 and t.successors[lane, 0] < 0:
-            a = min(a, at_end(law, numbers, speed, wanted, t.length[lane] - row[S]))
+        # A dead end is an obstacle, also behind further lanes; laws that ignore others must stop there as well.
+        rest = way_to_end(t, lane, row.s, LOOK)
+        if rest < math.inf:
+            a = min(a, at_end(law, numbers, speed, wanted, rest))
         # Recorded as `braking_limit`: the law asked for a harder braking than the actor is capable of.
         if a < -numbers[BRAKING]:
             a = -numbers[BRAKING]
-            row[LIMIT] = 1.0
-        row[V], distance = accelerate(speed, a, dt)
-    row[A] = (row[V] - speed) / dt
+            row.limit = 1.0
+        row.v, distance = accelerate(speed, a, dt)
+    row.a = (row.v - speed) / dt
 
     # The new place: the change of station per metre of path is the mean of that at both ends.
-    begin, done = row[S], row[DONE]
+    begin, done = row.s, row.done
     rate = set_pose(t, row)
     for attempt in range(2):
-        row[S] = begin + distance * rate
-        row[DONE] = min(done + distance * rate, row[SPAN])
+        row.s = begin + distance * rate
+        row.done = min(done + distance * rate, row.span)
         if attempt == 0:
             rate = 0.5 * (rate + set_pose(t, row))
 
     # The lane change is complete: the actor occupies only its new lane from now on.
-    if row[SPAN] > 0.0 and row[DONE] >= row[SPAN]:
-        row[SPAN], row[DONE], row[OLD] = 0.0, 0.0, -1.0
+    if row.span > 0.0 and row.done >= row.span:
+        row.span, row.done, row.old = 0.0, 0.0, -1.0
     # More than one lane may end within a step, because lanes of networks can be shorter than it.
-    while row[S] >= t.length[lane]:
-        following = t.successors[lane, 0]
+    while row.s >= t.lanes[lane].length:
+        following = t.lanes[lane].successors[0]
         if following < 0:
-            row[S] = t.length[lane]
-            if row[V] > 0.0:
-                row[V] = 0.0
+            row.s = t.lanes[lane].length
+            if row.v > 0.0:
+                row.v = 0.0
             break
-        row[S] -= t.length[lane]
+        row.s -= t.lanes[lane].length
         lane = following
-        row[LANE] = lane
+        row.lane = lane
 
-    # Once more: lane and station may have changed since the last call, and WZ and the velocity depend on row[V].
+    # Once more: lane and station may have changed since the last call, and WZ and the velocity depend on row.v.
     set_pose(t, row)
 
 
 def change_lanes(
     t: LaneTable,
     crew: Crew,
-    now: Array,
+    now: Records,
     time: float,
     dt: float,
-    on: Ints,
-    owners: Ints,
-    rows: Array,
+    objects: Records,
     count: int,
-    after: Array,
+    after: Records,
 ) -> None:
     """Begin the lane changes of actors that decide on them; of two that want the same gap only the first one changes.
 
     Args:
         t: lanes.
         crew: the actors.
-        now: states of the actors (n, columns).
+        now: states of the actors (n).
         time: time of `now` since the start [s].
         dt: time step [s].
-        on: objects on lanes, as are the next three.
-        owners: see `on`.
-        rows: see `on`.
-        count: see `on`.
+        objects: objects on lanes.
+        count: their number.
         after: next states; changed.
     """
     n = len(now)
@@ -235,34 +208,34 @@ def change_lanes(
         if (number + i) % DECISION != 0:  # each decides at its own time
             continue
         # No decision during a lane change, whether an earlier one or one that a scenario begins in this step.
-        if crew.law[i] != idm_mobil.LAW or now[i, SPAN] > 0.0 or after[i, SPAN] > 0.0 or now[i, STARTED] == 0.0:
+        if crew.members[i].law != idm_mobil.LAW or now[i].span > 0.0 or after[i].span > 0.0 or now[i].started == 0.0:
             continue
         # The left side is evaluated first and wins a tie, because the right one must be better.
         best, left = 0.0, False
         for side in range(2):
-            gain = advantage(t, crew, i, now, side == 0, dt, on, owners, rows, count)
+            gain = advantage(t, crew, i, now, side == 0, dt, objects, count)
             if gain > best:
                 best, left = gain, side == 0
         if best <= 0.0:
             continue
-        lane = int(now[i, LANE])
-        other = t.left[lane] if left else t.right[lane]
-        s, _ = project(t, other, now[i, motion.X], now[i, motion.Y])
+        lane = int(now[i].lane)
+        other = t.lanes[lane].left if left else t.lanes[lane].right
+        s, _ = project(t, other, now[i].x, now[i].y)
 
         # Decisions use the states at the begin of the step, in which two actors can see the same gap as free.
-        room = 2.0 * now[i, V] + crew.shape[i, 0] + crew.shape[i, 1] + 10.0
+        room = 2.0 * now[i].v + crew.shape[i, 0] + crew.shape[i, 1] + 10.0
         free = True
         for j in range(i):
-            if taken_lane[j] == other and abs(lanes.wrapped(taken_s[j] - s, t.length[other])) < room:
+            if taken_lane[j] == other and abs(lanes.wrapped(taken_s[j] - s, t.lanes[other].length)) < room:
                 free = False
         if free:
             taken_lane[i], taken_s[i] = other, s
-            distance = crew.numbers[i, idm_mobil.TIME] * now[i, V]
-            change_lane(t, now[i], after[i], left, distance, crew.min_radius[i])
+            distance = crew.numbers[i][idm_mobil.TIME] * now[i].v
+            change_lane(t, now[i], after[i], left, distance, crew.members[i].min_radius)
 
 
 def advantage(
-    t: LaneTable, crew: Crew, i: int, now: Array, left: bool, dt: float, on: Ints, owners: Ints, rows: Array, count: int
+    t: LaneTable, crew: Crew, i: int, now: Records, left: bool, dt: float, objects: Records, count: int
 ) -> float:
     """Return the advantage of a lane change beyond the threshold [m/s^2]; -inf if it is not possible.
 
@@ -272,38 +245,34 @@ def advantage(
         t: lanes.
         crew: the actors.
         i: number of the actor.
-        now: states of the actors (n, columns).
+        now: states of the actors (n).
         left: the side.
         dt: time step [s].
-        on: objects on lanes, as are the next three.
-        owners: see `on`.
-        rows: see `on`.
-        count: see `on`.
+        objects: objects on lanes.
+        count: their number.
     """
-    lane, speed, numbers = int(now[i, LANE]), now[i, V], crew.numbers[i]
-    other = t.left[lane] if left else t.right[lane]
+    lane, speed, numbers = int(now[i].lane), now[i].v, crew.numbers[i]
+    other = t.lanes[lane].left if left else t.lanes[lane].right
     if other < 0:
         return -math.inf
     front, rear, half_width = crew.shape[i, 0], crew.shape[i, 1], crew.shape[i, 2]
-    half, middle = 0.5 * (front + rear), now[i, S] + 0.5 * (front - rear)
-    s, _ = project(t, other, now[i, motion.X], now[i, motion.Y])
+    half, middle = 0.5 * (front + rear), now[i].s + 0.5 * (front - rear)
+    s, _ = project(t, other, now[i].x, now[i].y)
     beside = s + 0.5 * (front - rear)
-    stop = stopping_distance(crew.law[i], numbers, speed)
+    stop = stopping_distance(crew.members[i].law, numbers, speed)
 
     # What is ahead and behind on both lanes, as in the notation of MOBIL: c the actor, n new and o old follower.
-    gap, lead, _ = ahead(t, lane, middle, half, -half_width, half_width, i, LOOK, stop, on, owners, rows, count)
-    new_gap, new_lead, _ = ahead(
-        t, other, beside, half, -half_width, half_width, i, LOOK, stop, on, owners, rows, count
-    )
-    back, back_speed, back_owner = behind(t, lane, middle, half, i, on, owners, rows, count)
-    new_back, new_back_speed, new_owner = behind(t, other, beside, half, i, on, owners, rows, count)
+    gap, lead, _ = ahead(t, lane, middle, half, -half_width, half_width, i, LOOK, stop, objects, count)
+    new_gap, new_lead, _ = ahead(t, other, beside, half, -half_width, half_width, i, LOOK, stop, objects, count)
+    back, back_speed, back_owner = behind(t, lane, middle, half, i, LOOK, objects, count)
+    new_back, new_back_speed, new_owner = behind(t, other, beside, half, i, LOOK, objects, count)
 
     # Something is beside the actor; the law has no meaning for gaps that are not positive.
     if new_gap <= 0.0 or new_back <= 0.0:
         return -math.inf
 
     # Without the actor, a follower has the gap to the object ahead of it: both gaps and the length of the actor.
-    law, wanted = crew.law[i], now[i, WANTED]
+    law, wanted = crew.members[i].law, now[i].wanted
     own = acceleration(law, numbers, speed, wanted, gap, lead, dt)
     own_then = acceleration(law, numbers, speed, wanted, new_gap, new_lead, dt)
     new, new_then = followers(
@@ -317,7 +286,7 @@ def advantage(
 def followers(
     crew: Crew,
     i: int,
-    now: Array,
+    now: Records,
     owner: int,
     speed: float,
     free: float,
@@ -331,7 +300,7 @@ def followers(
     Args:
         crew: the actors.
         i: number of the actor.
-        now: states of the actors (n, columns).
+        now: states of the actors (n).
         owner: number of the follower, -2: none.
         speed: speed of the follower [m/s].
         free: its gap without the actor [m].
@@ -342,20 +311,71 @@ def followers(
     """
     if owner < 0:
         return 0.0, 0.0
-    who = owner if owner < len(now) and sees(crew.law[owner]) else i
+    who = owner if owner < len(now) and sees(crew.members[owner].law) else i
     # A vehicle has no known set-point; its speed is at least as large as it drives now.
-    wanted = max(now[who, WANTED], speed) if who == i else now[who, WANTED]
+    wanted = max(now[who].wanted, speed) if who == i else now[who].wanted
     return (
-        acceleration(crew.law[who], crew.numbers[who], speed, wanted, free, lead, dt),
-        acceleration(crew.law[who], crew.numbers[who], speed, wanted, near, mine, dt),
+        acceleration(crew.members[who].law, crew.numbers[who], speed, wanted, free, lead, dt),
+        acceleration(crew.members[who].law, crew.numbers[who], speed, wanted, near, mine, dt),
     )
 
 
-def compiled_step() -> Callable[..., None]:
-    """Return :func:`step`, compiled."""
-    parts = (
-        move, change_lanes, advantage, followers,
-        *lanes.PARTS, *motion.PARTS, *occupancy.PARTS, *laws.PARTS, *triggers.PARTS, *walkers.PARTS,
-    )  # fmt: skip
-    machine_code: Callable[..., None] = compiled(step, parts=parts)
-    return machine_code
+class TimeStep:
+    """The time step of all actors of a world.
+
+    Its parts are compiled separately: one function of all would contain their code once more, and take twice as long
+    to compile. Parts that no actor of a world needs are not compiled.
+
+    Args:
+        t: lanes.
+        crew: the actors.
+    """
+
+    def __init__(self, t: LaneTable, crew: Crew) -> None:
+        self._t, self._crew = t, crew
+        laws = set(crew.members["law"].tolist())
+        common = (*lanes.PARTS, *motion.PARTS, *occupancy.PARTS)
+        on_lanes = (move, advantage, followers, *common, *accelerations.PARTS, *triggers.PARTS)
+        self._fill = compiled(fill, parts=common)
+        self._fill_lines = compiled(fill_lines, parts=common) if len(crew.stops) else None
+        self._give_way = compiled(fill_give_ways, parts=common) if len(crew.give_ways) else None
+        self._act = compiled(act_all, parts=(*common, *triggers.PARTS)) if len(crew.steps) else None
+        self._change_lanes = compiled(change_lanes, parts=on_lanes) if idm_mobil.LAW in laws else None
+        self._move = compiled(move_all, parts=on_lanes) if laws - {walk.LAW} else None
+        self._walk = compiled(walk_all, parts=(*common, *walkers.PARTS)) if walk.LAW in laws else None
+
+    def __call__(self, now: Records, vehicles: Array, time: float, dt: float, after: Records) -> None:
+        """Write the states of all actors after a time step.
+
+        Args:
+            now: states (n).
+            vehicles: x, y, yaw, vx, vy of the vehicles (m, 5) [m, rad, m/s].
+            time: time of `now` since the start [s].
+            dt: time step [s].
+            after: states after the step (n); written.
+        """
+        t, crew = self._t, self._crew
+        # Room for all that can occur: two lanes per actor, all paths under each actor, all lanes under each actor on a
+        # path and under each vehicle, and the stop lines.
+        paths = int(t.lanes["own"].sum())
+        most = len(now) * (2 + paths) + (paths + len(vehicles)) * len(t.lanes) + len(crew.stops)
+        most += 2 * len(crew.give_ways)
+        objects = np.empty(most, occupancy.OBJECT)
+
+        count = self._fill(t, crew.shape, now, vehicles, objects)
+        if self._fill_lines is not None:
+            count = self._fill_lines(crew.stops, crew.programmes, time, objects, count)
+        if self._give_way is not None:
+            count = self._give_way(t, crew.give_ways, objects, count)
+
+        # Actions first: a step that fires now already acts on the motion of this time step. Lane changes before
+        # motions, because they decide on which lane an actor then looks ahead.
+        after[:] = now
+        if self._act is not None:
+            self._act(t, crew, now, vehicles, time, after)
+        if self._change_lanes is not None:
+            self._change_lanes(t, crew, now, time, dt, objects, count, after)
+        if self._move is not None:
+            self._move(t, crew, now, dt, objects, count, after)
+        if self._walk is not None:
+            self._walk(t, crew, now, vehicles, dt, after)

@@ -1,6 +1,6 @@
 """The actors of a world as one system: they are moved at 50 Hz, and have a pose at every time."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -8,8 +8,9 @@ from pydrake.geometry import FramePoseVector
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from mirdrake.actors.crew import FullVehicle, make_crew, start_states
-from mirdrake.actors.motion import COLUMNS, GAP, LANE, LIMIT, A, V
-from mirdrake.actors.step import compiled_step
+from mirdrake.actors.motion import STATE
+from mirdrake.actors.step import TimeStep
+from mirdrake.core.compiled import Records
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import Signal, Signals, declare_vector_output
 from mirdrake.plant.actors import ActorsInScene
@@ -73,13 +74,13 @@ class Traffic(LeafSystem):
         super().__init__()
         self.names = tuple(actor.name for actor in world.actors)
         self._scene, self._is_continuous = scene, always
-        self._lanes, self._crew, self._bodies = make_crew(world, vehicles, state_size)
-        self._step: Callable[..., None] = compiled_step()
-        start = start_states(world, self._lanes)
-        self._size = start.size
+        lanes, crew, self._bodies = make_crew(world, vehicles, state_size)
+        self._step = TimeStep(lanes, crew)
+        start = start_states(world, lanes)
+        numbers = start.view(float)
         self.plant_state = self.DeclareVectorInputPort("plant_state", self._bodies.size)
         # The first update is at t = -PERIOD, formally: until the one at t = 0, outputs are those of the end, the start.
-        self._state = self.DeclareDiscreteState(np.concatenate(([-PERIOD], start.ravel(), start.ravel())))
+        self._state = self.DeclareDiscreteState(np.concatenate(([-PERIOD], numbers, numbers)))
         # Without a ticket of the input: outputs depend on the state only, so that there is no algebraic loop.
         needs = [self.time_ticket(), self.discrete_state_ticket(self._state)]
         self.states = declare_vector_output(
@@ -97,10 +98,10 @@ class Traffic(LeafSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
 
-    def _rows(self, context: Context) -> tuple[float, Array, Array]:
-        """Return the time of the last update [s], and the states then and 20 ms later (n, columns)."""
+    def _rows(self, context: Context) -> tuple[float, Records, Records]:
+        """Return the time of the last update [s], and the states then and 20 ms later (n)."""
         values = context.get_discrete_state(self._state).value()
-        return float(values[0]), *(values[1:].reshape(2, len(self.names), COLUMNS))
+        return float(values[0]), *values[1:].view(STATE).reshape(2, len(self.names))
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         _, _, now = self._rows(context)
@@ -108,8 +109,8 @@ class Traffic(LeafSystem):
         after = np.empty_like(now)
         time = context.get_time()
         # The last prediction becomes the present state; only the state 20 ms later is computed.
-        self._step(self._lanes, self._crew, now, vehicles, time, PERIOD, after)
-        state.set_value(self._state, np.concatenate(([time], now.ravel(), after.ravel())))
+        self._step(now, vehicles, time, PERIOD, after)
+        state.set_value(self._state, np.concatenate(([time], now.view(float), after.view(float))))
 
     def _planar(self, context: Context, share: float | None = None) -> Array:
         """Return x, y, yaw, vx, vy, wz of the actors now, or at a share of the time step (n, 6)."""
@@ -125,10 +126,10 @@ class Traffic(LeafSystem):
         time, before, after = self._rows(context)
         u = min(max((context.get_time() - time) / PERIOD, 0.0), 1.0)
         x, y, yaw, _, _, wz = planar_between(before, after, u).T
-        speed = (1.0 - u) * before[:, V] + u * after[:, V]
+        speed = (1.0 - u) * before["v"] + u * after["v"]
         # The yaw of a lane is continuous and grows on a closed one; recorded angles are within one turn.
         yaw = np.mod(yaw + np.pi, 2.0 * np.pi) - np.pi
-        rows = (x, y, yaw, speed, after[:, A], wz, after[:, LANE], after[:, GAP], after[:, LIMIT])
+        rows = (x, y, yaw, speed, after["a"], wz, after["lane"], after["gap"], after["limit"])
         output.SetFromVector(np.column_stack(rows).ravel())
 
     def _calc_poses(self, context: Context, value: AbstractValue) -> None:
@@ -136,21 +137,23 @@ class Traffic(LeafSystem):
         value.set_value(self._scene.poses(self._planar(context, always)[:, :3]))
 
 
-def planar_between(before: Array, after: Array, u: float) -> Array:
+def planar_between(before: Records, after: Records, u: float) -> Array:
     """Return x, y, yaw [m, m, rad], vx, vy, wz [m/s, m/s, rad/s] at a share of the time between two updates (n, 6).
 
     They are cubic Hermite polynomials of poses and velocities at both ends, and their derivatives.
 
     Args:
-        before: states at the last update (n, columns).
+        before: states at the last update (n).
         after: states at the next one.
         u: share of the time between them.
     """
-    start, end = before[:, :3], after[:, :3]
-    change = end - start
+    # Pose and velocity are the first six numbers of a state.
+    first_row, last_row = before.view(float).reshape(len(before), -1), after.view(float).reshape(len(after), -1)
+    start = first_row[:, :3]
+    change = last_row[:, :3] - start
     # The shorter way round: at the seam of a closed lane yaw jumps by a turn.
     change[:, 2] -= 2.0 * np.pi * np.floor(change[:, 2] / (2.0 * np.pi) + 0.5)
-    first, last = before[:, 3:6], after[:, 3:6]
+    first, last = first_row[:, 3:6], last_row[:, 3:6]
     place = start + u * u * (3.0 - 2.0 * u) * change + PERIOD * u * ((1.0 - u) ** 2 * first + u * (u - 1.0) * last)
     rate = 6.0 * u * (1.0 - u) / PERIOD * change + (1.0 - u) * (1.0 - 3.0 * u) * first + u * (3.0 * u - 2.0) * last
     return np.hstack((place, rate))

@@ -1,30 +1,11 @@
 """Steps of scenarios: triggers and actions as numbers, and their evaluation."""
 
 import math
-from typing import Final
+from typing import Any, Final
 
 from mirdrake.actors.lanes import LaneTable, project
-from mirdrake.actors.motion import (
-    DONE,
-    FROM,
-    GAP,
-    HELD,
-    LANE,
-    OFFSET,
-    OLD,
-    RAMP,
-    SIDE,
-    SPAN,
-    STARTED,
-    VX,
-    VY,
-    WANTED,
-    S,
-    V,
-    X,
-    Y,
-    span_of,
-)
+from mirdrake.actors.motion import span_of
+from mirdrake.core.compiled import Records
 from mirdrake.worlds.pieces import Array
 
 AT: Final = 0
@@ -60,13 +41,13 @@ WIDE: Final = 10
 """Number of these columns."""
 
 
-def is_due(step: Array, i: int, now: Array, vehicles: Array, time: float, next_row: Array) -> bool:
+def is_due(step: Array, i: int, now: Records, vehicles: Array, time: float, next_row: Any) -> bool:
     """Return whether the trigger of a step fires.
 
     Args:
         step: the step.
         i: number of the actor.
-        now: states of the actors (n, columns).
+        now: states of the actors (n).
         vehicles: x, y, yaw, vx, vy of the vehicles (m, 5).
         time: time since the start [s].
         next_row: next state of the actor; the side of a gate is remembered in it.
@@ -76,18 +57,18 @@ def is_due(step: Array, i: int, now: Array, vehicles: Array, time: float, next_r
         # The tolerance absorbs rounding of the time, which would delay the step by one period.
         return bool(time >= step[VALUE] - 1e-9)
     if kind == GAP_BELOW:
-        return bool(now[i, GAP] < step[VALUE])
+        return bool(now[i].gap < step[VALUE])
     if kind == GAP_ABOVE:
-        return bool(now[i, GAP] > step[VALUE])
+        return bool(now[i].gap > step[VALUE])
     if kind == SPEED_BELOW:
-        return bool(now[i, V] < step[VALUE])
+        return bool(now[i].v < step[VALUE])
     if kind == SPEED_ABOVE:
-        return bool(now[i, V] > step[VALUE])
+        return bool(now[i].v > step[VALUE])
 
     # Numbers from n on are vehicles; -1 is the actor itself.
     subject = i if step[SUBJECT] < 0.0 else int(step[SUBJECT])
     if subject < len(now):
-        x, y, vx, vy = now[subject, X], now[subject, Y], now[subject, VX], now[subject, VY]
+        x, y, vx, vy = now[subject].x, now[subject].y, now[subject].vx, now[subject].vy
     else:
         row = subject - len(now)
         x, y, vx, vy = vehicles[row, 0], vehicles[row, 1], vehicles[row, 3], vehicles[row, 4]
@@ -95,17 +76,17 @@ def is_due(step: Array, i: int, now: Array, vehicles: Array, time: float, next_r
         dx, dy, cosine, sine = x - step[GATE_X], y - step[GATE_Y], math.cos(step[GATE_YAW]), math.sin(step[GATE_YAW])
         side, aside = dx * cosine + dy * sine, dy * cosine - dx * sine
         # The side in the last step against the present one: the gate fires on crossing it forwards, once.
-        before = now[i, SIDE]
-        next_row[SIDE] = side
+        before = now[i].side
+        next_row.side = side
         return bool(before < 0.0 <= side and abs(aside) <= step[GATE_HALF])
-    distance = math.hypot(x - now[i, X], y - now[i, Y])
+    distance = math.hypot(x - now[i].x, y - now[i].y)
     if kind == TIME:
         # Time to reach the actor at the present speed, without a division that fails at standstill.
         return bool(distance <= step[VALUE] * math.hypot(vx, vy))
     return bool(distance <= step[VALUE])
 
 
-def act(t: LaneTable, step: Array, now_row: Array, row: Array, speed: float, min_radius: float) -> None:
+def act(t: LaneTable, step: Array, now_row: Any, row: Any, speed: float, min_radius: float) -> None:
     """Begin the action of a step.
 
     Args:
@@ -118,21 +99,21 @@ def act(t: LaneTable, step: Array, now_row: Array, row: Array, speed: float, min
     """
     action = int(step[ACTION])
     if action == START:
-        row[STARTED], row[WANTED] = 1.0, speed
+        row.started, row.wanted = 1.0, speed
     elif action == CHANGE_SPEED:
-        row[WANTED], row[RAMP], row[HELD] = step[FIRST], step[SECOND], 0.0
+        row.wanted, row.ramp, row.held = step[FIRST], step[SECOND], 0.0
     elif action == STOP:
-        row[RAMP], row[HELD] = step[FIRST], 1.0
+        row.ramp, row.held = step[FIRST], 1.0
     elif action == GO:
-        row[RAMP], row[HELD] = step[FIRST], 0.0
+        row.ramp, row.held = step[FIRST], 0.0
     # A lane change during another one is ignored; the first one is finished.
-    elif now_row[DONE] >= now_row[SPAN]:
+    elif now_row.done >= now_row.span:
         # The time of the change at the present speed; `span_of` lengthens it if the curvature would be too large.
-        distance = step[SECOND] * now_row[V]
+        distance = step[SECOND] * now_row.v
         change_lane(t, now_row, row, step[FIRST] > 0.0, distance, min_radius)
 
 
-def change_lane(t: LaneTable, now_row: Array, row: Array, left: bool, distance: float, min_radius: float) -> None:
+def change_lane(t: LaneTable, now_row: Any, row: Any, left: bool, distance: float, min_radius: float) -> None:
     """Begin a change to the lane to the left, else right, if there is one.
 
     Args:
@@ -143,14 +124,14 @@ def change_lane(t: LaneTable, now_row: Array, row: Array, left: bool, distance: 
         distance: length of the change [m].
         min_radius: smallest radius of its path [m].
     """
-    lane = int(now_row[LANE])
-    other = t.left[lane] if left else t.right[lane]
+    lane = int(now_row.lane)
+    other = t.lanes[lane].left if left else t.lanes[lane].right
     if other < 0:
         return
     # The offset on the new lane is that of the present position, so that the pose does not jump.
-    s, offset = project(t, other, now_row[X], now_row[Y])
-    row[OLD], row[LANE], row[S], row[FROM], row[DONE] = lane, other, s, offset, 0.0
-    row[SPAN] = span_of(row[OFFSET] - offset, distance, min_radius)
+    s, offset = project(t, other, now_row.x, now_row.y)
+    row.old, row.lane, row.s, row.begin, row.done = lane, other, s, offset, 0.0
+    row.span = span_of(row.offset - offset, distance, min_radius)
 
 
 PARTS = (is_due, act, change_lane)

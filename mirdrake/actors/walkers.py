@@ -1,32 +1,13 @@
 """One time step of a pedestrian, in the coordinates of its path: along it, and to its left."""
 
 import math
+from typing import Any
 
 from mirdrake.actors.behaviours import walk
 from mirdrake.actors.behaviours.walk import arrives_within, repulsion
-from mirdrake.actors.lanes import Ints, LaneTable, lane_pose
-from mirdrake.actors.motion import (
-    AIM,
-    FROM,
-    GAP,
-    HELD,
-    LANE,
-    OFFSET,
-    SPAN,
-    STARTED,
-    VX,
-    VY,
-    WAIT,
-    WANTED,
-    WZ,
-    YAW,
-    A,
-    S,
-    V,
-    X,
-    Y,
-    set_pose,
-)
+from mirdrake.actors.lanes import LaneTable, lane_pose
+from mirdrake.actors.motion import set_pose
+from mirdrake.core.compiled import Records
 from mirdrake.worlds.pieces import Array
 
 _FASTEST = 1.3  # largest speed over the wanted one
@@ -36,7 +17,15 @@ _SLOW = 0.5  # [m/s] speed below which vehicles are no danger
 
 
 def step_walker(
-    t: LaneTable, law: Ints, numbers: Array, shape: Array, i: int, now: Array, vehicles: Array, dt: float, row: Array
+    t: LaneTable,
+    members: Records,
+    numbers: Array,
+    shape: Array,
+    i: int,
+    now: Records,
+    vehicles: Array,
+    dt: float,
+    row: Any,
 ) -> None:
     """Write the next state of a pedestrian.
 
@@ -44,75 +33,73 @@ def step_walker(
 
     Args:
         t: lanes.
-        law: laws of the actors (n).
+        members: :class:`mirdrake.actors.step.Member` (n).
         numbers: parameters of the pedestrian.
         shape: front, rear and half of the width of the actors, then of the vehicles (n + m, 3) [m].
         i: number of the pedestrian.
-        now: states of all actors (n, columns).
+        now: states of all actors (n).
         vehicles: x, y, yaw, vx, vy of the vehicles (m, 5).
         dt: time step [s].
         row: its next state; written.
     """
     me, tau, n = now[i], numbers[walk.RELAXATION], len(now)
-    lane, speed, aside, offset = int(me[LANE]), me[V], me[AIM], me[OFFSET]
-    row[GAP], row[A] = math.inf, 0.0
-    if row[STARTED] == 0.0:
+    lane, speed, aside, offset = int(me.lane), me.v, me.aim, me.offset
+    row.gap, row.a = math.inf, 0.0
+    if row.started == 0.0:
         return
-    wanted = 0.0 if row[HELD] > 0.0 else row[WANTED]
+    wanted = 0.0 if row.held > 0.0 else row.wanted
 
     # At the kerb it waits until the gap to every vehicle is long enough.
     begin, end = numbers[walk.BEGIN], numbers[walk.END]
-    row[WAIT] = 0.0
+    row.wait = 0.0
     # The speed decays with the time constant tau, so that stopping takes speed * tau; later it could not stop.
-    rest = begin - me[S]
+    rest = begin - me.s
     if end > begin and 0.0 <= rest <= speed * tau + _KERB:
         x, y, heading, _ = lane_pose(t, lane, 0.5 * (begin + end))
         half = 0.5 * (end - begin) + _ASIDE
         for j in range(n + len(vehicles)):
             # Other pedestrians are not a danger; vehicles at standstill have no arrival time.
-            if j < n and law[j] != walk.LAW and math.hypot(now[j, VX], now[j, VY]) > _SLOW:
+            if j < n and members[j].law != walk.LAW and math.hypot(now[j].vx, now[j].vy) > _SLOW:
                 other = now[j]
-                if arrives_within(
-                    x, y, heading, half, other[X], other[Y], other[VX], other[VY], numbers[walk.CRITICAL]
-                ):
-                    row[WAIT] = 1.0
+                if arrives_within(x, y, heading, half, other.x, other.y, other.vx, other.vy, numbers[walk.CRITICAL]):
+                    row.wait = 1.0
             elif j >= n and math.hypot(vehicles[j - n, 3], vehicles[j - n, 4]) > _SLOW:
                 car = vehicles[j - n]
                 if arrives_within(x, y, heading, half, car[0], car[1], car[3], car[4], numbers[walk.CRITICAL]):
-                    row[WAIT] = 1.0
-    if row[WAIT] > 0.0:
+                    row.wait = 1.0
+    if row.wait > 0.0:
         wanted = 0.0
 
     # Forces along the path and to its left.
-    _, _, direction, _ = lane_pose(t, lane, me[S])
+    _, _, direction, _ = lane_pose(t, lane, me.s)
     cosine, sine = math.cos(direction), math.sin(direction)
     # Poles of the lateral motion: s² + s/tau + 1/(4 tau²) = (s + 1/(2 tau))², critically damped.
     along, across = (wanted - speed) / tau, -aside / tau - offset / (4.0 * tau * tau)
     for j in range(n):
-        if j != i and law[j] == walk.LAW:
+        if j != i and members[j].law == walk.LAW:
             # Pedestrians count as circles, whatever their heading.
             contact = max(shape[i, 0], shape[i, 2]) + max(shape[j, 0], shape[j, 2])
-            fx, fy = repulsion(numbers, me[X] - now[j, X], me[Y] - now[j, Y], contact)
+            fx, fy = repulsion(numbers, me.x - now[j].x, me.y - now[j].y, contact)
             along += fx * cosine + fy * sine
             across += fy * cosine - fx * sine
 
     # Semi-implicit Euler: the new speed moves it. It does not walk backwards, nor is it pushed beyond a run.
-    row[V] = max(0.0, min(speed + along * dt, _FASTEST * row[WANTED]))
-    row[A] = (row[V] - speed) / dt
-    row[AIM] = aside + across * dt
-    row[S] = min(me[S] + row[V] * dt, t.length[lane])
-    row[OFFSET] = offset + row[AIM] * dt
+    row.v = max(0.0, min(speed + along * dt, _FASTEST * row.wanted))
+    row.a = (row.v - speed) / dt
+    row.aim = aside + across * dt
+    row.s = min(me.s + row.v * dt, t.lanes[lane].length)
+    row.offset = offset + row.aim * dt
     # Without a lane change in progress, `set_pose` takes the offset as it is.
-    row[FROM], row[SPAN] = row[OFFSET], 0.0
-    if row[S] >= t.length[lane]:
-        row[V], row[AIM] = 0.0, 0.0
+    row.begin, row.span = row.offset, 0.0
+    if row.s >= t.lanes[lane].length:
+        row.v, row.aim = 0.0, 0.0
     set_pose(t, row)
     # `set_pose` knows only the speed along the path; the lateral one is added in W.
-    row[VX] -= row[AIM] * math.sin(row[YAW])
-    row[VY] += row[AIM] * math.cos(row[YAW])
+    row.vx -= row.aim * math.sin(row.yaw)
+    row.vy += row.aim * math.cos(row.yaw)
     # The body turns to its velocity; the lower bound keeps it from spinning at standstill.
-    row[YAW] += math.atan2(row[AIM], max(row[V], 0.5))
-    row[WZ] = 0.0
+    row.yaw += math.atan2(row.aim, max(row.v, 0.5))
+    row.wz = 0.0
 
 
 PARTS = (step_walker, *walk.PARTS)

@@ -14,6 +14,7 @@ if these are not writable, until one of the source files changes.
 import inspect
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import astuple, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -100,11 +101,15 @@ def _compiled(
         _register(part)
     version = _version(everything)  # part of the cache key, as Numba itself only checks one source file
 
-    # Referring to the version puts it into the closure, whose values are part of the key of Numba's cache.
-    def call(*arguments: Any) -> Any:
-        _ = version
-        return function(*arguments)
+    if not laws:
+        # Directly, without a function around it, for which LLVM would optimise all of the code once more.
+        direct = njit(nogil=nogil)(function)
+        with suppress(RuntimeError):  # no folder is writable
+            direct._cache = _versioned_cache(function, version)
+        machine_code: Callable[..., Any] = direct
+        return machine_code
 
+    # Referring to the version puts it into the closure, whose values are part of the key of Numba's cache.
     def call_with_law(*arguments: Any) -> Any:
         _ = version
         return function(first, *arguments)
@@ -118,13 +123,28 @@ def _compiled(
         return function(first, second, third, *arguments)
 
     # Numba resolves functions in the closure at compile time only if each is a variable of its own.
-    first, second, third = (*laws, None, None, None)[:3]
-    calling: Callable[..., Any] = (call, call_with_law, call_with_two, call_with_three)[len(laws)]
+    first, second, third = (*laws, None, None)[:3]
+    calling: Callable[..., Any] = (call_with_law, call_with_two, call_with_three)[len(laws) - 1]
     try:
         compiling: Callable[..., Any] = njit(cache=True, nogil=nogil)(calling)
     except RuntimeError:  # no folder is writable
         compiling = njit(nogil=nogil)(calling)
     return compiling
+
+
+def _versioned_cache(function: Callable[..., Any], version: int) -> Any:
+    """Return the cache of the machine code of a function, with the version as part of its key.
+
+    Raises:
+        RuntimeError: no folder is writable.
+    """
+    from numba.core.caching import FunctionCache
+
+    class VersionedCache(FunctionCache):  # type: ignore[misc]
+        def _index_key(self, *arguments: Any) -> Any:
+            return *super()._index_key(*arguments), version
+
+    return VersionedCache(function)
 
 
 @cache

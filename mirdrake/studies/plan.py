@@ -5,10 +5,12 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
+from mirdrake.assembly.inputs import input_digest
 from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.json_io import Json
@@ -120,7 +122,8 @@ def make_plan(spec: StudySpec) -> Plan:
 
     # Models and the world are part of the digest: a resumed study must not mix rows of different models.
     content = {name: [vehicle.urdf, *_specs(vehicle)] for name, vehicle in vehicles.items()}
-    digest = digest_data({"vehicles": content, "world": world.spec.model_dump(mode="json")})
+    files = input_digest(world, [vehicle.folder for vehicle in vehicles.values()], data, Path(diagram.folder or "."))
+    digest = digest_data({"vehicles": content, "world": world.spec.model_dump(mode="json"), "files": files})
     return Plan(spec, data, parameters, sample(spec), spec.duration or diagram.duration, digest)
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Literal
 
 from mirdrake.assembly.diagram_spec import make_spec
-from mirdrake.core.digest import digest, digest_data
+from mirdrake.assembly.inputs import input_digest
+from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import ConfigError, MirdrakeError, WorldError, did_you_mean
 from mirdrake.core.json_io import Json
 from mirdrake.core.paths import find
@@ -61,7 +62,7 @@ class Case:
         diagram: data of the diagram to simulate.
         expect: requirements, each with its place in the file.
         goal: meaning of ``at goal``.
-        content: SHA-256 of the world file, of those it uses, and of the module of the behaviour beside it.
+        content: SHA-256 of the files of the world and the vehicles, and of modules of behaviours beside the world.
         pinned: those of the values that do not stand in the world file.
         others: requirements on the other vehicles.
     """
@@ -299,10 +300,9 @@ def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator
 
 def _content(world: World, test: CaseSpec, path: Path) -> str:
     """Return the digest of the files that the test consists of."""
-    behaviour = test.behaviour if isinstance(test.behaviour, str) else str(test.behaviour.get("kind", ""))
-    beside = [*world.spec.include, *([f"{behaviour.split(':')[0].replace('.', '/')}.py"] if ":" in behaviour else [])]
-    files = [path, *(path.parent / name for name in beside)]
-    return digest(b"\0".join(file.read_bytes() for file in files if file.is_file()))
+    cars = [test, *test.others.values()]
+    folders = [find_vehicle(car.vehicle)[0] for car in cars]
+    return input_digest(world, folders, [car.behaviour for car in cars], path.parent)
 
 
 def _varies(name: str, path: Path) -> bool:

@@ -87,7 +87,11 @@ def make_lights(
     """
     lights: dict[str, Light] = {}
     for name, spec in specs.items():
-        lines = [line for index, text in enumerate(spec.controls) for line in _lines(text, index, spec, tracks, lanes)]
+        lines = [
+            line
+            for index, text in enumerate(spec.controls)
+            for line in stations_of(text, where(spec, "controls", index), tracks, lanes)
+        ]
         if not spec.controls and network is not None:
             lines = [(line.lane, line.s) for line in network.stop_lines if line.signal == name]
         if not lines:
@@ -99,16 +103,25 @@ def make_lights(
     return lights
 
 
-def _lines(
-    text: str, index: int, spec: LightSpec, tracks: Mapping[str, Track], lanes: Mapping[str, Lane]
+def stations_of(
+    text: str, place: str, tracks: Mapping[str, Track], lanes: Mapping[str, Lane]
 ) -> list[tuple[str, float]]:
-    """Return the stop lines of one text ``track@s`` or ``track.lane@s``."""
-    place = where(spec, "controls", index)
+    """Return the lanes and stations of a text ``track@s`` or ``track.lane@s``.
+
+    Args:
+        text: the text.
+        place: ``file:line: path`` for errors.
+        tracks: tracks by name.
+        lanes: lanes by id.
+
+    Raises:
+        ConfigError: there is no such track or lane, or s is beyond its end.
+    """
     road, separator, given = text.rpartition("@")
     try:
         s = float(to_si(given, "m"))
     except (TypeError, ValueError):
-        raise ConfigError(f"{place}: '{text}' is not a stop line; write for example main@58") from None
+        raise ConfigError(f"{place}: '{text}' is not a place on a track; write for example main@58") from None
     chosen = [lanes[road]] if road in lanes else [
         lane for lane in lanes.values() if lane.road == road and road in tracks and lane.direction > 0
     ]  # fmt: skip

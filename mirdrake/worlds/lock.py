@@ -132,10 +132,11 @@ def lock_content(world: World) -> Json:
             for name, start in world.starts.items()
         },
         "goals": goals,
-        "files": _files(world),
+        "files": {name: digest(read_bytes(path)) for name, path in used_files(world).items()},
         **({"scenery": _rounded([mesh.model_dump() for mesh in spec.scenery])} if spec.scenery else {}),
         "props": [_prop(placed) for placed in world.props],
         **({"signals": _signals(spec.signals)} if spec.signals else {}),
+        **({"give_way": [_rounded(entry.model_dump()) for entry in spec.give_way]} if spec.give_way else {}),
         **({"actors": [_actor(actor) for actor in world.actors]} if world.actors else {}),
     }  # fmt: skip
 
@@ -262,8 +263,12 @@ def _rings(area: BaseGeometry) -> list[list[list[float]]]:
     return rings
 
 
-def _files(world: World) -> dict[str, str]:
-    """Return the SHA-256 of the files that a world uses, without world files."""
+def used_files(world: World) -> dict[str, Path]:
+    """Return the files that a world uses, by their names in a lock file; without world files and grids of heights.
+
+    Raises:
+        WorldError: a mesh cannot be read.
+    """
     folder = world.path.parent if world.path is not None else Path.cwd()
     library = prop_names()
     files: dict[str, Path] = {}
@@ -289,7 +294,7 @@ def _files(world: World) -> dict[str, str]:
         paths = [path for mesh in meshes for path in mesh_files(mesh)]
         paths += {mesh.parent / "prop.yaml" for mesh in meshes if (mesh.parent / "prop.yaml").is_file()}
         files |= {_named(path, folder): path for path in paths}
-    return {name: digest(read_bytes(files[name])) for name in sorted(files)}
+    return {name: files[name] for name in sorted(files)}
 
 
 def _named(path: Path, folder: Path) -> str:

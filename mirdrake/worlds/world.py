@@ -15,6 +15,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.worlds.actors import Actor
+from mirdrake.worlds.give_way import GiveWay, make_give_ways
 from mirdrake.worlds.lights import Light, make_lights
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.lane import Lane
@@ -164,6 +165,11 @@ class World:
     def lights(self) -> dict[str, Light]:
         """Traffic lights by name."""
         return make_lights(self.spec.signals, self.tracks, self.lanes, self.network) if self.spec.signals else {}
+
+    @cached_property
+    def give_ways(self) -> tuple[GiveWay, ...]:
+        """Give-way lines."""
+        return make_give_ways(self.spec.give_way, self.tracks, self.lanes)
 
     @cached_property
     def road_mu(self) -> float:

@@ -1,0 +1,257 @@
+"""Traffic in whole runs: impacts, red lights, streams of random numbers, other vehicles, search."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from mirdrake.actors.crew import make_crew, start_states
+from mirdrake.actors.lanes import LaneTable
+from mirdrake.actors.occupancy import LINE, OBJECT, OnLane, fill_give_ways
+from mirdrake.actors.step import TimeStep
+from mirdrake.controllers.behaviours.outline import volume_of
+from mirdrake.core.compiled import records
+from mirdrake.suites import collect_cases
+from mirdrake.suites.cases import collect_searches
+from mirdrake.suites.search import search
+from mirdrake.suites.worker import run_case
+from mirdrake.vehicles import load_vehicle
+from mirdrake.worlds import World, load_world, make_world
+from mirdrake.worlds.lights import RED
+from tests.actor_rigs import simulation, world_file
+from tests.test_actor_entries import chain
+
+DT = 0.02  # [s]
+
+
+def states_over(world: World, duration: float) -> list[Any]:
+    """Return the states of the actors at all time steps."""
+    lanes, crew, _ = make_crew(world, {}, 0)
+    step, states = TimeStep(lanes, crew), [start_states(world, lanes)]
+    for k in range(round(duration / DT)):
+        after = np.empty_like(states[-1])
+        step(states[-1], np.empty((0, 5)), k * DT, DT, after)
+        states.append(after)
+    return states
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [20 / 3.6, 35 / 3.6, 50 / 3.6, 65 / 3.6, 80 / 3.6])
+def test_car_to_car_rear_impacts_have_the_closed_form_speed(speed: float, tmp_path: Path) -> None:
+    # A stationary car, one at 20 km/h, and two that brake from the speed of the vehicle after 1 s. None has an effect
+    # on another one, so that all are hit in one run, in which the vehicle brakes late.
+    begin, slow = 40.0, 20 / 3.6
+    targets = {
+        "stationary": (begin, 0.0, 0.0),
+        "moving": (begin, slow, 0.0),
+        "braking_2": (12.0, speed, 2.0),
+        "braking_6": (12.0, speed, 6.0),
+    }
+    actors = [
+        {"actor": "sedan", "name": name, "path": [[x, 0], [x + 600, 0]], "speed": v, "behaviour": "follow"}
+        for name, (x, v, _) in targets.items()
+    ]
+    scenario = {name: [{"at": 1.0, "stop": {"rate": a}}] for name, (_, _, a) in targets.items() if a > 0.0}
+    world = world_file(tmp_path, actors=actors, scenario=scenario, tracks=None)
+    at = max(begin / speed - 2.2, 0.0)
+    rows = [{"time": 0, "speed": speed}, {"time": at, "speed": speed}, {"time": at + speed / 4.0, "speed": 0}]
+    drive = simulation(world, speed=speed, control={"ego": {"kind": "schedule", "rows": rows}})
+    run = drive.run(duration=at + speed / 4.0 + 1.5)
+    front = max(float(x) for x in drive._volumes["ego"].outline[:, 0])
+    found = {hit["with"]: hit for hit in run.summary["vehicles"]["ego"]["collisions"]}
+    time, x, vx = (run[key].to_numpy(dtype=float) for key in ("time", "ego.x", "ego.vx"))
+
+    for actor in drive.assembly.parts.world.actors:
+        s, v, a = targets[actor.name]
+        # Constant speed; after 1 s constant deceleration to standstill.
+        since = np.clip(time - 1.0, 0.0, v / a if a > 0.0 else np.inf)
+        place = s + v * np.minimum(time, 1.0) + v * since - 0.5 * a * since**2
+        target_speed = v - a * since
+        gap = place - actor.rear - (x + front)
+        hits = np.flatnonzero(gap < 0.0)
+        assert (actor.name in found) == bool(hits.size), actor.name
+        if hits.size:
+            impact = float(vx[hits[0]] - target_speed[hits[0]])
+            assert found[actor.name]["time"] == pytest.approx(time[hits[0]], abs=0.03)
+            assert found[actor.name]["difference_mps"] == pytest.approx(impact, abs=0.3)
+
+
+def test_actors_at_lights_never_pass_red_and_stop_before_the_line() -> None:
+    # 100 lights, each on a road of its own, with offsets by chance.
+    rng = np.random.default_rng(4)
+    offsets, count, line = rng.uniform(0.0, 30.0, 100), 100, 150.0
+    tracks = {f"road_{i}": {"segments": [{"line": 300}], "start": {"at": [0, 10 * i]}} for i in range(count)}
+    signals = {
+        f"light_{i:03d}": {
+            "controls": [f"road_{i}@{line}"],
+            "programme": {"green": 10, "amber": 3, "red": 17},
+            "offset": float(offsets[i]),
+        }
+        for i in range(count)
+    }
+    actors = [
+        {"actor": "sedan", "name": f"car_{i:03d}", "on_track": {"track": f"road_{i}", "s": 10}, "speed": 13.0,
+         "behaviour": {"kind": "idm"}}
+        for i in range(count)
+    ]  # fmt: skip
+    world = make_world({"mirdrake": "world/1", "ground": {"size": [3000, 3000]}, "tracks": tracks, "signals": signals,
+                        "actors": actors})  # fmt: skip
+    states = states_over(world, 45.0)
+    stops = 0
+    for i, actor in enumerate(world.actors):
+        s = np.array([state["s"][i] for state in states]) + actor.front
+        light = world.lights[actor.name.replace("car", "light")]
+        crossed = int(np.argmax(s >= line))
+        assert s[crossed] >= line, actor.name
+        assert float(light.state(crossed * DT)) != RED, actor.name
+        speeds = np.array([state["v"][i] for state in states])
+        standing = np.flatnonzero((speeds[:crossed] < 0.05) & (s[:crossed] > 100.0))
+        if standing.size:
+            stops += 1
+            assert -2.5 < s[standing[-1]] - line <= 0.0, actor.name
+    assert stops > 20
+
+
+@pytest.mark.slow
+def test_a_vehicle_at_lights_never_passes_red_and_stops_within_two_metres(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    lines = [70.0 + 70.0 * i for i in range(12)]
+    signals = {
+        f"light_{i}": {
+            "controls": [f"main@{line}"],
+            "programme": {"green": 6, "amber": 3, "red": 8},
+            "offset": float(rng.uniform(0.0, 17.0)),
+        }
+        for i, line in enumerate(lines)
+    }
+    tracks = {"main": {"segments": [{"line": 1000}], "width": 4}}
+    world = world_file(tmp_path, tracks=tracks, signals=signals, ground={"size": [2200, 200]})
+    driver = {"kind": "traffic", "track": "main", "speed": 11}
+    drive = simulation(world, speed=11.0, start={"x": 5, "y": 0}, control={"ego": driver})
+    run = drive.run(duration=190.0)
+    front = max(float(x) for x in drive._volumes["ego"].outline[:, 0])
+    time, x, vx = (run[key].to_numpy(dtype=float) for key in ("time", "ego.x", "ego.vx"))
+    stops = 0
+    for light in drive.assembly.parts.world.lights.values():
+        ((_, line),) = light.lines
+        crossed = int(np.argmax(x + front >= line))
+        assert x[crossed] + front >= line, light.name
+        assert float(light.state(time[crossed])) != RED, light.name
+        near = (x + front > line - 20.0) & (x + front < line + 1.0) & (np.abs(vx) < 0.02)
+        if near.any():
+            stops += 1
+            assert -2.0 <= float((x[near] + front - line).max()) <= 0.0, light.name
+    assert stops >= 3
+
+
+def test_random_values_of_an_actor_do_not_depend_on_the_number_of_actors() -> None:
+    def car(name: str, s: float) -> dict[str, Any]:
+        return {"actor": "sedan | van", "name": name, "on_track": {"track": "main", "s": s}, "speed": "8 .. 20"}
+
+    def bits(*actors: dict[str, Any]) -> dict[str, bytes]:
+        tracks = {"main": {"segments": [{"line": 2000}]}}
+        data = {"mirdrake": "world/1", "ground": {"size": [5000, 200]}, "tracks": tracks, "actors": list(actors)}
+        world = make_world(data)
+        last = states_over(world, 5.0)[-1]
+        return {actor.name: last[i].tobytes() for i, actor in enumerate(world.actors)}
+
+    # Alone, with others before and behind it in the list, and in another order.
+    few = bits(car("b", 100.0), car("d", 300.0))
+    more = bits(car("a", 500.0), car("d", 300.0), car("c", 700.0), car("b", 100.0))
+    assert {name: more[name] for name in few} == few
+    assert len(set(more.values())) == 4
+
+
+def test_a_give_way_line_is_closed_for_all_but_the_vehicle_that_closes_it() -> None:
+    table: LaneTable = chain(100.0, 100.0)
+    lines = np.array([[0.0, 60.0, 1.0, 50.0, 3.0]])
+
+    def blockers(*middles: float, speed: float = 10.0) -> list[int]:
+        objects = np.zeros(10, OBJECT).view(np.recarray)
+        for k, middle in enumerate(middles):
+            objects[k] = records(OnLane, [OnLane(1, k, middle, 2.0, speed, -1.0, 1.0, -1)])[0]
+        count = fill_give_ways(table, lines, objects, len(middles))
+        assert all(objects.owner[len(middles) : count] == LINE)
+        return [int(one) for one in objects.blocker[len(middles) : count]]
+
+    # Half of its length and 2 m of clearance belong to each vehicle; it covers 30 m within the gap.
+    assert blockers(15.9) == []
+    assert blockers(16.1) == [0]
+    assert blockers(53.9) == [0]
+    assert blockers(54.1) == []
+    assert blockers(45.9, speed=0.0) == []
+    assert blockers(46.1, speed=0.0) == [0]
+    # Two of them: closed for everyone.
+    assert blockers(40.0, 30.0, 20.0) == [0, 1]
+
+
+PLATOON: dict[str, Any] = {
+    "mirdrake": "world/1", "name": "platoon",
+    "tracks": {"main": {"segments": [{"line": 400}], "width": 4}},
+    "ground": {"size": [1000, 200]},
+    "start": {
+        "behind": {"on_track": {"track": "main", "s": 10}, "speed": 10},
+        "ahead": {"on_track": {"track": "main", "s": 40}, "speed": 10},
+    },
+    "goals": {"half": {"gate": {"track": "main", "s": 110}}},
+}  # fmt: skip
+
+
+@pytest.mark.slow
+def test_requirements_on_other_vehicles_decide(tmp_path: Path) -> None:
+    def verdict(limit: float) -> Any:
+        leader = {
+            "start": "ahead", "goal": "half", "behaviour": {"kind": "traffic", "track": "main", "speed": 10},
+            "expect": [f"always speed < {limit} m/s", "eventually at goal"],
+        }  # fmt: skip
+        follower = {
+            "name": "follows", "start": "behind", "behaviour": {"kind": "acc", "track": "main", "speed": 12},
+            "duration": 9, "expect": ["never collision", "always gap to leader > 5 m"], "others": {"leader": leader},
+        }  # fmt: skip
+        path = tmp_path / f"platoon_{limit:g}.yaml"
+        path.write_text(yaml.safe_dump(PLATOON | {"tests": [follower]}, sort_keys=False))
+        (case,) = collect_cases([path])
+        return run_case(case)
+
+    good = verdict(12.0)
+    assert good.verdict == "pass", good.reason
+    assert len(good.findings) == 4
+    bad = verdict(5.0)
+    assert bad.verdict == "fail"
+    assert "speed < 5" in bad.worst.text
+    assert bad.worst.margin == pytest.approx(-5.0, abs=0.5)
+
+
+@pytest.mark.slow
+def test_search_finds_the_edge_of_an_actors_start_distance(tmp_path: Path) -> None:
+    # Both at 14 m/s; the car ahead brakes with 4 m/s² from 1 s on. After 4 s the gap is smaller by 4/2 3² = 18 m.
+    data = {
+        "mirdrake": "world/1", "name": "edge", "params": {"gap": 30},
+        "tracks": {"main": {"segments": [{"line": 300}], "width": 4}}, "ground": {"size": [800, 200]},
+        "start": {"go": {"on_track": {"track": "main", "s": 10}, "speed": 14}},
+        "actors": [{"actor": "sedan", "name": "target", "path": [["15 + $gap", 0], [290, 0]], "speed": 14}],
+        "scenario": {"target": [{"at": 1, "stop": {"rate": 4}}]},
+        "tests": [{
+            "name": "blind", "behaviour": {"kind": "constant", "speed": 14}, "duration": 4,
+            "expect": ["never collision"],
+            "search": {"over": {"gap": [6, 40]}, "budget": 12},
+        }],
+    }  # fmt: skip
+    path = tmp_path / "edge.yaml"
+    path.write_text(yaml.safe_dump(data, sort_keys=False))
+    ((case, spec),) = collect_searches(path)
+    result = search(case, spec.over, spec.budget)
+    assert len(result.tried) == 12
+    gaps = {verdict: [float(trial.values["gap"]) for trial in result.tried if trial.result.verdict == verdict]
+            for verdict in ("pass", "fail")}  # fmt: skip
+    # From the front of the vehicle, whose rear axle is at 10 m, to the rear of the car ahead.
+    (actor,) = load_world(str(path)).actors
+    front = max(float(x) for x in volume_of(load_vehicle("bolt")).outline[:, 0])
+    edge = 18.0 - 5.0 + front + actor.rear
+    assert max(gaps["fail"]) < edge + 0.3
+    assert min(gaps["pass"]) > edge - 0.3
+    assert min(gaps["pass"]) - max(gaps["fail"]) < 8.0
+    assert result.worst is not None
+    assert result.worst.margin < 0.0
