@@ -68,20 +68,25 @@ def fill(t: LaneTable, shape: Array, now: Records, vehicles: Array, objects: Rec
             old = int(now[i].old)
             s, _ = project(t, old, now[i].x, now[i].y)
             count = _put(objects, count, old, i, s + 0.5 * (front - rear), 0.5 * (front + rear), now[i].v)
-        # An actor on a lane does not count on lanes that cross it; a path may cross any lane, and any lane a path.
-        for other in range(len(t.lanes)):
-            if other != lane and (t.lanes[lane].own == 1 or t.lanes[other].own == 1):
-                count = _touch(
-                    t, other, i, now[i].x, now[i].y, now[i].yaw, now[i].vx, now[i].vy, front, rear, half_width,
-                    objects, count,
-                )  # fmt: skip
-    for j in range(len(vehicles)):
-        x, y, yaw, vx, vy = vehicles[j, 0], vehicles[j, 1], vehicles[j, 2], vehicles[j, 3], vehicles[j, 4]
+    # Other lanes, of actors and vehicles.
+    for i in range(n + len(vehicles)):
+        if i < n:
+            mine, x, y, yaw, vx, vy = int(now[i].lane), now[i].x, now[i].y, now[i].yaw, now[i].vx, now[i].vy
+        else:
+            j = i - n
+            mine, x, y, yaw, vx, vy = -1, vehicles[j, 0], vehicles[j, 1], vehicles[j, 2], vehicles[j, 3], vehicles[j, 4]
+        front, rear, half_width = shape[i, 0], shape[i, 1], shape[i, 2]
+        middle, half = 0.5 * (front - rear), 0.5 * (front + rear)
+        x, y = x + middle * math.cos(yaw), y + middle * math.sin(yaw)
+        # Bounding circle and anticipated motion: cheap tests first, the projection is by far the most expensive part.
+        reach = half + half_width + ANTICIPATION * math.hypot(vx, vy)
         for lane in range(len(t.lanes)):
-            count = _touch(
-                t, lane, n + j, x, y, yaw, vx, vy, shape[n + j, 0], shape[n + j, 1], shape[n + j, 2],
-                objects, count,
-            )  # fmt: skip
+            # An actor on a lane does not count on lanes that cross it; a path may cross any lane, and any lane a path.
+            if mine >= 0 and (lane == mine or (t.lanes[mine].own == 0 and t.lanes[lane].own == 0)):
+                continue
+            box = t.lanes[lane].box
+            if box[0] - reach <= x <= box[2] + reach and box[1] - reach <= y <= box[3] + reach:
+                count = _touch(t, lane, i, x, y, yaw, vx, vy, half, half_width, reach, objects, count)
     return count
 
 
@@ -98,16 +103,12 @@ def _put(objects: Records, count: int, lane: int, owner: int, middle: float, hal
 
 def _touch(
     t: LaneTable, lane: int, owner: int, x: float, y: float, yaw: float, vx: float, vy: float,
-    front: float, rear: float, half_width: float, objects: Records, count: int,
+    half: float, half_width: float, reach: float, objects: Records, count: int,
 ) -> int:  # fmt: skip
-    """Write an object on a lane if the box around it touches the lane, or will soon; return the number of objects."""
-    middle = 0.5 * (front - rear)
-    x, y, half = x + middle * math.cos(yaw), y + middle * math.sin(yaw), 0.5 * (front + rear)
-    # Bounding circle and anticipated motion: cheap tests first, the projection is by far the most expensive part.
-    reach = half + half_width + ANTICIPATION * math.hypot(vx, vy)
-    box = t.lanes[lane].box
-    if x < box[0] - reach or x > box[2] + reach or y < box[1] - reach or y > box[3] + reach:
-        return count
+    """Write an object on a lane if the box around it touches the lane, or will soon; return the number of objects.
+
+    Here x and y are those of its middle.
+    """
     s, offset = project(t, lane, x, y)
     if abs(offset) > 0.5 * t.lanes[lane].width + reach:
         return count

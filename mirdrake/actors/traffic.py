@@ -106,6 +106,7 @@ class Traffic(LeafSystem):
     def _update(self, context: Context, state: DiscreteValues) -> None:
         _, _, now = self._rows(context)
         vehicles = self._bodies.planar(self.plant_state.Eval(context))
+        now = now.copy()  # a view of the Context is read-only, for which the time step would be compiled once more
         after = np.empty_like(now)
         time = context.get_time()
         # The last prediction becomes the present state; only the state 20 ms later is computed.
