@@ -20,7 +20,7 @@ BAD = {
     "child_from_behind_parked_cars": {"kind": "constant", "speed": 4.17},
     "cut_in": {"kind": "constant", "speed": 13.9},
     "cut_out": {"kind": "constant", "speed": 8.33},
-    "gives_way": {"kind": "path_tracking", "track": "main", "speed": 8.0},
+    "yields": {"kind": "path_tracking", "track": "main", "speed": 8.0},
     "obeys": {"kind": "traffic", "track": "main", "speed": 12.5, "obeys_lights": False},
 }
 BLIND = {"kind": "blind", "speed": 8.0}

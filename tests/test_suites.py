@@ -239,7 +239,7 @@ def test_the_digest_of_the_inputs_changes_with_each_file(tmp_path: Path) -> None
         "world.yaml": "mirdrake: world/1\nground: {size: [200, 200], relief: [{grid: {file: hills.csv, cell: 10 m}}]}\n"
         "tracks: {main: {csv: main.csv, width: 4}}\n",
         "hills.csv": "0,0\n0,1\n",
-        "main.csv": "x,y\n0,0\n10,0\n20,1\n30,0\n",
+        "main.csv": "x_m,y_m\n0,0\n10,0\n20,1\n30,0\n",
         "cars/one/main.urdf.xacro": "first",
         "cars/two/tyres/front.tir": "second",
         "drivers/own.py": "third",

@@ -98,7 +98,7 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         np.array(shapes, dtype=float).reshape(-1, 3),
         np.array(steps, dtype=float).reshape(-1, triggers.WIDE),
         *stop_lines(world),
-        give_way_lines(world, {name: number for number, name in enumerate(world.lanes)}),
+        yield_line_rows(world, {name: number for number, name in enumerate(world.lanes)}),
     )
     return lanes, crew, Bodies(state_size, tuple(vehicles.values()))
 
@@ -129,8 +129,8 @@ def stop_lines(world: World) -> tuple[Array, Array]:
     return table, np.array(programmes, dtype=float).reshape(-1, 4)
 
 
-def give_way_lines(world: World, numbers: Mapping[str, int]) -> Array:
-    """Return the give-way lines on some lanes (k, 5); see :func:`mirdrake.actors.occupancy.fill_give_ways`.
+def yield_line_rows(world: World, numbers: Mapping[str, int]) -> Array:
+    """Return the yield lines on some lanes (k, 5); see :func:`mirdrake.actors.occupancy.fill_yield_lines`.
 
     Args:
         world: the world.
@@ -138,7 +138,7 @@ def give_way_lines(world: World, numbers: Mapping[str, int]) -> Array:
     """
     rows = [
         (numbers[lane], s, numbers[other], place, one.gap)
-        for one in world.give_ways
+        for one in world.yield_lines
         for lane, s in one.lines
         if lane in numbers
         for other, place in one.conflicts

@@ -26,7 +26,7 @@ class OnLane(NamedTuple):
     high: float
     """offset of its left side [m]"""
     blocker: int
-    """of a give-way line: the object that has priority, for which the line is open; -1: none"""
+    """of a yield line: the object that has priority, for which the line is open; -1: none"""
 
 
 OBJECT: Final = record_type(OnLane)
@@ -159,8 +159,8 @@ def fill_lines(stops: Array, programmes: Array, time: float, objects: Records, c
     return count
 
 
-def fill_give_ways(t: LaneTable, lines: Array, objects: Records, count: int) -> int:
-    """Write the give-way lines that are closed; return the number of objects.
+def fill_yield_lines(t: LaneTable, lines: Array, objects: Records, count: int) -> int:
+    """Write the yield lines that are closed; return the number of objects.
 
     A line is closed while an object is at the place of conflict, or arrives there within the gap at its present speed.
 
@@ -185,7 +185,7 @@ def fill_give_ways(t: LaneTable, lines: Array, objects: Records, count: int) -> 
                 rest = (rest + left) % t.lanes[lane].length - left
             if rest < -left or rest - left > max(one.speed, 0.0) * lines[k, 4]:
                 continue
-            # Nobody gives way to itself; two objects close the line for everyone.
+            # Nobody waits for itself; two objects close the line for everyone.
             if count < len(objects):
                 count = _put(objects, count, int(lines[k, 0]), LINE, lines[k, 1], 0.0, 0.0)
                 objects[count - 1].blocker = one.owner
@@ -293,5 +293,5 @@ def way_to_end(t: LaneTable, lane: int, s: float, look: float) -> float:
     return math.inf
 
 
-PARTS = (fill, fill_lines, fill_give_ways, _put, _touch, ahead, behind, way_to_end, project, wrapped)
+PARTS = (fill, fill_lines, fill_yield_lines, _put, _touch, ahead, behind, way_to_end, project, wrapped)
 """Compiled functions of this module."""

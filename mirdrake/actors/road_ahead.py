@@ -7,10 +7,10 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context
 
 from mirdrake.actors import lanes, occupancy
-from mirdrake.actors.crew import Bodies, FullVehicle, give_way_lines, outline_sizes
+from mirdrake.actors.crew import Bodies, FullVehicle, outline_sizes, yield_line_rows
 from mirdrake.actors.lanes import LaneTable, lane_table, project
 from mirdrake.actors.motion import STATE
-from mirdrake.actors.occupancy import ahead, fill, fill_give_ways
+from mirdrake.actors.occupancy import ahead, fill, fill_yield_lines
 from mirdrake.actors.traffic import PLANAR, actor_signals
 from mirdrake.core.compiled import compiled
 from mirdrake.core.leaf_system import LeafSystem
@@ -22,8 +22,8 @@ from mirdrake.worlds.pieces import Array
 ROAD_AHEAD = signals(
     ("gap", "m", "to the vehicle, actor or, with an outline on the lane, pedestrian ahead; inf: none"),
     ("speed", "m/s", "of that along the lane"),
-    ("line", "m", "from the front to the stop line of the next traffic light or closed give-way line; inf: none"),
-    ("light", "", "state of that light: 0 red, also of a give-way line, 1 amber, 2 green"),
+    ("line", "m", "from the front to the stop line of the next traffic light or closed yield line; inf: none"),
+    ("light", "", "state of that light: 0 red, also of a yield line, 1 amber, 2 green"),
 )
 """What is ahead of a vehicle on its lane."""
 
@@ -55,12 +55,12 @@ class RoadAhead(LeafSystem):
         # Only lanes in the direction of the track; oncoming traffic on other lanes is not ahead.
         own = {lane.id: lane for lane in world.lanes.values() if lane.road == track and lane.direction > 0}
         self._own = len(own)
-        # Behind them, those to which it must give way.
-        for one in world.give_ways:
+        # Behind them, those to which it yields.
+        for one in world.yield_lines:
             if any(lane in own for lane, _ in one.lines):
                 own |= {lane: world.lanes[lane] for lane, _ in one.conflicts}
         self._lanes, numbers = lane_table(own)
-        self._give_ways = give_way_lines(world, numbers)
+        self._yield_lines = yield_line_rows(world, numbers)
         self._bodies = Bodies(state_size, tuple(vehicles.values()))
         self._me = list(vehicles).index(name)
         shapes = [outline_sizes(vehicle.volume) for vehicle in vehicles.values()]
@@ -88,10 +88,10 @@ class RoadAhead(LeafSystem):
             actors = self.actor_states.Eval(context).reshape(-1, len(PLANAR))[:, :5]
             objects = np.vstack((objects, actors))
         gap, speed, lane, front, closed = self._look(
-            self._lanes, self._own, self._shape, objects, self._me, self._give_ways
+            self._lanes, self._own, self._shape, objects, self._me, self._yield_lines
         )
         line, state = self._next_light(lane, front, context.get_time())
-        # A closed give-way line is like a red light.
+        # A closed yield line is like a red light.
         if closed < line or (state == GREEN and closed < math.inf):
             line, state = closed, float(RED)
         output.SetFromVector([gap, speed, line, state])
@@ -111,12 +111,12 @@ class RoadAhead(LeafSystem):
 
 
 def look_ahead(
-    t: LaneTable, own: int, shape: Array, objects: Array, me: int, give_ways: Array
+    t: LaneTable, own: int, shape: Array, objects: Array, me: int, yield_lines: Array
 ) -> tuple[float, float, int, float, float]:
     """Return what is ahead of a vehicle.
 
     These are gap [m] and speed [m/s] of the next object, the lane of the vehicle, the station of its front [m], and the
-    distance from that to the next closed give-way line [m].
+    distance from that to the next closed yield line [m].
 
     Args:
         t: lanes of its track, then those with priority.
@@ -124,7 +124,7 @@ def look_ahead(
         shape: front, rear and half of the width of all objects (n, 3) [m].
         objects: x, y, yaw, vx, vy of all objects (n, 5) [m, rad, m/s].
         me: number of the vehicle among them.
-        give_ways: give-way lines (k, 5).
+        yield_lines: yield lines (k, 5).
     """
     x, y, yaw = objects[me, 0], objects[me, 1], objects[me, 2]
     front, rear, half_width = shape[me, 0], shape[me, 1], shape[me, 2]
@@ -138,7 +138,7 @@ def look_ahead(
             best, lane, s, offset = abs(aside), number, station, aside
 
     on_lanes = np.empty(
-        len(objects) * len(t.lanes) + 2 * len(give_ways), occupancy.OBJECT
+        len(objects) * len(t.lanes) + 2 * len(yield_lines), occupancy.OBJECT
     )  # each object can touch every lane once
     # No rows of actors: actors have no lane of this table here and count as bodies, like vehicles.
     count = fill(t, shape, np.empty(0, STATE), objects, on_lanes)
@@ -148,7 +148,7 @@ def look_ahead(
 
     # Lines are written behind the objects.
     closed = math.inf
-    for k in range(count, fill_give_ways(t, give_ways, on_lanes, count)):
+    for k in range(count, fill_yield_lines(t, yield_lines, on_lanes, count)):
         line = on_lanes[k]
         if line.lane == lane and line.blocker != me and line.middle - s - half >= -_BELOW:
             closed = min(closed, line.middle - s - half)

@@ -12,7 +12,7 @@ from mirdrake.actors.behaviours.base import LIMIT as BRAKING
 from mirdrake.actors.lanes import LaneTable, project
 from mirdrake.actors.laws import acceleration, at_end, sees, stopping_distance
 from mirdrake.actors.motion import accelerate, approach, lateral, set_pose
-from mirdrake.actors.occupancy import ahead, behind, fill, fill_give_ways, fill_lines, way_to_end
+from mirdrake.actors.occupancy import ahead, behind, fill, fill_lines, fill_yield_lines, way_to_end
 from mirdrake.actors.triggers import act, change_lane, is_due
 from mirdrake.actors.walkers import step_walker
 from mirdrake.core.compiled import Records, compiled
@@ -55,8 +55,8 @@ class Crew(NamedTuple):
     """lane and light of each stop line, and its station [m] (q, 3)"""
     programmes: Array
     """durations of green, amber, red and the offset of each light (p, 4) [s]"""
-    give_ways: Array
-    """give-way lines, see :func:`mirdrake.actors.occupancy.fill_give_ways` (w, 5)"""
+    yield_lines: Array
+    """yield lines, see :func:`mirdrake.actors.occupancy.fill_yield_lines` (w, 5)"""
 
 
 def act_all(t: LaneTable, crew: Crew, now: Records, vehicles: Array, time: float, after: Records) -> None:
@@ -338,7 +338,7 @@ class TimeStep:
         on_lanes = (move, advantage, followers, *common, *accelerations.PARTS, *triggers.PARTS)
         self._fill = compiled(fill, parts=common)
         self._fill_lines = compiled(fill_lines, parts=common) if len(crew.stops) else None
-        self._give_way = compiled(fill_give_ways, parts=common) if len(crew.give_ways) else None
+        self._yield = compiled(fill_yield_lines, parts=common) if len(crew.yield_lines) else None
         self._act = compiled(act_all, parts=(*common, *triggers.PARTS)) if len(crew.steps) else None
         self._change_lanes = compiled(change_lanes, parts=on_lanes) if idm_mobil.LAW in laws else None
         self._move = compiled(move_all, parts=on_lanes) if laws - {walk.LAW} else None
@@ -359,14 +359,14 @@ class TimeStep:
         # path and under each vehicle, and the stop lines.
         paths = int(t.lanes["own"].sum())
         most = len(now) * (2 + paths) + (paths + len(vehicles)) * len(t.lanes) + len(crew.stops)
-        most += 2 * len(crew.give_ways)
+        most += 2 * len(crew.yield_lines)
         objects = np.empty(most, occupancy.OBJECT)
 
         count = self._fill(t, crew.shape, now, vehicles, objects)
         if self._fill_lines is not None:
             count = self._fill_lines(crew.stops, crew.programmes, time, objects, count)
-        if self._give_way is not None:
-            count = self._give_way(t, crew.give_ways, objects, count)
+        if self._yield is not None:
+            count = self._yield(t, crew.yield_lines, objects, count)
 
         # Actions first: a step that fires now already acts on the motion of this time step. Lane changes before
         # motions, because they decide on which lane an actor then looks ahead.

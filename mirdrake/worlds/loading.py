@@ -192,7 +192,7 @@ def _lay_out(spec: WorldSpec, *, path: Path | None, actor_entries: tuple[int, ..
         name, spec, path, tracks, starts, ground, tuple(patches.values()), goals, tuple(props), tuple(unplaced), rules,
         network, paths=paths, actors=actors, actor_entries=actor_entries,
     )  # fmt: skip
-    world.lights, world.give_ways  # noqa: B018 - reports faults of signals and lines
+    world.lights, world.yield_lines  # noqa: B018 - reports faults of signals and lines
     return world
 
 

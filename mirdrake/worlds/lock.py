@@ -136,7 +136,7 @@ def lock_content(world: World) -> Json:
         **({"scenery": _rounded([mesh.model_dump() for mesh in spec.scenery])} if spec.scenery else {}),
         "props": [_prop(placed) for placed in world.props],
         **({"signals": _signals(spec.signals)} if spec.signals else {}),
-        **({"give_way": [_rounded(entry.model_dump()) for entry in spec.give_way]} if spec.give_way else {}),
+        **({"yield_lines": [_rounded(entry.model_dump()) for entry in spec.yield_lines]} if spec.yield_lines else {}),
         **({"actors": [_actor(actor) for actor in world.actors]} if world.actors else {}),
     }  # fmt: skip
 

@@ -28,7 +28,6 @@ from pydantic import Field, PlainValidator, field_validator, model_validator
 from mirdrake.core.yaml_io import Angle, Length, Schema, Speed, to_si
 from mirdrake.worlds.actors_spec import ActorList, Step
 from mirdrake.worlds.case_spec import CaseSpec
-from mirdrake.worlds.give_way import GiveWaySpec
 from mirdrake.worlds.lights import LightSpec
 from mirdrake.worlds.networks.network_spec import NetworkSpec
 from mirdrake.worlds.props_spec import GroupSpec, PropEntry
@@ -38,6 +37,7 @@ from mirdrake.worlds.relief import ReliefSpec
 from mirdrake.worlds.rules_spec import RuleSpec
 from mirdrake.worlds.schema_types import Label, SurfaceName, Value, exactly_one
 from mirdrake.worlds.segments import SegmentSpec
+from mirdrake.worlds.yield_lines import YieldLineSpec
 
 Coordinate = Annotated[Length, Field(ge=-1e6, le=1e6)]
 Position = tuple[Coordinate, Coordinate]
@@ -370,5 +370,7 @@ class WorldSpec(Schema):
     tests: list[CaseSpec] = Field(default_factory=list, description="requirements on a vehicle in the world [-]")
     actors: ActorList = Field(default_factory=list, max_length=2000, description="props that move [-]")
     signals: dict[Label, LightSpec] = Field(default_factory=dict, description="traffic lights by name [-]")
-    give_way: list[GiveWaySpec] = Field(default_factory=list, description="lines at which vehicles give way [-]")
+    yield_lines: list[YieldLineSpec] = Field(
+        default_factory=list, description="lines at which vehicles yield to others [-]"
+    )
     scenario: dict[Label, list[Step]] = Field(default_factory=dict, description="steps of actors by name [-]")

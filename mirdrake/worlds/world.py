@@ -15,7 +15,6 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, WorldError, did_you_mean
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.worlds.actors import Actor
-from mirdrake.worlds.give_way import GiveWay, make_give_ways
 from mirdrake.worlds.lights import Light, make_lights
 from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.lane import Lane
@@ -26,6 +25,7 @@ from mirdrake.worlds.regions import Patch
 from mirdrake.worlds.spec import TrackSpec, WorldSpec
 from mirdrake.worlds.track_lanes import lanes_of_world
 from mirdrake.worlds.tracks import Track
+from mirdrake.worlds.yield_lines import YieldLine, make_yield_lines
 
 if TYPE_CHECKING:
     from mirdrake.worlds.rules import Rules
@@ -167,9 +167,9 @@ class World:
         return make_lights(self.spec.signals, self.tracks, self.lanes, self.network) if self.spec.signals else {}
 
     @cached_property
-    def give_ways(self) -> tuple[GiveWay, ...]:
-        """Give-way lines."""
-        return make_give_ways(self.spec.give_way, self.tracks, self.lanes)
+    def yield_lines(self) -> tuple[YieldLine, ...]:
+        """Yield lines."""
+        return make_yield_lines(self.spec.yield_lines, self.tracks, self.lanes)
 
     @cached_property
     def road_mu(self) -> float:

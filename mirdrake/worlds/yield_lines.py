@@ -1,8 +1,8 @@
-"""Give-way lines: vehicles wait at them until those with priority are far enough in time from a place of conflict.
+"""Yield lines: vehicles wait at them until those with priority are far enough in time from a place of conflict.
 
 ::
 
-    give_way:
+    yield_lines:
       - {lines: [main@62], to: ring@79, gap: 3 s}
 """
 
@@ -18,8 +18,8 @@ from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.tracks import Track
 
 
-class GiveWaySpec(Schema):
-    """Lines at which vehicles give way to those on a track or a lane."""
+class YieldLineSpec(Schema):
+    """Lines at which vehicles yield to those on a track or a lane."""
 
     lines: Annotated[list[str], Field(min_length=1, max_length=100)] = Field(
         description="lines where to wait: main@58 for all lanes of a track in its direction, main.-1@58 for one [-]"
@@ -31,8 +31,8 @@ class GiveWaySpec(Schema):
 
 
 @dataclass(frozen=True)
-class GiveWay:
-    """Lines at which vehicles give way."""
+class YieldLine:
+    """Lines at which vehicles yield to others."""
 
     lines: tuple[tuple[str, float], ...]
     """lane, and station on it [m]"""
@@ -42,16 +42,16 @@ class GiveWay:
     """critical gap [s]"""
 
 
-def make_give_ways(
-    specs: Sequence[GiveWaySpec], tracks: Mapping[str, Track], lanes: Mapping[str, Lane]
-) -> tuple[GiveWay, ...]:
-    """Return the give-way lines of a world.
+def make_yield_lines(
+    specs: Sequence[YieldLineSpec], tracks: Mapping[str, Track], lanes: Mapping[str, Lane]
+) -> tuple[YieldLine, ...]:
+    """Return the yield lines of a world.
 
     Raises:
         ConfigError: a line or a place of conflict is on no lane.
     """
     return tuple(
-        GiveWay(
+        YieldLine(
             tuple(
                 line
                 for index, text in enumerate(spec.lines)
