@@ -237,9 +237,9 @@ def test_margins_of_different_units_are_compared_by_their_shares() -> None:
 def test_the_digest_of_the_inputs_changes_with_each_file(tmp_path: Path) -> None:
     files = {
         "world.yaml": "mirdrake: world/1\nground: {size: [200, 200], relief: [{grid: {file: hills.csv, cell: 10 m}}]}\n"
-        "tracks: {main: {csv: main.csv, width: 4}}\n",
+        "tracks: {main: {csv: main.csv}}\n",
         "hills.csv": "0,0\n0,1\n",
-        "main.csv": "x_m,y_m\n0,0\n10,0\n20,1\n30,0\n",
+        "main.csv": "x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,2,2\n10,0,2,2\n20,1,2,2\n30,0,2,2\n",
         "cars/one/main.urdf.xacro": "first",
         "cars/two/tyres/front.tir": "second",
         "drivers/own.py": "third",

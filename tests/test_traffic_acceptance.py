@@ -61,7 +61,7 @@ def test_car_to_car_rear_impacts_have_the_closed_form_speed(speed: float, tmp_pa
     run = drive.run(duration=at + speed / 4.0 + 1.5)
     front = max(float(x) for x in drive._volumes["ego"].outline[:, 0])
     found = {hit["with"]: hit for hit in run.summary["vehicles"]["ego"]["collisions"]}
-    time, x, vx = (run[key].to_numpy(dtype=float) for key in ("time", "ego.x", "ego.vx"))
+    time, x, vx = run.signals.index.to_numpy(), run["ego.x"].to_numpy(), run["ego.vx"].to_numpy()
 
     for actor in drive.assembly.parts.world.actors:
         s, v, a = targets[actor.name]
@@ -89,7 +89,9 @@ def test_actors_at_lights_never_pass_red_and_stop_before_the_line() -> None:
     step, stops = TimeStep(lanes, crew), 0
     for offset in np.random.default_rng(4).uniform(0.0, 30.0, 100):
         crew.programmes[0, 3] = offset
-        now, places, speeds = start_states(world, lanes), [], []
+        now = start_states(world, lanes)
+        places: list[float] = []
+        speeds: list[float] = []
         while now["s"][0] + world.actors[0].front < 110.0:
             after = np.empty_like(now)
             step(now, np.empty((0, 5)), len(places) * DT, DT, after)
@@ -110,7 +112,7 @@ def test_actors_at_lights_never_pass_red_and_stop_before_the_line() -> None:
 @pytest.mark.slow
 def test_a_vehicle_at_lights_never_passes_red_and_stops_within_two_metres(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
-    lines = [70.0 + 70.0 * i for i in range(12)]
+    lines = [70.0 + 70.0 * i for i in range(7)]
     signals = {
         f"light_{i}": {
             "controls": [f"main@{line}"],
@@ -119,13 +121,13 @@ def test_a_vehicle_at_lights_never_passes_red_and_stops_within_two_metres(tmp_pa
         }
         for i, line in enumerate(lines)
     }
-    tracks = {"main": {"segments": [{"line": 1000}], "width": 4}}
+    tracks = {"main": {"segments": [{"line": 640}], "width": 4}}
     world = world_file(tmp_path, tracks=tracks, signals=signals, ground={"size": [2200, 200]})
     driver = {"kind": "traffic", "track": "main", "speed": 11}
     drive = simulation(world, speed=11.0, start={"x": 5, "y": 0}, control={"ego": driver})
-    run = drive.run(duration=190.0)
+    run = drive.run(duration=100.0)
     front = max(float(x) for x in drive._volumes["ego"].outline[:, 0])
-    time, x, vx = (run[key].to_numpy(dtype=float) for key in ("time", "ego.x", "ego.vx"))
+    time, x, vx = run.signals.index.to_numpy(), run["ego.x"].to_numpy(), run["ego.vx"].to_numpy()
     stops = 0
     for light in drive.assembly.parts.world.lights.values():
         ((_, line),) = light.lines
@@ -136,26 +138,28 @@ def test_a_vehicle_at_lights_never_passes_red_and_stops_within_two_metres(tmp_pa
         if near.any():
             stops += 1
             assert -2.0 <= float((x[near] + front - line).max()) <= 0.0, light.name
-    assert stops >= 3
+    assert stops >= 2
 
 
 def test_random_values_of_an_actor_do_not_depend_on_the_number_of_actors() -> None:
     def car(name: str, s: float) -> dict[str, Any]:
         return {"actor": "sedan | van", "name": name, "on_track": {"track": "main", "s": s}, "speed": "8 .. 20"}
 
-    def bits(*actors: dict[str, Any]) -> dict[str, bytes]:
+    def values(*actors: dict[str, Any]) -> dict[str, list[float]]:
         tracks = {"main": {"segments": [{"line": 2000}]}}
         data = {"mirdrake": "world/1", "ground": {"size": [5000, 200]}, "tracks": tracks, "actors": list(actors)}
         world = make_world(data)
         last = states_over(world, 5.0)[-1]
         # Without the gap to the others, which is recorded as well.
-        return {actor.name: last[["x", "v", "wanted"]][i].tobytes() for i, actor in enumerate(world.actors)}
+        return {
+            actor.name: [float(last[key][i]) for key in ("x", "v", "wanted")] for i, actor in enumerate(world.actors)
+        }
 
     # Alone, with others before and behind it in the list, and in another order.
-    few = bits(car("b", 100.0), car("d", 300.0))
-    more = bits(car("a", 500.0), car("d", 300.0), car("c", 700.0), car("b", 100.0))
+    few = values(car("b", 100.0), car("d", 300.0))
+    more = values(car("a", 500.0), car("d", 300.0), car("c", 700.0), car("b", 100.0))
     assert {name: more[name] for name in few} == few
-    assert len(set(more.values())) == 4
+    assert len({wanted for _, _, wanted in more.values()}) == 4
 
 
 def test_a_yield_line_is_closed_for_all_but_the_vehicle_that_closes_it() -> None:
@@ -238,7 +242,7 @@ def test_search_finds_the_edge_of_an_actors_start_distance(tmp_path: Path) -> No
     ((case, spec),) = collect_searches(path)
     result = search(case, spec.over, spec.budget)
     assert len(result.tried) == 12
-    gaps = {verdict: [float(trial.values["gap"]) for trial in result.tried if trial.result.verdict == verdict]
+    gaps = {verdict: [float(str(trial.values["gap"])) for trial in result.tried if trial.result.verdict == verdict]
             for verdict in ("pass", "fail")}  # fmt: skip
     # From the front of the vehicle, whose rear axle is at 10 m, to the rear of the car ahead.
     (actor,) = load_world(str(path)).actors

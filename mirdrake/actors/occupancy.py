@@ -280,7 +280,7 @@ def behind(
 
 def way_to_end(t: LaneTable, lane: int, s: float, look: float) -> float:
     """Return the distance from a station to where the road ends [m]; inf if lanes up to `look` have no end."""
-    rest = t.lanes[lane].length - s
+    rest: float = t.lanes[lane].length - s
     for _ in range(_HOPS):
         if t.lanes[lane].closed == 1:
             return math.inf

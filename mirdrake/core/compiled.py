@@ -140,7 +140,7 @@ def _versioned_cache(function: Callable[..., Any], version: int) -> Any:
     """
     from numba.core.caching import FunctionCache
 
-    class VersionedCache(FunctionCache):  # type: ignore[misc]
+    class VersionedCache(FunctionCache):
         def _index_key(self, *arguments: Any) -> Any:
             return *super()._index_key(*arguments), version
 

@@ -300,7 +300,7 @@ def _cases(world: World, test: CaseSpec, path: Path, values: Values) -> Iterator
 
 def _content(world: World, test: CaseSpec, path: Path) -> str:
     """Return the digest of the files that the test consists of."""
-    cars = [test, *test.others.values()]
+    cars: list[CaseSpec | OtherSpec] = [test, *test.others.values()]
     folders = [find_vehicle(car.vehicle)[0] for car in cars]
     return input_digest(world, folders, [car.behaviour for car in cars], path.parent)
 
