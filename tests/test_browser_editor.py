@@ -298,7 +298,7 @@ def test_a_test_of_the_world_shows_its_verdict_and_its_replay(page: Page) -> Non
     page.run("document.querySelector('#cases button').click()")
     canvas = "return document.getElementById('recording').contentDocument?.querySelector('canvas') != null"
     page.until(lambda: page.run(canvas))
-    assert page.run("return document.getElementById('replay_name').textContent") == "Replay of drives#0"
+    assert page.run("return document.getElementById('replay_name').textContent") == "Replay of drives#1"
     assert page.run(FOREIGN) == []
     page.press("close_replay")
     assert not page.run("return document.getElementById('recording').hasAttribute('src')")

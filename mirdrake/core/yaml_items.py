@@ -9,6 +9,7 @@ rejected.
 """
 
 import json
+from bisect import bisect_left
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, Final, NamedTuple, NoReturn
@@ -235,7 +236,12 @@ def _find_in_parent(text: str, path: Path) -> tuple[Node | None, int, Node | Non
 
 
 def _line_of(text: str, position: int) -> int:
-    return 1 + sum(1 for _ in LINE_BREAK.finditer(text, 0, position))
+    return 1 + bisect_left(_breaks(text), position)
+
+
+@lru_cache(maxsize=4)
+def _breaks(text: str) -> list[int]:
+    return [match.start() for match in LINE_BREAK.finditer(text)]
 
 
 def _newline(text: str) -> str:

@@ -83,7 +83,8 @@ class CaseRunner:
 
     def _read(self, process: "subprocess.Popen[str]", lines: list[str]) -> None:
         assert process.stdout is not None
-        lines.extend(line.rstrip() for line in process.stdout)  # as they come
+        with process.stdout as output:
+            lines.extend(line.rstrip() for line in output)  # as they come
         code = process.wait()
         if process is self._process:
             self._code = code
