@@ -42,7 +42,7 @@ def states_over(world: World, duration: float) -> list[Any]:
 def test_car_to_car_rear_impacts_have_the_closed_form_speed(speed: float, tmp_path: Path) -> None:
     # A stationary car, one at 20 km/h, and two that brake from the speed of the vehicle after 1 s. None has an effect
     # on another one, so that all are hit in one run, in which the vehicle brakes late.
-    begin, slow = 40.0, 20 / 3.6
+    begin, slow = max(40.0, 2.6 * speed), 20 / 3.6
     targets = {
         "stationary": (begin, 0.0, 0.0),
         "moving": (begin, slow, 0.0),
@@ -55,7 +55,7 @@ def test_car_to_car_rear_impacts_have_the_closed_form_speed(speed: float, tmp_pa
     ]
     scenario = {name: [{"at": 1.0, "stop": {"rate": a}}] for name, (_, _, a) in targets.items() if a > 0.0}
     world = world_file(tmp_path, actors=actors, scenario=scenario, tracks=None)
-    at = max(begin / speed - 2.2, 0.0)
+    at = begin / speed - 2.2
     rows = [{"time": 0, "speed": speed}, {"time": at, "speed": speed}, {"time": at + speed / 4.0, "speed": 0}]
     drive = simulation(world, speed=speed, control={"ego": {"kind": "schedule", "rows": rows}})
     run = drive.run(duration=at + speed / 4.0 + 1.5)
