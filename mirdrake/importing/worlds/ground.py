@@ -44,6 +44,7 @@ _LARGEST_BASE = 20.0  # [m²] from which on a floor may be the base plane
 _LIFT = 3e-3  # [m] height of visuals above the ground, so that they do not flicker
 _CAR_HEIGHT = 2.0  # [m] below which obstacles block a road
 _CLEAR = 1.2  # [m] between the middle of a road and an obstacle: half a car and some room
+_TURN = 4.6  # [m] radius that a small car can turn on
 _LONG_ROUTE = 150.0  # [m] of a track that needs no other
 
 
@@ -459,9 +460,27 @@ def _route_around(area: shapely.Polygon, obstacles: list[shapely.Polygon]) -> Ro
     line = shapely.LineString(np.column_stack(route.track.point(s, np.zeros_like(s))))
     if not line.intersects(blocked):
         return route
-    free = [part for part in shapely.get_parts(shapely.difference(area, blocked)) if part.geom_type == "Polygon"]
-    largest = max(free, key=shapely.area, default=None)
-    return (route_in_area(largest, area) if largest is not None else None) or route
+    # Around the obstacles, else on the largest part between them: with more room around them they divide the road.
+    best: Route | None = None
+    for room in (_CLEAR, 2.0 * _CLEAR, 4.0 * _CLEAR):
+        free = _free_part(area, shapely.union_all([obstacle.buffer(room) for obstacle in obstacles]))
+        around = route_in_area(free, area) if free is not None else None
+        if around is not None and (best is None or around.track.min_radius > best.track.min_radius):
+            best = around
+        if best is not None and best.track.min_radius > _TURN:
+            break
+    return best or route
+
+
+def _free_part(area: shapely.Polygon, blocked: shapely.Geometry) -> shapely.Polygon | None:
+    """Return the largest part of an area where a car has room, without slits between blocked parts and the edge."""
+    margin = min(_CLEAR, 0.5 * area.area / area.length)
+    core = max(shapely.get_parts(shapely.difference(area.buffer(-margin), blocked)), key=shapely.area, default=None)
+    if core is None:
+        return None
+    free = shapely.difference(shapely.intersection(area, core.buffer(margin, join_style="mitre")), blocked)
+    parts = [part for part in shapely.get_parts(free) if isinstance(part, shapely.Polygon)]
+    return max(parts, key=shapely.area, default=None)
 
 
 def _new_track(ground: GroundText, wanted: str, route: Route, more: str) -> str:

@@ -7,6 +7,7 @@ road to the other. The medial axis of a polygon is approximated by the Voronoi d
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -34,8 +35,10 @@ _BACK = math.radians(170.0)  # turn above which a line reverses its direction
 _BESIDE = 1.2  # [m] between a line to follow and the edge of a wide road: half a car
 _INTO_MARGIN = 0.2  # [m] into the room for a car beside obstacles, which is more than half of its width
 # Smoothing, and tolerance of the remaining points, in widths of the road. With a small tolerance the points of a
-# smoothed line stay even, so that no arc is tight; a large one leaves a corner of two straights to one arc.
-_SMOOTHINGS = ((0.0, 0.04), (0.5, 0.01), (0.75, 0.01), (1.0, 0.01), (1.5, 0.01), (2.5, 0.01), (0.0, 0.12), (0.0, 0.25))
+# smoothed line stay even, so that no arc is tight; a large one leaves few corners around an obstacle.
+_SMOOTHINGS = ((0.5, 0.01), (0.75, 0.01), (1.0, 0.01), (1.5, 0.01), (2.5, 0.01), (0.0, 0.12), (0.0, 0.25))
+_POINTED = 0.04  # likewise, of a line that is not smoothed
+_SMALLER = (_RADIUS, 5.5, 4.6)  # [m] of corners on narrower roads; the last suits a small car
 _MOST_SEGMENTS = 1500
 _MOST_POINTS = 5000  # on the boundary of an area
 _LONG = 3.0  # length over width of a road
@@ -56,11 +59,11 @@ class Route:
     is_road: bool
 
 
-def route_of_line(points: Array, width: float, *, is_road: bool = True) -> Route | None:
-    """Return the track along points (n, 2) [m] with a width [m]; None if there is none."""
+def route_of_line(points: Array, width: float, *, is_road: bool = True, radius: float = _RADIUS) -> Route | None:
+    """Return the track along points (n, 2) [m] with a width and a radius of its corners [m]; None if there is none."""
     # A line is closed if the gap between its ends is small against its width.
     closed = len(points) > 3 and math.dist(points[0], points[-1]) < 1e-3 + 0.05 * width
-    laid = _rounded(points, closed=closed, width=width)
+    laid = _rounded(points, closed=closed, width=width, radius=radius)
     if laid is None:
         return None
     (x, y, yaw), segments = laid
@@ -112,14 +115,17 @@ def route_in_area(area: shapely.Polygon, whole: shapely.Polygon | None = None) -
     # The lower quartile: wide places do not make the whole road wide.
     wide = 2.0 * float(np.quantile(clear, 0.25))
     closed = bool(np.allclose(line[0], line[-1]))
-    if not closed:  # the ends fork into the corners of the area
-        line = _trimmed(line, 0.5 * wide)
-    best: tuple[float, Array] | None = None
+    if not closed:  # the ends fork into the corners of the area, and to both sides of an obstacle
+        line = _trimmed(line, (0.5 if whole is None else 1.0) * wide)
+    best: tuple[float, Array, float] | None = None
     edges = (area if whole is None else whole).boundary
-    # The least smoothing with a radius that suits most cars is used.
-    for smoothness, tolerance in _SMOOTHINGS:
-        simple = _smoothed(line, wide, smoothness, tolerance, closed=closed)
-        route = route_of_line(simple, wide, is_road=False)
+    pointed = _smoothed(line, wide, 0.0, _POINTED, closed=closed)
+    corners = _with_corners(pointed, wide, closed=closed)
+    # The line itself, its straights joined by arcs, then more and more smoothing; the first that suits most cars.
+    tries = [(pointed, _RADIUS), *((corners, radius) for radius in _SMALLER)]
+    tries += [(_smoothed(line, wide, *smoothing, closed=closed), _RADIUS) for smoothing in _SMOOTHINGS]
+    for simple, rounding in tries:
+        route = route_of_line(simple, wide, is_road=False, radius=rounding)
         if route is None:
             continue
         x, y = route.track.point(s := np.linspace(0.0, route.track.length, 400), np.zeros_like(s))
@@ -130,18 +136,19 @@ def route_in_area(area: shapely.Polygon, whole: shapely.Polygon | None = None) -
             continue
         radius = min(route.track.min_radius, _RADIUS)
         if best is None or radius > best[0] + 0.1:
-            best = radius, simple
+            best = radius, simple, rounding
         if radius >= _RADIUS:
             break
     if best is None:
         return None
     # The track is the road itself if it covers the area; else it is a line to follow on patches.
-    road = route_of_line(best[1], wide)
+    _, simple, rounding = best
+    road = route_of_line(simple, wide, radius=rounding)
     if road is not None and road.is_road:
         covered = shapely.intersection(road.track.area, area).area
         if covered > 0.93 * area.area and covered > 0.97 * road.track.area.area:
             return road
-    return route_of_line(best[1], wide, is_road=False)
+    return route_of_line(simple, wide, is_road=False, radius=rounding)
 
 
 # --- the inner parts ----------------------------------------------------------------------------------------------
@@ -170,8 +177,42 @@ def _smoothed(line: Array, wide: float, smoothness: float, tolerance: float, *, 
     return simple
 
 
+def _with_corners(points: Array, wide: float, *, closed: bool) -> Array:
+    """Return a line whose straights are extended to their intersections, where bends between them are short.
+
+    The middle of a road turns at a corner along a parabola, which leaves less room for an arc than the corner of its
+    straights.
+    """
+    if closed:  # from the middle of the longest straight, so that no corner is at the end
+        points = points[:-1]
+        first = int(np.argmax(np.hypot(*(np.roll(points, -1, axis=0) - points).T)))
+        points = np.roll(points, -first, axis=0)
+        middle = 0.5 * (points[0] + points[1 % len(points)])
+        points = np.vstack((middle, points[1:], points[:1], middle))
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(*steps.T)
+    straights = np.flatnonzero(lengths > wide)
+    line, last = [points[0]], 0  # up to the point with the index `last`
+    for before, after in pairwise(straights.tolist()):
+        bend = float(lengths[before + 1 : after].sum())
+        if after == before + 1 or bend > 2.5 * wide:
+            continue
+        # p + a u = q - b v for the end p of one straight and the begin q of the next one.
+        p, q, u, v = points[before + 1], points[after], steps[before], steps[after]
+        across = float(u[0] * v[1] - u[1] * v[0])
+        if abs(across) < _STRAIGHT * float(lengths[before] * lengths[after]):
+            continue
+        a = float((q - p)[0] * v[1] - (q - p)[1] * v[0]) / across
+        corner = p + a * u
+        b = float((q - corner) @ v) / float(v @ v)
+        if a > 0.0 and b > 0.0 and math.dist(corner, p) < 2.0 * wide and math.dist(corner, q) < 2.0 * wide:
+            line += [*points[last + 1 : before + 1], corner]
+            last = after
+    return np.vstack((*line, *points[last + 1 :]))
+
+
 def _rounded(
-    points: Array, *, closed: bool, width: float
+    points: Array, *, closed: bool, width: float, radius: float
 ) -> tuple[tuple[float, float, float], list[tuple[float, float]]] | None:
     """Return a line of points with arcs in its corners.
 
@@ -213,17 +254,17 @@ def _rounded(
         if room <= 0.0:
             return None
         off = max(0.25 * width, 0.1) / (1.0 / math.cos(turn / 2.0) - 1.0)  # radius that cuts the corner so far
-        cut[index] = min(room, max(off, _RADIUS, 0.6 * width) * half)
+        cut[index] = min(room, max(off, radius, 0.6 * width) * half)
     segments: list[tuple[float, float]] = []
     for index, length in enumerate(lengths):
         left = length - (cut[index - 1] if index else 0.0) - (cut[index] if index < len(turns) else 0.0)
         if left > 1e-3:
             segments.append((float(left), 0.0))
         if index < len(turns) and abs(turns[index]) >= _STRAIGHT:
-            radius = cut[index] / math.tan(abs(turns[index]) / 2.0)
-            if radius < 0.05:
+            size = cut[index] / math.tan(abs(turns[index]) / 2.0)
+            if size < 0.05:
                 return None
-            segments.append((float(radius), float(turns[index])))
+            segments.append((float(size), float(turns[index])))
     return (float(places[0, 0]), float(places[0, 1]), float(headings[0])), segments
 
 
