@@ -464,7 +464,9 @@ def _route_around(area: shapely.Polygon, obstacles: list[shapely.Polygon]) -> Ro
     best: Route | None = None
     for room in (_CLEAR, 2.0 * _CLEAR, 4.0 * _CLEAR):
         free = _free_part(area, shapely.union_all([obstacle.buffer(room) for obstacle in obstacles]))
-        around = route_in_area(free, area) if free is not None else None
+        # An obstacle that divides the road leaves longer forks at the end before it.
+        ends = 0.5 if room == _CLEAR else 1.0
+        around = route_in_area(free, area, ends=ends) if free is not None else None
         if around is not None and (best is None or around.track.min_radius > best.track.min_radius):
             best = around
         if best is not None and best.track.min_radius > _TURN:

@@ -1,0 +1,125 @@
+"""Medial axis of an area: the line with equal distance from both edges of a road.
+
+The medial axis of a polygon is approximated by the Voronoi diagram of points on its boundary
+(J. W. Brandt, V. R. Algazi, "Continuous skeleton computation by Voronoi diagram", CVGIP 55, 1992).
+"""
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import QhullError, Voronoi
+
+from mirdrake.importing.worlds.model import Array
+
+_MOST_POINTS = 5000  # on the boundary of an area
+
+
+def medial_line(area: shapely.Polygon, width: float, *, narrowest: float) -> tuple[Array, Array]:
+    """Return the longest line along the middle of an area, and its distance from the boundary at each point.
+
+    Args:
+        area: the area [m].
+        width: its mean width [m].
+        narrowest: least distance from the boundary, in widths.
+
+    Returns:
+        points (n, 2) [m] and distances (n) [m]; the last point of a closed line is the first. Empty without a line.
+    """
+    none = np.zeros((0, 2)), np.zeros(0)
+    # Points on the boundary at a quarter of the width give a medial axis without gaps.
+    simple = shapely.simplify(area, 0.02 * width)
+    step = max(width / 4.0, simple.length / _MOST_POINTS)
+    points = np.concatenate([shapely.get_coordinates(shapely.segmentize(ring, step)) for ring in
+                             (simple.exterior, *simple.interiors)])  # fmt: skip
+    try:
+        diagram = Voronoi(np.unique(np.round(points, 6), axis=0))
+    except (QhullError, ValueError):
+        return none
+    shapely.prepare(simple)
+    vertices = diagram.vertices
+    inside = shapely.contains_xy(simple, *vertices.T)
+    clear = shapely.distance(shapely.points(vertices), simple.boundary)
+    # Near the boundary the axis branches into each corner.
+    inside &= clear > narrowest * width
+    # Ridges with the index -1 extend to infinity (Voronoi of SciPy).
+    edges: NDArray[np.int64] = np.array(
+        [pair for pair in diagram.ridge_vertices if min(pair) >= 0], dtype=np.int64
+    ).reshape(-1, 2)
+    edges = edges[inside[edges].all(axis=1) & (edges[:, 0] != edges[:, 1])]
+    if not len(edges):
+        return none
+    edges = _pruned(edges, vertices, 0.75 * width)
+    if not len(edges):
+        return none
+
+    # A circuit has one long ring; a junction has small ones, where the path is the better line.
+    ring = _outer_ring(edges, vertices)
+    path = _longest_path(edges, vertices)
+    closes = ring is not None and _length(ring) > max(0.5 * _length(path), 4.0 * width)
+    line = ring if ring is not None and closes else path
+    return line, np.asarray(shapely.distance(shapely.points(line), simple.boundary))
+
+
+def _length(line: Array) -> float:
+    return float(np.hypot(*np.diff(line, axis=0).T).sum()) if len(line) > 1 else 0.0
+
+
+def _pruned(edges: NDArray[np.int64], vertices: Array, shortest: float) -> NDArray[np.int64]:
+    """Return edges without branches shorter than a length [m]."""
+    lengths = np.hypot(*(vertices[edges[:, 0]] - vertices[edges[:, 1]]).T)
+    alive = np.ones(len(edges), dtype=bool)
+    beside: dict[int, list[int]] = {}
+    for index, (a, b) in enumerate(edges.tolist()):
+        beside.setdefault(a, []).append(index)
+        beside.setdefault(b, []).append(index)
+    # A short branch from a tip to a fork is noise of the boundary.
+    for tip in [vertex for vertex, near in beside.items() if len(near) == 1]:
+        branch: list[int] = []
+        total, vertex = 0.0, tip
+        while total < shortest:
+            ways = [index for index in beside[vertex] if alive[index] and index not in branch[-1:]]
+            if len(ways) != 1 or (branch and ways[0] in branch):
+                break
+            branch.append(ways[0])
+            total += lengths[ways[0]]
+            a, b = edges[ways[0]].tolist()
+            vertex = b if a == vertex else a
+        at_fork = sum(bool(alive[index]) for index in beside[vertex]) > 2
+        if branch and total < shortest and at_fork:
+            alive[branch] = False
+    kept: NDArray[np.int64] = edges[alive]
+    return kept
+
+
+def _outer_ring(edges: NDArray[np.int64], vertices: Array) -> Array | None:
+    """Return the outermost closed line of edges; None if there is none."""
+    faces = shapely.get_parts(shapely.polygonize([shapely.LineString(vertices[edge]) for edge in edges]))
+    if not len(faces):
+        return None
+    whole = max(shapely.get_parts(shapely.union_all(faces)), key=shapely.area)
+    ring: Array = shapely.get_coordinates(shapely.get_exterior_ring(whole))
+    return ring
+
+
+def _longest_path(edges: NDArray[np.int64], vertices: Array) -> Array:
+    """Return the longest shortest path between two points of the largest connected part."""
+    used, index = np.unique(edges, return_inverse=True)
+    index = index.reshape(-1, 2)
+    # SciPy takes an edge of length zero as missing.
+    lengths = np.hypot(*(vertices[edges[:, 0]] - vertices[edges[:, 1]]).T) + 1e-12
+    graph = coo_matrix((lengths, (index[:, 0], index[:, 1])), shape=(len(used), len(used))).tocsr()
+    _, label = connected_components(graph, directed=False)
+    start = int(np.flatnonzero(label == np.argmax(np.bincount(label)))[0])
+    far = start
+    before = np.zeros(0)
+    # Two searches: the point farthest from any point is an end of the longest path.
+    for _ in range(2):
+        reach, before = dijkstra(graph, directed=False, indices=far, return_predecessors=True)
+        start, far = far, int(np.argmax(np.where(np.isfinite(reach), reach, -1.0)))
+    path = [far]
+    while path[-1] != start:
+        path.append(int(before[path[-1]]))
+    line: Array = vertices[used[path]]
+    return line
