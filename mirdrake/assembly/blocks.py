@@ -25,7 +25,7 @@ from pydrake.systems.primitives import (
 from mirdrake.controllers import DiscretePid, PidGains, PidLimits
 from mirdrake.core.checks import whole_periods
 from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
-from mirdrake.core.user_systems import construct, make_user_system
+from mirdrake.core.user_systems import construct, make_user_system, user_defaults
 from mirdrake.core.yaml_io import Duration, Period, Schema, Source, validate
 from mirdrake.networks import NetworkBlock
 
@@ -199,3 +199,22 @@ def make_block(
     except (ConfigError, MissingDependencyError) as error:
         raise type(error)(f"{source.where()}: {error}") from None
     return system
+
+
+def all_parameters(
+    kind: str, given: Mapping[str, Any], *, source: Source, folder: Path | str | None = None
+) -> dict[str, object]:
+    """Return the parameters of a block, in SI units, with the defaults of those that are not given.
+
+    Args:
+        kind: as for :func:`make_block`.
+        given: its parameters.
+        source: where they were written, for error messages.
+        folder: where a user's module may lie.
+
+    Raises:
+        ConfigError: no such module or class, or a parameter that a kind of ours rejects.
+    """
+    if kind in BLOCKS:
+        return dict(validate(dict(given), BLOCKS[kind], source))
+    return user_defaults(kind, folder=folder) | dict(given)

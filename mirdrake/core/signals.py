@@ -69,16 +69,19 @@ def declare_state_output(system: LeafSystem, name: str, contents: Sequence[Signa
 
 def signals_of(port: InputPort | OutputPort) -> Signals | None:
     """Return names and units of a port's elements; None if the system has not declared them."""
-    direction = "input" if isinstance(port, InputPort) else "output"
     book: dict[tuple[str, str], Signals] = getattr(port.get_system(), "_mirdrake_signals", {})
-    return book.get((direction, port.get_name()))
+    return book.get((_direction(port), port.get_name()))
 
 
-def copy_signals(source: OutputPort, target: OutputPort) -> None:
-    """Give an exported output port of a Diagram the names and units of the port behind it."""
+def copy_signals(source: InputPort | OutputPort, target: InputPort | OutputPort) -> None:
+    """Give a port, such as an exported one of a Diagram, the names and units of the port behind it."""
     contents = signals_of(source)
     if contents is not None:
-        _remember(target.get_system(), "output", target.get_name(), contents)
+        _remember(target.get_system(), _direction(target), target.get_name(), contents)
+
+
+def _direction(port: InputPort | OutputPort) -> str:
+    return "input" if isinstance(port, InputPort) else "output"
 
 
 def _remember(system: System, direction: str, name: str, contents: Sequence[Signal]) -> None:

@@ -33,10 +33,7 @@ def make_user_system(
     """
     maker, offered = _load_class(kind, where=where, folder=folder), offered or {}
     arguments = dict(parameters)
-    try:
-        named = tuple(inspect.signature(maker).parameters.values())
-    except ValueError:  # C++ classes have no signature
-        named = ()
+    named = _named(maker)
     # Extra arguments are passed only to constructors that name them, which keeps simple user systems simple.
     allowed = [p.name for p in named if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
     # With **options, the constructor itself must decide what it accepts.
@@ -48,6 +45,23 @@ def make_user_system(
     # The user's parameters win over the offered ones.
     arguments = {name: value for name, value in offered.items() if name in allowed} | arguments
     return construct(lambda: maker(**arguments), kind, where=where)
+
+
+def user_defaults(kind: str, *, folder: Path | str | None = None) -> dict[str, object]:
+    """Return the defaults of the arguments of a user system; none of a C++ class, whose signature is not known.
+
+    Raises:
+        ConfigError: the module or class does not exist.
+    """
+    maker = _load_class(kind, where=kind, folder=None if folder is None else Path(folder))
+    return {argument.name: argument.default for argument in _named(maker) if argument.default is not argument.empty}
+
+
+def _named(maker: type[System]) -> tuple[inspect.Parameter, ...]:
+    try:
+        return tuple(inspect.signature(maker).parameters.values())
+    except ValueError:  # C++ classes have no signature
+        return ()
 
 
 def construct(factory: Callable[[], System], kind: str, *, where: str) -> System:

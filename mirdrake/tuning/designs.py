@@ -13,7 +13,7 @@ from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.pid import PidGains
 from mirdrake.tuning.gains import from_series
 from mirdrake.tuning.identify import Identification
-from mirdrake.tuning.loops.base import role
+from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.reduced import model_of
 from mirdrake.tuning.margins import ultimate_point
 from mirdrake.tuning.models import FirstOrder, Integrator, TransferFunction
@@ -246,19 +246,24 @@ def make_designs(
 ) -> tuple[tuple[Design, ...], tuple[OmittedDesign, ...]]:
     """Return the designs of all rules that fit a loop, and those that have no solution.
 
-    The filter of the derivative is that of the loop, whatever a rule would use.
+    The filter of the derivative is that of the loop, whatever a rule would use. A loop whose parameters are not gains
+    of a PID controller has no designs.
 
     Args:
         identification: result of the experiments.
         max_sensitivity: bound on Ms for loop shaping [1].
     """
+    if not identification.loop.has_pid_gains:
+        return (), ()
     model = design_model(identification, max_sensitivity)
     named_solutions = ((rule, solution) for rule in DESIGN_RULES.values() for solution in rule.solutions(model))
-    return _solve(named_solutions, tuple(identification.loop.gains))
+    return _solve(named_solutions, identification.loop)
 
 
 def slower_designs(identification: Identification) -> tuple[Design, ...]:
     """Return designs of Skogestad's rule with increasing closed-loop times, for a loop for which no rule is robust."""
+    if not identification.loop.has_pid_gains:
+        return ()
     model = design_model(identification, 1.4)
     if model.inertial is not None:
         rule, solutions = "simc_inertia", _simc_inertia_pd(model, SLOW)
@@ -266,7 +271,7 @@ def slower_designs(identification: Identification) -> tuple[Design, ...]:
         rule, solutions = "simc_lag", _simc_lag_pd(model, SLOW)
     else:
         rule, solutions = "simc", _simc(model, SLOW)
-    return _solve(((DESIGN_RULES[rule], solution) for solution in solutions), tuple(identification.loop.gains))[0]
+    return _solve(((DESIGN_RULES[rule], solution) for solution in solutions), identification.loop)[0]
 
 
 def design_model(identification: Identification, max_sensitivity: float) -> DesignModel:
@@ -305,9 +310,9 @@ def rounded(gains: dict[str, float]) -> dict[str, float]:
 
 
 def _solve(
-    named_solutions: Iterable[tuple[DesignRule, Solution]], names: Sequence[str]
+    named_solutions: Iterable[tuple[DesignRule, Solution]], loop: LoopSpec
 ) -> tuple[tuple[Design, ...], tuple[OmittedDesign, ...]]:
-    """Return designs with gains of these names, each set of gains once, and those that have no solution."""
+    """Return designs with the gains of a loop, each set of gains once, and those that have no solution."""
     designs: list[Design] = []
     omitted: list[OmittedDesign] = []
     for rule, (name, parameter, solve) in named_solutions:
@@ -318,12 +323,14 @@ def _solve(
             omitted.append(OmittedDesign(name, str(error)))
             continue
         values = {"kp": pid.kp, "ki": pid.ki, "kd": pid.kd}
-        # Without a derivative gain in the loop a PID has no place; gains that are negative or infinite are no
-        # candidates.
-        if (pid.kd and "kd" not in map(role, names)) or not all(math.isfinite(x) and x >= 0.0 for x in values.values()):
+        # Without a derivative gain in the loop a PID has no place.
+        if pid.kd and "kd" not in map(loop.role, loop.gains):
+            continue
+        # Gains that are negative or infinite are no candidates.
+        if not all(math.isfinite(x) and x >= 0.0 for x in values.values()):
             continue
         # Rules that agree after rounding are one candidate, with the name of the first.
-        gains = rounded({gain: values[role(gain)] for gain in names})
+        gains = rounded({gain: values[loop.role(gain)] for gain in loop.gains})
         if gains not in [design.gains for design in designs]:
             designs.append(Design(name, rule.kind, gains, rule.name, parameter))
     return tuple(designs), tuple(omitted)

@@ -12,7 +12,7 @@ Source: K. J. Åström and B. Wittenmark, Computer-Controlled Systems, 3rd ed., 
 """
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from pydrake.systems.analysis import InitializeParams, Simulator
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import BasicVector, Context, System
 
 from mirdrake.assembly.diagram import Assembly, make_spec
 from mirdrake.core.errors import ConfigError, MissingDependencyError
@@ -180,7 +180,7 @@ def linearise(
     u0, y0 = stepper.offset, stepper.output(context)
     A, B, C, D = stepper.differences(context)
     # States without connection to input and output, as the position of a car, have no part in the model.
-    kept = _connected(A, B, C)
+    kept = connected_states(A, B, C)
     system = control.ss(A[np.ix_(kept, kept)], B[kept], C[:, kept], D, period)
     return LinearModel(system, input, output, (u0, y0), cut and output == source)
 
@@ -249,51 +249,76 @@ class _Stepper:
         system = self._port.get_system()
         return float(self._port.Eval(system.GetMyContextFromRoot(context))[self._index])
 
-    def _state(self, context: Context) -> Array:
-        groups = [context.get_discrete_state(i).value() for i in range(context.num_discrete_state_groups())]
-        return np.concatenate([*groups, context.get_continuous_state_vector().CopyToVector()])
-
-    def _changed(self, context: Context, state: Array, offset: float) -> Context:
-        result, start = context.Clone(), 0
-        for i in range(result.num_discrete_state_groups()):
-            size = result.get_discrete_state(i).size()
-            result.SetDiscreteState(i, state[start : start + size])
-            start += size
-        if result.num_continuous_states():
-            result.SetContinuousState(state[start:])
-        self._probe.set(self._probe.GetMyMutableContextFromRoot(result), self._gain, offset)
-        return result
-
-    def _evaluate(self, context: Context, state: Array, offset: float) -> tuple[Array, float]:
+    def _evaluate(self, context: Context, state: Array, offset: float) -> tuple[Array, Array]:
         """Return the state after a period, and the output before it."""
-        changed = self._changed(context, state, offset)
-        y = self.output(changed)
-        simulator = Simulator(self._diagram, changed)
-        parameters = InitializeParams()
-        # Initialisation would reset discrete states that have been perturbed.
-        parameters.suppress_initialization_events = True
-        simulator.Initialize(parameters)
-        simulator.AdvanceTo(context.get_time() + self._period)
-        return self._state(simulator.get_context()), y
+        changed = with_state(context, state)
+        self._probe.set(self._probe.GetMyMutableContextFromRoot(changed), self._gain, offset)
+        y = np.array([self.output(changed)])
+        return advanced_state(self._diagram, changed, self._period), y
 
     def differences(self, context: Context) -> tuple[Array, Array, Array, Array]:
-        """Return A, B, C and D by central differences; states that are not finite are kept as they are."""
-        x = self._state(context)
-        n = len(x)
-        A, C = np.zeros((n, n)), np.zeros((1, n))
-        for i in range(n):
-            # A state that is not finite marks something and has no derivative.
-            if not np.isfinite(x[i]):
-                continue
-            # Relative step for large states, absolute for small ones; central differences have an error of its square.
-            step = STEP * max(1.0, abs(x[i]))
-            high, low = (self._evaluate(context, _plus(x, i, s), self.offset) for s in (step, -step))
-            A[:, i], C[0, i] = _slope(high[0], low[0], step), (high[1] - low[1]) / (2.0 * step)
-        step = STEP * max(1.0, abs(self.offset))
-        # Input by the probe's offset: B and D.
-        high, low = (self._evaluate(context, x, self.offset + s) for s in (step, -step))
-        B, D = _slope(high[0], low[0], step)[:, None], np.array([[(high[1] - low[1]) / (2.0 * step)]])
-        return A, B, C, D
+        """Return A, B, C and D by central differences."""
+        return central_differences(
+            lambda x, u: self._evaluate(context, x, float(u[0])), state_of(context), np.array([self.offset])
+        )
+
+
+def state_of(context: Context) -> Array:
+    """Return the discrete and continuous state of a Context as one vector."""
+    groups = [context.get_discrete_state(i).value() for i in range(context.num_discrete_state_groups())]
+    return np.concatenate([*groups, context.get_continuous_state_vector().CopyToVector()])
+
+
+def with_state(context: Context, state: Array) -> Context:
+    """Return a copy of a Context with another state, as :func:`state_of` returns it."""
+    result, start = context.Clone(), 0
+    for i in range(result.num_discrete_state_groups()):
+        size = result.get_discrete_state(i).size()
+        result.SetDiscreteState(i, state[start : start + size])
+        start += size
+    if result.num_continuous_states():
+        result.SetContinuousState(state[start:])
+    return result
+
+
+def advanced_state(system: System, context: Context, period: float) -> Array:
+    """Return the state after a period [s] from a Context, which is changed; initialisation events are left out."""
+    simulator = Simulator(system, context)
+    parameters = InitializeParams()
+    # Initialisation would reset discrete states that have been perturbed.
+    parameters.suppress_initialization_events = True
+    simulator.Initialize(parameters)
+    simulator.AdvanceTo(context.get_time() + period)
+    return state_of(simulator.get_context())
+
+
+def central_differences(
+    advance: Callable[[Array, Array], tuple[Array, Array]], x: Array, u: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return A, B, C and D by central differences; states that are not finite are kept as they are.
+
+    Args:
+        advance: returns the state after a period, and the outputs (p) before it, for a state (n) and inputs (m).
+        x: state (n) of the operating point.
+        u: inputs (m) of the operating point.
+    """
+    n, m = len(x), len(u)
+    columns: list[tuple[Array, Array] | None] = []
+    # Relative step for large values, absolute for small ones; central differences have an error of its square.
+    for i, value in enumerate(np.concatenate([x, u])):
+        # A state that is not finite marks something and has no derivative.
+        if not np.isfinite(value):
+            columns.append(None)
+            continue
+        step = STEP * max(1.0, abs(value))
+        high, low = (advance(_plus(x, i, s), u) if i < n else advance(x, _plus(u, i - n, s)) for s in (step, -step))
+        columns.append((_slope(high[0], low[0], step), (high[1] - low[1]) / (2.0 * step)))
+    p = next((len(column[1]) for column in columns if column is not None), 1)
+    A, C = np.zeros((n, n + m)), np.zeros((p, n + m))
+    for i, column in enumerate(columns):
+        if column is not None:
+            A[:, i], C[:, i] = column
+    return A[:, :n], A[:, n:], C[:, :n], C[:, n:]
 
 
 def _plus(x: Array, index: int, step: float) -> Array:
@@ -310,12 +335,12 @@ def _slope(high: Array, low: Array, step: float) -> Array:
     return slope
 
 
-def _connected(A: Array, B: Array, C: Array) -> npt.NDArray[np.intp]:
-    """Return the states that the input reaches and that act on the output."""
+def connected_states(A: Array, B: Array, C: Array) -> npt.NDArray[np.intp]:
+    """Return the states that the inputs reach and that act on the outputs."""
     # An all-zero matrix connects nothing: with infinity as size no element exceeds the threshold.
     sizes = [float(np.abs(matrix).max(initial=0.0)) or inf for matrix in (A, B, C)]
     a, b, c = (np.abs(matrix) > NEGLIGIBLE * size for matrix, size in zip((A, B, C), sizes, strict=True))
-    reached, acting = b[:, 0], c[0]
+    reached, acting = b.any(axis=1), c.any(axis=0)
     # Paths through n states have at most n steps.
     for _ in range(len(A)):
         reached, acting = reached | (a @ reached), acting | (a.T @ acting)

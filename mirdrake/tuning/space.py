@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.yaml_io import where
-from mirdrake.tuning.loops.base import LoopSpec, role
+from mirdrake.tuning.loops.base import LoopSpec
 from mirdrake.tuning.loops.reduced import find_loop_margins
 from mirdrake.tuning.loops.registry import LOOP_KINDS
 from mirdrake.tuning.search_range import Range, Space
@@ -44,7 +44,7 @@ def search_space(spec: TuningSpec, loop: LoopSpec, known: Sequence[Gains], max_s
                 f"{where(spec, 'search', 'ranges')}: no rule gives a value of {gain}; write a range for it"
             )
         # Gains of rules differ by factors: a logarithmic range, a factor of three beyond them on both sides.
-        elif role(gain) == "kp":
+        elif loop.role(gain) == "kp":
             space[gain] = Range(min(given) / 3.0, max(given) * 3.0)
         else:  # integral and derivative parts may be zero
             space[gain] = Range(0.0, max(given) * 1.5, "linear")

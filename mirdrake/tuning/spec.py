@@ -168,7 +168,10 @@ class DiagramLoop(Schema):
     output: str = Field(description="controlled signal [-]")
     effort: str = Field(description="control signal [-]")
     parameters: list[str] = Field(
-        min_length=1, description="gains: of a block of kind pid, such as block.kp, or of a vehicle [-]"
+        min_length=1, description="gains: numbers of a block, such as block.kp, or of a vehicle [-]"
+    )
+    roles: dict[str, Literal["kp", "ki", "kd"]] = Field(
+        default_factory=dict, description="gains of a PID controller with other names, as {block.gain: kp} [-]"
     )
 
 

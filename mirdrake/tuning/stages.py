@@ -252,7 +252,10 @@ class Stages:
         checks: tuple[MarginCheck, ...] = ()
         if gains:
             evaluate = LoopEvaluator(loop, keep=True)
-            figures = candidate.trial.figures
+            figures = dict(candidate.trial.figures)
+            # The gain margin is driven with all gains times a factor, which only for a PID is the gain of the loop.
+            if not loop.has_pid_gains:
+                figures.pop("gain_margin", None)
             checks = confirm_margins(evaluate, gains, figures, delay=loop.delay, step=loop.course.step)
         broken = tuple(
             Rejection("margin", check.name, check.claimed, self.constraints[check.name])

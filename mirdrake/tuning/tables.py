@@ -8,9 +8,8 @@ import pandas as pd
 from mirdrake.tuning.grip import axles_of, grip_use
 from mirdrake.tuning.loops.base import Conditions, Fidelity, LoopSpec
 from mirdrake.tuning.loops.evaluate import plant_bench
-from mirdrake.tuning.loops.reduced import critical_plant, model_of, pid_of
+from mirdrake.tuning.loops.reduced import critical_loop, model_of
 from mirdrake.tuning.loops.registry import LOOP_KINDS
-from mirdrake.tuning.margins import loop_response
 from mirdrake.tuning.spec import AT_LEAST, MARGINS
 from mirdrake.tuning.stages import Candidate
 from mirdrake.tuning.trials import Trials
@@ -47,7 +46,7 @@ def trials_table(
 
 
 def frequency_table(loop: LoopSpec, chosen: Sequence[Candidate]) -> pd.DataFrame:
-    """Return the open loop of candidates over frequency, with the transfer function that gives the largest Ms."""
+    """Return the open loop of candidates over frequency, of the loop with the largest Ms."""
     _, period = model_of(loop)
     top = 0.99 * np.pi / period
     omega = np.geomspace(top / 3e3, top, 300)
@@ -56,8 +55,7 @@ def frequency_table(loop: LoopSpec, chosen: Sequence[Candidate]) -> pd.DataFrame
         gains = entry.design.gains or loop.present
         if not gains:  # the present controller is of another kind
             continue
-        plant = critical_plant(loop, gains)
-        value = loop_response(plant, pid_of(loop, gains), period=period)(omega)
+        value = critical_loop(loop, gains)(omega)
         parts.append(pd.DataFrame({"candidate": entry.name, "omega": omega, "re": value.real, "im": value.imag}))
     return pd.concat(parts, ignore_index=True)
 

@@ -280,7 +280,9 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
         robustness=None if runs is None else runs.summary(_corner_tests(stages, chosen)),
         acceptance=(*criteria, *schedule_criteria),
     )
-    trials = trials_table(outcome.coarse, outcome.fine, limits=stages.constraints, coarse_on=stages.first_fidelity)
+    # All trials of controllers that are not PID are on the plant.
+    limits = stages.constraints if stages.loop.has_pid_gains else {}
+    trials = trials_table(outcome.coarse, outcome.fine, limits=limits, coarse_on=stages.first_fidelity)
     tables = {"responses": responses_table(tried), "trials": trials}
     tables |= {"frequency": frequency_table(stages.loop, chosen)} if stages.identifiable else {}
     tables |= {} if gain_map is None else {"map": gain_map}

@@ -76,9 +76,11 @@ class Evaluator(Protocol):
         ...
 
 
-def role(gain: str) -> str:
-    """Return what a gain is to its controller, kp, ki or kd: the last part of its name, such as ``pid.kp``."""
-    return gain.rpartition(".")[2]
+PID_ROLES = ("kp", "ki", "kd")
+"""What gains may be to a PID controller."""
+
+NO_ROLE = "-"
+"""Role of a gain of a controller that is not PID, whatever the name of the gain."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +90,12 @@ class Gain:
     Attributes:
         unit: its unit.
         path: dotted path in control.yaml; empty for a gain of a diagram.
+        role: what it is to a PID controller, kp, ki or kd; empty: the last part of its name, such as ``pid.kp``.
     """
 
     unit: str = ""
     path: str = ""
+    role: str = ""
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,34 @@ class OuterLoop:
 
 
 @dataclass(frozen=True)
+class BlockModel:
+    """Linear model of a diagram around one of its blocks: see :mod:`mirdrake.tuning.loops.block_response`.
+
+    Attributes:
+        entry: of the block in the diagram.
+        parameters: its tuned parameters, with their present values.
+        control: its output port.
+        period: of the model [s].
+        folder: of the diagram file.
+        values: elements of its inputs at the operating point.
+        state: its state there.
+        frequencies: of the responses [rad/s].
+        responses: real and imaginary parts of the responses from the control to the sources of the inputs, without
+            sign; by index of the element, without those that the control does not reach.
+    """
+
+    entry: Json
+    parameters: dict[str, float]
+    control: str
+    period: float
+    folder: str | None
+    values: tuple[float, ...]
+    state: tuple[float, ...]
+    frequencies: tuple[float, ...] = ()
+    responses: tuple[tuple[int, tuple[tuple[float, float], ...]], ...] = ()
+
+
+@dataclass(frozen=True)
 class LoopModel:
     """Identified model of a loop, sufficient to simulate it without the plant.
 
@@ -147,8 +179,7 @@ class LoopModel:
         limit: of the effort [u]; None: unlimited.
         mass_acts: whether the mass of the car is the inertia of the loop.
         outer: the speed loop of the vehicle around this loop; None without one.
-        samples: exact frequency response of a linear model from effort to measurement, without the hold of the effort:
-            frequency [rad/s], real and imaginary part [y/u]. Margins are computed from it; empty: from the transfer
+        block: exact linear model around a block of a diagram, from which margins are computed; None: from the transfer
             functions.
     """
 
@@ -163,7 +194,7 @@ class LoopModel:
     limit: float | None = None
     mass_acts: bool = True
     outer: OuterLoop | None = None
-    samples: tuple[tuple[float, float, float], ...] = ()
+    block: BlockModel | None = None
 
 
 @dataclass(frozen=True)
@@ -218,6 +249,17 @@ class LoopSpec:
     def time_step(self) -> float:
         """Time step of the plant [s]."""
         return float(self.diagram["plant"]["time_step"])
+
+    def role(self, gain: str) -> str:
+        """Return what a gain is to a PID controller: kp, ki or kd; other parameters have their own name."""
+        declared = self.gains[gain].role if gain in self.gains else ""
+        return declared or gain.rpartition(".")[2]
+
+    @property
+    def has_pid_gains(self) -> bool:
+        """Whether the gains are those of a PI or PID controller, for which there are rules."""
+        roles = [self.role(gain) for gain in self.gains]
+        return {"kp", "ki"} <= set(roles) <= set(PID_ROLES) and len(set(roles)) == len(roles)
 
     def with_control(self, control: Mapping[str, Any]) -> "LoopSpec":
         """Return the loop with other entries of control.yaml in its diagram, so that no gain is left to set."""

@@ -113,7 +113,7 @@ class LoopEvaluator:
             margins = find_loop_margins(spec, spec.present)
             return bench_of(spec.as_present() if spec.gains else spec).run({}, conditions, margins=margins)
         margins = find_loop_margins(spec, gains)
-        # Margins follow from the model alone, so a broken limit needs no run of the plant.
-        if any(breaks_limit(name, margins[name], limit) for name, limit in self.margins.items()):
+        # Margins follow from the model alone, so a broken limit needs no run of the plant, if there is a reduced model.
+        if spec.has_pid_gains and any(breaks_limit(name, margins[name], limit) for name, limit in self.margins.items()):
             return run_reduced(spec, gains, conditions)
         return bench_of(spec).run(gains, conditions, margins=margins)

@@ -8,11 +8,11 @@ import numpy as np
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.pid import PidGains, PidLimits, PidState, pid_step
-from mirdrake.tuning.frequency_response import FrequencyResponse
-from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec, role
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec
+from mirdrake.tuning.loops.block_response import loop_of
 from mirdrake.tuning.loops.judge import judge
-from mirdrake.tuning.margins import find_margins
-from mirdrake.tuning.models import Floats, Plant, TransferFunction
+from mirdrake.tuning.margins import LoopResponse, loop_range, loop_response, margins_of
+from mirdrake.tuning.models import Floats, TransferFunction
 from mirdrake.tuning.process_models import LinearProcess
 from mirdrake.tuning.spec import MARGINS
 from mirdrake.tuning.stability import is_stable
@@ -20,7 +20,7 @@ from mirdrake.tuning.stability import is_stable
 
 def pid_of(spec: LoopSpec, gains: Mapping[str, float]) -> PidGains:
     """Return the gains of a loop as those of a controller, with the loop's filter."""
-    value = {role(name): float(gain) for name, gain in gains.items()}
+    value = {spec.role(name): float(gain) for name, gain in gains.items()}
     return PidGains(value["kp"], value["ki"], value.get("kd", 0.0), filter_time=spec.filter_time)
 
 
@@ -48,23 +48,24 @@ def loop_plants(spec: LoopSpec) -> dict[str, TransferFunction]:
     return {name: plant * factor for name, plant in model.plants.items()}
 
 
-def margin_plants(spec: LoopSpec) -> list[Plant]:
-    """Return what the margins of a loop are computed from: its exact frequency response, or its transfer functions."""
-    model, _ = model_of(spec)
-    if not model.samples:
-        return list(loop_plants(spec).values())
-    frequencies, real, imaginary = np.array(model.samples).T
-    return [FrequencyResponse(frequencies, real + 1j * imaginary)]
+def open_loops(spec: LoopSpec, gains: Mapping[str, float]) -> list[tuple[LoopResponse, float, float]]:
+    """Return the open loops of a loop, each with the lowest and the highest frequency [rad/s] of its range."""
+    model, period = model_of(spec)
+    if model.block is not None:
+        return [(loop_of(model.block, gains), model.block.frequencies[0], model.block.frequencies[-1])]
+    pid, plants = pid_of(spec, gains), loop_plants(spec).values()
+    return [(loop_response(plant, pid, period=period), *loop_range(plant, pid, period=period)) for plant in plants]
 
 
-def critical_plant(spec: LoopSpec, gains: Mapping[str, float]) -> Plant:
-    """Return the plant of a loop for which these gains give the largest Ms."""
-    _, period = model_of(spec)
-    plants = margin_plants(spec)
-    if len(plants) < 2 or not any(gains.values()):
-        return plants[0]
-    pid = pid_of(spec, gains)
-    return max(plants, key=lambda plant: find_margins(plant, pid, period=period).max_sensitivity)
+def critical_loop(spec: LoopSpec, gains: Mapping[str, float]) -> LoopResponse:
+    """Return the open loop with the largest Ms of a loop."""
+    loops = open_loops(spec, gains)
+    # Without gains there is no loop to compare.
+    return (
+        loops[0][0]
+        if len(loops) < 2 or not any(gains.values())
+        else max(loops, key=lambda loop: margins_of(*loop).max_sensitivity)[0]
+    )
 
 
 def plant_under(spec: LoopSpec, conditions: Conditions, plant: TransferFunction) -> TransferFunction:
@@ -86,8 +87,8 @@ def find_loop_margins(spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, f
         return dict.fromkeys(MARGINS, math.nan)
     rows = []
     # A loop with several transfer functions (both wheels together, and apart) has the margins of the worst.
-    for plant in margin_plants(spec):
-        computed = find_margins(plant, pid_of(spec, gains), period=spec.period)
+    for loop in open_loops(spec, gains):
+        computed = margins_of(*loop)
         rows.append(
             (
                 # Ms and Mt are worse when larger: negated, so that the minimum is the worst for all.

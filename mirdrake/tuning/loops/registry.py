@@ -3,8 +3,8 @@
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import where
 from mirdrake.tuning.loops.base import LoopSpec
+from mirdrake.tuning.loops.block_loop import BlockLoop, with_linear_model
 from mirdrake.tuning.loops.kind import LoopKind
-from mirdrake.tuning.loops.pid_block import PidBlockLoop, with_linear_model
 from mirdrake.tuning.loops.signals import DiagramLoopKind, PathLoop
 from mirdrake.tuning.loops.speed import PedalSpeedLoop, SpeedLoop, WheelSpeedLoop
 from mirdrake.tuning.loops.steering import SteeringLoop
@@ -19,7 +19,7 @@ LOOP_KINDS: dict[str, LoopKind] = {
         PedalSpeedLoop(),
         PathLoop(),
         DiagramLoopKind(),
-        PidBlockLoop(),
+        BlockLoop(),
     )
 }
 """Kinds of loops by name."""

@@ -1,8 +1,8 @@
 """Loops known by their signals only: a loop of a user's diagram, and path tracking.
 
-Such a loop has no reduced model and no margins; its gains are searched on the plant. Its gains are ``<block>.kp``,
-``.ki``, ``.kd`` of blocks of kind pid, the parameters of :mod:`mirdrake.execution.parameters`, and for a driver that
-tracks a path ``<vehicle>.driver.convergence_time`` [s] and ``<vehicle>.driver.damping`` [1].
+Such a loop has no reduced model and no margins; its gains are searched on the plant. Its gains are the numbers of
+blocks in the diagram file, such as ``<block>.kp``, the parameters of :mod:`mirdrake.execution.parameters`, and for a
+driver that tracks a path ``<vehicle>.driver.convergence_time`` [s] and ``<vehicle>.driver.damping`` [1].
 """
 
 import math
@@ -16,18 +16,20 @@ from typing import Any, ClassVar
 import numpy as np
 from pydrake.systems.framework import Context
 
+from mirdrake.assembly.blocks import all_parameters
 from mirdrake.assembly.diagram import Assembly, assemble
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
-from mirdrake.controllers import DiscretePid
 from mirdrake.controllers.path_tracking import PathTracker
 from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, RunError, did_you_mean
+from mirdrake.core.json_io import Json
 from mirdrake.core.paths import find
-from mirdrake.core.yaml_io import where
+from mirdrake.core.yaml_io import Source, where
 from mirdrake.execution.parameters import find_context_parameters
 from mirdrake.runs.simulation import Simulation
 from mirdrake.tuning.identify import Identification
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, Evaluation, Gain, LoopSpec
+from mirdrake.tuning.loops.controller_block import KIND, ControllerBlock, tuned_blocks
 from mirdrake.tuning.loops.judge import judge
 from mirdrake.tuning.loops.kind import LoopKind
 from mirdrake.tuning.search_range import Range
@@ -39,9 +41,6 @@ DURATION = 10.0
 
 PROBE = 0.2
 """Simulated time of the run that lists the signals of a diagram [s]."""
-
-PID_GAINS = ("kp", "ki", "kd")
-"""Gains of a block of kind pid that are tuned."""
 
 PATH_GAINS = ("convergence_time", "damping")
 """Gains of a driver that tracks a path."""
@@ -99,18 +98,23 @@ class SignalLoop(LoopKind):
                     f"{self.place(study, key)}: no signal '{name}' is logged; {did_you_mean(name, columns)}"
                 )
         # Parameters are those that a Context can change without building the diagram again.
-        setters = find_setters(assembly)
+        setters, numbers = find_setters(assembly), block_numbers(drawing)
         for index, name in enumerate(loop.parameters):
-            if name not in setters:
-                place = self.place(study, "parameters", index)
-                raise ConfigError(f"{place}: no parameter '{name}'; {did_you_mean(name, setters)}")
+            if name not in setters and name not in numbers:
+                place, known = self.place(study, "parameters", index), [*setters, *numbers]
+                raise ConfigError(f"{place}: no parameter '{name}'; {did_you_mean(name, known)}")
+        for name in loop.roles:
+            if name not in loop.parameters:
+                place = self.place(study, "roles", name)
+                raise ConfigError(f"{place}: not one of the parameters; {did_you_mean(name, loop.parameters)}")
+        present = path_gains(assembly) | numbers
         # Friction can be drawn if the road has one coefficient.
         uniform = "road.friction" in setters
         return LoopSpec(
             kind=self.name,
-            diagram=diagram,
+            diagram=_with_tuned_blocks(diagram, {name: numbers[name] for name in loop.parameters if name in numbers}),
             vehicle=next(iter(diagram["vehicles"])),
-            gains=dict.fromkeys(loop.parameters, Gain()),
+            gains={name: Gain(role=loop.roles.get(name, "")) for name in loop.parameters},
             reference=loop.reference,
             output=loop.output,
             effort=loop.effort,
@@ -119,7 +123,7 @@ class SignalLoop(LoopKind):
             course=self.course(study),
             friction=float(assembly.parts.world.ground.mu) if uniform else None,
             # Present gains are the baseline.
-            present={name: value for name, value in present_gains(assembly).items() if name in loop.parameters},
+            present={name: present[name] for name in loop.parameters if name in present},
         )
 
 
@@ -218,35 +222,55 @@ def find_setters(assembly: Assembly) -> dict[str, Setter]:
         name: partial(parameter.apply, assembly)
         for name, parameter in find_context_parameters(vehicles, assembly.parts.world).items()
     }
-    for system, names in _blocks_with_gains(assembly):
-        setters |= {f"{system.get_name()}.{gain}": partial(_set_gain, system, gain) for gain in names}
+    for name, block in tuned_blocks(assembly).items():
+        setters |= {f"{name}.{key}": partial(_set_parameter, block.block, key) for key in block.block.parameters}
+    for tracker in _trackers(assembly):
+        setters |= {f"{tracker.get_name()}.{gain}": partial(_set_gain, tracker, gain) for gain in PATH_GAINS}
     return setters
 
 
-def present_gains(assembly: Assembly) -> dict[str, float]:
-    """Return the gains in the blocks of a diagram: those of kind pid and drivers that track a path."""
+def path_gains(assembly: Assembly) -> dict[str, float]:
+    """Return the present gains of the drivers of a diagram that track a path."""
     gains: dict[str, float] = {}
     context = assembly.make_context()
-    for system, names in _blocks_with_gains(assembly):
-        present = system.get_gains(system.GetMyContextFromRoot(context))
-        gains |= {f"{system.get_name()}.{name}": float(getattr(present, name)) for name in names}
+    for tracker in _trackers(assembly):
+        present = tracker.get_gains(tracker.GetMyContextFromRoot(context))
+        gains |= {f"{tracker.get_name()}.{name}": float(getattr(present, name)) for name in PATH_GAINS}
     return gains
 
 
-def _blocks_with_gains(assembly: Assembly) -> list[tuple[Any, tuple[str, ...]]]:
-    """Return the blocks whose gains can be set, each with their names."""
-    names = {DiscretePid: PID_GAINS, PathTracker: PATH_GAINS}
-    return [
-        (system, gains)
-        for system in assembly.diagram.GetSystems()
-        for kind, gains in names.items()
-        if isinstance(system, kind)
-    ]
+def block_numbers(drawing: DiagramSpec) -> dict[str, float]:
+    """Return the numbers of the blocks of a diagram by name: those in its file, and defaults of the others."""
+    numbers: dict[str, float] = {}
+    for name, entry in drawing.systems.items():
+        source = entry._source or Source("diagram", {}, ("systems", name))
+        given = all_parameters(entry.kind, entry.parameters(), source=source, folder=drawing.folder)
+        for key, value in given.items():
+            if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+                numbers[f"{name}.{key}"] = float(value)
+    return numbers
 
 
-def _set_gain(system: Any, gain: str, context: Context, value: float) -> None:
-    own = system.GetMyMutableContextFromRoot(context)
-    system.set_gains(own, replace(system.get_gains(own), **{gain: value}))
+def _with_tuned_blocks(diagram: Mapping[str, Any], parameters: Mapping[str, float]) -> Json:
+    """Return data of a diagram with a tuned block in place of each block that has one of some parameters."""
+    systems = dict(diagram.get("systems") or {})
+    for block in {name.rpartition(".")[0]: None for name in parameters}:
+        own = {name.rpartition(".")[2]: value for name, value in parameters.items() if name.rpartition(".")[0] == block}
+        systems[block] = {"kind": KIND, "entry": systems[block], "parameters": own, "folder": diagram.get("folder")}
+    return {**diagram, "systems": systems}
+
+
+def _trackers(assembly: Assembly) -> list[PathTracker]:
+    return [system for system in assembly.diagram.GetSystems() if isinstance(system, PathTracker)]
+
+
+def _set_gain(tracker: PathTracker, gain: str, context: Context, value: float) -> None:
+    own = tracker.GetMyMutableContextFromRoot(context)
+    tracker.set_gains(own, replace(tracker.get_gains(own), **{gain: value}))
+
+
+def _set_parameter(block: ControllerBlock, name: str, context: Context, value: float) -> None:
+    block.set_parameter(block.GetMyMutableContextFromRoot(context), name, value)
 
 
 class SignalBench:
