@@ -138,7 +138,7 @@ def messages():
         return other.assemble
 
     yield "unknown output 'ego.driver.sped_command'", connected("ego.driver.sped_command", "half.u")
-    yield "'ego.state.vx' has 1 elements, 'half.u' takes 2", connected("ego.vx", "half.u")
+    yield "'ego.state.vx' has 1 element, 'half.u' takes 2", connected("ego.vx", "half.u")
     yield (
         "in m/s, 'ego.steering_reference' takes steering in rad",
         connected("ego.vx", "ego.control.steering_reference"),
@@ -182,6 +182,8 @@ def test_a_run_is_plotted_compared_and_described():
     assert [line.get_label() for line in figure.axes[0].lines] == ["ego.vx", "ego.control.speed_pid.output"]
     both = run.compare(run, "ego.vx", labels=("first", "second"))
     assert [line.get_label() for line in both.axes[0].lines] == ["ego.vx, first", "ego.vx, second"]
+    usual = run.compare(run)
+    assert [line.get_label() for line in usual.axes[0].lines] == ["ego.vx, this", "ego.vx, other"]
     assert "stopped by duration after 0.20 s" in repr(run)
     with pytest.raises(mir.MirdrakeError, match=r"no signal matches 'ego.vxx'; did you mean 'ego.vx'"):
         run.plot("ego.vxx")

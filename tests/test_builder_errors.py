@@ -78,6 +78,9 @@ CASES = {
     "unknown diagram 'bolt_test_trak'": lambda: mir.Diagram.load("bolt_test_trak"),
     "input 'x.u' is not connected": wrong(lambda d, ego: d.add("x", "delay", delay=0.1)),
     "run: unknown argument 'durtion'; did you mean 'duration'": lambda: small()[0].simulate(0.1, durtion=3),
+    "in place of a disabled block: ego.control.speed_pid.output; add [<output>, ego": wrong(
+        lambda d, ego: (d.set("vehicles.ego.control.disable", ["speed_pid"]), d.simulate(0.1))
+    ),
     "duration 'long' s is not allowed": lambda: small()[0].simulate("long"),
 }
 

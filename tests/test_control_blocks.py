@@ -220,7 +220,14 @@ def test_a_block_of_drake_replaces_one_with_a_single_input_and_output():
 @pytest.mark.parametrize(
     ("systems", "message"),
     [
-        ({"ego.control.speed_pd": {"kind": "gain", "gain": 1.0}}, "has no block 'speed_pd' to replace; it has measure"),
+        (
+            {"ego.control.speed_pd": {"kind": "gain", "gain": 1.0}},
+            "has no block 'speed_pd' to replace; did you mean 'speed_pid'",
+        ),
+        (
+            {"eg.control.speed_pid": {"kind": "gain", "gain": 1.0}},
+            "systems.eg.control.speed_pid: no vehicle 'eg', of which",
+        ),
         ({"ego.control.speed_pid": {"kind": "sine", "frequency": 1.0}}, "in place of speed_pid has no output 'output'"),
         (
             {"ego.control.ackermann": {"kind": "gain", "gain": 1.0, "size": 2}},
@@ -320,7 +327,7 @@ def test_a_pattern_expands_the_unit_if_it_chooses_one_of_its_signals(pattern, in
     record = {"signals": [pattern], "meshcat": False, "report": False}
     diagram = {"vehicles": {"ego": {"model": "bolt"}}, "world": "empty", "plant": {"contact": "point"}}
     taps = assemble(make_spec(diagram | {"record": record})).taps
-    names = [signal.name for signal in taps["ego.control"].contents] if "ego.control" in taps else []
+    names = [signal.name for signal in taps["ego.control"].contents or ()] if "ego.control" in taps else []
     assert ("ego.control.speed_pid.error" in names) == inner
 
 

@@ -69,6 +69,7 @@ def test_faults_are_one_line(driven):
     d, _, lag = driven
     for call, message in (
         (lambda: d.linearize("ego.contrl.x"), "unknown"),
+        (lambda: d.linearize("ego.control.wheel_loops.setpoint"), "has 4 elements; name one of them: ego."),
         (lambda: d.linearize(lag.u, "ego.vz2", time=0.1), "unknown output 'ego.vz2'"),
         (lambda: d.linearize(lag.u, "ego.state", time=0.1), "output 'ego.state' has 12 elements; name one of them"),
     ):

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 
 from mirdrake.assembly.blocks import make_block
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
@@ -33,7 +33,7 @@ from mirdrake.assembly.parts.sensors import add_sensors, cameras_of, check_senso
 from mirdrake.assembly.parts.taps import Tap, add_taps
 from mirdrake.assembly.parts.vehicles import add_vehicle_systems
 from mirdrake.assembly.scene import Scene, make_scene
-from mirdrake.assembly.wiring import Wiring
+from mirdrake.assembly.wiring import JOIN, Wiring
 from mirdrake.core.drake_errors import algebraic_loop
 from mirdrake.core.errors import ConfigError, DiagramError, did_you_mean
 from mirdrake.core.signals import Signal
@@ -134,6 +134,30 @@ class Assembly:
         own = {name for name, entry in self.spec.systems.items() if ":" in entry.kind}
         return {system.get_name(): system for system in self.diagram.GetSystems() if system.get_name() in own}
 
+    def check_inputs(self, context: Context) -> None:
+        """Check that no input of the diagram is open.
+
+        Args:
+            context: Context of the diagram; an input with a fixed value in it is not open.
+
+        Raises:
+            ConfigError: a vehicle has no driver, or what replaces a disabled block is not connected.
+        """
+        ports = [self.diagram.get_input_port(index) for index in range(self.diagram.num_input_ports())]
+        names = [port.get_name() for port in ports if not port.HasValue(context)]
+        undriven = [name for name in names if name.partition(".")[2] in JOIN]
+        if undriven:
+            vehicle = undriven[0].partition(".")[0]
+            raise ConfigError(
+                f"{where(self.spec, 'control')}: '{vehicle}' has no driver (open inputs: {', '.join(names)}); "
+                f"add control.{vehicle}, for example {{kind: constant, speed: 5}}, or connect your own blocks to them"
+            )
+        if names:
+            raise ConfigError(
+                f"{where(self.spec, 'connect')}: nothing is connected in place of a disabled block: "
+                f"{', '.join(names)}; add [<output>, {names[0]}] to connect"
+            )
+
     def make_context(self) -> Any:
         """Return a new Context with every vehicle at its start."""
         context = self.diagram.CreateDefaultContext()
@@ -195,6 +219,12 @@ def assemble(
         for name in getattr(spec, key):
             if name not in vehicles:
                 raise ConfigError(f"{where(spec, key, name)}: no vehicle '{name}'; {did_you_mean(name, vehicles)}")
+    # A name with dots is that of a block of a control unit.
+    for name in spec.systems:
+        vehicle, dot, _ = name.partition(".")
+        if dot and vehicle not in vehicles:
+            place, hint = where(spec, "systems", name), did_you_mean(vehicle, vehicles)
+            raise ConfigError(f"{place}: no vehicle '{vehicle}', of which a block is replaced; {hint}")
     check_sensors(spec, vehicles)
 
     # The plant, and per vehicle its control unit, driver, ground truth and sensors.

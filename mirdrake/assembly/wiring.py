@@ -221,7 +221,8 @@ class Wiring:
             hint = ""
             if taken_size == 1 and contents:
                 hint = f"; connect one of them, as '{source}.{contents[0].name}'"
-            raise ConfigError(f"{place}: '{source}' has {size} elements, '{sink}' takes {taken_size}{hint}")
+            count = "1 element" if size == 1 else f"{size} elements"
+            raise ConfigError(f"{place}: '{source}' has {count}, '{sink}' takes {taken_size}{hint}")
         # Units are compared only where both sides state one; lengths may differ for ports without names.
         for have, want in zip(contents or (), wanted or (), strict=False):
             if have.unit != want.unit and have.unit and want.unit:

@@ -444,8 +444,13 @@ class Diagram:
         def build(spec: DiagramSpec, factories: Mapping[str, Any], *, expand: bool = True) -> Assembly:
             return assemble(spec, expand=expand, factories=factories)
 
-        name = None if output is None else _name_in("linearize", output)
-        return linearise(self._data, self._factories, build, _name_in("linearize", input), name, time=time, cut=cut)
+        sink, name = _name_in("linearize", input), None if output is None else _name_in("linearize", output)
+        elements = self._display(expand=True).inputs.get(sink) or ()
+        if len(elements) > 1:
+            raise ConfigError(
+                f"linearize: input '{sink}' has {len(elements)} elements; name one of them: {sink}.{elements[0].name}"
+            )
+        return linearise(self._data, self._factories, build, sink, name, time=time, cut=cut)
 
     def to_yaml(self, path: Path | str | None = None) -> str:
         """Return the diagram as the text of a diagram file, and write it if a path is given.

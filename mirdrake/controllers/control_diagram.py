@@ -31,7 +31,7 @@ from mirdrake.controllers.control_blocks import (
 )
 from mirdrake.controllers.joint_blocks import ActuatorHold, PedalLoop, SteeringLoop, WheelLoops
 from mirdrake.controllers.vehicle_control import VehicleControl
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.pid import PidGains
 from mirdrake.core.signals import Signal, copy_signals, signals_of
 from mirdrake.core.vectors import COMMAND, SIDES
@@ -189,7 +189,7 @@ def expand_control(
     standard = make_control_blocks(unit)
     for block in replaced:
         if block not in standard:
-            raise ConfigError(f"the control unit has no block '{block}' to replace; it has {', '.join(standard)}")
+            raise ConfigError(f"the control unit has no block '{block}' to replace; {did_you_mean(block, standard)}")
     absent = [block for block in unit.vehicle.control.disabled_blocks() if block in standard and block not in replaced]
     blocks = {block: replaced.get(block, own) for block, own in standard.items() if block not in absent}
 

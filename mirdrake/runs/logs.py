@@ -170,6 +170,8 @@ class Run:
     def plot(self, *patterns: str) -> Any:
         """Return a figure of signals over time, a panel for each unit: ``run.plot("ego.vx", "ego.control.*_pid.*")``.
 
+        Without patterns: speed, steering and lateral error of all vehicles.
+
         Raises:
             ConfigError: a pattern chooses nothing.
         """
@@ -180,7 +182,7 @@ class Run:
 
         Args:
             other: the other run.
-            patterns: names of signals, with wildcards.
+            patterns: names of signals, with wildcards; speed, steering and lateral error if left out.
             labels: names of the two runs in the legend.
 
         Raises:

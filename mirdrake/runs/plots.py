@@ -22,6 +22,9 @@ ANIMATION = "mirdrake.viewer.inline:RunView"
 WIDTH, HEIGHT = 9.0, 2.2
 """Size of a panel [in]."""
 
+USUAL = ("*.vx", "*.steering_setpoint", "*.lateral_error")
+"""Signals that are plotted if none are named."""
+
 
 class Animation(ABC):
     """3D animation of a run, which a notebook shows."""
@@ -81,10 +84,14 @@ def make_statistics(run: "Run", patterns: Sequence[str]) -> pd.DataFrame:
 def choose_signals(run: "Run", patterns: Sequence[str]) -> list[str]:
     """Return the signals of a run that patterns choose, such as ``ego.control.*_pid.output``.
 
+    Without patterns those of :data:`USUAL` that the run has.
+
     Raises:
         ConfigError: a pattern chooses nothing.
     """
     columns = [str(name) for name in run.signals]
+    if not patterns:
+        patterns = [pattern for pattern in USUAL if any(fnmatchcase(name, pattern) for name in columns)]
     if not patterns:
         raise ConfigError(f"run: name the signals to plot, such as '{next(iter(columns), 'ego.vx')}' or 'ego.v*'")
     chosen: dict[str, None] = {}

@@ -23,7 +23,7 @@ from mirdrake.controllers.behaviours.outline import volume_of
 from mirdrake.core.checks import checks_arguments
 from mirdrake.core.drake_errors import is_divergence
 from mirdrake.core.errors import ConfigError, DivergedError, RunError
-from mirdrake.core.yaml_io import shown, where
+from mirdrake.core.yaml_io import shown
 from mirdrake.plant.wheels import RoadFriction
 from mirdrake.runs.incidents import OF_ACTORS, Incident, Incidents
 from mirdrake.runs.live_view import LiveView
@@ -133,7 +133,7 @@ class Simulation:
         # `change` acts before the check of the inputs, because it may fix the value of an open port.
         if change is not None:
             change(context)
-        self._check_inputs(context)
+        self.assembly.check_inputs(context)
         writer = RunWriter(Path(folder), data, assembly.scene) if folder is not None else None
         # The Simulator is reused; a monitor of the last run would still act on the new Context.
         simulator.reset_context(context)
@@ -234,18 +234,6 @@ class Simulation:
             moved = math.hypot(x - asked.x, y - asked.y) > 1e-6
             starts[name] = Start(x, y, yaw, speed, None if moved else asked.track, None if moved else asked.s)
         return starts
-
-    def _check_inputs(self, context: Context) -> None:
-        """Reject a diagram with open inputs, such as a vehicle without a driver, unless `change` has set them."""
-        diagram, spec = self.assembly.diagram, self.assembly.spec
-        ports = [diagram.get_input_port(index) for index in range(diagram.num_input_ports())]
-        open_ports = [port.get_name() for port in ports if not port.HasValue(context)]
-        if open_ports:
-            location, name = where(spec, "control"), open_ports[0].split(".")[0]
-            raise ConfigError(
-                f"{location}: '{name}' has no driver (open inputs: {', '.join(open_ports)}); "
-                f"add control.{name}, for example {{kind: constant, speed: 5}}, or connect your own blocks to them"
-            )
 
     def _advance(
         self,

@@ -182,16 +182,7 @@ def read_diagram(spec: Schema, given: str | Json, overrides: Mapping[str, Any]) 
 def _assemble(diagram: DiagramSpec) -> Assembly:
     """Build the diagram; one with open inputs is rejected."""
     assembly = assemble(diagram)
-    context = assembly.make_context()
-    ports = [assembly.diagram.get_input_port(index) for index in range(assembly.diagram.num_input_ports())]
-    # A port with a fixed value or a connection needs no driver.
-    names = [port.get_name() for port in ports if not port.HasValue(context)]
-    if names:
-        location, name = where(diagram, "control"), names[0].split(".")[0]
-        raise ConfigError(
-            f"{location}: '{name}' has no driver (open inputs: {', '.join(names)}); "
-            f"add control.{name}, or connect your own blocks to them"
-        )
+    assembly.check_inputs(assembly.make_context())
     return assembly
 
 
