@@ -16,6 +16,7 @@ from mirdrake.runs.simulation import simulate
 from mirdrake.schemas import check_file
 from mirdrake.worlds import load_world
 from mirdrake.worlds.csv_tracks import read_csv_track
+from tests.timing import is_within
 
 FILES = ("spec.yaml", "summary.json", "signals.parquet", "events.jsonl")
 
@@ -89,7 +90,7 @@ def test_thousands_of_unknown_keys_are_reported_in_two_seconds() -> None:
             {"world": "test_track", "vehicles": {"ego": {"model": "bolt"}}}
             | {f"durations{i}": 1 for i in range(20_000)}
         )
-    assert time.process_time() - began < 2.0
+    assert is_within(time.process_time() - began, 2.0)
     assert "more faults; correct these first" in str(caught.value)
 
 

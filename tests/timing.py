@@ -19,6 +19,14 @@ def reference_seconds(
     return min(_one(job, clock) for _ in range(times))
 
 
+def is_within(taken: float, limit: float) -> bool:
+    """Return whether a job that has just taken this processor time keeps to a limit of the reference machine [s].
+
+    The machine is measured only if the job took longer than that.
+    """
+    return taken < limit or taken / max(1.0, _yardstick(time.process_time) / _REFERENCE) < limit
+
+
 def _one(job: Callable[[], object], clock: Callable[[], float]) -> float:
     before = _yardstick(clock)
     begun = clock()
