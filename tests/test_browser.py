@@ -1,7 +1,6 @@
 """recording.html and report.html, opened offline in a headless browser."""
 
 import io
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from PIL import Image
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from mirdrake.assembly.diagram import assemble
+from mirdrake.assembly.drawing import layout_command
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Simulation
 from mirdrake.viewer import FollowCamera
@@ -135,7 +135,7 @@ class TestBrowser:
         assert browser.execute_script("return document.querySelectorAll('svg').length") >= 3
         assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth + 1")
 
-    @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
+    @pytest.mark.skipif(layout_command() is None, reason="Graphviz is not installed")
     def test_the_drawn_diagram_is_legible(self, run: Run, browser: Any) -> None:
         browser.get((run.folder / "diagram.svg").as_uri())  # type: ignore[operator]
         assert severe(browser) == []

@@ -25,7 +25,7 @@ from mirdrake.runs.logs import Run
 from mirdrake.runs.plots import Animation
 from mirdrake.vehicles import Vehicle
 from mirdrake.viewer.meshcat import offline_meshcat
-from mirdrake.viewer.recording import draw_run
+from mirdrake.viewer.recording import recording_page
 from mirdrake.viewer.show import show_diagram, show_vehicle, show_world
 from mirdrake.worlds import World, load_world
 
@@ -72,9 +72,7 @@ class RunView(InlineView, Animation):
         Raises:
             RunError: the run has no scene or no samples.
         """
-        with offline_meshcat(world=run.scene().world) as meshcat:
-            draw_run(run, meshcat, frames_per_second=frames_per_second)
-            return cls(meshcat.StaticHtml(), height=height)
+        return cls(recording_page(run, frames_per_second=frames_per_second), height=height)
 
 
 def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 420, **options: Any) -> InlineView:

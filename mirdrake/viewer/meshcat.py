@@ -18,6 +18,9 @@ from mirdrake.worlds.scenery import set_sky
 WORLD_PATH, LIGHTS_PATH = "/drake", "/Lights"
 """Paths of the world and the lights in Meshcat's scene tree."""
 
+SHADOWS = 16.0
+"""Half the side of the square around the followed vehicle in which shadows are drawn [m]."""
+
 
 def make_meshcat(*, port: int | None = None, world: World | None = None) -> Meshcat:
     """Return a Meshcat with a page on localhost; its ``web_url()`` is the address of the page, with a token.
@@ -130,6 +133,27 @@ def place_camera(meshcat: Meshcat, *, x: float, y: float, yaw: float) -> None:
     target = [x + 1.3 * cos(yaw), y + 1.3 * sin(yaw), 0.6]
     eye = [target[0] + distance * cos(angle), target[1] + distance * sin(angle), 0.4 * distance]
     meshcat.SetCameraPose(eye, target)
+
+
+def cast_shadows(meshcat: Meshcat, world: World) -> None:
+    """Let the sun cast shadows within :data:`SHADOWS` of the point that the camera follows.
+
+    Args:
+        meshcat: shows the world.
+        world: has the intensity of the sun.
+    """
+    sun = f"{LIGHTS_PATH}/FillLight/<object>"
+    # More light of the sun and less of the sky, or the shadows would be pale.
+    meshcat.SetProperty(f"{LIGHTS_PATH}/AmbientLight/<object>", "intensity", 0.2)
+    meshcat.SetProperty(sun, "intensity", 2.6 * world.spec.lights.sun.intensity)
+    for side, sign in (("left", -1.0), ("right", 1.0), ("bottom", -1.0), ("top", 1.0)):
+        meshcat.SetProperty(sun, f"shadow.camera.{side}", sign * SHADOWS)
+    meshcat.SetProperty(sun, "shadow.mapSize.width", 2048.0)
+    meshcat.SetProperty(sun, "shadow.mapSize.height", 2048.0)
+    # Without a bias, surfaces cast stripes of shadow on themselves.
+    meshcat.SetProperty(sun, "shadow.bias", -5e-4)
+    meshcat.SetProperty(sun, "shadow.normalBias", 0.03)
+    meshcat.SetProperty(sun, "castShadow", True)
 
 
 def overlook(meshcat: Meshcat, world: World) -> None:

@@ -20,7 +20,8 @@ from mirdrake.plant.actors import add_actors
 from mirdrake.plant.plant import PlantSpec, make_plant
 from mirdrake.runs.logs import Run
 from mirdrake.vehicles import WHEELS
-from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, chase, offline_meshcat, place_camera
+from mirdrake.viewer.meshcat import LIGHTS_PATH, WORLD_PATH, cast_shadows, chase, offline_meshcat, place_camera
+from mirdrake.viewer.player import Motion, with_player
 from mirdrake.viewer.views import View, make_views, with_views
 
 Array = NDArray[np.float64]
@@ -30,6 +31,7 @@ CAMERA_SWING = 1.6
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 _ENDLESS = 10**6  # repetitions of a recording
+_GAUGE = 0.1  # [s] between the values of the play bar
 
 
 def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
@@ -45,16 +47,41 @@ def write_recording(run: Run, *, frames_per_second: float = 20.0) -> Path:
     if run.folder is None or run.signals.empty:
         raise RunError("recording: the run has no folder or no samples")
     path = run.folder / "recording.html"
+    write_file(path, recording_page(run, frames_per_second=frames_per_second))
+    return path
+
+
+def recording_page(run: Run, *, frames_per_second: float = 20.0) -> str:
+    """Return the page of a recording, with a play bar and buttons for views.
+
+    Args:
+        run: a run with pose and joint signals.
+        frames_per_second: frames per second of simulated time [Hz].
+
+    Raises:
+        RunError: the run has no scene.
+    """
     with offline_meshcat(world=run.scene().world) as meshcat:
         draw_run(run, meshcat, frames_per_second=frames_per_second)
         page = meshcat.StaticHtml()
-    write_file(path, with_views(page, views_of(run)))
-    return path
+    return with_player(with_views(page, views_of(run)), _motion(run, next(iter(run.scene().vehicles))))
 
 
 def views_of(run: Run) -> tuple[View, ...]:
     """Return the views of the vehicle of a run that the camera follows."""
     return make_views(next(iter(run.scene().vehicles.values())))
+
+
+def _motion(run: Run, name: str) -> Motion:
+    """Return speed and steering angle of a vehicle for the play bar."""
+    times = run.signals.index.to_numpy()
+    grid = np.arange(times[0], times[-1] + 1e-9, _GAUGE)
+    left, right = (run.signals[f"{name}.steering_angle.{side}"].to_numpy() for side in ("left", "right"))
+    steering = np.degrees(np.interp(grid, times, 0.5 * (left + right)))
+    speed = np.interp(grid, times, run.signals[f"{name}.vx"].to_numpy())
+    return Motion(
+        start=float(times[0]), period=_GAUGE, speed=speed.round(2).tolist(), steering=steering.round(2).tolist()
+    )
 
 
 def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> None:
@@ -92,6 +119,7 @@ def draw_run(run: Run, meshcat: Meshcat, *, frames_per_second: float = 20.0) -> 
     scene_context = parts.scene_graph.GetMyMutableContextFromRoot(context)
 
     place_camera(meshcat, x=0.0, y=0.0, yaw=0.0)
+    cast_shadows(meshcat, scene.world)
     # The camera follows the first vehicle.
     followed = readers[0].pose
     headings = smooth_headings(times, followed[:, 5])

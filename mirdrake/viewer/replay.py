@@ -17,11 +17,9 @@ from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_file
 from mirdrake.core.recording.pictures import Picture
 from mirdrake.runs.logs import Run, reads_run
-from mirdrake.viewer.meshcat import offline_meshcat
 from mirdrake.viewer.pages import add_to_body, data_address
-from mirdrake.viewer.recording import draw_run, views_of
+from mirdrake.viewer.recording import recording_page
 from mirdrake.viewer.server import Answer, PageServer
-from mirdrake.viewer.views import with_views
 
 WIDTH = 400
 """Width of pictures in a page that opens offline [pixel]."""
@@ -34,8 +32,8 @@ MOST = 2400
 
 _PANEL = """
 <style>
-  #cameras { position: fixed; left: 12px; bottom: 12px; width: 32vw; max-height: 94vh; overflow: hidden; z-index: 2;
-    font: 13px/1.4 system-ui, sans-serif; color: #fff; text-shadow: 0 0 3px #000; }
+  #cameras { position: fixed; left: 12px; bottom: 64px; width: 32vw; max-height: calc(100vh - 84px); overflow: hidden;
+    z-index: 2; font: 13px/1.4 system-ui, sans-serif; color: #fff; text-shadow: 0 0 3px #000; }
   #cameras figure { margin: 8px 0 0 0; background: rgba(20, 24, 30, .82); border-radius: 6px; overflow: hidden; }
   #cameras img { display: block; width: 100%; }
   #cameras figcaption { padding: 3px 8px; font-variant-numeric: tabular-nums; }
@@ -72,9 +70,9 @@ _PANEL = """
       camera.shown = index;
       camera.image.src = camera.sources[index];
       const degrees = camera.steering[index] * 180 / Math.PI;
-      const angle = degrees.toFixed(1).replace("-0.0", "0.0");
+      const side = Math.abs(degrees) < 0.05 ? "" : degrees > 0 ? " left" : " right";
       camera.caption.textContent = `${camera.name} · ${camera.times[index].toFixed(2)} s · ` +
-        `${camera.speed[index].toFixed(2)} m/s · ${angle}°`;
+        `${camera.speed[index].toFixed(2)} m/s · ${Math.abs(degrees).toFixed(1)}°${side}`;
     }
     requestAnimationFrame(follow);
   }
@@ -172,9 +170,7 @@ def _page(run: Run, pictures: Mapping[str, Sequence[Picture]], source: Callable[
     """Return the Meshcat recording of a run with the panel of its cameras."""
     if run.signals.empty:
         raise RunError(f"{run.folder}: has no samples to replay")
-    with offline_meshcat(world=run.scene().world) as meshcat:
-        draw_run(run, meshcat)
-        recording = meshcat.StaticHtml()
+    page = recording_page(run)
     start = float(run.signals.index[0])
     cameras = [
         {
@@ -187,7 +183,6 @@ def _page(run: Run, pictures: Mapping[str, Sequence[Picture]], source: Callable[
         for name, taken in pictures.items()
         if taken
     ]
-    page = with_views(recording, views_of(run))
     if not cameras:
         return page
     # "</script>" in a name would end the script element.

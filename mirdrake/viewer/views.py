@@ -42,12 +42,13 @@ _PANEL = """
     return button;
   });
   function look(number) {
-    const [x, y, z] = views[number].eye;
+    // Meshcat's scene has its y axis upwards.
+    const [eye, target] = [views[number].eye, views[number].target].map(([x, y, z]) => [x, z, -y]);
     viewer.handle_command({ type: "set_transform", path: "/Cameras/default",
       matrix: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] });
-    viewer.handle_command({ type: "set_target", value: views[number].target });
+    viewer.handle_command({ type: "set_target", value: target });
     viewer.handle_command({ type: "set_property", path: "/Cameras/default/rotated/<object>", property: "position",
-      value: [x, z, -y] });
+      value: eye });
     viewer.set_dirty();
     buttons.forEach((button, index) => button.classList.toggle("on", index === number));
     document.body.dataset.view = views[number].name;
@@ -88,7 +89,8 @@ def make_views(vehicle: Vehicle) -> tuple[View, ...]:
     size = vehicle.geometry.wheelbase / CAR
     return (
         View(FOLLOW, _scaled(size, -6.6, 0.0, 3.1), _scaled(size, 3.4, 0.0, 0.7), lag=0.35),
-        View(COCKPIT, _scaled(size, 2.15, 0.0, 1.34), _scaled(size, 6.5, 0.0, 1.12), lag=0.0),
+        # Above the windscreen: the bodies have no interior, and the bonnet shows where the vehicle heads.
+        View(COCKPIT, _scaled(size, 2.3, 0.0, 1.5), _scaled(size, 10.0, 0.0, 0.9), lag=0.0),
         View(MAP, _scaled(size, 5.98, 0.0, 34.0), _scaled(size, 6.0, 0.0, 0.0), lag=0.6),
     )
 

@@ -103,12 +103,13 @@
   function look(number) {
     if (!views[number]) return;
     shown = number;
-    const [x, y, z] = views[number].eye;
+    // Meshcat's scene has its y axis upwards.
+    const [eye, target] = [views[number].eye, views[number].target].map(([x, y, z]) => [x, z, -y]);
     viewer.handle_command({ type: "set_transform", path: "/Cameras/default",
       matrix: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] });
-    viewer.handle_command({ type: "set_target", value: views[number].target });
+    viewer.handle_command({ type: "set_target", value: target });
     viewer.handle_command({ type: "set_property", path: "/Cameras/default/rotated/<object>", property: "position",
-      value: [x, z, -y] });
+      value: eye });
     viewer.set_dirty();
     viewButtons.forEach((button, index) => button.classList.toggle("on", index === number));
   }
