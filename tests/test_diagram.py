@@ -1,6 +1,7 @@
 """Diagrams: a file and its Python equivalent, named ports, user blocks, two vehicles, the drawing."""
 
 import math
+import re
 import shutil
 from pathlib import Path
 from textwrap import dedent
@@ -15,7 +16,7 @@ from pydrake.systems.primitives import ConstantVectorSource, PassThrough
 import mirdrake as mir
 from mirdrake.assembly.diagram import assemble, make_spec
 from mirdrake.assembly.diagram_spec import without_user_systems
-from mirdrake.assembly.drawing import draw_svg, write_dot
+from mirdrake.assembly.drawing import draw_svg, layout_command, run_dot, write_dot
 from mirdrake.assembly.wiring import Wiring
 from mirdrake.cli import main as mir_main
 from mirdrake.controllers.platoon import CaccSpec
@@ -378,7 +379,7 @@ def test_the_drawing_shows_inputs_that_are_left_to_the_user() -> None:
     assert '"in/ego.speed_reference" -> "ego.join"' in write_dot(assemble(drive(control={})))
 
 
-@pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
+@pytest.mark.skipif(layout_command() is None, reason="Graphviz is not installed")
 def test_the_drawing_is_an_svg_picture_with_every_block() -> None:
     svg = draw_svg(assemble("bolt_test_track"))
     assert svg.startswith("<svg")
@@ -386,9 +387,17 @@ def test_the_drawing_is_an_svg_picture_with_every_block() -> None:
         assert word in svg
 
 
-def test_without_graphviz_the_drawing_names_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_dot_the_package_pygraphviz_draws(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip("pygraphviz")
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(MissingDependencyError, match="apt install graphviz"):
+    svg = run_dot('digraph { "driver" -> "plant" [label="command"]; }', purpose="a test")
+    assert svg.startswith("<svg")
+    assert {"driver", "plant", "command"} <= set(re.findall(r">(\w+)</text>", svg))
+
+
+def test_without_graphviz_the_drawing_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mirdrake.assembly.drawing.layout_command", lambda: None)
+    with pytest.raises(MissingDependencyError, match="pip install pygraphviz"):
         draw_svg(assemble(drive()))
 
 

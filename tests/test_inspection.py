@@ -12,6 +12,7 @@ import pytest
 import trimesh
 from pydrake.geometry import Capsule
 
+from mirdrake.assembly.drawing import layout_command
 from mirdrake.cli import main
 from mirdrake.core.paths import data_root
 from mirdrake.report import surfaces
@@ -181,7 +182,7 @@ def test_findings_are_sentences(copy, file, old, new, words):
 
 
 def test_the_picture_names_every_link_and_every_moving_joint(bolt):
-    if shutil.which("dot") is None:
+    if layout_command() is None:
         pytest.skip("Graphviz is not installed")
     svg = draw_links(bolt)
     texts = {element.text for element in ElementTree.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")}
@@ -264,10 +265,10 @@ def test_the_drawings_are_whole_svg_with_a_picture_in_the_first_two(page):
 
 
 def test_a_page_without_graphviz_and_without_shapes_names_what_to_install(bolt, tmp_path, monkeypatch):
-    monkeypatch.setattr(shutil, "which", lambda _: None)
+    monkeypatch.setattr("mirdrake.assembly.drawing.layout_command", lambda: None)
     monkeypatch.setattr("mirdrake.report.inspection.collect_surfaces", lambda *_, **__: [])
     write_inspection(bolt, tmp_path / "bolt.html", vehicle=load_vehicle("bolt"), portrait=False)
-    assert "apt install graphviz" in (tmp_path / "bolt.html").read_text(encoding="utf-8")
+    assert "pip install pygraphviz" in (tmp_path / "bolt.html").read_text(encoding="utf-8")
 
 
 def test_the_command_rejects_unsupported_requests(capsys, tmp_path):

@@ -1,14 +1,16 @@
 """Block diagrams as pictures: blocks and their connections.
 
 Signals run from left to right, driver to control to plant, and back from the plant to whoever measures it; the blocks
-of a vehicle stand in a frame with its name. Needs Graphviz' ``dot``, which is not a Python package; without it there is
-the text in its language.
+of a vehicle are in a frame with its name. Graphviz' ``dot`` lays them out or, without it, the Graphviz of the package
+pygraphviz; without both there is the text in its language.
 """
 
 import html
+import importlib.util
 import re
 import shutil
 import subprocess
+import sys
 from collections import defaultdict
 from collections.abc import Collection, Mapping
 
@@ -25,6 +27,11 @@ _SERVANTS = {"scene_graph", "rolling_resistance", "meshcat_visualizer"}  # drawn
 
 _ELEMENTS = {name: name.split("_")[0] for name in (*SPLIT[:2], *JOIN[:2])} | {SPLIT[2]: "stamp", JOIN[2]: "stamp"}
 _NUMBERED = re.compile(r"[uy][0-9]*")  # a numbered port without a name of its own
+
+_PYGRAPHVIZ = """
+import sys, pygraphviz
+sys.stdout.buffer.write(pygraphviz.AGraph(string=sys.stdin.read()).draw(prog="dot", format="svg"))
+"""
 
 _HEAD = """\
 digraph {
@@ -132,15 +139,24 @@ def run_dot(text: str, *, purpose: str) -> str:
     Raises:
         MissingDependencyError: Graphviz is not installed; `purpose` is what it is needed for.
     """
-    dot = shutil.which("dot")
-    if dot is None:
+    command = layout_command()
+    if command is None:
         raise MissingDependencyError(
-            f"{purpose} needs Graphviz: install your system's package 'graphviz' (Debian: apt install graphviz)"
+            f"{purpose} needs Graphviz: pip install pygraphviz, or your system's package (Debian: apt install graphviz)"
         )
-    done = subprocess.run([dot, "-Tsvg"], input=text, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise MissingDependencyError(f"Graphviz' dot failed: {done.stderr.strip().splitlines()[0]}")
+    done = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
+    if done.returncode != 0 or "<svg" not in done.stdout:
+        reason = (done.stderr.strip().splitlines() or ["no output"])[-1]
+        raise MissingDependencyError(f"Graphviz failed: {reason}")
     return done.stdout[done.stdout.index("<svg") :]
+
+
+def layout_command() -> list[str] | None:
+    """Return the command that reads DOT and writes SVG; None without Graphviz."""
+    if (dot := shutil.which("dot")) is not None:
+        return [dot, "-Tsvg"]
+    # In a process of its own: its libraries and Drake's never meet, and its warnings about fonts stay there.
+    return [sys.executable, "-c", _PYGRAPHVIZ] if importlib.util.find_spec("pygraphviz") else None
 
 
 def _vehicle_of(name: str, assembly: Assembly) -> str | None:

@@ -11,7 +11,7 @@ MORE = """\
 examples:
   mirdrake inspect bolt
   mirdrake inspect bolt --out bolt.html      a report with drawings to scale; opens offline
-  mirdrake inspect bolt --out links.svg      links and joints as a picture (needs Graphviz)
+  mirdrake inspect bolt --out links.svg      links and joints as a picture
   mirdrake inspect bolt --json               the same figures as data"""
 
 
