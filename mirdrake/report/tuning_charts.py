@@ -114,7 +114,7 @@ def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, floa
         # A contour exists only if the limit lies within the values.
         if np.isfinite(ms).sum() > 3 and np.nanmin(ms) < max_ms < np.nanmax(ms):
             # Unstable points get a large Ms, so that the contour ends at the limit of stability.
-            axes.contour(x, y, np.where(np.isfinite(ms), ms, 10.0 * max_ms), [max_ms], colors=[THEME["paper"]],
+            axes.contour(x, y, np.where(np.isfinite(ms), ms, 10.0 * max_ms), [max_ms], colors=["#17202a"],
                          linewidths=2.0, linestyles="dashed")  # fmt: skip
     axes.set_xlim(edges[0][0], edges[0][-1])
     axes.set_ylim(edges[1][0], edges[1][-1])
@@ -127,13 +127,16 @@ def draw_map(table: pd.DataFrame, marks: Sequence[tuple[Shown, Mapping[str, floa
         if edges[0][0] <= point[0] <= edges[0][-1] and edges[1][0] <= point[1] <= edges[1][-1]:
             axes.plot(*point, marker="o", markersize=9.0, markerfacecolor=THEME["paper"], markeredgewidth=2.6,
                       markeredgecolor=THEME[entry.colour], linestyle="none")  # fmt: skip
+            # Below its dot, so that two labels do not overlap, unless the axis is there.
+            height = axes.transAxes.inverted().transform(axes.transData.transform(point))[1]
             axes.annotate(
                 entry.role,
                 point,
-                xytext=(9, 6 if entry.colour == "main" else -15),
+                xytext=(10, 6 if entry.colour == "main" or height < 0.1 else -15),
                 textcoords="offset points",
                 color=THEME["ink"],
                 fontsize=12.0,
+                bbox={"boxstyle": "round,pad=0.15", "facecolor": THEME["paper"], "edgecolor": "none", "alpha": 0.85},
             )
     return embed(figure, "map", f"Cost over {x_name} and {y_name}, with the limit of stability")
 

@@ -18,6 +18,8 @@ _NO_ERROR = 1e-3  # [m]: below this a lateral error is not worth a close look
 _SIDES = ("left", "right")
 _WIDTHS = {"left": 2.1, "right": 1.3}  # [px]: both are visible where they coincide
 
+_LEAST_ANGLE = 0.1  # [°] a panel of steering angles shows at least this range
+
 
 @dataclass(frozen=True)
 class Chart:
@@ -161,7 +163,9 @@ def _plan_steering(signals: VehicleSignals) -> Plan | None:
     furthest = max(float(np.nanmax(np.abs(curve.values))) for curve in curves)
     caption = f"Positive is to the left; the largest is {format_quantity(furthest, '°')}. "
     caption += "The command is the angle of a single wheel at the middle of the front axle."
-    return "steering", "Steering", [Panel("Steering angle", "°", curves, zero=True)], caption
+    # Numerical noise of a straight drive does not fill the panel.
+    limits = (-_LEAST_ANGLE, _LEAST_ANGLE) if furthest < _LEAST_ANGLE else None
+    return "steering", "Steering", [Panel("Steering angle", "°", curves, limits=limits, zero=True)], caption
 
 
 def _plan_lateral_error(
