@@ -9,7 +9,8 @@ PYTHON ?= $(firstword $(foreach name,$(CANDIDATES),$(shell $(name) -c '$(SUITABL
 VENV := .venv
 RUN := $(VENV)/bin
 WORKERS ?= 2
-INSTALL = $(RUN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
+# pip shows what it downloads: the first installation takes minutes.
+INSTALL = $(RUN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable
 # One thread per process: the tests already use every core, and linear algebra here is small.
 # A process that dies fails the run at once: with a new one in its place pytest-xdist can wait for ever.
 PYTEST = OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --max-worker-restart 0

@@ -184,7 +184,7 @@ def test_a_run_is_plotted_compared_and_described():
     assert [line.get_label() for line in both.axes[0].lines] == ["ego.vx, first", "ego.vx, second"]
     usual = run.compare(run)
     assert [line.get_label() for line in usual.axes[0].lines] == ["ego.vx, this", "ego.vx, other"]
-    assert "stopped by duration after 0.20 s" in repr(run)
+    assert "0.20 s; ran for its whole duration" in repr(run)
     with pytest.raises(mir.MirdrakeError, match=r"no signal matches 'ego.vxx'; did you mean 'ego.vx'"):
         run.plot("ego.vxx")
 

@@ -1,10 +1,11 @@
 """Progress: a bar in a terminal, a line every ten seconds elsewhere."""
 
 import io
+import threading
 
 import pytest
 
-from mirdrake.core.progress import Progress
+from mirdrake.core.progress import Progress, still_working
 
 
 class Terminal(io.StringIO):
@@ -62,3 +63,20 @@ def test_work_of_unknown_length_shows_its_text() -> None:
         bar.update(title="2/5 fit", text="stage tyres")
     assert "fit, checking the data" in stream.getvalue()
     assert "2/5 fit, stage tyres" in stream.getvalue()
+
+
+def test_work_without_a_measure_prints_its_time_where_output_is_redirected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mirdrake.core.progress.LINE_INTERVAL", 0.01)
+    printed = threading.Event()
+
+    class Stream(io.StringIO):
+        def write(self, text: str) -> int:
+            printed.set()
+            return super().write(text)
+
+    stream = Stream()
+    with still_working("export", stream=stream):
+        assert printed.wait(5.0)
+    assert stream.getvalue().startswith("export: 0 s\n")
+    with still_working("export", stream=Terminal()):
+        assert not any(thread.name == "still working" for thread in threading.enumerate())

@@ -8,10 +8,12 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 
 from mirdrake.cli.verbs import Verb, VerbParser, add_verbs
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.paths import installed_version
+from mirdrake.core.progress import still_working
 
 _WORLD = """\
 examples:
@@ -48,7 +50,7 @@ VERBS = {
     "validate": Verb("compare a vehicle with published figures of the real one", "validate"),
     "view": Verb("show a vehicle, a world, a diagram or a run in Meshcat", "view"),
     "check": Verb("check files of mirdrake without running them: every fault with file and line", "check"),
-    "draw": Verb("draw a diagram's blocks and connections as SVG (needs Graphviz)", "draw"),
+    "draw": Verb("draw a diagram's blocks and connections as SVG", "draw"),
     "ports": Verb("list the ports of a diagram with their elements and units", "ports"),
     "replay": Verb("replay a run in Meshcat with the pictures of its cameras", "replay"),
     "export": Verb("write a run as MCAP (Foxglove), CSV or video", "export"),
@@ -101,6 +103,9 @@ VERBS = {
 }
 """All verbs, in the order of ``mirdrake --help``."""
 
+_STEADY = {"export", "importing", "world_import", "world_build", "check"}
+"""Modules of verbs that may take long without a number for how far they are."""
+
 _TEXT = """\
 Model, simulate, identify and tune car-like vehicles with Drake.
 
@@ -141,7 +146,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)  # it announces its cache at the first use
     try:
         options = _parser().parse_args(arguments)
-        code: int = options.execute(options)
+        # These verbs have no progress of their own where output is redirected.
+        name = options.execute.__module__.rpartition(".")[2]
+        with still_working(name.replace("_", " ")) if name in _STEADY else nullcontext():
+            code: int = options.execute(options)
         sys.stdout.flush()  # here, where a closed pipe is handled
     except MirdrakeError as error:
         for line in str(error).splitlines():

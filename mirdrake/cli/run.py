@@ -28,17 +28,6 @@ examples:
   mirdrake run bolt_test_track --commands log.csv       drive from recorded commands, until they end:
       a table with the header  time [s],speed [km/h],steering [deg]  , a driving_log.txt, or a run folder"""
 
-_STOP_REASONS = {
-    "duration": "ran for its whole duration",
-    "interrupted": "interrupted; what was done is kept",
-    "laps": "all laps driven",
-}
-_FIGURES = (
-    ("laps", "laps {:.3f}"),
-    ("max_abs_lateral_error_m", "largest lateral error {:.3f} m"),
-    ("mean_speed_error_percent", "mean speed error on straights {:.3f} %"),
-    ("off_road_s", "off the road for {:.2f} s"),
-)
 _MOST_CHANGES = 5
 
 
@@ -176,20 +165,21 @@ def _use_recorded_commands(spec: "DiagramSpec", texts: Sequence[str]) -> float:
 
 
 def _print_summary(run: "Run") -> None:
+    from mirdrake.runs.texts import describe_figures, describe_stop
+
     summary = run.summary
     factor = summary["real_time_factor"] or 0.0
     print(f"{summary['diagram']}: {summary['simulated_s']:g} s in {summary['wall_s']:g} s ({factor:g} x real time)")
     for event in run.events:
         if event["kind"] == "view":
             print(f"  {event['text']}")
-    print(f"  {_STOP_REASONS.get(run.stop.reason, str(run.stop))}")
+    print(f"  {describe_stop(summary)}")
     for name, figures in summary["vehicles"].items():
         print(f"  {name}: {figures['model']}, {figures['distance_m'] or 0.0:.1f} m driven")
         for hit in figures.get("collisions", ()):
             print(f"    collision with '{hit['with']}' at t = {hit['time']:.2f} s, {hit['speed_mps']:.1f} m/s")
-        for key, text in _FIGURES:
-            if figures[key] is not None:
-                print(f"    {text.format(figures[key])}")
+        for text in describe_figures(figures):
+            print(f"    {text}")
     if run.folder is not None:
         files = (("report.html", "report"), ("recording.html", "recording, opens offline"))
         print_files(run.folder, files, indent="  ")

@@ -35,11 +35,12 @@ def run(options: argparse.Namespace) -> int:
     """Write the page, or show it until it is closed or Ctrl-C is pressed."""
     from mirdrake.assembly.diagram_spec import load_diagram
     from mirdrake.assembly.scene import make_scene
+    from mirdrake.core.files import write_file
     from mirdrake.runs.logs import load_run, reads_run
     from mirdrake.vehicles import load_vehicle
     from mirdrake.viewer import make_meshcat, show_diagram, show_vehicle, show_world
     from mirdrake.viewer.meshcat import make_offline_meshcat, meshcat_faults
-    from mirdrake.viewer.recording import draw_run, views_of
+    from mirdrake.viewer.recording import draw_run, recording_page, views_of
     from mirdrake.viewer.show import write_page
     from mirdrake.viewer.views import ViewButtons, make_views
     from mirdrake.worlds import load_world
@@ -60,6 +61,10 @@ def run(options: argparse.Namespace) -> int:
     if kind == "runs":
         run = load_run(options.name)
         print_changes(run.scene())
+        if options.out is not None:
+            write_file(options.out, reads_run(recording_page)(run))
+            print(shown(options.out))
+            return 0
         meshcat = make(world=run.scene().world)
         reads_run(draw_run)(run, meshcat)
         views = reads_run(views_of)(run)

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import astuple, is_dataclass
 from functools import cache
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -95,6 +96,7 @@ def _compiled(
 ) -> Callable[..., Any]:
     from numba import njit
 
+    _listen()
     everything = [function, *laws, *parts, *COMPILED_FORMS]
     # Helper functions must be known to Numba before the first call is compiled.
     for part in everything:
@@ -145,6 +147,30 @@ def _versioned_cache(function: Callable[..., Any], version: int) -> Any:
             return *super()._index_key(*arguments), version
 
     return VersionedCache(function)
+
+
+@cache
+def _listen() -> None:
+    """Announce the first compilation of this process, which is silent for seconds, in a terminal."""
+    from numba.core import event
+
+    class Announcer(event.Listener):  # type: ignore[misc]
+        """Prints one line before the first compilation."""
+
+        def __init__(self) -> None:
+            self.silent = parent_process() is not None or not sys.stderr.isatty()
+
+        def on_start(self, _: Any) -> None:
+            if not self.silent:
+                self.silent = True
+                # At the start of the line, over a progress bar that may be there.
+                sys.stderr.write("\rcompiling the equations of plant, tyres and traffic: once, for up to a minute\n")
+                sys.stderr.flush()
+
+        def on_end(self, _: Any) -> None:
+            pass
+
+    event.register("numba:compile", Announcer())
 
 
 @cache

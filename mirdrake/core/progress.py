@@ -1,7 +1,10 @@
 """Progress of long work on standard error: a bar in a terminal, a line every ten seconds elsewhere."""
 
 import sys
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self, TextIO
 
@@ -10,6 +13,32 @@ LINE_INTERVAL = 10.0
 
 _BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f}/{total:.0f} {unit}, {remaining} left{postfix}"
 _TEXT = "{desc}{postfix}"
+
+
+@contextmanager
+def still_working(title: str, *, stream: TextIO | None = None) -> Iterator[None]:
+    """Print a line every :data:`LINE_INTERVAL` during work that cannot state how far it is, where output is redirected.
+
+    Args:
+        title: what is being done.
+        stream: where to print; standard error by default.
+    """
+    stream, over, begin = stream or sys.stderr, threading.Event(), time.monotonic()
+
+    def print_lines() -> None:
+        while not over.wait(LINE_INTERVAL):
+            print(f"{title}: {time.monotonic() - begin:.0f} s", file=stream, flush=True)
+
+    if stream.isatty():
+        yield
+        return
+    thread = threading.Thread(target=print_lines, name="still working", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 class Progress:

@@ -25,6 +25,7 @@ from mirdrake.report.svg import embed_graph
 from mirdrake.report.vehicle_charts import Chart, VehicleSignals, distance, make_charts
 from mirdrake.report.words import format_duration, format_quantity, format_time, title_case
 from mirdrake.runs.logs import Run
+from mirdrake.runs.texts import describe_stop
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import Track
 
@@ -106,7 +107,7 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
         notices=[*_incomplete(summary, len(signals)), *scene_notes],
         folder=folder,
         sentences=sentences,
-        stop_reason=": ".join(str(text) for key in ("stop_reason", "stop_detail") if (text := summary.get(key))),
+        stop_reason=describe_stop(summary),
         vehicles=vehicles,
         drive=drive,
         inner=inner,
@@ -314,7 +315,7 @@ def _diagram(folder: Path | None, text: str | None) -> tuple[Markup | None, str]
     if text is None and folder and (path := folder / "diagram.svg").is_file():
         text = path.read_text(encoding="utf-8", errors="replace")
     if not text and folder and (folder / "diagram.dot").is_file():
-        install = "install it (Debian: apt install graphviz) and run again, or draw diagram.dot elsewhere"
+        install = "install it (pip install pygraphviz) and run again, or draw diagram.dot elsewhere"
         return None, f"The block diagram was not drawn because Graphviz is missing; {install}."
     if not text:
         return None, ""

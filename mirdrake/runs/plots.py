@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.runs.texts import describe_figures, describe_stop
 
 if TYPE_CHECKING:
     from mirdrake.runs.logs import Run
@@ -146,13 +147,12 @@ def describe(run: "Run") -> str:
     vehicles = run.spec.get("vehicles", {})
     models = ", ".join(f"{name} ({entry['model'].rpartition('/')[2]})" for name, entry in vehicles.items())
     lines = [f"Run of '{run.spec.get('name', 'diagram')}': {models}"]
-    lines.append(f"  stopped by {summary.get('stop_reason')} after {summary.get('simulated_s', 0.0):.2f} s")
+    lines.append(f"  {summary.get('simulated_s', 0.0):.2f} s; {describe_stop(summary)}")
     if "real_time_factor" in summary:
         lines.append(f"  real-time factor {summary['real_time_factor']:.2f}")
     for name in vehicles:
         figures = summary.get("vehicles", {}).get(name, {})
-        numbers = [f"{key} {value:.4g}" for key, value in figures.items() if isinstance(value, float)]
-        lines.append(f"  {name}: {', '.join(numbers[:4])}" if numbers else f"  {name}")
+        lines.append(f"  {name}: {', '.join(describe_figures(figures))}".removesuffix(": "))
     lines.append(f"  {len(run.signals.columns)} signals, {len(run.signals)} samples; {len(run.events)} events")
     lines.append(f"  folder: {run.folder or 'none, in memory'}")
     return "\n".join(lines)
