@@ -1,6 +1,7 @@
 """The wheel contains the models and worlds, is small, and works outside the checkout."""
 
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -11,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -95,3 +97,15 @@ def test_the_installed_package_loads_its_own_vehicle_and_world(installed: Path, 
     lines = _run(installed / "python", "-W", "error", "-c", code, cwd=tmp_path).splitlines()
     assert len(lines) == 3
     assert all(Path(line).is_relative_to(installed.parent) for line in lines)
+
+
+def test_the_conda_recipe_has_the_version_and_the_dependencies_of_the_project() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    recipe = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text())
+    assert recipe["context"]["version"] == project["version"]
+    assert f"python {project['requires-python']}" in recipe["requirements"]["run"]
+    # Names of conda-forge that differ from those of PyPI.
+    renamed = {"matplotlib-base": "matplotlib", "msgpack-python": "msgpack", "graphviz": "pygraphviz"}
+    wanted = {re.split("[<>=;]", text)[0].strip() for text in project["dependencies"]}
+    given = {text.split()[0] for text in recipe["requirements"]["run"]} - {"python"}
+    assert {renamed.get(name, name) for name in given} == wanted
