@@ -2,6 +2,7 @@
 
 import importlib
 import re
+from importlib.util import find_spec
 
 from docutils import nodes
 from latex2mathml.converter import convert
@@ -31,6 +32,9 @@ nb_execution_cache_path = str(ROOT / "build" / "notebook_outputs")
 nb_execution_timeout = 900
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+# Notebooks of packages that the extra [docs] does not install are shown without outputs where these are missing.
+NEEDS = {"tutorials/12_*": "torch", "tutorials/13_*": "stable_baselines3"}
+nb_execution_excludepatterns = [pattern for pattern, package in NEEDS.items() if find_spec(package) is None]
 
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
