@@ -71,6 +71,8 @@ def frames(run: Run, browser: Any) -> Callable[[float], Picture]:
     from selenium.webdriver.support.ui import WebDriverWait
 
     WebDriverWait(browser, 60).until(lambda driver: driver.execute_script(ready))
+    # Its white and its blue are not those of the scene.
+    browser.execute_script("document.getElementById('player').style.display = 'none'")
     taken: dict[float, Picture] = {}
 
     def frame(time: float) -> Picture:
@@ -125,6 +127,22 @@ class TestBrowser:
         from selenium.webdriver.support.ui import WebDriverWait
 
         WebDriverWait(browser, 60).until(lambda driver: driver.execute_script("return viewer.animator.time") > 1.0)
+
+    def test_the_play_bar_pauses_seeks_and_states_time_and_speed(self, run: Run, browser: Any) -> None:
+        browser.get((run.folder / "recording.html").as_uri())  # type: ignore[operator]
+        from selenium.webdriver.support.ui import WebDriverWait
+
+        wait = WebDriverWait(browser, 60)
+        wait.until(lambda driver: driver.execute_script("return viewer.animator.playing"))
+        browser.execute_script("document.querySelector('#player button').click()")
+        assert not browser.execute_script("return viewer.animator.playing")
+        browser.execute_script(
+            "const line = document.querySelector('#player input'); line.value = 4; line.dispatchEvent(new Event('input'));"
+        )
+        texts = "return [...document.querySelectorAll('#player span')].map(one => one.textContent)"
+        wait.until(lambda driver: driver.execute_script(texts)[0].startswith("4.0 / "))
+        speed = float(np.interp(4.0, run.signals.index, run["ego.vx"]))
+        assert browser.execute_script(texts)[1].startswith(f"{speed:.1f} m/s")
 
     def test_the_report_opens_offline_and_is_not_blank(self, run: Run, browser: Any) -> None:
         browser.get((run.folder / "report.html").as_uri())  # type: ignore[operator]

@@ -154,7 +154,7 @@ def _listen() -> None:
     """Announce the first compilation of this process, which is silent for seconds, in a terminal."""
     from numba.core import event
 
-    class Announcer(event.Listener):  # type: ignore[misc]
+    class Announcer(event.Listener):
         """Prints one line before the first compilation."""
 
         def __init__(self) -> None:
