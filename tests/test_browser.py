@@ -137,7 +137,8 @@ class TestBrowser:
         browser.execute_script("document.querySelector('#player button').click()")
         assert not browser.execute_script("return viewer.animator.playing")
         browser.execute_script(
-            "const line = document.querySelector('#player input'); line.value = 4; line.dispatchEvent(new Event('input'));"
+            "const line = document.querySelector('#player input'); line.value = 4;"
+            " line.dispatchEvent(new Event('input'));"
         )
         texts = "return [...document.querySelectorAll('#player span')].map(one => one.textContent)"
         wait.until(lambda driver: driver.execute_script(texts)[0].startswith("4.0 / "))
