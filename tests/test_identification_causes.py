@@ -12,11 +12,13 @@ from mirdrake.identification import DataSet, Log
 from mirdrake.identification.check import check_data
 from mirdrake.identification.estimators.consistency import Part, variation
 from mirdrake.identification.estimators.structure import predicts_better
+from mirdrake.identification.fit import ChannelFit
 from mirdrake.identification.identifiability import Uncertainty, combinations, judge
 from mirdrake.identification.identify import identify
 from mirdrake.identification.models import ModelSpec, make_model
 from mirdrake.identification.parameters import Setting, resolve_parameters
 from mirdrake.identification.study import load_identification
+from mirdrake.report.identification import worst_fit
 
 CAR = Vehicle("linear", 1500.0, 1.2, 1.5, 2400.0, 9e4, 1.1e5)
 
@@ -141,3 +143,11 @@ def test_the_understeer_gradient_is_listed_where_both_stiffnesses_are_identified
     parts = np.array([1.5 / 9e4, -1.2 / 1.4e5]) * 1500.0 / 2.7
     assert gradient.value == pytest.approx(parts.sum(), rel=1e-6)
     assert gradient.sigma == pytest.approx(0.01 * np.hypot(*parts), rel=1e-3)
+
+
+def test_a_noisy_accelerometer_is_not_the_headline_of_a_report():
+    """It misses 2 points of what its noise allows, the yaw rate 11."""
+    noisy = ChannelFit("log", "train", "lateral_acceleration", "m/s^2", 29.0, 31.0, 1.0)
+    missed = ChannelFit("log", "train", "yaw_rate", "rad/s", 88.0, 99.0, 0.01)
+    assert worst_fit([noisy, missed]) is missed
+    assert worst_fit([missed, noisy]) is missed

@@ -204,3 +204,14 @@ def test_a_banked_road_explains_its_part_of_the_lateral_acceleration():
     (finding,) = checked(changed(banked, bank=bank)).of(*relation)
     assert (finding.value, finding.severity) == (pytest.approx(1.0, abs=0.02), "info")
     assert not checked(banked).of(*relation)  # without the bank, both sides are hardly correlated
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite"])
+def test_a_bag_of_ros_is_proposed(tmp_path, capsys, kind):
+    """Gaps of a slower topic are no reason against it."""
+    bags = pytest.importorskip("tests.test_identification_data_bags")
+    log, text = proposed(tmp_path, bags.write_ros(tmp_path, kind), capsys)
+    assert log.channels["yaw_rate"] == pytest.approx(bags.rates(log.time))
+    known = np.isfinite(log.channels["vx"])
+    assert log.channels["vx"][known] == pytest.approx(2.0 + log.time[known])
+    assert "gear: {column: /gear:data}" in text.replace('"', "")

@@ -46,8 +46,8 @@ def proposal_text(proposal: DataProposal) -> str:
 
 def _entry(item: Proposal) -> str:
     sign = ", sign: -1" if item.sign < 0 else ""
-    # A unit that the file states must not be stated twice in another spelling.
-    unit = "" if item.unit_in_file else f", unit: {_scalar(item.unit)}"
+    # A unit that the file states must not be stated twice in another spelling; a pure number needs none.
+    unit = "" if item.unit_in_file or item.unit in {"-", "1"} else f", unit: {_scalar(item.unit)}"
     key = item.channel if "@" not in item.channel else _scalar(item.channel)
     return f"{key}: {{column: {_scalar(item.column)}{unit}{sign}}}"
 

@@ -216,7 +216,7 @@ def _proposals_by_name(table: Table, numbers: Mapping[str, Array], time: str | N
             number = 2 + sum(key.startswith(f"{name}@") for key in proposals)
             name = f"{name}@{number}"
         proposals[name] = Proposal(
-            name, column, unit or _UNITS[si][0], 1, tuple(filter(None, reasons)), unit is not None, bool(stated)
+            name, column, unit or _UNITS[si][0], 1, tuple(filter(None, reasons)), _is_certain(name, unit), bool(stated)
         )
     return list(proposals.values())
 
@@ -247,11 +247,17 @@ def _proposals_of_bag(path: Path) -> list[Proposal]:
             if name in proposals:
                 name = f"{name}@{plain_name(topic.name)}"
             if name not in proposals:
-                proposals[name] = Proposal(name, column, unit or _UNITS[si][0], 1, reasons, unit is not None)
+                proposals[name] = Proposal(name, column, unit or _UNITS[si][0], 1, reasons, _is_certain(name, unit))
     if not proposals:
         listed = ", ".join(f"{topic.name} ({topic.kind})" for topic in topics[:8]) or "none"
         raise ConfigError(f"{shown(path)}: no topic has a known type or name; topics: {listed}")
     return list(proposals.values())
+
+
+def _is_certain(name: str, unit: str | None) -> bool:
+    """Whether no unit has to be guessed: it is stated, or the channel is a code or a command of any size."""
+    known = channel(name)
+    return unit is not None or (known.unit == "1" and known.limit > 10.0)
 
 
 def _log(proposals: list[Proposal], numbers: Mapping[str, Array], seconds: Array) -> Log:

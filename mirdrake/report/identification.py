@@ -371,20 +371,20 @@ def _profile(fit: Fit, name: str, number: int) -> Profile:
     return Profile(name, Markup(picture))
 
 
-def _worst(fits: Sequence[ChannelFit]) -> ChannelFit:
+def worst_fit(fits: Sequence[ChannelFit]) -> ChannelFit:
     """Return the channel whose fit misses most of what its noise allows: a noisy sensor is no fault of the model."""
     missed = [channel.noise_limit_percent - channel.nrmse_percent for channel in fits]
     return fits[int(np.argmax(np.nan_to_num(missed, nan=-np.inf)))]
 
 
 def _least(fits: Sequence[ChannelFit]) -> str:
-    return f"{_worst(fits).nrmse_percent:.1f} %" if fits else "–"
+    return f"{worst_fit(fits).nrmse_percent:.1f} %" if fits else "–"
 
 
 def _least_of(fits: Sequence[ChannelFit]) -> str:
     if not fits:
         return "no such log"
-    worst = _worst(fits)
+    worst = worst_fit(fits)
     return f"worst channel: {worst.channel} of {worst.log}; its noise allows {worst.noise_limit_percent:.0f} %"
 
 
