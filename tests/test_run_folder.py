@@ -363,6 +363,30 @@ def test_a_nan_in_the_steering_ends_the_run_with_a_reason(
     assert run["ego.vx"].notna().all()  # the dead-man does not take it for a command
 
 
+def test_a_nan_of_an_own_driver_ends_the_run_with_a_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    driver = """\
+        from math import nan
+
+        from pydrake.systems.framework import LeafSystem
+
+
+        class Mistaken(LeafSystem):
+            def __init__(self):
+                super().__init__()
+                self.DeclareVectorOutputPort("command", 3, self._calc)
+
+            def _calc(self, context, output):
+                time = context.get_time()
+                output.SetFromVector([2.0, nan if time > 0.2 else 0.1, time])
+        """
+    (tmp_path / "own_driver.py").write_text(dedent(driver), encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    run = simulate(drive(duration=1.0, control={"ego": {"kind": "own_driver:Mistaken"}}), folder=tmp_path / "out")
+    assert run.diverged
+    assert run.stop.detail.startswith("ego.steering_command is nan at t = 0.2")
+
+
 def test_a_solver_that_fails_is_a_divergence_and_the_folder_is_finished(tmp_path: Path) -> None:
     simulation = Simulation(assemble(drive(duration=1.0)))
     plant = simulation.assembly.parts.plant

@@ -251,7 +251,9 @@ class Simulation:
         laps = self.assembly.spec.laps
         vehicles = list(self.assembly.parts.vehicles)
         count = 0
-        commands = [source for source, sink in self.assembly.spec.connect if sink.split(".")[0] in vehicles]
+        # Whatever a vehicle is given: by its driver, or by a block of the diagram.
+        commands = [f"{name}.{part}" for name in vehicles for part in ("speed_command", "steering_command")]
+        commands += [source for source, sink in self.assembly.spec.connect if sink.split(".")[0] in vehicles]
         # Samples are read rarely if nobody looks at them, often if a kill would lose pictures.
         watched = blocks.written or laps is not None or progress is not None
         slices = round((BLOCK if watched else LONG_BLOCK) / SLICE)
