@@ -249,7 +249,7 @@ def test_without_graphviz_draw_names_what_to_install_and_a_run_continues(
     monkeypatch.setattr("mirdrake.assembly.drawing.layout_command", lambda: None)
     code, _, err = call_command("draw", "drive.yaml")
     assert code == 2
-    assert "pip install pygraphviz" in err
+    assert "mirdrake[drawing]" in err
     assert err.count("\n") == 1
     assert call_command("run", "drive.yaml", "--out", "out")[0] == 0
     assert not (tmp_path / "out" / "diagram.svg").exists()

@@ -397,7 +397,7 @@ def test_without_dot_the_package_pygraphviz_draws(monkeypatch: pytest.MonkeyPatc
 
 def test_without_graphviz_the_drawing_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mirdrake.assembly.drawing.layout_command", lambda: None)
-    with pytest.raises(MissingDependencyError, match="pip install pygraphviz"):
+    with pytest.raises(MissingDependencyError, match="mirdrake\\[drawing\\]"):
         draw_svg(assemble(drive()))
 
 

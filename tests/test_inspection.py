@@ -268,7 +268,7 @@ def test_a_page_without_graphviz_and_without_shapes_names_what_to_install(bolt, 
     monkeypatch.setattr("mirdrake.assembly.drawing.layout_command", lambda: None)
     monkeypatch.setattr("mirdrake.report.inspection.collect_surfaces", lambda *_, **__: [])
     write_inspection(bolt, tmp_path / "bolt.html", vehicle=load_vehicle("bolt"), portrait=False)
-    assert "pip install pygraphviz" in (tmp_path / "bolt.html").read_text(encoding="utf-8")
+    assert "mirdrake[drawing]" in (tmp_path / "bolt.html").read_text(encoding="utf-8")
 
 
 def test_the_command_rejects_unsupported_requests(capsys, tmp_path):

@@ -315,7 +315,7 @@ def _diagram(folder: Path | None, text: str | None) -> tuple[Markup | None, str]
     if text is None and folder and (path := folder / "diagram.svg").is_file():
         text = path.read_text(encoding="utf-8", errors="replace")
     if not text and folder and (folder / "diagram.dot").is_file():
-        install = "install it (pip install pygraphviz) and run again, or draw diagram.dot elsewhere"
+        install = "install it (pip install 'mirdrake[drawing]') and run again, or draw diagram.dot elsewhere"
         return None, f"The block diagram was not drawn because Graphviz is missing; {install}."
     if not text:
         return None, ""
