@@ -142,7 +142,8 @@ def run_dot(text: str, *, purpose: str) -> str:
     command = layout_command()
     if command is None:
         raise MissingDependencyError(
-            f"{purpose} needs Graphviz: pip install 'mirdrake[drawing]', or the package of your system (Debian: apt install graphviz)"
+            f"{purpose} needs Graphviz: pip install 'mirdrake[drawing]', or the package of your system "
+            "(Debian: apt install graphviz)"
         )
     done = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
     if done.returncode != 0 or "<svg" not in done.stdout:
