@@ -231,6 +231,7 @@ def test_reset_returns_the_car(page: Page) -> None:
     assert_not_blank(page.look("3_after_reset"))
 
 
+@pytest.mark.slow
 def test_a_page_without_connection_loses_the_wheel_and_the_car_brakes(page: Page) -> None:
     cable = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
     page.browser.execute_cdp_cmd("Network.enable", {})

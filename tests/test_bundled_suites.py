@@ -26,8 +26,8 @@ BAD = {
 BLIND = {"kind": "blind", "speed": 8.0}
 
 
-FAST_GOOD = {"stops_before_the_pedestrian", "circle", "leaves_home"}
-FAST_BAD = {"one_lap", "circle"}
+FAST_GOOD = {"stops_before_the_pedestrian", "circle"}
+FAST_BAD = {"circle"}
 
 
 def marked(fast):

@@ -43,6 +43,7 @@ def test_a_contact_at_the_end_of_a_run_has_no_end_and_an_empty_block_has_no_even
     assert not list(ContactPeriods().look(np.empty(0), np.empty(0, dtype=bool)))
 
 
+@pytest.mark.slow
 def test_a_car_against_a_wall_has_few_events_and_tyres_on_the_road_none() -> None:
     spec: dict[str, Any] = {
         "world": "empty",

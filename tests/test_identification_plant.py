@@ -116,6 +116,7 @@ def test_impossible_parameters_give_no_run(coasting):
     assert model.run({**p, "yaw_inertia": 1.0}, drive, np.array([15.0])) is None
 
 
+@pytest.mark.slow
 def test_mass_and_yaw_inertia_come_back():
     exact = drive_with_cargo(duration=2.0, step=0.01)
     truth = exact[2]

@@ -17,6 +17,7 @@ FOLDER = Path(__file__).resolve().parent.parent / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 SLOW = {
+    "01_first_drive",
     "06_tyres_and_manoeuvres",
     "09_write_your_own_leafsystem",
     "03_make_your_own_vehicle",

@@ -301,6 +301,7 @@ def _check(tmp_path: Path, study_data: dict[str, Any], kills: list[float]) -> li
     return counts
 
 
+@pytest.mark.slow
 def test_a_killed_study_resumes_with_the_same_rows(tmp_path: Path) -> None:
     (count,) = _check(tmp_path, study(sampling={"kind": "latin_hypercube", "runs": 80}), [0.05])
     assert 0 < count < 80

@@ -267,6 +267,7 @@ def test_four_workers_give_the_same_as_two(lot: Path, done: Path, tmp_path: Path
     assert _results(tmp_path / "out") == _results(done)
 
 
+@pytest.mark.slow
 def test_one_worker_gives_the_same_even_if_it_is_killed_on_the_way(lot: Path, done: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     with _begin(lot, "-j", 1, "--out", out) as process:

@@ -84,8 +84,8 @@ search(TextbookLoop(count=count), SPACE, cost={"iae": 1.0, "ms": 0.0}, seed=3, s
 """
 
 
-@pytest.mark.parametrize("method", [pytest.param(name, marks=() if name == "tpe" else pytest.mark.slow)
-                                    for name in LEARNING])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("method", LEARNING)
 def test_a_search_killed_five_times_ends_as_one_that_was_not(method: str, tmp_path: Path) -> None:
     chance, store, count = random.Random(11), tmp_path / "journal.jsonl", tmp_path / "count"
     more = {"method": method, "trials": 120}
