@@ -17,6 +17,7 @@ from mirdrake.identification.estimators.options import EstimatorOptions
 from mirdrake.identification.estimators.structure import choose_structure
 from mirdrake.identification.findings import DataReport, Finding, statement
 from mirdrake.identification.models import ModelSpec, make_model
+from mirdrake.identification.models.equations import EquationModel
 from mirdrake.identification.models.first_guess import guess_steering
 from mirdrake.identification.parameters import Setting
 from mirdrake.identification.rejection import reject_faults
@@ -375,5 +376,6 @@ def test_the_force_of_an_axle_grows_with_its_load():
     front, rear = (50.0 * (1.0 - 0.08 * push / (9.80665 * half)), 60.0 * (1.0 + 0.08 * push / (9.80665 * half)))
     turn = speed * angle / (0.32 + (half / front - half / rear) / 0.32 * speed**2 * 0.32 / 0.32)
     side = turn * (half - half * speed**2 / (0.32 * rear))
+    assert isinstance(model, EquationModel)
     rates = model.rates(np.array([[side], [turn]]), np.array([[angle], [speed], [push], [0.0], [0.0]]), p)
     assert np.abs(rates).max() < 1e-5 * speed * turn

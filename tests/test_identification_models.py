@@ -16,6 +16,7 @@ from mirdrake.identification.estimators.problem import Problem
 from mirdrake.identification.estimators.segments import make_segments
 from mirdrake.identification.estimators.shooting import make_shots, simulate
 from mirdrake.identification.models import MODELS, ModelSpec, make_model
+from mirdrake.identification.models.equations import EquationModel
 from mirdrake.identification.models.filters import backlash, first_order, second_order, smooth_between
 from mirdrake.identification.models.single_track_equations import (
     TrackInputs,
@@ -115,6 +116,7 @@ def test_relaxation_and_roll_are_those_of_the_reduced_model():
         "roll_frequency": natural, "roll_damping": 0.5 * p.roll_damping / (natural * inertia),
     }  # fmt: skip
     model = make_model(ModelSpec("single_track_roll", {"relaxation": True}), lateral_data(), KNOWN)
+    assert isinstance(model, EquationModel)
     other = SingleTrack(p, Variant("linear", relaxation=True, roll=True))
     context = other.CreateDefaultContext()
     random = np.random.default_rng(3)
@@ -212,6 +214,7 @@ def test_a_damper_in_series_with_a_tyre_lags():
     """The damper acts on its own rate, which follows the roll rate with its time constant."""
     given = YIELDING | {"roll_damper_time": 0.01}
     model = make_model(ModelSpec("single_track_roll"), lateral_data(), given)
+    assert isinstance(model, EquationModel)
     p = {info.name: info.guess for info in model.parameters} | {"roll_frequency": 10.0, "roll_damping": 0.3}
     p |= {"roll_damper_time": 0.01}
     state = np.zeros(len(model.states))
@@ -254,6 +257,7 @@ def test_longitudinal_force_of_the_front_axle_follows_its_wheels():
 def test_a_lateral_velocity_measured_on_the_roof_contains_roll():
     """The velocity of a point of a rigid body: v + ω x p, with p 1.2 m ahead and 0.9 m above the roll axis."""
     model = make_model(ModelSpec("single_track_roll", {"outputs": ["vy"]}), lateral_data(channels=["vy"]), KNOWN)
+    assert isinstance(model, EquationModel)
     p = {info.name: info.guess for info in model.parameters} | {"velocity_ahead": 1.2, "velocity_height": 0.9}
     vy, spin, roll, roll_rate = 0.3, 0.2, 0.01, -0.15
     observed = model.observe(np.array([vy, spin, roll, roll_rate]), np.array([0.02, 20.0, 0.0, 0.0, 0.0]), p)

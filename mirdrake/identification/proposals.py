@@ -190,7 +190,7 @@ def _increases(values: Array) -> bool:
 
 def _seconds(numbers: Mapping[str, Array], time: str | None, unit: str) -> Array:
     if time is None:
-        return 0.01 * np.arange(len(next(iter(numbers.values()))))
+        return np.arange(len(next(iter(numbers.values()))), dtype=np.float64) * 0.01
     size = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}.get(unit.lower(), 1.0)
     values = numbers[time]
     return np.asarray((values - values[np.isfinite(values)][0]) * size, dtype=np.float64)
