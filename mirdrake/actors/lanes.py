@@ -145,14 +145,27 @@ def lane_pose(t: LaneTable, lane: int, s: float) -> tuple[float, float, float, f
 
 def project(t: LaneTable, lane: int, x: float, y: float) -> tuple[float, float]:
     """Return the station [m] and the offset [m, + left] of a point: the nearest node, then Newton's method."""
-    best, nearest, i = math.inf, 0, 0
-    while i < t.lanes[lane].nodes:
-        node = t.lanes[lane].first + i
-        away = math.hypot(t.nodes[node].x - x, t.nodes[node].y - y)
-        if away < best:
-            best, nearest = away, i
-        i += max(1, int((away - best) / t.lanes[lane].step))  # nodes between are farther away
+    return foot(t, lane, x, y, max(0, nearest_node(t, lane, x, y, math.inf)))
 
+
+def nearest_node(t: LaneTable, lane: int, x: float, y: float, within: float) -> int:
+    """Return the number along a lane of the node nearest to a point; -1: none within a distance [m]."""
+    first, count, step = t.lanes[lane].first, t.lanes[lane].nodes, t.lanes[lane].step
+    best, root, nearest, i = within * within, within, -1, 0
+    while i < count:
+        # Squares, because a root is slow and only strides need it.
+        dx, dy = t.nodes[first + i].x - x, t.nodes[first + i].y - y
+        square = dx * dx + dy * dy
+        if square < best:
+            best, root, nearest = square, math.sqrt(square), i
+            i += 1
+        else:
+            i += max(1, int((math.sqrt(square) - root) / step))  # nodes between are farther away
+    return nearest
+
+
+def foot(t: LaneTable, lane: int, x: float, y: float, nearest: int) -> tuple[float, float]:
+    """Return the station [m] and the offset [m, + left] of a point from the node nearest to it."""
     # Newton's method on the condition that the offset is perpendicular: ds = along / (1 - k d).
     s = nearest * t.lanes[lane].step
     offset = 0.0
@@ -161,10 +174,13 @@ def project(t: LaneTable, lane: int, x: float, y: float) -> tuple[float, float]:
         along = (x - px) * math.cos(yaw) + (y - py) * math.sin(yaw)
         offset = (y - py) * math.cos(yaw) - (x - px) * math.sin(yaw)
         # Limited steps and a limited divisor keep points near the centre of curvature from jumping along the lane.
+        before = s
         s += max(-2.0, min(2.0, along / max(1.0 - k * offset, 0.2)))
         s = s % t.lanes[lane].length if t.lanes[lane].closed == 1 else max(0.0, min(s, t.lanes[lane].length))
+        if s == before:  # further steps would repeat this one
+            break
     return s, offset
 
 
-PARTS = (wrapped, lane_cell, lane_pose, project)
+PARTS = (wrapped, lane_cell, lane_pose, project, nearest_node, foot)
 """Compiled functions of this module."""

@@ -3,7 +3,7 @@
 import math
 from typing import Final, NamedTuple
 
-from mirdrake.actors.lanes import LaneTable, project, wrapped
+from mirdrake.actors.lanes import LaneTable, foot, nearest_node, project, wrapped
 from mirdrake.core.compiled import Records, record_type
 from mirdrake.worlds.pieces import Array
 
@@ -109,7 +109,11 @@ def _touch(
 
     Here x and y are those of its middle.
     """
-    s, offset = project(t, lane, x, y)
+    # What touches the lane is within this distance of a node; most others are dismissed in a few long strides.
+    near = nearest_node(t, lane, x, y, 0.5 * t.lanes[lane].width + reach + half + half_width + 2.0 * t.lanes[lane].step)
+    if near < 0:
+        return count
+    s, offset = foot(t, lane, x, y, near)
     if abs(offset) > 0.5 * t.lanes[lane].width + reach:
         return count
 

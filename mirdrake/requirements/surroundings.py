@@ -78,7 +78,7 @@ def clearance_to(mover: Mover, others: Sequence[Mover], at_most: Array) -> Array
     for other in others:
         # Lower bound of the clearance by circles around both; the exact distance is computed only where it can matter.
         away = np.hypot(*(mover.poses[:, :2] - other.poses[:, :2]).T)
-        rows = np.flatnonzero(away - _reach(mover.volume) - _reach(other.volume) < result)
+        rows = np.flatnonzero(away - mover.volume.reach - other.volume.reach < result)
         if rows.size:
             free = clearance_between(mover.volume, mover.poses, other.volume, other.poses, rows=rows)
             result = np.minimum(result, free)
@@ -124,7 +124,3 @@ def time_to_collision(mover: Mover, others: Iterable[Mover], world: World) -> Ar
             result, times_to_contact(mover.volume, mover.poses, mover.velocities, volume, place, standing)
         )
     return result
-
-
-def _reach(volume: Volume) -> float:
-    return float(np.hypot(*volume.outline.T).max()) if volume.slabs else 0.0

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -78,9 +78,7 @@ class Actor:
     @cached_property
     def volume(self) -> Volume:
         """Its collision shapes in A, for clearance and collision."""
-        points = [solid.corners_in(self.prop_pose) for solid in self.prop.solids]
-        # No wheels, and an infinite wheel radius: only the clearance of the body decides what is an obstacle.
-        return Volume.of([Part(corners, False) for corners in points], math.inf)
+        return _volume(self.prop, self.rear_axle)
 
     @property
     def front(self) -> float:
@@ -101,6 +99,14 @@ class Actor:
         """Return its prop at a pose of A [m, m, rad]."""
         X_WA = RigidTransform(RollPitchYaw(0.0, 0.0, yaw), [x, y, 0.0])
         return PlacedProp(self.name, self.prop, X_WA @ self.prop_pose, color=self.color)
+
+
+@lru_cache(maxsize=256)
+def _volume(prop: Prop, rear_axle: float) -> Volume:
+    """Return the collision shapes of a prop at a distance ahead of A [m]; cached, as many actors have the same prop."""
+    points = [solid.corners_in(RigidTransform([rear_axle, 0.0, 0.0])) for solid in prop.solids]
+    # No wheels, and an infinite wheel radius: only the clearance of the body decides what is an obstacle.
+    return Volume.of([Part(corners, False) for corners in points], math.inf)
 
 
 def lay_out_actors(

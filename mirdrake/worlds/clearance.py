@@ -89,6 +89,11 @@ class Volume:
         return _hull(np.vstack([slab.outline for slab in self.slabs]))
 
     @cached_property
+    def reach(self) -> float:
+        """Largest distance of a corner from the origin of B in the plane [m]."""
+        return max((float(np.hypot(*slab.outline.T).max()) for slab in self.slabs), default=0.0)
+
+    @cached_property
     def bands(self) -> dict[tuple[float, float], list[Array]]:
         """Outlines by their heights."""
         bands: dict[tuple[float, float], list[Array]] = {}

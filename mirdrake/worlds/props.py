@@ -277,7 +277,9 @@ def load_prop(name: str, *, size: Size | None = None, scale: float = 1.0, where:
         x, y, z = (scale * want / have for want, have in zip(size, spec.size, strict=True))
         factors = (x, y, z)
     # The times of the files are part of the key, so that a changed prop is not served from the cache.
-    return _make_prop(home, folder.name, factors, where, _stamps(home, spec))
+    prop = _make_prop(home, folder.name, factors, _stamps(home, spec))
+    _check_sides(prop.size, f"'{folder.name}'", where)
+    return prop
 
 
 def make_primitive(kind: str, sides: tuple[float, ...], *, scale: float = 1.0, where: str = "") -> Prop:
@@ -333,8 +335,8 @@ def _load_file(path: Path) -> PropFile:
 
 
 @lru_cache(maxsize=4096)
-def _make_prop(folder: Path, name: str, factors: Size, location: str, stamps: tuple[float, ...]) -> Prop:  # noqa: ARG001
-    """Return a prop, made once for all entries of a line; `stamps` renew it when its files have changed."""
+def _make_prop(folder: Path, name: str, factors: Size, stamps: tuple[float, ...]) -> Prop:  # noqa: ARG001
+    """Return a prop, made once for all entries; `stamps` renew it when its files have changed."""
     spec = _load_file(folder / "prop.yaml")
     solids = tuple(_solid(solid, folder, factors, where(solid)) for solid in spec.solids)
     x, y, z = (factor * side for factor, side in zip(factors, spec.size, strict=True))
@@ -343,7 +345,6 @@ def _make_prop(folder: Path, name: str, factors: Size, location: str, stamps: tu
         visual = folder / spec.visual
         if not visual.is_file():
             raise ConfigError(f"{where(spec, 'visual')}: no such file: {spec.visual}")
-    _check_sides((x, y, z), f"'{name}'", location)
     # Density is kept.
     mass = spec.mass * math.prod(factors)
     return Prop(name, solids, (x, y, z), mass, spec.mu, visual, factors, spec.paint, spec.driven_over)

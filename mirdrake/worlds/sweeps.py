@@ -7,14 +7,14 @@ speed of their points relative to each other, so that time may advance by it. In
 """
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mirdrake.core.compiled import compiled
-from mirdrake.worlds.clearance import Slab, Volume
+from mirdrake.worlds.clearance import Volume, place_outline
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -38,11 +38,12 @@ def first_contacts(one: Volume, poses: Array, other: Volume, other_poses: Array)
     if not pairs or not good.any():
         return result
     # Only samples between which the circles around both may meet are examined.
-    reach = _reach(one.slabs) + _reach(other.slabs)
+    reach = one.reach + other.reach
     away = np.hypot(*(poses[:, :2] - other_poses[:, :2]).T)
     # The relative movement since the sample before; both objects may have met anywhere along it.
     step = np.hypot(*np.diff(poses[:, :2] - other_poses[:, :2], axis=0, prepend=(poses - other_poses)[:1, :2]).T)
     near = np.flatnonzero(good & (away - step <= reach))
+    near = near[_may_touch(one, poses, other, other_poses, near)]
     advance = _compiled()
     for row in near.tolist():
         before = max(row - 1, 0)
@@ -52,6 +53,8 @@ def first_contacts(one: Volume, poses: Array, other: Volume, other_poses: Array)
         for a, b in pairs:
             share = advance(a.outline, poses[before], poses[row], b.outline, other_poses[before], other_poses[row])
             result[row] = min(result[row], share)
+            if share == 0.0:  # no pair touches earlier
+                break
     return result
 
 
@@ -71,7 +74,7 @@ def times_to_contact(
     result = np.full(len(poses), math.inf)
     pairs = [(a, b) for a in one.slabs for b in other.slabs if a.low < b.high and b.low < a.high]
     relative = other_velocities - velocities
-    reach = _reach(one.slabs) + _reach(other.slabs)
+    reach = one.reach + other.reach
     between = other_poses[:, :2] - poses[:, :2]
     away, speed = np.hypot(*between.T), np.hypot(*relative.T)
     # The circles around both meet only if the objects approach, and pass each other near enough.
@@ -90,8 +93,20 @@ def times_to_contact(
     return result
 
 
-def _reach(slabs: Sequence[Slab]) -> float:
-    return max((float(np.hypot(*slab.outline.T).max()) for slab in slabs), default=0.0)
+def _may_touch(one: Volume, poses: Array, other: Volume, other_poses: Array, rows: Ints) -> NDArray[np.bool_]:
+    """Return at which rows the hulls of two volumes may have touched since the sample before."""
+    before = np.maximum(rows - 1, 0)
+    hulls: list[Any] = [
+        shapely.polygons(place_outline(volume.outline, at[before]))
+        for volume, at in ((one, poses), (other, other_poses))
+    ]
+    change = (poses - other_poses)[rows] - (poses - other_poses)[before]
+    fastest = np.hypot(change[:, 0], change[:, 1])
+    # A corner moves at most by the turn, the shorter way round, times its distance from the origin of the frame.
+    for volume, at in ((one, poses), (other, other_poses)):
+        turn = at[rows, 2] - at[before, 2]
+        fastest += np.abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))) * volume.reach
+    return np.asarray(~(shapely.distance(*hulls) > fastest + 2.0 * TOUCH))
 
 
 def _compiled() -> Any:
