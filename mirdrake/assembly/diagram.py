@@ -231,7 +231,9 @@ def assemble(
     builder = DiagramBuilder()
     parked = {name for name, entry in spec.vehicles.items() if entry.parked}
     parts = make_plant(builder, world, vehicles, spec=spec.plant, parked=parked)
-    parts = replace(parts, actors=add_actors(parts.scene_graph, world))
+    # The scene graph moves every frame in each step of the plant, so that it gets actors only if something sees them.
+    if meshcat is not None or sensors_of(spec):
+        parts = replace(parts, actors=add_actors(parts.scene_graph, world))
     wiring = Wiring(builder, spec, factories=factories or {})
     add_traffic(wiring, parts, spec)
     # Tyres with their own ground contact come first here: the vehicles' systems connect the actuators to them.

@@ -50,7 +50,7 @@ class ActorsInScene:
         Args:
             planar: x, y [m] and yaw [rad] of the actors (n, 3).
         """
-        vector = FramePoseVector()
+        vector, planar = FramePoseVector(), planar[: len(self.frames)]
         # A rotation and an array: the constructor of Drake that takes least time in Python.
         places = np.column_stack((planar[:, :2], np.zeros(len(planar))))
         for frame, place, yaw in zip(self.frames.values(), places, planar[:, 2].tolist(), strict=True):

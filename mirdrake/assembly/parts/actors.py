@@ -23,7 +23,7 @@ def add_traffic(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> Traffic
         ConfigError: an actor has the name of a vehicle, or a trigger refers to a vehicle that does not exist.
     """
     world, plant = parts.world, parts.plant
-    if parts.actors.source is None:
+    if not world.actors:
         return None
     for actor in world.actors:
         if actor.name in parts.vehicles:
@@ -37,7 +37,8 @@ def add_traffic(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> Traffic
     traffic = Traffic(world, vehicles, parts.actors, state_size=size, always=drawn)
     wiring.add(TRAFFIC, traffic)
     wiring.link(plant.get_state_output_port(), traffic.plant_state)
-    wiring.link(traffic.poses, parts.scene_graph.get_source_pose_port(parts.actors.source))
+    if parts.actors.source is not None:
+        wiring.link(traffic.poses, parts.scene_graph.get_source_pose_port(parts.actors.source))
     return traffic
 
 

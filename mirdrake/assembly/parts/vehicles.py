@@ -149,7 +149,7 @@ def _add_range_scan(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, tru
         parts.world,
         part.vehicle,
         vehicles={name: other.vehicle for name, other in others.items()},
-        actors=parts.world.actors if parts.actors.source is not None else (),
+        actors=parts.world.actors if "traffic" in wiring.systems else (),
     )
     wiring.add(f"{part.name}.scan", scan)
     wiring.link(truth.state, scan.state)
