@@ -7,7 +7,7 @@ import pytest
 
 from mirdrake.actors import triggers
 from mirdrake.actors.crew import make_crew
-from mirdrake.actors.lanes import LaneRow, LaneTable, Node
+from mirdrake.actors.lanes import LaneRow, LaneTable, Node, Piece
 from mirdrake.actors.motion import STATE
 from mirdrake.actors.occupancy import OnLane, behind, way_to_end
 from mirdrake.core.compiled import records
@@ -60,12 +60,13 @@ def chain(*lengths: float) -> LaneTable:
     """Return a chain of straight lanes along x as attributes, as for compiled functions."""
     begins = np.cumsum((0.0, *lengths))
     rows = [
-        LaneRow(2 * k, 2, length, length, 0, 0, -1, -1, (k + 1 if k + 1 < len(lengths) else -1, -1, -1, -1), 3.5,
+        LaneRow(2 * k, 2, 0, length, length, 0, 0, -1, -1, (k + 1 if k + 1 < len(lengths) else -1, -1, -1, -1), 3.5,
                 (begins[k], -1.75, begins[k + 1], 1.75))
         for k, length in enumerate(lengths)
     ]  # fmt: skip
     nodes = [Node(x, 0.0, 0.0, 0.0) for k in range(len(lengths)) for x in begins[k : k + 2]]
-    return LaneTable(records(LaneRow, rows).view(np.recarray), records(Node, nodes).view(np.recarray))
+    tables = records(LaneRow, rows), records(Node, nodes), records(Piece, [])  # without pieces: nothing is projected
+    return LaneTable(*(table.view(np.recarray) for table in tables))
 
 
 def test_a_follower_on_an_earlier_lane_is_behind() -> None:

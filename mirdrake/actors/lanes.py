@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from mirdrake.worlds.pieces import Array
 Ints = NDArray[np.int64]
 
 _SPACING = 0.5  # [m] largest distance of nodes
+_PIECE = 16  # nodes of a piece
 _CHOICES = 4  # successors of a lane
 
 
@@ -24,6 +25,8 @@ class LaneRow(NamedTuple):
     """its first node"""
     nodes: int
     """number of its nodes"""
+    piece: int
+    """its first piece: the whole lane; then those of its nodes"""
     step: float
     """distance of its nodes [m]"""
     length: float
@@ -57,6 +60,25 @@ class Node(NamedTuple):
     """[1/m]"""
 
 
+class Piece(NamedTuple):
+    """Some nodes of a lane in a row, for the search of the nearest one: their chord, and how far they are beside it."""
+
+    x: float
+    """first node [m]"""
+    y: float
+    """[m]"""
+    dx: float
+    """from the first to the last node [m]"""
+    dy: float
+    """[m]"""
+    along_x: float
+    """dx over the square of the length of the chord [1/m]"""
+    along_y: float
+    """[1/m]"""
+    aside: float
+    """largest distance of its nodes from the chord [m]"""
+
+
 class LaneTable(NamedTuple):
     """Lanes in one table, as records: each array would be an argument of every compiled function that has the table."""
 
@@ -64,6 +86,8 @@ class LaneTable(NamedTuple):
     """:class:`LaneRow` of each lane (l)"""
     nodes: Records
     """:class:`Node`, equally spaced; those of all lanes in a row (n)"""
+    pieces: Records
+    """:class:`Piece`: of each lane the whole, then each of 16 nodes, the last one of the rest (p)"""
 
 
 def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
@@ -71,6 +95,7 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
     numbers = {lane.id: number for number, lane in enumerate(lanes.values())}
     nodes: list[Array] = []
     rows: list[LaneRow] = []
+    pieces: list[Piece] = []
     first = 0
     for lane in lanes.values():
         count = max(2, math.ceil(lane.length / _SPACING) + 1)
@@ -85,6 +110,7 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
             LaneRow(
                 first=first,
                 nodes=count,
+                piece=len(pieces),
                 step=lane.length / (count - 1),
                 length=lane.length,
                 closed=int(lane.id in lane.successors),  # a lane that is its own successor
@@ -96,9 +122,24 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
                 box=(x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin),
             )
         )
+        pieces += [_piece(x, y)]
+        pieces += [_piece(x[i : i + _PIECE], y[i : i + _PIECE]) for i in range(0, count, _PIECE)]
         first += count
     points = np.concatenate(nodes) if nodes else np.empty((0, len(Node._fields)))
-    return LaneTable(records(LaneRow, rows), points.view(record_type(Node))[:, 0]), numbers
+    nodes_ = points.view(record_type(Node))[:, 0]
+    return LaneTable(records(LaneRow, rows), nodes_, records(Piece, pieces)), numbers
+
+
+def _piece(x: Array, y: Array) -> Piece:
+    """Return the piece of some nodes."""
+    ahead, aside = x - x[0], y - y[0]
+    dx, dy = float(ahead[-1]), float(aside[-1])
+    square = dx * dx + dy * dy
+    along_x, along_y = (dx / square, dy / square) if square > 0.0 else (0.0, 0.0)
+    share = np.clip(ahead * along_x + aside * along_y, 0.0, 1.0)
+    away = np.hypot(ahead - share * dx, aside - share * dy)
+    # Rounded up, so that no node is missed.
+    return Piece(float(x[0]), float(y[0]), dx, dy, along_x, along_y, float(away.max()) + 1e-9)
 
 
 # --- compiled -----------------------------------------------------------------------------------------------------
@@ -150,18 +191,29 @@ def project(t: LaneTable, lane: int, x: float, y: float) -> tuple[float, float]:
 
 def nearest_node(t: LaneTable, lane: int, x: float, y: float, within: float) -> int:
     """Return the number along a lane of the node nearest to a point; -1: none within a distance [m]."""
-    first, count, step = t.lanes[lane].first, t.lanes[lane].nodes, t.lanes[lane].step
-    best, root, nearest, i = within * within, within, -1, 0
-    while i < count:
-        # Squares, because a root is slow and only strides need it.
-        dx, dy = t.nodes[first + i].x - x, t.nodes[first + i].y - y
-        square = dx * dx + dy * dy
-        if square < best:
-            best, root, nearest = square, math.sqrt(square), i
-            i += 1
-        else:
-            i += max(1, int((math.sqrt(square) - root) / step))  # nodes between are farther away
+    row = t.lanes[lane]
+    best, root, nearest = within * within, within, -1
+    if is_beyond(t.pieces[row.piece], x, y, root):
+        return -1
+    for k in range(math.ceil(row.nodes / _PIECE)):
+        if is_beyond(t.pieces[row.piece + 1 + k], x, y, root):
+            continue
+        # Squares, because a root is slow.
+        for i in range(k * _PIECE, min((k + 1) * _PIECE, row.nodes)):
+            dx, dy = t.nodes[row.first + i].x - x, t.nodes[row.first + i].y - y
+            if dx * dx + dy * dy < best:
+                best, nearest = dx * dx + dy * dy, i
+        root = math.sqrt(best)
     return nearest
+
+
+def is_beyond(piece: Any, x: float, y: float, distance: float) -> bool:
+    """Return whether all nodes of a piece are at least at a distance from a point [m]."""
+    dx, dy = x - piece.x, y - piece.y
+    share = max(0.0, min(1.0, dx * piece.along_x + dy * piece.along_y))
+    dx, dy = dx - share * piece.dx, dy - share * piece.dy
+    away = distance + piece.aside
+    return bool(dx * dx + dy * dy >= away * away)
 
 
 def foot(t: LaneTable, lane: int, x: float, y: float, nearest: int) -> tuple[float, float]:
@@ -182,5 +234,5 @@ def foot(t: LaneTable, lane: int, x: float, y: float, nearest: int) -> tuple[flo
     return s, offset
 
 
-PARTS = (wrapped, lane_cell, lane_pose, project, nearest_node, foot)
+PARTS = (wrapped, lane_cell, lane_pose, project, nearest_node, is_beyond, foot)
 """Compiled functions of this module."""

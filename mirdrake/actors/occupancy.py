@@ -109,9 +109,9 @@ def _touch(
 
     Here x and y are those of its middle.
     """
-    # What touches the lane is within this distance of a node; most others are dismissed in a few long strides.
+    # What touches the lane is within this distance of a node. Cheap tests first, as the foot takes longest.
     near = nearest_node(t, lane, x, y, 0.5 * t.lanes[lane].width + reach + half + half_width + 2.0 * t.lanes[lane].step)
-    if near < 0:
+    if near < 0 or _is_clear(t, lane, near, x, y, yaw, vx, vy, half, half_width):
         return count
     s, offset = foot(t, lane, x, y, near)
     if abs(offset) > 0.5 * t.lanes[lane].width + reach:
@@ -139,6 +139,34 @@ def _touch(
     one.speed = vx * math.cos(along) + vy * math.sin(along)
     one.low, one.high, one.blocker = low, high, -1
     return count + 1
+
+
+def _is_clear(
+    t: LaneTable, lane: int, near: int, x: float, y: float, yaw: float, vx: float, vy: float,
+    half: float, half_width: float,
+) -> bool:  # fmt: skip
+    """Return whether an object certainly does not touch a lane, from the node nearest to it.
+
+    The node stands in for the foot: they are at most one step apart. All differences of what follows from them are
+    bounded by the turn of the lane there; false where it turns too much for that.
+    """
+    row = t.lanes[lane]
+    i, last = row.first + near, row.first + row.nodes - 1
+    node = t.nodes[i]
+    turn = max(abs(t.nodes[min(i + 1, last)].yaw - node.yaw), abs(node.yaw - t.nodes[max(i - 1, row.first)].yaw))
+    dx, dy = x - node.x, y - node.y
+    away = math.hypot(dx, dy)
+    # Towards the centre of curvature the foot may be anywhere; the ends of a ring have different neighbours.
+    if away * turn > 0.5 * row.step or (row.closed == 1 and (near == 0 or i == last)):
+        return False
+    spare = 1e-6 + 2.0 * turn * (row.step + away + half + half_width + ANTICIPATION * math.hypot(vx, vy))
+
+    cosine, sine = math.cos(node.yaw), math.sin(node.yaw)
+    if row.closed == 0 and abs(dx * cosine + dy * sine) > half + half_width + 2.0 * row.step + spare:
+        return True
+    offset, towards = dy * cosine - dx * sine, ANTICIPATION * (vy * cosine - vx * sine)
+    aside = half * abs(math.sin(yaw - node.yaw)) + half_width * abs(math.cos(yaw - node.yaw)) + 0.5 * row.width + spare
+    return bool(offset + min(towards, 0.0) > aside or offset + max(towards, 0.0) < -aside)
 
 
 def fill_lines(stops: Array, programmes: Array, time: float, objects: Records, count: int) -> int:
@@ -297,5 +325,19 @@ def way_to_end(t: LaneTable, lane: int, s: float, look: float) -> float:
     return math.inf
 
 
-PARTS = (fill, fill_lines, fill_yield_lines, _put, _touch, ahead, behind, way_to_end, project, wrapped)
+PARTS = (
+    fill,
+    fill_lines,
+    fill_yield_lines,
+    _put,
+    _touch,
+    _is_clear,
+    ahead,
+    behind,
+    way_to_end,
+    project,
+    nearest_node,
+    foot,
+    wrapped,
+)
 """Compiled functions of this module."""

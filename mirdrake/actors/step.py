@@ -333,6 +333,11 @@ class TimeStep:
 
     def __init__(self, t: LaneTable, crew: Crew) -> None:
         self._t, self._crew = t, crew
+        # Room for all that can occur: two lanes per actor, all paths under each actor, all lanes under each actor on a
+        # path and under each vehicle, and the stop lines.
+        paths, n = int(t.lanes["own"].sum()), len(crew.members)
+        most = n * (2 + paths) + (paths + len(crew.shape) - n) * len(t.lanes) + len(crew.stops)
+        self._objects = np.empty(most + 2 * len(crew.yield_lines), occupancy.OBJECT)  # scratch of a time step
         laws = set(crew.members["law"].tolist())
         common = (*lanes.PARTS, *motion.PARTS, *occupancy.PARTS)
         on_lanes = (move, advantage, followers, *common, *accelerations.PARTS, *triggers.PARTS)
@@ -354,14 +359,7 @@ class TimeStep:
             dt: time step [s].
             after: states after the step (n); written.
         """
-        t, crew = self._t, self._crew
-        # Room for all that can occur: two lanes per actor, all paths under each actor, all lanes under each actor on a
-        # path and under each vehicle, and the stop lines.
-        paths = int(t.lanes["own"].sum())
-        most = len(now) * (2 + paths) + (paths + len(vehicles)) * len(t.lanes) + len(crew.stops)
-        most += 2 * len(crew.yield_lines)
-        objects = np.empty(most, occupancy.OBJECT)
-
+        t, crew, objects = self._t, self._crew, self._objects
         count = self._fill(t, crew.shape, now, vehicles, objects)
         if self._fill_lines is not None:
             count = self._fill_lines(crew.stops, crew.programmes, time, objects, count)

@@ -43,6 +43,8 @@ def first_contacts(one: Volume, poses: Array, other: Volume, other_poses: Array)
     # The relative movement since the sample before; both objects may have met anywhere along it.
     step = np.hypot(*np.diff(poses[:, :2] - other_poses[:, :2], axis=0, prepend=(poses - other_poses)[:1, :2]).T)
     near = np.flatnonzero(good & (away - step <= reach))
+    if not near.size:
+        return result
     near = near[_may_touch(one, poses, other, other_poses, near)]
     advance = _compiled()
     for row in near.tolist():
