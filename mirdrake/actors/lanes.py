@@ -192,13 +192,18 @@ def project(t: LaneTable, lane: int, x: float, y: float) -> tuple[float, float]:
 def nearest_node(t: LaneTable, lane: int, x: float, y: float, within: float) -> int:
     """Return the number along a lane of the node nearest to a point; -1: none within a distance [m]."""
     row = t.lanes[lane]
-    best, root, nearest = within * within, within, -1
-    if is_beyond(t.pieces[row.piece], x, y, root):
+    if is_beyond(t.pieces[row.piece], x, y, within):
         return -1
-    for k in range(math.ceil(row.nodes / _PIECE)):
+    # Squares, because a root is slow. The nearest begin of a piece is a bound that dismisses most pieces at once.
+    best, nearest, pieces = within * within, -1, math.ceil(row.nodes / _PIECE)
+    for k in range(pieces):
+        piece = t.pieces[row.piece + 1 + k]
+        dx, dy = piece.x - x, piece.y - y
+        best = min(best, (dx * dx + dy * dy) * (1.0 + 1e-9) + 1e-12)  # more, so that this node is found again
+    root = math.sqrt(best)
+    for k in range(pieces):
         if is_beyond(t.pieces[row.piece + 1 + k], x, y, root):
             continue
-        # Squares, because a root is slow.
         for i in range(k * _PIECE, min((k + 1) * _PIECE, row.nodes)):
             dx, dy = t.nodes[row.first + i].x - x, t.nodes[row.first + i].y - y
             if dx * dx + dy * dy < best:
