@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirdrake.actors import triggers
+from mirdrake.actors import occupancy, triggers
 from mirdrake.actors.crew import make_crew
-from mirdrake.actors.lanes import LaneRow, LaneTable, Node, Piece
+from mirdrake.actors.lanes import LaneRow, LaneTable, Node, Piece, lane_table
 from mirdrake.actors.motion import STATE
-from mirdrake.actors.occupancy import OnLane, behind, way_to_end
+from mirdrake.actors.occupancy import OBJECT, OnLane, behind, fill, way_to_end
 from mirdrake.core.compiled import records
 from mirdrake.core.errors import ConfigError
 from mirdrake.worlds import World, make_world
@@ -84,3 +84,36 @@ def test_the_end_of_a_road_is_seen_from_lanes_before_the_last() -> None:
     assert way_to_end(table, 0, 20.0, 300.0) == 135.0
     assert way_to_end(table, 2, 20.0, 300.0) == 80.0
     assert way_to_end(table, 0, 20.0, 20.0) == np.inf
+
+
+def test_objects_on_crossing_paths_are_those_of_an_exhaustive_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(4)
+    bends = [[[0, 10 * k], [20, 10 * k + 5], [30, 30], [45, 32 - 8 * k]] for k in range(4)]
+    straight = [[[-10, 12 * k], [50, 30 - 9 * k]] for k in range(3)]
+    entries = [
+        {"actor": "pedestrian", "name": f"p{k}", "path": path, "speed": 1.0}
+        for k, path in enumerate([*bends, *straight])
+    ]
+    world = make_world({"mirdrake": "world/1", "actors": entries})
+    tables, _ = lane_table(world.lanes)
+    table = LaneTable(*(part.view(np.recarray) for part in tables))
+    bodies = np.column_stack((rng.uniform(-20, 60, (60, 2)), rng.uniform(-3, 3, 60), rng.uniform(-6, 6, (60, 2))))
+    shape = np.tile((2.5, 1.0, 0.9), (len(bodies), 1))
+
+    def found() -> Any:
+        objects = np.zeros(len(bodies) * len(table.lanes), OBJECT).view(np.recarray)
+        count = fill(table, shape, np.empty(0, STATE).view(np.recarray), bodies, objects)
+        return objects[:count]
+
+    near = found()
+    # Without the cheap tests, every object is projected onto every lane from the nearest of all nodes.
+    monkeypatch.setattr(occupancy, "_is_clear", lambda *_: False)
+    monkeypatch.setattr(occupancy, "is_beyond", lambda *_: False)
+    nodes = [table.nodes[row.first : row.first + row.nodes] for row in table.lanes]
+    monkeypatch.setattr(
+        occupancy,
+        "nearest_node",
+        lambda _t, lane, x, y, _within: int(np.argmin(np.hypot(nodes[lane].x - x, nodes[lane].y - y))),
+    )
+    assert 20 < len(near) < 400
+    assert near.tobytes() == found().tobytes()

@@ -3,7 +3,7 @@
 import math
 from typing import Final, NamedTuple
 
-from mirdrake.actors.lanes import LaneTable, foot, nearest_node, project, wrapped
+from mirdrake.actors.lanes import LaneTable, foot, is_beyond, nearest_node, project, wrapped
 from mirdrake.core.compiled import Records, record_type
 from mirdrake.worlds.pieces import Array
 
@@ -109,8 +109,14 @@ def _touch(
 
     Here x and y are those of its middle.
     """
-    # What touches the lane is within this distance of a node. Cheap tests first, as the foot takes longest.
-    near = nearest_node(t, lane, x, y, 0.5 * t.lanes[lane].width + reach + half + half_width + 2.0 * t.lanes[lane].step)
+    # What touches the lane is within a distance of a node. Cheap tests first, as the foot takes longest. Whatever the
+    # heading of the lane, motion across it ends on the circle over the foreseen motion as its diameter (Thales).
+    ahead_x, ahead_y = 0.5 * ANTICIPATION * vx, 0.5 * ANTICIPATION * vy
+    size = half + half_width + 2.0 * t.lanes[lane].step + 0.5 * t.lanes[lane].width
+    farthest = math.hypot(ahead_x, ahead_y) + half + half_width + size
+    if is_beyond(t.pieces[t.lanes[lane].piece], x + ahead_x, y + ahead_y, farthest):
+        return count
+    near = nearest_node(t, lane, x, y, reach + size)
     if near < 0 or _is_clear(t, lane, near, x, y, yaw, vx, vy, half, half_width):
         return count
     s, offset = foot(t, lane, x, y, near)
@@ -337,6 +343,7 @@ PARTS = (
     way_to_end,
     project,
     nearest_node,
+    is_beyond,
     foot,
     wrapped,
 )
