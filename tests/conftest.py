@@ -1,7 +1,7 @@
 """Common fixtures: the process state is restored after each test, plots are headless, data files can be damaged.
 
-``--times FILE`` records the processor time of the tests; ``--quick`` runs only the files that took at most
-:data:`QUICK_FILE` in ``tests/times.json``.
+``--times FILE`` records the processor time of the tests. A test that took more than :data:`LONGEST` there is slow,
+unless it is marked as essential; ``--quick`` runs only the files that took at most :data:`QUICK_FILE`.
 """
 
 import json
@@ -30,6 +30,9 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("mirdrake")
 
 
+LONGEST = 2.5
+"""Recorded processor time of a test up to which it is one of the fast tests [s]."""
+
 QUICK_FILE = 1.5
 """Processor time of a test file up to which ``--quick`` runs it [s]."""
 
@@ -47,6 +50,17 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
         return None
     recorded = json.loads(TIMES.read_text(encoding="utf-8"))["files"]
     return True if recorded.get(collection_path.name, 0.0) > QUICK_FILE else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark tests as slow by their recorded times, before pytest chooses by marks; none while times are recorded."""
+    if config.getoption("--times"):
+        return
+    recorded = json.loads(TIMES.read_text(encoding="utf-8"))["tests over 2 s"]
+    for item in items:
+        if recorded.get(item.nodeid, 0.0) > LONGEST and "essential" not in item.keywords:
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(hookwrapper=True)

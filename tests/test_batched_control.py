@@ -78,6 +78,7 @@ def compare_with_drake(bolt, parameters, duration, delay):
     assert run["y"][0] == pytest.approx(y, abs=1e-5)
 
 
+@pytest.mark.essential
 def test_the_loop_drives_as_the_drake_diagram(bolt, parameters):
     compare_with_drake(bolt, parameters, duration=3.0, delay=0.1)
 

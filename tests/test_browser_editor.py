@@ -152,6 +152,7 @@ def build_lot(page: Page) -> int:
     return 14
 
 
+@pytest.mark.essential
 def test_a_parking_lot_of_twelve_cars_takes_at_most_25_gestures(page: Page) -> None:
     """The task of the paper on the language of test worlds: cars, a start and a goal, from an empty world."""
     gestures = build_lot(page)

@@ -43,6 +43,7 @@ def test_every_bundled_world_has_a_test():
     assert len({case.world for case in CASES.values()}) == len(names("worlds"))
 
 
+@pytest.mark.essential
 @pytest.mark.parametrize("key", marked(FAST_GOOD))
 def test_a_good_driver_passes(key):
     result = run_case(CASES[key])

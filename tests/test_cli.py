@@ -61,6 +61,7 @@ def call_command(
 # --- run -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.essential
 def test_run_drives_the_test_track_prints_a_summary_and_names_the_folder(tmp_path: Path) -> None:
     out, err = mirdrake(
         "run", "bolt_test_track", "--set", "duration=1", "--set", "plant.contact=point", folder=tmp_path

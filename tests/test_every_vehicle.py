@@ -88,6 +88,7 @@ def test_turning_radius_is_that_of_the_geometry_to_both_sides(model, contact, to
     assert rates[0] == pytest.approx(-rates[1], rel=0.005)
 
 
+@pytest.mark.essential
 @pytest.mark.parametrize("contact", ["point", pytest.param("hydroelastic", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("model", MODELS)
 def test_it_drives_a_figure_eight_under_path_tracking(model, contact):

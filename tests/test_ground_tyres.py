@@ -151,6 +151,7 @@ def test_tyres_with_slip_have_grip_on_a_speed_bump(tmp_path: Path, contact: str)
     assert signals[WHEEL_LOADS[0]].max() > 5000.0
 
 
+@pytest.mark.essential
 def test_a_turn_on_a_plate_is_that_on_the_plane(tmp_path: Path) -> None:
     """On a box of 40 x 40 m that vehicles drive over, with the default contact: lateral force and yaw rate within 1 %.
 

@@ -991,6 +991,7 @@ def drive(result, rows, duration):
     return Simulation(assemble(spec)).run(duration=duration).signals
 
 
+@pytest.mark.essential
 def test_an_imported_car_rests_drives_ten_metres_straight_and_circles(driven):
     result, speed = driven
     stop = 5.0 + (10.0 - speed) / speed  # at rest for 3 s, faster for 2 s, then on to 10 m

@@ -7,6 +7,8 @@ from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
 
+import pytest
+
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "mirdrake"
 
@@ -64,6 +66,7 @@ def test_every_module_has_its_stage() -> None:
     assert parts <= set(STAGES), f"name the stage of {sorted(parts - set(STAGES))} in STAGES, and in the README's table"
 
 
+@pytest.mark.essential
 def test_a_module_imports_only_from_the_same_or_earlier_stages() -> None:
     faults = []
     for file in MODULES:
@@ -79,6 +82,7 @@ def test_a_module_imports_only_from_the_same_or_earlier_stages() -> None:
     assert faults == []
 
 
+@pytest.mark.essential
 def test_classes_of_later_stages_that_are_named_in_texts_implement_a_base_class_of_the_package() -> None:
     # A registry may name a class of a later stage as "module:Class", which is imported when data ask for that kind. The
     # package that holds the registry uses the class through its own base class only. (`schemas` lists file formats.)

@@ -1,5 +1,7 @@
 """A user adds a kind of driver: one file, and one line that registers it."""
 
+import pytest
+
 from tests.new_kind import run_in_copy
 
 KIND = '''\
@@ -67,6 +69,7 @@ else:
 """
 
 
+@pytest.mark.essential
 def test_a_kind_of_driver_is_one_file_and_one_line(tmp_path):
     registry = "controllers/drivers.py"
     run_in_copy(

@@ -103,6 +103,7 @@ def run(folder, check):
     )
 
 
+@pytest.mark.essential
 def test_a_kind_of_joint_control_is_one_file_and_one_line(tmp_path):
     run(tmp_path, CHECK)
 

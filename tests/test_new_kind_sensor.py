@@ -1,5 +1,7 @@
 """A user adds a kind of sensor: a file with its system and its mount, and a line that registers it."""
 
+import pytest
+
 from tests.new_kind import run_in_copy
 
 TACHOGRAPH = '''\
@@ -63,6 +65,7 @@ assert set((values / 0.5).round(9) % 1.0) == {0.0}
 """
 
 
+@pytest.mark.essential
 def test_a_kind_of_sensor_is_a_file_and_a_line(tmp_path):
     line = '    "stereo_camera": "mirdrake'
     run_in_copy(

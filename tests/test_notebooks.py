@@ -66,6 +66,7 @@ def run_notebook(path: Path, folder: Path) -> Any:
     return notebook
 
 
+@pytest.mark.essential
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the notebook client; the kernel's own are errors
 @pytest.mark.parametrize("path", [_marked(path) for path in NOTEBOOKS])
 def test_a_notebook_runs_from_top_to_bottom(path: Path, tmp_path: Path):

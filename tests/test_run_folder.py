@@ -112,6 +112,7 @@ def wait_for_parts(folder: Path, *, count: int) -> None:
 # --- what is in it ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.essential
 def test_a_run_folder_is_complete(tmp_path: Path) -> None:
     run = run_diagram(drive(record={}, duration=1.0), folder=tmp_path / "run")
     files = {path.name for path in (tmp_path / "run").iterdir()}
@@ -301,6 +302,7 @@ def test_a_stopped_run_keeps_what_was_done(number: signal.Signals, tmp_path: Pat
     assert len(table) == len(run.signals)
 
 
+@pytest.mark.essential
 def test_a_killed_run_can_be_read_up_to_that_moment(tmp_path: Path) -> None:
     process = start_run(tmp_path, "--duration", "10000", "--set", "laps=null")
     wait_for_parts(tmp_path, count=2)

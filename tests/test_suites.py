@@ -86,7 +86,7 @@ BOMB_REASONS = {
     "hang": "no end after 4 s of wall time; it was in _command of",
     "leave": "the process ended with exit code 3",
     "geometry": ": Failure at ",  # Drake aborts; later versions end the process with SystemExit
-    "nan": "the behaviour commanded a speed of nan at t = 0.12 s",
+    "nan": "the run diverged: ego.speed_command is nan at t = 0.12 s",
 }
 
 

@@ -155,6 +155,7 @@ def done(lot: Path, printed: list[str]) -> Path:
 # --- what is printed and written -----------------------------------------------------------------------------------
 
 
+@pytest.mark.essential
 def test_the_verdicts_follow_the_requirements_of_the_file(done: Path) -> None:
     verdicts = {result["name"]: result["verdict"] for result in _results(done)}
     assert verdicts == {

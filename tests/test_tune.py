@@ -20,6 +20,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return tune(short_study(), out=tmp_path_factory.mktemp("tune") / "bolt")
 
 
+@pytest.mark.essential
 def test_a_result_has_loop_candidates_tables_and_experiments(study: Any) -> None:
     assert study.loop.gains["kp"] == Gain("N m s/rad", "wheel_speed.kp")
     assert study.loop.settings["wheel_speed.kind"] == "pid"

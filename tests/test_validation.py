@@ -236,6 +236,7 @@ def test_the_error_of_a_vehicle_without_a_file_states_what_to_write(tmp_path, mo
 # --- the Bolt ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.essential
 def test_bolt_brakes_and_accelerates_like_the_real_car(tmp_path, capsys):
     only = "time_to_speed,time_to_distance,speed_at_distance,braking_distance"
     out = tmp_path / "out"

@@ -82,6 +82,7 @@ def test_the_wheel_is_smaller_than_ten_megabytes(wheel: Path) -> None:
     assert wheel.stat().st_size < 10e6
 
 
+@pytest.mark.essential
 def test_the_installed_command_lists_what_is_shipped(installed: Path, tmp_path: Path) -> None:
     listed = _run(installed / "mirdrake", "list", cwd=tmp_path)
     assert all(name in listed for name in ("bolt", "test_track", "bolt_test_track"))

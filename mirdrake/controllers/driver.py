@@ -72,7 +72,8 @@ def find_track(world: DrivenWorld, name: str | None) -> Track:
         ConfigError: the world has no track, or none of this name.
     """
     if not world.tracks:
-        raise ConfigError("the world has no track to follow")
+        asked = "no track to follow" if name is None else f"no track '{name}'; it has none"
+        raise ConfigError(f"the world has {asked}")
     if name is None:
         return next(iter(world.tracks.values()))
     if name not in world.tracks:

@@ -154,8 +154,8 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     simulated = round(float(run.signals.index[-1]) if len(run.signals) else 0.0, 6)
     findings: list[Finding] = []
     seen: Observation | None = None
-    # A diverged run, or commands that are not finite, cannot be judged: margins of such signals mean nothing.
-    fault = f"the run {run.stop}" if run.diverged else _lost_command(run)
+    # A diverged run cannot be judged: margins of its signals mean nothing.
+    fault = f"the run {run.stop}" if run.diverged else ""
     # Even then the run is observed, as far as possible, because the report shows its trace.
     try:
         wanted = {name for requirement in requirements for name in requirement.signals}
@@ -183,17 +183,6 @@ def _findings_of_others(case: Case, run: Run, world: World, vehicles: Mapping[st
         for requirement in requirements:
             finding = requirement.judge(seen)
             yield finding._replace(text=f"{other.vehicle}: {finding.text}")
-
-
-def _lost_command(run: Run) -> str:
-    """Return the first command of the behaviour that is not finite, which the vehicle does not follow; "" if none."""
-    for key in ("speed", "steering"):
-        signal_ = run.signals.get(f"{VEHICLE}.{key}_command")
-        if signal_ is not None and not np.isfinite(signal_).all():
-            # `argmin` of booleans is the first False.
-            row = int(np.argmin(np.isfinite(signal_)))
-            return f"the behaviour commanded a {key} of {signal_.iloc[row]:g} at t = {signal_.index[row]:g} s"
-    return ""
 
 
 def _broken(world: World) -> list[str]:

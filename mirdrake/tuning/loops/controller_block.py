@@ -31,7 +31,7 @@ from pydrake.systems.framework import (
 from mirdrake.assembly.blocks import make_block
 from mirdrake.assembly.diagram import Assembly
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.leaf_system import LeafSystem, weak_callback
+from mirdrake.core.leaf_system import FreeableType, LeafSystem, weak_callback
 from mirdrake.core.signals import copy_signals
 from mirdrake.core.yaml_io import Source
 from mirdrake.tuning.loops.blocks import DelayedActuator
@@ -196,7 +196,7 @@ class ControllerBlock(LeafSystem):  # type: ignore[misc, unused-ignore]
         derivatives.SetFromVector(system.EvalTimeDerivatives(own).CopyToVector())
 
 
-class TunedBlock(Diagram):  # type: ignore[misc, unused-ignore]
+class TunedBlock(Diagram, metaclass=FreeableType):  # type: ignore[misc, unused-ignore]
     """A :class:`ControllerBlock` with a delay behind its control; it takes the place of the block in its diagram.
 
     Args:
