@@ -113,7 +113,7 @@ def test_objects_on_crossing_paths_are_those_of_an_exhaustive_search(monkeypatch
     monkeypatch.setattr(
         occupancy,
         "nearest_node",
-        lambda _t, lane, x, y, _within: int(np.argmin(np.hypot(nodes[lane].x - x, nodes[lane].y - y))),
+        lambda _t, lane, x, y, _within: int(np.argmin(np.hypot(nodes[lane]["x"] - x, nodes[lane]["y"] - y))),
     )
     assert 20 < len(near) < 400
     assert near.tobytes() == found().tobytes()
