@@ -22,6 +22,7 @@ from mirdrake.assembly.diagram import assemble
 from mirdrake.cli import main
 from mirdrake.core.errors import ConfigError, RunError
 from mirdrake.core.paths import names
+from mirdrake.core.user_modules import import_user_module
 from mirdrake.runs.logs import Run, RunWriter, load_run
 from mirdrake.runs.simulation import Simulation, default_folder, simulate
 from mirdrake.runs.summary import drive_figures
@@ -49,7 +50,13 @@ OWN = dedent(
             if context.get_time() >= self._at:
                 if self._how == "raise":
                     raise ZeroDivisionError("no more ideas")
+                if self._how != "nan":
+                    raise {"SystemExit": SystemExit, "GeneratorExit": GeneratorExit, "own": Own}[self._how]("enough")
                 output.SetFromVector([nan])
+
+
+    class Own(BaseException):
+        pass
     """
 )
 
@@ -350,6 +357,26 @@ def test_a_block_that_raises_ends_the_run_with_its_own_file_and_line(
     assert "ZeroDivisionError" in run.stop.detail
     assert run.signals.index[-1] >= 0.75
     assert run.events[-1]["kind"] == "failure"
+
+
+@pytest.mark.parametrize("how", ["SystemExit", "GeneratorExit", "own"])
+def test_whatever_a_block_raises_is_one_line_even_what_is_no_exception_of_python(
+    how: str, faulty_drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", faulty_drive.name, "--out", "out", "--set", f"systems.faulty.how={how}"]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert err.startswith("error: out: the run failed at t = 0.8")
+    assert f"{'Own' if how == 'own' else how}: enough" in err
+    assert load_run(tmp_path / "out").events[-1]["kind"] == "failure"
+
+
+@pytest.mark.parametrize("what", ["SystemExit()", "GeneratorExit()", "type('Own', (BaseException,), {})()"])
+def test_whatever_a_module_raises_on_import_names_the_module(what: str, tmp_path: Path) -> None:
+    (tmp_path / "leaving_module.py").write_text(f"raise {what}\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="module 'leaving_module' fails on import"):
+        import_user_module("leaving_module", folder=tmp_path)
 
 
 def test_a_nan_in_the_steering_ends_the_run_with_a_reason(

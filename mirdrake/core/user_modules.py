@@ -57,7 +57,9 @@ def import_user_module(name: str, *, folder: str | Path | None = None) -> Module
         _FOREIGN.add(name)
     except ImportError as error:
         raise ConfigError(f"module '{name}' cannot be imported: {error}") from None
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # also SystemExit and GeneratorExit
         raise ConfigError(f"module '{name}' fails on import: {type(error).__name__}: {error}") from None
     finally:
         # Only for the import, so that later imports of the program are not affected.

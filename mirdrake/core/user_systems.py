@@ -79,8 +79,10 @@ def construct(factory: Callable[[], System], kind: str, *, where: str) -> System
         return factory()
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
-    # User code may raise anything, even SystemExit; it must not end the program without a location.
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    # User code may raise anything, SystemExit and GeneratorExit as well; it must not end the program without a location.
+    except BaseException as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         text = lines[0] if lines else ""
         if len(lines) > 1 and "incompatible constructor arguments" in text:  # of pydrake: the first signature

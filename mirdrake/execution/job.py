@@ -108,7 +108,9 @@ def run_job(job: Job) -> Outcome:
         line = str(error).splitlines()[0]
         unstable = isinstance(error, RunError) and is_divergence(line)
         return Outcome(job.index, "unstable" if unstable else "failed", line)
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a user's block or metric may raise anything, SystemExit as well
         _cache.built.pop(key, None)
         return Outcome(job.index, "failed", one_line(error))
 
@@ -153,7 +155,9 @@ def _run(job: Job, built: _Built) -> Outcome:
     for name, function in functions.items():
         try:
             results[name] = function(run)
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             return Outcome(job.index, "failed", f"metric {name}: {one_line(error)}", simulated)
     try:
         values = tuple(_measure(name, run.summary, results) for name in job.metrics)

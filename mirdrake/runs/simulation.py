@@ -173,7 +173,7 @@ class Simulation:
             if not isinstance(error, DivergedError):  # the folder can no longer be written
                 raise
             stop = Stop(StopReason.DIVERGED, str(error))
-        except (Exception, SystemExit) as error:  # a user's block may call sys.exit
+        except BaseException as error:  # a user's block may raise anything, SystemExit and GeneratorExit as well
             if _is_divergence(error):
                 line = str(error).strip().split(". ")[0].splitlines()[0]
                 stop = Stop(StopReason.DIVERGED, f"the solver failed: {line}")
