@@ -81,7 +81,7 @@ def construct(factory: Callable[[], System], kind: str, *, where: str) -> System
         raise ConfigError(f"{where}: {error}") from None
     except KeyboardInterrupt:
         raise
-    # User code may raise anything, SystemExit and GeneratorExit as well; it must not end the program without a location.
+    # User code may raise anything, SystemExit and GeneratorExit as well; the program must name the location.
     except BaseException as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         text = lines[0] if lines else ""
