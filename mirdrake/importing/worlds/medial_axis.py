@@ -4,16 +4,21 @@ The medial axis of a polygon is approximated by the Voronoi diagram of points on
 (J. W. Brandt, V. R. Algazi, "Continuous skeleton computation by Voronoi diagram", CVGIP 55, 1992).
 """
 
+import math
+from collections import deque
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import QhullError, Voronoi
+from shapely.ops import substring
 
 from mirdrake.importing.worlds.model import Array
 
 _MOST_POINTS = 5000  # on the boundary of an area
+_STRAIGHT_ON = -0.5  # cosine between the directions away from a junction: a road that goes on turns by less than 60°
 
 
 def medial_line(area: shapely.Polygon, width: float, *, narrowest: float) -> tuple[Array, Array]:
@@ -54,11 +59,16 @@ def medial_line(area: shapely.Polygon, width: float, *, narrowest: float) -> tup
     if not len(edges):
         return none
 
-    # A circuit has one long ring; a junction has small ones, where the path is the better line.
+    # A circuit has one long ring; a junction has small ones, where the path is the better line. The ring of a circuit
+    # that crosses itself, as an eight, turns back at the crossing, where the road goes straight on.
     ring = _outer_ring(edges, vertices)
     path = _longest_path(edges, vertices)
-    closes = ring is not None and _length(ring) > max(0.5 * _length(path), 4.0 * width)
-    line = ring if ring is not None and closes else path
+    through = straight_circuit(edges, vertices, clear, width)
+    line = path
+    if ring is not None and _length(ring) > max(0.5 * _length(path), 4.0 * width):
+        line = ring
+    if _length(through) > 0.9 * _length(line):
+        line = through
     return line, np.asarray(shapely.distance(shapely.points(line), simple.boundary))
 
 
@@ -101,6 +111,104 @@ def _outer_ring(edges: NDArray[np.int64], vertices: Array) -> Array | None:
     whole = max(shapely.get_parts(shapely.union_all(faces)), key=shapely.area)
     ring: Array = shapely.get_coordinates(shapely.get_exterior_ring(whole))
     return ring
+
+
+def straight_circuit(edges: NDArray[np.int64], vertices: Array, clear: Array, width: float) -> Array:
+    """Return the longest closed line that goes straight on at each junction; empty if there is none.
+
+    Where four roads meet, the medial axis has two forks close to each other; forks are one junction if their inscribed
+    circles touch.
+    At a junction the branches are paired, the straightest pair first; a branch without a partner ends there.
+
+    Args:
+        edges: pairs of vertices (n, 2).
+        vertices: places (m, 2) [m].
+        clear: distance of each vertex from the boundary (m) [m].
+        width: mean width of the road [m].
+    """
+    junction, branches = _branches(edges, vertices, clear)
+    follows = _straight_on(junction, branches, vertices, width)
+    best: Array = np.zeros((0, 2))
+    unused = set(follows)
+    while unused:
+        end = first = min(unused)
+        line: list[Array] = []
+        # Along a branch from this end to the other, then into the branch that goes straight on.
+        while end in unused:
+            unused -= {end, other := (end[0], 1 - end[1])}
+            branch = branches[end[0]]
+            places = vertices[branch if end[1] == 0 else branch[::-1]]
+            line.append(_without_ends(places, 0.75 * width))
+            if other not in follows:
+                break
+            end = follows[other]
+        if line and end == first:
+            closed = np.vstack((*line, line[0][:1]))
+            best = max(best, closed, key=_length)
+    return best
+
+
+def _branches(edges: NDArray[np.int64], vertices: Array, clear: Array) -> tuple[dict[int, int], list[list[int]]]:
+    """Return the junction of each fork, and the branches between junctions as lists of vertices."""
+    beside: dict[int, set[int]] = {}
+    for a, b in edges.tolist():
+        beside.setdefault(a, set()).add(b)
+        beside.setdefault(b, set()).add(a)
+    # Dead ends are no part of a circuit.
+    tips = deque(vertex for vertex, near in beside.items() if len(near) == 1)
+    while tips:
+        tip = tips.popleft()
+        for near in beside.pop(tip, ()):
+            beside[near].discard(tip)
+            if len(beside[near]) == 1:
+                tips.append(near)
+    forks = sorted(vertex for vertex, near in beside.items() if len(near) > 2)
+    junction = {fork: fork for fork in forks}
+    branches: list[list[int]] = []
+    for fork in forks:
+        for near in sorted(beside[fork]):
+            branch = [fork, near]
+            while branch[-1] not in junction:
+                branch.append(next(vertex for vertex in beside[branch[-1]] if vertex != branch[-2]))
+            # Each branch is found from both of its ends; it is taken once.
+            if branch <= branch[::-1]:
+                branches.append(branch)
+    # Forks are one junction if their inscribed circles touch along the branch.
+    short = [line for line in branches if _length(vertices[line]) < clear[line[0]] + clear[line[-1]]]
+    for branch in short:
+        one, other = junction[branch[0]], junction[branch[-1]]
+        junction = {fork: min(one, other) if owner in (one, other) else owner for fork, owner in junction.items()}
+    return junction, [branch for branch in branches if branch not in short]
+
+
+def _straight_on(
+    junction: dict[int, int], branches: list[list[int]], vertices: Array, width: float
+) -> dict[tuple[int, int], tuple[int, int]]:
+    """Return the end of a branch, as its index and 0 or 1, that follows straight on the end of another one."""
+    ends: dict[int, list[tuple[int, int]]] = {}
+    away: dict[tuple[int, int], Array] = {}
+    for index, branch in enumerate(branches):
+        for side, line in enumerate((branch, branch[::-1])):
+            places = vertices[line]
+            # The direction at a distance at which the middle of the road no longer bends into the junction.
+            leaves = _without_ends(places, 0.75 * width)[:2]
+            away[index, side] = (leaves[-1] - leaves[0]) / max(math.dist(leaves[-1], leaves[0]), 1e-12)
+            ends.setdefault(junction[line[0]], []).append((index, side))
+    follows: dict[tuple[int, int], tuple[int, int]] = {}
+    for meeting in ends.values():
+        pairs = [(float(away[a] @ away[b]), a, b) for a in meeting for b in meeting if a < b]
+        for cosine, a, b in sorted(pairs):
+            if cosine < _STRAIGHT_ON and a not in follows and b not in follows:
+                follows[a], follows[b] = b, a
+    return follows
+
+
+def _without_ends(places: Array, length: float) -> Array:
+    """Return a line without a length [m] at its ends, or its middle if it is shorter."""
+    line = shapely.LineString(places)
+    cut = min(length, 0.4 * line.length)
+    inner: Array = shapely.get_coordinates(substring(line, cut, line.length - cut))
+    return inner
 
 
 def _longest_path(edges: NDArray[np.int64], vertices: Array) -> Array:
