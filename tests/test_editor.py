@@ -121,6 +121,41 @@ def test_a_moved_handle_changes_its_values_alone(yard, element, handle, position
     assert read_scene(after, PATH).world.name == "yard"
 
 
+QUOTED = """\
+mirdrake: world/1
+tracks: {lane: {segments: [{line: 60}]}}
+props:
+  - {prop: sedan, name: "car", at: ["3 m", '4'], yaw: '90 deg'}
+actors:
+  - {actor: pedestrian, name: a, path: [[30, 15], [30, 25]], speed: 1.4, starts: {when: "ego within 25 m"}}
+  - {actor: sedan, name: b, on_track: {track: lane, s: 20}, speed: 3, starts: {when: 'ego past lane@10'}}
+scenario:
+  b: [{when: "a past lane@40", go: {}}]
+"""
+
+
+@pytest.mark.parametrize(
+    ("element", "handle", "position", "old", "new"),
+    [
+        ("props/0", "body", (5.0, 6.0), """["3 m", '4']""", """["5 m", '6']"""),
+        ("props/0", "yaw", (9.0, 4.0), "'90 deg'", "'0 deg'"),
+        ("actors/0", "trigger", (10.0, 15.0), '"ego within 25 m"', '"ego within 20 m"'),
+        ("actors/1", "trigger", (12.5, 1.0), "'ego past lane@10'", "'ego past lane@12.5'"),
+        ("actors/1", "trigger 1", (44.0, 1.0), '"a past lane@40"', '"a past lane@44"'),
+    ],
+)
+def test_a_dragged_value_keeps_its_quotes(element, handle, position, old, new):
+    scene = read_scene(QUOTED, PATH)
+    after = drag(scene, element, *position, handle)
+    assert after == QUOTED.replace(old, new)
+    read_scene(after, PATH)
+
+
+def test_the_name_of_a_copy_keeps_its_quotes():
+    after = changed(read_scene(QUOTED, PATH), kind="copy", elements=["props/0"], dx=1.0, dy=0.0)
+    assert """- {prop: sedan, name: "car_2", at: ["4 m", '4'], yaw: '90 deg'}""" in after
+
+
 def test_a_value_that_is_not_a_plain_number_is_not_dragged(yard):
     with pytest.raises(LockedError, match=r"2\*\$pitch depends on \$pitch"):
         drag(yard, "props/3", 1.0, 1.0)

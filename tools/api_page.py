@@ -78,7 +78,9 @@ def _sentence(name: str, own: dict[str, ast.ClassDef | ast.FunctionDef], tree: a
     """Return the first sentence of a name, also of one imported from another module of the package."""
     if name in own:
         return _first(ast.get_docstring(own[name]) or "")
-    for node in tree.body:
+    # The names of a package that are loaded when they are first used are imported for type checkers alone.
+    later = [node for block in tree.body if isinstance(block, ast.If) for node in block.body]
+    for node in [*tree.body, *later]:
         if isinstance(node, ast.ImportFrom) and any((alias.asname or alias.name) == name for alias in node.names):
             source = (node.module or "").removeprefix("mirdrake.")
             if (node.module or "").startswith("mirdrake.") and source != module:

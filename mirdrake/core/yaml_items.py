@@ -63,8 +63,16 @@ def set_scalar(text: str, path: Path, written: str, *, name: str = "<text>") -> 
     return set_scalars(text, [(path, written)], name=name)
 
 
-def set_scalars(text: str, changes: Sequence[tuple[Path, str]], *, name: str = "<text>") -> str:
+def set_scalars(
+    text: str, changes: Sequence[tuple[Path, str]], *, name: str = "<text>", keep_quotes: bool = False
+) -> str:
     """Return the text with several values replaced or added; see :func:`set_scalar`.
+
+    Args:
+        text: the text.
+        changes: paths and new values as YAML.
+        name: name of the text in errors.
+        keep_quotes: new values without quotes get those of the values that they replace.
 
     Raises:
         ConfigError: one of them cannot be changed.
@@ -73,7 +81,8 @@ def set_scalars(text: str, changes: Sequence[tuple[Path, str]], *, name: str = "
     data = before
     # All cuts are found in the original text, so that they can be applied together.
     cuts: list[tuple[int, int, str]] = []
-    for path, written in changes:
+    for path, plain in changes:
+        written = _quoted_as(_find(text, path), plain) if keep_quotes else plain
         value = _parsed(written, name)
         cuts.append(_cut(text, before, path, written, name))
         data = _replaced(data, path, value)
@@ -116,6 +125,16 @@ def _cut_missing(text: str, before: Any, path: Path, written: str, name: str) ->
     if parent is None or parent.kind != "scalar" or value_at(before, path[:length]) is not None:
         _reject(text, name, path, "is not in the file")
     return parent.start, parent.end, f"{_space_before(text, parent)}{{{entry}}}"
+
+
+def _quoted_as(node: Node | None, written: str) -> str:
+    """Return a text in the quotes of a value, unless it has its own."""
+    if node is None or node.kind != "scalar" or written[:1] in {"'", '"'}:
+        return written
+    if node.style == '"':
+        return json.dumps(written, ensure_ascii=False)
+    doubled = written.replace("'", "''")
+    return f"'{doubled}'" if node.style == "'" else written
 
 
 def _space_before(text: str, node: Node) -> str:

@@ -1,15 +1,19 @@
-"""Tests of the saved world, run by the command line's own verb in a separate process."""
+"""Tests of the saved world, run by the command line's own verb in a separate process.
+
+What reads their results is imported when a test is run: it brings the whole simulation, which the page does not need.
+"""
 
 import subprocess
 import sys
 import threading
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.json_io import Json
-from mirdrake.runs.simulation import default_folder
-from mirdrake.suites.cases import Case, Result
-from mirdrake.suites.run import load_suite
+
+if TYPE_CHECKING:
+    from mirdrake.suites.cases import Case, Result
 
 RECORDING = "recording.html"
 """Recording in the folder of a case; the command line writes those of the worst cases, and of a case run alone."""
@@ -33,6 +37,8 @@ class CaseRunner:
 
     def run(self, name: str = "") -> None:
         """Run one test or case, or all without a name; a run that has not ended is stopped."""
+        from mirdrake.runs.simulation import default_folder
+
         self.stop()
         self._folder = default_folder(self._path.stem, base=self._path.parent)
         command = [sys.executable, "-P", "-m", "mirdrake.cli", "world", "test", str(self._path), "--quiet"]
@@ -67,6 +73,8 @@ class CaseRunner:
         """Return the results so far, the worst first."""
         if self._folder is None or self._final is not None:
             return self._final or []
+        from mirdrake.suites.run import load_suite
+
         ended = self._code is not None
         try:
             suite = load_suite(self._folder)
@@ -90,7 +98,7 @@ class CaseRunner:
             self._code = code
 
 
-def _row(case: Case, result: Result, *, recorded: bool) -> Json:
+def _row(case: "Case", result: "Result", *, recorded: bool) -> Json:
     worst = result.worst
     # The reason of a failure has the margin.
     margin = ""

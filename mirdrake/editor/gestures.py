@@ -176,7 +176,7 @@ class CopyGesture(Gesture):
             if given is not None:
                 label = _free_name(str(given), names[where])
                 names[where].add(label)
-                text = set_scalar(text, (*copy, "name"), scalar_text(label), name=name)
+                text = _apply(text, [((*copy, "name"), scalar_text(label))], name)
             # The next copy comes after this one.
             counts[where] += 1
         return text
@@ -301,7 +301,7 @@ def _shifted(scene: Scene, move: Move, dx: float, dy: float) -> list[Change]:
 
 
 def _apply(text: str, changes: list[Change], name: str) -> str:
-    return set_scalars(text, changes, name=name) if changes else text
+    return set_scalars(text, changes, name=name, keep_quotes=True) if changes else text
 
 
 def _order(path: tuple[str, ...]) -> tuple[str, int]:

@@ -1,4 +1,7 @@
-"""Props, groups and actors that can be dropped on the map, with pictures drawn from their meshes."""
+"""Props, groups and actors that can be dropped on the map, with pictures drawn from their meshes.
+
+What draws is imported when a picture is drawn: they are kept, and most editors open without drawing any.
+"""
 
 import io
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -15,7 +17,6 @@ from mirdrake.core.digest import digest
 from mirdrake.core.errors import MirdrakeError
 from mirdrake.core.files import write_file
 from mirdrake.core.paths import cache_folder, data_root
-from mirdrake.viewer.raster import draw_triangles, read_triangles
 from mirdrake.worlds.loading import make_world
 from mirdrake.worlds.props import PlacedProp, Prop, prop_names
 from mirdrake.worlds.world import World
@@ -77,6 +78,8 @@ def picture(what: str, name: str, data: Mapping[str, Any], path: Path) -> bytes 
 
 def _draw(placed: Sequence[PlacedProp]) -> bytes:
     """Return a three-quarter view."""
+    from mirdrake.viewer.raster import draw_triangles
+
     cos_a, sin_a, cos_e, sin_e = np.cos(_AZIMUTH), np.sin(_AZIMUTH), np.cos(_ELEVATION), np.sin(_ELEVATION)
     # Rows: to the right, up, and towards the viewer.
     rotation = np.array([
@@ -107,6 +110,10 @@ def _placed_triangles(placed: PlacedProp) -> Iterator[tuple[Array, Array]]:
 @lru_cache(maxsize=32)
 def _triangles(prop: Prop) -> list[tuple[Array, Array]]:
     """Return corners (n, 3, 3) in P [m] and colours (n, 3) of a prop: of its mesh, else of its solids."""
+    import trimesh
+
+    from mirdrake.viewer.raster import read_triangles
+
     parts = read_triangles(prop.visual, _GREY) if prop.visual is not None else []
     if parts:
         return [((points * prop.scale)[faces], colours) for points, faces, colours in parts]

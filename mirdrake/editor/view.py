@@ -1,13 +1,14 @@
-"""The world in Meshcat beside the map. Meshcat is used by one thread, as Drake requires."""
+"""The world in Meshcat beside the map. Meshcat is used by one thread, as Drake requires.
+
+What draws is imported with the first drawing: it brings the plant, which the page does not need.
+"""
 
 from concurrent.futures import ThreadPoolExecutor
 
 from pydrake.geometry import Meshcat
 
 from mirdrake.editor.picture import view_of
-from mirdrake.viewer.meshcat import make_meshcat_behind
 from mirdrake.viewer.private_meshcat import Upstream, release
-from mirdrake.viewer.show import show_world
 from mirdrake.worlds.world import World
 
 _SCENE = "/drake"  # where Drake draws
@@ -39,6 +40,9 @@ class View:
         self._thread.shutdown()
 
     def _draw(self, world: World) -> None:
+        from mirdrake.viewer.meshcat import make_meshcat_behind
+        from mirdrake.viewer.show import show_world
+
         if self._meshcat is None:
             self._meshcat, self.upstream = make_meshcat_behind(world=world)
             x0, y0, x1, y1 = view_of(world)

@@ -3,8 +3,9 @@
 A name loads its module when it is first used: batches need the equations only, not Drake's plant and the controllers.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from mirdrake.core.deferred import defer
 
 if TYPE_CHECKING:
     from mirdrake.single_track.control import SingleTrackControl as SingleTrackControl
@@ -56,10 +57,4 @@ __all__ = [
     "understeer_gradient",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Load a name from its module when it is first used (PEP 562)."""
-    if name not in _MODULES:
-        raise AttributeError(f"module 'mirdrake.single_track' has no attribute '{name}'")
-    value = globals()[name] = getattr(import_module(f"mirdrake.single_track.{_MODULES[name]}"), name)
-    return value
+__getattr__ = defer(__name__, _MODULES)
