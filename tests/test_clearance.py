@@ -201,6 +201,28 @@ def test_vehicles_count_each_with_its_own_shape_where_it_is_at_the_time() -> Non
     assert np.isinf(clearance_between(low, mine, high, mine)).all()
 
 
+def test_the_clearance_of_two_vehicles_is_that_of_their_nearest_pair_of_slabs() -> None:
+    rng = np.random.default_rng(3)
+    mine = rng.uniform([-9, -9, -3], [9, 9, 3], (60, 3))
+    theirs = mine + rng.uniform([-8, -8, -3], [8, 8, 3], (60, 3))
+    pairs = [
+        shapely.distance(
+            shapely.polygons(place_outline(a.outline, mine)), shapely.polygons(place_outline(b.outline, theirs))
+        )
+        for a in BOLT.slabs
+        for b in BOLT.slabs
+        if min(a.high, b.high) > max(a.low, b.low) + 1e-9
+    ]
+    nearest = np.min(pairs, axis=0)
+    found = clearance_between(BOLT, mine, BOLT, theirs, rows=np.arange(50))
+    apart = nearest[:50] > 0.0
+    assert 20 < apart.sum() < 50
+    # The same bits: pairs are only left out where they cannot be nearer.
+    assert (found[:50][apart] == nearest[:50][apart]).all()
+    assert (found[:50][~apart] < 0.0).all()
+    assert np.isinf(found[50:]).all()
+
+
 def test_a_prop_of_the_library_is_seen_by_its_heights() -> None:
     tree = PlacedProp("tree", load_prop("tree"), RigidTransform())
     assert tree.footprint.bounds[3] > 1.0

@@ -12,12 +12,15 @@ from textwrap import dedent
 
 import pytest
 
+from mirdrake.assembly.diagram_spec import DiagramSpec, make_spec
 from mirdrake.assembly.inputs import input_digest
+from mirdrake.assembly.scene import load_vehicle_of
 from mirdrake.core.errors import RunError
 from mirdrake.core.paths import find
 from mirdrake.runs.logs import load_run
-from mirdrake.suites import Case, Result, Suite, load_suite, run_suite, vary
+from mirdrake.suites import Case, Result, Suite, load_suite, run_suite, vary, worker
 from mirdrake.suites.cases import Judgement
+from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import load_world
 
 EMPTY = str(find("worlds", "empty").resolve())
@@ -232,6 +235,27 @@ def test_margins_of_different_units_are_compared_by_their_shares() -> None:
     assert sorted((wide, tight), key=lambda result: result.place) == [tight, wide]
     assert tight.margin == 0.2
     assert tight.share == pytest.approx(0.4)
+
+
+def test_variations_load_their_vehicles_once_and_cannot_change_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[str] = []
+
+    def load(spec: DiagramSpec, name: str) -> Vehicle:
+        loaded.append(name)
+        return load_vehicle_of(spec, name)
+
+    monkeypatch.setattr(worker, "load_vehicle_of", load)
+    case = replace(_case(1), content=f"this test {time.time_ns()}")
+    spec = make_spec(case.diagram)
+    first = worker._vehicles_of(case, spec)["ego"]
+    first.control.rate = 1.0
+    again = worker._vehicles_of(replace(case, values={"seed": 2}), spec)["ego"]
+    assert loaded == ["ego"]
+    assert again == load_vehicle_of(spec, "ego")
+    # Other files, or files whose state is not known, are read again.
+    worker._vehicles_of(replace(case, content="other files"), spec)
+    worker._vehicles_of(replace(case, content=""), spec)
+    assert loaded == ["ego"] * 3
 
 
 def test_the_digest_of_the_inputs_changes_with_each_file(tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
 """The actors of a world as one system: they are moved at 50 Hz, and have a pose at every time."""
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -10,7 +12,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 from mirdrake.actors.crew import FullVehicle, make_crew, start_states
 from mirdrake.actors.motion import STATE
 from mirdrake.actors.step import TimeStep
-from mirdrake.core.compiled import Records
+from mirdrake.core.compiled import Records, compiled
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.signals import Signal, Signals, declare_vector_output
 from mirdrake.plant.actors import ActorsInScene
@@ -76,6 +78,8 @@ class Traffic(LeafSystem):
         self._scene, self._is_continuous = scene, always
         lanes, crew, self._bodies = make_crew(world, vehicles, state_size)
         self._step = TimeStep(lanes, crew)
+        self._between = compiled(write_planar, parts=_PARTS)
+        self._record = compiled(write_recorded, parts=_PARTS)
         start = start_states(world, lanes)
         numbers = start.view(float)
         self.plant_state = self.DeclareVectorInputPort("plant_state", self._bodies.size)
@@ -116,45 +120,73 @@ class Traffic(LeafSystem):
     def _planar(self, context: Context, share: float | None = None) -> Array:
         """Return x, y, yaw, vx, vy, wz of the actors now, or at a share of the time step (n, 6)."""
         time, before, after = self._rows(context)
-        if share is None:
-            share = min(max((context.get_time() - time) / PERIOD, 0.0), 1.0)
-        return planar_between(before, after, share)
+        planar = np.empty((len(self.names), len(PLANAR)))
+        self._between(before, after, _share(context, time) if share is None else share, planar)
+        return planar
 
     def _calc_states(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._planar(context).ravel())
 
     def _calc_signals(self, context: Context, output: BasicVector) -> None:
         time, before, after = self._rows(context)
-        u = min(max((context.get_time() - time) / PERIOD, 0.0), 1.0)
-        x, y, yaw, _, _, wz = planar_between(before, after, u).T
-        speed = (1.0 - u) * before["v"] + u * after["v"]
-        # The yaw of a lane is continuous and grows on a closed one; recorded angles are within one turn.
-        yaw = np.mod(yaw + np.pi, 2.0 * np.pi) - np.pi
-        rows = (x, y, yaw, speed, after["a"], wz, after["lane"], after["gap"], after["limit"])
-        output.SetFromVector(np.column_stack(rows).ravel())
+        rows = np.empty((len(self.names), len(RECORDED)))
+        self._record(before, after, _share(context, time), rows)
+        output.SetFromVector(rows.ravel())
 
     def _calc_poses(self, context: Context, value: AbstractValue) -> None:
         always = None if self._is_continuous else 0.0
         value.set_value(self._scene.poses(self._planar(context, always)[:, :3]))
 
 
-def planar_between(before: Records, after: Records, u: float) -> Array:
-    """Return x, y, yaw [m, m, rad], vx, vy, wz [m/s, m/s, rad/s] at a share of the time between two updates (n, 6).
+def _share(context: Context, time: float) -> float:
+    """Return the share of the time step since an update at a time [s]."""
+    return float(min(max((context.get_time() - time) / PERIOD, 0.0), 1.0))
+
+
+def write_planar(before: Records, after: Records, u: float, planar: Array) -> None:
+    """Write x, y, yaw [m, m, rad], vx, vy, wz [m/s, m/s, rad/s] of all actors at a share of the time step (n, 6).
+
+    Arguments as those of :func:`_planar_of`.
+    """
+    for i in range(len(before)):
+        planar[i] = _planar_of(before[i], after[i], u)
+
+
+def write_recorded(before: Records, after: Records, u: float, rows: Array) -> None:
+    """Write :data:`RECORDED` of all actors at a share of the time step (n, 9); arguments as those of `write_planar`."""
+    for i in range(len(before)):
+        x, y, yaw, _, _, wz = _planar_of(before[i], after[i], u)
+        speed = (1.0 - u) * before[i].v + u * after[i].v
+        # The yaw of a lane is continuous and grows on a closed one; recorded angles are within one turn.
+        yaw = (yaw + math.pi) % (2.0 * math.pi) - math.pi
+        rows[i] = (x, y, yaw, speed, after[i].a, wz, after[i].lane, after[i].gap, after[i].limit)
+
+
+def _planar_of(before: Any, after: Any, u: float) -> tuple[float, float, float, float, float, float]:
+    """Return x, y, yaw [m, m, rad], vx, vy, wz [m/s, m/s, rad/s] at a share of the time between two updates.
 
     They are cubic Hermite polynomials of poses and velocities at both ends, and their derivatives.
 
     Args:
-        before: states at the last update (n).
-        after: states at the next one.
+        before: state at the last update.
+        after: state at the next one.
         u: share of the time between them.
     """
-    # Pose and velocity are the first six numbers of a state.
-    first_row, last_row = before.view(float).reshape(len(before), -1), after.view(float).reshape(len(after), -1)
-    start = first_row[:, :3]
-    change = last_row[:, :3] - start
     # The shorter way round: at the seam of a closed lane yaw jumps by a turn.
-    change[:, 2] -= 2.0 * np.pi * np.floor(change[:, 2] / (2.0 * np.pi) + 0.5)
-    first, last = first_row[:, 3:6], last_row[:, 3:6]
-    place = start + u * u * (3.0 - 2.0 * u) * change + PERIOD * u * ((1.0 - u) ** 2 * first + u * (u - 1.0) * last)
-    rate = 6.0 * u * (1.0 - u) / PERIOD * change + (1.0 - u) * (1.0 - 3.0 * u) * first + u * (3.0 * u - 2.0) * last
-    return np.hstack((place, rate))
+    turn = after.yaw - before.yaw
+    turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+    x, vx = _hermite(before.x, after.x - before.x, before.vx, after.vx, u)
+    y, vy = _hermite(before.y, after.y - before.y, before.vy, after.vy, u)
+    yaw, wz = _hermite(before.yaw, turn, before.wz, after.wz, u)
+    return x, y, yaw, vx, vy, wz
+
+
+def _hermite(start: float, change: float, first: float, last: float, u: float) -> tuple[float, float]:
+    """Return value and rate at a share of a time step, from the value, its change, and the rates at both ends."""
+    left = 1.0 - u
+    place = start + u * u * (3.0 - 2.0 * u) * change + PERIOD * u * (left * left * first + u * (u - 1.0) * last)
+    rate = 6.0 * u * left / PERIOD * change + left * (1.0 - 3.0 * u) * first + u * (3.0 * u - 2.0) * last
+    return place, rate
+
+
+_PARTS = (_planar_of, _hermite)

@@ -111,14 +111,18 @@ class Scene:
 # --- from a diagram ------------------------------------------------------------------------------------------------
 
 
-def make_scene(spec: DiagramSpec) -> Scene:
+def make_scene(spec: DiagramSpec, vehicles: Mapping[str, Vehicle] | None = None) -> Scene:
     """Lay out the world of a diagram and load its vehicles.
+
+    Args:
+        spec: the diagram.
+        vehicles: its vehicles by name, if they are loaded already.
 
     Raises:
         ConfigError, ModelError, WorldError: what is wrong, on one line each.
     """
     world = spec.world.load(where=where(spec, "world"))
-    return Scene(world, {name: load_vehicle_of(spec, name) for name in spec.vehicles})
+    return Scene(world, dict(vehicles or {name: load_vehicle_of(spec, name) for name in spec.vehicles}))
 
 
 def load_vehicle_of(spec: DiagramSpec, name: str) -> Vehicle:

@@ -1,6 +1,7 @@
 """Cases of a suite in worker processes; no case depends on those before it."""
 
 import math
+import pickle
 import random
 import shutil
 import sys
@@ -13,7 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from mirdrake.assembly.diagram import assemble
-from mirdrake.assembly.diagram_spec import make_spec
+from mirdrake.assembly.diagram_spec import DiagramSpec, make_spec
+from mirdrake.assembly.scene import load_vehicle_of, make_scene
+from mirdrake.core.digest import digest_data
 from mirdrake.core.errors import MirdrakeError, RunError, WorldError
 from mirdrake.execution.calls import Lost, call_all, open_executor
 from mirdrake.requirements import Finding, Observation, observe, parse_requirement
@@ -135,7 +138,8 @@ def run_folder(case: Case, folder: Path | None) -> str | None:
 def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     requirements = [parse_requirement(text, where=location) for text, location in case.expect]
     trace = folder / TRACES / f"{case.slug}.json" if folder is not None else None
-    assembly = assemble(make_spec(case.diagram))
+    spec = make_spec(case.diagram)
+    assembly = assemble(spec, scene=make_scene(spec, _vehicles_of(case, spec)))
     world, vehicles = assembly.parts.world, {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
     vehicle = vehicles[VEHICLE]
 
@@ -171,6 +175,27 @@ def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
     if trace is not None and seen is not None:
         write_trace(trace, make_trace(seen, findings))
     return Result(case.name, verdict, text, tuple(map(_judgement, findings)), simulated)
+
+
+_loaded: dict[str, bytes] = {}
+"""The vehicles that this process has loaded last, as copies that no run can change; see :func:`_vehicles_of`."""
+
+
+def _vehicles_of(case: Case, spec: DiagramSpec) -> dict[str, Vehicle]:
+    """Return the vehicles of a case by name; those of all variations of a test are the same and are loaded once.
+
+    Args:
+        case: the case.
+        spec: its diagram.
+    """
+    if not case.content:  # whether its files have changed is not known
+        return {name: load_vehicle_of(spec, name) for name in spec.vehicles}
+    key = digest_data([case.content, case.diagram["vehicles"], case.diagram.get("systems")])
+    if key not in _loaded:
+        _loaded.clear()
+        _loaded[key] = pickle.dumps({name: load_vehicle_of(spec, name) for name in spec.vehicles})
+    vehicles: dict[str, Vehicle] = pickle.loads(_loaded[key])
+    return vehicles
 
 
 def _findings_of_others(case: Case, run: Run, world: World, vehicles: Mapping[str, Vehicle]) -> Iterator[Finding]:

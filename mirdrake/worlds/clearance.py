@@ -33,6 +33,7 @@ FLAT = 0.02
 _SLICES = 4  # slices of a part that is not a prism
 _ALIKE = 1e-6  # [m], [rad] resolution of poses for which depths are cached
 _REACH = 1e-9  # [m] smallest common height
+_SPARE = 1e-6  # [m] by which a bound of a distance is lowered for rounding
 
 
 class Part(NamedTuple):
@@ -181,6 +182,31 @@ def clearance(volume: Volume, poses: Array, props: Iterable[Any], *, rows: Any =
     return result
 
 
+class _Placed:
+    """A slab at poses; its polygons are made when they are first used.
+
+    Args:
+        slab: the slab.
+        poses: x, y [m] and yaw [rad] of frame B (n, 3).
+    """
+
+    def __init__(self, slab: Slab, poses: Array) -> None:
+        self.slab, self._poses = slab, poses
+        centre = 0.5 * (slab.outline.min(axis=0) + slab.outline.max(axis=0))
+        self.radius = float(np.hypot(*(slab.outline - centre).T).max())
+        self.middle = place_outline(centre[None], poses)[:, 0]
+        self._shapes: Any = np.empty(len(poses), dtype=object)
+        self._made = np.zeros(len(poses), dtype=bool)
+
+    def polygons(self, rows: NDArray[np.int64]) -> Any:
+        """Return the polygons at some of the poses."""
+        new = rows[~self._made[rows]]
+        if new.size:
+            self._shapes[new] = shapely.polygons(place_outline(self.slab.outline, self._poses[new]))
+            self._made[new] = True
+        return self._shapes[rows]
+
+
 def clearance_between(
     one: Volume, poses: Array, other: Volume, other_poses: Array, *, rows: Any = slice(None)
 ) -> Array:
@@ -198,12 +224,20 @@ def clearance_between(
     good[rows] = True
     good &= np.isfinite(poses).all(axis=1) & np.isfinite(other_poses).all(axis=1)
     index = np.flatnonzero(good)
-    for a in one.slabs:
-        for b in other.slabs:
-            if min(a.high, b.high) - max(a.low, b.low) > _REACH and index.size:
-                first = shapely.polygons(place_outline(a.outline, poses[index]))
-                second = shapely.polygons(place_outline(b.outline, other_poses[index]))
-                result[index] = np.minimum(result[index], shapely.distance(first, second))
+    if not index.size:
+        return result
+    first = [_Placed(slab, poses[index]) for slab in one.slabs]
+    second = [_Placed(slab, other_poses[index]) for slab in other.slabs]
+    pairs = [
+        (a, b) for a in first for b in second if min(a.slab.high, b.slab.high) - max(a.slab.low, b.slab.low) > _REACH
+    ]
+    # The largest pair first: beside it most of the others cannot be nearer, by the circles around them.
+    nearest = np.full(index.size, math.inf)
+    for a, b in sorted(pairs, key=lambda pair: -pair[0].radius - pair[1].radius):
+        apart = np.hypot(*(a.middle - b.middle).T) - a.radius - b.radius - _SPARE
+        near = np.flatnonzero(apart < nearest)
+        nearest[near] = np.minimum(nearest[near], shapely.distance(a.polygons(near), b.polygons(near)))
+    result[index] = nearest
     known: dict[tuple[int, ...], float] = {}
     # As above: depths only where outlines overlap, and once per pair of poses.
     for row in np.flatnonzero(result <= 0.0).tolist():

@@ -1,6 +1,7 @@
 """Outline of a vehicle for obstacle avoidance: its volume, and the box about its x axis; also without a URDF."""
 
 import math
+from functools import lru_cache
 from itertools import product
 from typing import NamedTuple, Protocol
 
@@ -56,18 +57,33 @@ def outline_of(vehicle: ShapedVehicle) -> Outline:
 def volume_of(vehicle: ShapedVehicle) -> Volume:
     """Return the volume of a vehicle's collision shapes, with all joints at zero, else of :func:`outline_of`."""
     urdf, radii = getattr(vehicle, "urdf", None), getattr(vehicle.geometry, "wheel_radii", ())
-    parts: list[Part] = []
+    radius = min(radii, default=math.inf)
     if urdf:
         spec, packages = vehicle.spec, getattr(vehicle, "packages", {})  # type: ignore[attr-defined]
         wheels = spec.joints.wheels.names()
-        parts = [
-            Part(*part) for part in measure_parts(urdf, packages=packages, base_link=spec.base_link, wheels=wheels)
-        ]
-    if not parts:
-        box, floor = outline_of(vehicle), _CLEARANCE * vehicle.geometry.wheelbase
-        sides = (box.rear, box.front), (-box.half_width, box.half_width), (floor, box.height)
-        parts = [Part(np.array(list(product(*sides))), False)]
-    return Volume.of(parts, min(radii, default=math.inf))
+        measured = _measured_volume(urdf, tuple(sorted(packages.items())), spec.base_link, frozenset(wheels), radius)
+        if measured is not None:
+            return measured
+    box, floor = outline_of(vehicle), _CLEARANCE * vehicle.geometry.wheelbase
+    sides = (box.rear, box.front), (-box.half_width, box.half_width), (floor, box.height)
+    return Volume.of([Part(np.array(list(product(*sides))), False)], radius)
+
+
+@lru_cache(maxsize=16)
+def _measured_volume(
+    urdf: str, packages: tuple[tuple[str, str], ...], base_link: str, wheels: frozenset[str], radius: float
+) -> Volume | None:
+    """Return the volume of the collision shapes of a URDF; None without such shapes. Several parts of a run ask for it.
+
+    Args:
+        urdf: text without xacro.
+        packages: names and folders of packages.
+        base_link: link whose frame is B.
+        wheels: names of the joints that the wheels turn about.
+        radius: of the smallest wheel [m].
+    """
+    parts = measure_parts(urdf, packages=dict(packages), base_link=base_link, wheels=wheels)
+    return Volume.of([Part(*part) for part in parts], radius) if parts else None
 
 
 def front_of(vehicle: ShapedVehicle) -> float:
