@@ -20,6 +20,7 @@ import pytest
 from mirdrake.assembly.diagram import assemble
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.cli import main
+from mirdrake.core.compiled import announce_compilation, compilation_time
 from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.execution.job import run_job
 from mirdrake.execution.workers import WorkerLostError
@@ -262,6 +263,45 @@ def test_a_worker_has_the_present_environment_and_a_time_limit_per_call(monkeypa
 
 
 def _sleep(_: float) -> None:
+    time.sleep(60.0)
+
+
+def _compile(seconds: float) -> int:
+    """Compile for a time, as the first call of a new installation does; then 0.2 s of work."""
+    from numba.core import event
+
+    from mirdrake.core.compiled import compiled
+
+    compiled(_sleep, parts=())  # listens from now on
+    before = compilation_time()
+    for _ in range(2):
+        with event.trigger_event("numba:compile", data={}), event.trigger_event("numba:compile", data={}):
+            time.sleep(0.5 * seconds)
+    assert compilation_time() - before == pytest.approx(seconds, abs=0.2)
+    time.sleep(0.2)
+    return os.getpid()
+
+
+def test_compilation_is_no_part_of_the_time_limit_and_is_announced(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    announce_compilation.cache_clear()
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    workers = Workers(1, limit=lambda seconds=1.0: 2.0 if seconds else 300.0)
+    try:
+        workers.submit(_compile, 0.0).result(timeout=300)  # imports
+        assert workers.submit(_compile, 2.5).result(timeout=300) > 0
+        # Work after a compilation has the limit of any other.
+        with pytest.raises(WorkerLostError, match="no end after 2 s") as caught:
+            workers.submit(_compile_and_hang).result(timeout=300)
+        assert 2.0 <= caught.value.seconds < 2.9
+    finally:
+        workers.shutdown(cancel_futures=True)
+    assert capsys.readouterr().err.count("compiling the equations") == 1
+
+
+def _compile_and_hang() -> None:
+    _compile(1.0)
     time.sleep(60.0)
 
 

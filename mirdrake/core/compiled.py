@@ -13,6 +13,7 @@ if these are not writable, until one of the source files changes.
 
 import inspect
 import sys
+import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import astuple, is_dataclass
@@ -149,28 +150,60 @@ def _versioned_cache(function: Callable[..., Any], version: int) -> Any:
     return VersionedCache(function)
 
 
+_watchers: list[Callable[[bool], None]] = []
+_spent: list[float] = []
+
+
+def compilation_time() -> float:
+    """Return the wall time that this process has spent on compilations so far [s]."""
+    return sum(_spent)
+
+
+def watch_compilation(watcher: Callable[[bool], None]) -> None:
+    """Have a function called with True before each compilation in this process, and with False after it.
+
+    Compilations within one another count as one. Loading machine code from the cache is none.
+    """
+    _watchers.append(watcher)
+
+
+@cache
+def announce_compilation() -> None:
+    """Announce a compilation, which is silent for up to a minute, in a terminal; once in a process."""
+    if sys.stderr.isatty():
+        # At the start of the line, over a progress bar that may be there.
+        sys.stderr.write("\rcompiling the equations of plant, tyres and traffic: once, for up to a minute\n")
+        sys.stderr.flush()
+
+
 @cache
 def _listen() -> None:
-    """Announce the first compilation of this process, which is silent for seconds, in a terminal."""
+    """Tell the watchers of the compilations of this process; without any, the first one is announced."""
     from numba.core import event
 
-    class Announcer(event.Listener):
-        """Prints one line before the first compilation."""
+    class Listener(event.Listener):
+        """Counts the compilations in progress."""
 
         def __init__(self) -> None:
-            self.silent = parent_process() is not None or not sys.stderr.isatty()
+            self.depth, self.began = 0, 0.0
 
         def on_start(self, _: Any) -> None:
-            if not self.silent:
-                self.silent = True
-                # At the start of the line, over a progress bar that may be there.
-                sys.stderr.write("\rcompiling the equations of plant, tyres and traffic: once, for up to a minute\n")
-                sys.stderr.flush()
+            self.depth += 1
+            if self.depth == 1:
+                self.began = time.monotonic()
+                for watcher in _watchers:
+                    watcher(True)
+                if not _watchers and parent_process() is None:
+                    announce_compilation()
 
         def on_end(self, _: Any) -> None:
-            pass
+            self.depth -= 1
+            if self.depth == 0:
+                _spent.append(time.monotonic() - self.began)
+                for watcher in _watchers:
+                    watcher(False)
 
-    event.register("numba:compile", Announcer())
+    event.register("numba:compile", Listener())
 
 
 @cache

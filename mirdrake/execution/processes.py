@@ -1,6 +1,7 @@
 """Worker process as managed by the main process: start, end, and the reason of a loss."""
 
 import faulthandler
+import math
 import os
 import re
 import signal
@@ -32,6 +33,7 @@ class WorkerProcess:
         since: start of the present call, by ``time.monotonic``.
         deadline: time at which the call is given up.
         offset: length of the log at the start of the call.
+        paused: since when the clock of the call stands, and the deadline without that; None: it runs.
     """
 
     process: BaseProcess
@@ -40,12 +42,31 @@ class WorkerProcess:
     since: float = field(default_factory=time.monotonic)
     deadline: float = field(default_factory=lambda: time.monotonic() + STARTING)
     offset: int = 0
+    paused: tuple[float, float] | None = None
 
     def begin(self, limit: float) -> None:
         """Begin a call that may take so long [s]."""
         self.since = time.monotonic()
-        self.deadline = self.since + limit
+        self.deadline, self.paused = self.since + limit, None
         self.offset = self.log.stat().st_size if self.log.exists() else 0
+
+    def patience(self) -> float | None:
+        """Return the time until the deadline [s]; None without one."""
+        # The system's timers know no infinity.
+        return max(self.deadline - time.monotonic(), 0.0) if math.isfinite(self.deadline) else None
+
+    def pause(self, most: float) -> None:
+        """Stop the clock of the call, for a time that is limited itself [s]."""
+        if self.paused is None:
+            self.paused = time.monotonic(), self.deadline
+            self.deadline = self.paused[0] + most
+
+    def resume(self) -> None:
+        """Let the clock of the call go on."""
+        if self.paused is not None:
+            begin, deadline = self.paused
+            pause = time.monotonic() - begin
+            self.since, self.deadline, self.paused = self.since + pause, deadline + pause, None
 
     def kill(self) -> None:
         """End the process."""

@@ -1,7 +1,6 @@
 """Worker processes with the interface of ``concurrent.futures`` that survive calls which hang or crash."""
 
 import gc
-import math
 import os
 import queue
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from mirdrake.core.compiled import announce_compilation, watch_compilation
 from mirdrake.core.errors import RunError
 from mirdrake.execution.processes import STARTING, WorkerProcess, initialise_worker, resident_memory
 from mirdrake.execution.worker_server import CASE, LOOP, METHOD, STUDY, start_server, worker_start
@@ -26,6 +26,12 @@ MEMORY_GROWTH = 400 * 2**20
 A user block that is derived from pydrake's LeafSystem is never freed, nor is the diagram that it is part of. The memory
 of a worker without such blocks was measured to level out after a gain of about 50 MB.
 """
+
+COMPILATION = 600.0
+"""Wall time that a compilation may take, besides the time limit of the call in which it happens [s]."""
+
+COMPILING, COMPILED = "compiling", "compiled"
+"""Messages of a worker: a compilation begins, or ends."""
 
 
 class WorkerLostError(Exception):
@@ -147,11 +153,20 @@ class Workers(Executor):
             limit = self._limit(*work[1], **work[2]) if callable(self._limit) else self._limit
             worker.begin(limit)
             worker.pipe.send(work)
-            # The sentinel is ready when the process ends, so that a crash is noticed without a timeout.
-            patience = limit if math.isfinite(limit) else None  # the system's timers know no infinity
-            connection.wait([worker.pipe, worker.process.sentinel], timeout=patience)
-            # No message after the wait: the limit has passed, or the process is dead.
-            fault, result, replace = worker.pipe.recv() if worker.pipe.poll() else (_lost(worker), None, True)
+            while True:
+                # The sentinel is ready when the process ends, so that a crash is noticed without a timeout.
+                connection.wait([worker.pipe, worker.process.sentinel], timeout=worker.patience())
+                # No message after the wait: the limit has passed, or the process is dead.
+                message = worker.pipe.recv() if worker.pipe.poll() else (_lost(worker), None, True)
+                # A compilation is not part of the time limit: it happens once, in whichever call comes first.
+                if message == COMPILING:
+                    announce_compilation()
+                    worker.pause(COMPILATION)
+                elif message == COMPILED:
+                    worker.resume()
+                else:
+                    fault, result, replace = message
+                    break
         except (EOFError, OSError):
             fault = _lost(worker)
         except Exception as error:  # the call cannot be pickled, or its result cannot be read
@@ -200,7 +215,8 @@ def serve(pipe: connection.Connection, log: str, environment: dict[str, str], mo
     """Make the calls that come through a pipe until it closes; the body of a worker process.
 
     Args:
-        pipe: takes calls; returns for each its exception, its result, and whether this process is to be replaced.
+        pipe: takes calls; returns for each its exception, its result, and whether this process is to be replaced;
+            before that, :data:`COMPILING` and :data:`COMPILED` around compilations.
         log: file for everything that is printed, so that the last messages before a crash can be read.
         environment: environment variables of the main process; the server that workers fork from may have older ones.
         modules: imported before the first call, so that its time limit does not include them.
@@ -211,7 +227,15 @@ def serve(pipe: connection.Connection, log: str, environment: dict[str, str], mo
     for module in modules:
         import_module(module)
     gc.freeze()  # imported objects stay; garbage collection need not visit them again and again
-    pipe.send("ready")
+    # From whichever thread compiles, so that messages must not mix.
+    sending = threading.Lock()
+
+    def send(message: Any) -> None:
+        with sending:
+            pipe.send(message)
+
+    watch_compilation(lambda begins: send(COMPILING if begins else COMPILED))
+    send("ready")
     initial = resident_memory()
     while True:
         try:
@@ -228,4 +252,4 @@ def serve(pipe: connection.Connection, log: str, environment: dict[str, str], mo
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
         # Replaced by the growth, not the size: imported modules are the same for all workers.
-        pipe.send((fault, result, resident_memory() - initial > MEMORY_GROWTH))
+        send((fault, result, resident_memory() - initial > MEMORY_GROWTH))
