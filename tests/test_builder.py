@@ -9,6 +9,7 @@ from pydrake.systems.primitives import Gain
 
 import mirdrake as mir
 from mirdrake.assembly.diagram import assemble
+from mirdrake.core.paths import find
 from mirdrake.runs.simulation import Simulation
 
 
@@ -80,6 +81,51 @@ def test_a_shipped_diagram_built_in_python_and_written_is_the_same_spec(make, tm
     leave = {"folder"}
     assert written.model_dump(exclude=leave) == shipped.model_dump(exclude=leave)
     assert mir.Diagram.load(make.__name__).spec().model_dump(exclude=leave) == shipped.model_dump(exclude=leave)
+
+
+@pytest.mark.parametrize("make", SHIPPED)
+def test_a_loaded_diagram_keeps_the_text_of_its_file(make, tmp_path):
+    d, text = mir.Diagram.load(make.__name__), find("diagrams", make.__name__).read_text(encoding="utf-8")
+    assert d.to_yaml() == text
+    assert d.to_yaml(tmp_path / "other.yaml") == text
+
+
+def test_only_what_was_changed_differs_from_the_text_of_a_file(tmp_path):
+    d = mir.Diagram.load("bolt_skidpad")
+    text = d.to_yaml()
+    d.set("vehicles.ego.control.speed.kp", 2.0)
+    d.set("control.ego.speed", "7 m/s")
+    d.set("world.seed", 3)
+    lag = d.add("lag", "delay", delay=0.1)
+    d.connect(d["ego.steering_command"], lag.u)
+    expected = (
+        text.replace("world: skidpad", "world: {name: skidpad, seed: 3}")
+        .replace("start: left}", "start: left, control: {speed: {kp: 2.0}}}")
+        .replace("speed: 6 m/s", "speed: 7 m/s")
+        + "systems:\n  lag: {kind: delay, delay: 0.1}\n"
+        + "connect:\n  - [ego.steering_command, lag.u]\n"
+    )
+    assert d.to_yaml() == expected
+
+
+def test_a_text_written_to_another_folder_names_the_same_files(tmp_path):
+    (tmp_path / "yard.yaml").write_text("mirdrake: world/1\n", encoding="utf-8")
+    (tmp_path / "blocks.py").write_text(
+        "from pydrake.systems.primitives import Gain\n\n\n"
+        "class Half(Gain):\n    def __init__(self) -> None:\n        super().__init__(k=0.5, size=1)\n",
+        encoding="utf-8",
+    )
+    text = (
+        "world: yard.yaml  # beside it\nvehicles: {ego: {model: bolt}}\nsystems: {half: {kind: 'blocks:Half'}}\n"
+        "connect: [[ego.vx, half.u]]\n"
+    )
+    (tmp_path / "own.yaml").write_text(text, encoding="utf-8")
+    d = mir.Diagram.load(str(tmp_path / "own.yaml"))
+    assert d.to_yaml(tmp_path / "beside.yaml") == text
+    (tmp_path / "below").mkdir()
+    there = d.to_yaml(tmp_path / "below" / "own.yaml")
+    assert there.splitlines()[1:4] == text.splitlines()[1:]
+    assert mir.Diagram.load(str(tmp_path / "below" / "own.yaml")).spec() == d.spec()
 
 
 @pytest.mark.slow

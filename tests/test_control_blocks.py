@@ -7,7 +7,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 import mirdrake as mir
-from mirdrake.assembly.diagram import assemble, make_diagram, make_spec
+from mirdrake.assembly.diagram import assemble, load_diagram, make_diagram, make_spec
 from mirdrake.assembly.drawing import write_dot
 from mirdrake.core.errors import ConfigError, DiagramError
 from mirdrake.runs.simulation import Simulation
@@ -248,6 +248,22 @@ def test_an_unsuitable_replacement_of_a_block_is_a_one_line_error(systems, messa
         assemble(spec_of("bolt", systems=systems))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("entry", "fault"),
+    [
+        ("ego.control.speed_pd: {kind: gain, gain: 1}", "ego.control.speed_pd: the control unit has no block"),
+        ("ego.control.speed_pid: {kind: adder}", "ego.control.speed_pid: Adder in place of speed_pid"),
+        ("ego.control.ackermann: {kind: gain, gain: 1, size: 2}", "ego.control.ackermann: output 'left' of Gain"),
+    ],
+)
+def test_an_unsuitable_replacement_is_reported_with_its_line(entry, fault, tmp_path):
+    lines = ["world: test_track", "vehicles: {ego: {model: bolt}}", "systems:", "  other: {kind: sine, frequency: 1}"]
+    (tmp_path / "own.yaml").write_text("\n".join([*lines, f"  {entry}"]) + "\n", encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        assemble(load_diagram(str(tmp_path / "own.yaml")))
+    assert f"own.yaml:5: systems.{fault}" in str(caught.value)
 
 
 def test_a_disabled_block_leaves_an_input_for_what_it_gave():

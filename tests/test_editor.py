@@ -146,7 +146,8 @@ scenario:
 )
 def test_a_dragged_value_keeps_its_quotes(element, handle, position, old, new):
     scene = read_scene(QUOTED, PATH)
-    after = drag(scene, element, *position, handle)
+    x, y = position
+    after = drag(scene, element, x, y, handle)
     assert after == QUOTED.replace(old, new)
     read_scene(after, PATH)
 
@@ -401,7 +402,8 @@ def test_an_editor_killed_at_any_moment_leaves_a_whole_file_and_its_last_text(tm
         process.stdout.readline()
         time.sleep(rng.uniform(0.0, 0.2))
         process.kill()
-        steps = [int(line) for line in process.stdout.read().split("\n")[:-1] if line.isdecimal()]
+        with process.stdout:
+            steps = [int(line) for line in process.stdout.read().split("\n")[:-1] if line.isdecimal()]
         process.wait()
         text = path.read_text(encoding="utf-8")
         assert text == YARD or text.endswith(("x\n", " \n"))

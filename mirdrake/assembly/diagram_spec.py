@@ -24,8 +24,10 @@ from mirdrake.core.yaml_io import (
     Length,
     Schema,
     Speed,
-    load_yaml,
     matching,
+    parse_yaml,
+    read_text,
+    shown,
     validate,
     where,
 )
@@ -278,7 +280,21 @@ def load_diagram(name: str, *, overrides: Iterable[str] = ()) -> DiagramSpec:
         ConfigError: no such file, or it has faults.
     """
     path = find("diagrams", name)
-    spec = load_yaml(path, DiagramSpec, overrides=overrides)
+    return parse_diagram(read_text(path), path, overrides=overrides)
+
+
+def parse_diagram(text: str, path: Path, *, overrides: Iterable[str] = ()) -> DiagramSpec:
+    """Return the checked diagram of the text of a file.
+
+    Args:
+        text: the text.
+        path: the file, to which the paths in the text are relative.
+        overrides: as in :func:`load_diagram`.
+
+    Raises:
+        ConfigError: the text has faults.
+    """
+    spec = parse_yaml(text, DiagramSpec, name=shown(path), overrides=overrides)
 
     # Paths in the file are relative to it, so they are made absolute before the spec leaves the file.
     if "name" not in spec.model_fields_set:

@@ -20,13 +20,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import yaml
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram as DrakeDiagram
 from pydrake.systems.framework import PortDataType, System
 
 from mirdrake.assembly.diagram import Assembly, assemble, make_spec
-from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram
+from mirdrake.assembly.diagram_spec import DiagramSpec, parse_diagram
 from mirdrake.assembly.drawing import draw_svg
 from mirdrake.assembly.scene import load_vehicle_of
 from mirdrake.builder.names import Name
@@ -38,6 +37,9 @@ from mirdrake.core.json_io import Json
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.paths import find
 from mirdrake.core.signals import signals_of
+from mirdrake.core.yaml_io import read_text, shown
+from mirdrake.core.yaml_rewrite import rewrite
+from mirdrake.core.yaml_tree import parse_tree
 from mirdrake.runs.logs import Run
 from mirdrake.runs.simulation import Simulation
 
@@ -105,6 +107,7 @@ class Diagram:
         self._data |= {"plant": numerics} if numerics else {}
         given = {"name": name, "duration": duration, "seed": seed}
         self._data |= {key: value for key, value in given.items() if value is not None}
+        self._file: tuple[Path, str] | None = None  # that it was loaded from, with its text
         self._factories: dict[str, _Factory] = {}
         self._built: dict[tuple[str, str], Assembly] = {}
 
@@ -115,9 +118,11 @@ class Diagram:
         Raises:
             ConfigError: no such file, or it has faults.
         """
-        data = load_diagram(name).model_dump(mode="json", exclude_unset=True)
+        path = find("diagrams", name)
+        text = read_text(path)
+        data = _data_of(text, path)
         diagram = cls(data["world"])
-        diagram._data = data
+        diagram._data, diagram._file = data, (path, text)
         return diagram
 
     # --- building ------------------------------------------------------------------------------------------------
@@ -315,7 +320,8 @@ class Diagram:
         Raises:
             ConfigError: it has faults.
         """
-        return make_spec(copy.deepcopy(self._data))
+        named = {} if self._file is None else {"name": self._file[0].stem}
+        return make_spec(named | copy.deepcopy(self._data))
 
     def ports(self, pattern: str = "*") -> "Any":
         """Return the ports as a table: name, direction, elements and units.
@@ -455,6 +461,11 @@ class Diagram:
     def to_yaml(self, path: Path | str | None = None) -> str:
         """Return the diagram as the text of a diagram file, and write it if a path is given.
 
+        A diagram that was loaded keeps the text of its file, with comments and units; only what was changed differs.
+
+        Args:
+            path: file to write, relative to which the text names files.
+
         Raises:
             ConfigError: a block is an object, or of a class that no module has, and cannot be written.
         """
@@ -462,14 +473,29 @@ class Diagram:
         for name, factory in self._factories.items():
             if factory.unwritable:
                 raise ConfigError(f"to_yaml: block '{name}' cannot be written: {factory.unwritable}")
-        text = yaml.safe_dump(
-            _plain(self._data), sort_keys=False, allow_unicode=True, default_flow_style=None, width=120
-        )
+        data = _plain(self._data)
+        text = self._edited(data, None if path is None else Path(path))
+        if text is None:
+            text = rewrite("", {}, data)
         if path is not None:
             write_file(Path(path), text)
         return text
 
     # --- inside --------------------------------------------------------------------------------------------------
+
+    def _edited(self, data: Json, path: Path | None) -> str | None:
+        """Return the text of the diagram's file with the changes; None if there is no file, or it cannot have them."""
+        if self._file is None:
+            return None
+        own, text = self._file
+        target = own if path is None else path.resolve()
+        try:
+            text = rewrite(text, _data_of(text, target), data, name=shown(target))
+            written = _data_of(text, target)
+            same = make_spec(written).model_dump() == make_spec(copy.deepcopy(data)).model_dump()
+        except ConfigError:
+            return None
+        return text if same else None
 
     def _change(self, path: tuple[str, ...], value: Any) -> Name:
         """Set a part of the data, if the diagram stays valid."""
@@ -634,6 +660,18 @@ class _Ports(LeafSystem):  # type: ignore[misc, unused-ignore]
 
     def _calc(self, context: Any, output: Any) -> None:
         """Leave the output as allocated: nothing reads it."""
+
+
+def _data_of(text: str, path: Path) -> Json:
+    """Return the data of a diagram file in SI units, with the paths that its text means; without a name of the file's.
+
+    Raises:
+        ConfigError: the text has faults.
+    """
+    data = parse_diagram(text, path).model_dump(mode="json", exclude_unset=True)
+    if "name" not in parse_tree(text, shown(path))[0]:
+        del data["name"]
+    return data
 
 
 def _plain(value: Any) -> Any:

@@ -183,13 +183,15 @@ def expand_control(
         opened: inputs ``block.port`` that are inputs of the Diagram instead of being connected within it.
 
     Raises:
-        ConfigError: no such block, or a system does not have the ports of the block that it replaces.
+        ConfigError: no such block, or a system does not have the ports of the block that it replaces; the path of the
+            error is the name of the block.
     """
     replaced = replaced or {}
     standard = make_control_blocks(unit)
     for block in replaced:
         if block not in standard:
-            raise ConfigError(f"the control unit has no block '{block}' to replace; {did_you_mean(block, standard)}")
+            text = f"the control unit has no block '{block}' to replace; {did_you_mean(block, standard)}"
+            raise ConfigError(text, path=(block,))
     absent = [block for block in unit.vehicle.control.disabled_blocks() if block in standard and block not in replaced]
     blocks = {block: replaced.get(block, own) for block, own in standard.items() if block not in absent}
 
@@ -315,16 +317,21 @@ def _check_replacement(
             # Sizes are checked here, since Drake's own message would name neither block nor file.
             if name in theirs and port.size() != theirs[name]:
                 raise ConfigError(
-                    f"{direction} '{name}' of {kind} has {port.size()} elements; that of {block} has {theirs[name]}"
+                    f"{direction} '{name}' of {kind} has {port.size()} elements; that of {block} has {theirs[name]}",
+                    path=(block,),
                 )
             if direction == "input" and name not in theirs:
-                raise ConfigError(f"{kind} in place of {block} has an unknown input '{name}'; inputs: {listed}")
+                raise ConfigError(
+                    f"{kind} in place of {block} has an unknown input '{name}'; inputs: {listed}", path=(block,)
+                )
         needed = {
             wire.source.split(".")[1] for wire in WIRES if wire.source.split(".")[0] == block and wire.default is None
         }
         missing = sorted(needed & set(theirs) - set(mine) - {"servo_setpoint"}) if direction == "output" else []
         if missing:
-            raise ConfigError(f"{kind} in place of {block} has no output '{missing[0]}'; outputs: {listed}")
+            raise ConfigError(
+                f"{kind} in place of {block} has no output '{missing[0]}'; outputs: {listed}", path=(block,)
+            )
 
 
 def _exists(wire: Wire, outputs: Mapping[str, Any], standard: Mapping[str, System], absent: Collection[str]) -> bool:

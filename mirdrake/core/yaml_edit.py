@@ -104,8 +104,10 @@ def scalar_text(value: Scalar) -> str:
         # PyYAML reads 1e5 as a text, YAML 1.2 as a number; a point makes it a number in both.
         digits, mark, power = repr(float(value)).partition("e")
         return f"{digits if '.' in digits else f'{digits}.0'}{mark}{power}" if mark else digits
-    # Plain style only for texts that no parser takes for another type, a comment or a key.
-    plain = re.fullmatch(r"[A-Za-z_](?:[A-Za-z0-9_./()%+=*-]| (?! )(?![#:]))*", value) and not value.endswith(" ")
+    # Plain style only for texts that no parser takes for another type, a comment or a key: words, numbers with a unit.
+    plain = re.fullmatch(
+        r"(?:[A-Za-z_]|-?[0-9]+(?:\.[0-9]+)? [A-Za-z])(?:[A-Za-z0-9_./()%+=*-]| (?! )(?![#:]))*", value
+    ) and not value.endswith(" ")
     if plain and value.lower() not in _WORDS:
         return value
     # JSON strings are YAML strings in double quotes.
@@ -115,7 +117,7 @@ def scalar_text(value: Scalar) -> str:
 
 # --- the inner parts --------------------------------------------------------------------------------------------------
 
-_WORDS = {"true", "false", "null", "yes", "no", "on", "off", "y", "n", "nan", "inf"}
+_WORDS = {"true", "false", "null", "yes", "no", "on", "off", "nan", "inf"}
 
 
 def _escaped(character: str) -> str:

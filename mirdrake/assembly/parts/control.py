@@ -61,7 +61,9 @@ def add_control(wiring: Wiring, parts: PlantParts, part: VehicleInPlant, spec: D
     try:
         control = expand_control(unit, replaced=replaced, opened=opened)
     except ConfigError as error:
-        raise ConfigError(f"{where(spec, 'systems')}: {error}") from None
+        # The line of the block: a file may replace several.
+        block = [f"{prefix}{error.path[0]}"] if error.path else []
+        raise ConfigError(f"{where(spec, 'systems', *block)}: {error.text}") from None
     wiring.add(f"{part.name}.control", control.diagram)
     wiring.blocks[f"{part.name}.control"] = control
     for name, port in control.outputs.items():
