@@ -118,7 +118,8 @@ class Judgement:
         passed: whether it holds.
         margin: distance from the limit [unit]; None if it is infinite.
         unit: unit of the margin.
-        share: the margin over a usual size, so that margins of all units can be compared [1]; None if it is infinite.
+        share: the margin over a usual size, in searches its quantile, so that margins of all units can be compared [1];
+            None if it is infinite.
         worst_time: time of the smallest margin [s].
         decided_by: signal that decides.
     """

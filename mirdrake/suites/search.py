@@ -2,13 +2,14 @@
 
 Half of the budget goes to a Halton sequence (J. H. Halton 1960) over the ranges, shifted by a random vector; the other
 half to the simplex search of J. A. Nelder and R. Mead (1965) from the worst point found, and when that converges, from
-the next one. The objective is the smallest margin of the requirements, each over a usual size, so that metres and
-seconds can be compared. The same seed tries the same points, on any number of workers.
+the next one. The objective is the smallest margin of the requirements, each as its quantile among those of the first
+half, so that metres and seconds can be compared: see :class:`mirdrake.suites.quantiles.Quantiles`. The same seed tries
+the same points, on any number of workers.
 """
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy  # it imports its parts when they are first used
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.suites.cases import Case, Result, Values, vary
+from mirdrake.suites.quantiles import Quantiles
 from mirdrake.suites.worker import RunCases, open_case_workers
 
 Array = NDArray[np.float64]
@@ -30,7 +32,7 @@ DIGITS = 6
 
 @dataclass(frozen=True)
 class Trial:
-    """A point of a search and its result."""
+    """A point of a search and its result; the shares of its findings are quantiles."""
 
     values: Values
     result: Result
@@ -42,7 +44,7 @@ class Trial:
 
     @property
     def share(self) -> float:
-        """That margin over a usual size [-]."""
+        """The quantile of that margin, negative for a failure [-]."""
         return self.result.share
 
 
@@ -123,6 +125,7 @@ def search(
         try:
             points = _halton(len(over), first, seed)
             seeker.evaluate(run_cases, points)
+            seeker.quantiles = Quantiles(trial.result for trial in seeker.tried.values())
 
             # Clipped, because only points of the unit cube have values within the ranges.
             def margin(point: Array) -> float:
@@ -140,8 +143,8 @@ def search(
         except _Spent:
             pass
         except KeyboardInterrupt:  # the finished trials are kept
-            return SearchResult(case, tuple(seeker.tried.values()), interrupted=True)
-    return SearchResult(case, tuple(seeker.tried.values()))
+            return SearchResult(case, seeker.trials(), interrupted=True)
+    return SearchResult(case, seeker.trials())
 
 
 def _halton(dimensions: int, count: int, seed: int) -> Array:
@@ -166,6 +169,12 @@ class _Seeker:
     ) -> None:
         self._case, self._over, self._budget, self._progress = case, over, budget, progress
         self.tried: dict[tuple[float, ...], Trial] = {}
+        self.quantiles: Quantiles | None = None  # known after the first points
+
+    def trials(self) -> tuple[Trial, ...]:
+        """Return the trials in their order, with quantiles as shares."""
+        quantiles = self.quantiles or Quantiles(trial.result for trial in self.tried.values())
+        return tuple(replace(trial, result=quantiles.rescore(trial.result)) for trial in self.tried.values())
 
     def values(self, point: Array) -> dict[str, float]:
         """Return the values of the parameters at a point."""
@@ -178,7 +187,9 @@ class _Seeker:
 
     def objective(self, point: Array) -> float:
         """Return the smallest share at a point that was run; a large number if there is none."""
-        share = self.tried[tuple(self.values(point).values())].share
+        result = self.tried[tuple(self.values(point).values())].result
+        assert self.quantiles is not None
+        share = self.quantiles.rescore(result).share
         # A run that could not be judged says nothing about the margin; it must not attract the search, so it is large.
         return share if math.isfinite(share) else 1e9
 
