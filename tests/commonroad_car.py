@@ -18,10 +18,10 @@ from mirdrake.plant.wheels.tyre_forces import make_wheel_tyres
 from mirdrake.single_track import SingleTrack, estimate_parameters
 from mirdrake.single_track.dynamics import Variant
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
-from mirdrake.tyres.tir import write_tir
 from mirdrake.vehicles import Vehicle
 from mirdrake.worlds import load_world
 from tests.commonroad_rig import GRAVITY, SAMPLE, SPEED, Array, Manoeuvre, Reference, Trace
+from tests.tir_files import write_tir
 
 LINEAR_LOAD = 1e4
 """PKY2: with it sin(2 atan(load / (PKY2 FNOMIN))) is a straight line; the package has cornering stiffness over load."""

@@ -1,5 +1,6 @@
 """Models of traffic against closed forms: gaps, stops, stability of a ring, lane changes, order of the actors."""
 
+import cmath
 import math
 from itertools import product
 from typing import Any
@@ -12,7 +13,7 @@ from mirdrake.actors.behaviours.idm_mobil import IdmMobil, mobil
 from mirdrake.actors.crew import make_crew, start_states
 from mirdrake.actors.motion import lateral, span_of
 from mirdrake.actors.step import TimeStep
-from mirdrake.controllers.platoon import CaccSpec, acc, amplification, cacc_step
+from mirdrake.controllers.platoon import CaccSpec, acc, cacc_step
 from mirdrake.worlds import World, make_world
 from mirdrake.worlds.clearance import Volume
 
@@ -233,6 +234,32 @@ def test_a_lane_change_does_not_turn_sharper_than_its_radius() -> None:
     bends = [lateral(0.0, change, done, span)[2] for done in np.linspace(0.0, span, 2001)]
     assert max(map(abs, bends)) == pytest.approx(1.0 / radius, rel=1e-5)
     assert lateral(0.0, change, span, span) == (change, 0.0, 0.0)
+
+
+def amplification(
+    frequency: float, *, kp: float, kd: float, time_gap: float, lag: float, delay: float | None = None
+) -> float:
+    """Return |Gamma(j w)|: amplitude of the speed of a vehicle over that of the one ahead [-]; string stable if <= 1.
+
+    With vehicles x'' = a, lag a' = -a + a_wanted, G = 1/(s² (lag s + 1)), K = kp + kd s and H = h s + 1:
+    CACC: Gamma = (exp(-delay s) / (lag s + 1) + G K) / (H (1 + G K)), since the message is the acceleration, which has
+    the lag, and not the commanded one; ACC: Gamma = G K / (1 + G (K + kp h s)).
+
+    Args:
+        frequency: w [rad/s].
+        kp: gain of the spacing error [1/s^2].
+        kd: gain of the speed difference [1/s].
+        time_gap: h [s].
+        lag: time constant of the vehicle [s].
+        delay: of messages [s]; None: ACC, without messages.
+    """
+    s = 1j * frequency
+    plant, control = 1.0 / (s * s * (lag * s + 1.0)), kp + kd * s
+    if delay is None:
+        return abs(plant * control / (1.0 + plant * (control + kp * time_gap * s)))
+    loop = plant * control
+    message = cmath.exp(-delay * s) / (lag * s + 1.0)
+    return abs((message + loop) / ((time_gap * s + 1.0) * (1.0 + loop)))
 
 
 @pytest.mark.parametrize(

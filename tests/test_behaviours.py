@@ -29,10 +29,10 @@ from mirdrake.controllers.behaviours.laws import (
 from mirdrake.controllers.behaviours.obstacle_stopper import published_speed
 from mirdrake.controllers.behaviours.outline import Outline, outline_of
 from mirdrake.controllers.drivable_line import DrivingLimits
-from mirdrake.controllers.drivers import DRIVERS, make_driver
+from mirdrake.controllers.drivers import DRIVERS, DriverSpec
 from mirdrake.controllers.path_tracking import PathGains
 from mirdrake.core.errors import ConfigError, RunError
-from mirdrake.core.yaml_io import parse_tree, parse_yaml
+from mirdrake.core.yaml_io import Schema, Source, parse_tree, parse_yaml, validate
 from mirdrake.sensors.range_scan import RangeScan
 from mirdrake.worlds.pieces import Piece
 from mirdrake.worlds.tracks import Track
@@ -110,10 +110,21 @@ class Drive:
     clearance = property(lambda self: self.rows[:, 5])
 
 
+class DriverFile(Schema):
+    behaviour: DriverSpec
+
+
+def make_driver(behaviour, world, *, source=None, folder=None):
+    """Return the driver of a behaviour as it is written in a file."""
+    source = source or Source("driver", {})
+    spec = validate({"behaviour": behaviour}, DriverFile, source).behaviour
+    return spec.make_system(CAR, world, where=source.where("behaviour"), folder=folder)
+
+
 def drive(behaviour, props=(), *, duration, tracks=None, **car):
     """Return a kinematic car driven by a behaviour until the time is over or it touches a prop."""
     world: Any = WorldStandIn(list(props), tracks or {})
-    driver = behaviour if isinstance(behaviour, LeafSystem) else make_driver(behaviour, CAR, world)
+    driver = behaviour if isinstance(behaviour, LeafSystem) else make_driver(behaviour, world)
     builder = DiagramBuilder()
     plant, sensor = builder.AddSystem(KinematicCar(**car)), builder.AddSystem(RangeScan(world, CAR))
     builder.AddSystem(driver)
@@ -469,7 +480,7 @@ def test_impossible_paths_are_rejected(points, message):
 
 
 def test_the_command_is_there_from_the_start_and_bears_its_time():
-    driver = make_driver({"kind": "obstacle_stopper", "speed": 4.0, "steering": "5 deg"}, CAR, WorldStandIn())
+    driver = make_driver({"kind": "obstacle_stopper", "speed": 4.0, "steering": "5 deg"}, WorldStandIn())
     simulator = Simulator(driver)
     context = simulator.get_mutable_context()
     driver.GetInputPort("state").FixValue(context, np.zeros(12))
@@ -482,7 +493,7 @@ def test_the_command_is_there_from_the_start_and_bears_its_time():
 
 
 def test_an_unstable_simulation_is_named():
-    driver = make_driver("straight_and_avoid", CAR, WorldStandIn())
+    driver = make_driver("straight_and_avoid", WorldStandIn())
     simulator = Simulator(driver)
     context = simulator.get_mutable_context()
     driver.GetInputPort("state").FixValue(context, np.full(12, math.nan))
@@ -505,10 +516,10 @@ def test_every_number_has_a_description():
 
 
 def test_a_behaviour_comes_by_its_kind_with_settings_or_as_a_class():
-    assert isinstance(make_driver("drive_to_nearest_and_stop", CAR, WorldStandIn()), DriveToNearest)
-    driver = make_driver({"kind": "drive_to_nearest_and_stop", "distance": "250 cm"}, CAR, WorldStandIn())
+    assert isinstance(make_driver("drive_to_nearest_and_stop", WorldStandIn()), DriveToNearest)
+    driver = make_driver({"kind": "drive_to_nearest_and_stop", "distance": "250 cm"}, WorldStandIn())
     assert driver.distance == 2.5
-    assert make_driver({"kind": "constant", "speed": 2.0}, CAR, WorldStandIn()).GetOutputPort("command").size() == 3
+    assert make_driver({"kind": "constant", "speed": 2.0}, WorldStandIn()).GetOutputPort("command").size() == 3
 
 
 _TREE = """
@@ -518,7 +529,7 @@ tests:
       kind: blind
       speed: 3
 """
-SOURCE = parse_tree(_TREE, "lot.yaml")[1]._replace(prefix=("tests", 0, "behaviour"))
+SOURCE = parse_tree(_TREE, "lot.yaml")[1]._replace(prefix=("tests", 0))
 
 
 @pytest.mark.parametrize(
@@ -535,7 +546,7 @@ SOURCE = parse_tree(_TREE, "lot.yaml")[1]._replace(prefix=("tests", 0, "behaviou
 )
 def test_wrong_behaviours_are_rejected_in_one_line(behaviour, message):
     with pytest.raises(ConfigError) as caught:
-        make_driver(behaviour, CAR, WorldStandIn(), source=SOURCE)
+        make_driver(behaviour, WorldStandIn(), source=SOURCE)
     assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
 
@@ -567,7 +578,7 @@ def test_a_user_class_drives(tmp_path):
     (tmp_path / "my_drivers.py").write_text(OWN, encoding="utf-8")
 
     def make(behaviour):
-        return make_driver(behaviour, CAR, WorldStandIn(), source=SOURCE, folder=tmp_path)
+        return make_driver(behaviour, WorldStandIn(), source=SOURCE, folder=tmp_path)
 
     driver = make({"kind": "my_drivers:Slow", "speed": 2.0})
     assert driver.speed == 2.0

@@ -1,4 +1,4 @@
-"""Estimators: known truth from short noisy drives, coverage of intervals, regressions, clear rejections."""
+"""Estimators: known truth from short noisy drives, coverage of intervals, clear rejections."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,7 +13,6 @@ from mirdrake.identification import DataSet, Log
 from mirdrake.identification.estimators import EstimatorOptions, fit
 from mirdrake.identification.estimators.covariance import Stretch, autoregression, block_bootstrap, score_covariance
 from mirdrake.identification.estimators.experiment_design import rank_manoeuvres
-from mirdrake.identification.estimators.regression import coast_down, regress, road_load_coefficients, understeer
 from mirdrake.identification.fit import load_fit
 from mirdrake.identification.judgement import Direction
 from mirdrake.identification.messages import direction
@@ -197,76 +196,6 @@ def test_drag_and_rolling_resistance_of_a_coast_down():
     for name, value in COAST.items():
         assert fitted_model[name].value == pytest.approx(value, rel=0.02)
         assert fitted_model[name].low < value < fitted_model[name].high
-
-
-def test_coast_down_by_regression():
-    estimate: Any = coast_down(coast_data(), mass=MASS)
-    load = road_load_coefficients(estimate, MASS, density=2.0)
-    assert load["rolling_resistance"] == pytest.approx(COAST["rolling_resistance"], rel=0.05)
-    assert load["drag_area"] == pytest.approx(COAST["drag"], rel=0.05)
-    assert estimate["A"].low < COAST["rolling_resistance"] * MASS * 9.80665 < estimate["A"].high
-    per_kilogram = road_load_coefficients(coast_down(coast_data()), MASS, density=2.0)
-    assert per_kilogram == pytest.approx(load, rel=1e-6)
-    with pytest.raises(ConfigError, match="coasting"):
-        coast_down(lateral_data(duration=8.0))
-
-
-def test_a_coast_down_in_reverse_has_the_same_road_load():
-    (log,) = coast_data().logs
-    backwards = replace(log, channels={**log.channels, "vx": -log.channels["vx"]})
-    forwards, other = coast_down(DataSet((log,)), mass=MASS), coast_down(DataSet((backwards,)), mass=MASS)
-    assert [p.value for p in other.parameters] == [p.value for p in forwards.parameters]
-
-
-def test_a_coast_down_leaves_out_turns():
-    """From 40 s to 60 s the car turns with 2 m/s², and the side forces slow it by 0.1 m/s² more."""
-    time = np.arange(0.0, 120.0, 0.02)
-    turning = (time > 40.0) & (time < 60.0)
-    v = np.full(len(time), 32.0)
-    for i in range(1, len(time)):
-        load = COAST["rolling_resistance"] * MASS * 9.80665 + COAST["drag"] * v[i - 1] ** 2
-        v[i] = v[i - 1] - 0.02 * (load / MASS + 0.1 * turning[i])
-    assert v.min() > 1.0
-    random = np.random.default_rng(0)
-    channels = {"vx": v + random.normal(0.0, 0.03, len(time)), "throttle": 0.0 * time, "brake": 0.0 * time}
-    channels["yaw_rate"] = np.where(turning, 2.0 / v, 0.0) + random.normal(0.0, 0.003, len(time))
-    estimate = coast_down(DataSet((Log("coast", "train", time, channels),)), mass=MASS)
-    load = road_load_coefficients(estimate, MASS, density=2.0)
-    assert load["rolling_resistance"] == pytest.approx(COAST["rolling_resistance"], rel=0.05)
-    assert load["drag_area"] == pytest.approx(COAST["drag"], rel=0.05)
-    del channels["yaw_rate"]
-    blind = coast_down(DataSet((Log("coast", "train", time, channels),)), mass=MASS)
-    assert road_load_coefficients(blind, MASS)["rolling_resistance"] > 1.1 * load["rolling_resistance"]
-
-
-def test_understeer_gradient_and_ratio_by_regression():
-    time = np.arange(0.0, 60.0, 0.02)
-    random = np.random.default_rng(0)
-    v, side = 8.0 + 0.3 * time, 2.5 * np.sin(0.3 * time)
-    rate = side / v
-    wheel = 15.0 * (2.7 * rate / v + 0.003 * side + 0.002)
-    noise = {"vx": 0.02, "yaw_rate": 0.003, "steering_wheel_angle": 0.005}
-    channels = {"vx": v, "yaw_rate": rate, "steering_wheel_angle": wheel}
-    log = Log(
-        "a", "train", time, {key: item + random.normal(0.0, noise[key], len(time)) for key, item in channels.items()}
-    )
-    estimate: Any = understeer(DataSet((log,), wheelbase=2.7))
-    for name, value in (("steering_ratio", 15.0), ("understeer_gradient", 0.003), ("steering_bias", 0.002)):
-        assert abs(estimate[name].value - value) < 4.0 * estimate[name].sigma + 0.01 * abs(value), name
-    assert estimate["steering_ratio"].value == pytest.approx(15.0, rel=0.02)
-
-
-def test_intervals_of_a_regression_hold_for_correlated_residuals():
-    inside = 0
-    for seed in range(100):
-        random = np.random.default_rng(seed)
-        noise = np.zeros(600)
-        for k in range(1, 600):
-            noise[k] = 0.8 * noise[k - 1] + random.normal()
-        x = np.column_stack((np.ones(600), np.sin(np.arange(600) / 40.0)))
-        estimate = regress(x @ [1.0, 2.0] + noise, x, robust=False)
-        inside += bool(np.all(np.abs(estimate.values - [1.0, 2.0]) < 1.96 * np.sqrt(np.diag(estimate.covariance))))
-    assert 80 <= inside <= 99  # both at once; white-noise intervals would hold in 40
 
 
 def stretch(noise, slopes=None):

@@ -16,7 +16,7 @@ from mirdrake.assembly.drawing import layout_command
 from mirdrake.cli import main
 from mirdrake.core.paths import data_root
 from mirdrake.report import surfaces
-from mirdrake.report.inspection import write_inspection
+from mirdrake.report.inspection import render_inspection
 from mirdrake.report.inspection_text import describe, draw_links
 from mirdrake.report.surfaces import collect_surfaces
 from mirdrake.vehicles import load_vehicle
@@ -231,12 +231,10 @@ def test_a_mesh_that_is_drawn_as_its_hull_is_reported_once(caplog, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def page(bolt, tmp_path_factory):
+def page(bolt):
     """Return the page of a faulty Bolt whose name needs escaping in HTML."""
-    path = tmp_path_factory.mktemp("page") / "bolt.html"
     odd = dataclasses.replace(bolt, warnings=("tyres of <rubber> & air",))
-    write_inspection(odd, path, vehicle=load_vehicle("bolt"), portrait=False)
-    return path.read_text(encoding="utf-8")
+    return render_inspection(odd, load_vehicle("bolt"), portrait=False)
 
 
 def test_the_page_needs_no_other_file_and_no_network(page):
@@ -264,11 +262,10 @@ def test_the_drawings_are_whole_svg_with_a_picture_in_the_first_two(page):
         assert images[0].get("href", "").startswith("data:image/png;base64,")
 
 
-def test_a_page_without_graphviz_and_without_shapes_names_what_to_install(bolt, tmp_path, monkeypatch):
+def test_a_page_without_graphviz_and_without_shapes_names_what_to_install(bolt, monkeypatch):
     monkeypatch.setattr("mirdrake.assembly.drawing.layout_command", lambda: None)
     monkeypatch.setattr("mirdrake.report.inspection.collect_surfaces", lambda *_, **__: [])
-    write_inspection(bolt, tmp_path / "bolt.html", vehicle=load_vehicle("bolt"), portrait=False)
-    assert "mirdrake[drawing]" in (tmp_path / "bolt.html").read_text(encoding="utf-8")
+    assert "mirdrake[drawing]" in render_inspection(bolt, load_vehicle("bolt"), portrait=False)
 
 
 def test_the_command_rejects_unsupported_requests(capsys, tmp_path):

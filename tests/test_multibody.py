@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform
 from mirdrake.single_track import estimate_parameters
 from mirdrake.tyres.magic_formula import magic_formula, relaxation_lengths, slip_curve
 from mirdrake.tyres.magic_formula_tyres import MagicFormulaTyres
-from mirdrake.tyres.tir import parse_tir, read_tir, write_tir
+from mirdrake.tyres.tir import parse_tir, read_tir
 from mirdrake.vehicles import load_vehicle
 from mirdrake.vehicles.parse import parse_urdf
 from tests.commonroad_car import (
@@ -36,6 +36,7 @@ from tests.commonroad_rig import (
     manoeuvre,
     reference_trace,
 )
+from tests.tir_files import write_tir
 
 SLIPS = np.random.default_rng(6).uniform([-0.5, -0.4, 500.0, -0.1], [0.5, 0.4, 9000.0, 0.1], size=(200, 4))
 """Longitudinal slip, slip angle [rad], load [N], camber [rad]."""

@@ -14,7 +14,7 @@ from shapely import affinity
 
 from mirdrake.controllers import AxleGeometry
 from mirdrake.controllers.behaviours.fan import beam_angles
-from mirdrake.controllers.behaviours.outline import Outline, front_of, outline_of
+from mirdrake.controllers.behaviours.outline import Outline, outline_of
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals_of
 from mirdrake.sensors.range_scan import PropPoses, RangeScan, scan
@@ -274,7 +274,7 @@ def test_poses_of_props_come_from_the_plant():
 def test_the_front_is_that_of_the_collision_shapes():
     bolt = load_vehicle("bolt")
     outline = outline_of(bolt)
-    assert front_of(bolt) == pytest.approx(2.601 / 2 + 2.085)  # as in its properties
+    assert outline.front == pytest.approx(2.601 / 2 + 2.085)  # as in its properties
     assert outline.front - outline.rear == pytest.approx(4.166)
     assert outline.half_width == pytest.approx(1.765 / 2)
     assert 1.4 < outline.height < 2.0

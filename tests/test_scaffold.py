@@ -475,6 +475,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"height": 0.4}, "height 0.4 m does not fit the other dimensions; allowed: 0.672 to 4.8 m"),
     ({"width": 4.5}, "width 4.5 m does not fit the other dimensions; allowed: 1.05 to 3 m"),
     ({"wheelbase": None, "track": None}, "missing: wheelbase, track"),
+    ({"wheelbaes": 2.6}, "unknown quantity 'wheelbaes'; did you mean 'wheelbase'?"),
     ({"tyre": "205/55R16"}, "tyre '205/55R16' and wheel_radius are both given; give one of them"),
     ({"wheel_radius": None, "tyre_rear": "205/55R16"}, "tyre_rear is given alone; give tyre_front and tyre_rear"),
     ({"track_front": 1.52}, "track and track_front are both given; give one of them"),

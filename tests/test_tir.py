@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from mirdrake.core.errors import ConfigError
 from mirdrake.tyres.magic_formula import magic_formula, slip_curve
 from mirdrake.tyres.magic_formula_parameters import MagicFormulaParameters
-from mirdrake.tyres.tir import parse_tir, read_tir, write_tir
+from mirdrake.tyres.tir import parse_tir, read_tir
+from tests.tir_files import write_tir
 
 TYRES = sorted((Path(__file__).resolve().parent.parent / "models" / "tyres").glob("*.tir"))
 
@@ -207,7 +208,7 @@ def test_round_trip(coefficients: dict[str, float], version: str, stiffness: flo
         vertical_stiffness=stiffness,
         **coefficients,
     )
-    file = parse_tir(write_tir(tyre, comments=("made in a test",)))
+    file = parse_tir(write_tir(tyre))
     assert file.parameters == tyre
     assert file.unused == ()
 
@@ -230,22 +231,3 @@ def test_bundled_tyres_are_read_and_are_tyres(path: Path) -> None:
 
 def test_there_are_bundled_tyres() -> None:
     assert TYRES
-
-
-def test_a_written_file_has_the_sections_of_others() -> None:
-    sections = parse_tir(write_tir(parse_tir(SMALL).parameters)).sections
-    places = {
-        "LMUX": "SCALING_COEFFICIENTS",
-        "LYKA": "SCALING_COEFFICIENTS",
-        "RBX1": "LONGITUDINAL_COEFFICIENTS",
-        "PPY5": "LATERAL_COEFFICIENTS",
-        "RVY6": "LATERAL_COEFFICIENTS",
-        "PPMX1": "OVERTURNING_COEFFICIENTS",
-        "QSY7": "ROLLING_COEFFICIENTS",
-        "QDZ8": "ALIGNING_COEFFICIENTS",
-        "SSZ1": "ALIGNING_COEFFICIENTS",
-        "PCFY1": "STRUCTURAL",
-    }
-    assert {name: [s for s, entries in sections.items() if name in entries] for name in places} == {
-        name: [section] for name, section in places.items()
-    }

@@ -76,6 +76,7 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
     objects = {actor.name: number for number, actor in enumerate(actors)}
     objects |= {name: len(actors) + number for number, name in enumerate(vehicles)}
     steps: list[list[float]] = []
+    # Each behaviour has its own number of settings: rows of equal width hold them all.
     members, numbers = [], np.zeros((len(actors), NUMBERS))
     for row, actor in zip(numbers, actors, strict=True):
         behaviour = actor.spec.behaviour
@@ -90,6 +91,7 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
             steps.append([*_trigger(actor.spec.starts, world, objects), triggers.START, 0.0, 0.0])
         steps += [[*_trigger(one, world, objects), *_action(one)] for one in actor.steps]
         members.append(Member(behaviour.law, actor.spec.speed, actor.min_radius, first, len(steps)))
+    # Sizes of vehicles as well, since gaps are between outlines.
     shapes = [(actor.front, actor.rear, actor.half_width) for actor in actors]
     shapes += [outline_sizes(vehicle.volume) for vehicle in vehicles.values()]
     crew = Crew(

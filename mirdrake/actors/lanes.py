@@ -5,13 +5,10 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mirdrake.core.compiled import Records, record_type, records
 from mirdrake.worlds.networks.lane import Lane
 from mirdrake.worlds.pieces import Array
-
-Ints = NDArray[np.int64]
 
 _SPACING = 0.5  # [m] largest distance of nodes
 _PIECE = 16  # nodes of a piece
@@ -97,6 +94,7 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
     rows: list[LaneRow] = []
     pieces: list[Piece] = []
     first = 0
+    # Equal steps along the lane make the search for a node a division.
     for lane in lanes.values():
         count = max(2, math.ceil(lane.length / _SPACING) + 1)
         s = np.linspace(0.0, lane.length, count)
@@ -122,6 +120,7 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
                 box=(x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin),
             )
         )
+        # A piece bounds the nodes of the whole lane, the following ones parts of it: they speed up the projection.
         pieces += [_piece(x, y)]
         pieces += [_piece(x[i : i + _PIECE], y[i : i + _PIECE]) for i in range(0, count, _PIECE)]
         first += count

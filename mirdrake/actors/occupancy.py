@@ -305,6 +305,7 @@ def behind(
             at = t.lanes[at].successors[0]
         if at != lane:
             continue
+        # On a ring, behind is also what is far ahead.
         away = base + middle - one.middle
         if t.lanes[lane].closed == 1:
             away = away % t.lanes[lane].length

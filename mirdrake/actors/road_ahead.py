@@ -63,6 +63,7 @@ class RoadAhead(LeafSystem):
         self._yield_lines = yield_line_rows(world, numbers)
         self._bodies = Bodies(state_size, tuple(vehicles.values()))
         self._me = list(vehicles).index(name)
+        # Vehicles first, then actors: the order of the numbers in the compiled step.
         shapes = [outline_sizes(vehicle.volume) for vehicle in vehicles.values()]
         shapes += [(actor.front, actor.rear, actor.half_width) for actor in world.actors]
         self._shape = np.array(shapes, dtype=float)

@@ -242,6 +242,7 @@ def without_user_systems(spec: DiagramSpec) -> tuple[DiagramSpec, list[str]]:
     Args:
         spec: is not changed.
     """
+    # A kind with a colon names a user's module, whose code is not run here.
     systems = {name: entry.kind for name, entry in spec.systems.items() if ":" in entry.kind}
     drivers = {name: entry.kind for name, entry in spec.control.items() if ":" in entry.kind}
 

@@ -55,6 +55,7 @@ def write_dot(assembly: Assembly, *, expand: Collection[str] = ()) -> str:
         ConfigError: a system to expand does not exist or has no blocks.
     """
     diagram = assembly.diagram
+    # Sinks that only log would hide the structure.
     systems = {system.get_name(): system for system in diagram.GetSystems()}
     shown = {name: system for name, system in systems.items() if not name.startswith("log/")}
     inner = {name: _blocks_of(name, shown) for name in expand}
@@ -85,6 +86,7 @@ def write_dot(assembly: Assembly, *, expand: Collection[str] = ()) -> str:
             output, given = source.get_output_port(source_index).get_name(), sink.get_input_port(sink_index).get_name()
             edges[f"{name}.{source.get_name()}", f"{name}.{sink.get_name()}"].append(_edge_label(output, given))
     lines += [_edge(tail, head, labels) for (tail, head), labels in edges.items()]
+    # Ports of the whole diagram become plain texts with dashed arrows.
     for index in range(diagram.num_input_ports()):
         port = diagram.get_input_port(index)
         (system, system_port), *_ = diagram.GetInputPortLocators(port.get_index())

@@ -202,16 +202,7 @@ def read_scene(folder: Path) -> Scene:
         return _read(data, path.parent)
     except MirdrakeError:
         raise
-    except (
-        OSError,
-        ValueError,
-        TypeError,
-        LookupError,
-        AttributeError,
-        ArithmeticError,
-        RuntimeError,
-        ExpatError,
-    ) as error:
+    except _DAMAGE as error:
         reason = (str(error).splitlines() or [""])[0][:200]
         raise RunError(f"{shown(path)}: damaged: {type(error).__name__}: {reason}") from None
 

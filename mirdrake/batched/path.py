@@ -69,6 +69,7 @@ class PathDriver:
                 raise ConfigError(
                     f"path driver: '{name}' has the shape {values.shape}; give a number, or one per car, ({count},)"
                 )
+        # One row of gains for each car, also where a gain is common to all.
         columns = [np.broadcast_to(self._columns.get(name, getattr(self.gains, name)), (count,)) for name in names]
         gains = [PathGains(*row) for row in np.column_stack(columns).tolist()]
 

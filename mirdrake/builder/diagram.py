@@ -608,6 +608,7 @@ class _Factory:
         if own is not system:
             self.unwritable = f"it is an object; write add('{name}', {own.__name__}, <arguments>)"
         elif own.__module__ == "__main__" or "<locals>" in own.__qualname__:
+            # A class of a notebook cell cannot be imported when the YAML file is read.
             self.unwritable = (
                 f"{own.__name__} is defined in this session; move the class to a file module.py beside the YAML"
             )
@@ -643,6 +644,7 @@ class _Ports(LeafSystem):  # type: ignore[misc, unused-ignore]
         super().__init__()
         book = {}
         for index in range(system.num_input_ports()):
+            # Ports have the names, sizes and units of those of the system, but no function of their own.
             port = system.get_input_port(index)
             if port.get_data_type() == PortDataType.kVectorValued:
                 self.DeclareVectorInputPort(port.get_name(), port.size())

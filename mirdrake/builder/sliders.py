@@ -44,6 +44,7 @@ def make_sliders(
 
     bars = {}
     for path, (low, high) in ranges.items():
+        # ipywidgets reports an empty range without naming the slider.
         if not low < high:
             raise ConfigError(f"sliders: {path}: the range ({low:g}, {high:g}) is empty; give the smaller value first")
         value = present[path]

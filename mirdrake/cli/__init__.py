@@ -152,6 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code: int = options.execute(options)
         sys.stdout.flush()  # here, where a closed pipe is handled
     except MirdrakeError as error:
+        # Users see one line for each error: a traceback is a fault of mirdrake.
         for line in str(error).splitlines():
             print(f"error: {line}", file=sys.stderr)
         return 2
@@ -162,6 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
+        # A second message about the closed pipe at exit is avoided by a sink in place of stdout.
         prefix = f"{error.filename}: " if error.filename else ""
         print(f"error: {prefix}{error.strerror or error}", file=sys.stderr)
         return 2

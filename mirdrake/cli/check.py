@@ -55,6 +55,7 @@ def _check_name(
     from mirdrake.schemas import check_file
     from mirdrake.world_checks import check_world
 
+    # Code of users is run by a check only with --trust, since a check of a foreign file should be safe.
     skipped: list[str] = []
     try:
         kind = "models" if _holds_vehicle(Path(name)) else kind_of(name)

@@ -124,6 +124,7 @@ def _not_xml(folder: Path) -> Iterator[str]:
 
 def _check_files(folder: Path, variant: str | None, missing: Findings) -> None:
     """Store the faults of the YAML files, of the xacro files, and of the URDF compared with the YAML files."""
+    # Each part is loaded by itself, so that a fault of one does not hide those of the others.
     change = load_variant(folder, variant)
     spec = sensors = urdf = None
     with missing.caught():
@@ -136,6 +137,7 @@ def _check_files(folder: Path, variant: str | None, missing: Findings) -> None:
     if spec is not None and "drive" in change.arguments:
         with missing.caught():
             spec = with_drive(spec, change.arguments["drive"], location)
+    # The renderer could not name the place of a fault in a file that is not XML.
     if next(_not_xml(folder), None) is not None:
         return
     with missing.caught():
@@ -151,6 +153,7 @@ def _check_files(folder: Path, variant: str | None, missing: Findings) -> None:
 
 def _restless(vehicle: Vehicle) -> Iterator[str]:
     """Return how a vehicle without input moves on level ground with its wheels free; None if it stays at rest."""
+    # The plant as in a simulation, on level ground, without controllers.
     builder = DiagramBuilder()
     parts = make_plant(builder, load_world("empty"), {"ego": vehicle})
     plant, part = parts.plant, parts.vehicles["ego"]
@@ -158,6 +161,7 @@ def _restless(vehicle: Vehicle) -> Iterator[str]:
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
     ahead = float(plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0])
+    # Free wheels do not prevent this fall, which would otherwise be reported as a divergence.
     if not 0.0 < ahead < vehicle.geometry.wheelbase:
         yield f"tips over: its centre of mass is {ahead:.3g} m ahead of the rear axle, not between the axles"
         return

@@ -189,6 +189,7 @@ def open_dask(address: str | None) -> Iterator[Any]:
     if address is None:
         yield None
         return
+    # Dask is an extra, which only clusters need.
     try:
         from distributed import Client
     except ImportError:
@@ -201,6 +202,7 @@ def open_dask(address: str | None) -> Iterator[Any]:
             f"--scheduler {address}: no Dask scheduler answers ({first}); start one with: dask scheduler"
         ) from None
     with client:
+        # Without workers the study would wait for ever.
         if not client.scheduler_info()["workers"]:
             raise ConfigError(f"--scheduler {address}: it has no workers; start some with: dask worker {address}")
         with client.get_executor() as executor:

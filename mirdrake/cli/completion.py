@@ -76,6 +76,7 @@ def completions(words: Sequence[str]) -> list[str]:
     *before, last = words or [""]
     if not before:
         return _beginning(VERBS, last)
+    # An unknown verb has no completions; the command itself reports it.
     verb = VERBS.get(before[0])
     if verb is None:
         return []
@@ -90,6 +91,7 @@ def completions(words: Sequence[str]) -> list[str]:
         return _beginning(_ports(before[1]), last)
     if before[0] == "manoeuvre" and len(before) == 1:
         choices += _manoeuvres()
+    # Names of files of the library, after what the verb itself offers.
     choices += [name for kind in _FOLDERS.get(before[0], ()) for name in names(kind)]
     return _beginning(choices or _positional_choices(_help(before)), last)
 

@@ -66,8 +66,10 @@ def run(options: argparse.Namespace) -> int:
         import webbrowser
 
         webbrowser.open(cockpit.url)
+    # The page runs until Ctrl-C, with which the cockpit closes its log.
     with cockpit:
         cockpit.run(duration=options.duration or math.inf)
+    # Pages take seconds each, so that they are written at the end.
     for recorded in cockpit.drive.runs:
         if options.pages and not recorded.signals.empty:
             _write_pages(recorded)
@@ -80,11 +82,13 @@ def _spec(options: argparse.Namespace) -> Any:
     from mirdrake.vehicles import load_vehicle
     from mirdrake.viewer.cockpit import drive_spec
 
+    # The order of the arguments is a frequent mistake, so that the kinds are checked.
     for kind, name in (("models", options.vehicle), ("worlds", options.world)):
         if kind_of(name) != kind:
             expected = {"models": "a vehicle", "worlds": "a world"}[kind]
             raise ConfigError(f"'{name}' is not {expected}; usage: mirdrake drive VEHICLE [WORLD]")
     mounts = load_vehicle(options.vehicle).sensors.mounts
+    # Cameras cost more time than a frame of the cockpit has: only ranging sensors are on by default.
     if options.sensors is None:
         sensors = [name for name, mount in mounts.items() if mount.kind in {"lidar", "laser_scanner"}]
     else:

@@ -33,6 +33,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.runs.logs import load_run
 
     done = load_run(options.run)
+    # Only MCAP contains the scene, for which differences to today's files matter.
     if options.to == "mcap":
         print_changes(done.scene())
     folder = Path(options.run)

@@ -33,6 +33,7 @@ def run(options: argparse.Namespace) -> int:
     if vehicle is None:
         raise ConfigError(f"the vehicle is missing: mirdrake identify apply {shown(options.fit)} --vehicle bolt")
     change = plan_apply(fit, vehicle)
+    # All notes and differences are printed before the first file is written.
     for line in describe(change):
         print(line)
     if not change.changes:

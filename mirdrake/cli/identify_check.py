@@ -40,6 +40,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.identification.study import StudySpec, embedded_data
 
     path = Path(options.what)
+    # A study names its data file or contains it.
     is_yaml = path.suffix in {".yaml", ".yml"} and not path.is_dir()
     given = [name for name in ("map", "time", "step", "wheelbase") if getattr(options, name)]
     if is_yaml and given:
@@ -48,6 +49,7 @@ def run(options: argparse.Namespace) -> int:
         tree, _ = read_tree(path)
         is_study = isinstance(tree, dict) and str(tree.get("mirdrake", "")).startswith("identification/")
         data: DataSet
+        # Only the data of a study are checked, not its model.
         if is_study:
             study = load_yaml(path, StudySpec)
             data = (
@@ -61,6 +63,7 @@ def run(options: argparse.Namespace) -> int:
         data = make_data(map_log(path, options.map, options.time, options.step, options.wheelbase), path.parent)
     repairs = None if options.repairs is None else parse_names(options.repairs)
     report = check_data(data, repairs=repairs)
+    # Reports need Matplotlib, which most checks do without.
     if options.report is not None:
         from mirdrake.report.identification import write_data_check  # Matplotlib takes half a second
 

@@ -35,6 +35,7 @@ def run(options: argparse.Namespace) -> int:
     out: Path = options.out or log.with_suffix(".yaml")
     if out.exists() and not options.force:
         raise ConfigError(f"{shown(out)}: exists already; give --out FILE.yaml, or --force to replace it")
+    # A data file names its logs relative to its own folder.
     if out.resolve().parent != log.resolve().parent:
         raise ConfigError(f"--out {shown(out)}: write it into the folder of the log, {shown(log.resolve().parent)}")
     proposal = propose_data(log)

@@ -41,6 +41,7 @@ def run(options: argparse.Namespace) -> int:
 
     path = find("studies", options.study)
     tree, _ = read_tree(path)
+    # A data file alone is fitted by the default study.
     bare = isinstance(tree, dict) and str(tree.get("mirdrake", "")).startswith("data/")
     spec = (default_study if bare else load_identification)(path, overrides=options.set)
     folder = new_folder(options.out, spec.name)
@@ -60,6 +61,7 @@ def run(options: argparse.Namespace) -> int:
         print()
         files = (("report.html", "report"), ("fit.json", "parameters"), ("traces.parquet", "curves"))
         print_files(folder, files, note=f" in {result.seconds:.1f} s")
+    # Exit code 1 tells scripts that the result is not to be used unseen.
     doubtful = {"not identifiable", "contradicts the given value"}
     return 1 if any(parameter.verdict in doubtful for parameter in result.fit.parameters) else 0
 

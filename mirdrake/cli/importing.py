@@ -62,7 +62,9 @@ def run(options: argparse.Namespace) -> int:
 
     packages = {name: Path(value) for name, value in parse_pairs("--package", options.package).items()}
     arguments = parse_pairs("--argument", options.argument)
+    # Progress lines only in a terminal: logs of build servers stay short.
     progress = (lambda text: print(f"  {text} ...", file=sys.stderr)) if sys.stderr.isatty() else None
+    # Arguments without default are asked for one after another, as each may lead to further ones.
     while True:
         try:
             given: Json = {
@@ -74,6 +76,7 @@ def run(options: argparse.Namespace) -> int:
                 "force": options.force,
                 "progress": progress,
             }
+            # Both calls take the same arguments, so that a dry run shows what an import would do.
             if options.dry_run:
                 _print_plan(plan_import(options.file, **given))
             else:

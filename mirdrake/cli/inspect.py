@@ -35,6 +35,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.vehicles import load_vehicle
     from mirdrake.vehicles.inspection import inspect_vehicle
 
+    # Checked first, as the inspection takes seconds.
     out: Path | None = options.out
     if out is not None and out.suffix not in {".html", ".svg", ".dot", ".json"}:
         raise ConfigError(f"--out {out}: the name must end in .html, .svg, .dot or .json")

@@ -48,6 +48,7 @@ def run(options: argparse.Namespace) -> int:
         def show(step: str, share: float) -> None:
             progress.update(100.0 * share, text=step)
 
+        # Every finished step is in the journal: the same command continues after an interruption.
         try:
             result = clone(spec, out=folder, progress=show, warn=lambda text: progress.write(f"note: {text}"))
         except KeyboardInterrupt:
@@ -68,10 +69,12 @@ def _print_result(result: "CloneResult") -> None:
 
     print(f"{result.name}: {headline(result)}")
     print(f"  {result.delay_sentence}")
-    for one in result.rounds:
-        error = one.validation_error[-1] if one.validation_error else float("nan")
-        print(f"  round {one.number}: {one.pictures} pictures, validation error {error:.4f} rad")
-        for world, drive in one.drives.items():
+    for result_of_round in result.rounds:
+        error = result_of_round.validation_error[-1] if result_of_round.validation_error else float("nan")
+        print(
+            f"  round {result_of_round.number}: {result_of_round.pictures} pictures, validation error {error:.4f} rad"
+        )
+        for world, drive in result_of_round.drives.items():
             figures = drive.figures
             print(
                 f"    {world}: {figures.laps:.2f} laps, autonomy {100.0 * figures.autonomy:.1f} %, lateral error "

@@ -48,6 +48,7 @@ def run(options: argparse.Namespace) -> int:
     """Drive the manoeuvres and write the report; 1 if one failed or diverged, 130 if interrupted."""
     from mirdrake.manoeuvres.registry import find_names, read_settings
 
+    # Lists and errors of the command line need no vehicle, so that they come before the imports below.
     settings = read_settings(options.set)
     if options.list:
         _list(options.name or "all", settings)
@@ -88,6 +89,7 @@ def run(options: argparse.Namespace) -> int:
             folder=folder,
             report=lambda label: progress.update(text=label),
         )
+        # One manoeuvre that fails does not stop the others; its outcome states why.
         for number, name in enumerate(names, start=1):
             progress.update(title=f"{number}/{len(names)} {name}")
             try:
@@ -101,6 +103,7 @@ def run(options: argparse.Namespace) -> int:
 
     # The report is written also after an interruption, so that finished manoeuvres are not lost.
     if outcomes:
+        # The contact that was used, which may differ from the setting on uneven ground.
         plant = {**settings.plant.model_dump(), "contact": rig.contact}
         results = HandlingResults(facts, options.model, plant, rig.friction, outcomes, folder)
         folder.mkdir(parents=True, exist_ok=True)

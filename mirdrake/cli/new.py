@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     parser.add_argument("what", choices=["vehicle"], help="what to write")
     parser.add_argument("name", metavar="NAME", help="name of the folder: letters, digits, _")
+    # Options, questions and checks come from one table of quantities.
     for quantity in QUANTITIES.values():
         parser.add_argument(
             _option(quantity.key), metavar=quantity.unit.upper(), help=f"{quantity.text} [{quantity.unit}]"
@@ -66,6 +67,7 @@ def run(options: argparse.Namespace) -> int:
     check_name(name)
     vehicle_place(name, folder=options.folder, force=options.force)  # before the user answers questions
     given = _given(options)
+    # Questions are asked in a terminal only: a script gets an error that names the options.
     missing = missing_keys(given)
     if missing and sys.stdin.isatty():
         _print_line(f"A new vehicle, {name}. Numbers are SI or have a unit; Enter accepts the value in brackets.")
@@ -76,6 +78,7 @@ def run(options: argparse.Namespace) -> int:
     vehicle = write_vehicle(name, plan, title=options.title, folder=options.folder, force=options.force)
     diagram = None
     if options.diagram:
+        # The diagram is beside the models folder, as in the shipped library.
         beside = vehicle.resolve().parent
         folder = beside.parent / "diagrams" if beside.name == "models" else Path("diagrams")
         diagram, written = write_diagram(vehicle, folder=folder, force=options.force)

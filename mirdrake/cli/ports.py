@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """List the ports."""
     assembly, skipped = assemble_for_display(options.diagram, options.set, trust=options.trust)
+    # Outputs and inputs are listed apart, because the same name may be both.
     chosen = {
         title: {name: contents for name, contents in sorted(ports.items()) if fnmatchcase(name, options.pattern)}
         for title, ports in (("outputs", assembly.outputs), ("inputs", assembly.inputs))

@@ -31,6 +31,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.viewer.replay import Replay, write_replay
 
     done = load_run(options.run)
+    # A page in a file contains everything; without one the run is served from its folder.
     if options.out is not None:
         if options.out.is_dir():
             raise ConfigError(f"--out {options.out}: is a folder; a file is expected")

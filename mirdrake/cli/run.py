@@ -170,6 +170,7 @@ def _print_summary(run: "Run") -> None:
     summary = run.summary
     factor = summary["real_time_factor"] or 0.0
     print(f"{summary['diagram']}: {summary['simulated_s']:g} s in {summary['wall_s']:g} s ({factor:g} x real time)")
+    # Only views have no other place in the summary.
     for event in run.events:
         if event["kind"] == "view":
             print(f"  {event['text']}")

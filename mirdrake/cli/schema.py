@@ -32,6 +32,7 @@ def run(options: argparse.Namespace) -> int:
             print(f"{name:16}{kind.files:26}{kind.text}")
         return 0
     kinds = [options.kind] if options.kind is not None else list(KINDS)
+    # All schemas are made before the first file is written.
     texts = {name: json.dumps(make_schema(name), indent=2, ensure_ascii=False) + "\n" for name in kinds}
     if options.out is None:
         print(texts[options.kind], end="")

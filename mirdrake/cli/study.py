@@ -54,6 +54,7 @@ def run(options: argparse.Namespace) -> int:
     if options.scheduler and options.workers is not None:
         raise ConfigError("--workers and --scheduler exclude each other; Dask's workers are started by Dask")
     path = find("studies", options.study)
+    # Worker processes start from a server that imports Drake once; it is started while the study is read.
     if options.scheduler is None and options.workers != 0:
         start_server(STUDY)
     from mirdrake.studies import load_study, run_study
@@ -83,6 +84,7 @@ def _print(result: "StudyResult") -> None:
     print(f"{result.arrow.num_rows} of {result.runs} runs: {counts or 'none'}")
     if result.model == "single_track":
         print("single-track model: run the best candidates again with model: plant")
+    # Columns that say nothing about this study would push the others off the screen.
     table = result.table.drop(columns=["simulated"])
     if not table["reason"].any():
         table = table.drop(columns=["reason"])

@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Tune the loop; 0: all acceptance criteria are met, 1: one is not, 130: stopped."""
     path = find("studies", options.study)
+    # The server of the workers imports Drake while the specification is read.
     if options.scheduler is None and options.workers != 0:
         start_server(LOOP)
     from mirdrake.tuning.spec import load_tuning
@@ -74,6 +75,7 @@ def _print_result(result: "TuningResult") -> None:
     """Print the candidates and the criteria."""
     from mirdrake.report.tuning_texts import Texts, criterion_text
 
+    # One sentence first; numbers of all candidates follow in columns.
     texts = Texts(result)
     print(f"{result.name}: {texts.headline()}")
     width = max(len(candidate.name) for candidate in result.candidates)

@@ -40,12 +40,14 @@ def run(options: argparse.Namespace) -> int:
     result = read_result(options.result)
     change = plan_apply(result, candidate=options.candidate, vehicle=options.vehicle, force=options.force)
     chosen = result.candidate(options.candidate)
+    # Notes are printed before the files change, so that the user can stop here.
     unmet = unmet_notes(result) if chosen.name == result.best else []
     for note in (*change.notes, *unmet, *robustness_notes(result, chosen.name)):
         print(f"note: {note}")
     if not change.changes:
         print(f"{shown(change.path)}: has these gains already; nothing to do")
         return 0
+    # Both sets of gains are simulated again, since the vehicle may have changed after the study.
     compared = compare(result, candidate=options.candidate, vehicle=options.vehicle)
     for line in comparison_lines(compared, result, chosen):
         print(line)

@@ -57,6 +57,7 @@ def run(options: argparse.Namespace) -> int:
 
     from mirdrake.manoeuvres.validation import describe_validation, validate_vehicle, write_validation_results
 
+    # The published figures may name the variant of the vehicle that they were measured with.
     name = driven_name(options.vehicle, published)
     vehicle = load_vehicle(name)
     folder = new_folder(options.out, f"{vehicle.name.replace('@', '-')}-validation")

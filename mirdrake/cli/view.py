@@ -58,6 +58,7 @@ def run(options: argparse.Namespace) -> int:
     sliders: Any = None
     diagram: Any = None
     views: tuple[Any, ...] = ()
+    # A recorded run is drawn with its own scene, and has no diagram to simulate.
     if kind == "runs":
         run = load_run(options.name)
         print_changes(run.scene())

@@ -34,6 +34,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.world_files import build_world, file_name
     from mirdrake.worlds import load_world
 
+    # Parameters are overrides of `params`, checked by the same schema.
     overrides = [*options.set, *_parameter_overrides(options.world, options.param)]
     world = load_world(options.world, overrides=overrides)
     build = build_world(world, options.out or Path("worlds-out") / file_name(world.name))
@@ -44,6 +45,7 @@ def run(options: argparse.Namespace) -> int:
     print(f"  {build.sdf.name:{width}}  for Gazebo and Drake, with {build.meshes} files in meshes/")
     print(f"  {build.plan.name:{width}}  plan from above")
     _print_some("left out of the SDF world: ", build.left_out)
+    # Overlaps are faults of the world, but not of the files that were written.
     _print_some("overlap: ", [f"{a} and {b}, {area.area:.2g} m²" for a, b, area in build.overlaps])
     for line in world.unplaced_props:
         print(f"error: {line}", file=sys.stderr)

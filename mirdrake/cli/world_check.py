@@ -30,6 +30,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.world_checks import examine
 
     code = 0
+    # Worlds are independent, so that a faulty one does not hide the others.
     for name in options.files:
         result = examine(name, overrides=world_overrides(options), vehicle=options.vehicle, first_steps=True)
         for fault in result.faults:

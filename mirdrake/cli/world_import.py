@@ -47,6 +47,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.importing.roads import import_road_world, is_road_file
     from mirdrake.importing.worlds import import_world
 
+    # Road files (OpenDRIVE, CommonRoad, OpenSCENARIO, GPX) have no models to convert.
     if is_road_file(options.file):
         made = import_road_world(options.file, name=options.name, folder=options.folder, force=options.force)
         _print_result(made)

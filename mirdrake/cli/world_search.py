@@ -38,6 +38,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.suites import collect_searches, search
 
     codes = [0]
+    # A world with faults is not searched: each of its runs would fail for the same reason.
     searches = collect_searches(options.file, only=options.case, values=dict(options.param))
     if not print_world_faults([case for case, _ in searches]):
         return 2
@@ -63,6 +64,7 @@ def run(options: argparse.Namespace) -> int:
         if not options.quiet:
             print("\n".join(_result_lines(result, wanted.over)))
         codes.append(_exit_code(result))
+    # The worst code of all searches; an interruption comes first.
     return 130 if 130 in codes else 1 if 1 in codes else max(codes)
 
 

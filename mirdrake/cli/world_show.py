@@ -35,6 +35,7 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.viewer.world_view import show_examination
     from mirdrake.world_checks import examine
 
+    # A world with faults is shown as well, with the faults marked; only an unreadable one is not.
     result = examine(options.file, overrides=world_overrides(options), vehicle=options.vehicle)
     for fault in result.faults:
         print(f"error: {fault}", file=sys.stderr)

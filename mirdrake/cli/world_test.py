@@ -79,6 +79,7 @@ def run(options: argparse.Namespace) -> int:
     cases = collect_cases(options.files, only=options.case, values=dict(options.param))
     if not print_world_faults(cases):
         return 2
+    # A single case names its folder, several the world.
     name = cases[0].slug if len(cases) == 1 else Path(cases[0].world).stem
     folder = options.out or default_folder(name if len({case.world for case in cases}) == 1 else "suite")
     began = time.monotonic()
@@ -182,10 +183,11 @@ def _result_lines(suite: "Suite", wall: float) -> Iterator[str]:
     for case, result in ranked:
         verdict, *others = result_cells(case.values, result)
         rows.append((verdict, result.name, *others))
-    most = max(_MOST_ROWS, sum(row[0] != "pass" for row in rows))
-    yield from table_lines((RESULT_HEAD[0], "case", *RESULT_HEAD[1:]), rows[:most])
-    if len(rows) > most:
-        yield f"and {len(rows) - most} more that passed"
+    # Failures are listed in full; passed cases only up to a screen.
+    row_limit = max(_MOST_ROWS, sum(row[0] != "pass" for row in rows))
+    yield from table_lines((RESULT_HEAD[0], "case", *RESULT_HEAD[1:]), rows[:row_limit])
+    if len(rows) > row_limit:
+        yield f"and {len(rows) - row_limit} more that passed"
     counts = ", ".join(f"{number} {verdict}" for verdict, number in suite.counts.items() if number)
     yield f"{plural(len(rows), 'case')}: {counts or 'none done'} ({wall:.1f} s)"
     yield f"  {shown(suite.folder)}/"

@@ -388,6 +388,7 @@ class AckermannSteering(LeafSystem):
         factor: float = 0.5,
     ):
         super().__init__()
+        # A law that exists already is shared, so that the blocks of a control unit use the same one.
         given = geometry if isinstance(geometry, Ackermann) else None
         self.law = given or make_steering_law(geometry, linkage, factor=factor)  # type: ignore[arg-type]
         self.period = period
@@ -406,6 +407,7 @@ class AckermannSteering(LeafSystem):
             )
             return
         check_number("AckermannSteering", "period", period, unit="s", above=0.0)
+        # Angle at the rate limit and both wheel angles; all outputs show the state after the update.
         self._angle = self.DeclareDiscreteState(1)
         self._wheels = [self.DeclareDiscreteState(1) for _ in SIDES]
         self.left, self.right = (

@@ -101,6 +101,6 @@ def command_step(
     if math.isfinite(speed + steering + stamp) and state.stamp <= stamp <= time + TOLERANCE:
         state = CommandState(speed, steering, stamp)
     alive = time - state.stamp <= limits.timeout + TOLERANCE
-    held = min(max(state.steering, -limits.steering), limits.steering)
+    last_steering = min(max(state.steering, -limits.steering), limits.steering)
     wanted = min(max(state.speed, limits.minimum_speed), limits.maximum_speed) if alive else 0.0
-    return state, CommandResult(Setpoint(wanted, held), alive)
+    return state, CommandResult(Setpoint(wanted, last_steering), alive)

@@ -94,6 +94,7 @@ def _picture_times(table: Table) -> NDArray[np.float64]:
 
 def _find_column(table: Table, key: str, vehicle: str | None) -> str:
     """Return the name of the column of time, speed or steering."""
+    # Names of mirdrake's own runs come first, then those of other loggers.
     names = [key, *_NAMES[key]]
     if vehicle is not None and key != "time":
         names.insert(0, f"{vehicle}.{key}_command")

@@ -121,17 +121,11 @@ class ControlDiagram:
     open: tuple[str, ...] = ()
 
 
-def block_names(unit: VehicleControl) -> list[str]:
-    """Return the names of the blocks of a control unit that can be replaced, in the order of the signals."""
-    drive = ["pedal_loop"] if unit.pedal_law is not None else ["speed_pid", "wheel_speeds", "wheel_loops"]
-    steer = ["steering_rate_limit", "steering_actuator", "ackermann", *STEERING_LOOPS]
-    return ["measurements", "dead_man", "acceleration_limit", *drive, *steer]
-
-
 def make_control_blocks(unit: VehicleControl) -> dict[str, System]:
     """Return the blocks of a control unit by name, with its numbers, not connected."""
     setup, law, control = unit.setup, unit.steering_law, unit.vehicle.control
     period = setup.period
+    # Names are those of the signals that users connect to; each block can be replaced by one with equal ports.
     blocks: dict[str, System] = {
         "measurements": Measurements(
             unit.plant_state.size(),
@@ -169,7 +163,6 @@ def make_control_blocks(unit: VehicleControl) -> dict[str, System]:
 def expand_control(
     unit: VehicleControl,
     *,
-    name: str = "control",
     replaced: Mapping[str, System] | None = None,
     opened: Collection[str] = (),
 ) -> ControlDiagram:
@@ -177,7 +170,6 @@ def expand_control(
 
     Args:
         unit: the fused unit; it is not changed and not part of the result.
-        name: name of the Diagram.
         replaced: systems in place of the blocks of these names. Their ports are those of the block by name; the only
             input and the only output may have any name.
         opened: inputs ``block.port`` that are inputs of the Diagram instead of being connected within it.
@@ -252,7 +244,7 @@ def expand_control(
     for port_name, port in own.items():
         builder.ExportOutput(port, port_name)
     diagram = builder.Build()
-    diagram.set_name(name)
+    diagram.set_name("control")
     for port_name, port in own.items():
         # The exported port is another object than that of the block and has no names of its elements yet.
         copy_signals(port, diagram.GetOutputPort(port_name))

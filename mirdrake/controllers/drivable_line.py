@@ -149,15 +149,10 @@ class CentreLine:
     curvature: Array
 
 
-def make_centre_line(track: Track, *, spacing: float = _STEP) -> CentreLine:
-    """Return the tables of a track.
-
-    Args:
-        track: the track.
-        spacing: largest distance of the points [m].
-    """
+def make_centre_line(track: Track) -> CentreLine:
+    """Return the tables of a track."""
     length = float(track.length)
-    count = max(8, math.ceil(length / spacing - 1e-9))
+    count = max(8, math.ceil(length / _STEP - 1e-9))
     s = np.linspace(0.0, length, count + 1)
     # The last point of a closed track is exactly the first one; `unwrap` adds the full turn to its direction.
     inside = s.copy()

@@ -32,11 +32,10 @@ from mirdrake.controllers.path_tracking import PathTrackingSpec
 from mirdrake.controllers.platoon import AccSpec, CaccSpec
 from mirdrake.controllers.schedule import ConstantSpec, ScheduleSpec
 from mirdrake.controllers.traffic_driver import TrafficDriverSpec
-from mirdrake.core.errors import ConfigError, did_you_mean
+from mirdrake.core.errors import ConfigError
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.core.user_systems import make_user_system
 from mirdrake.core.vectors import COMMAND
-from mirdrake.core.yaml_io import Source, validate
 
 DRIVER_KINDS: tuple[type[Driver], ...] = (
     AccSpec,
@@ -111,39 +110,3 @@ if TYPE_CHECKING:
 else:
     DriverSpec = Annotated[reduce(or_, _TAGGED), Discriminator(_tag), BeforeValidator(_mapping)]
 """Any driver: a kind, a mapping with a ``kind``, or a user's class as ``module:Class``."""
-
-
-def make_driver(
-    behaviour: str | Mapping[str, Any],
-    vehicle: ShapedVehicle,
-    world: DrivenWorld,
-    *,
-    source: Source | None = None,
-    folder: Path | None = None,
-) -> LeafSystem:
-    """Return the driver of a vehicle in a world.
-
-    Args:
-        behaviour: a kind, ``"straight_and_avoid"``; a mapping with ``kind`` and its settings; or a user's class, see
-            :class:`OwnDriverSpec`.
-        vehicle: vehicle to drive.
-        world: its world.
-        source: where `behaviour` was written, for errors.
-        folder: folder of the user's modules, in addition to the import path and the working directory.
-
-    Raises:
-        ConfigError: unknown kind or setting, a setting out of range, or a class that is not a driver.
-    """
-    source = source or Source("driver", {})
-    settings: Any = _mapping(behaviour)
-    kind, place = _tag(settings), source.where()
-    if not isinstance(settings, Mapping) or not isinstance(kind, str):
-        fault = "needs a 'kind'" if isinstance(settings, Mapping) else f"{settings!r} is not a mapping with a 'kind'"
-        raise ConfigError(f"{place}: {fault}")
-    if kind != _OWN and kind not in DRIVERS:
-        raise ConfigError(
-            f"{source.where('kind')}: unknown kind '{kind}'; {did_you_mean(kind, DRIVERS)}, or a class of your own as "
-            "module:Class"
-        )
-    driver: Driver = validate(dict(settings), OwnDriverSpec if kind == _OWN else DRIVERS[kind], source)
-    return driver.make_system(vehicle, world, where=place, folder=folder)

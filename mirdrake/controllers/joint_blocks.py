@@ -315,6 +315,8 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
             if name in always or name in uses
         }
         n, (left, right) = actuators, steering
+        # Drake's actuation ports have one element for each actuator in the order of the plant, which differs between
+        # models.
         self._places = {
             "wheel_torque": list(wheels),
             "left_torque": [left],
@@ -324,6 +326,7 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
             "left_servo": [left, n + left],
             "right_servo": [right, n + right],
         }
+        # All outputs are states, so that the plant keeps its input from one control instant to the next.
         self._desired = self.DeclareDiscreteState(2 * n)
         self._actuation = self.DeclareDiscreteState(n)
         self._status = self.DeclareDiscreteState(len(STATUS))

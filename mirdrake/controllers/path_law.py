@@ -182,18 +182,18 @@ def steering_step(
     offset, slope, curvature = line_value(line, i, part, 0), line_value(line, i, part, 1), line_value(line, i, part, 2)
     distance = max(gains.convergence_distance, speed * gains.convergence_time)
     k2 = 2.0 * gains.damping / distance
-    most = vehicle.rate * distance / (vehicle.wheelbase * max(speed, 0.1))
-    steepest = min(_STEEPEST, _APPROACH * most * distance)
+    largest_change = vehicle.rate * distance / (vehicle.wheelbase * max(speed, 0.1))
+    steepest = min(_STEEPEST, _APPROACH * largest_change * distance)
 
     # Far from the direction of the track there is no line to keep: turn back, up to full lock.
     theta = min(max(wrap_angle(course - place.yaw), -_STEEPEST_COURSE), _STEEPEST_COURSE)
-    most += max(0.0, abs(theta) - 0.5) * 4.0 / vehicle.wheelbase
+    largest_change += max(0.0, abs(theta) - 0.5) * 4.0 / vehicle.wheelbase
     cos, tan = max(math.cos(theta), 0.7), math.tan(theta)
     # Kinematics over the arc length s of the track: z = e' = (1 - κ e) tan θ; u is the demanded z'.
     lever = max(1.0 - place.curvature * place.lateral, _NEAREST)
     z = lever * tan
     approach = min(max((place.lateral - offset) / (distance * distance * k2), -steepest), steepest)
-    u = curvature - place.curvature - min(max(k2 * (z - slope + approach), -most), most)
+    u = curvature - place.curvature - min(max(k2 * (z - slope + approach), -largest_change), largest_change)
     turning = cos / lever * (place.curvature + cos * cos / lever * (u + place.curvature * z * tan))
     # Bicycle angle of this curvature, and the understeer that the tyres add at speed.
     steering: float = math.atan(vehicle.wheelbase * turning) + gains.understeer_gradient * speed * speed * turning

@@ -184,6 +184,7 @@ class PathTracker(LeafSystem):
         self.limits = limits or DrivingLimits()
         self.period = check_number("PathTracker", "period", period, unit="s", above=0.0)
         centre = make_centre_line(track)
+        # The compiled step interpolates in tables of the centre line.
         self.path = PathTables(centre)
         self.line_for = _planner(centre, self.law, self.limits)
         # Plan once now, so that a track that is too tight is an error before the run.
@@ -193,6 +194,7 @@ class PathTracker(LeafSystem):
             self.limits.deceleration, self.period,
         )  # fmt: skip
         self.state = declare_vector_input(self, "state", STATE)
+        # Gains are parameters of the Context, so that tuning changes them without another diagram.
         self._gains = self.DeclareNumericParameter(BasicVector(_to_vector(gains)))
         self._command = self.DeclareDiscreteState(3)
         self._error = self.DeclareDiscreteState(4)
@@ -232,6 +234,7 @@ class PathTracker(LeafSystem):
         x, y, _, _, _, yaw, vx, vy, _, _, _, wz = self.state.Eval(context).tolist()
         state, gains, time = self._read(context), self.get_gains(context), context.get_time()
         line, length = self.line_for(gains.speed), self.path.length
+        # The search starts from the last place, because a path may cross itself.
         place = self._find(x, y, state)
         speed, steering = tracker_step(
             self.path.numbers,

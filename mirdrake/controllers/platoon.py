@@ -8,10 +8,9 @@ With the spacing error e = gap - r - h v, speed v, acceleration a and time gap h
 a_lead is the acceleration of the vehicle ahead, received theta seconds later (after J. Ploeg et al., Design and
 experimental evaluation of cooperative adaptive cruise control, ITSC 2011). A message that is lost is replaced by the
 one before it.
-Disturbances of speed are amplified from vehicle to vehicle by |Gamma(j w)|, see :func:`amplification`.
+With a short time gap both amplify disturbances of speed from vehicle to vehicle; the message allows a shorter one.
 """
 
-import cmath
 from pathlib import Path
 from typing import Any, Literal
 
@@ -70,32 +69,6 @@ def cacc_step(
     rate = lead - speed - time_gap * acceleration
     wish = kp * error + kd * rate + received
     return wish + (u - wish) * float(np.exp(-dt / time_gap))
-
-
-def amplification(
-    frequency: float, *, kp: float, kd: float, time_gap: float, lag: float, delay: float | None = None
-) -> float:
-    """Return |Gamma(j w)|: amplitude of the speed of a vehicle over that of the one ahead [-]; string stable if <= 1.
-
-    With vehicles x'' = a, lag a' = -a + a_wanted, G = 1/(s² (lag s + 1)), K = kp + kd s and H = h s + 1:
-    CACC: Gamma = (exp(-delay s) / (lag s + 1) + G K) / (H (1 + G K)), since the message is the acceleration, which has
-    the lag, and not the commanded one; ACC: Gamma = G K / (1 + G (K + kp h s)).
-
-    Args:
-        frequency: w [rad/s].
-        kp: gain of the spacing error [1/s^2].
-        kd: gain of the speed difference [1/s].
-        time_gap: h [s].
-        lag: time constant of the vehicle [s].
-        delay: of messages [s]; None: ACC, without messages.
-    """
-    s = 1j * frequency
-    plant, control = 1.0 / (s * s * (lag * s + 1.0)), kp + kd * s
-    if delay is None:
-        return abs(plant * control / (1.0 + plant * (control + kp * time_gap * s)))
-    loop = plant * control
-    message = cmath.exp(-delay * s) / (lag * s + 1.0)
-    return abs((message + loop) / ((time_gap * s + 1.0) * (1.0 + loop)))
 
 
 class PlatoonDriver(PathTracker):

@@ -44,6 +44,7 @@ class Schedule:
         self._rows: list[tuple[float, float, float]] = []
         for number, row in enumerate(rows, start=1):
             owner = f"schedule row {number}"
+            # A row is checked by itself, so that the message names its number.
             if len(tuple(row)) != 3:
                 raise ConfigError(f"{owner}: time, speed and steering are expected, got {tuple(row)}")
             time, speed, steering = row

@@ -110,6 +110,7 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         super().__init__()
         control, spec = vehicle.control, vehicle.spec
         self.vehicle, self._period, self.actuators = vehicle, 1.0 / control.rate, actuators
+        # The controllers know the dimensions that control.yaml states, which may be wrong on purpose.
         believed = believed_geometry(vehicle.geometry, control.believes)
         self.steering_law = make_steering_law(believed, spec.steering.law, factor=spec.steering.factor)
         self.actuator = ActuatorLaw(spec.actuators.steering, period=self._period)
@@ -126,6 +127,7 @@ class ControlUnit(LeafSystem):  # type: ignore[misc, unused-ignore]
         if self.pedal_law is not None:
             self._pedal_memory = _append(memory, self.pedal_law.rest())
 
+        # A torque in total is shared by the driven wheels.
         share = sum(name in spec.driven_wheels() for name in WHEELS)
         correction = control.speed.max_correction
         self.setup = ControlSetup(

@@ -181,6 +181,7 @@ def _lock(hidden: Path) -> int | None:
         the file descriptor that holds the lock; None if another process holds it or the folder is gone; -1 where
         folders cannot be locked.
     """
+    # Windows has no fcntl; without a lock, the age of a folder decides whether it was abandoned.
     try:
         import fcntl
     except ImportError:
@@ -190,6 +191,7 @@ def _lock(hidden: Path) -> int | None:
     except OSError:
         return None
     try:
+        # The folder may have been removed between opening and locking it.
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if hidden.is_dir():
             return lock

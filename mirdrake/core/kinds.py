@@ -55,6 +55,7 @@ class SelectedByKind(Generic[SchemaT]):
             return value
         if self._by_name and isinstance(value, str):
             value = {"kind": value}
+        # The kind may be left out where there is a default.
         kind = value.get("kind", self._default) if isinstance(value, Mapping) else None
         if kind is None:
             raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})

@@ -85,6 +85,7 @@ def find(kind: str, name: str, *, where: str = "") -> Path:
     prefix = f"{where}: " if where else ""
     as_path = Path(os.path.expanduser(name))  # keeps "~nobody", for which Path.expanduser raises an error
     is_yaml = as_path.suffix in {".yaml", ".yml"}
+    # An existing file or folder comes before a name of the library.
     if _is_file(as_path / "vehicle.yaml") if kind == "models" else is_yaml and _is_file(as_path):
         return resolved(as_path)
     known = names(kind)

@@ -77,6 +77,7 @@ class PidGains:
 
     def __post_init__(self) -> None:
         kp, ki, kd, filter_time, tracking = self.kp, self.ki, self.kd, self.filter_time, self.tracking_time
+        # One sum finds any value that is not finite; the loop then names it.
         if not math.isfinite(kp + ki + kd + self.proportional_weight + self.derivative_weight):
             for name in ("kp", "ki", "kd", "proportional_weight", "derivative_weight"):
                 check_number("PidGains", name, getattr(self, name))

@@ -29,6 +29,7 @@ def still_working(title: str, *, stream: TextIO | None = None) -> Iterator[None]
         while not over.wait(LINE_INTERVAL):
             print(f"{title}: {time.monotonic() - begin:.0f} s", file=stream, flush=True)
 
+    # A terminal has a progress bar of the command itself.
     if stream.isatty():
         yield
         return

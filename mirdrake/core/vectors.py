@@ -18,12 +18,6 @@ COMMAND = signals(
 )
 """A message of a driver or of manual input."""
 
-SETPOINT = signals(
-    ("speed", "m/s", "desired speed, forward"),
-    ("steering", "rad", "desired bicycle steering angle, positive to the left"),
-)
-"""A command after the dead-man switch and the limits."""
-
 STATE = signals(
     ("x", "m"),
     ("y", "m"),
@@ -69,7 +63,7 @@ class Command(NamedTuple):
 
 
 class Setpoint(NamedTuple):
-    """A checked command in the order of :data:`SETPOINT`."""
+    """A command after the dead-man switch and the limits: speed [m/s] and bicycle steering angle [rad]."""
 
     speed: float
     steering: float

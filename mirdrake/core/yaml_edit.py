@@ -164,6 +164,7 @@ class _Editor:
 
     def _set(self, keys: Sequence[str], value: Value) -> str:
         written = _value_text(value)
+        # An empty file becomes a block with the keys.
         if self.root is None:
             return _appended(self.text, _block(keys, written, "", self.newline), self.newline)
         node = self.root
@@ -179,6 +180,7 @@ class _Editor:
             if depth + 1 < len(keys) and node.kind == "scalar" and value_at(self.data, keys[: depth + 1]) is None:
                 inner = "".join(f"{{{scalar_text(key)}: " for key in keys[depth + 1 :])
                 return self._put(node, f"{inner}{written}{'}' * (len(keys) - depth - 1)}")
+        # Only a list in brackets has its extent on one line.
         if isinstance(value, tuple) and node.kind == "list":
             if not node.flow:
                 self._refuse(keys, "is a list in lines; write it in brackets, or remove it")
@@ -209,6 +211,7 @@ class _Editor:
         return f"{self.text[:end]}{self.newline}{lines}{self.text[end:]}"
 
     def _remove(self, keys: Sequence[str]) -> str:
+        # The entry and its container: what is removed depends on whether it is in braces or on lines of its own.
         node, parent, place = self.root, None, 0
         for key in keys:
             found = child_of(node, key) if node is not None else None
@@ -301,6 +304,7 @@ def _commented(text: str, edit: Edit) -> str:
     """Set the comment above the line of a key; for a key in braces, above the line where its entry begins."""
     if not edit.comment.isprintable():
         raise ConfigError(f"{dotted(edit.keys)}: a comment is one line of printable text, not {edit.comment[:60]!r}")
+    # The comment belongs to the deepest of the keys that exists.
     root = read_nodes(text)
     assert root is not None
     node, position = root, root.start
@@ -323,6 +327,7 @@ def _commented(text: str, edit: Edit) -> str:
         present = text[above : breaks[-1].start()].strip(" ")
         if present == f"# {edit.comment}":
             return text
+        # A comment of the same origin is replaced, so that repeated changes do not pile up.
         if edit.replaces and present.startswith(f"# {edit.replaces}"):
             return f"{text[:above]}{indent}# {edit.comment}{text[breaks[-1].start() :]}"
     return f"{text[:begin]}{indent}# {edit.comment}{newline}{text[begin:]}"

@@ -283,6 +283,7 @@ def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> Confi
 
     # Messages of pydantic are replaced where they do not state what was given and what is allowed.
     kind, given, context = entry["type"], entry["input"], entry.get("ctx", {})
+    # Prefixes of pydantic say how a rule is implemented, not what is wrong.
     message = str(entry["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message.removeprefix("Input should be ")
     code: FaultCode = "bad_value"
@@ -316,6 +317,7 @@ def _fault(entry: Any, json_schema: Callable[[], Json], source: Source) -> Confi
         code = "not_a_number"
         message = f"{_shown_value(given)} is not a{' whole' if kind.startswith('int') else ''} number"
     elif kind in {"too_long", "too_short"}:
+        # The kind of bound tells which of both lengths was missed.
         code = "wrong_length"
         allowed = context.get("max_length", context.get("min_length"))
         message = f"has {context['actual_length']} items; at {'most' if kind == 'too_long' else 'least'} {allowed}"
@@ -342,6 +344,7 @@ def _allowed_keys(root: Json, location: Key) -> list[str]:
                 return [leaf for option in node[word] for leaf in resolve(option)]
         return [node]
 
+    # Each step of the location leads to properties, items or values of the candidates.
     for step in location:
         following: list[Json] = []
         for node in (leaf for candidate in nodes for leaf in resolve(candidate)):
@@ -442,6 +445,7 @@ def _truth_for_number(value: Any, data: Any, path: Key) -> Iterator[tuple[Key, s
 def _attach(value: Any, source: Source, path: Key) -> None:
     """Set the source of every nested model."""
     if isinstance(value, Schema):
+        # Keys of the file are aliases where Python's names differ from them.
         value._source = source._replace(prefix=path)
         for name, field in type(value).model_fields.items():
             item = getattr(value, name)

@@ -162,6 +162,7 @@ def insert_item(text: str, path: Path, item: str, *, index: int | None = None, n
     if not isinstance(items, list):
         _reject(text, name, path, "is not a list")
     place = len(items) if index is None else index
+    # The expected data: the changed text is parsed again and compared with it, so that an edit cannot damage a file.
     wanted = _replaced(data, path, [*items[:place], _parsed(_dedented(item), name), *items[place:]])
     node = _find(text, path)
     if node is not None and node.kind == "list" and place < len(node.values):
@@ -187,6 +188,7 @@ def insert_item(text: str, path: Path, item: str, *, index: int | None = None, n
         end = line_end(text, node.start)
         changed = f"{text[:end]}{newline}{' ' * column}{_INDENT}- {item}{text[end:]}"
     elif node.flow:
+        # In brackets, behind the last item or the opening bracket.
         last = node.values[-1].end if node.values else node.start + 1
         changed = f"{text[:last]}{', ' if node.values else ''}{item}{text[last:]}"
     else:

@@ -51,9 +51,11 @@ def _compose(event: Any, events: Iterator[Any], text: str) -> Node:
         node.kind = "alias"
     elif isinstance(event, yaml.ScalarEvent):
         node.kind, node.style, node.text = "scalar", event.style, event.value
+        # The text of a block ends with its line breaks, which belong to the lines that follow.
         if node.style in {"|", ">"}:
             node.end = node.start + len(text[node.start : node.end].rstrip())
     else:
+        # A child of a block ends before the indentation of what follows, where PyYAML's end mark is too late.
         node.kind, node.flow = ("mapping" if isinstance(event, yaml.MappingStartEvent) else "list"), event.flow_style
         while not isinstance(closing := next(events), yaml.CollectionEndEvent):
             child = _compose(closing, events, text)

@@ -95,12 +95,12 @@ def lay_over(data: Any, source: Source, over: Any, over_source: Source) -> tuple
             and isinstance(above, dict)
             and below.get("kind") == above.get("kind", below.get("kind"))
         ):
-            kept = below_preset(below, above)
+            remaining = below_preset(below, above)
             # Keys that a preset removed must not keep their lines.
             for key in [key for key in lines if key[: len(path)] == path and key[len(path) : len(path) + 1]]:
-                if key[len(path)] in below and key[len(path)] not in kept:
+                if key[len(path)] in below and key[len(path)] not in remaining:
                     del lines[key]
-            below = kept
+            below = remaining
             return {**below, **{key: merge(below.get(key), value, (*path, key)) for key, value in above.items()}}
         # A replaced value has no keys of the file below it any more.
         for key in [key for key in lines if key[: len(path)] == path and len(key) > len(path)]:
@@ -293,6 +293,7 @@ class _LineCollector:
     def _visit_mapping(self, node: yaml.MappingNode, path: Key) -> None:
         own: set[str] = set()
         merged: list[yaml.Node] = []
+        # Complex keys of YAML have no path that a message could name.
         for key, value in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 raise _fault_at(key, f"{dotted(path)}: a key must be a plain scalar".removeprefix(": "))
@@ -300,6 +301,7 @@ class _LineCollector:
             if key.value in own:
                 raise _fault_at(key, f"{dotted(here)}: repeated key; keep one of them")
             own.add(key.value)
+            # A merge key is no key of the file: its entries count where the mapping has none.
             if key.tag.endswith(":merge"):
                 merged += value.value if isinstance(value, yaml.SequenceNode) else [value]
                 continue

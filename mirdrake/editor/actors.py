@@ -127,6 +127,7 @@ def decorations(path: Path, data: Mapping[str, Any], world: World) -> tuple[list
             (("scenario", actor.name, str(number)), raw, step)
             for number, (raw, step) in enumerate(zip(steps, actor.steps, strict=True))
         ]
+        # Only triggers by distance or place have something to drag.
         for where, raw, trigger in triggers:
             if trigger is None or trigger.when is None:
                 continue

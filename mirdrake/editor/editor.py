@@ -59,6 +59,7 @@ class Editor:
         # and to end the threads that were started.
         self.document = Document(path)
         self._lock = threading.Lock()
+        # Everything that was opened is closed if a later part fails, for example without a free port.
         with ExitStack() as undo:
             undo.callback(self.document.close)
             self.scene, self._faults = self._first_scene(path)
@@ -82,6 +83,7 @@ class Editor:
                 largest=_LARGEST,
             )
             undo.pop_all()
+        # The first check runs beside the page, which opens at once.
         self._checker.check(self.document.text)
 
     @property

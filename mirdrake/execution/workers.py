@@ -183,6 +183,7 @@ class Workers(Executor):
         context: Any = get_context(METHOD)
         mine, theirs = context.Pipe()
         with worker_start():
+            # Numbered logs: the output of a worker that crashed is quoted in its result.
             self._started += 1
             log = Path(self._logs.name) / f"{self._started}.log"
             name = f"mirdrake worker {self._started}"

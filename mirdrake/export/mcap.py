@@ -151,6 +151,7 @@ class _Streams:
     def all(self) -> list[Iterator[Message]]:
         """Return all streams."""
         run, streams = self._run, [self._events()]
+        # Signals exist only for a run with a folder, in which they were stored.
         if run.folder is not None and stored(run.folder / SIGNALS):
             streams += [self._signals(vehicle) for vehicle in run.spec["vehicles"]]
             streams += [self._joints(part) for part in self._frames.parts.vehicles.values()]
@@ -302,6 +303,7 @@ class _Streams:
     def _scans(self, name: str, samples: Samples) -> Iterator[Message]:
         """Yield point clouds of a lidar, scans of a laser scanner, and other samples as JSON."""
         topic, make = _topic(name) + ("/sample" if set(samples) >= _GPS else ""), self._values
+        # The kind of a sensor is recognised by its arrays, which a run folder always has.
         if {"azimuths", "elevations"} <= set(samples):
             make = self._cloud
         elif hasattr(self._mounts.get(name), "start_angle"):
@@ -372,6 +374,7 @@ def _put_pose(translation: Any, rotation: Any, pose: Pose) -> None:
 def _fill(primitive: Any, fields: Fields) -> None:
     """Set the fields of a primitive of a SceneEntity."""
     for key, value in fields.items():
+        # Protobuf messages are filled field by field; nested ones cannot be assigned.
         target = getattr(primitive, key)
         if key == "pose":
             _put_pose(target.position, target.orientation, value)

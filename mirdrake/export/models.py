@@ -14,14 +14,11 @@ from urllib.parse import unquote_to_bytes
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from pydrake.common import MemoryFile
 from pydrake.geometry import Box, Capsule, Convex, Cylinder, Ellipsoid, Mesh, Rgba, Role, Shape, Sphere
 from pydrake.math import RigidTransform
 
 from mirdrake.export.frames import WORLD, Frames, link_name, pose_of
-
-Array = NDArray[np.float64]
 
 _MEDIA = "model/gltf-binary"
 _GREY = Rgba(0.7, 0.7, 0.7, 1.0)  # of a shape without a colour
@@ -38,6 +35,7 @@ def scene_entities(frames: Frames) -> Iterator[tuple[str, str, list[Primitive]]]
     """Yield the id of each entity, its frame and its primitives."""
     parts = frames.parts
     plant, inspector = parts.plant, parts.scene_graph.model_inspector()
+    # Vehicles and movable props have frames of their own, all else is fixed to the world.
     names = {part.base.index(): name for name, part in parts.vehicles.items()}
     names |= {body.index(): f"props.{name}" for name, body in parts.props.bodies.items()}
     vehicles = {part.instance: name for name, part in parts.vehicles.items()}
@@ -52,6 +50,7 @@ def scene_entities(frames: Frames) -> Iterator[tuple[str, str, list[Primitive]]]
             frame = names.get(body.index()) or link_name(vehicles.get(body.model_instance(), ""), body)
             key = (frame, frame)
         properties = inspector.GetIllustrationProperties(geometry)
+        # The colour is in the properties of Drake, not in the shape.
         rgba = properties.GetPropertyOrDefault("phong", "diffuse", _GREY)
         X_FG = inspector.GetPoseInFrame(geometry)
         color = (rgba.r(), rgba.g(), rgba.b(), rgba.a())
@@ -63,6 +62,7 @@ def scene_entities(frames: Frames) -> Iterator[tuple[str, str, list[Primitive]]]
 def _primitives(shape: Shape, X_FG: RigidTransform, color: tuple[float, ...]) -> Iterator[Primitive]:
     """Yield the primitives of a shape; none for an unbounded shape."""
     common: Fields = {"pose": pose_of(X_FG), "color": color}
+    # Foxglove's scene has cubes, spheres, cylinders and triangles; other shapes are composed of them.
     if isinstance(shape, Box):
         yield "cubes", {**common, "size": shape.size().tolist()}
     elif isinstance(shape, Sphere):
@@ -111,6 +111,7 @@ def pack_gltf(text: bytes, folder: Path, supporting: Mapping[str, Path | MemoryF
         supporting: files elsewhere or in memory, by their names in the .gltf file.
     """
 
+    # Buffers and pictures may be embedded, in memory or beside the file.
     def read(uri: str) -> bytes:
         if uri.startswith("data:"):
             head, _, body = uri.partition(",")

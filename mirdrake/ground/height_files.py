@@ -40,6 +40,7 @@ def read_heights(
     if not path.is_file():
         raise ConfigError(f"{prefix}no such file: {shown(path)}")
     origin = (0.0, 0.0)
+    # Readers raise different errors for damaged files; all become one line with the place of the key.
     try:
         if suffix == ".npy":
             z = np.asarray(np.load(path, allow_pickle=False), dtype=float) + lowest

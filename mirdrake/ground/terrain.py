@@ -107,6 +107,7 @@ class Grid:
     local: bool = False
 
     def pack(self, numbers: int, heights: int) -> tuple[Layer, Array, NDArray[np.float32]]:  # noqa: ARG002, D102
+        # The compiled evaluation reads the grid without checks.
         z = np.asarray(self.z, dtype=float)
         if z.ndim != 2 or min(z.shape) < 2 or z.size > _LARGEST_GRID or not np.isfinite(z).all():
             raise WorldError(

@@ -116,6 +116,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         # Spaces of observations and actions.
         self.readings = Readings(self.assembly)
         names = list(observe) if observe is not None else self._default_observations()
+        # Names may be patterns, each of which gives several observations.
         self._observed = [reading for name in names for reading in self.readings.find(name, bounds=bounds)]
         if not self._observed:
             raise ConfigError("observe: is empty; name at least one signal")
@@ -138,7 +139,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         # Names of the inserted blocks lead to their systems, whose values each step sets.
         systems = {system.get_name(): system for system in self.assembly.diagram.GetSystems()}
         self._sources: list[tuple[_Input, ConstantVectorSource]] = [
-            (held, systems[held.block]) for held in self._inputs
+            (action_input, systems[action_input.block]) for action_input in self._inputs
         ]
         self._context: Context | None = None
         self._steps = 0
@@ -206,6 +207,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         if diverged:
             info["ended_by"] = "diverged"
             return self._observation(diverged=True), 0.0, True, truncated, info
+        # Rewards and ends see the same moment, which is evaluated once.
         moment = Moment(info["time"], self.period, values, self.vehicle, self.readings, self._context)
         reward = finite(self.reward(moment))
         if reward is None:
@@ -223,10 +225,12 @@ class DriveEnv(gymnasium.Env[Array, Array]):
         # NaN of a diverged policy counts as the middle of the range.
         share = np.clip(np.nan_to_num(action), -1.0, 1.0)
         values = dict(zip(self.action_names, (0.5 * (low + high + share * (high - low))).tolist(), strict=True))
-        for held, source in self._sources:
-            vector = [values.get(name, rest) for name, rest in zip(held.elements, held.rest, strict=True)]
+        for action_input, source in self._sources:
+            vector = [
+                values.get(name, rest) for name, rest in zip(action_input.elements, action_input.rest, strict=True)
+            ]
             # The stamp is the time of the command: it resets the watchdog of the control unit at every step.
-            if held.stamp:
+            if action_input.stamp:
                 vector = [self._context.get_time()]
             inner = source.GetMyMutableContextFromRoot(self._context)
             source.get_mutable_source_value(inner).SetFromVector(vector)
@@ -273,7 +277,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
 
     def _check_watchdog(self) -> None:
         """Check that the period is below the watchdog timeout, so that no vehicle stops between two steps."""
-        for name in [held.port.split(".")[0] for held in self._inputs if held.stamp]:
+        for name in [action_input.port.split(".")[0] for action_input in self._inputs if action_input.stamp]:
             timeout = self.assembly.parts.vehicles[name].vehicle.control.dead_man
             if self.period > timeout:
                 raise ConfigError(

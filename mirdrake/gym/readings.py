@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from math import inf, pi
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import Context, OutputPort, PortDataType, System
 
 from mirdrake.assembly.diagram import Assembly
@@ -19,8 +18,6 @@ from mirdrake.core.signals import Signal, signals_of
 from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.runs.telemetry import wheels_on_road
 from mirdrake.vehicles import WHEELS
-
-Array = NDArray[np.float64]
 
 TOP_SPEED = 50.0
 """Largest speed of the observations, also for vehicles without a speed limit [m/s]."""
@@ -120,8 +117,9 @@ class Readings:
         # Set-points come from the control unit, not from the truth: they are what it has limited.
         wanted = {"speed_setpoint": speed, "steering_setpoint": limit, "speed_trim": speed}
         for signal, index, port in _elements(control.GetOutputPort("status")):
-            most = wanted[signal.name]
-            yield Reading(f"{name}.{signal.name}", signal.unit, -most, most, _reader(control, port, index))
+            bound = wanted[signal.name]
+            yield Reading(f"{name}.{signal.name}", signal.unit, -bound, bound, _reader(control, port, index))
+        # Readings for rewards that no sensor has.
         yield Reading(f"{name}.wheels_on_road", "", 0.0, float(len(WHEELS)), self._wheels_on_road(truth, part))
         track_name = assembly.tracks[name]
         if track_name is None:

@@ -153,6 +153,7 @@ def assert_follows(
     """
     if not (isfinite(atol) and atol >= 0.0 and isfinite(rtol) and rtol >= 0.0):
         raise ConfigError(f"atol {atol}, rtol {rtol}: tolerances must be finite and not negative")
+    # A series carries its times as the index; an array of expected values has to match it sample by sample.
     times = np.asarray(actual.index, dtype=float)
     values = np.asarray(actual, dtype=float)
     if callable(expected):
@@ -167,6 +168,7 @@ def assert_follows(
     if not evaluated.any():
         raise ConfigError(f"no samples after {after:g} s; the last one is at {times[-1] if times.size else 0.0:g} s")
     times, values, targets = times[evaluated], values[evaluated], targets[evaluated]
+    # Bound of numpy.allclose: absolute plus relative tolerance.
     excess = np.abs(values - targets) - (atol + rtol * np.abs(targets))
     outside = ~(excess <= 0.0)  # also NaN
     if not outside.any():
@@ -252,6 +254,7 @@ def _bench(system: System, inputs: Mapping[str, Input]) -> _Bench:
 
 def _port_function(port: InputPort, name: str, parts: Mapping[str, Input]) -> Callable[[float], Any]:
     """Return the value of an input port as a function of time."""
+    # Abstract ports have no elements.
     if port.get_data_type() != PortDataType.kVectorValued:
         (value,) = parts.values()
         held: Callable[[float], Any] = value if callable(value) else _always(value)
@@ -379,17 +382,17 @@ def _drive_file(
     stamps = [name for name in ports if name.endswith(f".{JOIN[2]}") and name not in inputs]
     wanted = {**inputs, **dict.fromkeys(stamps, lambda time: time)}
     functions = {name: _function(value, name, ports[name].size()) for name, value in wanted.items()}
-    held: dict[str, FixedInputPortValue] = {}
+    fixed_values: dict[str, FixedInputPortValue] = {}
 
     def start(context: Context) -> None:
         for name, function in functions.items():
-            held[name] = ports[name].FixValue(context, function(0.0))
+            fixed_values[name] = ports[name].FixValue(context, function(0.0))
         if prepare is not None:
             prepare(context)
 
     def follow(context: Context) -> None:
         for name, function in functions.items():
-            held[name].GetMutableData().get_mutable_value().SetFromVector(function(context.get_time()))
+            fixed_values[name].GetMutableData().get_mutable_value().SetFromVector(function(context.get_time()))
 
     # Inputs of a diagram are fixed values that the monitor replaces after each step, as sources cannot be added to it.
     run = Simulation(assembly).run(duration=duration, change=start, monitor=follow if functions else None)

@@ -262,6 +262,7 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
 
     def _find_columns(self, names: Sequence[str]) -> tuple[NDArray[np.int64], Floats]:
         """Return the column of each observation, and the distances ahead of the further columns [m]."""
+        # Signals have fixed columns; each distance ahead gets one behind them.
         known = {f"{self.vehicle}.{signal}": index for index, signal in enumerate(SIGNALS)}
         columns: list[int] = []
         distances: list[float] = []
@@ -304,6 +305,7 @@ def lane_numbers(vehicle: Vehicle, track: Track, period: float, mass: float) -> 
         raise ConfigError(f"vector environment: '{vehicle.name}' believes other dimensions; leave out `believes`")
     # The radius of a driven wheel converts its torque and speed; the believed one is that of the control unit.
     radius = geometry.front_wheel_radius if spec.drive != "rear" else geometry.rear_wheel_radius
+    # The lag of the steering is a part of the control unit in the loop.
     correction, actuator = control.speed.max_correction, ActuatorLaw(spec.actuators.steering, period=period)
     centre = make_centre_line(track)
     believed = control.believes.wheel_radius or radius

@@ -99,6 +99,7 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
     left: list[str] = []
     notes: list[str] = []
     edits: dict[Path, list[Edit]] = {}
+    # Values that are fixed, uncertain or without a place in the files stay as they are, each with its reason.
     for parameter in fit.parameters:
         reason = _skip_reason(parameter, folder)
         if reason:
@@ -113,15 +114,18 @@ def plan_apply(fit: Fit, vehicle: str, *, today: date | None = None) -> FitChang
             period = 1.0 / folder.rate
             notes.append(f"{parameter.name}: {value:.4g} s is rounded to {rounded:g} s, whole periods of {period:g} s")
             value = rounded
+        # More digits than the interval supports would only suggest an accuracy that the fit does not have.
         value = float(f"{value:.{DIGITS}g}")
         path, prefix, current = folder.find(entry.path)
         # Nothing is written for an equal value, so that its source and comments stay.
         if isinstance(current, int | float) and math.isclose(current, value, rel_tol=1e-12):
             continue
+        # A verdict other than "identified" goes into the notes, so that the user decides with it in view.
         if parameter.verdict != "identified":
             notes.append(
                 f"{parameter.name}: {parameter.verdict}{f' ({parameter.explanation})' if parameter.explanation else ''}"
             )
+        # A number without its source would lose where it came from: both are written together.
         keys = entry.path.split(".")
         edits.setdefault(path, []).extend(
             [
@@ -150,38 +154,39 @@ def find_entry(parameter: str, tyres: str) -> YamlEntry | None:
     return YAML_ENTRIES.get(parameter)
 
 
-def source_text(fit: Fit, one: FittedParameter, place: YamlEntry, today: date) -> str:
+def source_text(fit: Fit, parameter: FittedParameter, place: YamlEntry, today: date) -> str:
     """Return the text for ``sources`` of a fitted value."""
     parts = [f"identified {today.isoformat()}: fit {fit.name}"]
-    if one.low is not None and one.high is not None:
-        parts.append(f"95 % interval {place.factor * one.low:.4g} to {place.factor * one.high:.4g}")
-    if one.verdict != "identified":
-        parts.append(one.verdict)
+    if parameter.low is not None and parameter.high is not None:
+        parts.append(f"95 % interval {place.factor * parameter.low:.4g} to {place.factor * parameter.high:.4g}")
+    if parameter.verdict != "identified":
+        parts.append(parameter.verdict)
     if fit.data_sha256:
         parts.append(f"data sha256 {fit.data_sha256[:16]}")
     # Names from a study may have line breaks, which would break the YAML text.
     return "".join(letter if letter.isprintable() else " " for letter in ", ".join(parts))
 
 
-def _skip_reason(one: FittedParameter, folder: "_Folder") -> str:
+def _skip_reason(parameter: FittedParameter, folder: "_Folder") -> str:
     """Return why a parameter is not written; empty if it is."""
-    if one.kind == "fixed":
+    # The order matters: the first reason is the most fundamental one.
+    if parameter.kind == "fixed":
         return "it was fixed"
-    if one.verdict == "not identifiable":
-        return f"not identifiable from these data{f' ({one.explanation})' if one.explanation else ''}"
-    if one.at_bound is not None:
-        return f"the estimate is at its {'lower' if one.at_bound == 'low' else 'upper'} bound"
-    if one.name in URDF_PARAMETERS:
-        return URDF_PARAMETERS[one.name]
-    entry = find_entry(one.name, folder.tyres)
+    if parameter.verdict == "not identifiable":
+        return f"not identifiable from these data{f' ({parameter.explanation})' if parameter.explanation else ''}"
+    if parameter.at_bound is not None:
+        return f"the estimate is at its {'lower' if parameter.at_bound == 'low' else 'upper'} bound"
+    if parameter.name in URDF_PARAMETERS:
+        return URDF_PARAMETERS[parameter.name]
+    entry = find_entry(parameter.name, folder.tyres)
     if entry is None:
         return "vehicle.yaml has no entry for it"
-    if _unit(one.unit) != _unit(entry.unit):
-        return f"its unit is {one.unit or '1'}, that of {entry.path} is {entry.unit}; fit with a known mass"
+    if _unit(parameter.unit) != _unit(entry.unit):
+        return f"its unit is {parameter.unit or '1'}, that of {entry.path} is {entry.unit}; fit with a known mass"
     if entry.tyres and folder.tyres not in entry.tyres:
         return f"the tyres are of kind {folder.tyres}; only {' and '.join(entry.tyres)} has {entry.path}"
-    if not math.isfinite(one.value) or (entry.periods and one.value < 0.0):
-        return f"{one.value:g} is not possible there"
+    if not math.isfinite(parameter.value) or (entry.periods and parameter.value < 0.0):
+        return f"{parameter.value:g} is not possible there"
     if folder.find(entry.path.rpartition(".")[0])[2] is None and entry.tyres:
         return f"{entry.path.rpartition('.')[0]} is missing in the file and needs further values"
     return ""

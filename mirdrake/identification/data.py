@@ -151,6 +151,7 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
         raise ConfigError(f"{where(spec, 'logs', index, 'file')}: {shown(file)}: no such file")
     table = read_table(file, columns, entry.csv or spec.csv)
     values, faults = {}, []
+    # All faults of the channels at once: a wrong mapping is usually wrong in several columns.
     for name, (column, location) in channels.items():
         try:
             values[name] = _values(table, name, column, location)
@@ -169,6 +170,7 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
         usual = float(np.median(time))
         notes.append(f"column '{clock.column}' has the steps from row to row, {usual:.4g} s: summed up")
         time = np.cumsum(time) - time[0]
+    # Formats with a table for each topic may give columns of different length.
     for name, numbers in values.items():
         if len(numbers) != len(time):
             location = channels[name][1]
@@ -189,6 +191,7 @@ def _load_log(folder: Path, spec: DataSpec, entry: LogSpec, index: int) -> Log:
     if np.isnan(time).any():
         notes.append(f"{int(np.isnan(time).sum())} rows without a time are skipped")
     _check_forward(table, time, keep)
+    # Channels such as the speed from wheel speeds follow from others, so that models and checks need not know both.
     values, derived = add_derived(values)
     notes += derived
     name = entry.name or Path(entry.file).name

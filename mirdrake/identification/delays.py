@@ -93,6 +93,7 @@ def check_delays(
         pairs.append(own)
 
     # One recorder for all logs, unless a log contradicts the others.
+    # Logs of one recorder have the same delays, which are then estimated from all of them.
     together = _lateral_delays(grids, sources)
     singles = [together] if len(grids) == 1 else [_lateral_delays([grid], sources) for grid in grids]
     one_recorder = _agree(pairs) and not any(_contradicts(single, together) for single in singles)
@@ -226,6 +227,7 @@ def _lateral_findings(
     if lateral is None:
         return []
     findings = []
+    # Four deviations; with a delay of the acceleration the position of the sensor cannot be told apart from it.
     if abs(lateral.arm) > 4.0 * lateral.arm_sigma and not lateral.acceleration:
         text = statement("accelerometer_position", distance=lateral.arm, sigma=lateral.arm_sigma)
         name = "lateral_acceleration"
@@ -236,12 +238,14 @@ def _lateral_findings(
     )
     for index, (channel, delay, other) in enumerate(delays):
         if not delay or channel in of_source:
+            # A delay that a common source explains is reported there, once.
             continue
         speed = evidence.forward if channel == "vy" and lateral.together else ""
         text = statement(
             "relative_delay", channel=channel, other="lateral_acceleration and yaw_rate" if channel == "vy" else other,
             delay=delay, sigma=lateral.sigmas[index], step=evidence.step, correlation=lateral.correlation, speed=speed,
         )  # fmt: skip
+        # A channel that was shifted already is reported as corrected.
         names = {"vy": ("vy", evidence.forward, "yaw_rate", "lateral_acceleration")}.get(channel, (channel, "yaw_rate"))
         done = shifted(names) if {channel, "yaw_rate"} & set(shifts) else None
         findings.append(Finding("", "delay", f"{channel}, {other}", "warning", delay, "s", text, done))

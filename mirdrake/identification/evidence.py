@@ -34,12 +34,11 @@ def likelihood_gain(without: Array, residuals: Array) -> tuple[float, float]:
     return effective * float(np.log(max(ratio, 1e-300))), effective
 
 
-def required_gain(effective: float, odds: float, count: int = 1) -> float:
-    """Return what an effect must gain.
+def required_gain(effective: float, odds: float) -> float:
+    """Return what an effect of one parameter must gain.
 
     Args:
         effective: number of independent samples.
         odds: prior odds against the effect [1].
-        count: number of its parameters.
     """
-    return count * float(np.log(max(effective, 1.0))) + 2.0 * float(np.log(odds))
+    return float(np.log(max(effective, 1.0))) + 2.0 * float(np.log(odds))

@@ -148,6 +148,7 @@ class DataReport:
         lines = []
         for log in self.data.logs:
             lines.append(f"{log.name} ({log.use}, {len(log.time)} samples, {log.time[-1] - log.time[0]:.4g} s)")
+            # Excitation follows the findings, since a faulty channel explains a missing excitation.
             findings = [finding for finding in self.findings if finding.log == log.name]
             rows = [
                 (

@@ -153,6 +153,7 @@ class Fit:
         rows: list[tuple[str, ...]] = [(
             "parameter", "value", "95 % interval", "± noise", "± model", "unit", "given", "verdict"
         )]  # fmt: skip
+        # A fixed parameter has no interval, but its value belongs to the result.
         for parameter in self.parameters:
             span = "" if parameter.kind == "fixed" else f"{_number(parameter.low)} … {_number(parameter.high)}"
             parts = [half_width(sigma) for sigma in (parameter.sigma_noise, parameter.sigma_model)]
@@ -228,6 +229,7 @@ def load_fit(folder: Path | str) -> Fit:
         content = parse_json(file.read_text(encoding="utf-8"))
         tables = {name: pd.read_parquet(file.parent / f"{name}.parquet") for name in ("traces", "profiles")}
     except OSError as error:
+        # Every damage of the file ends in one line with the same advice: the study can be run again.
         raise ConfigError(f"{file}: no saved fit ({error.strerror or error}); run the study again") from None
     except ValueError as error:
         raise ConfigError(f"{file}: is damaged ({str(error).splitlines()[0]}); run the study again") from None

@@ -67,6 +67,7 @@ def judge(
         values: estimates.
         uncertainty: uncertainty of the free parameters.
     """
+    # Correlations and combinations refer to the free parameters only.
     names = [unknown.info.name for unknown in unknowns if unknown.kind != "fixed"]
     judgements = []
     for unknown in unknowns:

@@ -291,6 +291,7 @@ def reject_poor_fit(found: Fit) -> Fit:
     One well-fitted channel is enough to show that the model describes the vehicle.
     """
     trained = [channel for channel in found.channels if channel.part == "train"]
+    # A good fit of one channel shows that the model works; poor ones may be due to their sensors.
     best = max(trained, key=lambda channel: channel.nrmse_percent, default=None)
     if best is None or best.nrmse_percent >= FAIR_FIT:
         return found
@@ -300,6 +301,7 @@ def reject_poor_fit(found: Fit) -> Fit:
         return _weakened(
             found, {"identified", "weakly identified", "contradicts the given value"}, "not identifiable", text
         )
+    # The noise limits what any model can reach.
     if limit - fit > ROOM:
         text = f"the model fits no channel by more than {fit:.0f} %, the noise allows {limit:.0f} %: it lacks an effect"
         return _weakened(found, {"identified", "contradicts the given value"}, "weakly identified", text)

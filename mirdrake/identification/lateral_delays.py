@@ -186,12 +186,12 @@ class _LogSet:
         for _ in range(30):
             (rest, base, up), (_, other, _) = compared(0), compared(1)
             noise = 2.0 * float(np.sqrt(np.mean(rest**2)))  # neighbours are correlated: each counts for a quarter
-            held = np.where(np.isfinite(widths), (noise / np.maximum(widths, 1e-12)) ** 2, 0.0)
+            regularisation = np.where(np.isfinite(widths), (noise / np.maximum(widths, 1e-12)) ** 2, 0.0)
             normal = other.T @ base
-            normal = 0.5 * (normal + normal.T) + np.diag(held)
+            normal = 0.5 * (normal + normal.T) + np.diag(regularisation)
             if not np.all(np.isfinite(normal)) or np.linalg.cond(normal / _sizes(normal)) > 1e10:
                 return None
-            change = np.linalg.solve(normal, other.T @ rest - held * unknown)
+            change = np.linalg.solve(normal, other.T @ rest - regularisation * unknown)
             # At most a row per iteration: the slopes of the splines are valid nearby only.
             change[:2] = np.clip(change[:2], -step, step)
             unknown = unknown + change

@@ -22,6 +22,7 @@ def explanation(judgement: Judgement) -> str:
     parameter, info = judgement.parameter, judgement.parameter.info
     width = _width(parameter, judgement.sigma)
     usual = "" if judgement.plausible is None else "usual: {:.4g} to {:.4g}".format(*judgement.plausible)
+    # The reasons are in the order of the verdicts: a bound explains everything else.
     if judgement.bound is not None:
         side, edge = ("lower", info.low) if judgement.bound == "low" else ("upper", info.high)
         text = f"is at its {side} bound of {_quantity(edge, info.unit)}"

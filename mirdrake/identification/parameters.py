@@ -5,12 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mirdrake.core.errors import ConfigError, did_you_mean
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -199,6 +194,7 @@ def _problem_of_guess(info: Parameter, setting: Setting) -> str:
     if setting.guess is not None and not low <= setting.guess <= high:
         return f"guess {setting.guess:g} {unit} lies outside of {low:g} to {high:g} {unit}"
     guess = _guess(info, setting)
+    # Positive parameters are estimated as logarithms.
     if info.is_positive and guess <= 0.0:
         return f"must be positive, got a guess of {guess:g} {unit}"
     if setting.sigma is not None and _is_free(info, setting):

@@ -82,8 +82,8 @@ def check_relations(log: Log) -> list[Finding]:
         findings.append(Finding(log.name, "kinematics", str(gain.relation), severity, gain.gain, "1", text))
     mistakes, factor = explain_gains(gains, {name: channel(name).unit for name in log.channels})
     if factor is None and mistakes:
-        words = " or by ".join(f"{what} of {name}" for name, what in mistakes)
-        text = statement("mistakes", mistakes=words, signs_only=all(what == "wrong sign" for _, what in mistakes))
+        words = " or by ".join(f"{mistake} of {name}" for name, mistake in mistakes)
+        text = statement("mistakes", mistakes=words, signs_only=all(mistake == "wrong sign" for _, mistake in mistakes))
         names = ", ".join(dict.fromkeys(name for name, _ in mistakes))
         findings.append(Finding(log.name, "units", names, "fault", float(len(mistakes)), "mistakes", text))
     return findings
@@ -241,6 +241,7 @@ def check_gyro_bias(log: Log) -> list[Finding]:
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward not in grid.channels:
         return []
+    # At standstill a gyro shows its bias alone; 0.003 rad/s are 0.17 deg/s.
     rest = np.abs(smooth(grid, forward)) < STANDSTILL
     if rest.sum() > max(20, 0.5 / grid.step):
         for name in ("yaw_rate", "roll_rate", "pitch_rate"):
@@ -290,11 +291,13 @@ def check_lateral_velocity(log: Log) -> list[Finding]:
     is assumed.
     """
     grid = make_grid(log)
+    # The relation is ay = dvy/dt + v r, plus the acceleration of the sensor's position, proportional to dr/dt.
     forward = "vx" if "vx" in grid.channels else "speed"
     if not {"vy", "yaw_rate", "lateral_acceleration", forward} <= set(grid.channels):
         return []
     rate, side = grid.channels["yaw_rate"], grid.channels["lateral_acceleration"]
     whirl = grid.channels[forward] * rate
+    # Means over 0.2 s suppress the noise that the derivative amplifies.
     width = max(4, round(0.2 / grid.step))
     count = len(rate) // width
     if count < 40:
@@ -316,6 +319,7 @@ def check_lateral_velocity(log: Log) -> list[Finding]:
         return [Finding(log.name, "units", "vy", "fault", correlation, "1", text)]
     if correlation < MIN_CORRELATION:
         return []
+    # v r may carry a part of the gain as well, which is removed here.
     gain = float(rest[:, 0].var() / (rest[:, 0] @ rest[:, 1] / count))  # the noise is in the derivative
     gain /= 1.0 + float(known[1, 0] - gain * known[1, 1])
     if SCALE_RANGE[0] < gain < SCALE_RANGE[1]:
@@ -351,6 +355,8 @@ def check_gravity(log: Log) -> list[Finding]:
     grid, findings = make_grid(log), []
     forward = "vx" if "vx" in grid.channels else "speed"
     if forward in grid.channels:
+        # At standstill an accelerometer shows nothing but gravity; above 0.15 m/s² it is more than an offset of usual
+        # sensors.
         rest = np.abs(smooth(grid, forward)) < STANDSTILL
         for name in ("longitudinal_acceleration", "lateral_acceleration"):
             if name in grid.channels and rest.sum() > max(10, 0.5 / grid.step):
@@ -367,6 +373,7 @@ def check_gravity(log: Log) -> list[Finding]:
         if name not in grid.channels or np.std(grid.channels[name]) < 2e-3:
             continue
         part = _tilt_part(grid, relation.left(grid), relation.right(grid), np.sin(grid.channels[name]))
+        # Close to g and well above its uncertainty: otherwise it is a correlation by chance.
         if part is not None and abs(part[0]) > 5.0 * part[1] and 0.7 * GRAVITY < abs(part[0]) < 1.3 * GRAVITY:
             text = statement(
                 "gravity_with_tilt", part=part[0], sigma=part[1], angle=name, opposite=part[0] * sign < 0.0
@@ -387,6 +394,7 @@ def _tilt_part(grid: Grid, left: np.ndarray, right: np.ndarray, sine: np.ndarray
     def means(values: np.ndarray) -> np.ndarray:
         return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
 
+    # Three unknowns: part of the tilt, scale of the relation, and offset.
     base = np.column_stack((means(sine), means(right), np.ones(count)))
     if np.linalg.cond(base / np.maximum(np.linalg.norm(base, axis=0), 1e-12)) > 50.0:
         return None  # tilt proportional to the acceleration itself, as roll in a turn, is not separable from a scale

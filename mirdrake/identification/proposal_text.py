@@ -28,6 +28,7 @@ def proposal_text(proposal: DataProposal) -> str:
         "# wheelbase: 2.7 m             # if you know it: the steering is checked with it",
         "# clock: yaw_rate              # a channel without delay; found by the data check if left out",
     ]
+    # Without a time column the step is a guess, which the remark states.
     if proposal.time is None:
         lines.append(f"time: {{step: 10 ms}}  # {proposal.time_reason}")
     else:

@@ -150,7 +150,7 @@ def missing_channels(proposal: DataProposal) -> list[str]:
         f"the steering ({', '.join(STEERING)})": set(STEERING),
         "a response (yaw_rate, lateral_acceleration or vy)": {"yaw_rate", "lateral_acceleration", "vy"},
     }
-    return [f"missing for a fit of the steering: {what}" for what, some in needs.items() if not names & some]
+    return [f"missing for a fit of the steering: {quantity}" for quantity, some in needs.items() if not names & some]
 
 
 def _numeric_columns(table: Table) -> dict[str, Array]:
@@ -179,7 +179,7 @@ def _clock(table: Table, numbers: Mapping[str, Array]) -> tuple[str | None, str,
         return name, stated, f"{reason}; unit as stated"
     # Loggers have steps of 0.5 ms to 0.5 s.
     step = float(np.nanmedian(np.diff(numbers[name])))
-    unit = next((unit for unit, most in (("s", 0.5), ("ms", 500.0), ("us", 5e5)) if step <= most), "ns")
+    unit = next((unit for unit, max_step in (("s", 0.5), ("ms", 500.0), ("us", 5e5)) if step <= max_step), "ns")
     return name, unit, f"{reason}; unit guessed from steps of {step:.4g}"
 
 
@@ -201,12 +201,14 @@ def _proposals_by_name(table: Table, numbers: Mapping[str, Array], time: str | N
     proposals: dict[str, Proposal] = {}
     for column, values in numbers.items():
         found = channel_by_name(column)
+        # A constant column has neither unit nor sign that could be recognised.
         if column == time or found is None or np.nanmin(values) == np.nanmax(values):
             continue
         name = "road_wheel_angle" if found == "steering" else found
         si = channel(name).unit
         stated = table.units.get(column)
         if stated and not fits(stated, si):
+            # A steering in percent is a command, not an angle.
             if found != "steering" or stated not in {"%", "-"}:
                 continue  # a pressure of the brakes is no pedal
             name, si = "steering_command", "1"
@@ -244,6 +246,7 @@ def _proposals_of_bag(path: Path) -> list[Proposal]:
             reasons = (f"field of {topic.kind}" if known else f"name; type {topic.kind}",)
             si = channel(name).unit
             unit = unit or unit_by_name(key, si)
+            # Several topics may carry the same quantity; further ones get the name of their topic.
             if name in proposals:
                 name = f"{name}@{plain_name(topic.name)}"
             if name not in proposals:
@@ -275,6 +278,7 @@ def _solve_units(proposals: list[Proposal], numbers: Mapping[str, Array], second
     gains = [(gain.relation, gain.gain) for gain in estimate_gains(log)]
     turns = {name: sign for name in STEERING if (sign := steering_sign(log, name)) is not None}
     sizes = {item.channel: float(np.nanpercentile(np.abs(numbers[item.column]), 99.0)) for item in proposals}
+    # Units that the file states are certain; signs are not, because conventions differ.
     options = [
         [(unit, sign) for unit in ((item.unit,) if item.is_stated else _UNITS[channel(item.channel).unit])
          for sign in (1, -1)]
@@ -283,6 +287,7 @@ def _solve_units(proposals: list[Proposal], numbers: Mapping[str, Array], second
     base = {item.channel: item.factor for item in proposals}
 
     def cost(chosen: list[Proposal]) -> float:
+        # Effects on the relations are products of powers, so that one estimate of the gains serves all candidates.
         ratios = {item.channel: item.factor / base[item.channel] for item in chosen}
         # A derived channel scales with its sources.
         derived = [item for item in DERIVATIONS if set(item.sources) <= ratios.keys()]
@@ -290,10 +295,12 @@ def _solve_units(proposals: list[Proposal], numbers: Mapping[str, Array], second
         total = 0.0
         for relation, gain in gains:
             value: float = gain * math.prod(relation_effect(relation, name, ratio) for name, ratio in ratios.items())
+            # A factor of 1.25 costs 1, more than 2.4 no more than 4; a wrong sign costs 6.
             total += min(abs(math.log(abs(value))) / math.log(1.25), 4.0) + 6.0 * (value < 0.0)
         # The yaw rate follows speed times steering: the sign of their correlation changes with each of the three.
         speed = next((ratios[name] for name in ("vx", "speed") if name in ratios), 1.0)
         total += sum(6.0 * (sign * ratios[name] * ratios["yaw_rate"] * speed < 0.0) for name, sign in turns.items())
+        # Small costs decide where the relations do not: usual magnitudes, the first unit of the list, no negative sign.
         for item, own in zip(chosen, options, strict=True):
             usual = _USUAL.get(channel(item.channel).unit, math.inf)
             total += 2.0 * (abs(item.factor) * sizes[item.channel] > usual) + 0.25 * own.index((item.unit, 1))
@@ -301,16 +308,16 @@ def _solve_units(proposals: list[Proposal], numbers: Mapping[str, Array], second
         return total
 
     # One channel or two at a time, until no change helps: a wrong unit of one shows in several relations.
-    best, least, better = list(proposals), cost(list(proposals)), True
+    best, min_cost, better = list(proposals), cost(list(proposals)), True
     while better:
         better = False
         for first, second in combinations_with_replacement(range(len(best)), 2):
-            for one, two in product(options[first], options[second]):
+            for first_choice, second_choice in product(options[first], options[second]):
                 tried = list(best)
-                for index, (unit, sign) in ((first, one), (second, two)):
+                for index, (unit, sign) in ((first, first_choice), (second, second_choice)):
                     tried[index] = replace(tried[index], unit=unit, sign=sign)
-                if (value := cost(tried)) < least - 1e-9:
-                    best, least, better = tried, value, True
+                if (value := cost(tried)) < min_cost - 1e-9:
+                    best, min_cost, better = tried, value, True
     related = {name for relation, _ in gains for name in (relation.measured, *relation.others)}
     return [_with_reasons(item, related | set(turns)) for item in best]
 

@@ -144,11 +144,13 @@ def kinematic_relations(channels: Channels, *, use_vy: bool = True) -> list[Rela
     if forward and "x" in channels and "y" in channels:
         # The speed scales with both coordinates alike, so the exponent counts once.
         relations.append(Relation(forward, ("x", "y"), (1, 0), True, lambda g: _travel(g, str(forward))))
+    # Wheel speeds are in m/s at the contact, so that they are compared with the speed directly.
     if forward:
         for wheel in WHEELS:
             name = f"wheel_speed_{wheel}"
             if name in channels:
                 relations.append(Relation(name, (forward,), (1,), False, lambda g: get(g, forward)))
+    # Several channels of one quantity, such as speed@gps, are compared with the first.
     for name in channels:
         first = quantity(name)
         if name != first and first in channels:
@@ -259,11 +261,12 @@ def explain_gains(gains: list[Gain], units: Mapping[str, str]) -> tuple[list[Mis
         return [], None
     candidates = []
     names = sorted({name for gain in gains for name in (gain.relation.measured, *gain.relation.others)})
-    for name, (what, (of, size)) in product(names, FACTORS.items()):
+    # A single mistake that explains all gains is more probable than several at once.
+    for name, (mistake, (of, size)) in product(names, FACTORS.items()):
         if of and units[name] not in of:
             continue
         if all(_is_near_one(gain.gain / relation_effect(gain.relation, name, size)) for gain in gains):
-            candidates.append(Mistake(name, what))
+            candidates.append(Mistake(name, mistake))
     return candidates, None
 
 
@@ -302,5 +305,5 @@ def step_factor(gains: list[Gain]) -> float | None:
     agree = np.all(np.abs(factors / mean - 1.0) < 0.06)
     sigma = mean / float(np.sqrt(weights.sum()))
     # The limit is symmetric in the logarithm: for short steps it is the inverse of that for long ones.
-    least = 0.05 if len(timed) > 1 else MIN_SINGLE_DEVIATION * max(mean, 1.0) / (1.0 + MIN_SINGLE_DEVIATION)
-    return mean if agree and abs(mean - 1.0) > max(least, 4.0 * sigma) else None
+    min_deviation = 0.05 if len(timed) > 1 else MIN_SINGLE_DEVIATION * max(mean, 1.0) / (1.0 + MIN_SINGLE_DEVIATION)
+    return mean if agree and abs(mean - 1.0) > max(min_deviation, 4.0 * sigma) else None

@@ -26,6 +26,7 @@ def unwrap_headings(log: Log) -> tuple[Log, list[Finding]]:
             continue
         good = np.isfinite(values)
         steps = np.diff(values[good])
+        # Jumps by more than a turn and a half are no wraps.
         turns = np.where(np.abs(steps) < 3.0 * np.pi, -np.round(steps / (2.0 * np.pi)), 0.0)  # more is a glitch
         if turns.any():
             repaired[name] = values.copy()
@@ -38,6 +39,7 @@ def unwrap_headings(log: Log) -> tuple[Log, list[Finding]]:
 
 def check_glitches(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Find single samples, or up to four in a row, that differ strongly from their neighbours."""
+    # Only channels that move continuously can be judged by their neighbours.
     findings, repaired = [], {}
     for name, values in log.channels.items():
         if not channel(name).moves:
@@ -109,10 +111,10 @@ def _samples(values: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     if not len(first):
         return first, np.ones(0, dtype=bool)
     # Rows that repeat a value beyond its usual hold are samples at rest, without which the medians see only motion.
-    held = np.diff(first, append=len(values))
-    usual = max(int(np.median(held)), 1)
+    hold_lengths = np.diff(first, append=len(values))
+    usual = max(int(np.median(hold_lengths)), 1)
     more = first[:, None] + usual * np.arange(1, MAX_HELD)
-    more = more[more < (first + held)[:, None]]
+    more = more[more < (first + hold_lengths)[:, None]]
     rows = np.union1d(first, more[np.isfinite(values[more])])
     return rows, np.isin(rows, first)
 
@@ -189,11 +191,12 @@ def clipped(values: Array, extreme: float) -> int:
     """Return the number of samples at an extreme that is reached at speed several times; 0 if not clipped."""
     if extreme == 0.0:
         return 0
-    there = values == extreme
-    starts = np.flatnonzero(there & ~np.append(True, there[:-1]))
-    ends = np.flatnonzero(there & ~np.append(there[1:], False)) + 1
+    at_extreme = values == extreme
+    starts = np.flatnonzero(at_extreme & ~np.append(True, at_extreme[:-1]))
+    ends = np.flatnonzero(at_extreme & ~np.append(at_extreme[1:], False)) + 1
     ends = ends[ends > starts[0]] if len(starts) else ends
     steps = np.abs(np.diff(values))
+    # Several visits of the same extreme value are a limit; one may be a true maximum.
     quantum = resolution(values) or 0.0
     visits = [
         end - start

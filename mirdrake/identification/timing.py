@@ -82,6 +82,7 @@ def _check_missing(log: Log, step: float) -> list[Finding]:
     findings: list[Finding] = []
     for name, values in log.channels.items():
         missing = int(np.isnan(values).sum())
+        # Values at even distances are complete samples of a slower channel.
         every = sparse_factor(values) if missing else None
         if every is not None:
             text = statement("sparse", every=every, rate=1.0 / (every * step))
@@ -136,17 +137,19 @@ def sparse_factor(values: Array) -> int | None:
 def check_first_rows(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     """Check for first rows in which channels hold a value far from where they jump to."""
     # Only the beginning is searched: defaults before the first message, not jumps during the drive.
-    most = min(max(5, len(log.time) // 100), 500)
+    max_rows = min(max(5, len(log.time) // 100), 500)
     dummy, text = 0, None
     for name, values in log.channels.items():
         if not channel(name).moves or not np.isfinite(values).all():
             continue
-        steps, rest = np.abs(np.diff(values)), values[most:]
+        steps, rest = np.abs(np.diff(values)), values[max_rows:]
         if len(rest) < MIN_PART:
             continue
         # A default value is constant, lies outside of the later range, and ends by a jump that dwarfs the later steps.
         low, high = np.percentile(rest, (1, 99))
-        jumps = np.flatnonzero(steps[:most] > max(20.0 * float(np.percentile(steps[most:], 98)), 0.5 * (high - low)))
+        jumps = np.flatnonzero(
+            steps[:max_rows] > max(20.0 * float(np.percentile(steps[max_rows:], 98)), 0.5 * (high - low))
+        )
         ends = [int(row) + 1 for row in jumps if np.ptp(values[: row + 1]) == 0.0 and not low <= values[row] <= high]
         if ends and ends[0] > dummy:
             dummy = ends[0]
@@ -163,6 +166,7 @@ def check_first_rows(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
 
 def split_at_gaps(log: Log, *, repair: bool) -> tuple[list[Log], list[Finding]]:
     """Cut a log at long gaps; parts of a few samples are removed."""
+    # Short gaps are interpolated; 50 steps or a second of driving cannot be.
     step = median_step(log.time)
     longest = max(1.0, 50.0 * step)
     cuts = np.flatnonzero(np.diff(log.time) > longest) + 1
@@ -170,8 +174,8 @@ def split_at_gaps(log: Log, *, repair: bool) -> tuple[list[Log], list[Finding]]:
         return [log], []
     # Short stretches carry little information; the longest one is always kept.
     bounds = list(zip(np.append(0, cuts), np.append(cuts, len(log.time)), strict=True))
-    least = min(max(MIN_PART, len(log.time) // 50), max(end - start for start, end in bounds))
-    parts = [(start, end) for start, end in bounds if end - start >= least]
+    min_rows = min(max(MIN_PART, len(log.time) // 50), max(end - start for start, end in bounds))
+    parts = [(start, end) for start, end in bounds if end - start >= min_rows]
     lost = len(log.time) - sum(end - start for start, end in parts)
     text = statement("long_gaps", gaps=len(cuts), limit=longest, stretches=len(bounds))
     done = statement("cut", parts=len(parts), lost=lost) if repair else None
@@ -207,8 +211,8 @@ def check_held(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
         holds = np.diff(keep)
         holds = holds[holds <= MAX_HOLD]
         count = float(np.median(holds)) if np.ptp(holds) == 0 else float(holds.mean())
-        least, most = int(holds.min()), int(holds.max())
-        text = statement("copied", least=least, most=most, factor=count, step=count * step)
+        shortest, longest = int(holds.min()), int(holds.max())
+        text = statement("copied", least=shortest, most=longest, factor=count, step=count * step)
         done = statement("rows_kept", rows=len(log.time), kept=len(keep)) if repair else None
         findings = [Finding(log.name, "held_values", "", "fault", count, "rows", text, done)]
         if repair:
@@ -226,6 +230,7 @@ def _check_slow(log: Log, *, repair: bool) -> tuple[Log, list[Finding]]:
     factors = {name: hold_factor(values) for name, values in log.channels.items() if channel(name).moves}
     seen = {name: factor for name, factor in factors.items() if factor is not None}
     step = median_step(log.time)
+    # The rate of a channel is found by the rows at which it changes.
     fresh = {name: changed_rows(log.channels[name]) for name in seen}
     findings: list[Finding] = []
     repaired: dict[str, Array] = {}
@@ -384,8 +389,8 @@ def _chance(changes: Array) -> float:
     Args:
         changes: sizes of the changes (n), not zero.
     """
-    least = float(np.percentile(changes, 1.0))
-    counts = changes[changes < 8.0 * least] / least
+    resolution = float(np.percentile(changes, 1.0))
+    counts = changes[changes < 8.0 * resolution] / resolution
     if np.mean(np.abs(counts - np.round(counts)) < 0.1) < 0.95:
         return 0.0  # not quantised
     ones, twos = (float(np.mean(np.round(counts) == number)) for number in (1, 2))

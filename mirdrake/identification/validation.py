@@ -85,9 +85,9 @@ def _clean(values: Array) -> Array:
     return np.where(good, values - (values[good].mean() if good.any() else 0.0), 0.0)
 
 
-def _correlation(one: Array, other: Array, lags: int) -> Array:
+def _correlation(first: Array, other: Array, lags: int) -> Array:
     """Return the sums of one[t] other[t - k] for k from 0 to lags."""
-    n = len(one)
+    n = len(first)
     # By Fourier transforms: a direct sum over all lags would take n² operations.
-    whole = fftconvolve(one, other[::-1])
+    whole = fftconvolve(first, other[::-1])
     return np.asarray(whole[n - 1 : n + lags])

@@ -25,7 +25,7 @@ def split_validation(data: DataSet, part: float) -> DataSet:
         part: share of the time of all training logs [1].
     """
     left = part * sum(_span(log) for log in data.train)
-    kept, held = {id(log): log for log in data.train}, []
+    training, validation = {id(log): log for log in data.train}, []
     for log in _in_order(data.train):
         # Whole logs are taken as long as they fit into the share; the last one is cut.
         rows = int(np.searchsorted(log.time, log.time[-1] - left, side="right"))
@@ -33,12 +33,12 @@ def split_validation(data: DataSet, part: float) -> DataSet:
         if rows >= len(log.time) - MIN_ROWS:
             break
         if rows < MIN_ROWS:
-            del kept[id(log)]
-            held.append(replace(log, use="validation"))
+            del training[id(log)]
+            validation.append(replace(log, use="validation"))
         else:
-            kept[id(log)] = _rows(log, slice(0, rows), log.name, "train")
-            held.append(_rows(log, slice(rows, None), f"{log.name}, end", "validation"))
-    return replace(data, logs=(*kept.values(), *data.validation, *held))
+            training[id(log)] = _rows(log, slice(0, rows), log.name, "train")
+            validation.append(_rows(log, slice(rows, None), f"{log.name}, end", "validation"))
+    return replace(data, logs=(*training.values(), *data.validation, *validation))
 
 
 def _in_order(logs: Sequence[Log]) -> list[Log]:

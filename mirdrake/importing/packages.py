@@ -89,6 +89,7 @@ class Packages:
                 path = Path(rest)
             else:
                 name, _, inner = rest.partition("/")
+                # Fuel and Gazebo call a package a model; the message uses the word of the address.
                 folder_of = self.find(name)
                 if folder_of is None:
                     kind = "package" if scheme == "package" else "model"
@@ -98,6 +99,7 @@ class Packages:
             path = Path(text)
             path = path if path.is_absolute() else folder / path
         path = Path(os.path.normpath(path))
+        # A file under Git LFS that was not downloaded exists, but is a text of three lines.
         if path.is_file():
             return (None, _POINTER_TEXT) if _is_pointer(path) else (path, "")
         return self._nearly(path, root)

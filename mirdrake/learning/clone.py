@@ -131,6 +131,7 @@ def clone(
         folder=setup.folder,
         spec=spec.model_dump(mode="json"),
         seed=spec.seed,
+        # Versions belong to the result, because trained weights depend on them.
         versions={
             name: installed_version(name) or "not installed"
             for name in ("mirdrake", "drake", "numpy", "torch", "onnxruntime")

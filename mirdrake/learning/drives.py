@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RollPitchYaw
 from pydrake.systems.framework import Context
 
@@ -22,8 +21,6 @@ from mirdrake.runs.logs import Run, load_run
 from mirdrake.runs.simulation import Simulation
 from mirdrake.runs.stop import StopReason
 from mirdrake.studies.plan import put
-
-Array = NDArray[np.float64]
 
 PILOT = "pilot"
 """Name of the block of the network."""

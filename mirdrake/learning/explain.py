@@ -80,6 +80,7 @@ def write_pictures(
     torch = import_torch()
     # Difference between network and expert for every picture, at the time at which the command acts.
     found: list[tuple[float, float, float, float, Any]] = []
+    # The command of a picture acts after a delay, so that commands are compared at that later time.
     for run in runs:
         pictures = run.pictures.get(car.image, [])
         times = np.array([picture.time for picture in pictures])
@@ -94,6 +95,7 @@ def write_pictures(
             chosen.append(entry)
     if not chosen:
         return 0
+    # The same crop and size as in training.
     pixels = [entry[4].pixels for entry in chosen]
     preparation = Preparation(pixels[0].shape[1], pixels[0].shape[0], crop, size)
     prepared = np.stack([preparation(picture) for picture in pixels])

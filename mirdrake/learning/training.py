@@ -130,10 +130,12 @@ def train(
         result = Trained(module, architecture, scaling, [], [], len(data))
         _resume(torch, file, key, result, optimizer)
         for epoch in range(len(result.training_loss), spec.epochs):
+            # The learning rates follow a schedule over epochs.
             rates = _learning_rates(spec, epoch, len(data))
             result.training_loss.append(_epoch(torch, result, optimizer, data, spec, (seed, epoch), rates, report))
             error = result.predict(validation)[:, 0] - validation.values[:, 0]
             result.validation_error.append(float(np.sqrt(np.mean(error**2))))
+            # After each epoch: an interrupted training continues from here with the same random numbers.
             if file is not None:
                 state = {
                     "key": key, "module": module.state_dict(), "optimizer": optimizer.state_dict(),

@@ -215,7 +215,7 @@ def within(
         low = -math.inf if section[2] is None else float(section[2])
         high = math.inf if section[3] is None else float(section[3])
         # A lane that is too narrow for the margin keeps half of its free space on each side, and remains feasible.
-        kept = min(margin, max(0.0, 0.25 * (high - low - 2.0 * half_width))) + half_width
+        clearance_kept = min(margin, max(0.0, 0.25 * (high - low - 2.0 * half_width))) + half_width
         for i in range(1, count - 1):
             for lever in np.linspace(rear, front, 5):
                 # Half a step around the section counts as well, so that short sections have a sample.
@@ -224,9 +224,9 @@ def within(
                 # Lateral position of a body point: y + lever · slope, with the slope by central differences.
                 slope = float(lever) / (2.0 * step)
                 if high < math.inf:
-                    add({i: 1.0, i + 1: slope, i - 1: -slope}, high - kept)
+                    add({i: 1.0, i + 1: slope, i - 1: -slope}, high - clearance_kept)
                 if low > -math.inf:
-                    add({i: -1.0, i + 1: -slope, i - 1: slope}, -kept - low)
+                    add({i: -1.0, i + 1: -slope, i - 1: slope}, -clearance_kept - low)
 
     # The path begins straight along y = 0 and ends parallel to x.
     still = 4  # samples at the start without curvature

@@ -247,9 +247,9 @@ class PathDriver(_Driver):
         reach = wheelbase + self._understeer * speed**2
         # ω of at most v / L keeps the lever ℓ = 2 ζ v / ω at 2 ζ L or more at low speed.
         omega = min(self._frequency, speed / wheelbase)
-        most = _YAW_RATE_FEEDBACK[0] + _YAW_RATE_FEEDBACK[1] * speed / math.sqrt(GRAVITY * wheelbase)
+        max_feedback = _YAW_RATE_FEEDBACK[0] + _YAW_RATE_FEEDBACK[1] * speed / math.sqrt(GRAVITY * wheelbase)
         # The limit bounds the loop gain of the yaw rate, which the steering changes directly: 2 ζ ω (ahead / v + τ).
-        share = min(1.0, most / (2.0 * self._damping * omega * (abs(ahead) / speed + preview)))
+        share = min(1.0, max_feedback / (2.0 * self._damping * omega * (abs(ahead) / speed + preview)))
         turning = (rate - speed * curvature) * share
         # Velocity of the point across the vehicle, with the yaw rate of the line and the share of the error.
         sideways = vy + ahead * (speed * curvature + turning)  # of the point that follows the line

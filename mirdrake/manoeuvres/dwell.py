@@ -74,22 +74,22 @@ class SineWithDwellSpec(ManoeuvreSpec):
         angle = self.angle or self._find_angle(rig, outcome)
         outcome.add("a", "A, the hand-wheel angle at 0.3 g", math.degrees(angle), "deg")
         # The least last amplitude is an angle of a car's hand-wheel, so it does not apply to small vehicles.
-        most = max(self.last * angle, self.least_last if facts.scale == 1.0 else 0.0)
+        max_amplitude = max(self.last * angle, self.least_last if facts.scale == 1.0 else 0.0)
         amplitudes = [self.first * angle]
-        while amplitudes[-1] < most - 1e-9:
-            amplitudes.append(min(amplitudes[-1] + self.increment * angle, most))
+        while amplitudes[-1] < max_amplitude - 1e-9:
+            amplitudes.append(min(amplitudes[-1] + self.increment * angle, max_amplitude))
         # A sine of amplitude A and frequency f has the largest rate 2 π f A.
         allowed = min(facts.steering_limit, facts.steering_rate / (2.0 * math.pi * self.frequency)) * facts.ratio
-        kept = [amplitude for amplitude in amplitudes if amplitude <= allowed]
-        if not kept:
+        feasible = [amplitude for amplitude in amplitudes if amplitude <= allowed]
+        if not feasible:
             raise NotFeasible(
                 f"the first amplitude is {math.degrees(amplitudes[0]):.0f} deg at the hand-wheel, but the steering "
                 f"follows {self.frequency:g} Hz up to {math.degrees(allowed):.0f} deg only"
             )
-        if len(kept) < len(amplitudes):
+        if len(feasible) < len(amplitudes):
             outcome.notes.append(
                 f"the steering follows {self.frequency:.3g} Hz up to {math.degrees(allowed):.0f} deg at the "
-                f"hand-wheel; {len(amplitudes) - len(kept)} larger amplitudes, up to "
+                f"hand-wheel; {len(amplitudes) - len(feasible)} larger amplitudes, up to "
                 f"{math.degrees(amplitudes[-1]):.0f} deg, were omitted"
             )
         note_held_speed(outcome, pedals=rig.pedals)
@@ -100,7 +100,7 @@ class SineWithDwellSpec(ManoeuvreSpec):
         faults: list[str] = []
         passed: dict[str, float] = {}
         for side in sides:
-            for amplitude in kept:
+            for amplitude in feasible:
                 record = self._sine(rig, side, amplitude)
                 response = self._evaluate(record, amplitude)
                 responses.setdefault(side, []).append((amplitude, response))
@@ -118,25 +118,27 @@ class SineWithDwellSpec(ManoeuvreSpec):
                 # The worst case over all amplitudes of a side, as each of them has to pass.
                 ratio = max(response.ratios[number] for _, response in results)
                 text = f"Largest yaw-rate ratio {wait:.3g} s after completion, {side}"
-                most = 100.0 * self.shares[number]
-                outcome.add(f"ratio_{number + 1}_{side}", text, 100.0 * ratio, "%", f"{most:g} %", scale=most)
+                max_amplitude = 100.0 * self.shares[number]
+                outcome.add(
+                    f"ratio_{number + 1}_{side}", text, 100.0 * ratio, "%", f"{max_amplitude:g} %", scale=max_amplitude
+                )
             text = f"Smallest displacement {self.displacement_time:.3g} s after the beginning, {side}"
-            least = min(
+            min_displacement = min(
                 (response.displacement for amplitude, response in results if self._is_large(amplitude, angle)),
                 default=math.nan,
             )
-            outcome.add(f"displacement_{side}", text, least, "m", f"at least {self.displacement:.3g} m")
+            outcome.add(f"displacement_{side}", text, min_displacement, "m", f"at least {self.displacement:.3g} m")
             largest = max(amplitude for amplitude, _ in results)
             outcome.add(f"amplitude_{side}", f"Last amplitude, {side}", math.degrees(largest), "deg", "hand-wheel")
-            held = math.degrees(passed.get(side, math.nan))
-            note = f"{held / math.degrees(angle):.1f} A" if side in passed else "none"
-            outcome.add(f"passed_{side}", f"Largest amplitude that passed, {side}", held, "deg", note)
+            passed_angle = math.degrees(passed.get(side, math.nan))
+            note = f"{passed_angle / math.degrees(angle):.1f} A" if side in passed else "none"
+            outcome.add(f"passed_{side}", f"Largest amplitude that passed, {side}", passed_angle, "deg", note)
         # "pass" needs all required amplitudes; without a failure but with omitted ones the test is not possible.
-        outcome.verdict = "fail" if faults else "pass" if len(kept) == len(amplitudes) else "not possible"
+        outcome.verdict = "fail" if faults else "pass" if len(feasible) == len(amplitudes) else "not possible"
         outcome.reason = "; ".join(faults)
         if outcome.verdict == "not possible":
             outcome.reason = (
-                f"it passes up to {math.degrees(kept[-1]):.0f} deg, beyond which the steering is too slow for "
+                f"it passes up to {math.degrees(feasible[-1]):.0f} deg, beyond which the steering is too slow for "
                 f"{self.frequency:.3g} Hz; {math.degrees(amplitudes[-1]):.0f} deg are required"
             )
 

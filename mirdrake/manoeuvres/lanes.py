@@ -248,6 +248,7 @@ class CourseSpec(ManoeuvreSpec):
         return float(np.interp(crossing(record.time, record.x + facts.front, 0.0), record.time, record.vx))
 
     def _draw(self, outcome: Outcome, record: Record, sections: list[Section], facts: Facts) -> None:
+        # Cones bound each section to one or both sides.
         edges: list[Curve] = []
         for number, section in enumerate(sections):
             for level in (section.low, section.high):
@@ -260,6 +261,7 @@ class CourseSpec(ManoeuvreSpec):
         cos, sin = np.cos(record.yaw[chosen]), np.sin(record.yaw[chosen])
         x, y, half = record.x[chosen], record.y[chosen], 0.5 * facts.width
         lines = [*edges, Curve("middle of the rear axle", x, y, "line", 0)]
+        # The front corners decide whether cones fall; the rear ones follow inside.
         for sign, word in ((1.0, "front corners"), (-1.0, "")):
             px, py = x + facts.front * cos - sign * half * sin, y + facts.front * sin + sign * half * cos
             lines.append(Curve(word, px, py, "dashed", 1))

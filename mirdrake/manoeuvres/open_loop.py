@@ -166,12 +166,12 @@ class SlowlyIncreasingSteerSpec(ManoeuvreSpec):
         rate = self.rate / facts.ratio * (1.0 if facts.scale == 1.0 else facts.ratio / 16.0)
         check_rate(facts, rate, what="the steering")
         # A margin of 2 % to the stop of the steering, where the angle would not follow.
-        most = min(self.most / facts.ratio, 0.98 * facts.steering_limit)
-        profile = {"kind": "ramp", "rate": sign * rate, "limit": most, "start": self.settle}
+        limit = min(self.most / facts.ratio, 0.98 * facts.steering_limit)
+        profile = {"kind": "ramp", "rate": sign * rate, "limit": limit, "start": self.settle}
         record = rig.run(
             "increasing",
             rig.open_driver(profile, speeds=[[0.0, self.speed]]),
-            duration=self.settle + most / rate + 0.5,
+            duration=self.settle + limit / rate + 0.5,
             speed=self.speed,
             stop=spun_or_steady(self.speed, self.settle, self.limit),
         )
@@ -228,6 +228,7 @@ class FrequencyResponseSpec(ManoeuvreSpec):
     def drive(self, rig: Rig, outcome: Outcome) -> None:
         """Simulate one run."""
         facts = rig.facts
+        # Settings that this vehicle cannot drive are rejected before the simulation, with the reason.
         if self.last <= self.first:
             raise self.fault("last", "must be above first")
         check_speed(facts, self.speed)
@@ -268,6 +269,7 @@ class FrequencyResponseSpec(ManoeuvreSpec):
         outcome.add("yaw_peak_frequency", "Frequency of the largest gain", fastest, "Hz")
         # 1 Hz for a car, at equal Froude number for a small vehicle.
         frequency = 1.0 / facts.scale**0.5
+        # Bandwidth where the phase lags by a stated angle, since the gain of the yaw rate may have no corner.
         signals = (("yaw", "yaw rate", yaw), ("lateral", "lateral acceleration", side))
         for key, name, response in signals:
             text = f"Bandwidth of the {name}, {math.degrees(self.lag):.0f} deg lag"

@@ -59,8 +59,10 @@ class ParkSpec(ManoeuvreSpec):
                 f"creep_{name}", f"Creep {text}", 1000.0 * speed, "mm/s", f"at most {allowed:g} mm/s", scale=allowed
             )
             # A drift has no natural size; it is judged against the largest allowed one.
-            most = allowed * self.length
-            outcome.add(f"drift_{name}", f"Drift in {self.length:g} s {text}", 1000.0 * drift, "mm", scale=most)
+            allowed_drift = allowed * self.length
+            outcome.add(
+                f"drift_{name}", f"Drift in {self.length:g} s {text}", 1000.0 * drift, "mm", scale=allowed_drift
+            )
             # Also fails for NaN.
             if not speed <= self.allowed:
                 faults.append(f"{text} it creeps at {1000.0 * speed:.3g} mm/s")

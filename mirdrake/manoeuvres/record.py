@@ -109,8 +109,8 @@ class Record:
         time = np.append(self.time[self.time < end], end)
 
         def cut(values: Array) -> Array:
-            kept: Array = np.append(values[: len(time) - 1], np.interp(end, self.time, values))
-            return kept
+            shortened: Array = np.append(values[: len(time) - 1], np.interp(end, self.time, values))
+            return shortened
 
         names = [f.name for f in fields(self) if f.name != "time" and isinstance(getattr(self, f.name), np.ndarray)]
         channels: Mapping[str, Any] = {name: cut(getattr(self, name)) for name in names}

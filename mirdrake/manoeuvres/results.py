@@ -44,6 +44,7 @@ class HandlingResults:
     def data(self) -> dict[str, object]:
         """Return plain data for JSON."""
         facts = self.facts
+        # Units are in the keys, and digits as far as they mean anything.
         return {
             "vehicle": {
                 "name": facts.name,

@@ -167,6 +167,7 @@ class Rig:
             ConfigError: a setting is out of range.
         """
         self.report(label)
+        # A large plane: no manoeuvre reaches its edge.
         world: dict[str, object] = {
             "mirdrake": "world/1",
             "name": label,

@@ -64,6 +64,7 @@ class CoastDownSpec(ManoeuvreSpec):
         """Simulate one run; on flat ground without wind both directions are alike."""
         if self.last >= self.speed:
             raise self.fault("last", "must be below speed")
+        # Servos on the wheels would hold the speed instead of letting the vehicle coast.
         if not rig.pedals:
             raise NotFeasible("coasting needs pedals with a neutral gear; control.yaml has servos on its wheels")
         check_speed(rig.facts, self.speed)
@@ -258,7 +259,7 @@ class SplitFrictionSpec(ManoeuvreSpec):
         turned = crossing(record.time, heading, _SPIN)
         # Not "<=": the comparison with NaN (never turned) is false, so all samples are then seen.
         seen = ~(record.time > turned)
-        offset, most = float(np.max(np.abs(record.y[seen]))), float(np.max(heading[seen]))
+        offset, largest_heading = float(np.max(np.abs(record.y[seen]))), float(np.max(heading[seen]))
         angle, rate = np.abs(np.degrees(record.hand_wheel)), np.abs(np.degrees(record.yaw_rate))
         if math.isnan(turned):
             # 95 % of the speed: at the brake's first contact the deceleration has not built up.
@@ -273,10 +274,10 @@ class SplitFrictionSpec(ManoeuvreSpec):
             outcome.add("turned", text, turned - _BEFORE, "s")
 
             # Interpolated, as the crossing is between two samples.
-            offset, most = max(offset, abs(float(np.interp(turned, record.time, record.y)))), _SPIN
+            offset, largest_heading = max(offset, abs(float(np.interp(turned, record.time, record.y)))), _SPIN
         outcome.add("sideways", "Largest lateral displacement", offset, "m", f"at most {self.sideways:.3g} m")
         note = f"at most {math.degrees(self.yaw):.0f} deg"
-        outcome.add("yaw", "Largest heading error", math.degrees(most), "deg", note)
+        outcome.add("yaw", "Largest heading error", math.degrees(largest_heading), "deg", note)
         outcome.add("yaw_rate", "Largest yaw rate", float(np.max(rate[seen])), "deg/s")
         # Negated for NaN: also evaluated if it never turned.
         if not turned < _BEFORE + 1.0:
@@ -288,10 +289,10 @@ class SplitFrictionSpec(ManoeuvreSpec):
         text = "Largest hand-wheel angle in the first 2 s"
         outcome.add("hand_wheel_2s", text, early, "deg", "UN R13-H: 120 deg, recalled")
         _note_locked(outcome, record)
-        passed = offset <= self.sideways and most <= self.yaw
+        passed = offset <= self.sideways and largest_heading <= self.yaw
         outcome.verdict = "pass" if passed else "fail"
         if not passed:
-            turn = f"turned by {math.degrees(most):.0f} deg" if math.isnan(turned) else "spun"
+            turn = f"turned by {math.degrees(largest_heading):.0f} deg" if math.isnan(turned) else "spun"
             outcome.reason = f"it moved {offset:.2f} m to the side and {turn}"
         _speed_charts(outcome, record, record.time >= 0.0)
         outcome.charts.append(Chart("x", "m", "y", "m", (Curve("middle of the rear axle", record.x, record.y),)))

@@ -63,9 +63,11 @@ class AirForces(LeafSystem):
         )
         self._wind = (float(wind[0]), float(wind[1]))
         self._point, self._wheelbase = pressure_centre(plant, part), part.vehicle.geometry.wheelbase
+        # Drake's order of positions and velocities, to read them from the state vector.
         self._positions, self._velocities = plant.num_positions(), plant.num_velocities()
         self._base = (part.base.floating_positions_start(), part.base.floating_velocities_start_in_v())
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        # A discrete state: the force is held between the updates, which have the rate of the control unit.
         self._force = self.DeclareDiscreteState(self._velocities)
         self._shown = self.DeclareDiscreteState(3)
         self.generalized_force = self.DeclareStateOutputPort("generalized_force", self._force)

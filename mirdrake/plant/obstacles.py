@@ -104,9 +104,11 @@ def add_props(plant: MultibodyPlant, world: World) -> PropsInPlant:
             added.owners[geometry] = placed.name
             if prop.driven_over:
                 added.bumps.add(geometry)
+            # Extra contact points at the base keep a free prop from rocking on a single point.
             for number, (shape, X_PG) in enumerate([] if placed.static else _feet(solid)):
                 foot = plant.RegisterCollisionGeometry(body, X_BP @ X_PG, shape, f"{name}/foot{number}", material)
                 added.owners[foot] = placed.name
+        # What is seen may differ from what collides.
         for index, (shape, X_PG) in enumerate(looks(placed)):
             rgba = np.array([*placed.color, 1.0] if placed.color else _GREY)
             plant.RegisterVisualGeometry(body, X_BP @ X_PG, shape, f"prop/{placed.name}/look{index}", rgba)

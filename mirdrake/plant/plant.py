@@ -242,6 +242,7 @@ def make_plant(
         parked: names of vehicles with parking brakes on.
     """
     spec = spec or PlantSpec()
+    # The contact geometry of the ground is plane: only the tyre model rolls on uneven ground.
     terrain = terrain_of(world)
     wheel_contact: ContactModel = spec.contact if terrain.flat else "tyre"
     config = MultibodyPlantConfig(

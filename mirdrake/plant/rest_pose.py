@@ -76,6 +76,7 @@ def check_balance(
         ConfigError: the vehicle tips over, or its centre of mass is below the road; with the place of the link that
             contributes most.
     """
+    # Outside of the axles no rest pose exists: the contact solver would let the vehicle fall.
     x, _, z = plant.CalcCenterOfMassPositionInWorld(context, [instance]).tolist()
     length = vehicle.geometry.wheelbase
     if x <= 0.0:
@@ -88,6 +89,7 @@ def check_balance(
         return
     # The sign makes the contribution positive for links that move the centre of mass to the wrong side.
     sign = 1.0 if x >= length else -1.0
+    # The link that contributes most to the moment is where a wrong mass or origin is.
     bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
 
     def contribution(body: RigidBody) -> float:

@@ -81,6 +81,7 @@ def write_wheel_vtk(*, radius: float, width: float, segments: int, mirrored: boo
     # Pressure is interpolated between the centre (largest) and all other points (zero).
     centre, cap_right, cap_left = range(2 * segments, 2 * segments + 3)
 
+    # Two wedges and two caps for each facet, all with the corner in the centre.
     cells: list[tuple[int, int, int, int]] = []
     for i, j in pairwise([*range(segments), 0]):
         right_i, right_j, left_i, left_j = i, j, segments + i, segments + j

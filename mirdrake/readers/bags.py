@@ -161,6 +161,7 @@ def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
         reading = import_module("mcap.reader")
     except ImportError:
         return None
+    # ROS messages in MCAP are read by the reader of bags; here are those of other robots and of Foxglove.
     try:
         reader = reading.make_reader(stack.enter_context(path.open("rb")))
         summary = reader.get_summary()
@@ -173,6 +174,7 @@ def _open_mcap(path: Path, stack: ExitStack) -> Bag | None:
     kinds = {topic: schema.name if schema else "JSON" for topic, schema in schemas.items()}
     decoders: dict[int, Callable[[bytes], Any]] = {}
 
+    # Decoders are made at the first message of their channel: Protobuf is needed only for its channels.
     def decoder(schema: Any, channel: Any) -> Callable[[bytes], Any]:
         if channel.message_encoding == "json":
             return json.loads
@@ -215,6 +217,7 @@ def _collect(path: Path, bag: Bag, places: Mapping[str, tuple[str, tuple[str, ..
     times: dict[str, list[int]] = {topic: [] for topic in topics}
     stamps: dict[str, list[int]] = {topic: [] for topic in topics}
     values: dict[str, list[Any]] = {name: [] for name in places}
+    # One pass over the file, since a bag is too large to be read once for each column.
     of = {topic: [(name, keys) for name, (own, keys) in places.items() if own == topic] for topic in topics}
     try:
         for topic, time, message in bag.messages(topics):
@@ -259,6 +262,7 @@ def _value(path: Path, name: str, message: Any, keys: tuple[str, ...]) -> Any:
     item = message
     for depth, key in enumerate(keys):
         inner = _get(item, key)
+        # Angles of a quaternion can be asked for as fields of it.
         if inner is None and key in {"roll", "pitch", "yaw"} and (angle := _angle(item, key)) is not None:
             return angle
         if inner is None:

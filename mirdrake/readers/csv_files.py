@@ -94,12 +94,14 @@ def read_csv(request: Request) -> Table:
     name, notes = request.name, list[str]()
     lines = decode_text(read_bytes(request.path), name, notes).splitlines()
     comments = tuple(request.layout.comment)
-    kept = [index for index, line in enumerate(lines) if (bare := line.strip()) and not bare.startswith(comments)]
-    if not kept:
+    # Lines of comments may stand anywhere; numbers of lines for messages are those of the file.
+    data_lines = [index for index, line in enumerate(lines) if (bare := line.strip()) and not bare.startswith(comments)]
+    if not data_lines:
         raise ConfigError(f"{name}: is empty; a header and rows of numbers are expected")
-    text = _Text(request, lines, kept, notes)
-    if len(kept) <= _MAX_TRANSPOSED_LINES:
-        rows = [text.cells(index) for index in kept]
+    text = _Text(request, lines, data_lines, notes)
+    # A file of few long lines may have its channels in rows.
+    if len(data_lines) <= _MAX_TRANSPOSED_LINES:
+        rows = [text.cells(index) for index in data_lines]
         if _is_transposed(rows):
             return _transpose(name, rows, request.layout.columns, notes)
     header = _with_units(text, _find_header(text))
@@ -111,19 +113,21 @@ def read_csv(request: Request) -> Table:
 
 def _find_header(text: _Text) -> _Header:
     """Find names and delimiter: in the layout, in a comment line above numbers, or in the first suitable line."""
-    columns, kept = text.request.layout.columns, text.kept
+    columns, data_lines = text.request.layout.columns, text.kept
+    # Stated columns replace any header.
     if columns:
-        return _Header(list(columns), {}, _delimiter_of(text, kept[0]), None, kept)
+        return _Header(list(columns), {}, _delimiter_of(text, data_lines[0]), None, data_lines)
+    # Some loggers write the header as a comment.
     above = _commented_header(text)
     if above is not None:
-        delimiter = _delimiter_of(text, kept[0])
+        delimiter = _delimiter_of(text, data_lines[0])
         names = _without_comment_mark(text.cells(above, delimiter), text.request)
-        return _Header(names, {}, delimiter, above, kept)
+        return _Header(names, {}, delimiter, above, data_lines)
     head = _header_index(text)
     if head:
-        text.notes.append(f"{head} lines before the header in line {kept[head] + 1} are skipped")
-    delimiter = _delimiter_of(text, kept[head])
-    return _Header(text.cells(kept[head], delimiter), {}, delimiter, kept[head], kept[head + 1 :])
+        text.notes.append(f"{head} lines before the header in line {data_lines[head] + 1} are skipped")
+    delimiter = _delimiter_of(text, data_lines[head])
+    return _Header(text.cells(data_lines[head], delimiter), {}, delimiter, data_lines[head], data_lines[head + 1 :])
 
 
 def _with_units(text: _Text, header: _Header) -> _Header:

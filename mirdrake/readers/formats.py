@@ -40,6 +40,7 @@ def read_table(path: Path, columns: Collection[str] = (), layout: CsvLayout | No
     if not path.exists():
         raise ConfigError(f"{request.name}: no such file")
     suffix = path.suffix.lower()
+    # Compressed text has the format of its inner suffix.
     reader = FORMATS.get(Path(path.stem).suffix.lower() if suffix == ".gz" else suffix)
     if suffix == ".gz" and reader is not read_csv:
         raise ConfigError(f"{request.name}: unpack it first; only compressed text can be read")

@@ -66,6 +66,7 @@ def _read_hdf5(path: Path, raw: bytes) -> dict[str, Any]:
         ) from None
 
     def plain(item: Any) -> Any:
+        # Groups are structures; texts and references have no numbers.
         if isinstance(item, h5py.Group):
             return {key: plain(inner) for key, inner in item.items()}
         return np.asarray(item) if item.dtype.kind in "biuf" else None

@@ -44,6 +44,7 @@ def read_pickle(request: Request) -> Table:
     except ConfigError:
         raise
     except pickle.UnpicklingError as error:
+        # The unpickler names the class that it did not make.
         known = f"has the object {error}" if "." in str(error) and " " not in str(error) else "is damaged"
         raise ConfigError(
             f"{request.name}: {known}; only arrays, lists and mappings are read, as other pickles may execute code: "

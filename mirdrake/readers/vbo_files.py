@@ -29,6 +29,7 @@ def read_vbo(request: Request) -> Table:
     path, requested = request.path, request.columns
     name, notes = request.name, list[str]()
     lines = decode_text(read_bytes(path), name, notes).splitlines()
+    # A VBO file has sections with titles in brackets; their order varies.
     marks = [
         (index, match.group(1).strip().lower())
         for index, line in enumerate(lines)
@@ -39,6 +40,7 @@ def read_vbo(request: Request) -> Table:
     for needed in ("column names", "data"):
         if needed not in sections:
             raise ConfigError(f"{name}: has no section [{needed}]; a VBO file of a VBOX is expected")
+    # Titles in the header have units, the short names above the data do not.
     titles = [line.strip() for line in lines[slice(*sections.get("header", (0, 0)))] if line.strip()]
     names = " ".join(lines[slice(*sections["column names"])]).split()
     rows = [index for index in range(*sections["data"]) if lines[index].strip()]
@@ -57,6 +59,7 @@ def read_vbo(request: Request) -> Table:
             for called, title in zip(names, titles, strict=True)
             if (match := _UNIT.fullmatch(title)) is not None
         }
+    # Any white space separates cells.
     frame = pd.read_csv(
         StringIO("\n".join(lines[index] for index in rows)), sep=r"\s+", header=None, names=range(len(names))
     )

@@ -80,6 +80,7 @@ def draw_drive(
     lines: list[DrivenLine] = []
     places: list[tuple[Place, str]] = []
     scale: ColourScale | None = None
+    # Actors first: lines of vehicles are drawn over theirs.
     for actor in world.actors:
         if actors is not None and f"{actor.name}.x" in actors:
             x, y = (actors[f"{actor.name}.{key}"].to_numpy(dtype=float) for key in ("x", "y"))
@@ -95,6 +96,7 @@ def draw_drive(
         places += _worst_places(vehicle, track.width if track else 3.0, places, count=3 if len(names) == 1 else 1)
     if not lines and not tracks:
         return None
+    # Places of the largest errors are marked on the map and drawn again in close view.
     spots = [place for place, _ in places]
     views = [
         (_draw_place(world, lines, place, f"Close view of place {number}. {caption}"), caption)

@@ -107,11 +107,13 @@ def _driven_line(line: DrivenLine, sheet: Sheet, width: float) -> Iterable[str]:
     points, scale = line.points, None if line.scale is None else line.scale[line.finite]
     if len(points) < 2:
         return
+    # Repeated points have no direction and would give degenerate pieces.
     moved = np.concatenate(([True], np.hypot(*np.diff(points, axis=0).T) > 0.0))
     points, scale = points[moved], None if scale is None else scale[moved]
     if len(points) < 2:
         return
     classes = np.zeros(len(points), dtype=np.intp) if scale is None else scale
+    # The line is cut where its colour changes; each piece shares a point with the next, so that no gap appears.
     cuts = np.concatenate(([0], np.flatnonzero(np.diff(classes)) + 1, [len(points) - 1]))
 
     # Each piece of one colour is simplified; a long drive is simplified more, until the picture is small enough.
@@ -137,6 +139,7 @@ def _arrows(line: DrivenLine, sheet: Sheet, palette: Palette) -> Iterable[str]:
     points = line.points
     if len(points) < 2:
         return
+    # Distances are in pixels, so that arrows have the same density at every scale.
     pixels = sheet.place(points)
     travelled = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(pixels, axis=0).T))))
     drawn: list[Array] = []
@@ -209,6 +212,7 @@ def vehicles(outlines: Sequence[VehicleOutline]) -> Layer:
             opacity, width = (0.35, 1.8) if outline.ring else (0.12, 1.2)
             look = f'fill-opacity="{opacity}" stroke-width="{width}"'
             yield shape_tag(sheet.line(outline.corners, closed=True), color, stroke=color, more=look)
+            # The label stands above or below its vehicle, within the picture.
             points = sheet.place(outline.corners)
             (x, middle), low, high = points.mean(axis=0), points[:, 1].min(), points[:, 1].max()
             if outline.ring:

@@ -79,12 +79,12 @@ class Panel:
 def drawing_style() -> AbstractContextManager[None]:
     """Return a context with the Matplotlib settings of reports, independent of the user's matplotlibrc."""
     # Only what changes the drawing is taken from the defaults; other settings of the user do not matter.
-    kept = {
+    settings = {
         name: matplotlib.rcParamsDefault[name]
         for name in ("font.family", "font.sans-serif", "path.simplify", "path.simplify_threshold", "axes.unicode_minus")
     }
     style: Any = {  # Matplotlib 3.11 lists every key as a literal type, 3.8 knows none
-        **kept,
+        **settings,
         # Texts stay texts, in the font of the page; paths would be larger and not searchable.
         "svg.fonttype": "none",
         # Without a fixed salt, ids differ from run to run, and so do the bytes of the page.
@@ -178,6 +178,7 @@ def draw_chart(
 def _draw(
     time: Array, panels: Sequence[Panel], prefix: str, description: str, marks: Sequence[float], *, width: float
 ) -> Markup:
+    # The height of the figure follows from its panels: the width is given by the page.
     heights = [_PANEL_HEIGHT[width] * panel.relative_height for panel in panels]
     total = sum(heights) + (_TOP + _GAP) * len(panels) - _GAP + _BOTTOM
     figure = Figure(figsize=(width / 72.0, total / 72.0), dpi=72.0)
@@ -190,10 +191,12 @@ def _draw(
         top += _TOP
         box = (_LEFT / width, 1.0 - (top + height) / total, (width - _LEFT - _RIGHT) / width, height / total)
         axes = figure.add_axes(box)
+        # Limits are those of all curves of the panel, trimmed where peaks would flatten the rest.
         low, high, note = _limits(panel)
         _draw_panel(axes, time, panel, span, (low, high), number, buckets=_BUCKETS[width])
         for mark in marks:
             axes.axvline(mark, color=THEME["alarm"], linewidth=1.0, linestyle=(0, (2, 2)), zorder=1.5)
+        # Labels stand above the axes, horizontally: a vertical label is hard to read and takes width.
         lift = 9.0 / height
         axes.text(
             -(_LEFT - 4.0) / (width - _LEFT - _RIGHT),
@@ -203,6 +206,7 @@ def _draw(
         )
         if note:
             axes.text(1.0, 1.0 + lift, note, transform=axes.transAxes, ha="right", color=THEME["muted"])
+        # Only the lowest panel has numbers on the time axis, which all panels share.
         axes.xaxis.set_major_locator(MaxNLocator(10 if width == _WIDE else 5, steps=[1, 2, 5, 10]))
         if number == len(panels) - 1:
             axes.set_xlabel("Time [s]", labelpad=3.0)
@@ -218,6 +222,7 @@ def _draw(
                 "unit": format_unit(panel.unit),
             }
         )
+        # Ids of the curves connect them to the legend and to the script.
         for index, curve in enumerate(panel.curves):
             data[f"curve-{number}-{index}"] = {"data-panel": str(number), "data-name": curve.name}
         top += height + _GAP

@@ -65,6 +65,7 @@ def write_handling(results: HandlingResults) -> Path:
 
 def render_handling(results: HandlingResults) -> str:
     """Return the page; see :func:`write_handling`."""
+    # Charts are drawn with the style of reports, which is global in Matplotlib.
     with drawing_style():
         sections = [
             Section(
@@ -258,6 +259,7 @@ def draw_sheet(charts: Sequence[Chart]) -> str:
 
 
 def _figure_of(charts: Sequence[Chart], theme: dict[str, str], *, width: float, legend: bool = False) -> Figure:
+    # Equal axes need the height of their width; all others have the same height.
     rows = [_HEIGHT if not chart.equal else width * 1.5 for chart in charts]
     head = _TOP + (20.0 if legend else 0.0)
     total = sum(rows)
@@ -267,6 +269,7 @@ def _figure_of(charts: Sequence[Chart], theme: dict[str, str], *, width: float, 
         box = (_LEFT / width, (top - height + _BOTTOM) / total)
         axes = figure.add_axes((*box, (width - _LEFT - _RIGHT) / width, (height - _BOTTOM - head) / total))
         _draw(axes, chart, theme)
+        # Names with an underscore are hidden by Matplotlib's convention.
         named = [line for line in axes.get_lines() if not str(line.get_label()).startswith("_")]
         if legend and len(named) > 1:
             axes.legend(
@@ -278,6 +281,7 @@ def _figure_of(charts: Sequence[Chart], theme: dict[str, str], *, width: float, 
 
 def _draw(axes: Axes, chart: Chart, theme: dict[str, str]) -> None:
     seen: set[str] = set()
+    # A name that several curves share is shown once in the legend; Matplotlib leaves out names that begin with "_".
     for line in chart.lines:
         x, y = np.asarray(line.x, dtype=float), np.asarray(line.y, dtype=float)
         # Only functions of x can be thinned by buckets; loops and dots by a step.
@@ -296,6 +300,7 @@ def _draw(axes: Axes, chart: Chart, theme: dict[str, str]) -> None:
     axes.grid(color=theme["grid"], linewidth=1.0)
     axes.set_xlabel(f"{chart.x_label} [{chart.x_unit}]", labelpad=3.0)
     axes.set_ylabel(f"{chart.y_label} [{chart.y_unit}]")
+    # The same distance of all labels from the axis, whatever the width of its numbers.
     axes.yaxis.set_label_coords(-(_LEFT - 14.0) / axes.get_window_extent().width, 0.5)
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
     low, high = axes.get_ylim()
@@ -310,6 +315,7 @@ def _draw(axes: Axes, chart: Chart, theme: dict[str, str]) -> None:
         axes.xaxis.set_minor_formatter(NullFormatter())
     else:
         axes.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
+    # Zero separates left from right in most charts.
     if low < 0.0 < high:
         axes.axhline(0.0, color=theme["muted"], linewidth=0.8)
     if chart.equal:

@@ -81,6 +81,7 @@ def render_data_check(name: str, data: DataSet, report: DataReport) -> str:
         ("Findings", str(faults + warnings), f"{faults} faults, {warnings} warnings"),
         ("Repairs", str(len(report.repairs)), "each is listed below"),
     ]
+    # The headline answers the question of the page: whether the data can be used.
     headline = f"{left} fault{'s' * (left != 1)} without repair" if left else "suitable for identification"
     with drawing_style():
         sections = _data_sections(report, data, pictures=True)
@@ -102,13 +103,14 @@ def render_identification(result: Identification) -> str:
     against = sum(parameter.verdict == "contradicts the given value" for parameter in free)
     # A parameter that contradicts the given value is identified all the same.
     good = sum(parameter.verdict == "identified" for parameter in free) + against
-    held = [channel for channel in fit.channels if channel.part == "validation"]
-    trained = [channel for channel in fit.channels if channel.part == "train"]
+    # Fits to held-out logs are the evidence; those to the training logs only show that the model is flexible enough.
+    validation = [channel for channel in fit.channels if channel.part == "validation"]
+    training = [channel for channel in fit.channels if channel.part == "train"]
     condition = "∞" if not math.isfinite(fit.condition_number) else f"{fit.condition_number:.3g}"
     tiles = [
         ("Parameters", f"{good} of {len(free)}", f"identified; {against} contradict the given value"),
-        ("Fit, training logs", _least(trained), _least_of(trained)),
-        ("Fit, held-out logs", _least(held), _least_of(held)),
+        ("Fit, training logs", _least(training), _least_of(training)),
+        ("Fit, held-out logs", _least(validation), _least_of(validation)),
         ("Condition number", condition, "of the information matrix; above 1000 a combination is not identifiable"),
     ]
     with drawing_style():
@@ -296,11 +298,11 @@ def _span(log: Log) -> str:
 # --- fit -------------------------------------------------------------------------------------------------------------
 
 
-def _parameter(one: FittedParameter) -> ParameterRow:
-    span = "" if one.kind == "fixed" else f"{_number(one.low, 'open')} … {_number(one.high, 'open')}"
-    bound = "" if one.at_bound is None else f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"
-    noise, model = half_width(one.sigma_noise), half_width(one.sigma_model)
-    return ParameterRow(one, span, bound, _number(one.given, ""), noise, model)
+def _parameter(parameter: FittedParameter) -> ParameterRow:
+    span = "" if parameter.kind == "fixed" else f"{_number(parameter.low, 'open')} … {_number(parameter.high, 'open')}"
+    bound = "" if parameter.at_bound is None else f"at its {'lower' if parameter.at_bound == 'low' else 'upper'} bound"
+    noise, model = half_width(parameter.sigma_noise), half_width(parameter.sigma_model)
+    return ParameterRow(parameter, span, bound, _number(parameter.given, ""), noise, model)
 
 
 def _correlation(fit: Fit, free: Sequence[FittedParameter]) -> list[CorrelationRow]:
@@ -323,6 +325,7 @@ def _correlation(fit: Fit, free: Sequence[FittedParameter]) -> list[CorrelationR
 def _overlay(fit: Fit, log: str, number: int) -> Overlay:
     """Draw measured and modelled channels of a log, each with its residual."""
     frame = fit.traces[log]
+    # The unit and the fit of a channel are those of this log.
     fits = [channel for channel in fit.channels if channel.log == log]
     time = frame["t"].to_numpy(dtype=float)
     panels = []
@@ -331,6 +334,7 @@ def _overlay(fit: Fit, log: str, number: int) -> Overlay:
         own = next((channel for channel in fits if channel.channel == name), None)
         unit = own.unit if own is not None else known_channel(quantity(name)).unit
         label = name if own is None else f"{name}, fit {own.nrmse_percent:.1f} %"
+        # A residual shows what the model lacks, which the curves themselves hide.
         panels.append(
             Panel(label, unit, [Curve("measured", measured, "edge", width=2.6), Curve("model", model, "main")])
         )
@@ -345,6 +349,7 @@ def _overlay(fit: Fit, log: str, number: int) -> Overlay:
 def _profile(fit: Fit, name: str, number: int) -> Profile:
     """Draw the increase of the cost when a parameter is fixed at other values than its estimate."""
     frame: pd.DataFrame = fit.profiles[name]
+    # Increase of the cost over the minimum: its crossing of the level bounds the 95 % interval.
     width, height = _SIZE
     figure = Figure(figsize=(width / 72.0, height / 72.0), dpi=72.0)
     axes = figure.add_axes((46.0 / width, 40.0 / height, 1.0 - 60.0 / width, 1.0 - 52.0 / height))
@@ -359,6 +364,7 @@ def _profile(fit: Fit, name: str, number: int) -> Profile:
     axes.grid(color=THEME["grid"], linewidth=1.0)
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.yaxis.set_major_locator(MaxNLocator(4))
+    # The given value shows at once whether the log contradicts it.
     known = next((parameter for parameter in fit.parameters if parameter.name == name), None)
     axes.set_xlabel(f"{name} [{format_unit(known.unit) if known else ''}]", labelpad=3.0)
     if known is not None and known.given is not None and value.min() <= known.given <= value.max():

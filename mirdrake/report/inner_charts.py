@@ -56,6 +56,7 @@ def _chart(
 ) -> Chart | None:
     """Return the chart of a block; None if none of its signals has a finite value."""
     finite = {name: values for name, values in columns.items() if np.isfinite(values).any()}
+    # One panel for each unit, and no more curves in it than there are colours.
     by_unit: dict[str, list[str]] = {}
     for name in finite:
         by_unit.setdefault(units.get(name, ""), []).append(name)

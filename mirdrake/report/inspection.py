@@ -3,12 +3,10 @@
 import io
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 from markupsafe import Markup
 
 from mirdrake.core.errors import MissingDependencyError
-from mirdrake.core.files import write_file
 from mirdrake.report.inspection_text import axis_name, draw_links, figure_rows, limits_of
 from mirdrake.report.page import Tile, render_page
 from mirdrake.report.surfaces import collect_surfaces
@@ -28,25 +26,18 @@ _GRADES = {
 }
 
 
-def write_inspection(figures: Inspection, path: Path, *, vehicle: Vehicle, portrait: bool = True) -> None:
-    """Write the report as one HTML page.
+def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: bool = True) -> str:
+    """Return the report as one HTML page.
 
     Args:
         figures: figures of the vehicle.
-        path: path of the page.
         vehicle: vehicle whose shapes are drawn.
         portrait: begin with a rendered picture, if there is a renderer.
-
-    Raises:
-        RunError: the file cannot be written.
     """
-    write_file(path, render_inspection(figures, vehicle, portrait=portrait))
-
-
-def render_inspection(figures: Inspection, vehicle: Vehicle, *, portrait: bool = True) -> str:
-    """Return the page; see :func:`write_inspection`."""
+    # The shapes are drawn twice: what is seen, and what collides.
     seen, solid = collect_surfaces(vehicle), collect_surfaces(vehicle, collision=True)
     inner, outer = figures.steering_limits
+    # Ackermann angles at full lock, for the picture of the turning circle.
     turned = collect_surfaces(vehicle, steering=(inner, outer))
     turned_solid = collect_surfaces(vehicle, collision=True, steering=(inner, outer))
     wheels = {joint.child for joint in figures.joints if joint.role.is_wheel}

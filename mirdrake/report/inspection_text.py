@@ -19,6 +19,7 @@ def figure_rows(figures: Inspection) -> list[tuple[str, str, str]]:
     sizes = [("Size of the collision shapes", figures.size, "length, width, height above the road")]
     if figures.visual_size:
         sizes.append(("Size of the visual shapes", figures.visual_size, "with mirrors and antennas"))
+    # Each figure has its definition beside it, because tracks, radii and circles have several.
     return [
         ("Mass", f"{figures.mass:.1f} kg" if figures.mass >= 100.0 else f"{figures.mass:.4g} kg", ""),
         ("Centre of mass", _metres(figures.com), "x from the rear axle, y, z from the road"),
@@ -65,6 +66,7 @@ def _metres(values: Sequence[float], *, digits: int = 3) -> str:
 
 def describe(figures: Inspection) -> str:
     """Return the figures as text with aligned columns."""
+    # Text for a terminal: the same rows as on the page.
     rows = [(name, value, f"({note})" if note else "") for name, value, note in figure_rows(figures)]
     parts = [
         f"{figures.vehicle}: {figures.title}, {figures.drive} drive, grade {figures.grade}",
@@ -107,6 +109,7 @@ def draw_links(figures: Inspection) -> str:
 
 def write_links_dot(figures: Inspection) -> str:
     """Return links and joints as a graph in the DOT language."""
+    # Colours of the graph show the role of a link, found by the joint above it.
     roles = {joint.child: joint.role for joint in figures.joints if joint.role}
     mounts = {sensor.frame for sensor in figures.sensors}
     lines = [

@@ -48,6 +48,7 @@ def render_junit(suite: Suite) -> str:
 
 def _suite(world: str, rows: Sequence[tuple[Case, Result]], number: int, stamp: str) -> ElementTree.Element:
     verdicts = [result.verdict for _, result in rows]
+    # All attributes that the strictest schema requires, see the head of the module.
     element = ElementTree.Element(
         "testsuite",
         {
@@ -70,11 +71,13 @@ def _suite(world: str, rows: Sequence[tuple[Case, Result]], number: int, stamp: 
             "testcase",
             {"name": case.name, "classname": f"{Path(world).stem}.{case.test}", "time": f"{result.wall:.3f}"},
         )
+        # JUnit distinguishes a test that failed from one that could not be run.
         if result.verdict != "pass":
             tag = "failure" if result.verdict == "fail" else "error"
             kind = {"fail": "requirement", "error": "error", "invalid": "world"}[result.verdict]
             detail = ElementTree.SubElement(child, tag, {"message": _clean(result.reason), "type": kind})
             detail.text = _clean(_detail(case, result))
+    # Readers expect both elements, also if they are empty.
     ElementTree.SubElement(element, "system-out")
     ElementTree.SubElement(element, "system-err")
     return element

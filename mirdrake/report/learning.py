@@ -107,11 +107,12 @@ def _error_chart(result: CloneResult, world: str) -> Markup:
     figure = new_figure(WIDE, 260.0)
     axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))
     vehicle = result.vehicle
-    for index, one in enumerate(result.rounds):
-        if world not in one.drives:
+    # The last round is drawn over the earlier ones, which show the progress.
+    for index, training_round in enumerate(result.rounds):
+        if world not in training_round.drives:
             continue
-        is_last = one is result.last
-        for run in one.drives[world].runs(result.folder):
+        is_last = training_round is result.last
+        for run in training_round.drives[world].runs(result.folder):
             for place, error in _laps(run, vehicle):
                 style: dict[str, Any] = {
                     "color": THEME["main" if is_last else "edge"],
@@ -135,9 +136,9 @@ def _training_chart(result: CloneResult) -> Markup:
     """Return the validation error over the epochs, of each round."""
     figure = new_figure(HALF, 240.0)
     axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))
-    for index, one in enumerate(result.rounds):
-        epochs = np.arange(1, len(one.validation_error) + 1)
-        axes.plot(epochs, one.validation_error, color=THEME[_COLOURS[index % len(_COLOURS)]], linewidth=1.6)
+    for index, training_round in enumerate(result.rounds):
+        epochs = np.arange(1, len(training_round.validation_error) + 1)
+        axes.plot(epochs, training_round.validation_error, color=THEME[_COLOURS[index % len(_COLOURS)]], linewidth=1.6)
     axes.set_ylim(bottom=0.0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     label(axes, "Epoch", "Steering error [rad]")
@@ -149,6 +150,7 @@ def _samples(result: CloneResult) -> list[Sample]:
     file = result.folder / Path(result.last.file).parent / FILE
     if not file.is_file():
         return []
+    # A damaged file of samples ends in one line with its name.
     with read_errors(file), np.load(file) as arrays:
         data = {name: arrays[name] for name in arrays.files}
     height, width = data["cropped"]

@@ -51,6 +51,7 @@ def draw_key(world: World, overlaps: Sequence[Overlap], x: float, y: float, widt
 
 def _sections(world: World, overlaps: Sequence[Overlap]) -> list[tuple[str, list[_Row]]]:
     """Return the sections that are not empty: title and rows."""
+    # Only what the world contains is in the key.
     ground = world.ground
     surfaces = [_Row([DOCUMENT.ground(ground.surface)], friction_label("ground", ground.surface, ground.mu))]
     surfaces += [
@@ -63,12 +64,14 @@ def _sections(world: World, overlaps: Sequence[Overlap]) -> list[tuple[str, list
     if ground.grade:
         surfaces.append(_Row([], f"slope {100 * ground.grade:g} % up towards {math.degrees(ground.heading):g}°"))
 
+    # Props are counted by kind, with up to four colours each.
     kinds: dict[str, list[PlacedProp]] = {}
     for placed in world.props:
         kinds.setdefault(placed.prop.name, []).append(placed)
     fills = {kind: list(dict.fromkeys(map(fill_of, members)))[:4] for kind, members in kinds.items()}
     props = [_Row(fills[kind], f"{len(members)} × {kind}") for kind, members in kinds.items()]
 
+    # Symbols as on the map: the key shows what a colour and a dashed line mean.
     places = [_Row([DOCUMENT.start], f"start {name}") for name in world.starts]
     for name, goal in world.goals.items():
         laps = f": {goal.laps} lap{'s' if goal.laps > 1 else ''}" if goal.laps else ""

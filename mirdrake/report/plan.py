@@ -71,12 +71,14 @@ def draw_plan(world: World, *, overlaps: Sequence[Overlap] = (), width: float = 
         overlaps: overlaps of its props; drawn in red.
         width: width of the picture [px]; a narrow world makes it narrower.
     """
+    # The sheet is at least as wide as the key needs; the picture keeps the aspect ratio of the world.
     sheet = _make_sheet(world, max(width, _LEFT + _LEAST + _SIDE))
     layers = [surfaces, _grid, signals, props, overlap_areas(overlaps), starts]
     body = draw_world(world, sheet, DOCUMENT, layers)
     bar, ticks = _draw_scale(sheet), _draw_ticks(sheet)
     labels = _make_labels(world, sheet, overlaps)
     right = sheet.left + sheet.width + _KEY_MARGIN
+    # The key may be higher than the map.
     key, key_height = draw_key(world, overlaps, right, sheet.top, _SIDE - _KEY_MARGIN - 12.0)
     height = max(sheet.bottom + _BOTTOM, sheet.top + key_height + 10.0)
     total = sheet.left + sheet.width + _SIDE
@@ -91,6 +93,7 @@ def draw_plan(world: World, *, overlaps: Sequence[Overlap] = (), width: float = 
         f'<clipPath id="frame"><rect {frame}/></clipPath>',
         text_tag(sheet.left, 30.0, world.name, size=22.0, weight=700),
         text_tag(sheet.left, 51.0, _subtitle(world), size=13.0, color=MUTED),
+        # The script of the page converts pixels to metres with these attributes.
         f'<g class="map" clip-path="url(#frame)" data-x="{sheet.x:.4f}" data-y="{sheet.y:.4f}" '
         f'data-scale="{sheet.scale:.6f}" data-left="{sheet.left:.2f}" data-bottom="{sheet.bottom:.2f}">',
         f'<rect {frame} fill="#f8f9fa"/>',
@@ -129,6 +132,7 @@ def _contents(world: World) -> list[BaseGeometry]:
 
 def _make_labels(world: World, sheet: Sheet, overlaps: Sequence[Overlap]) -> Labels:
     """Write the labels: goals and starts first, as they are never left out."""
+    # Each label avoids what was written before it, so that the order is that of importance.
     labels = Labels(sheet)
     drawing = make_drawing(world)
     goals = [(area.name, area.area) for area in drawing.layer("goal")]
@@ -157,6 +161,7 @@ def _make_labels(world: World, sheet: Sheet, overlaps: Sequence[Overlap]) -> Lab
     labels.block((right - 8.0, bottom - 74.0, right + 54.0, bottom - 8.0), text=True)
     for placed in world.props:
         labels.block(sheet.bounds(placed.footprint))
+    # Positions of roads are known only by points along them.
     label_patches(sheet, world, labels)
     for track in world.roads().values():
         s = np.arange(0.0, track.length, max(6.0 / sheet.scale, track.length / 2000.0))
@@ -201,6 +206,7 @@ def _scale_length(sheet: Sheet) -> float:
 
 def _draw_scale(sheet: Sheet) -> str:
     """Draw a bar of a round length at the bottom left, and the axes at the bottom right."""
+    # Screen y points down, world y up.
     length = _scale_length(sheet)
     x, y, pixels = sheet.left + 16.0, sheet.bottom - 16.0, length * sheet.scale
     parts = [

@@ -77,6 +77,7 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
     # A killed run has no summary.
     if not math.isfinite(simulated) and len(signals):
         simulated = float(signals.index[-1])
+    # The scene of the run folder, not that of today's files: both may differ.
     world = _world_name(spec, summary)
     scene, scene_notes = _scene_of(run)
     loaded = {} if scene is None else scene.vehicles
@@ -93,6 +94,7 @@ def render_report(run: Run, *, diagram_svg: str | None = None) -> str:
         inner = make_inner_charts(
             signals, run.units, vehicles=names, systems=spec.get("systems") or {}, marks=_marks(run)
         )
+    # The name of the diagram, else that of the folder.
     name = str(summary.get("diagram") or folder or "run")
     headline, sentences = _headline(vehicles, world, simulated)
     light, dark = scale_colours()
@@ -166,6 +168,7 @@ def _make_vehicle_page(
     summary = ((run.summary or {}).get("vehicles") or {}).get(name) or {}
     model = str(summary.get("model") or (entry.get("model") if isinstance(entry, Mapping) else entry) or name)
     figures = _figures(signals, summary)
+    # A road width has a meaning only beside the lateral error.
     width = track.width if track is not None and signals.has("lateral_error") else None
     charts = []
     if len(signals.time):
@@ -259,6 +262,7 @@ def _headline(vehicles: Sequence[VehiclePage], world: str, simulated: float) -> 
 
 
 def _vehicle_tiles(figures: Mapping[str, float]) -> list[Tile]:
+    # Only figures that the run has: a killed or short run lacks some.
     tiles = []
     if "laps" in figures:
         tiles.append(Tile("Laps", f"{figures['laps']:.2f}"))

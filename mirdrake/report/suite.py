@@ -101,6 +101,7 @@ def write_suite_report(suite: Suite) -> Path:
 
 def render_suite(suite: Suite) -> str:
     """Return the page; see :func:`write_suite_report`."""
+    # Failures come first; only the first cases get a picture, so that the page stays small.
     ranked = suite.ranked()
     largest = _largest(suite.results)
     rows = [_row(case, result, largest, detailed=index < _MOST_DETAILS) for index, (case, result) in enumerate(ranked)]
@@ -178,6 +179,7 @@ def _asked(result: Result) -> str:
 
 
 def _detail(suite: Suite, case: Case, result: Result, row: Row, largest: dict[str, float]) -> Detail:
+    # The trace has the margins over time; a case that was not driven has none.
     trace = _trace(suite.folder, case)
     lines = []
     for index, finding in enumerate(result.findings):
@@ -188,6 +190,7 @@ def _detail(suite: Suite, case: Case, result: Result, row: Row, largest: dict[st
         time_text = f"at {finding.worst_time:.2f} s" if finding.margin is not None else ""
         lines.append(Line(finding.text, finding.passed, _margin(finding), time_text, bar, curve))
     worst = result.findings.index(result.worst) if result.worst is not None and trace is not None else None
+    # A trace of an interrupted case has fewer curves than findings.
     if trace is not None and worst is not None and worst >= len(trace.curves):
         worst = None
     folder = suite.folder / result.folder if suite.folder is not None and result.folder else None
@@ -229,6 +232,7 @@ def _matrices(suite: Suite) -> list[Matrix]:
         tests.setdefault((case.world, case.test), []).append(case)
     matrices = []
     for (_, test), cases in tests.items():
+        # The parameter with most values runs along the columns, all others are rows.
         axes = {key: list(dict.fromkeys(_value(case.values[key]) for case in cases)) for key in cases[0].values}
         if len(cases) < 2 or not axes:
             continue

@@ -37,6 +37,7 @@ def draw_case(world: World, trace: Trace | None, worst: int | None, *, failed: b
             for corners, label in ((trace.start, "start"), (trace.end, "end"))
             if corners
         ]
+        # The vehicle at the decisive moment, ringed, so that it is found on a large map.
         if worst is not None and trace.curves[worst].outline:
             curve = trace.curves[worst]
             label = f"{curve.worst_time:.2f} s"
@@ -90,6 +91,7 @@ def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: b
 
     # Axes first; the curve is drawn over them, and a failed margin has an area below zero.
     zero, parts = y_of(0.0), []
+    # The unit stands once, at the last tick.
     values = _ticks(low, high, 3)
     for value in values:
         y, mark = y_of(value), f"{_number(value)} {unit if value == values[-1] else ''}".strip()
@@ -110,6 +112,7 @@ def draw_curve(curve: MarginCurve, *, unit: str, margin: float | None, passed: b
             parts.append(f'<path class="below" d="M{below}L{ends[0]:.1f} {zero:.1f}H{ends[1]:.1f}Z"/>')
         parts.append(f'<path class="curve" d="M{line}"/>')
     parts.append(f'<path class="zero" d="M{_LEFT:.0f} {zero:.1f}H{width - _RIGHT:.0f}"/>')
+    # A decisive moment outside of the recorded range is drawn at its edge.
     if margin is not None:
         x, y = x_of(min(max(curve.worst_time, first), last)), y_of(min(max(margin, low), high))
         parts.append(f'<circle class="dot{"" if passed else " bad"}" cx="{x:.1f}" cy="{y:.1f}" r="4"/>')

@@ -49,6 +49,7 @@ def render_tuning(result: TuningResult) -> str:
     """Return the text of the page; see :func:`write_tuning_report`."""
     texts = Texts(result)
     shown = _shown(texts)
+    # Roles such as "winner" and "baseline" name the candidates throughout the page.
     tables = Tables(texts, {entry.name: entry.role for entry in shown})
     with drawing_style():
         charts = _Charts(texts, shown).draw()
@@ -112,10 +113,12 @@ class _Charts:
             framing = [name for name in stable if name != self.result.baseline] or stable
             charts["responses"] = draw_responses(responses, self.shown, units, tuple(framing))
         if grid is not None and len(grid):
+            # The map of gains shows where the constraint on Ms ends, so that the distance to it is seen.
             marks = [(entry, by_name[entry.name].gains) for entry in self.shown]
             charts["map"] = draw_map(grid, marks, self.max_ms)
             charts["map_gains"] = map_gains(grid)
         charts |= self._trial_charts()
+        # Frequency responses exist for candidates with a linear model only.
         if curves is not None and len(curves):
             known = [entry for entry in self.shown if (curves["candidate"] == entry.name).any()]
             figures = by_name[known[-1].name].figures if known else {}
@@ -151,6 +154,7 @@ class _Charts:
         )
         if first is None or second is None or len(trials) < 2:
             return {}
+        # The other figures of the axes are those of robustness, overshoot or effort, which trade against the cost.
         labels = [labelled(*self.texts.figure(name)) for name in (second, first)]
         columns = self._columns(trials, first, second)
         gains = self.result.loop.gains

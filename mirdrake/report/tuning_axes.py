@@ -96,5 +96,5 @@ def embed(figure: Figure, prefix: str, text: str) -> Markup:
 def colour_bounds(values: Array) -> Array:
     """Return the borders of the colours, from the best to the worst, with the same number of values in each."""
     bounds = np.quantile(values, np.linspace(0.0, 1.0, SCALE_STEPS + 1))
-    least = 1e-9 * max(abs(float(bounds[-1])), 1e-12)
-    return np.asarray(np.maximum.accumulate(bounds + least * np.arange(len(bounds))))
+    min_difference = 1e-9 * max(abs(float(bounds[-1])), 1e-12)
+    return np.asarray(np.maximum.accumulate(bounds + min_difference * np.arange(len(bounds))))

@@ -51,6 +51,7 @@ def draw_responses(
     first = True
     ranges: dict[str, list[float]] = {"output": [], "effort": []}
     for entry in shown:
+        # Candidates that diverged would set the scale for all others, so that only `limits` frame the chart.
         rows = table[table["candidate"] == entry.name]
         if rows.empty:
             continue
@@ -68,9 +69,9 @@ def draw_responses(
                 ranges[key] += [float(finite.min()), float(finite.max())]
     for axes, key, unit in ((top, "output", units[0]), (low, "effort", units[1])):
         if ranges[key]:
-            least, most = min(ranges[key]), max(ranges[key])
-            room = 0.06 * (most - least) or 1.0
-            axes.set_ylim(least - room, most + room)
+            bottom, highest = min(ranges[key]), max(ranges[key])
+            room = 0.06 * (highest - bottom) or 1.0
+            axes.set_ylim(bottom - room, highest + room)
         label(axes, "Time [s]" if axes is low else "", f"{key.capitalize()} [{unit}]")
     top.tick_params(labelbottom=False)
     low.set_xlim(top.get_xlim())
@@ -161,6 +162,7 @@ def draw_bode(table: pd.DataFrame, shown: Sequence[Shown]) -> Markup:
         low.plot(w, phase, **entry.style)
         # Gain crossover: |L| falls below 1; the last one defines the phase margin.
         crossing = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
+        # A loop may cross the unit circle several times.
         for k in crossing[-1:]:
             for axes, values in ((top, size), (low, phase)):
                 axes.plot(w[k], values[k], marker="o", markersize=6.0, color=THEME[entry.colour], linestyle="none")
@@ -170,10 +172,10 @@ def draw_bode(table: pd.DataFrame, shown: Sequence[Shown]) -> Markup:
     top.axhline(1.0, color=THEME["muted"], linewidth=1.0)
     low.axhline(-180.0, color=THEME["muted"], linewidth=1.0)
     # Resonances and integrators would hide the region around the crossover.
-    least, most = top.get_ylim()
-    top.set_ylim(max(least, 1e-3), min(most, 1e4))
-    least, most = low.get_ylim()
-    low.set_ylim(max(least, -400.0), min(most, 120.0))
+    bottom, highest = top.get_ylim()
+    top.set_ylim(max(bottom, 1e-3), min(highest, 1e4))
+    bottom, highest = low.get_ylim()
+    low.set_ylim(max(bottom, -400.0), min(highest, 120.0))
     # Steps of 45 and 90 degrees.
     low.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 4.5, 9]))
     low.set_xlim(top.get_xlim())
@@ -223,6 +225,7 @@ def draw_nyquist(table: pd.DataFrame, shown: Sequence[Shown], max_ms: float, mar
     axes.axhline(0.0, color=THEME["muted"], linewidth=0.8, zorder=1.0)
     axes.axvline(0.0, color=THEME["muted"], linewidth=0.8, zorder=1.0)
     label(axes, "Re L", "Im L")
+    # The axes have the ratio of the box, so that angles are seen as they are.
     box = axes.get_window_extent()
     axes.set_xlim(-2.6, 1.1)
     axes.set_ylim(-2.2, -2.2 + 3.7 * box.height / box.width)  # circles are round

@@ -106,6 +106,7 @@ class Tables:
         """Return the candidates with all figures."""
         rows = []
         for candidate in self.result.candidates:
+            # Missing values are sorted to the end by the script of the page.
             numbers = [candidate.gains.get(name) for name in self.result.loop.gains]
             numbers += [candidate.cost, *(candidate.figures.get(name) for name in self._names())]
             verdict = _verdict(candidate)
@@ -146,6 +147,7 @@ class Tables:
         robustness = self.result.robustness
         if robustness is None:
             return None
+        # Figures in the order of the page, and only those that the Monte Carlo has.
         has = {name for candidate in robustness.candidates.values() for name in candidate.figures}
         chosen = [name for name in FIGURES if name in has & {*_MONTE_CARLO_FIGURES, *self.result.cost}]
         rows = []

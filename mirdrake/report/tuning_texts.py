@@ -132,18 +132,20 @@ class Texts:
 
     def headline(self) -> str:
         """Return the comparison with the baseline, and the verdict, in one sentence."""
+        # The verdict first needs a candidate within the constraints.
         result, best, baseline = self.result, self.best, self.baseline
         compared = baseline_name(result)
-        kept = f"; {compared} are kept" if result.spec.get("baseline") == "present" else ""
+        consequence = f"; {compared} are kept" if result.spec.get("baseline") == "present" else ""
         if best is None:
             nearest = f", {self.winner.name} is the nearest" if self.winner else ""
-            return f"no candidate meets the constraints{nearest}{kept}"
+            return f"no candidate meets the constraints{nearest}{consequence}"
         met = [criterion.met for criterion in result.acceptance]
         verdict = f"{sum(met)} of {len(met)} criteria are met" if met else "the study has no criteria"
         if met and all(met):
             verdict = "all criteria are met"
         name = next(iter(result.cost), "iae")
         label, after = self.figure(name)[0], best.figures.get(name)
+        # A ratio to an unstable baseline has no meaning.
         if baseline is not None and baseline.status != "ok":
             return f"{label} {self.value(name, after)}, {compared} are {baseline.status}; {verdict}"
         before = baseline.figures.get(name) if baseline is not None else None
@@ -152,7 +154,7 @@ class Texts:
         change = 100.0 * (after / before - 1.0)
         values = f"{self.value(name, before)} → {self.value(name, after)}"
         if not result.is_better:
-            return f"nothing is better than {compared} ({label} {values}){kept}"
+            return f"nothing is better than {compared} ({label} {values}){consequence}"
         return f"{abs(change):.0f} % {'less' if change < 0.0 else 'more'} {label} than {compared} ({values}); {verdict}"
 
     def tiles(self) -> list[tuple[str, str, str]]:
@@ -160,6 +162,7 @@ class Texts:
         winner = self.winner
         if winner is None:
             return []
+        # Gains of zero are parts that the controller does not have.
         tiles = [
             (name, format_quantity(value), self.result.loop.gains[name].unit if name in self.result.loop.gains else "")
             for name, value in winner.gains.items()
@@ -179,6 +182,7 @@ class Texts:
             rate = robustness.candidates[winner.name].failures
             note = f"95 % interval {100.0 * rate.low:.1f} to {100.0 * rate.high:.1f} %"
             tiles.append(("Failed runs", f"{rate.failures} of {robustness.runs}", note))
+        # Tiles are four in a row: an incomplete row is left out, unless it is the only one.
         return tiles[: len(tiles) // 4 * 4 or len(tiles)]
 
     def notices(self) -> list[str]:
@@ -189,6 +193,7 @@ class Texts:
         if result.omitted:
             omitted = "; ".join(f"{design.name} ({design.reason})" for design in result.omitted)
             notices.append(f"Designs without a solution: {omitted}.")
+        # Warnings about the choice come before those about its conditions.
         notices += self._cheaper_rejected()
         notices += self._optimistic_margins()
         if result.step_effect is not None and result.step_effect.is_significant:

@@ -30,6 +30,7 @@ def draw_front(
     values, allowed = values[keep], trials["feasible"].to_numpy(dtype=bool)[keep]
     figure = new_figure(HALF, 360.0)
     axes = add_axes(figure, (0.0, 0.0, 1.0, 1.0))
+    # Trials outside of the constraints are hollow, so that they are not read as possible choices.
     axes.plot(*values[~allowed].T, marker="o", markersize=3.6, markerfacecolor="none", linestyle="none",
               markeredgecolor=THEME["edge"], markeredgewidth=0.9)  # fmt: skip
     axes.plot(
@@ -43,6 +44,7 @@ def draw_front(
         axes.plot(*knee, marker="D", markersize=9.0, color=THEME["own3"], linestyle="none", zorder=4)
         axes.annotate("knee", knee, xytext=(9, 7), textcoords="offset points", color=THEME["own3"], fontsize=12.0)
         _trim(axes, values, front, [point for _, point in marks])
+    # The candidates of the page are ringed in their colours.
     for entry, point in marks:
         if all(map(math.isfinite, point)):
             axes.plot(*point, marker="o", markersize=9.0, markerfacecolor="none", markeredgewidth=2.6,
@@ -64,6 +66,7 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
     figure = new_figure(HALF, 360.0)
     axes = figure.add_axes((30.0 / HALF, 62.0 / 360.0, (HALF - 60.0) / HALF, (360.0 - 96.0) / 360.0))
     axes.set_axis_off()
+    # More lines than this cannot be seen; the best hundred are always drawn.
     if len(rows) > 300:
         rows = pd.concat([rows.iloc[:: max(1, len(rows) // 200)], rows.tail(100)]).drop_duplicates()
     scaled = []
@@ -83,17 +86,19 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
         ):
             axes.text(column, height, text, ha="center", va=where, color=THEME["muted"], fontsize=11.0)
         axes.text(column, -0.14, title, ha="center", va="top", fontsize=12.0)
+    # From the worst to the best, so that good trials are drawn on top.
     lines = np.array(scaled).T
     feasible = rows["feasible"].to_numpy(dtype=bool)
     good = rows["cost"].to_numpy(dtype=float)[feasible]
     bounds = colour_bounds(good) if len(good) else np.zeros(0)
-    for line, kept, cost in zip(lines, feasible, rows["cost"].to_numpy(dtype=float), strict=True):
-        if not kept:
+    for line, is_feasible, cost in zip(lines, feasible, rows["cost"].to_numpy(dtype=float), strict=True):
+        if not is_feasible:
             axes.plot(line, color=THEME["grid"], linewidth=0.9, zorder=1.0)
             continue
         step = int(np.clip(np.searchsorted(bounds, cost, side="right") - 1, 0, SCALE_STEPS - 1))
         axes.plot(line, color=SCALE[step], linewidth=1.1, zorder=2.0)
     if len(rows):
+        # The last feasible row has the lowest cost.
         best = np.flatnonzero(feasible)[-1] if feasible.any() else len(rows) - 1
         axes.plot(lines[best], color=THEME["main"], linewidth=2.6, zorder=3.0)
     axes.set_xlim(-0.1, len(columns) - 0.9)

@@ -149,15 +149,20 @@ def _chart(results: ValidationResults) -> Bars | None:
     if not shown:
         return None
     tolerance = 100.0 * results.tolerance
-    most = max(1.4 * tolerance, *(1.08 * abs(error) for _, error in shown))
+    # The tolerance band always fits, with some room beside it.
+    axis_limit = max(1.4 * tolerance, *(1.08 * abs(error) for _, error in shown))
     middle = _LEFT + 0.5 * (_WIDTH - _LEFT - _RIGHT)
-    scale = 0.5 * (_WIDTH - _LEFT - _RIGHT) / most
-    step = next((step for step in _STEPS if most / step <= 5.0), 2.0 * 10.0 ** math.ceil(math.log10(most / 10.0)))
-    count = math.floor(most / step)
+    scale = 0.5 * (_WIDTH - _LEFT - _RIGHT) / axis_limit
+    # Round steps with at most five ticks on each side.
+    step = next(
+        (step for step in _STEPS if axis_limit / step <= 5.0), 2.0 * 10.0 ** math.ceil(math.log10(axis_limit / 10.0))
+    )
+    count = math.floor(axis_limit / step)
     bars = [
         Bar(
             y=_TOP + number * _ROW,
             x=middle + scale * min(error, 0.0),
+            # An error of zero still needs a visible bar.
             width=max(abs(scale * error), 1.5),
             text=f"{comparison.figure.text} ({comparison.figure.role})",
             label=format_error(comparison.error).replace("-", "−"),

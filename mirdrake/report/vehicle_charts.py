@@ -106,6 +106,7 @@ def make_charts(
         if plan is None:
             continue
         slug, title, panels, caption = plan
+        # The legend of the first panel suffices where the others show differences.
         shown = panels[:1] if slug in {"speed", "lateral-error"} else panels
         legend = list(
             dict.fromkeys(
@@ -177,6 +178,7 @@ def _plan_lateral_error(
     if not signals.has("lateral_error"):
         return None
     error = signals["lateral_error"]
+    # The caption states the worst value, which a reader looks for first.
     worst = int(np.nanargmax(np.abs(error)))
     size = abs(float(error[worst]))
     side = "left" if error[worst] > 0.0 else "right"
@@ -195,8 +197,8 @@ def _plan_lateral_error(
         ]
         # Distance of the vehicle's middle to the nearer edge; negative beyond it.
         room = float(np.nanmin([road_edges[0] - error, error - road_edges[1]]))
-        least = format_quantity(room, "m", digits=2)
-        caption += f" Dashed: the edges of the road; the middle of the car is at least {least} from them."
+        smallest = format_quantity(room, "m", digits=2)
+        caption += f" Dashed: the edges of the road; the middle of the car is at least {smallest} from them."
         across = Panel("The same across the road", "m", [curve, *edges], zero=True, relative_height=0.62)
         return "lateral-error", "Lateral error", [Panel("Lateral error", "m", [curve], zero=True), across], caption
     if not road_width:

@@ -143,6 +143,7 @@ def draw_side(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surf
     """Return a vehicle from the right, with lengths and axle loads."""
     points = _points([*seen, *solid])
     low, high = points.min(axis=0), points.max(axis=0)
+    # The vehicle takes 74 % of the width; dimensions are beside it.
     scale = 0.74 * WIDTH / (high[0] - low[0])
     sensors = [sensor.place[2] for sensor in figures.sensors]
     top = max(float(high[2]), *sensors) if sensors else float(high[2])
@@ -165,6 +166,8 @@ def draw_side(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surf
         drawing.outline(surface, (0, 2))
     drawing.add("</g>")
 
+    # The arrow points at the road, since the axle load acts on it.
+    # Axle loads stand below the axles, lengths below them, heights at the side.
     front, rear = figures.loads
     for x, load, share in ((figures.wheelbase, front, figures.front_share), (0.0, rear, 1.0 - figures.front_share)):
         u, _ = drawing.at(x, 0.0)
@@ -190,6 +193,7 @@ def draw_top(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surfa
     points = _points([*seen, *solid])
     low, high = points.min(axis=0), points.max(axis=0)
     scale = 0.74 * WIDTH / (high[0] - low[0])
+    # Room for the fields of view of sensors to both sides.
     half = max(float(np.abs(points[:, 1]).max()), *(abs(sensor.place[1]) for sensor in figures.sensors), 0.0)
     half += (70.0 if any(sensor.across for sensor in figures.sensors) else 24.0) / scale
     left = 0.5 * (low[0] + high[0]) - 0.5 * WIDTH / scale
@@ -205,6 +209,7 @@ def draw_top(figures: Inspection, seen: Sequence[Surface], solid: Sequence[Surfa
     for surface in solid:
         drawing.outline(surface, (0, 1))
     drawing.add("</g>")
+    # Tracks and widths stand at the end at which they are measured.
     first, last = drawing.at(float(low[0]), 0.0)[0], drawing.at(float(high[0]), 0.0)[0]
     front, rear = (0.5 * track for track in figures.tracks)
     drawing.upward(-front, front, last + 34.0, f"track {2.0 * front:.3f} m", touch=figures.wheelbase)
@@ -245,6 +250,7 @@ def draw_lock(figures: Inspection, seen: Sequence[Surface], wheels: Sequence[Sur
     drawing.add(f'<circle class="mount" cx="{u:.1f}" cy="{v:.1f}" r="4"/>')
     degrees = [math.degrees(angle) for angle in figures.steering_limits]
     drawing.text(u, v - 12.0, f"inner wheel {degrees[0]:.1f}°, outer wheel {degrees[1]:.1f}°", kind="size")
+    # The circles are told apart by line style, explained at the right.
     label = WIDTH - 205.0
     rows = (
         ("wall", "wall to wall", figures.wall_circle),
@@ -282,5 +288,5 @@ def _points(surfaces: Sequence[Surface]) -> np.ndarray:
 
 def _drawn_reach(sensor: SensorFigures, figures: Inspection) -> float:
     """Return the drawn range of a field of view [m]: all of a sonar, others are cut."""
-    most = _WEDGE * max(figures.size[0], figures.wheelbase)
-    return min(sensor.reach[1], most) if sensor.reach else most
+    drawn_limit = _WEDGE * max(figures.size[0], figures.wheelbase)
+    return min(sensor.reach[1], drawn_limit) if sensor.reach else drawn_limit

@@ -77,6 +77,7 @@ def round_down(value: float) -> float:
 def surfaces(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
     """Draw the ground, verges, tracks with their markings, patches of friction, and goals."""
     drawing = make_drawing(world)
+    # A palette without details is for small pictures, in which only roads and goals can be recognised.
     for area in drawing.areas:
         data = sheet.path(area.area) if area.layer in _SURFACES else ""
         if not data or (area.layer in {"ground", "verge"} and not palette.detailed):
@@ -110,8 +111,8 @@ def _surface_title(world: World, area: DrawnArea) -> str:
         return f"{area.name}: {area.surface}, μ {area.mu:g}"
     if area.layer == "road":
         track = world.tracks[area.name]
-        most = "" if track.edges is None else "up to "
-        size = f"{track.length:.1f} m, {most}{track.width:.4g} m wide"
+        prefix = "" if track.edges is None else "up to "
+        size = f"{track.length:.1f} m, {prefix}{track.width:.4g} m wide"
         return f"track {area.name}: {size}, {area.surface}, μ {area.mu:g}"
     if area.layer == "patch" and area.mu is not None:
         return f"patch {friction_label(area.name, area.surface, area.mu)}"
@@ -141,6 +142,7 @@ def props(world: World, sheet: Sheet, palette: Palette) -> Iterable[str]:
     # Props of one colour share an element where none needs a tooltip: a forest is drawn a hundred times in a suite.
     shared: dict[str, list[str]] = {}
     for placed in sorted(world.props, key=lambda placed: placed.top):
+        # Small props would be invisible in a large world: they become dots of a minimum size.
         fill = palette.prop(placed)
         x0, y0, x1, y1 = sheet.bounds(placed.footprint)
         small = max(x1 - x0, y1 - y0) < _SMALL

@@ -140,8 +140,8 @@ def _until(hold: _Cut, aim: _Cut) -> tuple[bool, _Cut, int]:
     """Return the truth of ``hold until aim``, which of the two decides, and the deciding sample."""
     # Worst margin of the left side strictly before each sample: nothing has to hold before the first one.
     before = np.concatenate(([math.inf], np.minimum.accumulate(hold.margin)[:-1]))
-    held = np.concatenate(([True], np.logical_and.accumulate(hold.truth)[:-1]))
-    passed = bool((aim.truth & held).any())
+    held_before = np.concatenate(([True], np.logical_and.accumulate(hold.truth)[:-1]))
+    passed = bool((aim.truth & held_before).any())
     # Robustness of until: the best time of the smaller of "aim reached now" and "held up to now".
     best = int(np.minimum(aim.margin, before).argmax())
     if aim.margin[best] <= before[best]:

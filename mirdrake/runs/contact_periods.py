@@ -33,6 +33,7 @@ class ContactPeriods:
         if not len(times):
             return
         for time in times[touches].tolist():
+            # A gap since the last sample has ended the contact before.
             yield from self._end(time)
             if not self._open:
                 self._count += 1

@@ -25,6 +25,7 @@ class LiveView:
 
     def __init__(self, assembly: Assembly, meshcat: Meshcat) -> None:
         self._plant = assembly.parts.plant
+        # A diagram of its own with a copy of the scene graph, so that the simulated diagram has no visualizer.
         builder = DiagramBuilder()
         scene_graph: Any = builder.AddSystem(assembly.parts.scene_graph.Clone())
         params = MeshcatVisualizerParams(delete_on_initialization_event=False)

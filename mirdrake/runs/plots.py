@@ -91,6 +91,7 @@ def choose_signals(run: "Run", patterns: Sequence[str]) -> list[str]:
         ConfigError: a pattern chooses nothing.
     """
     columns = [str(name) for name in run.signals]
+    # Usual signals, as far as this run has them.
     if not patterns:
         patterns = [pattern for pattern in USUAL if any(fnmatchcase(name, pattern) for name in columns)]
     if not patterns:

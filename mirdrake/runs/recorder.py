@@ -125,6 +125,7 @@ class Recorder:
 
     def __init__(self, assembly: Assembly, folder: Path) -> None:
         start = assembly.spec.record.start
+        # Pictures are compressed by threads beside the simulation.
         self._pool = make_pool() if assembly.cameras else None
         self._cameras = [
             _Camera(
@@ -140,6 +141,7 @@ class Recorder:
             _Samples(sensor, ArrayLog(folder / f"{name}{SUFFIX}", units={"ranges": "m"}))
             for name, sensor in assembly.arrays.items()
         ]
+        # Vector sensors are recorded sample by sample, at their own rate.
         for name, sensor in vector_sensors(assembly).items():
             units = {signal.name: signal.unit for signal in signals_of(sensor.GetOutputPort("sample")) or ()}
             self._samples.append(_Samples(sensor, VectorLog(folder / f"{name}{SUFFIX}", units)))
@@ -303,6 +305,7 @@ class _Samples:
         # A sensor without a stamp computes on request: it is evaluated on its own grid of k/rate plus latency.
         if self._stamp is None and context.get_time() <= self._due() + 1e-9:
             return
+        # Sensors with a stamp have a new sample when it changes, others at their rate.
         own = self.sensor.GetMyContextFromRoot(context)
         if self._stamp is not None:
             time = float(self._stamp.Eval(own)[0])

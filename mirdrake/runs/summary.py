@@ -109,6 +109,7 @@ def make_summary(
     """Return the content of summary.json."""
     vehicles = {}
     for name, part in assembly.parts.vehicles.items():
+        # Rounded, since the last digits of a time of impact mean nothing.
         collisions = [
             {"time": round(incident.time, 6), "with": incident.other, "speed_mps": round(incident.speed, 3)}
             | ({} if incident.difference is None else {"difference_mps": round(incident.difference, 3)})

@@ -6,7 +6,7 @@ from math import cos, degrees, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from pymap3d import enu2geodetic, geodetic2enu
+from pymap3d import enu2geodetic
 
 from mirdrake.core.yaml_io import Angle, Length, Schema
 
@@ -46,17 +46,3 @@ def to_geodetic(point: Sequence[float] | Array, datum: DatumSpec) -> Array:
     # Heading is clockwise from north: the x axis points (sin h, cos h) in (east,
     # north), y is a quarter turn to its left.
     return np.array(enu2geodetic(x * s - y * c, x * c + y * s, z, *origin), dtype=float)
-
-
-def from_geodetic(position: Sequence[float] | Array, datum: DatumSpec) -> Array:
-    """Return the point of the world, x, y, z [m] (3), of a position on the Earth; the inverse of :func:`to_geodetic`.
-
-    Args:
-        position: latitude [deg], longitude [deg], altitude above the ellipsoid [m] (3).
-        datum: position of the world's origin.
-    """
-    latitude, longitude, altitude = (float(value) for value in position)
-    origin = (degrees(datum.latitude), degrees(datum.longitude), datum.altitude)
-    east, north, up = geodetic2enu(latitude, longitude, altitude, *origin)
-    c, s = cos(datum.heading), sin(datum.heading)
-    return np.array([east * s + north * c, north * s - east * c, up], dtype=float)

@@ -13,7 +13,6 @@ from pydrake.systems.framework import Context
 
 from mirdrake.core.signals import signals
 from mirdrake.sensors.geodesy import DatumSpec, to_geodetic
-from mirdrake.sensors.geodesy import from_geodetic as from_geodetic  # with `as`: also public here
 from mirdrake.sensors.mount import SensorMount
 from mirdrake.sensors.nmea import Fix, gga, rmc
 from mirdrake.sensors.noise import Noise

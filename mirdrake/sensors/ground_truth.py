@@ -46,6 +46,7 @@ class GroundTruth(LeafSystem):  # type: ignore[misc, unused-ignore]
         super().__init__()
         self._track = track
         positions = plant.num_positions()
+        # Indices are found once; the outputs read the state vector directly.
         self._pose = part.base.floating_positions_start()
         self._twist = positions + part.base.floating_velocities_start_in_v()
         self._wheels = [positions + joint.velocity_start() for joint in part.wheels]
@@ -124,10 +125,12 @@ def vehicle_state(pose: Sequence[float], twist: Sequence[float]) -> list[float]:
     w, i, j, k, x, y, z = pose
     norm = sqrt(w * w + i * i + j * j + k * k)  # Drake lets it drift from 1
     w, i, j, k = w / norm, i / norm, j / norm, k / norm
+    # Drake's order: angular velocity before linear velocity, both in the world frame.
     ax, ay, az, vx, vy, vz = twist
     xx, xy, xz = 1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j - w * k), 2.0 * (i * k + w * j)  # rows of R_WB
     yx, yy, yz = 2.0 * (i * j + w * k), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k - w * i)
     zx, zy, zz = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
+    # Roll, pitch and yaw of R = Rz Ry Rx; the clip absorbs rounding near ±90 degrees.
     return [
         x,
         y,

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import inf, isfinite, nan
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform
@@ -17,8 +17,6 @@ from mirdrake.core.signals import Signal, declare_state_output, declare_vector_i
 from mirdrake.sensors.ranging.laser_scanner import LaserScanner
 from mirdrake.sensors.ranging.lidar import Lidar, LidarScan
 from mirdrake.sensors.sampling import STAMP
-
-Array = NDArray[np.float64]
 
 SECTOR = 0.1
 """Half the sector that a distance estimator looks at [rad]."""
@@ -91,9 +89,10 @@ class DistanceEstimator(LeafSystem):
         max_speed: float = 100.0,
     ) -> None:
         super().__init__()
-        for name, value, least in (("beams", beams, 1), ("filter_time", filter_time, 0.0)):
-            if not (isfinite(value) and value >= least):
-                raise ConfigError(f"distance estimator: {name} is {value}; it should be at least {least:g}")
+        # A setting that is out of range would give silent nonsense in every step.
+        for name, value, minimum in (("beams", beams, 1), ("filter_time", filter_time, 0.0)):
+            if not (isfinite(value) and value >= minimum):
+                raise ConfigError(f"distance estimator: {name} is {value}; it should be at least {minimum:g}")
         for name, value in (("rate", rate), ("max_speed", max_speed)):
             if not (isfinite(value) and value > 0.0):
                 raise ConfigError(f"distance estimator: {name} is {value}; it should be above 0")

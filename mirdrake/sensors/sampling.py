@@ -190,6 +190,7 @@ class SampledValue(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.stamp = declare_state_output(self, "stamp", STAMP, self._held_stamp)
         period = sample_period(self.rate)
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
+        # A latency longer than the period needs a queue of samples that are under way.
         if self.latency > 0.0:
             self._queue = [self.DeclareAbstractState(empty) for _ in range(slots(self.latency, self.rate))]
             self._stamps = self.DeclareDiscreteState(np.full(len(self._queue), -inf))

@@ -90,7 +90,7 @@ class Body(NamedTuple):
 
 
 def find_axles(
-    vehicle: Vehicle, body: Body, *, friction: float | None = None, lateral: float = LATERAL, roll: bool = False
+    vehicle: Vehicle, body: Body, *, friction: float | None = None, roll: bool = False
 ) -> tuple[Axle, Axle] | None:
     """Return front and rear axle of a vehicle; None if it has no tyre law.
 
@@ -98,7 +98,6 @@ def find_axles(
         vehicle: a loaded vehicle.
         body: its mass and lengths.
         friction: friction of the road [1]; by default dry asphalt.
-        lateral: lateral acceleration of the turn [m/s²].
         roll: whether the model has roll states.
 
     Raises:
@@ -114,9 +113,9 @@ def find_axles(
     # Share of the weight and, in a steady turn, of the lateral force on the front and the rear axle.
     shares = (body.rear / length, body.front / length)
     # A turn to the left: positive lateral acceleration and force; the body rolls to the right.
-    angle, transfers = _roll(vehicle, body, shares, lateral)
+    angle, transfers = _roll(vehicle, body, shares, LATERAL)
     loads = [0.5 * body.mass * GRAVITY * share for share in shares]
-    forces = [body.mass * lateral * share for share in shares]
+    forces = [body.mass * LATERAL * share for share in shares]
     slips, upright, moments = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
     # Fixed-point iteration: the aligning moments are a small part of the forces.
     for _ in range(4):

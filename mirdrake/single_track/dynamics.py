@@ -327,8 +327,8 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
     limit_front, limit_rear = 0.0, 0.0
     if flags.saturates:
         # Clip the demand first, since a force that the tyres cannot transmit does not transfer load either.
-        most = MAX_LONGITUDINAL_SHARE * weight * larger(p.front_friction, p.rear_friction)
-        transfer = smaller(larger(front + rear, -most), most) * p.com_height
+        force_limit = MAX_LONGITUDINAL_SHARE * weight * larger(p.front_friction, p.rear_friction)
+        transfer = smaller(larger(front + rear, -force_limit), force_limit) * p.com_height
         # Acceleration unloads the front axle; the smallest share keeps the limits, and thus the root, positive.
         grip_front = p.front_friction * larger((weight * b - transfer) / base, MIN_LOAD_SHARE * weight)
         grip_rear = p.rear_friction * larger((weight * a + transfer) / base, MIN_LOAD_SHARE * weight)
@@ -435,8 +435,8 @@ def equations(law: LateralForce, flags: Flags, p: Any, x: State, u: Inputs) -> t
 def _limit_force(force: Value, grip: Value) -> tuple[Value, Value]:
     """Return the longitudinal force of an axle within its friction, and the remaining lateral grip [N]."""
     # A little grip is left over so that the square root has a finite derivative.
-    most = MAX_LONGITUDINAL_SHARE * grip
-    force = smaller(larger(force, -most), most)
+    force_limit = MAX_LONGITUDINAL_SHARE * grip
+    force = smaller(larger(force, -force_limit), force_limit)
     return force, sqrt(grip * grip - force * force)
 
 

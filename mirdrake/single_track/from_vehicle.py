@@ -160,10 +160,10 @@ def estimate_parameters(
     # Torque limits and damping of the wheel servos become forces at the road: τ / r, and d / r² between speed and
     # force.
     driven = [WHEELS.index(name) for name in spec.driven_wheels()]
-    most, gain = 0.0, 0.0
+    max_torque, gain = 0.0, 0.0
     for index in driven:
         radius, motor = geometry.wheel_radii[index], actuators[wheels[index].name()]
-        most += float(motor.effort_limit()) / radius
+        max_torque += float(motor.effort_limit()) / radius
         servo_gains = vehicle.control.wheel_speed.servo_gains()
         gain += 0.0 if servo_gains is None else servo_gains.damping / radius**2
     # Characteristics of the axles, or assumptions without a tyre law.
@@ -198,7 +198,7 @@ def estimate_parameters(
         drag=0.5 * AIR_DENSITY * spec.aerodynamics.drag_area if drag else 0.0,
         front_drive={"front": 1.0, "rear": 0.0, "all": 0.5}[spec.drive],
         front_brake=spec.brakes.front_share,
-        max_force=most,
+        max_force=max_torque,
         servo_gain=gain,
         steering_lag=vehicle.control.steering.lag(),
         gravity_x=float(gravity[0]),

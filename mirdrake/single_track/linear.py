@@ -83,6 +83,7 @@ class LinearSingleTrack:
         outputs: Sequence[str] | None = None,
     ) -> "LinearSingleTrack":
         """Return the model of some states, inputs and outputs; other states are held constant."""
+        # Rows and columns of the matrices by name.
         x = [self.states.index(name) for name in (states or self.states)]
         u = [self.inputs.index(name) for name in (inputs or self.inputs)]
         y = [self.outputs.index(name) for name in (outputs or self.outputs)]

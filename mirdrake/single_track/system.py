@@ -109,8 +109,8 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             values = context.get_numeric_parameter(self._parameters).CopyToVector()
             record.set_value(self._equations.parameters(values))
 
-        def _read_inputs(self, context: Context, held: Any) -> None:
-            held.set_value(self._equations.inputs(self._inputs(context)))
+        def _read_inputs(self, context: Context, record: Any) -> None:
+            record.set_value(self._equations.inputs(self._inputs(context)))
 
         def _evaluate_compiled(self, context: Context) -> tuple[Any, Any]:
             x = context.get_continuous_state_vector().CopyToVector()

@@ -10,11 +10,11 @@ def pareto_front(values: NDArray[np.float64]) -> list[int]:
     Args:
         values: objectives to minimise, shape (n, m), finite.
     """
-    kept: list[int] = []
+    front: list[int] = []
     for k in np.lexsort(values.T[::-1]):  # a row is only dominated by rows before it
-        if not any((values[other] <= values[k]).all() for other in kept):
-            kept.append(int(k))
-    return sorted(kept)
+        if not any((values[other] <= values[k]).all() for other in front):
+            front.append(int(k))
+    return sorted(front)
 
 
 def find_knee(values: NDArray[np.float64]) -> int:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from itertools import product
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 from mirdrake.core.errors import ConfigError, MissingDependencyError, did_you_mean
 from mirdrake.studies.sampling import divide, draw, spread
@@ -21,7 +21,6 @@ from mirdrake.studies.spec import ParameterSpec
 
 Point = dict[str, float]
 Space = Mapping[str, ParameterSpec]
-Method = Literal["tpe", "cma", "nsga2", "grid", "latin_hypercube", "sobol", "random"]
 
 LEARNING = ("tpe", "cma", "nsga2")
 METHODS = (*LEARNING, "grid", "latin_hypercube", "sobol", "random")

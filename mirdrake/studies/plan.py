@@ -81,6 +81,7 @@ class Plan:
         versions = {
             name: installed_version(name) or "not installed" for name in ("mirdrake", "drake", "numpy", "scipy")
         }
+        # The digest identifies the study: a folder of another one is not continued.
         digest = digest_data({"study": study, "content": self.content})
         return {
             "runs": len(self.rows),
@@ -98,12 +99,14 @@ def make_plan(spec: StudySpec) -> Plan:
     Raises:
         ConfigError, ModelError, WorldError: ``file:line: path: what is wrong``.
     """
+    # Assembling the diagram once finds its faults and the names that parameters can have.
     diagram = read_diagram(spec, spec.diagram, spec.overrides)
     assembly = _assemble(diagram)
     data = diagram.model_dump(mode="json")
     data.pop("provenance", None)
     vehicles = {name: part.vehicle for name, part in assembly.parts.vehicles.items()}
     world = assembly.parts.world
+    # Parameters of the Context change a built diagram; all others need a new one for each run.
     known = find_context_parameters(vehicles, world)
     parameters = {name: known[name] for name in spec.parameters if _is_context_parameter(spec, name, known)}
 
@@ -158,6 +161,7 @@ def read_diagram(spec: Schema, given: str | Json, overrides: Mapping[str, Any]) 
         ConfigError: there is no such diagram, or it has faults.
     """
     location = where(spec, "diagram")
+    # A diagram may be named or be written in the study itself, whose lines its messages then have.
     if isinstance(given, str):
         try:
             diagram = load_diagram(given)
@@ -169,6 +173,7 @@ def read_diagram(spec: Schema, given: str | Json, overrides: Mapping[str, Any]) 
     if not overrides:
         return diagram
     data = diagram.model_dump(mode="json")
+    # Each override is tried by itself, so that the message names the wrong one.
     for path, value in overrides.items():
         try:
             data = put(data, path, value)
@@ -213,6 +218,7 @@ def _check_metrics(spec: StudySpec, vehicles: list[str]) -> None:
     figures = [*_FIGURES]
     for vehicle in vehicles:
         figures += [f"{vehicle}.{name}" for name in VEHICLE_FIGURES]
+    # Columns of the results need different names.
     seen: set[str] = _RESERVED | set(spec.parameters)
     for column, name in enumerate(spec.metrics):
         location = where(spec, "metrics", column)

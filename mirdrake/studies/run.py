@@ -168,9 +168,11 @@ def _run_shards(
     """Run a study of the single-track model; each shard of it is a call, and a file of its own until the end."""
     schema, total = make_schema(plan.units, plan.spec.metrics), len(plan.rows)
     check_single_track(plan)
+    # The journal rejects a folder of another study before anything is simulated.
     open_journal(folder, plan.manifest(), resume=resume)
     if folder is not None and (folder / RESULTS_FILE).is_file():
         return load_results(folder)
+    # Shards have fixed bounds, so that results do not depend on the number of workers.
     shards = make_shards(plan)
     store = ShardStore(folder, schema)
     missing = [shard for shard in shards if shard.number not in store.numbers]
@@ -184,6 +186,7 @@ def _run_shards(
                 outcomes = shard.lost(result.reason) if isinstance(result, Lost) else result
                 rows = [_row(plan, outcome) for outcome in outcomes]
                 store.add(shard.number, rows)
+                # After each shard, not each run: a batch has no progress inside.
                 if callable(shows):
                     shows(store.rows, total, rows[-1])
     result = StudyResult(store.table(), total, folder, plan.spec.model)

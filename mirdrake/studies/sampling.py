@@ -23,6 +23,7 @@ def sample(spec: StudySpec) -> list[tuple[Any, ...]]:
         ConfigError: the parameters do not fit the kind of sampling.
     """
     sampling, parameters = spec.sampling, spec.parameters
+    # Drawn samples are in the unit cube and are spread over the ranges by their distributions.
     if isinstance(sampling, DrawnSampling):
         unit = draw(sampling.kind, sampling.runs, len(parameters), spec.seed)
         columns = [spread(entry, unit[:, column]) for column, entry in enumerate(parameters.values())]
@@ -31,6 +32,7 @@ def sample(spec: StudySpec) -> list[tuple[Any, ...]]:
         if entry.values is None and entry.count is None:
             more = " a count, or" if isinstance(sampling, GridSampling) else ""
             raise ConfigError(f"{where(spec, 'parameters', name)}: a {sampling.kind} needs{more} values")
+    # Grids and lists have given values: all combinations, or one after another.
     lists = [divide(entry) for entry in parameters.values()]
     if isinstance(sampling, GridSampling):
         if math.prod(map(len, lists)) > MOST:

@@ -96,6 +96,7 @@ def check_single_track(plan: Plan) -> None:
     Raises:
         ConfigError: it cannot; with the place in the file.
     """
+    # Whatever the reduced model lacks is rejected, since it would be left out without a message.
     spec, diagram = plan.spec, make_spec(plan.diagram)
     if len(diagram.vehicles) != 1 or diagram.systems or diagram.connect:
         raise ConfigError(

@@ -396,6 +396,7 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
         yield f"{where(test, 'start')}: unknown start '{test.start}'; {did_you_mean(test.start, world.starts)}"
     if test.goal is not None and test.goal not in world.goals:
         yield f"{where(test, 'goal')}: unknown goal '{test.goal}'; {did_you_mean(test.goal, world.goals)}"
+    # Every place that names a parameter, with its location.
     named = [(key, where(test, "variations", key)) for key in test.variations]
     named += [(key, where(spec, "params")) for key in values]
     if test.search is not None:
@@ -445,6 +446,7 @@ def _faults(world: World, test: CaseSpec, values: Values, path: Path) -> Iterato
 
 
 def _unfit(requirement: Requirement, world: World, test: CaseSpec, own_goal: str | None) -> Iterator[str]:
+    # A requirement can be well-formed and still ask for something that this world does not have.
     """Yield what a requirement needs that the world or the test does not have; `own_goal` is that of the vehicle."""
     location = f"{requirement.where}: '{requirement}'"
     # `red` stands for the red light of the vehicle, unless the world has a goal of that name.

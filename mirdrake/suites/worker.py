@@ -136,6 +136,7 @@ def run_folder(case: Case, folder: Path | None) -> str | None:
 
 
 def _judge(case: Case, folder: Path | None, place: Path | None) -> Result:
+    # Requirements first: a faulty text is cheaper to find before the simulation.
     requirements = [parse_requirement(text, where=location) for text, location in case.expect]
     trace = folder / TRACES / f"{case.slug}.json" if folder is not None else None
     spec = make_spec(case.diagram)

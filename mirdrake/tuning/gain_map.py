@@ -68,6 +68,7 @@ def map_of_two_gains(
         purpose=purpose,
         progress=progress,
     )
+    # The table has stability beside cost, so that the map shows where the loop cannot be used.
     rows = [
         {
             **{name: trial.gains[name] for name in ranges},

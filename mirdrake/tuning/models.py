@@ -138,11 +138,6 @@ class FirstOrder:
     def __post_init__(self) -> None:
         _check(self, gain=self.gain, delay=self.delay, lags=(self.time_constant,))
 
-    @property
-    def normalized_delay(self) -> float:
-        """L / (L + T) [1]: 0 lag dominated, 1 delay dominated (Åström and Hägglund)."""
-        return self.delay / (self.delay + self.time_constant)
-
     def transfer_function(self) -> TransferFunction:
         """Return the model as a transfer function."""
         return TransferFunction((self.gain,), (self.time_constant, 1.0), self.delay)

@@ -85,6 +85,7 @@ def run_relay_test(
         ConfigError: a setting is out of range.
         RunError: no limit cycle, or it does not settle.
     """
+    # Ten periods at least: a cycle with fewer samples has no amplitude.
     check_number("relay test", "period", period, unit="s", above=0.0)
     check_number("relay test", "amplitude", amplitude, above=0.0)
     check_number("relay test", "hysteresis", hysteresis, at_least=0.0)

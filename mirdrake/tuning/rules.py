@@ -147,6 +147,7 @@ def lambda_tuning(model: FirstOrder | Integrator, closed_loop_time: float, form:
     Raises:
         ConfigError: λ + L is not positive, or the model has no such form.
     """
+    # λ is the time constant that the closed loop shall have; the gains cancel the lag of the process.
     time = check_number("lambda tuning", "closed_loop_time", closed_loop_time, unit="s", at_least=0.0)
     delay = model.delay
     check_number("lambda tuning", "closed_loop_time + delay", time + delay, unit="s", above=0.0)

@@ -216,6 +216,7 @@ def _check(
     start: Sequence[Mapping[str, float]],
 ) -> None:
     """Reject arguments that are not valid."""
+    # All arguments are checked before the first simulation, which may take minutes.
     if not space:
         raise ConfigError("space: no gain has a range; give one for at least one gain")
     if trials < 1:

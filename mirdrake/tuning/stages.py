@@ -282,6 +282,7 @@ class Stages:
         Raises:
             StoppedError: Ctrl-C.
         """
+        # Without ranges of variation there is nothing to draw.
         if not self.draws:
             return None
         outcome = run_monte_carlo(

@@ -240,6 +240,7 @@ def operating_point(
 
 def pure_slip(p: MagicFormulaParameters, point: OperatingPoint) -> SlipCurve:
     """Return slip stiffnesses and peak forces at the load of the operating point, without its scale."""
+    # Peak friction first, since both peak forces follow from it; the scale of the load at hand comes later.
     load, dfz, dpi, camber = point.load, point.dfz, point.dpi, point.camber
     nominal = p.lfzo * p.fnomin
     mux = (p.pdx1 + p.pdx2 * dfz) * (1.0 + p.ppx3 * dpi + p.ppx4 * dpi * dpi)
@@ -349,19 +350,6 @@ def _lateral(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCurve
     )
 
 
-def curve_at_load(
-    p: MagicFormulaParameters,
-    load: Value,
-    *,
-    gamma: Value = 0.0,
-    pressure: Value = None,
-    friction: Value = 1.0,
-) -> MagicFormulaCurve:
-    """Return what :func:`magic_formula_on` needs; arguments as in :func:`magic_formula`."""
-    point = operating_point(p, load, gamma, pressure, friction)
-    return curve_at(p, point, pure_slip(p, point))
-
-
 def curve_at(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCurve) -> MagicFormulaCurve:
     """Return what :func:`magic_formula_on` needs at an operating point.
 
@@ -379,6 +367,7 @@ def curve_at(p: MagicFormulaParameters, point: OperatingPoint, slopes: SlipCurve
     if cambered:
         upright = point._replace(gamma=0.0, camber=0.0)
         fy_upright = _lateral(p, upright, pure_slip(p, upright))
+    # Coefficients of the aligning moment scale with the cornering stiffness over friction, (A58).
     radius, stiffness_over_friction = p.unloaded_radius, p.lky / (mu * p.lmuy)
     by_camber = (p.qdz8 + p.qdz9 * dfz) * (1.0 + p.ppz2 * point.dpi) + (p.qdz10 + p.qdz11 * dfz) * abs(camber)
     return MagicFormulaCurve(
@@ -448,7 +437,7 @@ def magic_formula_on(curve: MagicFormulaCurve, kappa: Value, tan_alpha: Value, v
     """Return forces and aligning moment of combined slip in steady state; arguments as in :func:`magic_formula`.
 
     Args:
-        curve: curve from :func:`curve_at_load`.
+        curve: curve from :func:`curve_at`.
         kappa: longitudinal slip [1].
         tan_alpha: tangent of the slip angle [1].
         vx: longitudinal speed [m/s].

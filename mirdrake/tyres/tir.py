@@ -205,31 +205,6 @@ def parse_tir(text: str, *, name: str = "<text>") -> TirFile:
     return TirFile(name, sections, parameters, tuple(unused))
 
 
-def write_tir(parameters: MagicFormulaParameters, *, comments: tuple[str, ...] = ()) -> str:
-    """Return the text of a .tir file in SI units; :func:`parse_tir` returns equal parameters.
-
-    Args:
-        parameters: parameters of the tyre.
-        comments: lines for the head of the file, as source, grade and date.
-    """
-    lines = [f"! {comment}" for comment in comments]
-    lines += ["[UNITS]", "LENGTH = 'meter'", "FORCE = 'newton'", "ANGLE = 'radians'", "MASS = 'kg'", "TIME = 'second'"]
-    fittyp = {"5.2": 6, "6.1": 61, "6.2": 62}[parameters.version]
-    opened = "UNITS"
-    entries = [("MODEL", "FITTYP", float(fittyp))]
-    entries += [(_section_of(key), key, getattr(parameters, key.lower())) for key in _FIELDS]
-    order = list(dict.fromkeys(section for section, _, _ in entries))
-    # Stable sort by the first appearance of a section, so that each one is opened once.
-    for section, key, value in sorted(entries, key=lambda entry: order.index(entry[0])):
-        if not math.isfinite(value):
-            continue  # FZMAX without a limit
-        if section != opened:
-            lines.append(f"[{section}]")
-            opened = section
-        lines.append(f"{key} = {value!r}")
-    return "\n".join(lines) + "\n"
-
-
 # --- lines -------------------------------------------------------------------------------------------------------
 
 
@@ -241,6 +216,7 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
     sections: dict[str, dict[str, Entry]] = {}
     lines: dict[str, int] = {}
     section, table = "", False
+    # The grammar is loose: many tools write these files, so that only keys that are used are checked.
     for number, raw in enumerate(text.splitlines(), start=1):
         line = _without_comment(raw).strip(_ENDS).strip()
         if not line:
@@ -257,6 +233,7 @@ def _parse(text: str, name: str, faults: list[str]) -> tuple[dict[str, dict[str,
         elif entry := _ENTRY.match(line):
             key, new_entry = entry[1].upper(), Entry(_value(entry[2].strip()), number)
             first = sections[section].setdefault(key, new_entry)
+            # The first value wins; a repeated key matters only if it is used.
             used = key in _FIELDS or section in {"UNITS", "MODEL"}
             if used and str(first.value) != str(new_entry.value):
                 faults.append(
@@ -341,6 +318,7 @@ def _scale(key: str, scales: Mapping[str, float]) -> float:
 
 def _version(sections: Mapping[str, Mapping[str, Entry]], name: str, faults: list[str]) -> Version:
     model = sections.get("MODEL", {})
+    # FITTYP is the reliable statement; the format of the file is only a hint.
     if entry := model.get("FITTYP"):
         if isinstance(entry.value, float) and entry.value in _VERSIONS:
             return _VERSIONS[entry.value]
@@ -373,46 +351,6 @@ def _near(key: str, unused: list[str]) -> str:
         name for name in unused if len(name) == len(key) and sum(a != b for a, b in zip(name, key, strict=True)) == 1
     ]
     return f"; is '{close[0]}' meant?" if close else ""
-
-
-def _section_of(key: str) -> str:
-    """Return the section of a name in a file, as MF-Tyre writes it."""
-    fixed = {
-        "UNLOADED_RADIUS": "DIMENSION",
-        "LONGVL": "MODEL",
-        "VXLOW": "MODEL",
-        "FNOMIN": "VERTICAL",
-        "VERTICAL_STIFFNESS": "VERTICAL",
-        "VERTICAL_DAMPING": "VERTICAL",
-        "QV2": "VERTICAL",
-        "QFZ2": "VERTICAL",
-        "NOMPRES": "OPERATING_CONDITIONS",
-        "INFLPRES": "OPERATING_CONDITIONS",
-        "FZMIN": "VERTICAL_FORCE_RANGE",
-        "FZMAX": "VERTICAL_FORCE_RANGE",
-    }
-    starts = {
-        "L": "SCALING_COEFFICIENTS",
-        "QSX": "OVERTURNING_COEFFICIENTS",
-        "PPM": "OVERTURNING_COEFFICIENTS",
-        "QSY": "ROLLING_COEFFICIENTS",
-        "Q": "ALIGNING_COEFFICIENTS",
-        "S": "ALIGNING_COEFFICIENTS",
-        "PPZ": "ALIGNING_COEFFICIENTS",
-        "PCF": "STRUCTURAL",
-        "PTX": "STRUCTURAL",
-        "PTY": "STRUCTURAL",
-    }
-    if key.endswith("_STIFFNESS"):
-        return "STRUCTURAL"
-    if key in fixed:
-        return fixed[key]
-    # The longest beginning decides, such as QSX before Q.
-    for start in sorted(starts, key=len, reverse=True):
-        if key.startswith(start):
-            return starts[start]
-    along = "X" in key[:3] or key in {"RHX1", "REX1", "REX2", "RCX1"}
-    return "LONGITUDINAL_COEFFICIENTS" if along else "LATERAL_COEFFICIENTS"
 
 
 def _raise_faults(faults: list[str]) -> None:

@@ -369,8 +369,8 @@ def estimate(
     scrub = friction * load * sqrt((wheel_width**2 + patch**2) / 8.0 + kingpin_offset**2)
     # Inertia that the servo turns: wheel about the kingpin, and rotor; the least stiffness gives it 10 Hz.
     turned = _wheel_inertia(wheel_mass, radius, wheel_width) + wheel_mass * kingpin_offset**2 + 0.016 * resistance
-    least = turned * (2.0 * pi * STEERING_FREQUENCY) ** 2
-    stiffness, compliant = max(scrub / STEERING_ERROR, least), max(39.0 * load * radius, least)
+    min_stiffness = turned * (2.0 * pi * STEERING_FREQUENCY) ** 2
+    stiffness, compliant = max(scrub / STEERING_ERROR, min_stiffness), max(39.0 * load * radius, min_stiffness)
     # Cornering stiffness over load; see HOW.
     # Lorry tyres lose cornering stiffness over load with the root of the load above 10 kN.
     grip = 6.5 if mass < ROBOT_MASS else 11.0 * min(1.0, sqrt(10e3 / load))

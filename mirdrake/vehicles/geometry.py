@@ -101,6 +101,7 @@ def measure_geometry(
     p_BK = np.array([axis_and_centre(joint)[1] for joint in kingpins])
     for pair, points in ((wheels[:2], p_BW[:2]), (wheels[2:], p_BW[2:]), (kingpins, p_BK)):
         _check_pair(pair, points, where)
+    # Both wheels of an axle at once, so that a difference between them is an error that names both.
     sizes = [_measure_axle(plant, scene_graph, axle, where) for axle in (wheels[:2], wheels[2:])]
     # The rest pose and the tyre model assume that base_link is on the road below the rear axle.
     for i, (joint, (x, _, z)) in enumerate(zip(wheels, p_BW, strict=True)):
@@ -125,6 +126,7 @@ def measure_geometry(
         rear_wheel_radius=sizes[1][0],
         front_wheel_width=sizes[0][1],
         rear_wheel_width=sizes[1][1],
+        # The specification may limit steering further than the joints do.
         steering_limit=min(limit, spec.steering.limit or math.inf),
         steering_rate=min(rate, spec.steering.rate or math.inf),
     )

@@ -41,6 +41,7 @@ def check_gltf(path: Path, at: str) -> None:
             parse_int=lambda word: int(_finite(word)),
             parse_constant=_finite,
         )
+        # The text of a glTF file states which files it needs; VTK crashes if one is missing.
         addresses = [entry.get("uri", "") for key in ("buffers", "images") for entry in content.get(key, [])]
         missing = [
             address
@@ -51,6 +52,7 @@ def check_gltf(path: Path, at: str) -> None:
         raise ModelError(f"{at}: not a glTF file: {_plain(error)}") from None
     if missing:
         raise ModelError(f"{at}: it needs '{missing[0]}'; no such file: {_beside(path, missing[0])}")
+    # Values of a wrong type raise errors of every kind below, which all mean a broken file.
     try:
         _check_links(content)
         _check_data(content, path)
@@ -92,6 +94,7 @@ def _check_links(content: Mapping[str, Any]) -> None:
     """
     if not isinstance(content["asset"]["version"], str):
         raise ValueError("asset.version is not a string")
+    # The glTF specification lists the allowed numbers, which readers take without a check of their own.
     for kind, keys in _CONSTANTS.items():
         for index, entry in enumerate(content.get(kind, [])):
             for key, allowed in keys.items():
@@ -99,6 +102,7 @@ def _check_links(content: Mapping[str, Any]) -> None:
                 if key in entry and (isinstance(entry[key], bool) or entry[key] not in allowed):
                     words = ", ".join(map(str, allowed))
                     raise ValueError(f"{kind}[{index}].{key} is {str(entry[key])[:40]}, not one of {words}")
+    # Textures and materials refer to other entries by index, in which VTK trusts.
     for texture in content.get("textures", []):
         for key, kind in (("source", "images"), ("sampler", "samplers")):
             if key in texture:
@@ -153,6 +157,7 @@ def _check_data(content: Mapping[str, Any], path: Path) -> None:
             name = f"buffers[{index}]" if uri.startswith("data:") else f"'{uri}'"
             raise ValueError(f"{name} has {len(data)} bytes and should have {buffer['byteLength']}")
         buffers.append(data[: buffer["byteLength"]])
+    # A view is a range of a buffer.
     for index, view in enumerate(content.get("bufferViews", [])):
         _entry(content, "buffers", view["buffer"])
         begin, length = view.get("byteOffset", 0), view["byteLength"]
@@ -188,6 +193,7 @@ def _check_data(content: Mapping[str, Any], path: Path) -> None:
             points = values(primitive["attributes"]["POSITION"])
             if points.shape[1] != 3 or points.dtype != np.float32 or not (np.abs(points) < 1e6).all():
                 raise ValueError(f"meshes[{index}] has points that are not three finite numbers")
+            # All attributes of a primitive have one row for each point.
             for name, attribute in primitive["attributes"].items():
                 if len(values(attribute)) != len(points):
                     raise ValueError(f"meshes[{index}] has {len(points)} points, but another count of {name}")

@@ -46,10 +46,12 @@ def find_faults(urdf: Urdf, *, spec: VehicleSpec | None, sensors: SensorsSpec | 
     # Element by element, so that each one can report a fault.
     for element in urdf.root:
         yield from _raised(check_numbers, replace(urdf, root=element))
+    # Names first: the following checks look elements up by name, where the last of equals wins.
     yield from _twice(urdf)
     for link in links.values():
         yield from _raised(_check_inertia, urdf, link)
     yield from _massless(urdf, links, joints)
+    # Without a valid vehicle.yaml the roles of joints are unknown, but the URDF alone is still checked.
     if spec is not None:
         if spec.base_link in links:
             yield from _unconnected(urdf, spec, links, joints)
@@ -104,6 +106,7 @@ def resolve_meshes(urdf: Urdf, folder: Path) -> tuple[str, dict[str, str], tuple
     name = folder.name if folder.name != "mirdrake" else "mirdrake_vehicle"
     packages = {name: str(folder), "mirdrake": str(data_root())}
     text = urdf.text.split("\n")
+    # All faults and warnings are collected, since a folder usually has several meshes of the same kind.
     warnings, faults = [], []
     seen: set[Path] = set()
     for role, formats in (("visual", VISUAL_FORMATS), ("collision", COLLISION_FORMATS)):
@@ -180,6 +183,7 @@ def _check_inertia(urdf: Urdf, link: ElementTree.Element) -> None:
         raise ModelError(
             f"{location}: {given}; it should be above zero (leave <inertial> out for a frame on a fixed joint)"
         )
+    # Products of inertia default to 0 in URDF, moments have to be stated.
     inertia = inertial.find("inertia")
     values = {key: number(None if inertia is None else inertia.get(key)) for key in ("ixx", "iyy", "izz")}
     products = {key: number("0" if inertia is None else inertia.get(key, "0")) for key in ("ixy", "ixz", "iyz")}
@@ -266,6 +270,7 @@ def _wrong_roles(urdf: Urdf, spec: VehicleSpec, joints: Mapping[str, ElementTree
     if spec.joints.suspension is not None:
         springs = zip(WHEELS, spec.joints.suspension.names(), strict=True)
         roles += [(("joints", "suspension", wheel), name, "prismatic") for wheel, name in springs]
+    # One joint in two roles would be driven by two controllers.
     used: dict[str, str] = {}
     for path, name, kind in roles:
         location = where_in(spec, *path)

@@ -149,6 +149,7 @@ def _solids(plant: MultibodyPlant, inspector: SceneGraphInspector, body: RigidBo
 def _corners(inspector: SceneGraphInspector, X_WB: RigidTransform, geometries: Sequence[GeometryId]) -> Points:
     """Return points (n, 3) in base_link with the bounding box of the shapes: hulls of meshes, corners of boxes."""
     clouds = [np.empty((0, 3))]
+    # Hulls are exact, boxes bound the shapes that have none.
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
     for geometry in geometries:
         X_WG = X_WB @ inspector.GetPoseInFrame(geometry)
@@ -179,6 +180,7 @@ def _link(
     vehicle: Vehicle,
 ) -> LinkFigures:
     mass = float(body.default_mass())
+    # The extent of shapes is compared with the size that the inertia implies.
     extent = sorted(np.ptp(corners, axis=0).tolist(), reverse=True) if len(corners) else [0.0] * 3
     frictions = [
         float(inspector.GetProximityProperties(shape).GetProperty("material", "coulomb_friction").static_friction())
@@ -186,6 +188,7 @@ def _link(
         if inspector.GetProximityProperties(shape).HasProperty("material", "coulomb_friction")
     ]
     friction = max(frictions, default=None)
+    # A link without mass is a frame on a fixed joint.
     if mass <= 0.0:
         return LinkFigures(body.name(), 0.0, _NONE, _NONE, _NONE, _three(extent), friction=friction)
     spatial = body.CalcSpatialInertiaInBodyFrame(context)
@@ -220,6 +223,7 @@ def _link(
 
 def _joints(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[JointFigures, ...]:
     joints = vehicle.spec.joints
+    # The role of a joint is that in vehicle.yaml, since names say nothing reliable.
     driven = set(vehicle.spec.driven_wheels())
     roles = {
         getattr(joints.wheels, wheel): (JointRole.DRIVEN_WHEEL if wheel in driven else JointRole.WHEEL, wheel)
@@ -246,6 +250,7 @@ def _joints(plant: MultibodyPlant, context: Any, vehicle: Vehicle) -> tuple[Join
         X_BJ = plant.CalcRelativeTransform(context, plant.world_frame(), joint.frame_on_child())
         turns = kind in {"revolute", "continuous", "prismatic"}
         axis = joint.revolute_axis() if kind in {"revolute", "continuous"} else None
+        # Fixed joints have no axis, and limits of 0.
         if kind == "prismatic":
             axis = joint.translation_axis()
         limits = (joint.position_lower_limits(), joint.position_upper_limits(), joint.velocity_upper_limits())

@@ -87,6 +87,7 @@ class _Shape(NamedTuple):
 def _measure(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -> tuple[_Shape, ...]:
     plant, scene_graph, _ = parse_urdf(urdf, packages=dict(packages), where_line=str)
     inspector, context = scene_graph.model_inspector(), plant.CreateDefaultContext()
+    # The outline is measured without the rest of the model, in the frame of base_link with all joints at zero.
     base = plant.GetFrameByName(base_link)
     joints: dict[int, set[str]] = {}
     for index in plant.GetJointIndices():
@@ -98,6 +99,7 @@ def _measure(urdf: str, packages: tuple[tuple[str, str], ...], base_link: str) -
         body = plant.get_body(BodyIndex(number))
         X_BL = plant.CalcRelativeTransform(context, base, body.body_frame())
         for geometry in plant.GetCollisionGeometriesForBody(body):
+            # The box bounds every shape; only meshes and primitives with known points give a tighter outline.
             box = inspector.GetObbInGeometryFrame(geometry)
             if box is None or inspector.GetProperties(geometry, Role.kProximity) is None:
                 continue

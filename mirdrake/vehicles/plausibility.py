@@ -35,6 +35,7 @@ def _balance(figures: Inspection) -> list[str]:
     """Centre of mass and inertia of the whole vehicle."""
     messages = []
     x, y, z = figures.com
+    # Ranges are wide: a message here should be right for any wheeled vehicle, from a robot to a lorry.
     if not 0.0 < x < figures.wheelbase:
         messages.append(
             f"centre of mass {x:.3f} m ahead of the rear axle: not between the axles, the vehicle tips over"
@@ -54,6 +55,7 @@ def _balance(figures: Inspection) -> list[str]:
     if not 0.5 < figures.dynamic_index < 1.5:
         index = figures.dynamic_index
         messages.append(f"yaw inertia {figures.inertia[2]:.4g} kg m²: {index:.2f} m a b; cars have 0.8 to 1.1")
+    # A body longer than wide has more inertia in pitch than in roll.
     roll, pitch, _ = figures.inertia
     if roll > pitch and figures.wheelbase > max(figures.tracks):
         messages.append(
@@ -66,6 +68,7 @@ def _odd_link(link: LinkFigures, figures: Inspection) -> list[str]:
     """Return messages on the inertia and the friction of a link."""
     messages = []
     small, middle, large = link.moments
+    # Wheels are judged by their axis of rotation, other links by the box that their inertia implies.
     if link.spin is not None:
         if not SPIN_FACTORS[0] <= link.spin <= SPIN_FACTORS[1]:
             messages.append(

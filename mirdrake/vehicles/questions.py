@@ -123,18 +123,17 @@ def parse_tyre(text: str, *, where: str = "tyre") -> tuple[float, float]:
     return rim * 0.0254 / 2.0 + width * aspect * 1e-5, width * 1e-3
 
 
-def read_quantity(quantity: Quantity, value: Any, *, where: str | None = None) -> float:
+def read_quantity(quantity: Quantity, value: Any) -> float:
     """Return a quantity in SI units from a number or a text with a unit, and check its range.
 
     Args:
         quantity: quantity to be read.
         value: for example ``2.6`` or ``"102.4 in"``.
-        where: name in messages; the key of the quantity by default.
 
     Raises:
         ConfigError: the value is not a number, has an unknown unit, or is out of range.
     """
-    name = where or quantity.key
+    name = quantity.key
     try:
         number = to_si(value, quantity.unit)
     except ValueError as error:
@@ -178,6 +177,7 @@ def check_plausible(values: Mapping[str, float]) -> None:
         ("com_height", 0.3 * radius, 0.9 * values.get("height", 10.0 * radius), "0.3 wheel radii to 0.9 heights"),
     ]
     faults = []
+    # All faults at once, so that the user corrects the dimensions in one pass.
     for key, low, high, words in rules:
         value = values.get(key)
         if value is not None and not low <= value <= high:
@@ -212,6 +212,7 @@ def ask(
     Raises:
         ConfigError: the input ended, or the answers are inconsistent.
     """
+    # Answers given on the command line are not asked for again.
     known = {key: value for key, value in answers.items() if value is not None}
 
     def answer(prompt: str, read: Callable[[str], Any], *, optional: bool) -> Any:
@@ -255,6 +256,7 @@ def ask(
         )
         if value is not None:
             known[key] = value
+    # Choices come after quantities, with their defaults in brackets.
     for key, words, usual in (("drive", get_args(Drive), "rear"), ("body", BODIES, "by size")):
         if key not in known:
             value = answer(f"{key}: {', '.join(words)} [{usual}]: ", _chooser(key, words), optional=True)

@@ -22,7 +22,7 @@ from mirdrake.core.yaml_io import shown
 from mirdrake.vehicles.bodywork import write_car
 from mirdrake.vehicles.bodywork.sizes import BodySize
 from mirdrake.vehicles.estimates import least_turning_circle
-from mirdrake.vehicles.questions import USUAL_SENSORS, ask
+from mirdrake.vehicles.questions import ask
 from mirdrake.vehicles.vehicle import load_vehicle
 from mirdrake.vehicles.vehicle_plan import TABLES, Plan, plan_vehicle, rounded
 
@@ -38,102 +38,25 @@ SKIDPAD_WIDTH = 3.0
 
 
 def new_vehicle(
-    name: str,
-    *,
-    wheelbase: float | str,
-    mass: float | str,
-    track: float | str | None = None,
-    track_front: float | str | None = None,
-    track_rear: float | str | None = None,
-    wheel_radius: float | str | None = None,
-    wheel_width: float | str | None = None,
-    tyre: str | None = None,
-    tyre_front: str | None = None,
-    tyre_rear: str | None = None,
-    drive: str = "rear",
-    steering_limit: float | str | None = None,
-    turning_circle: float | str | None = None,
-    length: float | str | None = None,
-    width: float | str | None = None,
-    height: float | str | None = None,
-    front_axle_share: float | str | None = None,
-    com_height: float | str | None = None,
-    yaw_inertia: float | str | None = None,
-    power: float | str | None = None,
-    top_speed: float | str | None = None,
-    body: str | None = None,
-    sensors: str = USUAL_SENSORS,
-    title: str | None = None,
-    folder: Path | str | None = None,
-    force: bool = False,
+    name: str, *, title: str | None = None, folder: Path | str | None = None, force: bool = False, **quantities: Any
 ) -> Path:
     """Write a vehicle folder that is ready to drive.
 
-    Numbers are in SI units; a text may have another unit, such as ``"102.4 in"``. Quantities left out are estimated.
-
     Args:
         name: name of folder and model: letters, digits, underscores.
-        wheelbase: distance of the axles [m].
-        mass: mass of the vehicle, ready to drive [kg].
-        track: distance between the middle planes of the wheels of an axle [m].
-        track_front: track of the front axle [m], instead of `track`.
-        track_rear: track of the rear axle [m], if it differs.
-        wheel_radius: radius of the tyres [m].
-        wheel_width: width of the tyres [m].
-        tyre: tyre size such as ``215/50R17``, instead of wheel radius and width.
-        tyre_front: tyre size of the front axle.
-        tyre_rear: tyre size of the rear axle.
-        drive: driven axle: front, rear or all.
-        steering_limit: steering limit of the inner wheel [rad].
-        turning_circle: diameter between kerbs, at the middle plane of the outer front wheel [m], instead of
-            `steering_limit`.
-        length: overall length [m].
-        width: overall width without mirrors [m].
-        height: overall height [m].
-        front_axle_share: share of the weight on the front axle [-].
-        com_height: height of the centre of mass [m].
-        yaw_inertia: yaw inertia of the whole vehicle [kg m²].
-        power: power at the wheels [W].
-        top_speed: [m/s].
-        body: hatchback, sedan, suv, van, truck or robot; by mass if None.
-        sensors: any of camera, depth_camera, lidar, gps, imu and sonar, separated by commas.
         title: make and model for titles; derived from the name if None.
         folder: parent folder of the vehicle folder; ``models`` in the working directory if None.
         force: replace an existing vehicle of that name.
+        quantities: arguments of :func:`plan_vehicle`; `wheelbase` and `mass` are required, others are estimated.
 
     Returns:
         The vehicle folder.
 
     Raises:
-        ConfigError: the name, a number, or the target is not allowed; nothing is written then.
+        ConfigError: the name, a quantity, or the target is not allowed; nothing is written then.
     """
     check_name(name)
-    plan = plan_vehicle(
-        drive=drive,
-        body=body,
-        sensors=sensors,
-        tyre=tyre,
-        tyre_front=tyre_front,
-        tyre_rear=tyre_rear,
-        wheelbase=wheelbase,
-        mass=mass,
-        track=track,
-        track_front=track_front,
-        track_rear=track_rear,
-        wheel_radius=wheel_radius,
-        wheel_width=wheel_width,
-        steering_limit=steering_limit,
-        turning_circle=turning_circle,
-        length=length,
-        width=width,
-        height=height,
-        front_axle_share=front_axle_share,
-        com_height=com_height,
-        yaw_inertia=yaw_inertia,
-        power=power,
-        top_speed=top_speed,
-    )
-    return write_vehicle(name, plan, title=title, folder=folder, force=force)
+    return write_vehicle(name, plan_vehicle(**quantities), title=title, folder=folder, force=force)
 
 
 def write_vehicle(
@@ -245,6 +168,7 @@ def _templates() -> jinja2.Environment:
 def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
     """Write all files of a vehicle folder."""
     values = plan.values
+    # The tables of the README state the source of each number.
     rows = []
     for heading, file, entries in TABLES:
         rows.append(
@@ -271,6 +195,7 @@ def _write_files(folder: Path, name: str, title: str, plan: Plan) -> None:
         "mounts": place_sensors(plan),
         "mast_radius": rounded(0.012 * values["height"]),
         "other_rear": any(values[key] != values[f"rear_{key}"] for key in ("wheel_radius", "wheel_width")),
+        # Each axle has its own tyre, because stiffnesses are proportional to the load.
         "axles": {
             axle: {key: values[f"{axle}_{key}"] for key in ("load", "slip_stiffness", "cornering_stiffness")}
             for axle in ("front", "rear")

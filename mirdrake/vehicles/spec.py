@@ -212,6 +212,7 @@ class ControlSpec(Schema):
         Two sorts of gains are not part of it: those of Drake's servos, which are fixed once the plant is built, and
         those that follow a schedule over speed. Pedals replace the speed loop.
         """
+        # With pedals there is no speed loop in the control unit.
         speed = () if self.wheel_speed.uses_pedals else (("kp", "1"), ("ki", "1/s"))
         result = [
             RuntimeGain(f"speed.{name}", unit, getattr(self.speed, name), 0, ("kp", "ki").index(name))
@@ -222,6 +223,7 @@ class ControlSpec(Schema):
             schedule = loop.gain_schedule()
             scheduled = {} if schedule is None else schedule.rows()
             for index, (name, unit) in enumerate(loop.gains.items()):
+                # Scheduled gains follow the table, so that they cannot be changed on their own.
                 if name not in scheduled:
                     result.append(RuntimeGain(f"{section}.{name}", unit, getattr(loop, name), group, index))
         return result

@@ -33,6 +33,7 @@ def find_suspension_faults(
         spec: joint roles and springs.
         joints: joints of the model, by name.
     """
+    # Joints and springs belong together: either alone would collapse or do nothing.
     names = spec.joints.suspension
     if names is not None and spec.suspension is None:
         yield ConfigError(
@@ -97,6 +98,7 @@ def measure_spring_loads(
         return ()
     context = plant.CreateDefaultContext()
     base = plant.GetBodyByName(spec.base_link)
+    # With the base at the origin the centre of mass is directly that ahead of the rear axle.
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, base, RigidTransform())
     x, y, _ = plant.CalcCenterOfMassPositionInWorld(context).tolist()
     # Moment balances about the axles and about the middle give the four wheel loads.
@@ -114,11 +116,13 @@ def measure_spring_loads(
                 "it should be 0 0 1, so that a positive travel lifts the wheel"
             )
         low, high = joint.position_lower_limit(), joint.position_upper_limit()
+        # The design position is travel zero, which has to be within the limits.
         if not -math.inf < low < 0.0 < high < math.inf:
             raise ModelError(
                 f"{location}: suspension joint '{name}' is limited to {low:g} … {high:g} m; "
                 "it needs the rebound travel below zero and the bump travel above"
             )
+        # A spring carries neither its wheel nor its knuckle: their weight is subtracted from the load of the wheel.
         below = plant.GetBodiesKinematicallyAffectedBy([joint.index()])
         unsprung = sum(float(plant.get_body(body).default_mass()) for body in below) * GRAVITY
         axle = weight * (share if i < 2 else 1.0 - share)

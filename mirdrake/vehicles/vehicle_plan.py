@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
 from mirdrake.core.constants import GRAVITY
-from mirdrake.core.errors import ConfigError
+from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.vehicles.estimates import (
     HOW,
     LABELS,
@@ -153,6 +153,8 @@ def plan_vehicle(
     if body is not None:
         choose("body", body, allowed=BODIES)
     given = {key: value for key, value in sizes.items() if value is not None}
+    if unknown := sorted(given.keys() - QUANTITIES):
+        raise ConfigError(f"unknown quantity '{unknown[0]}'; {did_you_mean(unknown[0], QUANTITIES)}")
     tyres = {key: text for key, text in (("tyre", tyre), ("tyre_front", tyre_front), ("tyre_rear", tyre_rear)) if text}
     _check_doubles(given, tyres)
     if missing := missing_keys(given):
@@ -234,6 +236,7 @@ def _check_doubles(given: Mapping[str, Any], tyres: Mapping[str, str]) -> None:
         double = [part for part in ("wheel_radius", "wheel_width") if part in given]
         if double:
             raise ConfigError(f"{key} '{text}' and {' and '.join(double)} are both given; give one of them")
+    # Each pair determines the same quantity.
     pairs = [("steering_limit", "turning_circle"), ("track", "track_front")]
     present = {*given, *tyres}
     pairs += [("tyre", "tyre_front"), ("tyre", "tyre_rear")]
@@ -280,6 +283,7 @@ def _estimate_sizes(values: dict[str, float], sources: dict[str, str], body: str
         sources["steering_limit"] = f"{sources.pop('turning_circle')}: turning circle {values['turning_circle']:g} m"
     else:
         estimates["steering_limit"] = estimate_steering_limit(mass=values["mass"], **steering)
+    # Values of the user are never replaced, and each estimate states its formula as its source.
     for key, value in estimates.items():
         if key not in values:
             values[key], sources[key] = rounded(value), texts[key]

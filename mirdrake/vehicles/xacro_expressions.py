@@ -86,6 +86,7 @@ class Evaluator:
         def fatal(*texts: Any) -> None:
             raise XacroException(" ".join(map(text_of, texts)))
 
+        # Names and behaviour are those of xacro's own evaluator.
         xacro_functions = {
             "load_yaml": load_yaml,
             "abs_filename": abs_filename,
@@ -190,6 +191,7 @@ class Evaluator:
     def _attribute(self, node: ast.Attribute, local: Mapping[str, Any], depth: int) -> Any:
         """Return a name below ``math`` and so on, a property of an included namespace, or a key of YAML data."""
         owner, name = self._value(node.value, local, depth), node.attr
+        # Attributes of arbitrary objects would reach Python's internals: only these owners have any.
         if isinstance(owner, Functions):
             if name in owner:
                 return owner[name]
@@ -306,6 +308,7 @@ class Evaluator:
                 check_size(size)
                 return
             part = node.generators[number]
+            # As in Python: loops nest from left to right, and a condition sees the names of all loops before it.
             for item in items_of(self._value(part.iter, scope, depth)):
                 inner = {**scope, **_bind(part.target, item)}
                 if all(self._value(test, inner, depth) for test in part.ifs):

@@ -332,6 +332,7 @@ def render_xacro(
         MissingArgumentsError: arguments have neither a value nor a default.
         ModelError: XML or xacro errors, unknown arguments, or xacro tags that were not expanded.
     """
+    # xacro substitutes text, so that numbers of the caller become text first.
     given = {name: str(value) for name, value in (arguments or {}).items()}
     note = _Expansion(frozenset({*given, *(defaults or {})}), find=find)
     with _LOCK, _wrapped_xacro(note):
@@ -355,6 +356,7 @@ def render_xacro(
         except ModelError:
             raise
         except Exception as error:
+            # Python errors of expressions reach this point without the position, which the note has.
             if note.required and "'default'" in str(error):
                 raise MissingArgumentsError(note.required) from None
             raise ModelError(f"{note.where()}: xacro: {_one_line(error)}") from None

@@ -89,6 +89,7 @@ def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 
     if isinstance(thing, Meshcat):
         return InlineView(thing.StaticHtml(), height=height)
     if isinstance(thing, Run):
+        # A recording of a notebook is small at 20 frames per second.
         return RunView.of_run(thing, height=height, **{"frames_per_second": 20.0} | options)
     scene = make_scene(thing) if isinstance(thing, DiagramSpec) else None
     if scene is not None:
@@ -101,6 +102,7 @@ def show(thing: Vehicle | World | DiagramSpec | Run | Meshcat, *, height: int = 
         raise ConfigError(
             f"show: cannot show a {type(thing).__name__}; expected a vehicle, world, diagram spec, run or Meshcat"
         )
+    # The page contains everything, so that the notebook shows it without a server.
     with offline_meshcat(world=world) as meshcat:
         if isinstance(thing, Vehicle):
             show_vehicle(thing, meshcat, **options)

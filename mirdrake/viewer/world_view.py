@@ -67,6 +67,7 @@ class WorldView:
         assert check.world is not None
         self._meshcat, self.world = meshcat, check.world
         self._low, self._high = _extent(check.world)
+        # Small worlds still get labels and arrows of a size that can be read.
         self._size = max(float((self._high - self._low).max()), 8.0)
         self._draw_props()
         self._draw_names()
@@ -222,6 +223,7 @@ def _label(text: str) -> InMemoryMesh:
     from PIL import Image, ImageDraw, ImageFont
 
     font = ImageFont.load_default(size=40)
+    # Eight colours are enough for smooth edges and keep the picture small.
     left, top, right, bottom = font.getbbox(text)
     width, height = int(right - left) + 28, 60
     image = Image.new("RGB", (width, height), (255, 255, 255))

@@ -161,6 +161,7 @@ class _Trips:
         )
 
     def _trips(self, vehicle: str | None) -> Iterable[_Trip]:
+        # Paths come from rules, tests and the vehicle of the command line, each with its place for messages.
         world = self._world
         for rule in world.rules.drivable if world.rules is not None else ():
             if rule.from_ in world.starts:
@@ -181,10 +182,12 @@ class _Trips:
         if subject is None:
             return
         key = trip.vehicle, trip.start
+        # Tests often share start and goal: each start and each path is examined once.
         if key not in self._starts:
             bad = find_bad_start(self._world, self._near, trip.start, subject.body, subject.volume)
             self.faults += bad
             self._starts[key] = not bad
+        # From a bad start no path can be found, and its fault is reported already.
         if trip.goal is None or not self._starts[key] or goal_area(self._world, trip.goal) is None:
             return
         route = (*key, trip.goal, trip.margin)

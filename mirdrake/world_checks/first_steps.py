@@ -75,6 +75,7 @@ def _reason(out: str, code: int) -> str:
 
 def _advice(world: World) -> str:
     """Return advice: bodies of extreme size or mass, else all bodies."""
+    # Extreme mass ratios and tiny bodies are what the contact solver cannot resolve.
     unusual = []
     for placed in world.props:
         sides = [*np.ptp(np.concatenate([solid.corners for solid in placed.prop.solids]), axis=0)]

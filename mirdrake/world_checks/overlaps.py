@@ -111,9 +111,11 @@ def find_overlaps(near: Neighbours, may_overlap: MayOverlap) -> list[Fault]:
     faults: list[Fault] = []
     suspects = 0
     for a, b in near.pairs():
+        # Broad phase first: only pairs whose shapes collide are examined exactly.
         if may_overlap(props[a], props[b]) or not (solids := list(near.colliding(a, b))):
             continue
         suspects += 1
+        # The number of examined pairs bounds the time for a world with a fault in each prop.
         if suspects > MOST_OVERLAPS:
             break
         separation = separate(props[a], props[b])
@@ -135,6 +137,6 @@ def _overlap(near: Neighbours, pair: Pair, solids: Sequence[Pair], separation: S
     polygon = tuple((float(x), float(y)) for x, y in shapely.get_coordinates(shared.convex_hull)[:-1])
     depth = separation.depth
     # Bounds that agree to a millimetre are reported as one number.
-    least = separation.least if depth - separation.least > UNCERTAIN else depth
-    message = sentences.overlap(a, b, (least, depth), position)
+    min_depth = separation.least if depth - separation.least > UNCERTAIN else depth
+    message = sentences.overlap(a, b, (min_depth, depth), position)
     return Fault("overlap", message, a.where, (a.name, b.name), depth, position, polygon)

@@ -64,11 +64,13 @@ def search_path(
     """
     end = time.process_time() + time_limit
     lattice = _Lattice(room)
+    # A goal smaller than a cell could lie between all nodes.
     if goal.area < math.pi * lattice.cell**2:
         goal = goal.buffer(lattice.cell)
     shapely.prepare(goal)
     ahead = _Flood(lattice, np.array([start]), _Guide(room, goal), goal)
     outcome = ahead.run(_FIRST, end)
+    # Without a quick result, a search backwards shows whether the goal is walled in.
     if outcome == "unknown" and time.process_time() < end:
         poses = lattice.poses_in(goal)
         back = _Flood(lattice, poses, None, None)
@@ -223,10 +225,10 @@ class _Flood:
         steps = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=-1).reshape(-1, 3) * [cell, cell, turn]
         return bool(self._seen[self._lattice.keys(poses[:, None, :] + steps)].any())
 
-    def run(self, most: int, end: float) -> Outcome:
+    def run(self, max_states: int, end: float) -> Outcome:
         """Expand states until the goal is reached, none is left, or their number or the computing time [s] is over."""
         while self._waiting and self._found is None:
-            if self._count > most or time.process_time() > end:
+            if self._count > max_states or time.process_time() > end:
                 return "unknown"
             batch = self._waiting.pop(min(self._waiting))
             number, poses, costs, back = (np.concatenate(parts) for parts in zip(*batch, strict=True))
@@ -268,9 +270,9 @@ class _Flood:
         # np.unique returns the first row of each key: the cheapest one, since rows are sorted by cost.
         order = np.argsort(cost, kind="stable")
         _, first = np.unique(keys[state, move][order], return_index=True)
-        kept = order[first]
-        state, move, cost = state[kept], move[kept], cost[kept]
-        self._add(samples[kept, -1], number[state], cost, lattice.is_back[move])
+        first_of_cell = order[first]
+        state, move, cost = state[first_of_cell], move[first_of_cell], cost[first_of_cell]
+        self._add(samples[first_of_cell, -1], number[state], cost, lattice.is_back[move])
 
     def _reaches(self, poses: Array, number: Index) -> bool:
         """Return whether one of some states is in the goal; the first such state becomes the end of the path."""
@@ -294,9 +296,9 @@ class _Flood:
         self._parents.append(parents)
         to_go = self._guide(poses) if self._guide is not None else np.zeros(len(poses))
         if self._guide is not None and len(poses):
-            least = int(to_go.argmin())
-            if to_go[least] < self._nearest[0]:
-                self._nearest = (float(to_go[least]), float(poses[least, 0]), float(poses[least, 1]))
+            nearest = int(to_go.argmin())
+            if to_go[nearest] < self._nearest[0]:
+                self._nearest = (float(to_go[nearest]), float(poses[nearest, 0]), float(poses[nearest, 1]))
         # States whose rank differs by less than one move share a batch.
         rank = np.floor((costs + _HASTE * to_go) / self._lattice.length).astype(np.int64)
         for value in np.unique(rank):

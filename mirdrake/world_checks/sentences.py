@@ -26,8 +26,8 @@ def format_length(length: float) -> str:
 
 def overlap(first: PlacedProp, second: PlacedProp, depth: tuple[float, float], position: Sequence[float]) -> str:
     """Return the sentence for two props that overlap; `depth` is a range [m], equal ends are one depth."""
-    least, most = (format_length(bound) for bound in depth)
-    text = most if depth[0] == depth[1] else f"{least} to {most}"
+    shallowest, deepest = (format_length(bound) for bound in depth)
+    text = deepest if depth[0] == depth[1] else f"{shallowest} to {deepest}"
     return (
         f"'{first.name}' overlaps '{second.name}' ({second.file_line}) by {text} at {format_position(*position)}; "
         "move one of them, or allow the overlap by a rule allow_overlap"
@@ -42,11 +42,11 @@ def too_many_pairs(overlaps: int, neighbours: int) -> str:
     )
 
 
-def gap(first: PlacedProp, second: PlacedProp, distance: float, least: float, rule: str) -> str:
+def gap(first: PlacedProp, second: PlacedProp, distance: float, required: float, rule: str) -> str:
     """Return the sentence for two props that are closer than a rule allows [m]."""
     return (
         f"'{first.name}' is {format_length(distance)} from '{second.name}' ({second.file_line}); the rule min_gap "
-        f"({rule}) requires {format_length(least)}"
+        f"({rule}) requires {format_length(required)}"
     )
 
 
@@ -109,8 +109,8 @@ def goal_without_area(goal: str, world: World) -> str:
 
 def no_path(vehicle: str, margin: float, start: str, goal: str, reason: str) -> str:
     """Return the message about a goal that the vehicle cannot reach from a start."""
-    kept = f" with {margin:g} m on each side" if margin else ""
-    return f"no path for {vehicle}{kept} from '{start}' to '{goal}': {reason}"
+    clearance = f" with {margin:g} m on each side" if margin else ""
+    return f"no path for {vehicle}{clearance} from '{start}' to '{goal}': {reason}"
 
 
 def too_narrow(width: float, position: Sequence[float], names: Sequence[str], needed: float) -> str:

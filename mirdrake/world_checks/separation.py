@@ -142,8 +142,8 @@ class _Differences:
         lows, highs = low[second] - high[first], high[second] - low[first]
         self.reach = float(min(highs.max(axis=0).min(), -lows.min(axis=0).max()))  # separates along an axis
         # A difference beyond the reach cannot block a shorter translation; without reach nothing overlaps.
-        kept = (lows < self.reach).all(axis=1) & (highs > -self.reach).all(axis=1) & (self.reach > 0.0)
-        self.pairs = np.column_stack((first, second))[kept]
+        within_reach = (lows < self.reach).all(axis=1) & (highs > -self.reach).all(axis=1) & (self.reach > 0.0)
+        self.pairs = np.column_stack((first, second))[within_reach]
         self.count = len(self.pairs)
         sizes = np.array([len(core.points) for core in cores])
         self.cost = 20.0 + float(sizes[self.pairs].sum()) / 16.0  # of a ray, in casts against a pair of boxes
@@ -172,7 +172,7 @@ def _search(differences: _Differences, tolerance: float) -> Separation:
     cones = np.array([(i, j, k) for i in (0, 3) for j in (1, 4) for k in (2, 5)])
     near = np.zeros(len(cones))
     enters, leaves, free, normals = differences.cast(rays)
-    casts, least = len(rays) * differences.cost, 0.0
+    casts, lower_bound = len(rays) * differences.cost, 0.0
     best = rays[np.argmin(free)] * free.min()
     for _ in range(_MOST_LEVELS):
         # A ray along the normal where a good one ends finds the nearest point of a face or a smooth surface.
@@ -190,7 +190,7 @@ def _search(differences: _Differences, tolerance: float) -> Separation:
         left = near < bound - tolerance
         cones, near = cones[left], near[left]
         # Cones that were dropped are covered up to the upper bound minus the tolerance.
-        least = min(float(near.min()), bound) if len(near) else max(0.0, bound - tolerance)
+        lower_bound = min(float(near.min()), bound) if len(near) else max(0.0, bound - tolerance)
         if not len(near):
             break
 
@@ -212,7 +212,7 @@ def _search(differences: _Differences, tolerance: float) -> Separation:
         rays, enters, leaves, free, normals = (
             np.concatenate(pair) for pair in zip((rays, enters, leaves, free, normals), (middles, *more), strict=True)
         )
-    return Separation(best, least)
+    return Separation(best, lower_bound)
 
 
 def _cover(cones: Indices, near: Array, rays: Array, enters: Array, leaves: Array) -> Array:
@@ -331,11 +331,11 @@ def _support(direction: Vector, a: int, b: int, points: Array, begin: Indices, r
     # Support of b - a: that of b in the direction, minus that of a in the opposite one.
     for side in range(2):
         solid, sign = (b, 1.0) if side else (a, -1.0)
-        most, best = -np.inf, 0
+        largest, best = -np.inf, 0
         for i in range(begin[solid], begin[solid + 1]):
             height = sign * (dx * points[i, 0] + dy * points[i, 1] + dz * points[i, 2])
-            if height > most:
-                most, best = height, i
+            if height > largest:
+                largest, best = height, i
         ball, disc = roundings[solid, 0] / size, roundings[solid, 1]
         x += sign * points[best, 0] + ball * dx
         y += sign * points[best, 1] + ball * dy
@@ -359,7 +359,7 @@ def _reduce(simplex: Array, used: int, point: Vector) -> tuple[Vector, int]:
     Returns:
         the vector from that point to the place; how many points are kept: four if the place is inside.
     """
-    off, kept = _minus(point, _row(simplex, 0)), (0, 0, 0, 1)
+    off, corners = _minus(point, _row(simplex, 0)), (0, 0, 0, 1)
     if used == 4:
         best, inside = np.inf, True
         for skip in range(4):
@@ -372,19 +372,19 @@ def _reduce(simplex: Array, used: int, point: Vector) -> tuple[Vector, int]:
             inside = False
             trial, row = _from_triangle(simplex, i, j, k, point)
             if _dot(trial, trial) < best:
-                best, off, kept = _dot(trial, trial), trial, row
+                best, off, corners = _dot(trial, trial), trial, row
         if inside:
             return (0.0, 0.0, 0.0), 4
     elif used == 3:
-        off, kept = _from_triangle(simplex, 0, 1, 2, point)
+        off, corners = _from_triangle(simplex, 0, 1, 2, point)
     elif used == 2:
-        off, kept = _from_segment(simplex, 0, 1, point)
+        off, corners = _from_segment(simplex, 0, 1, point)
     # All rows are read before one is overwritten.
-    p, q, r = _row(simplex, kept[0]), _row(simplex, kept[1]), _row(simplex, kept[2])
+    p, q, r = _row(simplex, corners[0]), _row(simplex, corners[1]), _row(simplex, corners[2])
     simplex[0, 0], simplex[0, 1], simplex[0, 2] = p
     simplex[1, 0], simplex[1, 1], simplex[1, 2] = q
     simplex[2, 0], simplex[2, 1], simplex[2, 2] = r
-    return off, kept[3]
+    return off, corners[3]
 
 
 def _from_segment(simplex: Array, i: int, j: int, point: Vector) -> tuple[Vector, tuple[int, int, int, int]]:
@@ -414,12 +414,12 @@ def _from_triangle(simplex: Array, i: int, j: int, k: int, point: Vector) -> tup
         # The projection is inside of all edges: the nearest point is in the face.
         share = _dot(_minus(point, a), normal) / square
         return (share * normal[0], share * normal[1], share * normal[2]), (i, j, k, 3)
-    off, kept = _from_segment(simplex, i, j, point)
+    off, corners = _from_segment(simplex, i, j, point)
     for p, q in ((j, k), (k, i)):
         trial, row = _from_segment(simplex, p, q, point)
         if _dot(trial, trial) < _dot(off, off):
-            off, kept = trial, row
-    return off, kept
+            off, corners = trial, row
+    return off, corners
 
 
 def _row(rows: Array, index: int) -> Vector:

@@ -64,15 +64,16 @@ def find_inside_props(world: World, near: Neighbours, *, starts: Iterable[str], 
     faults = []
     for key, name in [("start", name) for name in starts] + [("goals", name) for name in goals]:
         point = shapely.Point(world.starts[name].x, world.starts[name].y) if key == "start" else None
+        # Goals that are areas are represented by their middle.
         if key == "goals":
             area = goal_area(world, name)
             point = area.centroid if area is not None else None
         prop = next(_around(near, point), None) if point is not None else None
         if point is not None and prop is not None:
-            what: Kind = "start" if key == "start" else "goal"
-            message = sentences.inside_prop(what, name, prop, point.x, point.y)
+            kind: Kind = "start" if key == "start" else "goal"
+            message = sentences.inside_prop(kind, name, prop, point.x, point.y)
             location = where(world.spec, key, name)
-            faults.append(Fault(what, message, location, (prop.name,), None, (point.x, point.y, 0.0)))
+            faults.append(Fault(kind, message, location, (prop.name,), None, (point.x, point.y, 0.0)))
     return faults
 
 

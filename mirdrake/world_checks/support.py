@@ -73,6 +73,7 @@ def find_gaps(near: Neighbours, rules: Rules | None, skip: set[tuple[str, ...]])
     props, faults = near.props, []
     for a, b in near.pairs(rules.min_gap):
         first, second = props[a], props[b]
+        # Props above one another have no gap between their sides.
         side_by_side = min(first.top, second.top) - max(first.bottom, second.bottom) > LEAST_DEPTH
         if not side_by_side or (first.name, second.name) in skip or rules.may_overlap(first, second):
             continue

@@ -38,6 +38,7 @@ def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Sour
     Raises:
         ConfigError: a value is not a valid expression, or there are too many actors.
     """
+    # Entries that are not lists or mappings pass unchanged: the validation that follows names their line and type.
     if not isinstance(entries, list):
         return entries, source, ()
     result: list[Any] = []
@@ -51,9 +52,11 @@ def evaluate_actors(entries: Any, draw: Draw, source: Source) -> tuple[Any, Sour
         for actor in _actors_of(entry, index, draw, source, taken):
             result.append(actor)
             origins.append(index)
+        # Checked inside the loop, since one `count` can ask for more actors than memory holds.
         if len(result) > LARGEST_COUNT:
             raise ConfigError(f"{source.where('actors', index)}: more than {LARGEST_COUNT} actors")
     # Each actor has the lines of the entry it was made from, so that messages name the right line.
+    # Only the keys below an entry move to other indices; the key of the whole list stays.
     lines = {key: line for key, line in source.lines.items() if key[:1] != ("actors",) or len(key) == 1}
     below: dict[int, list[tuple[Key, int | None]]] = {}
     for key, line in source.lines.items():

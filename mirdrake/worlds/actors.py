@@ -150,6 +150,7 @@ def _make_actors(
         # Names are unique, because scenarios, triggers and signals refer to actors by them.
         if spec.name in actors:
             raise ConfigError(f"{where(spec, 'name')}: '{spec.name}' is used twice; give each actor its own name")
+        # Actors with the same prop share it, so that a prop that was read from a run folder is not looked up again.
         prop = props.get(spec.name) or load_prop(spec.actor, where=where(spec, "actor"))
         color = css_color(spec.color, where=where(spec, "color")) if isinstance(spec.color, str) else spec.color
         steps = tuple(scenario.get(spec.name, ()))
@@ -160,9 +161,11 @@ def _make_actors(
             lane = _lane_of(spec.on_lane, lanes)
             actors[spec.name] = Actor(spec.name, prop, lane.id, spec.on_lane.s, spec.on_lane.offset, spec, steps, color)
         else:
+            # An actor with a path of its own gets a lane that only it uses, so that one law drives all actors.
             actor = Actor(spec.name, prop, f"path/{spec.name}", 0.0, 0.0, spec, steps, color)
             paths[actor.lane] = _path(actor)
             actors[spec.name] = actor
+    # A scenario for a misspelt actor would be silently without effect.
     for name, steps_of in scenario.items():
         if name not in actors:
             place = where(steps_of[0]) if steps_of else "scenario"
@@ -192,7 +195,7 @@ def _on_track(spec: OnTrackLaneSpec, tracks: Mapping[str, Track], lanes: Mapping
     number: int = spec.lane if isinstance(spec.lane, int) else {"left": len(forward)}.get(str(spec.lane), 1)
     lane = lanes.get(f"{spec.track}.{number}")
     if lane is None:
-        allowed = ", ".join(one.id.rpartition(".")[2] for one in known)
+        allowed = ", ".join(candidate.id.rpartition(".")[2] for candidate in known)
         raise ConfigError(f"{where(spec, 'lane')}: track '{spec.track}' has no lane {spec.lane}; it has {allowed}")
     # On a closed track a station may be given beyond a lap, as by a row of actors.
     s = float(np.mod(spec.s, track.length)) if track.closed else spec.s
@@ -218,12 +221,14 @@ def _path(actor: Actor) -> Lane:
     if (lengths < 0.1).any():
         index = int(np.argmin(lengths))
         raise WorldError(f"{where(spec, 'path', index + 1)}: less than 0.1 m from the point before it")
+    # A walker may turn on the spot, a car may not: the smallest radius comes from the actor.
     radius = actor.min_radius if spec.radius is None else spec.radius
     if radius < actor.min_radius:
         raise WorldError(
             f"{where(spec, 'radius')}: {radius:g} m; the smallest radius of a {actor.prop.name} is "
             f"{actor.min_radius:.1f} m"
         )
+    # Unwrapped, so that the turn at a corner is the smaller of the two possible ones.
     headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
     turns = np.diff(headings)
     # Length of the tangents of an arc: R tan(turn / 2); limited, because it is infinite at a turn by 180 degrees.

@@ -85,6 +85,7 @@ def _condition(data: Any) -> Any:
     text = " ".join(data.split())
     if match := _WITHIN.fullmatch(text):
         of, given = match.groups()
+        # The unit decides: seconds are a time to reach the other one, metres a distance.
         kind = "time" if re.search(r"\d\s*(s|ms|min)$", given) else "distance"
         return {"kind": kind, "of": of, "value": _number(given, "s" if kind == "time" else "m")}
     if match := _PAST.fullmatch(text):

@@ -270,6 +270,7 @@ class Arranger:
 
     def _group_drafts(self, item: _Item, group: GroupSpec) -> list[_Draft]:
         """Return the props and groups of a group in one position."""
+        # A misspelt parameter would silently leave the default of the group in place.
         entry, draw = item.entry, item.draw
         for key in entry.with_:
             if key not in group.params:
@@ -277,6 +278,7 @@ class Arranger:
                 raise ConfigError(
                     f"{where(entry, 'with', key)}: group '{entry.group}' has no parameter '{key}'; {hint}"
                 )
+        # Parts of a group are placed relative to it; the draws of each come from a stream below that of the group.
         inner = GroupPose(*item.pose())
         parameters = {
             key: draw.parameter(value, f"params.{key}", location=where(group, "params", key))
@@ -321,6 +323,7 @@ class Arranger:
             if not min(length, width, height) > 0.0:
                 raise ConfigError(f"{where(entry, 'size')}: all three must be above 0 m")
             size = (length, width, height)
+        # Only props that are written for it keep sensible proportions.
         if size is not None and not entry.shape.resizable:
             raise ConfigError(
                 f"{where(entry, 'size')}: size belongs to a prop that is resizable; change the sides instead"
@@ -408,6 +411,7 @@ def _named(entries: Sequence[PropEntry]) -> Iterator[tuple[str, str, PropEntry]]
     names: dict[str, int] = {}
     keys: dict[str, int] = {}
     given = {entry.name for entry in entries if entry.name}
+    # A generated name must not take one that another entry has in the file.
     for entry in entries:
         label = entry.label
         if entry.name is None:

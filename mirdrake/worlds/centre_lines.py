@@ -147,6 +147,7 @@ def _check_points(points: ArrayLike, closed: bool) -> Array:
         raise WorldError(
             f"point {int(np.argmin(np.isfinite(places).all(axis=1))) + 1} is not finite; give numbers in m"
         )
+    # Files often repeat the first point at the end of a closed line.
     if closed and len(places) > 1 and math.dist(places[0], places[-1]) < 1e-6:
         places = places[:-1]
     if len(places) < 4:
@@ -177,6 +178,7 @@ def _curve(places: Array, closed: bool, tolerance: float) -> tuple[Array, tuple[
     # Where the curve bulges far from a chord, points are inserted around it; the smallest bulge is kept.
     chords = _chords(places, closed)
     parts = np.ones(len(chords), dtype=int)
+    # Each pass doubles the points where the curve bulges, so that few passes suffice or the points are at fault.
     for _ in range(_SPLITS + 1):
         ring = _between(places, closed, parts)
         result = _fit(ring, closed, tolerance)
@@ -186,6 +188,7 @@ def _curve(places: Array, closed: bool, tolerance: float) -> tuple[Array, tuple[
         bulge = _bulges(places, closed, ring, result)
         if best is None or bulge.max() < best[0]:
             best = float(bulge.max()), ring, result
+        # A chord of a tight bend bulges by nature: only what is far above its neighbours counts as an overshoot.
         wide = bulge > _BULGE
         if wide.any():
             wide &= bulge > _WIDER * _usual_bulges(places, closed)

@@ -208,17 +208,18 @@ class _Placed:
 
 
 def clearance_between(
-    one: Volume, poses: Array, other: Volume, other_poses: Array, *, rows: Any = slice(None)
+    first_volume: Volume, poses: Array, other: Volume, other_poses: Array, *, rows: Any = slice(None)
 ) -> Array:
     """Return the distance of two moving vehicles in the plane [m] (n), negative for the depth of an overlap.
 
     Args:
-        one: volume of the first vehicle.
+        first_volume: volume of the first vehicle.
         poses: x, y [m] and yaw [rad] of its frame B (n, 3).
         other: volume of the second vehicle.
         other_poses: its poses (n, 3) at the same times.
         rows: rows of the poses to evaluate; the others are infinite.
     """
+    # Rows that are left out, and rows with NaN after a divergence, are infinitely far away.
     result = np.full(len(poses), math.inf)
     good = np.zeros(len(poses), dtype=bool)
     good[rows] = True
@@ -226,8 +227,9 @@ def clearance_between(
     index = np.flatnonzero(good)
     if not index.size:
         return result
-    first = [_Placed(slab, poses[index]) for slab in one.slabs]
+    first = [_Placed(slab, poses[index]) for slab in first_volume.slabs]
     second = [_Placed(slab, other_poses[index]) for slab in other.slabs]
+    # Bodies are stacks of prisms: only slabs at the same height can touch, for example not a bumper under a trailer.
     pairs = [
         (a, b) for a in first for b in second if min(a.slab.high, b.slab.high) - max(a.slab.low, b.slab.low) > _REACH
     ]
@@ -249,7 +251,7 @@ def clearance_between(
                     place_outline(a.outline, poses[row : row + 1])[0],
                     place_outline(b.outline, other_poses[row : row + 1])[0],
                 )
-                for a in one.slabs
+                for a in first_volume.slabs
                 for b in other.slabs
                 if min(a.high, b.high) - max(a.low, b.low) > _REACH
             )

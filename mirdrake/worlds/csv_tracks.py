@@ -162,6 +162,7 @@ def _find_column(key: str, column: str | int, table: Table, *, has_header: bool)
     where, count = table.row(0), len(table.names)
     if has_header and column in table.names:
         return str(column)
+    # Numbers select columns also where titles exist.
     if isinstance(column, int) or re.fullmatch(r"-?[0-9]+", column):
         if not 1 <= int(column) <= count:
             raise ConfigError(f"{where}: {key} is column {column} of {count}; columns are counted from 1")

@@ -273,6 +273,8 @@ class Curve:
             hints = None if near is None else np.broadcast_to(np.asarray(near, dtype=float), shape).ravel()[finite]
             s[finite], lateral[finite] = self._project_many(x[finite], y[finite], hints)
             return s.reshape(shape), lateral.reshape(shape)
+        # Without a hint the nearest sampled point is the start of the descent, from which it converges to the closest
+        # point.
         if near is None:
             s, lateral, _ = self._descend_many(x, y, self._nearest_cell(x, y))
         else:
@@ -284,6 +286,7 @@ class Curve:
                 s[again], lateral[again], _ = self._descend_many(
                     x[again], y[again], self._nearest_cell(x[again], y[again])
                 )
+        # np.mod may return the length itself by rounding, which is the station 0.
         if self.closed:
             s = np.mod(s, self.length)
             s = np.where(s < self.length, s, 0.0)

@@ -107,6 +107,7 @@ class WorldDrawing:
 
 def make_drawing(world: World) -> WorldDrawing:
     """Return the shapes of a world seen from above."""
+    # The ground fills the picture; everything else is drawn on it.
     ground, specs = world.ground, world.spec.tracks
     areas = [DrawnArea("ground", "", shapely.box(*ground.extent), ground.surface, ground.mu)]
     lines: list[DrawnLine] = []
@@ -116,6 +117,7 @@ def make_drawing(world: World) -> WorldDrawing:
         surface = specs[name].verge
         if surface is not None and surface != ground.surface:
             areas.append(DrawnArea("verge", name, verge(track), surface))
+    # Roads of tracks are drawn from the track itself, which also has verges and markings.
     areas += [
         DrawnArea("network", road.name, road.area, road.surface, road.mu)
         for road in world.road_areas
@@ -128,6 +130,7 @@ def make_drawing(world: World) -> WorldDrawing:
             dash = marking.dash if marking.kind == "dashed" else None
             lines.append(DrawnLine("marking", name, marking_points(track, marking), marking.width, dash))
     areas += [DrawnArea("patch", patch.name, patch.area, patch.surface, patch.mu) for patch in world.patches]
+    # Laps have no place, so that nothing is drawn for them.
     for name, goal in world.goals.items():
         if goal.area is not None:
             areas.append(DrawnArea("goal", name, goal.area))

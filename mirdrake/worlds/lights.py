@@ -92,6 +92,7 @@ def make_lights(
             for index, text in enumerate(spec.controls)
             for line in stations_of(text, where(spec, "controls", index), tracks, lanes)
         ]
+        # Without stated lines, those of the network that name this signal.
         if not spec.controls and network is not None:
             lines = [(line.lane, line.s) for line in network.stop_lines if line.signal == name]
         if not lines:
@@ -122,6 +123,7 @@ def stations_of(
         s = float(to_si(given, "m"))
     except (TypeError, ValueError):
         raise ConfigError(f"{place}: '{text}' is not a place on a track; write for example main@58") from None
+    # A track controls all of its lanes in its own direction.
     chosen = [lanes[road]] if road in lanes else [
         lane for lane in lanes.values() if lane.road == road and road in tracks and lane.direction > 0
     ]  # fmt: skip

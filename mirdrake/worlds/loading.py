@@ -121,8 +121,10 @@ def _evaluated(data: Json, source: Source) -> tuple[Json, Source, tuple[int, ...
                 parameters[key] = earlier.parameter(value, f"params.{key}", location=source.where("params", key))
             elif isinstance(value, int | float) and not isinstance(value, bool):
                 parameters[key] = value
+    # If a parameter was invalid, the original data are kept, so that the validation sees and names it.
     data["params"] = parameters if isinstance(given, dict) and len(parameters) == len(given) else given or {}
     draw = Draw(draw.seed, "", parameters)
+    # Values in props stay expressions: they are evaluated for each prop with its own random stream.
     for key in _EVALUATED:
         if key in data:
             data[key] = evaluate_tree(data[key], draw, source, (key,))
@@ -216,6 +218,7 @@ def _make_props(
     spec: WorldSpec, areas: NamedAreas, rules: Rules, draw: Draw, folder: Path
 ) -> tuple[list[PlacedProp], list[str]]:
     included: dict[str, GroupSpec] = {}
+    # Included files contribute groups only; later files override earlier ones.
     for index, name in enumerate(spec.include):
         file = folder / name
         if not file.is_file():
@@ -294,6 +297,7 @@ def _default_start(tracks: Mapping[str, Track], ground: Ground) -> StartSpec:
 
 
 def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> Start:
+    # Start by coordinates: only the ground limits it.
     if spec.on_track is None:
         x, y = spec.at or (0.0, 0.0)
         ground.check_position(x, y, where=where(spec, "at"))
@@ -306,6 +310,7 @@ def _make_start(spec: StartSpec, tracks: dict[str, Track], ground: Ground) -> St
             f"{where(spec, 'on_track', 's')}: start outside the world: s = {on_track.s:g} m; the track is "
             f"{track.length:g} m long"
         )
+    # Both sides may have different widths, which may vary along the track.
     side = track.left_width(on_track.s) if on_track.offset > 0.0 else track.right_width(on_track.s)
     if abs(on_track.offset) > side:
         raise WorldError(

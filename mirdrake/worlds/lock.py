@@ -67,6 +67,7 @@ def lock_hash(world: World) -> str:
 def content_text(content: Mapping[str, Any]) -> str:
     """Return the lock file of a content, see :func:`lock_content`."""
     lines = [f"mirdrake: {LANGUAGE}", f"hash: {_flow(content_hash(content))}"]
+    # One line for each entry, so that a difference of two lock files names what has changed.
     for key, value in content.items():
         if key in _LINES and value:
             lines += [f"{key}:", *(f"- {_flow(item)}" for item in value)]
@@ -108,6 +109,7 @@ def lock_content(world: World) -> Json:
             goals[name] = {"gate": {"track": goal.gate.track, "s": _rounded(goal.gate.s)}}
         else:
             goals[name] = {"laps": goal.laps}
+    # Keys of features that came later appear only if they are used, so that older lock files stay equal.
     return {
         "language": spec.mirdrake,
         "name": world.name,
@@ -198,7 +200,7 @@ def _actor(actor: Actor) -> Json:
     given = actor.spec.model_dump(mode="json", exclude={"actor", "name", "color"}, exclude_none=True)
     return {
         "name": actor.name, "kind": actor.prop.name, "solids": _solids_hash(actor.prop), "color": _rounded(actor.color),
-        **_rounded(given), "steps": [_rounded(one.model_dump(exclude_none=True)) for one in actor.steps],
+        **_rounded(given), "steps": [_rounded(step.model_dump(exclude_none=True)) for step in actor.steps],
     }  # fmt: skip
 
 
@@ -272,6 +274,7 @@ def used_files(world: World) -> dict[str, Path]:
     folder = world.path.parent if world.path is not None else Path.cwd()
     library = prop_names()
     files: dict[str, Path] = {}
+    # Any source of a track (CSV, OpenDRIVE) states its file as `file`.
     for spec in world.spec.tracks.values():
         for value in dict(spec).values():
             if isinstance(name := getattr(value, "file", None), str):
@@ -279,6 +282,7 @@ def used_files(world: World) -> dict[str, Path]:
     if world.spec.network is not None:
         files[_named(folder / world.spec.network.file, folder)] = folder / world.spec.network.file
     for mesh in world.spec.scenery:
+        # A glTF file refers to buffers and textures, which change the picture as well.
         files |= {_named(path, folder): path for path in mesh_files(folder / mesh.file)}
     for prop in dict.fromkeys([*(placed.prop for placed in world.props), *(actor.prop for actor in world.actors)]):
         meshes = [solid.mesh for solid in prop.solids if solid.mesh is not None]

@@ -111,9 +111,11 @@ def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]
     Parts are halved repeatedly, so that every cut is of a small part; rectangles are not cut.
     """
     parts = np.asarray(shapely.get_parts(polygon))
+    # The triangulation of a small polygon is fast; cutting it would only add triangles.
     if shapely.get_num_coordinates(polygon) < 200:
         return parts
     done: list[NDArray[np.object_]] = []
+    # All parts are halved at once along lines of the grid until each is within one cell.
     while parts.size:
         low, high = np.split(shapely.bounds(parts), 2, axis=1)
         first, last = np.floor(low / size + 1e-6), np.ceil(high / size - 1e-6)  # lines of the grid around each part
@@ -133,5 +135,6 @@ def _pieces(polygon: BaseGeometry, *, size: float = 60.0) -> NDArray[np.object_]
             )
         ]
         parts = shapely.get_parts(shapely.get_parts(np.concatenate(halves)))
+        # Slivers at the lines of the grid have no area and only disturb the triangulation.
         parts = parts[shapely.area(parts) > 1e-8]
     return np.concatenate(done)

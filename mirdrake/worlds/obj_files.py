@@ -74,6 +74,7 @@ class ObjFiles:
                 self.files[f"{folder}/{file.name}"] = read_bytes(file)
             paths: list[tuple[str, Color | None]] = [(f"{folder}/{path.name}", None)]
         else:
+            # The painted parts are a mesh of their own, because each prop has its own colour.
             parts = _load(path)
             paths = self._write(f"{folder}/{path.stem}", [part for part in parts if part.material != paint])
             painted = [part for part in parts if part.material == paint]
@@ -95,6 +96,7 @@ class ObjFiles:
             hull = Convex(str(path), np.ones(3)).GetConvexHull()
             kind, _, stem = name.partition("/")
             target = f"{self._folder(kind, path)}/{stem}.obj"
+            # Nine digits: more than the single precision of renderers.
             lines = ["v " + " ".join(f"{x:.9g}" for x in hull.vertex(i)) for i in range(hull.num_vertices())]
             for i in range(hull.num_elements()):
                 face = hull.element(i)
@@ -191,6 +193,7 @@ def _parts(source: Path | io.BytesIO, name: str) -> list[_Part]:
     kind = source.suffix.lower().lstrip(".") if isinstance(source, Path) else "gltf"
     try:
         scene = trimesh.load(source, file_type=kind, force="scene", process=False)
+        # dump() applies the transforms of the scene, which OBJ files do not have.
         meshes = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     except Exception as error:  # readers of mesh files raise many types
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
@@ -199,11 +202,13 @@ def _parts(source: Path | io.BytesIO, name: str) -> list[_Part]:
     for mesh in meshes:
         material, uv, picture = getattr(mesh.visual, "material", None), getattr(mesh.visual, "uv", None), None
         image = getattr(material, "baseColorTexture", None)
+        # OBJ knows one picture for each material; opaque RGB is enough, because visuals have no transparency here.
         if image is not None and uv is not None:
             buffer = io.BytesIO()
             image.convert("RGB").save(buffer, "PNG")
             picture = buffer.getvalue()
         factor = getattr(material, "baseColorFactor", None)
+        # glTF stores linear colours, OBJ display colours: gamma 2.2 approximates the sRGB curve.
         linear = np.array([0.5, 0.5, 0.5]) if factor is None else _linear(factor)
         red, green, blue = (float(c) for c in np.clip(linear, 0.0, 1.0) ** (1.0 / 2.2))
         parts.append(

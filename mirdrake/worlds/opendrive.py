@@ -328,9 +328,9 @@ def _left_out(root: Element, roads: Mapping[str, Element], ids: Sequence[str], l
         notes.append("heights and slopes: the road is flat")
     if len(ids) < len(roads):
         notes.append(f"other roads: {len(roads) - len(set(ids))}")
-    for what, path in (("signals", "signals/signal"), ("objects", "objects/object"), ("road marks", ".//roadMark")):
+    for title, path in (("signals", "signals/signal"), ("objects", "objects/object"), ("road marks", ".//roadMark")):
         if lines := sum(1 for road in chosen for _ in road.iterfind(path)):
-            notes.append(f"{what}: {lines}")
+            notes.append(f"{title}: {lines}")
     if lines := sum(1 for _ in root.iterfind("junction")):
         notes.append(f"junctions: {lines}")
     lanes = {e.get("type", "") for road in chosen for e in road.iter("lane") if e.get("id") != "0"}

@@ -6,14 +6,14 @@ widths or borders that are cubic in s.
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from mirdrake.core.errors import ConfigError, did_you_mean
-from mirdrake.worlds.opendrive_parts import Places, number_of, read_leg
+from mirdrake.worlds.opendrive_parts import SAME, Cubics, Places, number_of, read_leg
 from mirdrake.worlds.pieces import Array
 
 _SHORTEST = 1e-3  # [m] road
@@ -24,8 +24,8 @@ class _Lane:
     """A lane of a section: its type and id, and the records of its width or its outer border."""
 
     names: set[str | None]
-    widths: Array
-    borders: Array
+    widths: Cubics
+    borders: Cubics
 
 
 class RoadPart:
@@ -78,12 +78,13 @@ class RoadPart:
 
     def _edges(self, road: Element, length: float) -> tuple[Array, Array, Array]:
         """Return stations, and the left and right edges there; twice the same station where they may jump."""
-        offsets = self._records(road.iterfind("lanes/laneOffset"), "s", 0.0)
+        offsets = Cubics.read(road.iterfind("lanes/laneOffset"), "s", self._places)
         sections = sorted(road.iterfind("lanes/laneSection"), key=lambda part: number_of(part, "s", self._places))
         if not sections:
             raise ConfigError(f"{self.where}: road '{self.name}' has no <laneSection> and therefore no width")
+        # Lanes are counted from the centre to the outside, on either side, and widths add up in this order.
         sides: dict[str, list[tuple[float, list[_Lane]]]] = {"left": [], "right": []}
-        breaks = {0.0, length, *offsets[:, 0]}
+        breaks = {0.0, length, *offsets.rows[:, 0]}
         for section in sections:
             begin = number_of(section, "s", self._places)
             breaks.add(begin)
@@ -95,13 +96,13 @@ class RoadPart:
                 rows = [
                     _Lane(
                         {element.get("type"), element.get("id")},
-                        self._records(element.iterfind("width"), "sOffset", begin),
-                        self._records(element.iterfind("border"), "sOffset", begin),
+                        Cubics.read(element.iterfind("width"), "sOffset", self._places, begin=begin),
+                        Cubics.read(element.iterfind("border"), "sOffset", self._places, begin=begin),
                     )
                     for element in lanes
                 ]
                 # Between breaks all edges are polynomials; at breaks they may jump, so stations are repeated there.
-                breaks.update(float(s) for row in rows for s in (*row.widths[:, 0], *row.borders[:, 0]))
+                breaks.update(float(s) for row in rows for s in (*row.widths.rows[:, 0], *row.borders.rows[:, 0]))
                 side_lanes.append((begin, rows))
         stations: list[Array] = []
         tops: list[Array] = []
@@ -109,23 +110,25 @@ class RoadPart:
 
         # Breaks that differ only by rounding would give parts without length.
         knots = sorted(s for s in breaks if 0.0 <= s <= length)
-        knots = [knots[0]] + [b for a, b in itertools.pairwise(knots) if b - a > 1e-6]
+        knots = [knots[0]] + [b for a, b in itertools.pairwise(knots) if b - a > SAME]
         for begin, end in itertools.pairwise(knots):
             s = np.linspace(begin, end, max(2, math.ceil(end - begin) + 1))
-            middle = _cubic(offsets, s)
+            # The start of a part decides which polynomials hold, because at its end the next ones already do.
+            middle = offsets(s, s[0])[0]
             edges = [
                 edge
                 for sign, side in ((1.0, "left"), (-1.0, "right"))
                 for edge in self._lane_edges(sides[side], s, middle, sign)
             ]
             if not edges:
-                section = [e for e in sections if number_of(e, "s", self._places) <= begin + 1e-6 or e is sections[0]][
+                section = [e for e in sections if number_of(e, "s", self._places) <= begin + SAME or e is sections[0]][
                     -1
                 ]
                 types = [e.get("type", "") for e in section.iter("lane") if e.get("id") != "0"]
                 raise ConfigError(
                     f"{self._places[section]}: no lane '{self._lane}' here; {did_you_mean(self._lane, types)}"
                 )
+            # The outer edges of the chosen lanes bound the road, also if other lanes are between them.
             stations.append(s)
             tops.append(np.max(edges, axis=0))
             bottoms.append(np.min(edges, axis=0))
@@ -136,34 +139,15 @@ class RoadPart:
     ) -> Iterator[Array]:
         """Yield inner and outer edges of the selected lanes on one side, at stations between two breaks."""
         # The last section that begins before the part; those after it are not valid yet.
-        lanes = next((rows for begin, rows in reversed(sections) if begin <= s[0] + 1e-6), [])
+        lanes = next((rows for begin, rows in reversed(sections) if begin <= s[0] + SAME), [])
         inner = middle
         for lane in lanes:
-            if len(lane.widths) or not len(lane.borders):  # widths have priority over borders
+            if lane.widths.rows.size or not lane.borders.rows.size:  # widths have priority over borders
                 # Widths add up outwards, borders are measured from the reference line; a width below zero is none.
-                outer = inner + sign * np.maximum(_cubic(lane.widths, s), 0.0)
+                outer = inner + sign * np.maximum(lane.widths(s, s[0])[0], 0.0)
             else:
-                outer = middle + _cubic(lane.borders, s)
+                outer = middle + lane.borders(s, s[0])[0]
             if self._lane in lane.names:
                 yield inner
                 yield outer
             inner = outer
-
-    def _records(self, elements: Iterable[Element], key: str, begin: float) -> Array:
-        """Return cubic polynomials: start [m], a, b, c and d, N x 5, sorted."""
-        rows = [
-            [begin + number_of(e, key, self._places), *(number_of(e, name, self._places) for name in "abcd")]
-            for e in elements
-        ]
-        return np.array(sorted(rows), dtype=float).reshape(-1, 5)
-
-
-def _cubic(records: Array, s: Array) -> Array:
-    """Return values at stations between two breaks by the record that is valid there; 0 without a record."""
-    # The start of the part decides, because at its end the next record is already valid.
-    holding = np.flatnonzero(records[:, 0] <= s[0] + 1e-6)
-    if not holding.size:
-        return np.zeros_like(s)
-    begin, a, b, c, d = records[holding[-1]]
-    u = s - begin
-    return np.asarray(a + u * (b + u * (c + u * d)))

@@ -1,11 +1,11 @@
 """Parts of OpenDRIVE files: the tree of elements with their lines, and the geometries of a reference line.
 
 After ASAM OpenDRIVE, chapter "Geometry": every geometry has a pose and a length, and is a line, an arc, a spiral, a
-cubic over u (`poly3`) or two cubics over a parameter (`paramPoly3`).
+cubic over u (`poly3`) or two cubics over a parameter (`paramPoly3`). Profiles over s are rows of cubics.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -20,6 +20,8 @@ from mirdrake.worlds.tracks import Track
 
 _LARGEST = 100_000_000  # bytes
 _LARGEST_NUMBER = 1e8
+SAME = 1e-6
+"""Distance of stations that are one [m]."""
 LONGEST = 1e5
 """Longest road [m]."""
 
@@ -61,6 +63,29 @@ def number_of(element: Element, key: str, places: Places, default: float | None 
     if not abs(value) <= _LARGEST_NUMBER:
         raise ConfigError(f"{places[element]}: {key} '{text[:40]}' of <{element.tag}> should be a number within ±1e8")
     return value
+
+
+@dataclass(frozen=True)
+class Cubics:
+    """Cubic polynomials, each valid from its start to the next one."""
+
+    rows: Array
+    """start [m], a, b, c and d, N x 5, sorted"""
+
+    @staticmethod
+    def read(elements: Iterable[Element], key: str, places: Places, *, begin: float = 0.0) -> "Cubics":
+        """Return the polynomials of elements whose start is begin + their attribute `key`."""
+        rows = [[begin + number_of(e, key, places), *(number_of(e, name, places) for name in "abcd")] for e in elements]
+        return Cubics(np.array(sorted(rows), dtype=float).reshape(-1, 5))
+
+    def __call__(self, s: Array, at: float) -> tuple[Array, Array, Array]:
+        """Return values and two derivatives at s by the polynomial that is valid at the station `at`; 0 without one."""
+        valid = np.flatnonzero(self.rows[:, 0] <= at + SAME)
+        if not valid.size:
+            return np.zeros_like(s), np.zeros_like(s), np.zeros_like(s)
+        begin, a, b, c, d = self.rows[valid[-1]]
+        u = s - begin
+        return a + u * (b + u * (c + u * d)), b + u * (2.0 * c + u * 3.0 * d), 2.0 * c + 6.0 * d * u
 
 
 # --- the reference line ------------------------------------------------------------------------------------------
@@ -107,11 +132,13 @@ def read_leg(geometry: Element, places: Places) -> Leg | None:
     kind = "" if shape is None else shape.tag
     if shape is None or kind not in {"line", "arc", "spiral", "poly3", "paramPoly3"}:
         raise ConfigError(f"{where}: <geometry> contains '{kind}'; use line, arc, spiral, poly3 or paramPoly3")
+    # Polynomials have no closed arc length: their pose is a function, sampled at both ends for the checks of joints.
     if kind in {"poly3", "paramPoly3"}:
         pose = _read_polynomial(shape, (x, y, yaw), length, places)
         x0, y0, yaw0 = (float(v[0]) for v in pose(np.array([0.0])))
         x1, y1, yaw1 = (float(v[0]) for v in pose(np.array([length])))
         return Leg(where, kind, length, (x0, y0, yaw0), (x1, y1, yaw1), None, pose)
+    # Lines, arcs and spirals are clothoids with constant or linear curvature: one piece of a track each.
     first = last = 0.0
     if kind == "arc":
         first = last = number_of(shape, "curvature", places)

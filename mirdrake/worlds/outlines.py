@@ -96,13 +96,13 @@ def section(points: Array, low: float, high: float) -> Array:
         high: height of the upper plane [m].
     """
     z = points[:, 2]
-    kept = [points[(z >= low) & (z <= high)]]
+    parts = [points[(z >= low) & (z <= high)]]
     for level in (low, high):  # all segments through the plane; those that are not edges end inside the hull
         below, above = points[z < level], points[z > level]
         if len(below) and len(above):
             share = (level - below[:, 2])[:, None] / (above[None, :, 2] - below[:, None, 2])
-            kept.append((below[:, None] + share[..., None] * (above[None] - below[:, None])).reshape(-1, 3))
-    return np.asarray(np.vstack(kept)[:, :2])
+            parts.append((below[:, None] + share[..., None] * (above[None] - below[:, None])).reshape(-1, 3))
+    return np.asarray(np.vstack(parts)[:, :2])
 
 
 def _outlines(placed: "PlacedProp", low: float, high: float) -> Iterator[Outline]:

@@ -94,6 +94,7 @@ class PropEntry(Schema):
     def _consistent(self) -> Self:
         exactly_one(self, _SHAPES)
         exactly_one(self, _LAYOUTS)
+        # Keys that the file has, as defaults do not contradict anything.
         given = self.model_fields_set
         if self.group is not None:
             for name in ("size", "scale", "color", "static", "mass", "driven_over", "pitch", "roll"):

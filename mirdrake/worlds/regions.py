@@ -183,6 +183,7 @@ def make_region(spec: RegionSpec | str, areas: NamedAreas, draw: Draw, *, locati
     Raises:
         ConfigError: the name is unknown, or the region is empty.
     """
+    # A name is that of a patch or a track; anything else is a shape.
     if isinstance(spec, str):
         if spec in areas.patches:
             return areas.patches[spec].area

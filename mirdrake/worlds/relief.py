@@ -160,6 +160,7 @@ class RoadRelief(Schema):
         """
         track = _track(self.along, tracks, where(self, "along"))
         s = _stations(track, [row[0] for table in (self.elevation, self.grade, self.banking) for row in table or []])
+        # A given grade is integrated to heights; a given elevation is interpolated by a smooth curve.
         if self.grade is not None:
             z, slope = _height_of_grade(self.grade, s)
             if track.closed and abs(z[-1] - z[0]) > 0.01:

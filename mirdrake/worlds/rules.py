@@ -90,6 +90,7 @@ class Rules:
         goals: Mapping[str, Goal],
         draw: Draw,
     ) -> None:
+        # The largest of several gaps holds for all pairs.
         self.min_gap = max((spec.min_gap for spec in specs if spec.min_gap is not None), default=0.0)
         # The rule with the largest gap is the one that a prop breaks.
         self.gap_where = next((where(spec, "min_gap") for spec in specs if spec.min_gap == self.min_gap), "")
@@ -100,6 +101,7 @@ class Rules:
         self._pairs: list[tuple[str, str]] = []
         for index, spec in enumerate(specs):
             below = draw.below(f"rules.{index}")
+            # Areas of keep_clear are kept twice: as a rule for placing props, and for the checks of the finished world.
             if spec.keep_clear is not None:
                 rule = _keep_clear(spec.keep_clear, areas, starts, goals)
                 self._areas.append(rule)
@@ -138,6 +140,7 @@ class Rules:
             for prop in props
             if not area.holds(prop)
         ]
+        # A pattern that matches nothing is a misspelt name.
         patterns = [(area.props, area.where) for area in self._areas]
         patterns += [(rule.props, rule.where) for rule in self.on_ground]
         names = sorted({prop.name.partition("[")[0] for prop in props})
@@ -176,6 +179,7 @@ def _keep_clear(
 ) -> _AreaRule:
     area: BaseGeometry
     if spec.around is not None:
+        # One of three kinds, as the schema has checked.
         assert spec.radius is not None
         area = shapely.Point(_point(spec.around, starts, goals, where(spec, "around"))).buffer(spec.radius)
         fault = f"is within {spec.radius:g} m of '{spec.around}'"

@@ -230,6 +230,7 @@ def set_sky(meshcat: Meshcat, world: World) -> None:
     meshcat.SetProperty("/Background", "top_color", (0.35 * zenith + 0.65).tolist())
     meshcat.SetProperty("/Background", "bottom_color", (0.5 * horizon + 0.5).tolist())
     towards = -sun_light(world).direction
+    # The headlight of Meshcat would hide the shading by the sun.
     for lamp in (
         "SpotLight",
         "PointLightNegativeX",
@@ -255,6 +256,7 @@ def _network_items(world: World, wet: BaseGeometry, above: BaseGeometry) -> list
     paints = paint(world.network) if world.spec.network.markings else {}
     painted = shapely.union_all(list(paints.values()))
     items: list[SceneryItem] = []
+    # Surfaces that lie on the network replace it: two coplanar faces would flicker.
     parts = [part for part in world.road_areas if not part.is_track]
     paved = shapely.union_all([part.area for part in parts])
     for part in parts:
@@ -299,6 +301,7 @@ def _patch(track: Track, stations: Array, begin: float, end: float, right: Offse
 
 def _line(track: Track, marking: MarkingSpec) -> BaseGeometry:
     """Return a painted line as a polygon."""
+    # Stations are dense enough that the chord differs from the curve by less than the sagitta.
     half = marking.width / 2.0
     stations = track.stations(sagitta=_SAGITTA)
     if marking.line == "start":

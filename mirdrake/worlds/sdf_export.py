@@ -157,6 +157,7 @@ def _add_ground(tree: Element, world: World, mu: float, meshes: ObjFiles) -> Non
 def _add_prop(tree: Element, placed: PlacedProp, name: str, meshes: ObjFiles) -> None:
     prop = placed.prop
     model = SubElement(tree, "model", {"name": name})
+    # Names in SDF are restricted, so that the name of the prop is kept as a comment.
     if name != placed.name:
         model.append(ElementTree.Comment(f" {placed.name} "))
     _text(model, "static", "true" if placed.static else "false")
@@ -175,6 +176,7 @@ def _add_prop(tree: Element, placed: PlacedProp, name: str, meshes: ObjFiles) ->
             shape = _shape(solid.shape, meshes, f"{prop.name}/solid_{index}")
             _add_visual(link, f"visual_{index}", shape, solid.X_PS, color)
         return
+    # A mesh is exported once and used by all props of its kind; its parts carry the colour of each prop.
     for index, (uri, own) in enumerate(meshes.add_mesh(prop.name, prop.visual, prop.paint)):
         # Only painted parts have a colour of their own to replace; the others keep their materials.
         paint = own if own is None or placed.color is None else placed.color
@@ -209,6 +211,7 @@ def _add_collision(
     collision = SubElement(link, "collision", {"name": name})
     _text(collision, "pose", _pose(X))
     _add_geometry(collision, _shape(shape, meshes, label), convex=True)
+    # Gazebo reads the friction of ODE, Drake its own element.
     ode = SubElement(SubElement(SubElement(collision, "surface"), "friction"), "ode")
     for key in ("mu", "mu2"):  # static and dynamic friction in Drake
         _text(ode, key, _numbers([mu]))

@@ -79,8 +79,8 @@ class ArcSpec(Schema, Segment):
         clothoid = 2.0 * self.radius * self.transition  # length over which 0 -> 1/R turns `transition`
         rest = max(0.0, abs(self.angle) - 2.0 * self.transition)
         pieces = [Piece(clothoid, 0.0, k), Piece(self.radius * rest, k, k), Piece(clothoid, k, 0.0)]
-        kept = (bool(clothoid), rest > 1e-12, bool(clothoid))
-        return [piece for piece, keep in zip(pieces, kept, strict=True) if keep]
+        present = (bool(clothoid), rest > 1e-12, bool(clothoid))
+        return [piece for piece, keep in zip(pieces, present, strict=True) if keep]
 
 
 class ClothoidSpec(Schema, Segment):

@@ -65,6 +65,7 @@ def _width(value: Any) -> float | list[tuple[float, float]]:
                 raise ValueError(f"entry {index + 1}: s = {row[0]:g} m; s must increase from 0 or more")
         widths = [float(width) for _, width in rows]
     else:
+        # A plain width holds everywhere.
         number = to_si(value, "m")
         if isinstance(number, bool) or not isinstance(number, int | float):
             raise ValueError(f"{str(value)[:40]!r} is not a width; give a number in m, or [[s, width], ...]")

@@ -41,6 +41,7 @@ def world_data(world: World, refer: Callable[[Path], str]) -> Json:
         world: the world.
         refer: returns the reference to a mesh file, a text.
     """
+    # Props and actors of one kind share their entry.
     used = [placed.prop for placed in world.props] + [actor.prop for actor in world.actors]
     kinds = {kind: index for index, kind in enumerate(dict.fromkeys(used))}
     return {
@@ -82,6 +83,7 @@ def read_world(
         ConfigError: the specification has faults.
         KeyError, TypeError, ValueError: the data are not those of a world.
     """
+    # Props of one kind share their meshes, so that kinds are stored once and referred to by index.
     kinds = [_read_prop(kind, find) for kind in data["kinds"]]
     spec = validate(data["spec"], WorldSpec, Source(location, {}))
     path = None if data["path"] is None else Path(data["path"])
@@ -90,6 +92,7 @@ def read_world(
     # The ground is computed again from its specification, because the data do not hold its grids.
     relief = in_files(spec.ground.relief, grids)
     terrain = make_relief(relief, tracks, path.parent if path is not None else Path.cwd(), network)
+    # Actors are laid out again: their paths follow from the specification without random numbers.
     of_actors = {name: kinds[index] for name, index in data.get("actors", {}).items()}
     actors, paths = lay_out_actors(spec, tracks, network, of_actors)
     return World(
@@ -180,6 +183,7 @@ def _read_prop(data: Mapping[str, Any], find: FindFile) -> Prop:
         shape = _read_shape(entry, find)
         if shape is not None:
             solids.append(Solid(shape, _read_pose(entry["pose"])))
+    # A prop whose meshes are gone is drawn as the box of its size.
     if not solids:
         middle = RigidTransform([0.0, 0.0, 0.5 * data["size"][2]])
         solids = [Solid(Box(*data["size"]), middle)]
@@ -193,8 +197,8 @@ def _read_prop(data: Mapping[str, Any], find: FindFile) -> Prop:
 
 
 def _placed_data(placed: PlacedProp, kind: int) -> Json:
-    kept = {field.name: getattr(placed, field.name) for field in fields(placed)}
-    return kept | {"prop": kind, "X_WP": _pose_data(placed.X_WP)}
+    content = {field.name: getattr(placed, field.name) for field in fields(placed)}
+    return content | {"prop": kind, "X_WP": _pose_data(placed.X_WP)}
 
 
 def _read_placed(data: Mapping[str, Any], kinds: list[Prop]) -> PlacedProp:

@@ -23,29 +23,29 @@ TOUCH = 1e-4
 """Distance at which two outlines touch [m]."""
 
 
-def first_contacts(one: Volume, poses: Array, other: Volume, other_poses: Array) -> Array:
+def first_contacts(volume: Volume, poses: Array, other: Volume, other_poses: Array) -> Array:
     """Return when two moving volumes first touch since the sample before (n): the share of that time, inf: not.
 
     Args:
-        one: volume of the first object.
+        volume: volume of the first object.
         poses: x, y [m] and yaw [rad] of its frame (n, 3), at equal steps of time.
         other: volume of the second object.
         other_poses: its poses at the same times (n, 3).
     """
     result = np.full(len(poses), math.inf)
-    pairs = [(a, b) for a in one.slabs for b in other.slabs if a.low < b.high and b.low < a.high]
+    pairs = [(a, b) for a in volume.slabs for b in other.slabs if a.low < b.high and b.low < a.high]
     good = np.asarray(np.isfinite(np.column_stack((poses, other_poses))).all(axis=1))
     if not pairs or not good.any():
         return result
     # Only samples between which the circles around both may meet are examined.
-    reach = one.reach + other.reach
+    reach = volume.reach + other.reach
     away = np.hypot(*(poses[:, :2] - other_poses[:, :2]).T)
     # The relative movement since the sample before; both objects may have met anywhere along it.
     step = np.hypot(*np.diff(poses[:, :2] - other_poses[:, :2], axis=0, prepend=(poses - other_poses)[:1, :2]).T)
     near = np.flatnonzero(good & (away - step <= reach))
     if not near.size:
         return result
-    near = near[_may_touch(one, poses, other, other_poses, near)]
+    near = near[_may_touch(volume, poses, other, other_poses, near)]
     advance = _compiled()
     for row in near.tolist():
         before = max(row - 1, 0)
@@ -61,12 +61,12 @@ def first_contacts(one: Volume, poses: Array, other: Volume, other_poses: Array)
 
 
 def times_to_contact(
-    one: Volume, poses: Array, velocities: Array, other: Volume, other_poses: Array, other_velocities: Array
+    volume: Volume, poses: Array, velocities: Array, other: Volume, other_poses: Array, other_velocities: Array
 ) -> Array:
     """Return the times until two volumes touch if both keep their velocities and do not turn (n) [s]; inf: never.
 
     Args:
-        one: volume of the first object.
+        volume: volume of the first object.
         poses: x, y [m] and yaw [rad] of its frame (n, 3).
         velocities: of it in W (n, 2) [m/s].
         other: volume of the second object.
@@ -74,9 +74,9 @@ def times_to_contact(
         other_velocities: its velocities (n, 2) [m/s].
     """
     result = np.full(len(poses), math.inf)
-    pairs = [(a, b) for a in one.slabs for b in other.slabs if a.low < b.high and b.low < a.high]
+    pairs = [(a, b) for a in volume.slabs for b in other.slabs if a.low < b.high and b.low < a.high]
     relative = other_velocities - velocities
-    reach = one.reach + other.reach
+    reach = volume.reach + other.reach
     between = other_poses[:, :2] - poses[:, :2]
     away, speed = np.hypot(*between.T), np.hypot(*relative.T)
     # The circles around both meet only if the objects approach, and pass each other near enough.
@@ -95,17 +95,17 @@ def times_to_contact(
     return result
 
 
-def _may_touch(one: Volume, poses: Array, other: Volume, other_poses: Array, rows: Ints) -> NDArray[np.bool_]:
+def _may_touch(first_volume: Volume, poses: Array, other: Volume, other_poses: Array, rows: Ints) -> NDArray[np.bool_]:
     """Return at which rows the hulls of two volumes may have touched since the sample before."""
     before = np.maximum(rows - 1, 0)
     hulls: list[Any] = [
         shapely.polygons(place_outline(volume.outline, at[before]))
-        for volume, at in ((one, poses), (other, other_poses))
+        for volume, at in ((first_volume, poses), (other, other_poses))
     ]
     change = (poses - other_poses)[rows] - (poses - other_poses)[before]
     fastest = np.hypot(change[:, 0], change[:, 1])
     # A corner moves at most by the turn, the shorter way round, times its distance from the origin of the frame.
-    for volume, at in ((one, poses), (other, other_poses)):
+    for volume, at in ((first_volume, poses), (other, other_poses)):
         turn = at[rows, 2] - at[before, 2]
         fastest += np.abs(turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))) * volume.reach
     return np.asarray(~(shapely.distance(*hulls) > fastest + 2.0 * TOUCH))

@@ -40,6 +40,7 @@ def lanes_of_track(name: str, track: Track, *, count: int = 1, oncoming: int = 0
         oncoming: number of lanes in the opposite direction.
     """
     total = count + oncoming
+    # Numbers count from the right edge in the direction of traffic, as neighbours are named.
     lanes: dict[str, Lane] = {}
     for number in range(1, count + 1):
         share = (number - 0.5) / total  # of the width, from the right edge
@@ -73,6 +74,7 @@ def _lane(
         if _:
             break
         station = np.interp(np.linspace(0.0, s[-1], len(s)), s, station)
+    # The offset turns the heading by atan(slope / (1 - k n)) and changes the curvature to k / (1 - k n), n to the left.
     x, y = track.point(station, offset)
     yaw = track.pose(station)[2] + np.arctan2(slope, 1.0 - k * offset)
     curvature = k / (1.0 - k * offset)
@@ -90,6 +92,7 @@ def _lane(
             -curvature[::-1],
             station[::-1],
         )
+    # The lane of a closed track leads into itself.
     follows = (lane_id,) if track.closed else ()
     return Lane(
         lane_id, s, x, y, np.zeros(len(s)), yaw, curvature, width * _width(track, station),

@@ -66,6 +66,7 @@ def make_track(
         WorldError: the track does not close, it crosses itself, its inner edge folds, its length is wrong, or auto
             lines have no solution.
     """
+    # Exactly one source is given; the schema has checked that.
     if spec.points is not None:
         line = _from_points(spec)
     elif spec.csv is not None:
@@ -257,6 +258,7 @@ def _from_route(spec: TrackSpec, route: RouteSpec, network: Network | None) -> _
         find_place(network, place, where=where(route, key)) for key, place in (("from", route.from_), ("to", route.to))
     )
     via = [find_place(network, place, where=where(route, "via", i)) for i, place in enumerate(route.via)]
+    # The route is driven along the middles of its lanes, with the width of the lane.
     try:
         found = find_route(network, start, goal, via=via)
         pieces, pose = pieces_through(found.points, closed=False)
@@ -338,6 +340,7 @@ def _check(spec: TrackSpec, track: Track, line: _CentreLine) -> None:
     Raises:
         WorldError: the track violates one of these conditions.
     """
+    # The gap includes the heading: a track that meets its start at an angle has a kink there.
     is_varying, (gap, angle) = track.edges is not None, track.gap
     if track.closed and (gap > _GAP_LENGTH or abs(angle) > _GAP_ANGLE):
         advice = (
@@ -434,6 +437,7 @@ def _solve_auto_lines(spec: TrackSpec, pieces: list[Piece]) -> list[Piece]:
     track = Track(rest)
     # Lines do not turn, so that headings are known before their lengths.
     yaws = np.cumsum([0.0] + [piece.turn for piece in pieces])[auto_lines]
+    # Closure: the auto lines have to bring the end back to the start, two equations; the total length is a third one.
     gap_x, gap_y, _ = track.end
     matrix, target = np.vstack((np.cos(yaws), np.sin(yaws))), np.array([-gap_x, -gap_y])
     if len(auto_lines) == 3:

@@ -201,6 +201,7 @@ class Track(Curve):
             )
         if not all(np.isfinite(values).all() for values in (s, left, right)):
             raise WorldError(f"{where}: some values are not finite; give numbers in m")
+        # Lengths come from sums of many pieces: a relative tolerance allows for their rounding.
         slack = 1e-6 * max(1.0, self.length)
         if abs(s[0]) > slack or abs(s[-1] - self.length) > slack:
             raise WorldError(f"{where}: s goes from {s[0]:g} to {s[-1]:g} m; make it go from 0 to {self.length:.6f} m")
@@ -210,6 +211,7 @@ class Track(Curve):
             raise WorldError(
                 f"{where}: s does not increase from {s[i]:g} to {s[i + 1]:g} m; sort the stations, each once"
             )
+        # The edges of a closed track have to meet at the start.
         for side, values in (("left", left), ("right", right)):
             if values.min() <= 0.0:
                 i = int(np.argmin(values))

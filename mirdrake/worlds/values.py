@@ -253,6 +253,7 @@ class _Parser:
                 self._fail("a number is missing at the end")
             token = self._tokens[self._position]
             self._position += 1
+            # A sign binds to the factor behind it, as in -2 * 3.
             if token.text in {"-", "+"}:
                 return self._factor() * (-1.0 if token.text == "-" else 1.0)
             if token.text == "(":

@@ -79,6 +79,7 @@ def add_tyres(
     models: dict[str, WheelTyres | GroundTyres] = {}
     for index, (name, part) in enumerate(parts.vehicles.items()):
         tyres: WheelTyres | GroundTyres | None = None
+        # With contact geometry the loads are those of the contact solver; ground tyres know their own.
         if isinstance(rolling, RollingResistance):
             # One system has the loads of all vehicles; each tyre system reads its part of them.
             first, loads = index * len(part.wheels), len(parts.vehicles) * len(part.wheels)
@@ -91,6 +92,7 @@ def add_tyres(
             tyres = wheel_tyres
         else:
             tyres = wiring.systems[f"{name}.tyres"]
+        # Wheel torques of a powertrain go into the tyre system, which advances the spin of the wheels with them.
         wiring.sinks[f"{name}.wheel_torque"] = (tyres.wheel_torque, signals_of(tyres.wheel_torque))
         wiring.sources[f"{name}.tyre_forces"] = (tyres.tyre_forces, signals_of(tyres.tyre_forces))
         if f"{name}.wheel_torque" in wiring.sources:
@@ -122,6 +124,7 @@ def add_outer_forces(
             wiring.sources[f"{name}.air_force"] = (air.air_force, signals_of(air.air_force))
             forces.append(air.generalized_force)
     total = Adder(len(forces), plant.num_velocities())
+    # The plant has one input for external forces, so that their sum is a system of its own.
     wiring.add("generalized_forces", total)
     for index, port in enumerate(forces):
         wiring.link(port, total.get_input_port(index))

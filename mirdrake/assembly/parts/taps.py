@@ -114,6 +114,7 @@ def _add_chosen_taps(
     Raises:
         ConfigError: a pattern chooses nothing.
     """
+    # Only vectors can be recorded as columns.
     columns = {
         name: columns_of(name, port, contents)
         for name, (port, contents) in wiring.sources.items()
@@ -129,6 +130,7 @@ def _add_chosen_taps(
             raise ConfigError(f"{place}: no signal matches '{pattern}'; {near}. `mirdrake ports` lists all")
         chosen |= dict.fromkeys(name for name in names if name not in known)
 
+    # A sink for each group keeps the number of systems small: hundreds of signals would slow the simulation.
     # Signals of one control unit are sampled together; each other port has a log of its own.
     groups: dict[str, list[str]] = {}
     for name in chosen:
@@ -140,12 +142,13 @@ def _add_chosen_taps(
         contents = tuple(signal for name in names for signal in columns[name])
         if group.endswith(".control") and group not in wiring.sources:
             period = 1.0 / vehicles[group.partition(".")[0]].control.rate
-            held = HeldSignals([wiring.sources[name][0].size() for name in names], period=period)
-            held.set_name(f"log/held/{group}")
-            wiring.builder.AddSystem(held)
-            for name, sink_port in zip(names, held.inputs, strict=True):
+            # Signals of a control unit change at its instants only; the hold samples all of them at the same time.
+            sampler = HeldSignals([wiring.sources[name][0].size() for name in names], period=period)
+            sampler.set_name(f"log/held/{group}")
+            wiring.builder.AddSystem(sampler)
+            for name, sink_port in zip(names, sampler.inputs, strict=True):
                 wiring.link(wiring.sources[name][0], sink_port)
-            port = held.get_output_port()
+            port = sampler.get_output_port()
         sink = wiring.builder.AddSystem(VectorLogSink(port.size(), publish_period=1.0 / spec.record.rate))
         sink.set_name(f"log/{group}")
         wiring.link(port, sink.get_input_port())

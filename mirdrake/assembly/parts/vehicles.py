@@ -36,6 +36,7 @@ def add_vehicle_systems(
     """Add control unit, ground truth and driver of one vehicle, and return its reference track."""
     plant, name, tracks = parts.plant, part.name, parts.world.tracks
     driver_spec = spec.control.get(name)
+    # The reference track is that of the driver, else the one on which the vehicle starts.
     track = getattr(driver_spec, "track", None) or _track_at(start, tracks)
     control = add_control(wiring, parts, part, spec, expand=expand)
     truth = GroundTruth(plant, part, track=tracks.get(track or ""))
@@ -57,6 +58,7 @@ def add_vehicle_systems(
     for source, output, sink, port in between:
         wiring.sources[f"{name}.{source}"], wiring.sinks[f"{name}.{sink}"] = (output, None), (port, None)
         wiring.defaults.append((f"{name}.{source}", f"{name}.{sink}"))
+    # Each element of the command is an input by itself, so that a user's block can replace one of them.
     for index, (port, signal) in enumerate(zip(JOIN, COMMAND, strict=True)):
         wiring.sinks[f"{name}.{port}"] = (join.get_input_port(index), (signal,))
         wiring.aliases[f"{name}.control.{port}"] = f"{name}.{port}"
@@ -73,10 +75,12 @@ def add_vehicle_systems(
 
     if driver_spec is None:
         return track
+    # A diagram without a driver is driven by signals of the user.
     place = where(spec, "control", name)
     folder = Path(spec.folder) if spec.folder is not None else None
     driver = driver_spec.make_system(part.vehicle, parts.world, where=place, folder=folder)
     wiring.add(f"{name}.driver", driver)
+    # Sensors of drivers exist only where a driver reads them.
     if driver.HasInputPort("ranges"):
         _add_range_scan(wiring, parts, part, truth)
     if driver.HasInputPort("road_ahead") and track is not None:

@@ -43,6 +43,7 @@ def track_through(points: Sequence[tuple[float, float]], *, radius: float) -> Tr
         headings.append(math.atan2(y1 - y0, x1 - x0))
         if legs[-1] < 1e-6:
             raise ConfigError(f"points: {number} and {number + 1} are in the same place, ({x0:g}, {y0:g}) m; drop one")
+    # Wrapped to ±180 degrees, so that a corner never takes the long way round.
     turns = [math.remainder(b - a, 2.0 * math.pi) for a, b in pairwise(headings)]
     cuts = [0.0]  # how much of the straights a corner takes away [m]
     for number, turn in enumerate(turns):
@@ -54,6 +55,7 @@ def track_through(points: Sequence[tuple[float, float]], *, radius: float) -> Tr
         )
         cuts.append(min(radius * math.tan(0.5 * abs(turn)), room))
     cuts.append(0.0)
+    # Straights that are left between the cuts, each followed by its arc.
     pieces = []
     for number, leg in enumerate(legs):
         straight = leg - cuts[number] - cuts[number + 1]

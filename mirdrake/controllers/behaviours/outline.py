@@ -64,6 +64,7 @@ def volume_of(vehicle: ShapedVehicle) -> Volume:
         measured = _measured_volume(urdf, tuple(sorted(packages.items())), spec.base_link, frozenset(wheels), radius)
         if measured is not None:
             return measured
+    # Vehicles without a model, such as stand-ins of tests, are boxes.
     box, floor = outline_of(vehicle), _CLEARANCE * vehicle.geometry.wheelbase
     sides = (box.rear, box.front), (-box.half_width, box.half_width), (floor, box.height)
     return Volume.of([Part(np.array(list(product(*sides))), False)], radius)
@@ -84,8 +85,3 @@ def _measured_volume(
     """
     parts = measure_parts(urdf, packages=dict(packages), base_link=base_link, wheels=wheels)
     return Volume.of([Part(*part) for part in parts], radius) if parts else None
-
-
-def front_of(vehicle: ShapedVehicle) -> float:
-    """Return the distance of the front bumper from the rear axle [m]; see :func:`outline_of`."""
-    return outline_of(vehicle).front

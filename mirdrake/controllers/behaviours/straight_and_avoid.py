@@ -98,19 +98,19 @@ class StraightAndAvoid(Behaviour):
         look = self.distance + stopping_distance(speed, deceleration=self.deceleration, reaction=self.reaction)
         # It looks farther than it needs to stop, so that it can still choose.
         look = max(self.lookahead, 1.2 * look)
-        most = min(self.law.curvature(self.law.limit), self.lateral / max(speed, 1.0) ** 2)
+        max_curvature = min(self.law.curvature(self.law.limit), self.lateral / max(speed, 1.0) ** 2)
         distance = max(self.convergence, 0.8 * speed)
-        wanted = min(max(line_curvature(lateral, heading, distance=distance), -most), most)
+        wanted = min(max(line_curvature(lateral, heading, distance=distance), -max_curvature), max_curvature)
         points = points[np.hypot(points[:, 0], points[:, 1]) < look + self.outline.front + self.outline.half_width]
         curvature, way = wanted, math.inf
         # Circles are compared only if the way back to the line is not free.
         if way_with(self.clearance, points, np.array([wanted]), self.outline, reach=look)[0] < look:
-            kappa = np.append(self._shares * most, wanted)
+            kappa = np.append(self._shares * max_curvature, wanted)
             wide = way_with(self.clearance, points, kappa, self.outline, reach=look)
             narrow = way_with(0.5 * self.clearance, points, kappa, self.outline, reach=look)
             # Mean progress with full and with half clearance; the cost keeps it from alternating between the sides.
             made = sum(headway(way, kappa, heading, lever=self.outline.front) for way in (wide, narrow)) / (2.0 * look)
-            cost = (np.abs(kappa - wanted) + np.abs(kappa - previous)) / (2.0 * most)
+            cost = (np.abs(kappa - wanted) + np.abs(kappa - previous)) / (2.0 * max_curvature)
             chosen = int(np.argmax(made - _PREFERENCE * cost))
             curvature, way = float(kappa[chosen]), float(narrow[chosen])
         memory[3] = curvature

@@ -130,10 +130,10 @@ class PictureLog:
         finally:
             self._log.close()
 
-    def _settle(self, most: int) -> None:
+    def _settle(self, limit: int) -> None:
         """Log the pictures that are written; wait for the first ones if more than so many are not."""
         # Only from the front: lines of the log stay in the order of time even if a later picture is ready first.
-        while self._waiting and (len(self._waiting) > most or self._waiting[0][0].done()):
+        while self._waiting and (len(self._waiting) > limit or self._waiting[0][0].done()):
             future, line = self._waiting.popleft()
             # Raises the error of the thread, such as a full disk, in the thread of the simulation.
             future.result()

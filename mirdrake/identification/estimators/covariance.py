@@ -92,9 +92,9 @@ def autoregression(series: Sequence[Array]) -> Array:
         return model
     power = sum(float(part @ part) for part in ahead) / count
     # Enough samples for each coefficient, or the model would follow the noise of the log.
-    most = min(int(10.0 * np.log10(count)), max(len(part) for part in ahead) // _MIN_SAMPLES)
-    behind, least = ahead, count * np.log(max(power, 1e-300))
-    for order in range(1, most + 1):
+    max_order = min(int(10.0 * np.log10(count)), max(len(part) for part in ahead) // _MIN_SAMPLES)
+    behind, best_criterion = ahead, count * np.log(max(power, 1e-300))
+    for order in range(1, max_order + 1):
         # Forward and backward errors of all stretches are pooled; no product crosses the end of a stretch.
         ahead, behind = [part[1:] for part in ahead], [part[:-1] for part in behind]
         top = sum(float(f @ b) for f, b in zip(ahead, behind, strict=True))
@@ -111,8 +111,8 @@ def autoregression(series: Sequence[Array]) -> Array:
         )
         power *= 1.0 - turn * turn
         cost = count * np.log(max(power, 1e-300)) + 2.0 * order
-        if cost < least:
-            best, least = model, cost
+        if cost < best_criterion:
+            best, best_criterion = model, cost
     return best
 
 
@@ -132,12 +132,12 @@ class _Sums:
         return np.asarray(self._square - np.outer(self._sum, self._sum) / max(self._count, 1))
 
 
-def _at_least(noise: Array, least: Array) -> Array:
+def _at_least(noise: Array, floor: Array) -> Array:
     """Return a covariance raised to at least another one in every direction."""
     # Scaled by the least variances, so that the eigenvectors do not depend on units.
-    size = np.sqrt(np.maximum(np.diag(least), 1e-300))
-    values, vectors = np.linalg.eigh((noise - least) / np.outer(size, size))
-    return np.asarray(least + (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size))
+    size = np.sqrt(np.maximum(np.diag(floor), 1e-300))
+    values, vectors = np.linalg.eigh((noise - floor) / np.outer(size, size))
+    return np.asarray(floor + (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size))
 
 
 def block_bootstrap(information: list[Array], scores: list[Array], prior: Array, count: int, seed: int = 0) -> Array:

@@ -39,7 +39,6 @@ def rank_manoeuvres(
     sigmas: Mapping[str, float],
     *,
     known: Array | None = None,
-    candidates: Mapping[str, Mapping[str, Array]] | None = None,
     speed: float = 20.0,
 ) -> tuple[Candidate, ...]:
     """Return manoeuvres that the model can follow, the best first, by D-optimality.
@@ -50,7 +49,6 @@ def rank_manoeuvres(
         values: values of the parameters.
         sigmas: noise by output.
         known: present information (p, p); None for weak priors only.
-        candidates: channels by manoeuvre; None for those of the model.
         speed: highest speed that may be driven [m/s].
     """
     free = [unknown for unknown in unknowns if unknown.kind != "fixed"]
@@ -59,7 +57,7 @@ def rank_manoeuvres(
     now = base if known is None else known + 1e-9 * np.eye(len(free))
     before = np.linalg.inv(now)
     ranking = []
-    plans = candidates or model.candidate_manoeuvres(values, speed)
+    plans = model.candidate_manoeuvres(values, speed)
     for name, drive in zip(plans, _driven(model, values, list(plans.values())), strict=True):
         is_driven = all(np.isfinite(channel).all() for channel in drive.outputs.values())
         gained = information(model, unknowns, values, sigmas, drive) if is_driven else np.full_like(now, np.nan)

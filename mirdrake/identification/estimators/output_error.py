@@ -239,6 +239,7 @@ def evaluate_logs(data: DataSet, solution: Solution) -> tuple[tuple[ChannelFit, 
     channels: list[ChannelFit] = []
     traces: dict[str, pd.DataFrame] = {}
     values = problem.values(solution.z)
+    # Parameters of the fit stay fixed for validation: only what belongs to a log is estimated again.
     fixed = _fixed(problem, values)
     for log in data.logs:
         if log.use == "train":

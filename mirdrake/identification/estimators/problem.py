@@ -114,6 +114,7 @@ class Problem:
                 columns.append(
                     {**base, parameter.info.name: parameter.to_value(float(scaled) + self.model.difference_step)}
                 )
+        # Unknowns are, in this order: parameters, offsets of sensors, and the initial state of each segment.
         runs = []
         scales, size = np.array(self.model.state_scales), len(self.model.states)
         for k, (shots, start) in enumerate(zip(self._shots, self._starts, strict=True)):
@@ -268,15 +269,15 @@ class Problem:
             ])  # fmt: skip
             # Outliers are limited, so that glitches do not inflate the noise.
             away = np.abs(off)
-            most = 6.0 * float(np.median(away)) if len(off) else 1.0
-            spread[name] = float(np.sqrt(np.mean(np.minimum(away, most) ** 2))) or 1e-9
+            cutoff = 6.0 * float(np.median(away)) if len(off) else 1.0
+            spread[name] = float(np.sqrt(np.mean(np.minimum(away, cutoff) ** 2))) or 1e-9
         return spread
 
 
-def is_continuation(one: Segment, other: Segment) -> bool:
+def is_continuation(segment: Segment, other: Segment) -> bool:
     """Whether a segment begins where another one ends."""
-    gap = other.start - one.start - one.step * one.size
-    return one.log == other.log and abs(gap) < 0.5 * one.step
+    gap = other.start - segment.start - segment.step * segment.size
+    return segment.log == other.log and abs(gap) < 0.5 * segment.step
 
 
 def transfer_states(z: Array, before: Problem, now: Problem) -> Array:

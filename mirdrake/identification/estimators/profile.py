@@ -24,8 +24,8 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
     problem = solution.problem
     quick = replace(options, iterations=15)
     # Refitted with the same quick options as the profile, so that both costs are comparable.
-    least = minimise(problem, quick, solution.z).cost
-    close = max(_CLOSE / max(least, 1e-9), 1e-8)
+    min_cost = minimise(problem, quick, solution.z).cost
+    close = max(_CLOSE / max(min_cost, 1e-9), 1e-8)
     for i, parameter in enumerate(problem.free):
         name = parameter.info.name
         # An unidentified parameter would be moved out of the range of the model.
@@ -43,7 +43,7 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
                 if not parameter.info.low <= value <= parameter.info.high:
                     break
                 # Fixing the parameter removes it from the unknowns; the others are minimised without constraint.
-                held = [
+                unknowns = [
                     replace(other, kind="fixed", prior=None, info=replace(other.info, guess=value))
                     if other.info.name == name
                     else other
@@ -51,11 +51,11 @@ def profiles_of(solution: Solution, options: EstimatorOptions) -> dict[str, pd.D
                 ]
                 try:
                     other = minimise(
-                        replace(problem, unknowns=held), quick, rest + (step - last) * sigma * follow, close=close
+                        replace(problem, unknowns=unknowns), quick, rest + (step - last) * sigma * follow, close=close
                     )
                 except RunError:
                     break
                 rest, last = other.z, step
-                rows.append((value, 2.0 * max(other.cost - least, 0.0) / widened))
+                rows.append((value, 2.0 * max(other.cost - min_cost, 0.0) / widened))
         profiles[name] = pd.DataFrame(sorted(rows), columns=["value", "cost"])
     return profiles

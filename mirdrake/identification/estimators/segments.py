@@ -38,11 +38,13 @@ def make_segments(model: Model, logs: tuple[Log, ...], piece: float | None = Non
         ConfigError: a log lacks a channel or its values, or a channel is constant.
     """
     pieces, notes, faults = [], [], []
+    # The total length decides how finely all logs are resampled.
     total = sum(len(log.time) for log in logs)
     for log in logs:
         try:
             segments, more = _log_segments(model, log, total)
         except ConfigError as error:
+            # Faults of all logs at once.
             faults.append(error)
             continue
         for segment in segments:
@@ -66,6 +68,7 @@ def _check_channels(model: Model, log: Log) -> None:
             raise ConfigError(
                 f"log {log.name}: {name} has values in {100.0 * good.mean():.0f} % of the rows only; leave the log out"
             )
+        # An output that never changes contains no information, and has no noise that could be estimated.
         if name in model.outputs and np.ptp(values[good]) == 0.0:
             raise ConfigError(f"log {log.name}: {name} is constant at {values[good][0]:.4g}; leave the log out")
 

@@ -111,6 +111,7 @@ def _inputs(model: EquationModel, shots: Shots, columns: Sequence[Mapping[str, f
 
 def _integrate(model: EquationModel, shots: Shots, x: Array, u: Array, p: Mapping[str, Array]) -> Array:
     """Return the states at all samples and at the end of each shot (length + 1, states, columns, shots)."""
+    # Classical Runge-Kutta of fourth order; inputs are given at half steps.
     h = shots.drive.step / shots.substeps
     states = np.empty((shots.length + 1, *x.shape))
     states[0] = x
@@ -151,6 +152,7 @@ def simulate(
     Returns:
         None if the states diverge.
     """
+    # Only models with equations can be cut into shots; a plant is simulated as a whole.
     if isinstance(model, SimulatedModel):
         return _difference_runs(model, shots.drive, columns, first, changes, derivatives=derivatives)
     assert isinstance(model, EquationModel)  # the two kinds of models
@@ -174,9 +176,11 @@ def simulate(
 
     closed = closed and derivatives
     moved = np.zeros((size, count))  # shift of the nodes since the path was integrated
+    # Trial parameters may overflow on the way to the minimum; the check for finite ends below decides.
     with np.errstate(all="ignore"):
         if not closed:
             x, u, p = batch(columns[:1], [])
+        # Newton's method closes the gaps in a few steps; 25 without success mean that the parameters are impossible.
         for _ in range(0 if closed else 25):
             x = np.repeat(nodes[:, None, :], 1 + size, axis=1)
             for i in range(size):
@@ -194,18 +198,19 @@ def simulate(
             shift = np.zeros((size, count))
             for k in range(count - 1):
                 shift[:, k + 1] = by_state[:, :, k] @ shift[:, k] + gaps[:, k]
-            most = float(np.max(np.abs(shift) / scales[:, None]))
-            if not np.isfinite(most) or most > 1e6:
+            largest_shift = float(np.max(np.abs(shift) / scales[:, None]))
+            if not np.isfinite(largest_shift) or largest_shift > 1e6:
                 return None
             # Far from the solution a full step may leave the range of the model.
-            nodes += shift * min(1.0, 20.0 / max(most, 1e-12))
-            if most < _CLOSED:
+            nodes += shift * min(1.0, 20.0 / max(largest_shift, 1e-12))
+            if largest_shift < _CLOSED:
                 closed, moved = True, shift
                 break
         if not closed:
             return None
         # The closed nodes are the start of the next call, whose parameters are usually near.
         shots.nodes = nodes
+        # Inputs depend on few parameters: those of unchanged sets are not computed again.
         same = [
             not any(column.get(name) != columns[0].get(name) for name in model.input_parameters)
             for column in columns[1:]
@@ -235,6 +240,7 @@ def _difference_runs(
     by = np.zeros((*y.shape, free + size))
     last_by = np.zeros((size, free + size))
     if derivatives:
+        # Steps in the scaled parameters and states, as in the other methods.
         steps = [*([changes] * free), *(changes * scales)]
         starts = [first] * free + [first + step for step in np.diag(changes * scales)]
         for k, (p, start, step) in enumerate(zip((*columns[1:], *([columns[0]] * size)), starts, steps, strict=True)):
@@ -277,6 +283,7 @@ def _compiled_runs(
     if not (np.isfinite(runs.outputs).all() and np.isfinite(runs.last).all()):
         return None
     steps = np.concatenate((np.full(free, changes), changes * scales)) if derivatives else np.empty(0)
+    # Forward differences: the first run is the base, then the parameters, then the initial states.
     by = np.moveaxis(runs.outputs[1:] - runs.outputs[0], (0, 2), (2, 0)) / steps
     last_by = (runs.last[1:] - runs.last[0]).T / steps
     if not derivatives:

@@ -72,22 +72,22 @@ def choose_structure(
         return best
     options = replace(options, bootstrap=0, profile=False)
     few = replace(options, iterations=min(options.iterations, MAX_ITERATIONS))
-    least = first = _minimise(data, best, options, None)
-    costs = cross_validate(least, options.loss)
-    kept: list[Addition] = []
+    best_fit = first = _minimise(data, best, options, None)
+    costs = cross_validate(best_fit, options.loss)
+    accepted: list[Addition] = []
     gains: dict[str, float] = {}
     for _ in range(ROUNDS):
         # What the gradient promises most is tried first: similar effects, as lag and relaxation, exclude one another.
-        for added in _promising(data, best, least, candidates, options):
+        for added in _promising(data, best, best_fit, candidates, options):
             # An addition replaces one that sets the same option, such as another tyre law.
-            additions = [*(addition for addition in kept if not {*addition.options} & {*added.options}), added]
-            minimum = _best_start(data, _with_additions(model, settings, additions), few, least, added.starts)
+            additions = [*(addition for addition in accepted if not {*addition.options} & {*added.options}), added]
+            minimum = _best_start(data, _with_additions(model, settings, additions), few, best_fit, added.starts)
             # An effect that the new one drives to where it vanishes is left out again.
             odd = set() if minimum is None else _implausible(minimum)
             faded = [addition for addition in additions[:-1] if {*addition.settings, *addition.options} & odd]
             if faded:
                 additions = [addition for addition in additions if addition not in faded]
-                minimum = _best_start(data, _with_additions(model, settings, additions), few, least, ())
+                minimum = _best_start(data, _with_additions(model, settings, additions), few, best_fit, ())
             # Values that no vehicle has show that the effect imitates another one; those of the plain model are
             # excused.
             if minimum is None or not _implausible(minimum) <= _implausible(first):
@@ -97,8 +97,8 @@ def choose_structure(
                 # Only the additions that are still there keep their note.
                 gains = {addition.description: gains.get(addition.description, 0.0) for addition in additions}
                 gains[added.description] = 100.0 * float(1.0 - np.sum(own) / np.sum(costs))
-                kept, costs = additions, own
-                best, least = _with_additions(model, settings, additions), minimum
+                accepted, costs = additions, own
+                best, best_fit = _with_additions(model, settings, additions), minimum
                 break
         else:
             break
@@ -106,7 +106,7 @@ def choose_structure(
         f"left open by the study, supported by the training logs: {name} ({gain:.2g} % less cost of prediction)"
         for name, gain in gains.items()
     )
-    return best._replace(start=least, notes=notes)
+    return best._replace(start=best_fit, notes=notes)
 
 
 def predicts_better(plain: Array, added: Array) -> bool:
@@ -118,13 +118,13 @@ def predicts_better(plain: Array, added: Array) -> bool:
 
 
 def _best_start(
-    data: DataSet, trial: Structure, options: EstimatorOptions, least: Minimum, starts: Sequence[Mapping[str, float]]
+    data: DataSet, trial: Structure, options: EstimatorOptions, best_fit: Minimum, starts: Sequence[Mapping[str, float]]
 ) -> Minimum | None:
     """Return the least of the minima from several starts; None if the model diverges from all."""
     minima = []
     for start in ({}, *starts):
         try:
-            minima.append(_minimise(data, trial, options, least, start))
+            minima.append(_minimise(data, trial, options, best_fit, start))
         except RunError:  # the model diverges with this effect
             continue
     return min(minima, key=lambda minimum: minimum.cost, default=None)
@@ -147,7 +147,7 @@ def _has(best: Structure, added: Addition) -> bool:
 
 
 def _promising(
-    data: DataSet, best: Structure, least: Minimum, candidates: Sequence[Addition], options: EstimatorOptions
+    data: DataSet, best: Structure, minimum: Minimum, candidates: Sequence[Addition], options: EstimatorOptions
 ) -> list[Addition]:
     """Return the additions of which the residuals show traces, the clearest first: Rao's score test.
 
@@ -158,8 +158,8 @@ def _promising(
     def remake(more: Mapping[str, Any]) -> Model:
         return make_model(replace(best.model, options={**best.model.options, **more}), data, known)
 
-    omitted = [assumption for assumption in list_assumptions(least.problem, least.z) if assumption.is_omitted]
-    analysis = SensitivityAnalysis(least.problem, least.z, options, remake)
+    omitted = [assumption for assumption in list_assumptions(minimum.problem, minimum.z) if assumption.is_omitted]
+    analysis = SensitivityAnalysis(minimum.problem, minimum.z, options, remake)
     promises: list[tuple[float, Addition]] = []
     for added in candidates:
         own = [
@@ -179,7 +179,7 @@ def _implausible(minimum: Minimum) -> set[str]:
     """Return the free parameters whose values no vehicle can have."""
     values, names = minimum.values, [parameter.info.name for parameter in minimum.problem.free]
     ranges = {name: minimum.problem.model.plausible_range(name, values) for name in names}
-    return {name for name, (least, most) in ranges.items() if not least < values[name] < most}
+    return {name for name, (low, high) in ranges.items() if not low < values[name] < high}
 
 
 def _minimise(
@@ -193,6 +193,7 @@ def _minimise(
     model = make_model(structure.model, data, known_values(structure.settings))
     drives, _ = make_segments(model, data.train, options.shooting)
     unknowns = resolve_parameters(model.parameters, structure.settings)
+    # The noise of the first structure serves all others, so that their costs can be compared.
     noise = initial_noise(model, drives) if first is None else first.problem.sigmas
     problem = Problem(model, drives, unknowns, noise, options.offsets, options.continuity)
     if first is None:
@@ -205,6 +206,7 @@ def _minimise(
     if "steering_lag" not in same and "steering_lag" in {parameter.info.name for parameter in problem.free}:
         part = 0.3 * max(values["steering_delay"], 0.02)  # without a lag, the delay contained a part of it
         values |= {"steering_lag": part, "steering_delay": values["steering_delay"] - part}
+    # Other starting points are multiples of the guesses, within the bounds.
     for name, factor in factors.items():
         info = next((parameter.info for parameter in problem.free if parameter.info.name == name), None)
         if info is not None:

@@ -77,6 +77,7 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
     Returns:
         None if the logs carry too little information, or if the sign is wrong.
     """
+    # Logs are taken together, since one alone may have a single speed, which does not separate the unknowns.
     rows, delays, tightest = [], [], 0.0
     for log in logs:
         estimate = _rows_of(make_grid(log), steer)
@@ -96,6 +97,7 @@ def guess_steering(logs: Sequence[Log], steer: str) -> SteeringGuess | None:
     base = np.column_stack((v * (c - middle), v, ones, -((v / top) ** 2) * v * (c - middle)))
     # K v² and r0 are kept near zero where they are not separable from the rest, as at one speed.
     plain = _robust(base[:, :3], r, np.array([0.0, 0.0, 1.0 / _BIAS]))
+    # A gain of zero or less, or a poor correlation, means that the column is not the steering.
     if plain[0] <= 0.0:
         return None
     solved = _robust(base, r, np.array([0.0, 0.0, 1.0 / _BIAS, _HELD / plain[0]]))
@@ -132,15 +134,17 @@ def _rows_of(grid: Grid, steer: str) -> tuple[Array, float, float] | None:
     return np.stack((speed[calm], angle[calm], rate[calm])), late, tightest
 
 
-def _robust(base: Array, values: Array, held: Array) -> Array:
-    """Solve least squares with Huber's weights, then Tukey's; `held` weighs unknowns towards zero, over the noise."""
+def _robust(base: Array, values: Array, penalty: Array) -> Array:
+    """Solve least squares with Huber's, then Tukey's weights; `penalty` pulls unknowns towards zero, over the noise."""
     weights, unknowns = np.ones(len(values)), np.zeros(base.shape[1])
     noise = float(np.std(values))
     for turn in range(20):
-        rows = np.vstack((base * weights[:, None], np.diag(held) * noise))
+        rows = np.vstack((base * weights[:, None], np.diag(penalty) * noise))
         # Columns are scaled to unit length, as commands may be of any size (0 to 1, or 1500 ticks).
         size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-        unknowns = np.linalg.lstsq(rows / size, np.append(values * weights, np.zeros(len(held))), rcond=None)[0] / size
+        unknowns = (
+            np.linalg.lstsq(rows / size, np.append(values * weights, np.zeros(len(penalty))), rcond=None)[0] / size
+        )
         away = np.abs(values - base @ unknowns)
         noise = max(1.4826 * float(np.median(away)), 1e-9)
         ratio = away / noise

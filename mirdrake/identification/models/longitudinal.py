@@ -70,6 +70,7 @@ class LongitudinalModel(EquationModel):
         del wheelbase
         drive: str | None = options.drive
         brake: str | None = options.brake
+        # The first channel of the log in the order of preference, if the study does not choose.
         if drive is None:
             drive = next((name for name, channel in _DRIVE.items() if channel in channels), "none")
         if brake is None:  # a measured wheel torque includes the brake torque
@@ -86,6 +87,7 @@ class LongitudinalModel(EquationModel):
         self.inputs = tuple(name for name in inputs if name)
         self.states, self.state_scales = ("vx",), (1.0,)
         self.outputs = select_outputs(channels, [self._speed, "longitudinal_acceleration"], options.outputs, self.kind)
+        # Parameters that change the inputs are named, because only these make the inputs be computed again.
         self.input_parameters = frozenset(
             {"drive_force", "drive_delay", "drive_lag", "brake_force", "brake_delay", "brake_lag", "wheel_radius"}
         )
@@ -94,6 +96,7 @@ class LongitudinalModel(EquationModel):
     def _make_parameters(self, known: Mapping[str, float]) -> tuple[Parameter, ...]:
         # Speeds alone determine forces over mass only; without a mass all forces are per kilogram.
         bare = "mass" not in known
+        # Without a mass only ratios to it are identifiable: mass 1 makes all forces per kilogram.
         m = known.get("mass", 1.0)
         force, mass, per = ("N/kg", "1", " per kg") if bare else ("N", "kg", "")
         source = "not given: forces are per kilogram" if bare else ""
@@ -109,6 +112,7 @@ class LongitudinalModel(EquationModel):
             Parameter("slope", "1", "slope of the road not contained in 'grade'", 0.0, -0.3, 0.3, scale=0.005,
                       usual=4.0),
         ]  # fmt: skip
+        # Full throttle is limited by force at low and by power at high speed, see the equations.
         if self._drive == "throttle":
             parameters += [
                 Parameter("drive_force", force, "drive force at full throttle and low speed", 4.0 * m, 0.01 * m,
@@ -218,6 +222,7 @@ class LongitudinalModel(EquationModel):
         ]
         assumptions = [
             Assumption(description, remedy, {name: p[name] + SMALL_FRACTION * size}, SMALL_FRACTION)
+            # A logged grade leaves no slope to be assumed.
             for name, size, description, remedy in (sizes[:1] if self._grade else sizes)
             if name in assumed
         ]

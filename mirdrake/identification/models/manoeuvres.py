@@ -11,19 +11,20 @@ from mirdrake.identification.models.steer import STEERING
 Array = NDArray[np.float64]
 
 STEP, DURATION = 0.01, 20.0
+LATERAL = 3.0
+"""Lateral acceleration of a neutral-steering car [m/s²]."""
 
 
-def steering_manoeuvres(speed: float, wheelbase: float, *, lateral: float = 3.0) -> dict[str, tuple[Array, Array]]:
+def steering_manoeuvres(speed: float, wheelbase: float) -> dict[str, tuple[Array, Array]]:
     """Return road wheel angle [rad] and speed [m/s] of lateral manoeuvres, 20 s in steps of 0.01 s.
 
     Args:
         speed: highest [m/s].
         wheelbase: [m].
-        lateral: lateral acceleration [m/s²] of a neutral-steering car.
     """
     t = np.arange(0.0, DURATION, STEP)
     # Angle of a neutral-steering car for the lateral acceleration, δ = L ay / v².
-    angle = lateral * wheelbase / speed**2
+    angle = LATERAL * wheelbase / speed**2
     slow = 0.5 * speed
     square = np.sign(np.sin(2.0 * np.pi * 0.2 * t))
     # Phase of a linear sweep, the integral of 0.2 Hz + 2.3 Hz · t / duration.

@@ -215,12 +215,15 @@ class PlantModel(SimulatedModel):
     def _simulate(self, p: Mapping[str, float], drive: Segment, speed: float) -> tuple[Array, Array] | None:
         assembly, begin = self.assembly, self._settle
         try:
+            # Trial parameters can be impossible for the plant, for example a negative load; this counts as a
+            # divergence.
             context = self._context(p, drive, speed)
         except ValueError:
             return None
         end = begin + drive.step * drive.size
         simulator = self._simulator
         simulator.reset_context(context)
+        # Drake raises RuntimeError when the state is not finite any more.
         try:
             simulator.Initialize()
             if begin > 0.0:
@@ -236,6 +239,7 @@ class PlantModel(SimulatedModel):
         keep = times > -0.4 * self._step if begin == 0.0 else times > 0.4 * self._step
         seen = self._sensor_readings(p, x[:, keep])
         samples = drive.step * np.arange(drive.size)
+        # The log has the step of the plant, the data have their own.
         y = np.array([np.interp(samples, times[keep], seen[name]) for name in self.outputs])
         if not np.isfinite(y).all():
             return None

@@ -23,18 +23,22 @@ def plant_parameters(
     mass, ahead, height = whole.mass, float(whole.com[0]), float(whole.com[2])
     base, turn = vehicle.geometry.wheelbase, float(whole.inertia[2, 2])
     steering = []
-    for one in steering_parameters(steer):
-        if one.name == "steering_lag":  # the lag of the servo is in the plant
+    for parameter in steering_parameters(steer):
+        if parameter.name == "steering_lag":  # the lag of the servo is in the plant
             continue
-        if one.name == "steering_delay":
+        if parameter.name == "steering_delay":
             # A recorded hand wheel angle may contain the lag of the servo already, which the plant would add a second
             # time.
             servo, late = vehicle.control.steering, 0.5 / vehicle.control.rate
             if servo.kind == "servo" and servo.stiffness > 0.0:
                 late += servo.damping / servo.stiffness
             guess = -late if steer == "steering_wheel_angle" else 0.0
-            one = Parameter(one.name, one.unit, one.meaning, guess, -0.2, 0.5, True, 0.05, usual=2.0)
-        steering.append(one)
+            parameter = Parameter(
+                parameter.name, parameter.unit, parameter.meaning, guess, -0.2, 0.5, True, 0.05, usual=2.0
+            )
+        steering.append(parameter)
+    # Guesses are the values of the files, and bounds keep what the rest of the car requires, such as a positive body
+    # mass.
     parameters = [
         Parameter("mass", "kg", "mass of the vehicle", mass, 1.05 * rest.mass, 10.0 * mass, True, source=name),
         Parameter("rear_length", "m", "centre of mass ahead of the rear axle", ahead, 0.1 * base, 0.9 * base,
@@ -48,6 +52,7 @@ def plant_parameters(
         Parameter("accelerometer_tilt", "1", "1: it rolls with the body, 0: it is levelled", 0.0, -1.0, 2.0, scale=0.3),
         *steering,
     ]  # fmt: skip
+    # Friction and rolling resistance exist in the plant only with contact or with a tyre law.
     if friction is not None:
         parameters.append(
             Parameter("friction", "1", "friction of the road", friction, 0.05, 1.8 * friction, source="world")

@@ -175,7 +175,7 @@ class SingleTrackModel(CompiledModel):
             self._open -= {"relaxation"} if relaxation else set()
         self._relaxation = bool(relaxation)
         self._lengths = ("relaxation",) * 2 if relaxation == "shared" else ("relaxation_front", "relaxation_rear")
-        parts = [word for word, there in (("relaxation", self._relaxation), ("roll", self._roll)) if there]
+        parts = [word for word, has_it in (("relaxation", self._relaxation), ("roll", self._roll)) if has_it]
         self.title = f"single track with {self._tyres.replace('_', ' ')} tyres"
         self.title += "".join(f" and {word}" for word in parts)
         self._steer = find_channel(channels, STEERING, "the steering", self.kind)
@@ -195,6 +195,7 @@ class SingleTrackModel(CompiledModel):
         self._row = {name: row for row, name in enumerate(self.states)}
         self._state_columns = [TrackState._fields.index(name) for name in self.states]
 
+        # Roll is an output only if the model has it as a state.
         possible = ["yaw_rate", "lateral_acceleration", "vy", *(("roll", "roll_rate") if self._roll else ())]
         self.outputs = select_outputs(channels, possible, options.outputs, self.kind)
         self._output_columns = [equations.OUTPUTS.index(name) for name in self.outputs]
@@ -205,6 +206,8 @@ class SingleTrackModel(CompiledModel):
             damper_lag=self._has_damper_lag,
         )  # fmt: skip
         self._no_wheelbase = wheelbase is None and not (known.get("front_length") and known.get("rear_length"))
+        # Below a speed at constant Froude number v²/(g L) the slip angles are undefined, and the model changes to
+        # kinematics.
         p = {info.name: info.guess for info in self.parameters}
         length = p["front_length"] + p["rear_length"]
         self._v1 = _FROUDE * (GRAVITY * length) ** 0.5
@@ -248,13 +251,13 @@ class SingleTrackModel(CompiledModel):
 
     def _speed_signals(self, drive: Segment, times: Array) -> tuple[Array, Array]:
         """Return speed [m/s] and its rate [m/s²]; they do not depend on parameters and are kept for the last times."""
-        kept = self._speeds.get(id(drive))
-        if kept is None or kept[0] is not drive or not np.array_equal(kept[1], times):
+        cached = self._speeds.get(id(drive))
+        if cached is None or cached[0] is not drive or not np.array_equal(cached[1], times):
             # Only the derivative uses the smoothed speed: noise of the speed would appear as large longitudinal forces.
             speed, step = drive.at(self._speed, times), float(times[1] - times[0])
             smooth = gaussian_filter1d(speed, max(_SMOOTHING / step, 1e-3), mode="nearest")
-            kept = self._speeds[id(drive)] = (drive, times, speed, np.asarray(np.gradient(smooth, step)))
-        return kept[2], kept[3]
+            cached = self._speeds[id(drive)] = (drive, times, speed, np.asarray(np.gradient(smooth, step)))
+        return cached[2], cached[3]
 
     # --- equations of :mod:`mirdrake.identification.models.single_track_equations` ---
 
@@ -491,6 +494,7 @@ class SingleTrackModel(CompiledModel):
 
     def suggest_experiment(self, names: frozenset[str]) -> str:
         """Return which drive would identify these parameters."""
+        # The first group that is named decides: limits need the most special manoeuvre.
         stiff = {"cornering_stiffness_front", "cornering_stiffness_rear"}
         if names & {"friction_front", "friction_rear"} or any(
             name.startswith(("shape", "curvature")) for name in names

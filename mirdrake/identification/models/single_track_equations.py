@@ -86,6 +86,7 @@ def axle_forces(
     k: TrackFlags, p: Any, x: TrackState, u: TrackInputs, slip_front: Value, slip_rear: Value
 ) -> tuple[Value, Value]:
     """Return the lateral forces of the axles [N] for their kinematic slip angles [rad]."""
+    # With relaxation the slip of the tyre is a state that lags the kinematic one.
     front, rear = slip_front, slip_rear
     if k.relaxation:
         front, rear = x.slip_front, x.slip_rear

@@ -74,6 +74,7 @@ def single_track_parameters(
     """
     size = _size(known, wheelbase)
     parameters = _rigid_parameters(size, known, outputs, steer)
+    # A linear tyre has no limit of friction, the brush and the Magic Formula have one for each axle.
     if tyres != "linear":
         parameters += [
             Parameter(f"friction_{axle}", "1", f"largest force over load, {axle}", 0.9, 0.05, 3.0, True, usual=0.7)
@@ -121,6 +122,7 @@ def _rigid_parameters(size: _Size, known: Mapping[str, float], outputs: Collecti
     gyration = m * size.front * size.rear  # yaw inertia of a car, nearly
     source = "not given: stiffness and inertia are per kilogram" if size.bare else ""
     parameters = [
+        # Bounds exclude only what no vehicle has; `usual` is the range that the plausibility check expects.
         Parameter("mass", size.unit("kg", "1"), "mass of the vehicle", m, 1e-3, 1e6, source=source),
         Parameter("front_length", "m", "centre of mass to front axle", size.front, 0.01, 20.0, source=size.sources[0]),
         Parameter("rear_length", "m", "centre of mass to rear axle", size.rear, 0.01, 20.0, source=size.sources[1]),
@@ -149,6 +151,7 @@ def _rigid_parameters(size: _Size, known: Mapping[str, float], outputs: Collecti
         for channel, name, words in DELAYS
         if channel in outputs
     ]  # fmt: skip
+    # Effects of the longitudinal force are small in handling tests, so that these parameters are fixed unless freed.
     parameters += [
         Parameter("load_transfer", "m", "height of the centre of mass, if tyre forces are proportional to the load",
                   0.0, -0.6 * length, 0.6 * length, scale=0.2 * length, usual=2.0),
@@ -196,6 +199,7 @@ def _compliance_parameters(size: _Size, *, roll: bool) -> list[Parameter]:
 def _roll_parameters(known: Mapping[str, float], outputs: Collection[str], size: _Size) -> tuple[Parameter, ...]:
     # Without a roll sensor, the values of the vehicle's files are more certain than estimates from a log.
     measured = bool({"roll", "roll_rate"} & set(outputs))
+    # A measured roll angle makes its parameters identifiable; without it given values are kept.
     free = {name: measured or name not in known for name in ("roll_gain", "roll_frequency", "roll_damping")}
     # Bounds and scales are multiples of mass and wheelbase, so that they suit vehicles of any size.
     m, length = size.mass, size.length

@@ -87,6 +87,7 @@ def single_track_values(
     wheels = _wheel_values(vehicle)
     roll_values = {} if vehicle.spec.suspension is None else _roll_values(vehicle, wheels["wheel_momentum"])
     has_roll = roll and bool(roll_values)
+    # Without roll, the inertias of the wheels still act on yaw and steering.
     values |= (
         (roll_values | wheels) if has_roll else {name: wheels[name] for name in ("spin_inertia", "steering_inertia")}
     )
@@ -94,6 +95,7 @@ def single_track_values(
     if isinstance(tyres, SlipTyres) and relaxation:
         laws = tyres.axle_laws(vehicle.folder)
         p, gain = estimate_parameters(vehicle), roll_values.get("roll_gain", 0.0)
+        # A measured road wheel angle contains the compliance of the steering already.
         if not measured:
             values |= _steering_compliance(vehicle)
         values |= _tyre_values(laws, p, gain, upright=roll)

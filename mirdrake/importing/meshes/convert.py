@@ -83,8 +83,8 @@ def with_known_submesh(shape: Shape) -> tuple[Shape, list[Change]]:
     try:
         select_submesh(read, shape.mesh, shape.submesh)
     except SubmeshError as error:
-        what = f"mesh {shape.address or shape.mesh}"
-        change = Change(Code.SUBMESH, shape.where, what, f"submesh '{shape.submesh}'", WHOLE, error.reason)
+        part = f"mesh {shape.address or shape.mesh}"
+        change = Change(Code.SUBMESH, shape.where, part, f"submesh '{shape.submesh}'", WHOLE, error.reason)
         return replace(shape, submesh=""), [change]
     return shape, []
 
@@ -167,10 +167,12 @@ def convert_collision(
     """
     if shape.kind != "mesh":
         return [shape], []
+    # For point contact Drake takes the convex hull of a mesh, which would fill every hollow.
     pieces, notes = load_mesh(shape)
     # Notes on textures and materials do not concern collision geometry.
     notes = [note for note in notes if not note.old.startswith(("texture", "material"))]
     parts = split_convex(np.concatenate([piece.corners for piece in pieces]), time)
+    # Contact with a primitive is cheaper and smoother than with a hull of many faces.
     if len(parts.hulls) == 1 and not parts.missing:
         primitive = _as_primitive(shape, parts.hulls[0], notes)
         if primitive is not None:
@@ -179,6 +181,7 @@ def convert_collision(
     (folder / "meshes").mkdir(parents=True, exist_ok=True)
     shapes = []
     for number, hull in enumerate(parts.hulls):
+        # Hulls are written in metres in the frame of the mesh, so that scale and submesh of the source are used up.
         file = f"{name}.obj" if len(parts.hulls) == 1 else f"{name}_{number}.obj"
         write_obj(hull.points, hull.faces, folder / "meshes" / file)
         shapes.append(
@@ -253,6 +256,7 @@ def load_visual(shape: Shape) -> tuple[list[Piece], list[Note]]:
         picture = TextureFolder(shape.texture.parent, notes).picture(shape.texture.name)
         if picture is not None:
             pieces = [replace(p, material=Material(p.material.name, (1.0, 1.0, 1.0, 1.0), picture)) for p in pieces]
+    # The colour of the link counts only where the mesh has none of its own.
     if shape.rgba is not None:
         pieces = [
             replace(p, material=replace(p.material, rgba=shape.rgba))
@@ -264,5 +268,5 @@ def load_visual(shape: Shape) -> tuple[list[Piece], list[Note]]:
 
 
 def _changes(shape: Shape, role: str, notes: Sequence[Note]) -> list[Change]:
-    what = f"{role} mesh {shape.address or shape.mesh}"
-    return [Change(Code.MESH, shape.where, what, note.old, note.new, note.reason) for note in dict.fromkeys(notes)]
+    part = f"{role} mesh {shape.address or shape.mesh}"
+    return [Change(Code.MESH, shape.where, part, note.old, note.new, note.reason) for note in dict.fromkeys(notes)]

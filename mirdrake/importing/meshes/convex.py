@@ -150,8 +150,8 @@ def _fewer(corners: Array) -> Array:
     outermost = (directions @ scaled.T).argmax(axis=1)
     # The outermost corners along the axes keep the bounding box.
     axes = np.concatenate((corners.argmin(axis=0), corners.argmax(axis=0)))
-    kept: Array = corners[np.unique(np.concatenate((outermost, axes)))]
-    return kept
+    selected: Array = corners[np.unique(np.concatenate((outermost, axes)))]
+    return selected
 
 
 def split_convex(corners: Array, time: CutTime | None = None) -> Parts:
@@ -255,10 +255,12 @@ def _cut(points: Array, faces: NDArray[np.int64], *, limit: int, time: CutTime) 
         fewer = _simplified(corners, triangles)
         corners, triangles = fewer if _volume(*fewer) is not None else (corners, triangles)
     bodies = int(_bodies(len(corners), triangles).max()) + 1
+    # The cache is keyed by everything that the result depends on; a decomposition takes seconds to minutes.
     how = {"limit": limit, "concavity": _CONCAVITY, "bodies": bodies}
     entry = _cache_entry(corners, triangles, how)
     parts = _load_parts(entry)
     if parts is None:
+        # CoACD runs in a process of its own, because it cannot be interrupted and may crash on damaged surfaces.
         message = BytesIO()
         seconds = min(float(10 * SECONDS), time.left)
         np.savez(message, points=corners, faces=triangles, seconds=seconds + 1.0, **how)  # type: ignore[arg-type]

@@ -30,12 +30,14 @@ def main() -> None:
     try:
         import resource
 
+        # A second guard: the kernel ends the process after its share of processor time.
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
     except (ImportError, ValueError, OSError):
         pass  # there the caller's clock alone counts
     import coacd
 
     coacd.set_log_level("off")
+    # CoACD draws random numbers; a fixed seed makes imports repeatable.
     solid = coacd.Mesh(given["points"], given["faces"].astype(np.int32))
     limit, concavity, how = int(given["limit"]), float(given["concavity"]), settings(int(given["bodies"]))
     parts = coacd.run_coacd(solid, threshold=concavity, max_convex_hull=limit, seed=0, **how)

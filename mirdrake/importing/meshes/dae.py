@@ -158,9 +158,11 @@ class _Reader:
             color = np.array([float(word) for word in text.split()])
             written = next((e for e in effect.xmlnode.iter() if _tag(e) == "transparency"), None)
             words = "" if written is None else "".join(written.itertext())
+            # Exporters leave the factor out or write it empty: both mean 1.
             factor = float(words) if words.strip() else 1.0
         except ValueError:
             return 1.0
+        # COLLADA 1.4.1, "Determining Transparency": RGB_ZERO weighs the colour by luminance, A_ONE takes its alpha.
         if node.get("opaque") == "RGB_ZERO":
             opacity = 1.0 - float(_LUMINANCE @ color[:3]) * factor
         else:

@@ -117,6 +117,7 @@ def _read_lines(text: str) -> _Content:
         if not words or words[0].startswith("#"):
             continue
         key = words[0]
+        # A comment may follow the numbers, but names of groups and materials may contain '#'.
         if "#" in line and (key == "f" or key in vertex_lists):
             words = line.partition("#")[0].split()
         if key in vertex_lists:
@@ -125,6 +126,7 @@ def _read_lines(text: str) -> _Content:
             if part is None:
                 part = content.parts.setdefault((target, groups, material), _Part(_names(target, groups), material))
             corners = [_corner(word, content) for word in words[1:]]
+            # Triangles are kept at once; larger polygons are collected by size and triangulated together, as arrays.
             if len(corners) == 3:
                 part.triangles.append((corners[0], corners[1], corners[2]))
             elif len(corners) > 3:
@@ -133,9 +135,12 @@ def _read_lines(text: str) -> _Content:
             content.libraries.append(_rest(line))
         elif key in ("o", "g", "usemtl"):
             part = None
+            # The next face opens a part for the new combination of object, groups and material.
             if key == "o":
                 target, groups = _rest(line), ()
             elif key == "g":
+                # A group line lists several groups; the whole rest counts as well, for exporters whose names have
+                # spaces.
                 groups = tuple(dict.fromkeys((*words[1:], _rest(line)))) if len(words) > 1 else ()
             else:
                 material = _rest(line)
@@ -219,6 +224,7 @@ def _triangles_inside(place: Array, normal: Array) -> list[tuple[int, int, int]]
 
 def _read_library(given: str, folder: TextureFolder, materials: dict[str, Material]) -> None:
     """Add the materials of a line ``mtllib``: one file whose name has spaces, or several files."""
+    # One file whose name has spaces, if it exists; otherwise several names.
     files = [given] if folder.find(given) is not None else given.split()
     for name in files:
         path = folder.find(name)
@@ -248,6 +254,7 @@ def _material(name: str, values: dict[str, list[str]], folder: TextureFolder) ->
     glow = _color(values.get("ke")) or (0.0, 0.0, 0.0)
     picture = _texture(values, folder)
     if picture is not None:
+        # A texture replaces the diffuse colour, by which others would multiply it.
         return Material(name, (1.0, 1.0, 1.0, alpha), picture, glow)
     return Material(name, (*(_color(values.get("kd")) or (0.7, 0.7, 0.7)), alpha), None, glow)
 

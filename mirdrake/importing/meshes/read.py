@@ -46,9 +46,9 @@ class MeshError(ModelError):
         super().__init__(f"mesh {file}: {reason}")
         self.file, self.reason = file, reason
 
-    def left_out(self, where: str, what: str) -> Change:
+    def left_out(self, where: str, part: str) -> Change:
         """Return the change to report if the shape is left out."""
-        return Change(Code.MESH, where, what, str(self.file), None, self.reason)
+        return Change(Code.MESH, where, part, str(self.file), None, self.reason)
 
 
 class SubmeshError(MeshError):
@@ -163,6 +163,7 @@ def _read(path: Path, _changed: int, _size: int) -> ReadMesh:
     if not path.is_file():
         raise MeshError(path, "is not a file")
     data = path.read_bytes()
+    # A clone without LFS has a small text file in place of each mesh, which readers would report as damaged.
     if data.startswith(b"version https://git-lfs"):
         raise MeshError(path, "is a Git LFS pointer, not the mesh; run `git lfs pull` in the package")
     if kind not in FORMATS:
@@ -184,6 +185,7 @@ def _read(path: Path, _changed: int, _size: int) -> ReadMesh:
     # Triangles that cannot be drawn go first, since winding and doubles need areas and normals.
     pieces = _without_broken(pieces, notes)
     if not pieces:
+        # Order matters: a winding turned by its normals can make two triangles equal, which are then doubles.
         raise MeshError(path, "has no triangle")
     pieces = _without_doubles(_wound_by_normals(pieces, notes), notes)
     return ReadMesh(tuple(pieces), tuple(dict.fromkeys(notes)))
@@ -205,7 +207,7 @@ def select_submesh(mesh: ReadMesh, path: Path, name: str) -> tuple[Piece, ...]:
 
 
 def _without_broken(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
-    kept, broken, count = [], 0, 0
+    valid, broken, count = [], 0, 0
     for piece in pieces:
         # The comparison is false for NaN, too.
         finite = np.asarray((np.abs(piece.corners) < _FAR).all(axis=(1, 2)))  # False where a coordinate is not a number
@@ -215,10 +217,10 @@ def _without_broken(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         good = finite & (area > 0.0)
         if good.any():
-            kept.append(piece if good.all() else piece.taking(good))
+            valid.append(piece if good.all() else piece.taking(good))
     if broken:
         notes.append(Note(f"{count} triangles", f"{count - broken} triangles", "they have invalid coordinates"))
-    return kept
+    return valid
 
 
 def _wound_by_normals(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
@@ -232,6 +234,7 @@ def _wound_by_normals(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]
     for piece in pieces:
         count += len(piece.corners)
         if piece.normals is not None:
+            # The sum of the normals at the corners: single ones may be wrong at sharp edges.
             stated = np.nan_to_num(_unit(piece.normals)).sum(axis=1)
             against = np.einsum("ij,ij->i", _areas(piece.corners), stated) < 0.0
             if against.any():
@@ -280,8 +283,8 @@ def _without_doubles(pieces: Sequence[Piece], notes: list[Note]) -> list[Piece]:
     if dropped.any():
         why = "they would be drawn at the same place"
         notes.append(Note(f"{int(dropped.sum())} pairs of coincident opposite triangles", "one of each", why))
-    kept = np.split(~dropped, np.cumsum([len(piece.corners) for piece in pieces])[:-1])
-    return [piece.taking(keep) for piece, keep in zip(pieces, kept, strict=True) if keep.any()]
+    masks = np.split(~dropped, np.cumsum([len(piece.corners) for piece in pieces])[:-1])
+    return [piece.taking(keep) for piece, keep in zip(pieces, masks, strict=True) if keep.any()]
 
 
 def _runs(same: NDArray[Any]) -> Iterator[tuple[int, int]]:
@@ -367,6 +370,7 @@ def _find_any_case(folder: Path, address: str) -> Path | None:
     direct = folder / address
     if direct.is_file():
         return direct
+    # Files from Windows refer to textures in another case than their names have.
     base = Path("/") if address.startswith("/") else folder
     for part in (part for part in address.split("/") if part not in ("", ".")):
         if part == "..":
@@ -416,6 +420,7 @@ def _read_with_trimesh(data: bytes, kind: str, folder: TextureFolder) -> Iterato
     for node in sorted(scene.graph.nodes_geometry):
         matrix, name = scene.graph[node]
         geometry = scene.geometry[name]
+        # Lines and points of a glTF scene have no surface.
         if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
             continue
         faces = np.asarray(geometry.faces)
@@ -425,6 +430,7 @@ def _read_with_trimesh(data: bytes, kind: str, folder: TextureFolder) -> Iterato
         uv = colors = None
         material = Material()
         visual = geometry.visual
+        # Vertex data become data of corners, since corners of one vertex may differ in other formats.
         if visual.kind == "texture":
             uv = None if visual.uv is None or len(visual.uv) < len(geometry.vertices) else np.asarray(visual.uv)[faces]
             material = _trimesh_material(visual.material)
@@ -433,6 +439,7 @@ def _read_with_trimesh(data: bytes, kind: str, folder: TextureFolder) -> Iterato
         elif visual.kind == "face" and kind != "stl":
             colors = np.repeat(np.asarray(visual.face_colors, dtype=float)[:, None] / 255.0, 3, axis=1)
         names = tuple(dict.fromkeys(str(word) for word in (node, name, geometry.metadata.get("name", "")) if word))
+        # The transform of the node, with its scale, is applied here: the rest of the import knows no scene graph.
         piece = Piece(names, np.asarray(geometry.vertices, dtype=float)[faces], normals, uv, colors, material)
         yield piece.moved(np.asarray(matrix, dtype=float))
 

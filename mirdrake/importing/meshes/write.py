@@ -48,6 +48,7 @@ def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
         if id(picture) not in pictures:
             if max(picture.size) > PICTURE_LIMIT:
                 size = f"{picture.width} x {picture.height} pixels"
+                # A copy, since the picture may be shared with other meshes.
                 small = picture.copy()
                 small.thumbnail((PICTURE_LIMIT, PICTURE_LIMIT))
                 notes.append(Note(f"texture of {size}", f"{small.width} x {small.height} pixels", "too large to draw"))
@@ -63,6 +64,7 @@ def write_gltf(pieces: Sequence[Piece], path: Path) -> list[Note]:
     primitives = []
     for piece in _by_material(pieces):
         points, normals, uv, colors, index = _indexed(piece)
+        # A picture without texture coordinates cannot be drawn; with them it replaces the colours of vertices.
         look, picture = piece.material, piece.material.picture if uv is not None else None
         material = _material(look, None if picture is None else texture(picture), tinted=colors is not None)
         primitives.append(

@@ -73,6 +73,7 @@ def import_road_world(
     if name is not None:
         check_name(name)
     name = name or plain_name(source.stem)
+    # Name and target are checked before the map is read, which may take long.
     target = Path(folder or "worlds")
     replaced = check_target(target, name, force=force, made=_MADE)
     made = FORMATS[source.suffix.lower()](source, name)
@@ -95,6 +96,7 @@ def _write(
     text = f"# Imported from {places.file(source)}; {name}.md lists what was changed or left out.\n{made.text}"
     world_file.write_text(text, encoding="utf-8")
 
+    # Messages must not name the temporary folder, which is gone when they are read.
     def without_folder(message: str) -> str:
         return message.replace(f"{shown(building)}{os.sep}", "").replace(f"{building}{os.sep}", "")
 
@@ -103,6 +105,7 @@ def _write(
     except (ConfigError, WorldError) as error:
         fault = without_folder(str(error).splitlines()[0])
         raise ModelError(f"{shown(source)}:1: the imported world cannot be loaded: {fault}") from error
+    # Faults of the imported world are for the user to check: the import itself succeeded.
     faults = [without_folder(fault.text) for fault in check_world(world, vehicle=None, first_steps=False)]
     checks = (*made.checks, *(f"world check: {text}" for text in faults))
     changes = tuple(dict.fromkeys(map(places.change, made.changes)))

@@ -63,6 +63,7 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
         else:
             files[f"recorded/{key}.csv"] = table
     if recorded:
+        # Traffic that replays a recording does not react to the car, so it is kept as data only.
         old = ", ".join(f"{count} × {kind}" for kind, count in sorted(Counter(map(_type, recorded)).items()))
         why = "recorded traffic is not part of the world file yet"
         made.changes.add(Code.POPULATION, document.where(recorded[0]), "dynamic obstacles", old, "recorded/*.csv", why)
@@ -70,6 +71,7 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
     starts, goals = _problems(root, network, document, made.changes)
     _report_rest(root, document, made.changes)
     lines = ["mirdrake: world/1", f"name: {name}", "", "ground: {surface: grass}"]
+    # The programme of a light is the only part of `signals` that CommonRoad states; stop lines come from lanelets.
     lines += [f"network: {{commonroad: {name}/map.xml}}"]
     programmes = (
         row for element in root.iterfind("trafficLight") for row in _programme(element, step, document, made.changes)
@@ -102,6 +104,7 @@ def _prop(element: Element, document: XmlDocument, changes: Changes) -> str | No
     if not len(places):
         changes.add(Code.MODEL, document.where(element), f"obstacle {key}", kind, None, "its position is an area")
         return None
+    # CommonRoad is flat: heights come from the type of the obstacle.
     (x, y), yaw, height = places[0], number_at(state, "orientation", document, 0.0), _HEIGHTS.get(kind, _HEIGHT)
     rectangle, circle = shape.find("rectangle"), shape.find("circle")
     where = pose(float(x), float(y), yaw)
@@ -165,6 +168,7 @@ def _programme(element: Element, step: float, document: XmlDocument, changes: Ch
     # A programme begins with green, a cycle with its first element: the difference goes into the offset.
     first = [color for color, _ in rows].index("green")
     before = math.fsum(time for _, time in rows[:first])
+    # Negative: a cycle that starts `before` seconds earlier is the same light, later in its period.
     offset = (-number_at(cycle, "timeOffset", document, 0.0) * step - before) % whole
     phases = f"green: {number(times['green'])}, amber: {number(times.get('yellow', 0.0))}, red: {number(red)}"
     yield f"  {name}: {{programme: {{{phases}}}, offset: {number(offset)}}}"
@@ -183,18 +187,24 @@ def _problems(
             yaw, speed = (number_at(state, part, document, 0.0) for part in ("orientation", "velocity"))
             starts[key] = f"{pose(float(places[0, 0]), float(places[0, 1]), yaw)}, speed: {number(max(speed, 0.0))}"
         for i, goal in enumerate(problem.iterfind("goalState")):
+            # A problem has one start, but may be solved by any of several goal states.
             label = key if not i else f"{key}_{i}"
             disc = next(_discs(goal.find("position"), network, document), None)
-            what = "goal without position" if disc is None else "area of the goal"
+            changed_part = "goal without position" if disc is None else "area of the goal"
             if disc is None:
                 changes.add(
-                    Code.START, document.where(goal), f"goal {label}", what, None, "a goal of a world is a place"
+                    Code.START,
+                    document.where(goal),
+                    f"goal {label}",
+                    changed_part,
+                    None,
+                    "a goal of a world is a place",
                 )
                 continue
             x, y, radius = disc
             goals[label] = f"at: [{number(x)}, {number(y)}], radius: {number(radius)}"
             why = "goals are discs; times, speeds and headings of goals belong to tests"
-            changes.add(Code.START, document.where(goal), f"goal {label}", what, f"disc of {radius:.3g} m", why)
+            changes.add(Code.START, document.where(goal), f"goal {label}", changed_part, f"disc of {radius:.3g} m", why)
     return starts, goals
 
 
@@ -216,6 +226,7 @@ def _discs(position: Element | None, network: Network, document: XmlDocument) ->
 
 def _report_rest(root: Element, document: XmlDocument, changes: Changes) -> None:
     """Add what a world does not represent: one change for each kind of element."""
+    # One row for each kind of element, with their number.
     for tag in dict.fromkeys(e.tag for e in root if e.tag not in _KNOWN | _WITHOUT_EFFECT):
         elements = root.findall(tag)
         changes.add(Code.ELEMENT, document.where(elements[0]), f"<{tag}>", str(len(elements)), None, "no counterpart")

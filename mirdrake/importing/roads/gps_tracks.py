@@ -66,14 +66,14 @@ def read_gps_world(source: Path, name: str) -> RoadWorld:
         raise ConfigError(f"{shown(source)}: {len(degrees)} positions; a track needs four or more")
     # The map is flat: heights are zero here and become a relief along the track.
     east, north, _ = pymap3d.geodetic2enu(degrees[:, 0], degrees[:, 1], 0.0, degrees[0, 0], degrees[0, 1], 0.0)
-    places, kept = _thinned(np.column_stack((east, north)))
+    places, indices = _thinned(np.column_stack((east, north)))
     made = RoadWorld("", [source], entries=1)
     if len(places) < 4:
         raise ConfigError(f"{shown(source)}: the positions are within {_APART:g} m of each other; a track needs four")
-    if len(kept) < len(degrees):
+    if len(indices) < len(degrees):
         why = f"points closer than {_spacing(east, north):.3g} m carry noise only"
         old = f"{len(degrees)}, from line {lines[0]}"
-        made.changes.add(Code.ROAD, f"{shown(source)}:{lines[0]}", "positions", old, str(len(kept)), why)
+        made.changes.add(Code.ROAD, f"{shown(source)}:{lines[0]}", "positions", old, str(len(indices)), why)
 
     # The last point of a closed track may be before, at or beyond the first one.
     closed = math.dist(places[0], places[-1]) < _CLOSED and len(places) > 8
@@ -81,11 +81,12 @@ def read_gps_world(source: Path, name: str) -> RoadWorld:
     smooth, pieces = _smallest(places, closed, shown(source))
     if smooth:
         why = "the smallest amount with which a car can follow the line"
+        # The original line would bend more than a car can steer, so that the amount of smoothing is reported.
         made.changes.add(
             Code.ROAD, f"{shown(source)}:{lines[0]}", "positions", "noisy", f"smoothed by {smooth:g} m", why
         )
     ground = " {surface: grass}"
-    heights = degrees[kept[: len(places)], 2]
+    heights = degrees[indices[: len(places)], 2]
     # Less than 1 m is noise of the receiver.
     if np.isfinite(heights).all() and np.ptp(heights) > 1.0:
         table = _heights(places, heights, math.fsum(piece.length for piece in pieces), closed)
@@ -96,6 +97,7 @@ def read_gps_world(source: Path, name: str) -> RoadWorld:
     )  # fmt: skip
     rows = io.StringIO()
     writer = csv.writer(rows, lineterminator="\n")
+    # Millimetres are far below the accuracy of a receiver and keep the file short.
     writer.writerow(("x_m", "y_m"))
     writer.writerows([(f"{x:.3f}", f"{y:.3f}") for x, y in places])
     made.text, made.files = text, {"track.csv": rows.getvalue().encode()}
@@ -115,6 +117,7 @@ def _read_gpx(source: Path) -> tuple[Array, list[int]]:
     document = parse_xml(data, shown(source), error=ConfigError, prefixes=False)
     if document.root.tag != "gpx":
         raise ConfigError(f"{document.where(document.root)}: <{document.root.tag}> is not GPX, whose root is <gpx>")
+    # A file may contain tracks, routes and single waypoints: the longest list is the line.
     lists = [list(track.iterfind("trkseg/trkpt")) for track in document.root.iterfind("trk")]
     lists += [list(route.iterfind("rtept")) for route in document.root.iterfind("rte")]
     points = max([*lists, list(document.root.iterfind("wpt"))], key=len)
@@ -138,10 +141,12 @@ def _read_csv(source: Path) -> tuple[Array, list[int]]:
         text = source.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise ConfigError(f"{shown(source)}: {error.strerror or error}") from None
+    # Spreadsheets of some countries write semicolons, loggers tabs: the most frequent one separates the columns.
     head = text.split("\n", 1)[0]
     delimiter = max(",;\t", key=head.count)
     names = [name.strip().lower() for name in head.split(delimiter)]
-    columns = {what: next((names.index(n) for n in known if n in names), None) for what, known in _NAMES.items()}
+    columns = {part: next((names.index(n) for n in known if n in names), None) for part, known in _NAMES.items()}
+    # Without a header the columns could be anything; a guess could exchange latitude and longitude.
     if columns["latitude"] is None or columns["longitude"] is None:
         raise ConfigError(
             f"{shown(source)}:1: no columns of latitude and longitude; name them lat and lon [deg], or give a CSV file "
@@ -179,11 +184,11 @@ def _spacing(x: Array, y: Array) -> float:
 def _thinned(places: Array) -> tuple[Array, list[int]]:
     """Return points at a least distance from the one before, and their numbers."""
     spacing = _spacing(*places.T)
-    kept = [0]
+    indices = [0]
     for i in range(1, len(places)):
-        if math.dist(places[i], places[kept[-1]]) >= spacing:
-            kept.append(i)
-    return places[kept], kept
+        if math.dist(places[i], places[indices[-1]]) >= spacing:
+            indices.append(i)
+    return places[indices], indices
 
 
 def _cut(places: Array) -> Array:
@@ -223,6 +228,7 @@ def _smallest(places: Array, closed: bool, name: str) -> tuple[float, list[Piece
                 f"{name}: no smoothing up to {_LARGEST_SMOOTH:g} m gives radii of {_RADIUS:g} m or more; remove "
                 "standstills, turns on the spot and outliers"
             )
+    # Six halvings: the result is within 1/64 of the interval, far finer than the noise.
     for _ in range(6):
         middle = (low + high) / 2.0
         trial = lay(round(middle, 3))

@@ -45,6 +45,7 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
         note_changes(network, map_file, made.changes)
 
     entities = {entity.name: entity for entity in scenario.entities()}
+    # The Init actions state where each entity is and how fast; a test of the world repeats them for the ego vehicle.
     spots, speeds = _init(scenario, entities, network, made.changes)
     # An entity with a usual name of the ego vehicle, else the first one with a position.
     ego = next((n for n in entities if n.lower() in _EGO), next(iter(spots), ""))
@@ -58,6 +59,7 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
     if ego in spots:
         lines += _ego(name_of_ego, spots[ego], speeds.get(ego, 0.0), network)
     others = {key: spot for key, spot in spots.items() if key != ego}
+    # A step belongs to a moving actor, also if the actor only waits for another one.
     needed = board.referenced | set(steps)
     moving = [key for key in others if entities[key].prop and (speeds.get(key, 0.0) > 0.0 or key in needed)]
     props = [_prop(entities[key], spot) for key, spot in others.items() if key not in moving]
@@ -68,6 +70,7 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
         lines += ["", "scenario:"]
         for key, rows in made_steps.items():
             lines += [f"  {plain_name(key)}:", *(f"    - {row}" for row in rows)]
+    # A stop trigger is a condition on the whole scenario, for which a test of mirdrake has its duration.
     stop = " or ".join(conditions(scenario, scenario.root.find("Storyboard/StopTrigger")))
     if ego in spots:
         on_track = _track(spots[ego], network) is not None
@@ -76,6 +79,7 @@ def read_scenario_world(source: Path, name: str) -> RoadWorld:
     if stop:
         why = "the test has a duration"
         made.changes.add(Code.ELEMENT, shown(source), "end of the scenario", stop, "duration", why)
+    # Every entity ends as ego, actor, prop or a row of the report; none disappears without one.
     for key, entity in entities.items():
         if key not in spots:
             why = "no position at the beginning that is on the network"
@@ -138,8 +142,8 @@ def _prop(entity: Entity, spot: Spot) -> str:
     middle = _ahead(x, y, yaw, entity.middle)
     length, width, height = (max(side, 0.05) for side in entity.size)
     box = f"box: [{number(length)}, {number(width)}, {number(height)}]"
-    what = box if entity.prop is None else f"prop: {entity.prop}"
-    return f"  - {{{what}, name: {plain_name(entity.name)}, {pose(*middle, yaw)}}}"
+    part = box if entity.prop is None else f"prop: {entity.prop}"
+    return f"  - {{{part}, name: {plain_name(entity.name)}, {pose(*middle, yaw)}}}"
 
 
 def _ahead(x: float, y: float, yaw: float, distance: float) -> tuple[float, float]:
@@ -178,6 +182,7 @@ def _init(
                 speed = _speed(scenario, target, speeds)
                 if speed is not None:
                     speeds.setdefault(key, speed)
+    # Actions that are neither position nor speed, such as controllers, have no counterpart at the start.
     for private in waiting:
         for action in private.iterfind("PrivateAction"):
             kind = next(iter(action), None)
@@ -185,9 +190,9 @@ def _init(
                 action.find("TeleportAction") is not None or action.find("LongitudinalAction/SpeedAction") is not None
             )
             if kind is not None and not known:
-                what = f"action on '{private.get('entityRef')}' at the beginning"
+                part = f"action on '{private.get('entityRef')}' at the beginning"
                 changes.add(
-                    Code.ELEMENT, scenario.where(kind), what, _described(kind), None, "not a position or a speed"
+                    Code.ELEMENT, scenario.where(kind), part, _described(kind), None, "not a position or a speed"
                 )
     return spots, speeds
 

@@ -205,6 +205,7 @@ def find_spot(scenario: Scenario, position: Element, network: Network | None, sp
             network, scenario.text(element, "roadId"), scenario.text(element, "laneId"), number(element, "s")
         )
         return None if found is None else on_lane(*found, number(element, "offset", 0.0), heading, absolute=absolute)
+    # All other positions are relative to an entity, which has to have a position already.
     if other is None:
         return None
     x, y, yaw = other.pose
@@ -264,6 +265,7 @@ def _relative(network: Network, other: Spot, lanes: int, ahead: float) -> tuple[
     """Return the lane a number of lanes (+ left) beside a spot, and the station a distance ahead along it [m]."""
     assert other.lane is not None
     lane = network.lanes[other.lane]
+    # Lanes beside each other belong to the same section of the same road.
     beside = [
         row
         for row in network.lanes.values()
@@ -275,6 +277,7 @@ def _relative(network: Network, other: Spot, lanes: int, ahead: float) -> tuple[
         return None
     x, y, _ = lane.pose(other.s)
     s, _ = target.project(x, y)
+    # Beyond the end of the lane the position continues on its successor.
     at = float(s) + ahead * (1.0 if target.direction == lane.direction else -1.0)
     while at > target.length and target.successors:
         at -= target.length

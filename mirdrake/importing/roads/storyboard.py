@@ -54,6 +54,7 @@ def read_steps(board: Board, changes: Changes) -> dict[str, list[str]]:
     """Return the steps of each entity as YAML; every event that is not a step is added to the changes."""
     steps: dict[str, list[str]] = {}
     scenario = board.scenario
+    # Every action of every event ends as a step or as a row of the report with the reason.
     for act in scenario.root.iterfind("Storyboard/Story/Act"):
         for group in act.iterfind("ManeuverGroup"):
             actors = [reference.get("entityRef", "") for reference in group.iterfind("Actors/EntityRef")]
@@ -64,9 +65,9 @@ def read_steps(board: Board, changes: Changes) -> dict[str, list[str]]:
                             steps.setdefault(actors[0], []).append(step)
                     except NotRepresentedError as fault:
                         name = action.get("name") or event.get("name") or "action"
-                        what = f"'{name}' of {', '.join(actors) or 'nobody'}"
+                        part = f"'{name}' of {', '.join(actors) or 'nobody'}"
                         old = f"{described(scenario, next(iter(action), action))} when {_when(scenario, event)}"
-                        changes.add(Code.POPULATION, scenario.where(action), what, old, None, str(fault))
+                        changes.add(Code.POPULATION, scenario.where(action), part, old, None, str(fault))
                     else:
                         _report_approximations(board, event, action, actors, changes)
     return steps
@@ -116,6 +117,7 @@ def _steps(board: Board, act: Element, event: Element, action: Element, actors: 
     Raises:
         NotRepresentedError: it is not a step.
     """
+    # A group of several actors would have to do the same at once, for which steps have no form.
     if len(actors) != 1 or actors[0] not in board.spots:
         raise NotRepresentedError("a step has one actor that is on the network")
     if actors[0] == board.ego[0]:
@@ -144,6 +146,7 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
         return "at: 0 s"
     if len(rows) > 1:
         raise NotRepresentedError("a step has one condition")
+    # Each rejection below names the one reason, which the report shows beside the skipped event.
     (condition,) = rows
     leaf, delay = _leaf(condition), board.scenario.number(condition, "delay", 0.0)
     if condition.get("conditionEdge", "none") == "falling":
@@ -153,6 +156,7 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
         return f"at: {number(max(value, 0.0) + delay)} s"
     if leaf.tag not in {"RelativeDistanceCondition", "DistanceCondition", "TimeHeadwayCondition"} or rule not in _BELOW:
         raise NotRepresentedError(f"{leaf.tag} {rule} is not a condition of a step")
+    # An EntityCondition names its own entity outside of the leaf and the other one inside; the order does not matter.
     pair = {reference.get("entityRef") for reference in condition.iter("EntityRef")} | {leaf.get("entityRef")}
     other = next((name for name in pair if name not in {actor, None}), None)
     if actor not in pair or other is None or other not in board.spots:
@@ -166,6 +170,7 @@ def _trigger(board: Board, act: Element, event: Element, actor: str) -> str:
     label = board.ego[1] if other == board.ego[0] else plain_name(other)
     # OpenSCENARIO measures along the road, a step the straight distance: boxes and lateral offset are added.
     boxes, aside = _lengths(board, actor, other, leaf), _aside(board, actor, other)
+    # A headway counts from the vehicle behind, with a floor on its speed because the time is infinite at rest.
     if leaf.tag == "TimeHeadwayCondition":
         behind = other if _is_ahead(board, actor, other) else actor
         speed = max(board.speeds.get(behind, 0.0), 0.1)
@@ -218,6 +223,7 @@ def _speed_change(board: Board, action: Element, actor: str) -> str:
     dynamics, target = action.find("SpeedActionDynamics"), action.find("SpeedActionTarget")
     if dynamics is None or target is None:
         raise NotRepresentedError("no dynamics or no target")
+    # Targets that follow another entity over time have no single speed.
     absolute, relative = target.find("AbsoluteTargetSpeed"), target.find("RelativeTargetSpeed")
     if absolute is not None:
         speed = board.scenario.number(absolute, "value")
@@ -227,6 +233,7 @@ def _speed_change(board: Board, action: Element, actor: str) -> str:
     else:
         raise NotRepresentedError("a change of speed has a target that is known at the beginning")
     before, value = board.speeds.get(actor, 0.0), board.scenario.number(dynamics, "value")
+    # A step of OpenSCENARIO is instantaneous; actors have a finite rate.
     if dynamics.get("dynamicsShape") == "step":
         rate = _STEP_RATE
     else:
@@ -249,6 +256,7 @@ def _lane_change(board: Board, action: Element, actor: str) -> str:
     if dynamics is None or target is None or board.network is None or board.spots[actor].lane is None:
         raise NotRepresentedError("no dynamics, no target, or the actor is not on a lane")
     lane = board.network.lanes[board.spots[actor].lane or ""]
+    # Lane changes of this actor so far count, because targets are relative to the lane in which it is by then.
     now = lane_beside(lane.number, board.lanes.get(actor, 0) * lane.direction)
     absolute, relative = target.find("AbsoluteTargetLane"), target.find("RelativeTargetLane")
     if absolute is not None:
@@ -265,6 +273,7 @@ def _lane_change(board: Board, action: Element, actor: str) -> str:
         raise NotRepresentedError("a step changes to a lane of the same direction; the target is one of the other")
     if abs(left) != 1:
         raise NotRepresentedError(f"a step changes to the next lane; the target is {abs(left)} lanes away")
+    # A rate and a distance become a duration with the width of the lane and the speed at this point of the scenario.
     width = float(lane.width_at(board.spots[actor].s))
     value, shape = board.scenario.number(dynamics, "value"), dynamics.get("dynamicsShape", "")
     # The rate of a sinusoidal change is its largest lateral speed, π/2 of the mean one.
@@ -285,6 +294,7 @@ def _report_approximations(board: Board, event: Element, action: Element, actors
     for tag in ("SpeedActionDynamics", "LaneChangeActionDynamics"):
         dynamics = action.find(f".//{tag}")
         shape = "" if dynamics is None else dynamics.get("dynamicsShape", "")
+        # Shapes that a step has by itself need no remark.
         plain = {"linear", "step"} if tag == "SpeedActionDynamics" else {"cubic", "sinusoidal"}
         if shape and shape not in plain:
             new = "constant rate" if tag == "SpeedActionDynamics" else "smooth change of the same duration"

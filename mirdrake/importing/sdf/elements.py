@@ -60,6 +60,7 @@ def read_pose(element: Element | None, files: XmlFiles, version: tuple[int, ...]
     if element is None:
         return RigidTransform(), ""
     where = files.where(element)
+    # Before SDF 1.7 a pose named its frame by the attribute `frame`.
     relative = element.get("relative_to") or (element.get("frame") if version < (1, 7) else "") or ""
     if element.get("rotation_format", "euler_rpy") == "quat_xyzw":
         values = read_numbers(element.text, count=7, default=[0, 0, 0, 0, 0, 0, 1], where=where, what="<pose>")
@@ -74,6 +75,7 @@ def read_pose(element: Element | None, files: XmlFiles, version: tuple[int, ...]
         if np.abs(angles).max() > _LARGEST_ANGLE:
             raise ModelError(f"{where}: <pose>: angle of {np.abs(angles).max():g} rad; at most 1e6 rad is allowed")
         X = make_pose(values[:3], angles)
+    # Poses farther away come from damaged files or wrong units, and make numbers inaccurate.
     distance = float(np.abs(values[:3]).max())
     if distance > FARTHEST:
         raise ModelError(f"{where}: <pose>: {distance:g} m away; at most {FARTHEST:g} m is allowed")
@@ -141,6 +143,7 @@ def read_shape(element: Element, files: XmlFiles, packages: Packages, folder: Pa
         if text is None or not text.strip():
             raise ModelError(f"{where}: <{tag}> without <{name}>")
         values = read_numbers(text, count=count, default=[], where=where, what=f"<{name}>").tolist()
+        # Sizes outside of this range come from millimetres or damaged files, and spoil contact and rendering.
         if check_sizes and not all(SMALLEST <= value <= LARGEST for value in values):
             worst = next(value for value in values if not SMALLEST <= value <= LARGEST)
             raise ModelError(f"{where}: {tag} with a side of {worst:g} m; allowed are 1 mm to 10 km")
@@ -159,6 +162,7 @@ def read_shape(element: Element, files: XmlFiles, packages: Packages, folder: Pa
     elif tag == "ellipsoid":
         shape = Shape("ellipsoid", size("radii", 3))
     elif tag == "plane":
+        # An infinite plane keeps its edges as a hint for the size of the ground; its normal may be of any length.
         normal = read_numbers(inner.findtext("normal"), count=3, default=[0, 0, 1], where=where, what="<normal>")
         if not normal.any():
             raise ModelError(f"{where}: <plane>: its normal has no direction")
@@ -247,6 +251,7 @@ def model_file(folder: Path) -> Path | None:
     """Return the SDF file of a model folder: that of the newest version its model.config names; None without one."""
     config = folder / "model.config"
     if config.is_file():
+        # The newest version that exists, as Gazebo chooses.
         named: dict[tuple[int, ...], Path] = {}
         for entry in XmlFiles().parse(config).findall("sdf"):
             try:

@@ -99,6 +99,7 @@ class Models(Packages):
         scheme, mark, rest = address.partition("://")
         if mark and scheme not in {"model", "package", "file", "http", "https"}:
             return None, f"{scheme}:// is not supported; model://, package:// and file:// are"
+        # A Fuel address may name its model with underscores or spaces; local folders have either.
         if mark and scheme in {"http", "https"}:
             name = model_name(address)
             match = self.fuel(address) or self.find(name) or self.find(name.replace(" ", "_"))

@@ -128,6 +128,7 @@ def import_vehicle(
         progress=progress,
     )
     if plan.obstacle:
+        # All planning is done before anything is written; an existing folder is the last obstacle.
         raise ConfigError(plan.obstacle)
     car, target = plan.car, plan.folder
     # The folder is built elsewhere and published when it is complete, so that a failed import leaves nothing.
@@ -137,6 +138,7 @@ def import_vehicle(
         show_progress("converting meshes")
         write_car(car, plan.model, building, places=plan.places, convex_time=convex_time)
         show_progress("loading")
+        # The written files are loaded as a user would load them: an import that cannot be loaded is a fault.
         check_loads(building)
         if finish is not None:
             finish(building)

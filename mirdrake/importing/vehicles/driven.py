@@ -62,10 +62,12 @@ def find_drive(
     for plugin in model.plugins:  # a torque is a stronger sign than the name of a joint
         by_torque = _by_torque(plugin)
         if by_torque is not None:
+            # Joints that a plugin merely names may be those of encoders, so that they count least.
             return by_torque, f"imported: torques of the plugin, {plugin.where}", []
     if plugged:
         drive = _axle(places[joint] for joint in plugged)
         return drive, f"imported: plugin, {next(iter(plugged.values()))}", []
+    # The rear axle is an assumption, which the report asks the user to check.
     where = source_name(model)
     why = "no transmission, controller or plugin states the driven axle"
     return "rear", "", [Change(Code.DRIVE, where, "driven axle", "not stated", "rear", why)]

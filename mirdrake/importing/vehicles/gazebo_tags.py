@@ -43,12 +43,14 @@ def read_gazebo_tag(element: ElementTree.Element, model: SourceModel, where: Whe
             plugin = Plugin(child.get("name", ""), child.get("filename", ""), leaves(child), where(child))
             take_plugin(plugin, name, model)
         elif link is not None and tag in _SURFACE:
+            # Surface values of several tags of one link accumulate; the first one creates the surface.
             link.surface = link.surface or Surface(where=location)
             setattr(link.surface, _SURFACE[tag], read_number(text, where=where(child), what=f"<{tag}>"))
         elif link is not None and tag in {"minDepth", "maxVel", "min_depth", "max_vel"}:
             link.surface = link.surface or Surface(where=location)
             link.surface.others[tag] = text
         elif link is not None and tag == "material":
+            # A script of OGRE is named, not included: names of Gazebo's own colours are known.
             named = text or _script_name(child)
             if not _paint(link.visuals, named):
                 model.changes.add(Code.MATERIAL, where(child), f"link '{name}': material", named, None, SCRIPT)

@@ -96,12 +96,12 @@ def _in_part(
     inertial = link.inertial
     if inertial is None:
         return Mass()
-    what, where = f"link '{name}'", inertial.where or link.where
+    part, where = f"link '{name}'", inertial.where or link.where
     if not isfinite(inertial.mass) or inertial.mass <= 0.0:
         # A mass of zero is common for links that are only frames, so it is not reported.
         if inertial.mass != 0.0:
             became = "none; the part it belongs to has the mass"
-            changes.add(Code.MASS, where, f"{what}: mass", f"{inertial.mass:g} kg", became, "not above zero")
+            changes.add(Code.MASS, where, f"{part}: mass", f"{inertial.mass:g} kg", became, "not above zero")
         return Mass()
     # An impossible tensor is replaced by that of a cylinder for wheels, else of the box around the shapes.
     X_PL = X_PM.multiply(tree.poses[name])
@@ -126,7 +126,7 @@ def _in_part(
             inertia_L = box_inertia(mass, edges)
             became = f"of the box around its shapes, {edges[0]:.3g} x {edges[1]:.3g} x {edges[2]:.3g} m"
         was = f"{moments_text(np.asarray(inertial.inertia, dtype=float))} for {mass:.4g} kg"
-        changes.add(Code.INERTIA, where, f"{what}: inertia", was, became, fault)
+        changes.add(Code.INERTIA, where, f"{part}: inertia", was, became, fault)
     else:
         inertia_L = R_LI @ widen(np.asarray(inertial.inertia, dtype=float)) @ R_LI.T
         # A possible tensor may have exchanged axes, a common mistake of files that were rotated by hand.
@@ -135,7 +135,7 @@ def _in_part(
             was = moments_along_axes(inertia_L)
             inertia_L = inertia_L[np.ix_(order, order)]
             why = f"the mass would be outside of the link's shapes along {_outside(order)}"
-            changes.add(Code.INERTIA, where, f"{what}: inertia along x, y, z", was, moments_along_axes(inertia_L), why)
+            changes.add(Code.INERTIA, where, f"{part}: inertia along x, y, z", was, moments_along_axes(inertia_L), why)
     # A centre of mass far outside of the link is usually a value of another frame.
     middle = np.zeros(3) if bounds is None else 0.5 * (bounds[0] + bounds[1])
     distance = float(np.linalg.norm(com_L - middle))
@@ -143,7 +143,7 @@ def _in_part(
     if not distance <= FARTHEST * _half_size(bounds, size):
         became = "in the link's origin" if bounds is None else "in the middle of its shapes"
         why = f"the link is {2.0 * _half_size(bounds, size):.3g} m large"
-        changes.add(Code.MASS, where, f"{what}: centre of mass", f"{distance:.4g} m from there", became, why)
+        changes.add(Code.MASS, where, f"{part}: centre of mass", f"{distance:.4g} m from there", became, why)
         com_L = middle
     R_PL = X_PL.rotation().matrix()
     return Mass(mass, X_PL.multiply(com_L), R_PL @ inertia_L @ R_PL.T)

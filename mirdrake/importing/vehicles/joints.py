@@ -35,12 +35,12 @@ def report_joints(roles: Roles, *, sprung: Sequence[Joint] = ()) -> list[Change]
     carrying = {joint.name for wheel in wheels for joint in roles.tree.path(wheel.child)}
     for joint in roles.tree.above.values():
         if joint.kind != "fixed" and all(joint is not other for other in (*used, *sprung)):
-            what = f"joint '{joint.name}'"
-            if what not in reported:
+            part = f"joint '{joint.name}'"
+            if part not in reported:
                 springs = joint.kind == "prismatic" and joint.name in carrying
                 code = Code.SUSPENSION_FIXED if springs else Code.JOINT_FIXED
                 why = _SUSPENSION if springs else _WHY.get(joint.kind, "mirdrake has no such joint in a car")
-                changes.add(code, joint.where, what, _words(joint), "fixed at zero", why)
+                changes.add(code, joint.where, part, _words(joint), "fixed at zero", why)
     for joint in used:
         changes += _of_used(joint, spins=any(joint is other for other in wheels))
     for joint in sprung:
@@ -73,20 +73,21 @@ def _number(value: float | None) -> str:
 def _of_used(joint: Joint, *, spins: bool) -> list[Change]:
     """Return the changes of a wheel or steering joint."""
     changes = Changes()
-    what = f"joint '{joint.name}'"
+    part = f"joint '{joint.name}'"
+    # The two axes of such a joint become joints of their own, with a knuckle between them.
     if joint.kind in ("universal", "revolute2"):
         became = "a steering joint, a knuckle and a wheel joint"
         why = "a joint has one degree of freedom in mirdrake"
-        changes.add(Code.JOINT, joint.where, what, f"{joint.kind}: steers and spins", became, why)
+        changes.add(Code.JOINT, joint.where, part, f"{joint.kind}: steers and spins", became, why)
     elif spins and joint.kind != "continuous":
-        changes.add(Code.JOINT, joint.where, what, _words(joint), "continuous", "a wheel joint has no limits")
+        changes.add(Code.JOINT, joint.where, part, _words(joint), "continuous", "a wheel joint has no limits")
     if joint.mimic:
         why = "the Ackermann law sets the angle of each wheel" if not spins else "each wheel rolls independently"
-        changes.add(Code.JOINT, joint.where, f"{what}: mimic", f"follows '{joint.mimic}'", None, why)
+        changes.add(Code.JOINT, joint.where, f"{part}: mimic", f"follows '{joint.mimic}'", None, why)
     if joint.damping or joint.friction:
         was = f"damping {joint.damping:.4g} N m s/rad, friction {joint.friction:.4g} N m"
         why = "rolling resistance is a property of the tyre" if spins else "damping is a property of the steering servo"
-        changes.add(Code.JOINT, joint.where, f"{what}: losses", was, None, why)
+        changes.add(Code.JOINT, joint.where, f"{part}: losses", was, None, why)
     return changes
 
 
@@ -101,14 +102,15 @@ def _actuators(roles: Roles, used: Sequence[Joint]) -> list[Change]:
         why = "each wheel has a brake and each steering joint a servo"
         changes.add(Code.ACTUATOR, missing[0].where, f"actuators of {names}", "none", "added", why)
     for item in model.transmissions:
+        # Only gear ratios at wheels and steering change what a torque means.
         if item.reduction != 1.0 and any(item.joint == joint.name for joint in used):
             was = f"{item.reduction:g}"
             why = "torques are given at the joint"
             changes.add(Code.ACTUATOR, item.where, f"joint '{item.joint}': reduction", was, None, why)
     for plugin in model.plugins:
-        what = f"plugin '{plugin.name or plugin.filename}'"
+        part = f"plugin '{plugin.name or plugin.filename}'"
         was = ", ".join([plugin.filename, *_numbers_of(plugin)])
-        changes.add(Code.PLUGIN, plugin.where, what, was, None, "Gazebo plugins are not executed")
+        changes.add(Code.PLUGIN, plugin.where, part, was, None, "Gazebo plugins are not executed")
     return changes
 
 
@@ -132,6 +134,7 @@ def imported_gains(model: SourceModel, roles: Roles, changes: Changes) -> dict[s
     known = {part: item for part, item in gains_by_loop.items() if item is not None}
     for part, (gains, controller) in known.items():
         was = ", ".join(f"{key} {value:g}" for key, value in gains.items())
+        # A variant with half of the gains would mix two tunings.
         complete = len(known) == len(gains_by_loop)
         became = "in variants/imported.yaml" if complete else None
         why = (

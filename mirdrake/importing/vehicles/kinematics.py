@@ -76,16 +76,17 @@ def make_tree(model: SourceModel) -> tuple[Tree, Changes]:
     changes = Changes()
     above: dict[str, Joint] = {}
     for joint in model.joints.values():
-        what, was = f"joint '{joint.name}'", f"{joint.kind}, {joint.parent} to {joint.child}"
+        part, was = f"joint '{joint.name}'", f"{joint.kind}, {joint.parent} to {joint.child}"
+        # The vehicle is free, so a joint to the world is left out; only a fixed one would have changed its motion.
         if joint.parent == "world" or joint.kind in FREE:
             if joint.parent == "world" and joint.kind == "fixed":
-                changes.add(Code.JOINT, joint.where, what, was, None, "a vehicle is not fixed to the world")
+                changes.add(Code.JOINT, joint.where, part, was, None, "a vehicle is not fixed to the world")
         elif joint.parent not in model.links or joint.child not in model.links:
             lost = joint.parent if joint.parent not in model.links else joint.child
-            changes.add(Code.JOINT, joint.where, what, was, None, f"the link '{lost}' does not exist")
+            changes.add(Code.JOINT, joint.where, part, was, None, f"the link '{lost}' does not exist")
         elif joint.child in above or joint.kind == "gearbox":
             why = "it closes a kinematic loop; a vehicle is a tree of links"
-            changes.add(Code.JOINT, joint.where, what, was, None, why)
+            changes.add(Code.JOINT, joint.where, part, was, None, why)
         else:
             above[joint.child] = joint
     # Files may contain several trees, for example a ground link; the vehicle is the largest.

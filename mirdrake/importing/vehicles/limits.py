@@ -58,38 +58,41 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
     for side, joint in zip(("left", "right"), roles.steering, strict=True):
         axis = roles.tree.axis(joint)
         up = axis is None or axis[2] >= 0.0
+        # The inner wheel turns further: towards its own side the left wheel is the inner one.
         low, high = _range(joint.limits)
         if not up:
             low, high = -high, -low
         reach, outer = (high, -low) if side == "left" else (-low, high)
-        what = f"joint '{joint.name}': limits"
+        part = f"joint '{joint.name}': limits"
         was = f"{_text(joint.limits.lower)} … {_text(joint.limits.upper)} rad"
+        # A continuous joint may carry limits that URDF ignores; they are a hint at what its author meant.
         free = turns_freely(joint, joint.limits)
         if free and 0.0 < reach < pi / 2.0 and 0.0 < outer < pi / 2.0:
-            loose.append((reach, joint.where, what, f"{joint.kind}, {was}"))
+            loose.append((reach, joint.where, part, f"{joint.kind}, {was}"))
         elif free:
             why = "a steering joint has limits"
-            changes.add(Code.LIMIT, joint.where, what, f"{joint.kind}, {was}", "see the steering limit", why)
+            changes.add(Code.LIMIT, joint.where, part, f"{joint.kind}, {was}", "see the steering limit", why)
         elif not (reach > 0.0 and outer > 0.0):
             changes.add(
-                Code.LIMIT, joint.where, what, was, "see the steering limit", "the wheel cannot steer to both sides"
+                Code.LIMIT, joint.where, part, was, "see the steering limit", "the wheel cannot steer to both sides"
             )
         elif reach >= pi / 2.0:
             changes.add(
-                Code.LIMIT, joint.where, what, was, "see the steering limit", "steering angles are below 90 degrees"
+                Code.LIMIT, joint.where, part, was, "see the steering limit", "steering angles are below 90 degrees"
             )
         else:
             inner.append((reach, joint.where))
+            # Within 1 % the author gave both wheels the same limit; more is a deliberate outer angle.
             if abs(outer - reach) > 0.01 * reach:
                 why = "the limit is that of the inner wheel; the outer angle follows from the Ackermann law"
-                changes.add(Code.LIMIT, joint.where, what, was, f"±{reach:.4g} rad", why)
+                changes.add(Code.LIMIT, joint.where, part, was, f"±{reach:.4g} rad", why)
     # Values at joints without limits are used if no joint has valid limits.
-    for reach, where, what, was in loose:
+    for reach, where, part, was in loose:
         if inner:
-            changes.add(Code.LIMIT, where, what, was, "see the steering limit", "a steering joint has limits")
+            changes.add(Code.LIMIT, where, part, was, "see the steering limit", "a steering joint has limits")
         else:
             why = "a continuous joint has no limits; its limit values are used"
-            changes.add(Code.LIMIT, where, what, was, f"±{reach:.4g} rad", why)
+            changes.add(Code.LIMIT, where, part, was, f"±{reach:.4g} rad", why)
     inner = inner or [(reach, where) for reach, where, _, _ in loose]
     # A plugin commands at most its own limit, so the smaller one acts.
     stated = [item for item in _all_stated(roles) if item.figure == "steering_limit"]
@@ -106,6 +109,7 @@ def steering_limit(roles: Roles) -> tuple[Number, list[Change]]:
         changes.add(Code.LIMIT, where, "steering limit", "none", f"±{STEERING_LIMIT:g} rad", "value of the Bolt")
         return Number(STEERING_LIMIT, text), changes
     limit, where = min(inner)
+    # mirdrake has one limit for both sides: the smaller one is reached by both.
     if len(inner) == 2 and abs(inner[0][0] - inner[1][0]) > 0.01 * limit:
         was = f"left {inner[0][0]:.4g}, right {inner[1][0]:.4g} rad"
         changes.add(
@@ -179,8 +183,8 @@ def collect_numbers(
         ("wheel_speed_limit", "speed limit of the wheels", "rad/s", plugins("max_speed", 1.0 / radius) + speeds,
          (SPEED[0] / radius, SPEED[1] / radius), MOST_SPEED / radius),
     )  # fmt: skip
-    for key, what, unit, given, usual, most in possible:
-        numbers[key] = _choose_value(what, unit, given, usual, most, _estimate(estimates, key), changes)
+    for key, part, unit, given, usual, possible_limit in possible:
+        numbers[key] = _choose_value(part, unit, given, usual, possible_limit, _estimate(estimates, key), changes)
     numbers["max_torque"] = _drive_torque(roles, stated, estimates, changes)
     numbers["brake_torque"], numbers["brake_front_share"] = _brakes(stated, estimates, changes)
     for field in ("rolling_resistance", "steering_ratio", "drag_area", "tyre_resolution", "tyre_dissipation"):
@@ -277,22 +281,23 @@ def _estimate(estimates: Estimates, field: str) -> Number:
 
 
 def _choose_value(
-    what: str,
+    part: str,
     unit: str,
     given: Sequence[Given],
     usual: tuple[float, float],
-    most: float,
+    possible_limit: float,
     estimate: Number,
     changes: Changes,
 ) -> Number:
     """Return the smallest possible value of the source, else the estimate."""
+    # Several places may limit the same quantity; what is smallest acts first.
     # Gazebo files use zero, negative and huge values for "no limit".
     known = [(value, where) for value, where in given if value is not None]
-    good = [(value, where) for value, where in known if isfinite(value) and 0.0 < value <= most]
+    good = [(value, where) for value, where in known if isfinite(value) and 0.0 < value <= possible_limit]
     how = estimate.source.removeprefix("estimated: ")
     if good:
         value, where = min(good, key=lambda item: item[0])  # the first of equals
-        changes += _check_usual(what, unit, value, where, usual)
+        changes += _check_usual(part, unit, value, where, usual)
         return Number(value, f"imported: {where}")
     if known:
         value, where = known[0]
@@ -301,21 +306,21 @@ def _choose_value(
             if value <= 0.0
             else "not a number"
             if value != value
-            else f"impossible, so it means no limit; at most {most:.3g} {unit} is possible"
+            else f"impossible, so it means no limit; at most {possible_limit:.3g} {unit} is possible"
         )
         became = f"{estimate.value:.4g} {unit}: {how}"
-        changes.add(Code.LIMIT, _place(where), what, f"{value:.4g} {unit}", became, why)
+        changes.add(Code.LIMIT, _place(where), part, f"{value:.4g} {unit}", became, why)
     else:
         where = given[0][1]
-        changes.add(Code.LIMIT, where, what, "none", f"{estimate.value:.4g} {unit}: {how}", "not in the source")
+        changes.add(Code.LIMIT, where, part, "none", f"{estimate.value:.4g} {unit}: {how}", "not in the source")
     return estimate
 
 
-def _check_usual(what: str, unit: str, value: float, where: str, usual: tuple[float, float]) -> Iterator[Change]:
+def _check_usual(part: str, unit: str, value: float, where: str, usual: tuple[float, float]) -> Iterator[Change]:
     """Yield a change for a value that is possible but unusual."""
     if not usual[0] <= value <= usual[1]:
         why = f"unusual: {usual[0]:.3g} to {usual[1]:.3g} {unit} is common"
-        yield unusual(_place(where), what, f"{value:.4g} {unit}", why)
+        yield unusual(_place(where), part, f"{value:.4g} {unit}", why)
 
 
 def _place(where: str) -> str:
@@ -333,27 +338,28 @@ def _wheel_links(roles: Roles, wheels: Sequence[Wheel]) -> list[Link]:
 
 def _friction(roles: Roles, end: str, pair: Sequence[Wheel], changes: Changes) -> Number:
     """Return the friction coefficient of an axle's tyres; one for both directions of Gazebo."""
+    # Gazebo has a coefficient along and one across, for each wheel; a tyre law has one per axle.
     surfaces = [link.surface for link in _wheel_links(roles, pair) if link.surface is not None]
     given = [(value, item.where) for item in surfaces for value in (item.mu, item.mu2) if value is not None]
     low, high = FRICTION
     good = [value for value, _ in given if isfinite(value) and low <= value <= high]
-    what = f"friction of the {end} tyres"
+    part = f"friction of the {end} tyres"
     if good and len(good) == len(given):
         mean = sum(good) / len(good)
         where = given[0][1]
         if max(good) - min(good) > 1e-3 * mean:
             was = ", ".join(f"{value:g}" for value in good)
             why = "the same along and across, left and right"
-            changes.add(Code.CONTACT, where, what, was, f"{mean:.4g}", why)
+            changes.add(Code.CONTACT, where, part, was, f"{mean:.4g}", why)
         return Number(mean, f"imported: {where}")
     if given:
         where = given[0][1]
         was = ", ".join(dict.fromkeys(f"{value:g}" for value, _ in given))
         why = f"tyres on roads have {low:g} to {high:g}; Gazebo's numbers mean that nothing slips"
-        changes.add(Code.CONTACT, where, what, was, "0.9", why)
+        changes.add(Code.CONTACT, where, part, was, "0.9", why)
     else:
         changes.add(
-            Code.CONTACT, pair[0].joint.where, what, "not stated", "0.9", HOW["friction"].removeprefix("estimated: ")
+            Code.CONTACT, pair[0].joint.where, part, "not stated", "0.9", HOW["friction"].removeprefix("estimated: ")
         )
     return Number(0.9, HOW["friction"])
 
@@ -370,6 +376,7 @@ def _report_stiffness(roles: Roles, wheels: Sequence[Wheel], numbers: dict[str, 
         )
         why = "kp and kd belong to Gazebo's contact solver, not to tyres; estimated from the load"
         changes.add(Code.CONTACT, first.where, "contact stiffness of the tyres", was, became, why)
+    # Contact of other bodies matters when the car turns over or hits something.
     turning = {link.name for link in _wheel_links(roles, wheels)}
     for name in roles.tree.poses:
         link = roles.tree.model.links[name]

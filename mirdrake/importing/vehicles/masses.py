@@ -101,12 +101,14 @@ def _weigh_carriers(end: str, parts: Parts, layout: Layout, tree: Tree, changes:
     radius, body = layout.radii[end == "rear"], parts.body
     pair = (parts.carriers[f"{end}_left"], parts.carriers[f"{end}_right"])
     for part in pair:
+        # A knuckle is often modelled as several links, or as none.
         part.mass = gather(tree, part.links, part.X_MP, radius, changes)
         if part.links:
             _discard_implausible(part, radius**3, (0.0, WHEEL_DENSITY[1]), tree, changes)
     if max(part.mass.mass for part in pair) > 0.0:
         _mirror(f"{end} carriers", pair, tree, changes)
         return
+    # The share of the body bounds the estimate for very light bodies, such as those of scale models.
     mass = min(0.5 * parts.wheels[f"{end}_left"].mass.mass, 0.02 * body.mass.mass)
     places = layout.places()
     inertia = cylinder_inertia(mass, radius=0.3 * radius, length=0.3 * radius, axis=2)
@@ -125,6 +127,7 @@ def _weigh_carriers(end: str, parts: Parts, layout: Layout, tree: Tree, changes:
 def check_balance(parts: Parts, layout: Layout, bounds: Bounds, where: str) -> list[Change]:
     """Move an implausible centre of mass of the car by moving that of the body."""
     changes = Changes()
+    # With the centre of mass outside of its wheels a car tips over or lifts an axle in the first step.
     com, total, body = parts.centre_of_mass(layout), parts.total_mass(), parts.body
     # A body may be a flat plate, but the car is at least as high as its wheels.
     height = max(float(bounds[1][2]), 2.0 * max(layout.radii))
@@ -152,6 +155,7 @@ def check_balance(parts: Parts, layout: Layout, bounds: Bounds, where: str) -> l
     # Only the body moves: wheels and knuckles have their place.
     moved = body.mass.com + (wanted - com) * total / body.mass.mass
     body.mass.com = np.where(np.abs(moved) < 1e-6, 0.0, moved)
+    # The density around the whole car shows masses in pounds or grams, which each link alone would not.
     edges = _around(layout, bounds)
     density = total / float(np.prod(edges))
     if edges[0] > 2.0 and density > HEAVY * DENSITY:
@@ -184,7 +188,7 @@ def _discard_implausible(
 # --- pairs -------------------------------------------------------------------------------------------------------
 
 
-def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: Changes) -> None:
+def _mirror(changed_part: str, pair: tuple[Part, Part], tree: Tree, changes: Changes) -> None:
     """Set left and right to their mirrored mean; a side without mass to the other one."""
     left, right = (part.mass for part in pair)
     if min(left.mass, right.mass) <= 0.0:
@@ -198,7 +202,12 @@ def _mirror(what: str, pair: tuple[Part, Part], tree: Tree, changes: Changes) ->
     if abs(left.mass - right.mass) > 1e-3 * mean:
         was = f"{left.mass:.4g} and {right.mass:.4g} kg"
         changes.add(
-            Code.MASS, _where(pair, tree), f"{what}: mass", was, f"{mean:.4g} kg each", "left and right are equal"
+            Code.MASS,
+            _where(pair, tree),
+            f"{changed_part}: mass",
+            was,
+            f"{mean:.4g} kg each",
+            "left and right are equal",
         )
     pair[0].mass = Mass(mean, com, inertia)
     pair[1].mass = Mass(mean, MIRROR @ com, MIRROR @ inertia @ MIRROR)
@@ -234,11 +243,11 @@ def _repair_wheel(pair: tuple[Part, Part], end: str, radius: float, width: float
     """Balance a wheel, and make its spin axis the axis with the largest moment of inertia."""
     mass = pair[0].mass
     location = tree.model.links[pair[0].links[0]].where
-    what = f"{end} wheels"
+    part = f"{end} wheels"
     offset = float(np.linalg.norm(mass.com))
     if offset > max(1e-3, 0.02 * radius):
         was = f"{offset:.3g} m from the wheel's centre"
-        changes.add(Code.MASS, location, f"{what}: centre of mass", was, "in it", "wheels are balanced")
+        changes.add(Code.MASS, location, f"{part}: centre of mass", was, "in it", "wheels are balanced")
     # The largest moment of a wheel is about its axis; files often have it in another slot.
     moments = mass.inertia.diagonal()
     order = np.argsort(moments)
@@ -249,7 +258,7 @@ def _repair_wheel(pair: tuple[Part, Part], end: str, radius: float, width: float
         moments = np.array([moments[others].mean(), moments[top], moments[others].mean()])
         was = f"{'xyz'[top]} axis has the largest moment, {moments_text(mass.inertia)}"
         changes.add(
-            Code.INERTIA, location, f"{what}: inertia", was, "about the wheel's own axis", "the wheel spins about y"
+            Code.INERTIA, location, f"{part}: inertia", was, "about the wheel's own axis", "the wheel spins about y"
         )
     spin, across = float(moments[1]), 0.5 * float(moments[0] + moments[2])
     relative = spin / (mass.mass * radius**2)
@@ -259,7 +268,7 @@ def _repair_wheel(pair: tuple[Part, Part], end: str, radius: float, width: float
         was = f"spin {spin:.4g}, across {across:.4g} kg m²"
         became = f"solid cylinder: spin {inertia[1, 1]:.4g}, across {inertia[0, 0]:.4g} kg m²"
         why = f"spin is {relative:.3g} m r²; wheels have 0.5 to 1"
-        changes.add(Code.INERTIA, location, f"{what}: inertia", was, became, why)
+        changes.add(Code.INERTIA, location, f"{part}: inertia", was, became, why)
     else:
         inertia = np.diag([across, spin, across])
     _set_wheels(pair, mass.mass, inertia)

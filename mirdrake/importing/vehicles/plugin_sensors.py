@@ -31,8 +31,8 @@ def take_plugin(plugin: Plugin, reference: str, model: SourceModel) -> None:
     file = plugin.filename or plugin.name
     for words, why in _NONE.items():
         if re.search(words, file, re.IGNORECASE):
-            what = f"plugin '{plugin.name or plugin.filename}'"
-            model.changes.add(Code.PLUGIN, plugin.where, what, plugin.filename, None, why)
+            part = f"plugin '{plugin.name or plugin.filename}'"
+            model.changes.add(Code.PLUGIN, plugin.where, part, plugin.filename, None, why)
             return
     # The file name of the plugin decides, since names of plugins are free text.
     kind = next((kind for words, kind in _KINDS if re.search(words, file, re.IGNORECASE)), None)

@@ -75,6 +75,7 @@ def _main_file(path: Path) -> Path:
         return path
     if not path.is_dir():
         raise ModelError(f"{shown(path)}: no such file")
+    # A Gazebo folder states its file in model.config, so nothing has to be guessed.
     sdf = model_file(path)
     if sdf is not None:
         return sdf
@@ -84,6 +85,7 @@ def _main_file(path: Path) -> Path:
         for file in sorted((path / below).glob("*"))
         if file.suffix in {".urdf", ".xacro", ".sdf"} and file.is_file()
     ]
+    # Packages split a car over many xacro files; the complete one is a <robot> with a name.
     whole = [file for file in dict.fromkeys(candidates) if _is_whole(file)]
     if len(whole) != 1:
         names = ", ".join(shown(file) for file in whole[:8]) or "none"
@@ -127,6 +129,7 @@ def _texts(folder: Path) -> dict[str, str]:
                 texts["licence"] = ", ".join(filter(None, licences))
             if any(authors):
                 texts["author"] = ", ".join(filter(None, authors))
+    # The text of a licence file begins with its name.
     for name in _LICENCES:
         path = folder / name
         if path.is_file():

@@ -68,12 +68,13 @@ def _choose_model(root: Element, model: SourceModel, files: XmlFiles) -> Element
     """Return the only model of a file that can move."""
     world = root.find("world")
     models = root.findall("model") if world is None else world.findall("model")
+    # A world may contain buildings beside the vehicle, which are static.
     moving = [element for element in models if not is_true(text_of(element, "static"))]
     if len(moving) == 1:
         if world is not None:
             became, why = f"model '{moving[0].get('name', '')}'", "the rest of the world is not a vehicle"
-            what = f"world '{world.get('name', '')}'"
-            model.changes.add(Code.ELEMENT, files.where(world), what, f"{len(world)} elements", became, why)
+            part = f"world '{world.get('name', '')}'"
+            model.changes.add(Code.ELEMENT, files.where(world), part, f"{len(world)} elements", became, why)
         return moving[0]
     if models and not moving:
         names = ", ".join(element.get("name", "") for element in models[:8])
@@ -118,8 +119,10 @@ class _Reader:
 
     def _read_model(self, element: Element, scope: Scope, depth: int) -> None:
         """Read frames, links and joints of a model and of those nested in it."""
+        # A model that includes itself would recurse without end.
         if depth > DEEPEST:
             raise ModelError(f"{self._files.where(element)}: models are nested more than {DEEPEST} deep")
+        # Poses, axes and springs may refer to frames that come later in the file, so they are resolved after the loop.
         for child in element:
             name, where = child.get("name", ""), self._files.where(child)
             full = scope.full(name)
@@ -194,8 +197,8 @@ class _Reader:
             elif child.tag == "sensor":
                 self._model.sensors.append(read_sensor(child, name, self._files.where, self._model))
             elif child.tag not in _LINK_WITHOUT_EFFECT:
-                what = f"link '{name}': <{child.tag}>"
-                self._change(Code.SHAPE, child, what, "…", None, "it has no counterpart in mirdrake")
+                part = f"link '{name}': <{child.tag}>"
+                self._change(Code.SHAPE, child, part, "…", None, "it has no counterpart in mirdrake")
         return link
 
     def _read_inertial(self, element: Element | None, name: str) -> Inertial | None:
@@ -220,6 +223,7 @@ class _Reader:
             return
         where = self._files.where(element)
         link.surface = link.surface or Surface(where=where)
+        # SDF versions and engines have different paths for the same value.
         for key, paths in _CONTACT.items():
             values = (read_number(element.findtext(path), where=where, what=f"<{path}>") for path in paths)
             value = next((value for value in values if value is not None), None)
@@ -230,27 +234,27 @@ class _Reader:
             if text:
                 link.surface.others[key] = text
 
-    def _read_shape(self, element: Element, what: str, scope: Scope) -> Shape | None:
+    def _read_shape(self, element: Element, part: str, scope: Scope) -> Shape | None:
         where = self._files.where(element)
         read = read_shape(element, self._files, self._models, scope.folder, check_sizes=False)
         shape, remark = read.shape, read.remark
         if shape is None or shape.kind == "polyline":
             if read.tag:
                 self._change(
-                    Code.SHAPE, element, what, f"<{read.tag}>", None, remark or f"<{read.tag}> is not supported"
+                    Code.SHAPE, element, part, f"<{read.tag}>", None, remark or f"<{read.tag}> is not supported"
                 )
             return None
         if remark and shape.kind == "mesh":
             became = None if shape.mesh is None else shape.mesh.name
-            self._model.changes.add(Code.MESH, where, f"{what} mesh", shape.address, became, remark)
+            self._model.changes.add(Code.MESH, where, f"{part} mesh", shape.address, became, remark)
         elif remark:
-            self._change(Code.SHAPE, element, what, f"<{read.tag}>", shape.kind, remark)
+            self._change(Code.SHAPE, element, part, f"<{read.tag}>", shape.kind, remark)
         shape.X_LG, _ = read_pose(element.find("pose"), self._files, scope.version)
         shape.where = where
-        shape.rgba, shape.texture = self._read_material(element.find("material"), scope, what)
+        shape.rgba, shape.texture = self._read_material(element.find("material"), scope, part)
         return shape
 
-    def _read_material(self, element: Element | None, scope: Scope, what: str) -> tuple[Rgba | None, Path | None]:
+    def _read_material(self, element: Element | None, scope: Scope, part: str) -> tuple[Rgba | None, Path | None]:
         if element is None:
             return None, None
         rgba, texture = read_colour(element), None
@@ -259,9 +263,9 @@ class _Reader:
             texture, remark = self._models.resolve(address, folder=scope.folder)
             if remark:
                 became = None if texture is None else texture.name
-                self._change(Code.MATERIAL, element, f"{what} texture", address, became, remark)
+                self._change(Code.MATERIAL, element, f"{part} texture", address, became, remark)
         if script and rgba is None and texture is None:
-            self._change(Code.MATERIAL, element, f"{what} material", script, None, SCRIPT)
+            self._change(Code.MATERIAL, element, f"{part} material", script, None, SCRIPT)
         return rgba, texture
 
     # --- joints ---
@@ -274,6 +278,7 @@ class _Reader:
         self._add_frame(name, element, scope, default=scope.full(child))
         joint = Joint(name, kind, "world" if parent == "world" else scope.full(parent), scope.full(child), where=where)
         for tag in ("axis", "axis2"):
+            # axis2 belongs to universal and revolute2 joints, by which old models steer and drive a wheel.
             axis = element.find(tag)
             if axis is None:
                 continue
@@ -325,6 +330,7 @@ class _Reader:
             X_MJ = self._frames.pose(name)
             joint.X_PJ = self._frames.pose(joint.parent).inverse() @ X_MJ
             joint.X_JC = X_MJ.inverse() @ self._frames.pose(joint.child)
+        # Axes are given in any frame, but a Joint has them in its own.
         for axis in self._axes:
             joint = axis.joint
             if joint.name not in self._model.joints:

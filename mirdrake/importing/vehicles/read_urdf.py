@@ -182,13 +182,13 @@ class _Reader:
     def _inertial(self, element: ElementTree.Element | None, name: str) -> Inertial | None:
         if element is None:
             return None
-        where, what = self._urdf.where(element), f"link '{name}':"
+        where, part = self._urdf.where(element), f"link '{name}':"
         mass, inertia = element.find("mass"), element.find("inertia")
-        value = read_number(mass.get("value") if mass is not None else None, where=where, what=f"{what} mass")
+        value = read_number(mass.get("value") if mass is not None else None, where=where, what=f"{part} mass")
         keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         # Missing elements count as zero; impossible tensors are corrected later.
         given = [
-            read_number(inertia.get(key) if inertia is not None else None, where=where, what=f"{what} {key}") or 0.0
+            read_number(inertia.get(key) if inertia is not None else None, where=where, what=f"{part} {key}") or 0.0
             for key in keys
         ]
         xx, xy, xz, yy, yz, zz = given
@@ -207,27 +207,27 @@ class _Reader:
         )
         return make_pose(xyz, rpy)
 
-    def _shapes(self, element: ElementTree.Element, what: str) -> Iterator[Shape]:
+    def _shapes(self, element: ElementTree.Element, part: str) -> Iterator[Shape]:
         geometry = element.find("geometry")
         if geometry is None:  # some files nest the whole visual once more
             inner = [child for child in element if child.find("geometry") is not None]
             if inner:
-                yield from self._shapes(inner[0], what)
+                yield from self._shapes(inner[0], part)
             else:
-                self._change(Code.SHAPE, element, what, "no geometry", None, "it has no geometry")
+                self._change(Code.SHAPE, element, part, "no geometry", None, "it has no geometry")
             return
         where, pose = self._urdf.where(element), self._origin(element)
         inside = geometry.find("material")  # where some files have it
-        rgba, texture = self._material(inside if element.find("material") is None else element.find("material"), what)
+        rgba, texture = self._material(inside if element.find("material") is None else element.find("material"), part)
         for shape in geometry:
             if shape is inside:
                 continue
-            result = self._shape(shape, where, what)
+            result = self._shape(shape, where, part)
             if result is not None:
                 result.X_LG, result.rgba, result.texture = pose, rgba, texture
                 yield result
 
-    def _shape(self, shape: ElementTree.Element, where: str, what: str) -> Shape | None:
+    def _shape(self, shape: ElementTree.Element, where: str, part: str) -> Shape | None:
         def size(key: str, count: int = 1) -> tuple[float, ...]:
             values = read_numbers(shape.get(key), count=count, default=[], where=where, what=f"<{shape.tag}> {key}")
             if len(values) != count:
@@ -242,8 +242,8 @@ class _Reader:
             return Shape("sphere", size("radius"), where=where)
         if shape.tag == "mesh":
             address = shape.get("filename", "")
-            return self.mesh(address, self._scale(shape, where), where, what)
-        self._change(Code.SHAPE, shape, what, f"<{shape.tag}>", None, "this shape is not supported")
+            return self.mesh(address, self._scale(shape, where), where, part)
+        self._change(Code.SHAPE, shape, part, f"<{shape.tag}>", None, "this shape is not supported")
         return None
 
     def _scale(self, shape: ElementTree.Element, where: str) -> tuple[float, ...]:
@@ -256,16 +256,16 @@ class _Reader:
         scale = read_numbers(text, count=count, default=[1.0] * 3, where=where, what="<mesh> scale")
         return tuple((np.repeat(scale, 3) if len(scale) == 1 else scale).tolist())
 
-    def mesh(self, address: str, scale: tuple[float, ...], where: str, what: str) -> Shape:
+    def mesh(self, address: str, scale: tuple[float, ...], where: str, part: str) -> Shape:
         """Return a mesh shape with its file; a missing file becomes a change."""
         path, remark = self._packages.resolve(address, folder=self._folder)
         if remark:
             became = None if path is None else path.name
-            self._model.changes.add(Code.MESH, where, f"{what} mesh", address, became, remark)
+            self._model.changes.add(Code.MESH, where, f"{part} mesh", address, became, remark)
         return Shape("mesh", mesh=path, address=address, scale=scale, where=where)  # type: ignore[arg-type]
 
     def _material(
-        self, element: ElementTree.Element | None, what: str
+        self, element: ElementTree.Element | None, part: str
     ) -> tuple[tuple[float, float, float, float] | None, Path | None]:
         if element is None:
             return None, None
@@ -283,45 +283,47 @@ class _Reader:
             path, remark = self._packages.resolve(texture.get("filename", ""), folder=self._folder)
             if remark:
                 became = None if path is None else path.name
-                self._change(Code.MATERIAL, texture, f"{what} texture", texture.get("filename", ""), became, remark)
+                self._change(Code.MATERIAL, texture, f"{part} texture", texture.get("filename", ""), became, remark)
         return rgba, path
 
     # --- joints ---
 
     def _joint(self, element: ElementTree.Element) -> Joint:
         name, where = element.get("name", ""), self._urdf.where(element)
-        what = f"joint '{name}'"
+        part = f"joint '{name}'"
         kind = element.get("type", "").strip().lower()
         if kind not in _TYPES:
-            raise ModelError(f"{where}: {what} is of type '{kind}'; allowed: {', '.join(sorted(_TYPES))}")
+            raise ModelError(f"{where}: {part} is of type '{kind}'; allowed: {', '.join(sorted(_TYPES))}")
+        # A joint without its links is an error in ROS as well; no position could be found for the child.
         ends = []
         for tag in ("parent", "child"):
             end = element.find(tag)
             link = end.get("link", "") if end is not None else ""
             if link not in self._model.links:
-                raise ModelError(f"{where}: {what}: {tag} link '{link}' does not exist")
+                raise ModelError(f"{where}: {part}: {tag} link '{link}' does not exist")
             ends.append(link)
         # Values are read as written; impossible ones are corrected later, with a change.
         axis, mimic = element.find("axis"), element.find("mimic")
         joint = Joint(name, kind, ends[0], ends[1], X_PJ=self._origin(element), where=where)
         # The default axis of URDF is x.
         joint.axis = read_numbers(
-            axis.get("xyz") if axis is not None else None, count=3, default=[1, 0, 0], where=where, what=f"{what} axis"
+            axis.get("xyz") if axis is not None else None, count=3, default=[1, 0, 0], where=where, what=f"{part} axis"
         )
         if not joint.axis.any() and kind not in _WITHOUT_AXIS:
-            raise ModelError(f"{where}: {what}: its axis has no direction")
+            # Mimic joints follow another one, for example the left kingpin the right one.
+            raise ModelError(f"{where}: {part}: its axis has no direction")
         joint.mimic = mimic.get("joint", "") if mimic is not None else ""
         limit, dynamics = element.find("limit"), element.find("dynamics")
         if limit is not None:
             lower, upper, effort, velocity = (
-                read_number(limit.get(key), where=where, what=f"{what} {key}")
+                read_number(limit.get(key), where=where, what=f"{part} {key}")
                 for key in ("lower", "upper", "effort", "velocity")
             )
             joint.limits = Limits(lower, upper, effort, velocity)
             self._others(joint, limit, {"lower", "upper", "effort", "velocity"})
         if dynamics is not None:
-            joint.damping = read_number(dynamics.get("damping"), where=where, what=f"{what} damping") or 0.0
-            joint.friction = read_number(dynamics.get("friction"), where=where, what=f"{what} friction") or 0.0
+            joint.damping = read_number(dynamics.get("damping"), where=where, what=f"{part} damping") or 0.0
+            joint.friction = read_number(dynamics.get("friction"), where=where, what=f"{part} friction") or 0.0
             self._others(joint, dynamics, {"damping", "friction"})
         self._strays(element, "joint")
         return joint

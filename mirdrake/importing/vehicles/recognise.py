@@ -198,8 +198,8 @@ def _is_upright(tree: Tree, joint: Joint) -> bool:
 def _axles(tree: Tree, wheels: list[Wheel], blank: list[Joint]) -> list[list[Wheel]]:
     """Return the wheels of two axles."""
     if not wheels:
-        what = f"no road wheels: {_inventory(tree)}, none of which turns a round link about a level axis"
-        raise _rejection(tree, what + _blank_clause(tree, blank), wheels)
+        part = f"no road wheels: {_inventory(tree)}, none of which turns a round link about a level axis"
+        raise _rejection(tree, part + _blank_clause(tree, blank), wheels)
     # Axes point to either side; all are turned to the side of the first before their mean is taken.
     axes = np.array([wheel.axis * (1.0 if wheel.axis @ wheels[0].axis >= 0.0 else -1.0) for wheel in wheels])
     lateral = _level(axes.sum(axis=0))
@@ -230,6 +230,7 @@ def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) ->
     casters = len(swivels) + _count_skids(tree, wheels)
     steered = [wheel for wheel in wheels if wheel.steering]
     number = len(wheels)
+    # Order matters: a differential drive may have as many wheels as a tricycle.
     if len(driven) == 2 and (casters or (number == 2 and len(axles) == 1)):
         count = f" and {casters} caster{'s' if casters != 1 else ''}" if casters else " on one axle"
         return f"2 driven wheels{count} (differential drive): {_names(driven)}"
@@ -245,6 +246,7 @@ def _other_vehicle(tree: Tree, wheels: list[Wheel], axles: list[list[Wheel]]) ->
 def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: Changes) -> tuple[list[Wheel], list[Wheel]]:
     """Return the steered axle and the other one."""
     wheels = [wheel for axle in axles for wheel in axle]
+    # Each rejection names the kind of robot that was recognised, since skid-steer and differential drives are common.
     casters = [wheel for wheel in wheels if _is_caster(tree, wheel)]
     if len(casters) == 2:
         driven = [wheel for wheel in wheels if wheel not in casters]
@@ -254,12 +256,13 @@ def _front_and_rear(tree: Tree, axles: list[list[Wheel]], changes: Changes) -> t
         steers = [bool(_own(wheel, axle)) for wheel in axle]
         if any(steers) and not all(steers):
             steered_one = axle[steers.index(True)].joint.name
-            what = f"{_named(axle)} on one axle, only one of which is steered ('{steered_one}')"
-            raise _rejection(tree, what, wheels)
+            part = f"{_named(axle)} on one axle, only one of which is steered ('{steered_one}')"
+            raise _rejection(tree, part, wheels)
+        # A single joint for both wheels is a solid axle, as of a trailer or a tricycle.
         shared = [joint for joint in axle[0].steering if joint in axle[1].steering]
         if shared and not any(steers):
-            what = f"joint '{shared[-1].name}' steers an axle as a whole; a car steers each front wheel by itself"
-            raise _rejection(tree, what, wheels)
+            part = f"joint '{shared[-1].name}' steers an axle as a whole; a car steers each front wheel by itself"
+            raise _rejection(tree, part, wheels)
     if not steered:
         raise _rejection(tree, f"skid-steer: {_named(wheels)}, no steering joint", wheels)
     # One steered axle is the front. Most sources have it towards +x; others drive backwards.
@@ -330,8 +333,8 @@ def _rejection(tree: Tree, summary: str, wheels: Sequence[Wheel]) -> ModelError:
         summary = summary.replace("no steering joint", "no usable steering joint")
     hints = "".join(f"; {hint}" for hint in tree.model.hints)
     location = source_name(tree.model)
-    what = "not a car with four wheels on two axles, two of them steered"
-    return ModelError(f"{location}: {what}; found {summary}{faults}{hints}")
+    part = "not a car with four wheels on two axles, two of them steered"
+    return ModelError(f"{location}: {part}; found {summary}{faults}{hints}")
 
 
 def _inventory(tree: Tree) -> str:

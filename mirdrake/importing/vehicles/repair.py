@@ -196,7 +196,7 @@ def _take_shapes(tree: Tree, part: Part) -> None:
 
 def _with_known_submeshes(shapes: Iterable[Shape], changes: Changes) -> list[Shape]:
     """Return the shapes of the body with whole meshes instead of unknown submeshes, each mesh once."""
-    kept: list[Shape] = []
+    shapes_left: list[Shape] = []
     for shape in shapes:
         known, more = with_known_submesh(shape)
         changes += more
@@ -206,10 +206,10 @@ def _with_known_submeshes(shapes: Iterable[Shape], changes: Changes) -> list[Sha
             and not other.submesh
             and other.scale == known.scale
             and other.X_LG.IsNearlyEqualTo(known.X_LG, 1e-9)
-            for other in kept
+            for other in shapes_left
         ):
-            kept.append(known)
-    return kept
+            shapes_left.append(known)
+    return shapes_left
 
 
 def _body_bounds(body: Part, layout: Layout, changes: Changes) -> Bounds:
@@ -273,15 +273,20 @@ def _report_collisions(roles: Roles, knuckles: Iterable[Part], layout: Layout) -
         if shapes and not plain and not (wheel.shape.width_from and len(shapes) == 1):
             was = ", ".join(_shape_text(shape) for shape in shapes[:4]) + (", …" if len(shapes) > 4 else "")
             became = f"cylinder of radius {layout.radii[rear]:.4g} m, {layout.widths[rear]:.4g} m wide"
-            what = f"link '{wheel.joint.child}': collision shapes"
+            changed_part = f"link '{wheel.joint.child}': collision shapes"
             changes.add(
-                Code.SHAPE, shapes[0].where, what, was, became, "the collision geometry of a wheel is a cylinder"
+                Code.SHAPE,
+                shapes[0].where,
+                changed_part,
+                was,
+                became,
+                "the collision geometry of a wheel is a cylinder",
             )
     for part in knuckles:
         for shape in part.collisions:
-            what = f"link '{part.name}': collision shape"
+            changed_part = f"link '{part.name}': collision shape"
             why = "parts between wheel and body have no collision geometry"
-            changes.add(Code.SHAPE, shape.where, what, _shape_text(shape), None, why)
+            changes.add(Code.SHAPE, shape.where, changed_part, _shape_text(shape), None, why)
         part.collisions.clear()
     return changes
 

@@ -58,6 +58,7 @@ def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
     com = car.centre_of_mass(layout)
     measured = "imported: measured on links and joints"
     wheels = (car.wheels["front_left"].mass, car.wheels["rear_left"].mass)
+    # The masses of links are as in the source unless a repair changed one.
     repaired = any(change.code in (Code.MASS, Code.INERTIA) for change in car.changes)
     masses = "imported" + (": see the changes below" if repaired else ": sum of the links")
     dimensions: list[Row] = [
@@ -73,6 +74,7 @@ def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
         ("centre of mass", " ".join(_n(value) for value in com), "m", masses),
         ("inertia of the body", " ".join(_n(value) for value in np.diag(car.body.mass.inertia)), "kg m²", masses),
     ]
+    # Every number has its source beside it, so that the reader sees which ones are estimates.
     numbers = [(label, _n(car.numbers[key].value), unit, car.numbers[key].source) for key, label, unit in _ROWS]
     control = [(LABELS[key][0], _n(getattr(car.estimates, key)), LABELS[key][1], HOW[key]) for key in _CONTROL]
     tables = [("Dimensions and masses", dimensions), ("Limits and contact", numbers), ("Control", control)]
@@ -81,6 +83,7 @@ def _tables(car: Car, mass: float) -> list[tuple[str, list[Row]]]:
 
 def _to_check(car: Car) -> Iterable[str]:
     """Yield what the user should check."""
+    # Warnings first, then what every import needs, then what this one assumed.
     yield from car.warnings
     codes = {change.code for change in car.changes}
     yield "Geometry: `mirdrake view` shows visuals, collision shapes and frames."

@@ -114,6 +114,7 @@ def _bound(cls: type[Mount], mount: MountData, defaults: Mapping[str, float], co
     for key, value in list(mount.items()):
         if isinstance(value, str | dict | bool):
             continue
+        # The ranges are those of the mount's schema: a mount that is written here has to load.
         low, high, strict = limits_of(cls, key)
         field, distance = cls.model_fields[key], any(key in pair for pair in _RANGES)
         allowed = f"above {low:g}" if strict else f"{low:g} and more"

@@ -58,20 +58,22 @@ def make_mounts(
     changes = Changes()
     taken: set[str] = set()
     for sensor in model.sensors:
-        what, was = f"sensor '{sensor.name}'", f"type {sensor.kind}"
+        part, was = f"sensor '{sensor.name}'", f"type {sensor.kind}"
         kind = _kind_of(sensor)
         if kind is None or sensor.link not in places:
             why = "mirdrake has no such sensor" if kind is None else f"the link '{sensor.link}' does not exist"
-            changes.add(Code.SENSOR, sensor.where, what, was, None, why)
+            changes.add(Code.SENSOR, sensor.where, part, was, None, why)
             continue
+        # Links that do not move against each other became one, so a pose refers to the merged part.
         parent, X_PL = places[sensor.link]
         X_LS = sensor.X_LS
         distance = float(np.linalg.norm(X_LS.translation()))
         # The comparison is false for NaN, too.
         if not distance <= REACH:
             why = f"a sensor is at most {REACH:g} m from its link"
-            changes.add(Code.SENSOR, sensor.where, f"{what}: place", f"{distance:.3g} m away", "at the link", why)
+            changes.add(Code.SENSOR, sensor.where, f"{part}: place", f"{distance:.3g} m away", "at the link", why)
             X_LS = RigidTransform()
+        # One sensor of Gazebo may become several mounts, for example a depth camera and its colour image.
         for suffix, mount, X_SC in _Reader(sensor, changes).mounts(kind):
             label = re.sub(r"[^A-Za-z0-9_]+", "_", f"{sensor.name}{suffix}")[:64]
             frame = names.new(f"{label}_mount")
@@ -135,8 +137,8 @@ class _Reader:
         for item in corrections:
             self._add_change(item.key, item.old, item.new, item.reason)
         if fitted is None:
-            what, was = f"sensor '{self._sensor.name}'", f"type {self._sensor.kind}"
-            self._changes.add(Code.SENSOR, self._sensor.where, what, was, None, reason)
+            part, was = f"sensor '{self._sensor.name}'", f"type {self._sensor.kind}"
+            self._changes.add(Code.SENSOR, self._sensor.where, part, was, None, reason)
             return
         yield suffix, fitted, X_SC
 
@@ -282,6 +284,7 @@ class _Reader:
             velocity_noise=(*(f"{kind}.velocity_sensing.horizontal.noise.stddev" for kind in kinds),
                             "plugin.velocityGaussianNoise", "velocityGaussianNoise"),
         )  # fmt: skip
+        # Hector's GPS plugin has angles in degrees.
         datum = {
             key: value if key == "altitude" else radians(value)
             for key in ("latitude", "longitude", "altitude", "heading")
@@ -296,6 +299,7 @@ class _Reader:
         near = self._get("sonar.min", "ray.range.min", "lidar.range.min", "plugin.min_range", "min_range")
         far = self._get("sonar.max", "ray.range.max", "lidar.range.max", "plugin.max_range", "max_range")
         mount |= {"near": 0.02 if near is None else near, "far": 4.0 if far is None else far}
+        # The angle of the cone in the order of reliability: plugin, scan, radius at the far end.
         cone = self._get("plugin.fov", "fov")
         start, end = self._scan("scan.horizontal.min_angle"), self._scan("scan.horizontal.max_angle")
         if cone is None and start is not None and end is not None and abs(end - start) > 0.0:

@@ -66,9 +66,10 @@ def _visual(
     shape: Shape, part: Part, folder: Path, files: set[str], written: dict[tuple[object, ...], Shape], changes: Changes
 ) -> Shape | None:
     """Return a converted visual; each mesh is written once."""
-    what = f"link '{part.name}': visual"
+    changed_part = f"link '{part.name}': visual"
+    # A plane is infinite and cannot be part of a car.
     if shape.kind == "plane" or not _is_sound(shape):
-        changes.add(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "it has no valid size")
+        changes.add(Code.SHAPE, shape.where, changed_part, f"{shape.kind} {shape.size}", None, "it has no valid size")
         return None
     if shape.kind != "mesh":
         return shape
@@ -83,7 +84,7 @@ def _visual(
     try:
         new, more = convert_visual(shape, folder, name=name)
     except MeshError as error:
-        changes.append(error.left_out(shape.where, what))
+        changes.append(error.left_out(shape.where, changed_part))
         return None
     changes += more
     written[key] = new
@@ -91,9 +92,9 @@ def _visual(
 
 
 def _collision(shape: Shape, part: Part, folder: Path, files: set[str], changes: Changes, time: CutTime) -> list[Shape]:
-    what = f"link '{part.name}': collision shape"
+    changed_part = f"link '{part.name}': collision shape"
     if shape.kind == "plane" or not _is_sound(shape):
-        changes.add(Code.SHAPE, shape.where, what, f"{shape.kind} {shape.size}", None, "it has no valid size")
+        changes.add(Code.SHAPE, shape.where, changed_part, f"{shape.kind} {shape.size}", None, "it has no valid size")
         return []
     if shape.kind == "mesh" and shape.mesh is None:  # reported by the reader
         return []
@@ -101,7 +102,7 @@ def _collision(shape: Shape, part: Part, folder: Path, files: set[str], changes:
     try:
         new, more = convert_collision(shape, folder, name=name, time=time)
     except MeshError as error:
-        changes.append(error.left_out(shape.where, what))
+        changes.append(error.left_out(shape.where, changed_part))
         return []
     changes += more
     return new
@@ -118,11 +119,11 @@ def _lift(shape: Shape, body: Part, low: float, changes: Changes) -> Shape | Non
     if box is None or box[0][2] >= low:
         return shape
     bottom, top = float(box[0][2]), float(box[1][2])
-    what = f"link '{body.name}': collision shape"
+    part = f"link '{body.name}': collision shape"
     was = f"{shape.kind} from {bottom:.4g} to {top:.4g} m above the road"
     why = "it would touch the road before the wheels"
     if top - low < 0.3 * (top - bottom):
-        changes.add(Code.SHAPE, shape.where, what, was, None, why)
+        changes.add(Code.SHAPE, shape.where, part, was, None, why)
         return None
     # An upright box is cut off at the bottom; any other shape is moved up.
     R = shape.X_LG.rotation().matrix()
@@ -131,10 +132,10 @@ def _lift(shape: Shape, body: Part, low: float, changes: Changes) -> Shape | Non
         edge = int(np.argmax(np.abs(R[2])))
         size = list(shape.size)
         size[edge] = top - low
-        changes.add(Code.SHAPE, shape.where, what, was, f"from {low:.4g} m on", why)
+        changes.add(Code.SHAPE, shape.where, part, was, f"from {low:.4g} m on", why)
         # The pose of a box is that of its middle, which rises by half of the cut.
         return replace(shape, size=tuple(size), X_LG=_raised(shape.X_LG, (low - bottom) / 2.0))
-    changes.add(Code.SHAPE, shape.where, what, was, f"{low - bottom:.4g} m higher", why)
+    changes.add(Code.SHAPE, shape.where, part, was, f"{low - bottom:.4g} m higher", why)
     return replace(shape, X_LG=_raised(shape.X_LG, low - bottom))
 
 
@@ -148,10 +149,11 @@ def _show_body(car: Car, reported: Sequence[Change]) -> list[Change]:
     Visuals that are drawn, such as sensors, stay.
     """
     changes = Changes()
-    body, what = car.body, f"link '{car.body.name}': visuals"
+    body, part = car.body, f"link '{car.body.name}': visuals"
     where = body.visuals[0].where if body.visuals else body.collisions[0].where if body.collisions else ""
     cover = plan_cover(body_boxes(body.collisions, car.layout), car.layout)
     shown = "its collision shapes are"
+    # Collision shapes that cover little are those of parts: a box then looks more like the vehicle.
     if cover < COVERED:
         was = "none"
         if body.collisions:
@@ -160,7 +162,7 @@ def _show_body(car: Car, reported: Sequence[Change]) -> list[Change]:
         shown = "a box of the usual size for its wheelbase and track is"
     was = f"{len(body.visuals)} that cover little of it" if body.visuals else "none that can be drawn"
     body.visuals += [replace(shape, rgba=_PAINT) for shape in body.collisions]
-    changes.add(Code.SHAPE, where, what, was, shown.rsplit(" ", 1)[0], "the body would be invisible")
+    changes.add(Code.SHAPE, where, part, was, shown.rsplit(" ", 1)[0], "the body would be invisible")
     lost = [change for change in reported if change.part == f"link '{body.name}': visual" and change.left_out]
     reason = f" ({lost[0].old}: {lost[0].reason})" if lost else ""
     car.warnings.append(f"The body has no visual shape that can be used{reason}: {shown} drawn instead.")
@@ -182,8 +184,8 @@ def _show_wheels(car: Car, places: Mapping[str, str], *, every: bool) -> list[Ch
         rear = key.startswith("rear")
         size = (car.layout.radii[rear], car.layout.widths[rear])
         wheel.visuals = [Shape("cylinder", size, RigidTransform(_LYING, np.zeros(3)), rgba=_RUBBER)]
-        what, why = f"link '{wheel.name}': visuals", "the wheel would be invisible"
-        changes.add(Code.SHAPE, places.get(wheel.name, ""), what, "none that can be drawn", "its collision shapes", why)
+        part, why = f"link '{wheel.name}': visuals", "the wheel would be invisible"
+        changes.add(Code.SHAPE, places.get(wheel.name, ""), part, "none that can be drawn", "its collision shapes", why)
     return changes
 
 
@@ -195,7 +197,7 @@ def _box(car: Car, bounds: Bounds, was: str, changes: Changes) -> Shape:
     size = upper - lower
     became = f"box {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} m, from {lower[2]:.3g} m on"
     where = car.body.visuals[0].where if car.body.visuals else ""
-    what = f"link '{car.body.name}': collision shape"
+    part = f"link '{car.body.name}': collision shape"
     why = "the box around the body; without it, the car would have no collision geometry"
-    changes.add(Code.SHAPE, where, what, was, became, why)
+    changes.add(Code.SHAPE, where, part, was, became, why)
     return Shape("box", tuple(size.tolist()), RigidTransform(0.5 * (lower + upper)), where=where)

@@ -196,7 +196,7 @@ def _fill(
 
     Changes of an axle without springs get the place `elsewhere`.
     """
-    what, where = f"suspension: {end} springs", _place(pair) or elsewhere
+    part, where = f"suspension: {end} springs", _place(pair) or elsewhere
     given = [item.stiffness for item in pair if item.stiffness is not None]
     good = [value for value in given if isfinite(value) and value > 0.0]
     slow = sqrt(estimates.max_correction / 2.0)  # times of this vehicle over those of a car
@@ -205,6 +205,7 @@ def _fill(
         stiffness = sum(good) / len(good)
         numbers[f"{end}_stiffness"] = Number(stiffness, f"imported: {where}")
         numbers[f"{end}_anti_roll"] = Number(0.0, "imported: the source has no anti-roll bar")
+        # Froude scaling: a vehicle of a tenth of the size has times shorter by √10, hence higher ride frequencies.
         frequency = sqrt(stiffness / body_mass) / (2.0 * pi)
         low, high = (bound / slow for bound in USUAL)
         why = f"ride frequency {frequency:.2g} Hz; {low:.2g} to {high:.2g} Hz is common"
@@ -224,7 +225,7 @@ def _fill(
         numbers[f"{end}_anti_roll"] = Number(float(getattr(estimates, f"{end}_anti_roll")), HOW[f"{end}_anti_roll"])
         became = f"{stiffness:.4g} N/m at the wheel: please check"
     was = "none" if not given else ", ".join(f"{value:.4g} N/m" for value in given)
-    changes.add(Code.SUSPENSION, where, what, was, became, why)
+    changes.add(Code.SUSPENSION, where, part, was, became, why)
     # Force and speed of a joint both scale with the rate, so its damping at the wheel has the rate squared.
     # Without damping in the source, the damping ratio is 0.3, common for cars.
     damping = [item.joint.damping / item.up**2 for item in pair if item.joint is not None]

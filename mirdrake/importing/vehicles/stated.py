@@ -56,6 +56,7 @@ def read_stated(plugins: Iterable[Plugin]) -> list[Stated]:
 
 def _of_plugin(plugin: Plugin) -> Iterator[Stated]:
     for key, text in plugin.values.items():
+        # Keys of plugins have no units by themselves: words in them state some.
         leaf = key.rpartition(".")[2].partition("[")[0]
         words = {word.lower() for word in _WORD.findall(leaf)}
         figure = _figure(words)
@@ -76,6 +77,7 @@ def _figure(words: set[str]) -> str | None:
     """Return the quantity that a key denotes, recognised by its words."""
     steers = any(word.startswith("steer") for word in words)
     brakes = any(word.startswith("brak") for word in words)
+    # Words such as "gain" or "topic" mark keys that are no limits.
     if words & _OTHER:
         return None
     if steers:

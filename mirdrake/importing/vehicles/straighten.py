@@ -112,20 +112,21 @@ def straighten(roles: Roles) -> tuple[Layout, list[Change]]:
 
 
 def _mean(
-    place: str, what: str, values: list[float], pair: list[Wheel], changes: Changes, *, strict: bool = True
+    place: str, part: str, values: list[float], pair: list[Wheel], changes: Changes, *, strict: bool = True
 ) -> float:
     """Return the mean of left and right."""
     low, high = min(values), max(values)
+    # A difference beyond the tolerance is intended by the author and cannot be averaged away.
     if strict and high - low > max(SLACK, ALIKE * high):
         names = " and ".join(f"'{wheel.joint.name}'" for wheel in pair)
         raise ModelError(
-            f"{place}: {what} {names} are {values[0]:.4g} and {values[1]:.4g} m; the wheels of an axle should be equal"
+            f"{place}: {part} {names} are {values[0]:.4g} and {values[1]:.4g} m; the wheels of an axle should be equal"
         )
     mean = 0.5 * (low + high)
     if high - low > WORTH_SAYING * high:
         was = f"{values[0]:.4g} and {values[1]:.4g} m"
         changes.add(
-            Code.GEOMETRY, pair[0].shape.shape.where, what, was, f"{mean:.4g} m", "the wheels of an axle are equal"
+            Code.GEOMETRY, pair[0].shape.shape.where, part, was, f"{mean:.4g} m", "the wheels of an axle are equal"
         )
     return mean
 
@@ -146,13 +147,13 @@ def _base_frame(place: str, contact: dict[str, Vector], changes: Changes) -> Rig
     y = y / np.linalg.norm(y)
     z = np.cross(x, y)
     # Signs of ISO 8855: positive pitch lowers the front, positive roll raises the left side.
-    for what, angle in (("pitch", asin(-float(x[2]))), ("roll", asin(float(y[2])))):
+    for part, angle in (("pitch", asin(-float(x[2]))), ("roll", asin(float(y[2])))):
         if abs(angle) > MOST_SKEW:
             height = ", ".join(f"{name} {contact[name][2]:.4g}" for name in WHEELS)
             raise ModelError(f"{place}: the wheels are not on one level road; their lowest points [m]: {height}")
         if abs(angle) > WORTH_SAYING:
             why = "the wheels of the source are not level at the zero position"
-            was = f"the contact points have {degrees(angle):.3g} degrees of {what}"
+            was = f"the contact points have {degrees(angle):.3g} degrees of {part}"
             changes.add(Code.GEOMETRY, place, "level", was, "rotated to level", why)
     return RigidTransform(RotationMatrix(np.column_stack([x, y, z])), rear)
 
@@ -166,10 +167,10 @@ def _report_moved(place: str, wheel: Wheel, shift: Vector, wheelbase: float, cha
             f"wheel of its axle; {allowed:.2g} m is allowed"
         )
     if distance > WORTH_SAYING * wheelbase:
-        what = f"joint '{wheel.joint.name}': place"
+        part = f"joint '{wheel.joint.name}': place"
         why = "left and right are mirror images"
         changes.add(
-            Code.GEOMETRY, wheel.joint.where, what, f"{_shown(shift)} m from the mirrored position", "mirrored", why
+            Code.GEOMETRY, wheel.joint.where, part, f"{_shown(shift)} m from the mirrored position", "mirrored", why
         )
 
 
@@ -179,37 +180,37 @@ def _wheel_frame(wheel: Wheel, X_MB: RigidTransform, changes: Changes) -> RigidT
     joint, shape = wheel.joint, wheel.shape
     # Sense of the axis first: camber and toe refer to the corrected one.
     axis = wheel.axis
-    what = f"joint '{joint.name}'"
+    part = f"joint '{joint.name}'"
     if axis @ R_MB[:, 1] < 0.0:
         axis = -axis
         why = "positive wheel speed drives forward"
-        changes.add(Code.GEOMETRY, joint.where, f"{what}: sense of the axis", "to the right", "to the left", why)
+        changes.add(Code.GEOMETRY, joint.where, f"{part}: sense of the axis", "to the right", "to the left", why)
     # Components of the spin axis in B: forward is toe, upward is camber.
     along, _, up = R_MB.T @ axis
     for name, angle in (("camber", asin(float(up))), ("toe", asin(float(along)))):
         if abs(angle) > WORTH_SAYING:
             was = f"{degrees(angle):.3g} degrees of {name}"
             why = "wheels have no camber and no toe in mirdrake"
-            changes.add(Code.GEOMETRY, joint.where, f"{what}: axis", was, "lateral", why)
+            changes.add(Code.GEOMETRY, joint.where, f"{part}: axis", was, "lateral", why)
     if wheel.off_axis > max(1e-3, 0.01 * shape.radius):
         was = f"centre {wheel.off_axis:.3g} m from the joint's axis"
         why = "a wheel is centred on its axis"
-        changes.add(Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, "centred", why)
+        changes.add(Code.SHAPE, shape.shape.where, f"{part}: {shape.role} shape", was, "centred", why)
     if shape.width_from:
         was = f"sphere of radius {shape.radius:.4g} m"
         became = f"cylinder {shape.width:.4g} m wide ({shape.width_from})"
-        changes.add(Code.SHAPE, shape.shape.where, f"{what}: {shape.role} shape", was, became, "a sphere has no width")
+        changes.add(Code.SHAPE, shape.shape.where, f"{part}: {shape.role} shape", was, became, "a sphere has no width")
     # The collision shape decides; a visual that differs from it is a hint to check.
     if wheel.seen is not None and abs(wheel.seen.centre[1] - shape.centre[1]) > BESIDE * shape.radius:
         was = f"middle {abs(wheel.seen.centre[1] - shape.centre[1]):.3g} m from that of the visual"
-        changes.append(unusual(shape.shape.where, f"{what}: track", was, "the collision shape counts"))
+        changes.append(unusual(shape.shape.where, f"{part}: track", was, "the collision shape counts"))
     if wheel.seen is not None and abs(wheel.seen.radius - shape.radius) > SEEN * shape.radius:
         was = f"radius {shape.radius:.4g} m, looks like {wheel.seen.radius:.4g} m"
-        changes.append(unusual(shape.shape.where, f"{what}: radius", was, "the collision shape counts"))
+        changes.append(unusual(shape.shape.where, f"{part}: radius", was, "the collision shape counts"))
     if shape.role == "visual":
         became = f"cylinder of radius {shape.radius:.4g} m, {shape.width:.4g} m wide"
         why = "the wheel has no round collision shape; that of the visual is used"
-        changes.add(Code.SHAPE, shape.shape.where, f"{what}: collision shape", "none that is round", became, why)
+        changes.add(Code.SHAPE, shape.shape.where, f"{part}: collision shape", "none that is round", became, why)
     return frame_about(wheel.point, y=axis, up=R_MB[:, 2])
 
 

@@ -45,6 +45,7 @@ def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
         level: largest sine of a wheel axis over the horizontal.
     """
     named = _named_by_plugins(tree, "wheel") - _named_by_plugins(tree, "steer")
+    # Names are a hint at the intention only, hence the clause is part of an explanation.
     words = []
     for joint in tree.model.joints.values():
         meant = joint.name in named or (_WHEEL.search(joint.name) and not _STEERING.search(joint.name))
@@ -66,6 +67,7 @@ def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
 
 
 def _steering_fault(tree: Tree, joint: Joint, carrying: set[str], upright: float) -> str:
+    # The first fault on the way from the vehicle to a steered wheel.
     axis = tree.axis(joint) if joint.parent in tree.poses else None
     if joint.child not in tree.poses:
         return "is not connected to the vehicle"
@@ -98,7 +100,7 @@ def _named_by_plugins(tree: Tree, word: str) -> set[str]:
     }
 
 
-def _clause(what: str, words: Sequence[str]) -> str:
+def _clause(part: str, words: Sequence[str]) -> str:
     if not words:
         return ""
-    return f"; {what}: {', '.join(words[:MOST_NAMES])}" + (", …" if len(words) > MOST_NAMES else "")
+    return f"; {part}: {', '.join(words[:MOST_NAMES])}" + (", …" if len(words) > MOST_NAMES else "")

@@ -39,6 +39,7 @@ def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places, con
     car.changes += convert_shapes(car, folder, convex_time=convex_time)
     car.changes = Changes(dict.fromkeys(map(places.change, car.changes)))
     car.warnings = list(map(places.text, car.warnings))
+    # StrictUndefined: a template with a misspelt name fails here instead of writing an incomplete vehicle.
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         undefined=jinja2.StrictUndefined,
@@ -62,6 +63,7 @@ def write_car(car: Car, model: SourceModel, folder: Path, *, places: Places, con
         "place": _place,
         **readme_words(car, model, places),
     }
+    # All files are rendered from the same words, so that a number cannot differ between them.
     for name in FILES:
         text = environment.get_template(f"{name}.jinja").render(words)
         (folder / name).write_text(text, encoding="utf-8")

@@ -306,6 +306,7 @@ def _checks(
         checks.append(f"{count} fault{'s' if count > 1 else ''} left out collision geometry: see below.")
     if any(change.code is Code.STAND_IN_UNSURE for change in world.changes):
         checks.append("Size and heading of props that replace models: not all were measured.")
+    # Five centimetres: less is rounding of the source.
     buried = [prop.name for prop in props if prop.bottom < -0.05]
     if buried:
         checks.append(f"Below the ground: {', '.join(buried[:8])}{' …' if len(buried) > 8 else ''}.")

@@ -56,17 +56,17 @@ class Converter:
         """Return the entries of all objects, people and populations of a world in order."""
         done = [entry for obj in world.objects if (entry := self._entry(obj)) is not None]
         for actor, kind, X, where in world.actors:
-            what, known = f"actor '{actor}'", find_known(kind)
+            part, known = f"actor '{actor}'", find_known(kind)
             if known is None:
                 self.changes.add(
-                    Code.MODEL, where, what, kind, None, "its motion is not imported, and its model is unknown"
+                    Code.MODEL, where, part, kind, None, "its motion is not imported, and its model is unknown"
                 )
                 continue
             # A person stands upright on the ground: only position and heading remain.
             x, y, _ = X.translation()
             X_WM = RigidTransform(RollPitchYaw(0.0, 0.0, _yaw(X)), [x, y, self.height])
             obj = SourceObject(actor, kind, X_WM, True, absent=True, where=where)
-            done.append(self._known(obj, known, what, "its motion is not imported; it is placed at its first position"))
+            done.append(self._known(obj, known, part, "its motion is not imported; it is placed at its first position"))
         done += [entry for crowd in world.crowds if (entry := self._crowd(crowd)) is not None]
         if self._sunk:
             count = len(self._sunk)
@@ -79,7 +79,7 @@ class Converter:
         """Return the entries of visual-only meshes."""
         done = []
         for obj in objects:
-            what = f"model '{obj.name}'"
+            part = f"model '{obj.name}'"
             # Objects with equal shapes share a folder; those that are visual only have keys of their own.
             key = ("drawn", key_of(obj))
             if key not in self._folders:
@@ -92,8 +92,9 @@ class Converter:
                 self._folders[key] = (short, RigidTransform())
             short, _ = self._folders[key]
             if not short:
-                self.changes.add(Code.MODEL, obj.where, what, "visuals", None, "none of its meshes can be read")
+                self.changes.add(Code.MODEL, obj.where, part, "visuals", None, "none of its meshes can be read")
                 continue
+            # Objects are written relative to the ground of the world, which is at z = 0.
             X = lowered(obj.X_WM, self.height)
             position = ", ".join(number(value) for value in X.translation())
             roll, pitch, yaw = RollPitchYaw(X.rotation()).vector()
@@ -105,34 +106,37 @@ class Converter:
     # --- one object ---
 
     def _entry(self, obj: SourceObject) -> Entry | None:
-        what = f"model '{obj.name}'"
+        part = f"model '{obj.name}'"
+        # A model with turning wheels is a car of the source: its place is kept as a start.
         if obj.wheels >= _WHEELS and not obj.static:
             name = self._new_name(obj.name)
             self.starts[name] = lowered(obj.X_WM, self.height)
             was = f"{obj.wheels} turning joints"
             why = "a vehicle, not a prop; use mirdrake import vehicle"
-            self.changes.add(Code.START, obj.where, what, was, f"start '{name}'", why)
+            self.changes.add(Code.START, obj.where, part, was, f"start '{name}'", why)
             return None
         # A model without its own files becomes a prop of its size, if it is well known.
         known = self._known_for(obj)
         if known is not None:
             why = "the files of the model are missing" if obj.absent else "its meshes are missing"
-            return self._known(obj, known, what, why)
+            return self._known(obj, known, part, why)
         self.lost += obj.broken
+        # Reports of missing meshes waited until here, since a known prop makes them irrelevant.
         for change in obj.missing:
             self.changes.append(change)
         if obj.absent or not obj.collisions:
             why = obj.broken[0].partition(": ")[2] if obj.broken else (
                 "it is visual only" if obj.visuals else "it has no shapes"
             )  # fmt: skip
-            self.changes.add(Code.MODEL, obj.where, what, obj.kind, None, why)
+            self.changes.add(Code.MODEL, obj.where, part, obj.kind, None, why)
             return None
+        # Damaged files have NaN in poses, which would pass every later comparison.
         if not np.isfinite(obj.X_WM.GetAsMatrix34()).all():
-            self.changes.add(Code.MODEL, obj.where, what, obj.kind, None, "its pose is not finite")
+            self.changes.add(Code.MODEL, obj.where, part, obj.kind, None, "its pose is not finite")
             return None
         if obj.loose and not obj.static:
             was, became = f"{obj.loose} joints that move", "one rigid body"
-            self.changes.add(Code.MODEL, obj.where, what, was, became, "props do not have joints")
+            self.changes.add(Code.MODEL, obj.where, part, was, became, "props do not have joints")
         return self._primitive(obj) or self._file(obj)
 
     def _known_for(self, obj: SourceObject) -> Known | None:
@@ -141,7 +145,7 @@ class Converter:
             return None
         return next((known for name in (obj.kind, *obj.sources) if (known := find_known(name))), None)
 
-    def _known(self, obj: SourceObject, known: Known, what: str, why: str) -> Entry:
+    def _known(self, obj: SourceObject, known: Known, part: str, why: str) -> Entry:
         prop = stand_in(known)
         # The prop's frame is below its middle; the model may have its origin elsewhere and another heading.
         X_MP = RigidTransform(RollPitchYaw(0.0, 0.0, known.yaw), [*known.middle, 0.0])
@@ -159,7 +163,7 @@ class Converter:
             became = f"prop {prop.name}, {sides} m" + (f" for {words} m" if prop.asked is None else "")
         self._set_loose(entry)
         self.changes.add(
-            Code.STAND_IN if known.sure else Code.STAND_IN_UNSURE, obj.where, what, obj.kind, became, f"{why}{about}"
+            Code.STAND_IN if known.sure else Code.STAND_IN_UNSURE, obj.where, part, obj.kind, became, f"{why}{about}"
         )
         return entry
 
@@ -178,17 +182,18 @@ class Converter:
         entry = Entry((shape.kind, shape.size), self._new_name(obj.name), X_WP, obj)
         entry.color = None if rgba is None else (rgba[0], rgba[1], rgba[2])
         if obj.mu is not None and abs(obj.mu - DEFAULT_MU) > 1e-9:
-            what = f"model '{obj.name}': friction"
+            part = f"model '{obj.name}': friction"
             why = f"the entry of a {shape.kind} has no friction of its own; write a prop.yaml for another one"
-            self.changes.add(Code.MODEL, obj.where, what, f"mu {obj.mu:g}", f"mu {DEFAULT_MU:g}", why)
+            self.changes.add(Code.MODEL, obj.where, part, f"mu {obj.mu:g}", f"mu {DEFAULT_MU:g}", why)
         self._set_loose(entry)
         return entry
 
     def _file(self, obj: SourceObject) -> Entry | None:
         key = key_of(obj)
-        what = f"model '{obj.name}'"
+        part = f"model '{obj.name}'"
+        # An object without usable shapes fails for each copy, but is reported for each.
         if key in self._empty:
-            self.changes.add(Code.MODEL, obj.where, what, obj.kind, None, self._empty[key])
+            self.changes.add(Code.MODEL, obj.where, part, obj.kind, None, self._empty[key])
             return None
         if key not in self._folders:
             short = self._new_folder(obj.kind)
@@ -201,15 +206,16 @@ class Converter:
                 shutil.rmtree(target, ignore_errors=True)
                 # Copies of this object fail in the same way and are not converted again.
                 self._empty[key] = str(error)
-                self.lost.append(f"{obj.where}: {what}: {error}")
-                self.changes.add(Code.MODEL, obj.where, what, obj.kind, None, str(error))
+                self.lost.append(f"{obj.where}: {part}: {error}")
+                self.changes.add(Code.MODEL, obj.where, part, obj.kind, None, str(error))
                 return None
+            # The frame of the model matters to users who refer to its position, so a displacement is reported.
             if np.abs(X_MP.translation()).max() > 5e-5:
                 x, y, z = (number(value) for value in X_MP.translation())
                 why = "the frame of a prop is on the ground below the centre of its bounding box"
                 sides = " x ".join(f"{side:.3g}" for side in size)
                 became = f"frame at {x} {y} {z} m in the model, box of {sides} m"
-                self.changes.add(Code.MODEL, obj.where, what, "frame of the model", became, why)
+                self.changes.add(Code.MODEL, obj.where, part, "frame of the model", became, why)
             self._folders[key] = (short, X_MP)
         short, X_MP = self._folders[key]
         entry = Entry(("file", short), self._new_name(obj.name), lowered(obj.X_WM @ X_MP, self.height), obj)
@@ -229,20 +235,21 @@ class Converter:
             except MeshError:
                 corners = None  # reported when the prop is written
             kind = kind_of(corners) if corners is not None else "solid"
-            what = f"model '{obj.name}': collision mesh {shape.address}"
+            part = f"model '{obj.name}': collision mesh {shape.address}"
+            # A closed room is one mesh in many worlds: its convex hull would be a solid block.
             if kind == "walls" and corners is not None:
                 parts, left_out = cut_walls(shape, corners, target, name=f"wall_{index}")
                 why = "the convex hull of the walls would fill the room"
-                self.changes.add(Code.MODEL, shape.where, what, "walls", f"{len(parts)} convex parts", why)
+                self.changes.add(Code.MODEL, shape.where, part, "walls", f"{len(parts)} convex parts", why)
                 if left_out:
                     why = f"{left_out} of {left_out + len(parts)} separate parts are too many; the largest are kept"
-                    self.changes.add(Code.MODEL, shape.where, what, f"{left_out} smaller parts", None, why)
-                    self.lost.append(f"{shape.where}: {what}: {why}")
+                    self.changes.add(Code.MODEL, shape.where, part, f"{left_out} smaller parts", None, why)
+                    self.lost.append(f"{shape.where}: {part}: {why}")
                 shapes += parts
             elif kind == "terrain":
                 why = "it is terrain; the ground of a world is a plane"
-                self.changes.add(Code.MODEL, shape.where, what, "wide and low", None, why)
-                self.lost.append(f"{shape.where}: {what}: {why}")
+                self.changes.add(Code.MODEL, shape.where, part, "wide and low", None, why)
+                self.lost.append(f"{shape.where}: {part}: {why}")
             elif shape.kind == "polyline":
                 shapes += convex_outlines(shape)
             else:
@@ -314,9 +321,9 @@ class Converter:
             return
         sound = obj.mass is not None and 1e-6 < obj.mass < 1e9
         if obj.mass is not None and not sound:
-            what = f"model '{obj.name}': mass"
+            part = f"model '{obj.name}': mass"
             self.changes.add(
-                Code.MODEL, obj.where, what, f"{obj.mass:g} kg", f"{_LOOSE_MASS:g} kg", "the mass is not plausible"
+                Code.MODEL, obj.where, part, f"{obj.mass:g} kg", f"{_LOOSE_MASS:g} kg", "the mass is not plausible"
             )
         if sound or entry.what[0] in {"box", "cylinder", "sphere"}:
             entry.mass = obj.mass if sound else _LOOSE_MASS

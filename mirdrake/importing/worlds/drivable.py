@@ -85,6 +85,7 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
     road_meshes = road_meshes if len(road_meshes) < len(shapes) else []
     floors: list[Surface] = []
     roads: list[Surface] = []
+    # Visuals count where collisions are missing or coarse: roads are often drawn on top of a plane.
     for shape in shapes:
         try:
             corners = corners_in_world(shape, obj)
@@ -105,6 +106,7 @@ def surfaces_of(obj: SourceObject, *, seen: bool = False) -> list[Surface]:
         level = abs(float((obj.X_WM @ shape.X_LG).rotation().matrix()[2, 2])) > _LEVEL
         surface.box = shape if shape.kind in {"box", "plane"} and level else None
         top, polygons = surface.top, surface.polygons
+        # Parts of one floor, such as its tiles, are level and have the same names; they become one surface.
         same = next((other for other in floors if other.words == surface.words and abs(other.top - top) <= FLAT), None)
         if same is None:
             floors.append(surface)
@@ -139,6 +141,7 @@ def _road_in_mesh(shape: Shape, obj: SourceObject, *, whole: bool) -> Surface | 
         return None
     pieces, _ = pieces_of(shape)
     roads = [piece for piece in pieces if _names_a_road((*piece.names, piece.material.name))]
+    # If all parts have such names, they say nothing about where the road is.
     if not roads or len(roads) == len(pieces):
         return None
     X = obj.X_WM @ shape.X_LG

@@ -44,6 +44,7 @@ class Entry:
         parts = [f"{key}: {value if isinstance(value, str) else _value(value)}", f"name: {self.name}"]
         x, y, z = (number(value) for value in self.X_WP.translation())
         roll, pitch, yaw = (degrees(angle) for angle in RollPitchYaw(self.X_WP.rotation()).vector())
+        # A layout states its own positions.
         if self.layout:
             parts += [self.layout, *([f"z: {z}"] if z != "0" else [])]
         else:

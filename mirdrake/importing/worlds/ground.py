@@ -218,9 +218,10 @@ def _rectangle(plane: Plane) -> Array:
 
 def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, changes: Changes) -> None:
     height = float(plane.X_WP.translation()[2]) - ground.height
-    what, was = f"plane '{plane.name}'", f"plane {height:.4g} m over the ground"
+    part, was = f"plane '{plane.name}'", f"plane {height:.4g} m over the ground"
+    # A second infinite or elevated plane has no meaning for cars on the first one.
     if plane.size is None or abs(height) > FLAT:
-        changes.add(Code.GROUND, plane.where, what, was, None, f"'{base.name}' is the ground already")
+        changes.add(Code.GROUND, plane.where, part, was, None, f"'{base.name}' is the ground already")
         return
     surface = _surface(plane.words) or ground.surface
     mu = plane.mu if plane.mu is not None and 0.0 < plane.mu <= 2.0 else None
@@ -229,7 +230,7 @@ def _patch_of_plane(ground: GroundText, plane: Plane, base: Plane, changes: Chan
     R = plane.X_WP.rotation().matrix()
     rect = _rect((x, y), plane.size, math.atan2(R[1, 0], R[0, 0]))
     ground.patches.append(_patch(name, rect, surface, mu))
-    changes.add(Code.GROUND, plane.where, what, was, f"patch '{name}' of {surface}", f"'{base.name}' is the ground")
+    changes.add(Code.GROUND, plane.where, part, was, f"patch '{name}' of {surface}", f"'{base.name}' is the ground")
 
 
 # --- slabs, sheets and visual-only surfaces ------------------------------------------------------------------------
@@ -243,8 +244,8 @@ def _lay_down(
     alike: dict[tuple[str, float | None], list[Surface]] = {}
     for surface in sorted(surfaces, key=lambda item: item.top):
         if surface.top < ground.height - FLAT and world.planes:
-            what, was = f"model '{surface.obj.name}'", f"level, {ground.height - surface.top:.3g} m below the ground"
-            changes.add(Code.GROUND, surface.obj.where, what, was, None, "it is below the ground plane")
+            part, was = f"model '{surface.obj.name}'", f"level, {ground.height - surface.top:.3g} m below the ground"
+            changes.add(Code.GROUND, surface.obj.where, part, was, None, "it is below the ground plane")
             continue
         # A visual has no friction coefficient, so that of the ground is used.
         mu = _mu(surface.obj) if surface.obj.collisions else ground.mu
@@ -256,7 +257,7 @@ def _lay_down(
             count = _patches_of(ground, together, first.name, look, mu)
             above = max(surface.top for surface in together) - ground.height
             rise = max(surface.rise for surface in together)
-            what = f"model '{first.name}'" + (f" and {len(together) - 1} that touch it" if len(together) > 1 else "")
+            part = f"model '{first.name}'" + (f" and {len(together) - 1} that touch it" if len(together) > 1 else "")
             was = f"level, {together[0].thickness:.3g} m thick, {sum(item.area for item in together):.4g} m²"
             became = f"{count} patch{'es' if count != 1 else ''} of {look}"
             why = "drivable surfaces are ground"
@@ -264,7 +265,7 @@ def _lay_down(
                 was, became = f"{was}, rising by {rise:.3g} m", f"{became}, flattened"
             elif above > FLAT:
                 was, became = f"{was}, {above:.3g} m above the ground", f"{became}, {above:.3g} m lower"
-            changes.add(Code.GROUND, first.where, what, was, became, why)
+            changes.add(Code.GROUND, first.where, part, was, became, why)
             # Paved or narrow surfaces may be roads, along which a centre line is searched.
             if look in {"asphalt", "concrete"} or any(item.width < 0.25 * math.sqrt(item.area) for item in together):
                 roads += [polygon for surface in together for polygon in surface.polygons]
@@ -327,6 +328,7 @@ def _looks_like(shape: Shape, obj: SourceObject, surfaces: list[Surface]) -> boo
     near = any(abs(top - surface.top) <= FLAT for surface in surfaces)
     return (
         near
+        # Nine tenths: the visual of a floor is rarely equal to its collision shape.
         and bool(shapely.area(shapely.intersection(area, covered)) > 0.9 * max(area.area, 1e-9))
         and (area.area > 0.05 * covered.area)
     )
@@ -343,6 +345,7 @@ def _take_seen(world: SourceWorld, ground: GroundText, changes: Changes) -> list
     taken: list[Surface] = []
     objects = []
     for obj in world.objects:
+        # Objects with collision shapes are obstacles or ground in their own right.
         if obj.collisions or not obj.visuals or obj.absent or obj.broken or obj.wheels:
             objects.append(obj)
             continue
@@ -351,6 +354,7 @@ def _take_seen(world: SourceWorld, ground: GroundText, changes: Changes) -> list
             surface for surface in level if surface.whole and surface.top > ground.height - FLAT and surface.width > 1.0
         ]
         taken += level
+        # The ground becomes a plane: what is drawn on it is lifted by the difference of the heights.
         above = max((surface.top for surface in level), default=ground.height) - ground.height
         if any(not _looks_like(shape, obj, level) for shape in obj.visuals):
             ground.drawn.append(_lifted(obj, above))
@@ -404,6 +408,7 @@ def _lay_road(ground: GroundText, road: Road, changes: Changes) -> None:
     lifted = f", up to {np.abs(heights).max():.3g} m off the ground" if np.abs(heights).max() > FLAT else ""
     was = f"{len(road.points)} points, {road.width:g} m wide{lifted}"
     surface = _surface(road.words) or "asphalt"
+    # A line that a car can follow becomes a track, which has markings, starts and goals.
     route = route_of_line(road.points[:, :2], road.width)
     if route is not None and route.is_road:
         name = _new_track(ground, road.name, route, f", surface: {surface}")

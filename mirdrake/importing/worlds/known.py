@@ -157,6 +157,7 @@ def stand_in(known: Known) -> StandIn | None:
             size = load_prop(name).size
         except ConfigError:
             continue
+        # Where the size of the model is not known for sure, that of the prop is as good.
         if not known.sure:
             return StandIn(name, None, 1.0, size)
         try:
@@ -166,6 +167,7 @@ def stand_in(known: Known) -> StandIn | None:
         longest = max(range(3), key=lambda axis: known.size[axis])
         scale = round(known.size[longest] / size[longest], 3)
         scaled = (scale * size[0], scale * size[1], scale * size[2])
+        # Scaled along its longest side, the prop has to fit the other two as well.
         if all(_FIT * want <= have <= want / _FIT for have, want in zip(scaled, known.size, strict=True)):
             return StandIn(name, None, scale, scaled)
     return None

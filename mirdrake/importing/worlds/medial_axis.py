@@ -86,6 +86,7 @@ def _pruned(edges: NDArray[np.int64], vertices: Array, shortest: float) -> NDArr
         beside.setdefault(b, []).append(index)
     # A short branch from a tip to a fork is noise of the boundary.
     for tip in [vertex for vertex, near in beside.items() if len(near) == 1]:
+        # Follow the branch from its tip until it is long enough, ends, or meets another one.
         branch: list[int] = []
         total, vertex = 0.0, tip
         while total < shortest:
@@ -96,11 +97,12 @@ def _pruned(edges: NDArray[np.int64], vertices: Array, shortest: float) -> NDArr
             total += lengths[ways[0]]
             a, b = edges[ways[0]].tolist()
             vertex = b if a == vertex else a
+        # A tip that does not end at a fork is a line by itself and stays, however short.
         at_fork = sum(bool(alive[index]) for index in beside[vertex]) > 2
         if branch and total < shortest and at_fork:
             alive[branch] = False
-    kept: NDArray[np.int64] = edges[alive]
-    return kept
+    remaining: NDArray[np.int64] = edges[alive]
+    return remaining
 
 
 def _outer_ring(edges: NDArray[np.int64], vertices: Array) -> Array | None:

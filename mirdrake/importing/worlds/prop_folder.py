@@ -69,11 +69,12 @@ def write_prop(
         solids += [(part, _points(part)) for part in parts]
     if not solids:
         raise EmptyPropError("none of its collision shapes can be read")
+    # Every solid costs contact checks in each step; the largest ones give a prop its outline.
     if len(solids) > MOST_SOLIDS:
         solids.sort(key=lambda solid: -float(np.prod(np.ptp(solid[1], axis=0))))
         why = f"a prop has at most {MOST_SOLIDS} shapes"
-        what = f"model '{obj.name}': collisions"
-        changes.add(Code.MESH, obj.where, what, f"{len(solids)} shapes", f"the {MOST_SOLIDS} largest", why)
+        changed_part = f"model '{obj.name}': collisions"
+        changes.add(Code.MESH, obj.where, changed_part, f"{len(solids)} shapes", f"the {MOST_SOLIDS} largest", why)
         solids = solids[:MOST_SOLIDS]
     # The frame of the prop is on the ground below the centre of its bounding box.
     cloud = np.concatenate([points for _, points in solids])
@@ -88,6 +89,7 @@ def write_prop(
         f"size: [{', '.join(number(side) for side in size)}]",
         f"mass: {_mass(obj, cloud):.6g}",
     ]
+    # Friction of 0 or above 2 is Gazebo's way of saying "none" or "never slips".
     if obj.mu is not None and 0.0 < obj.mu <= 2.0:
         lines.append(f"mu: {obj.mu:.4g}")
     if visual:
@@ -238,22 +240,24 @@ def write_visual(obj: SourceObject, X_PM: RigidTransform, folder: Path, changes:
     pieces: list[Piece] = []
     notes: list[tuple[str, str, Note]] = []
     for shape in obj.visuals:
-        what = f"model '{obj.name}': visual"
+        part = f"model '{obj.name}': visual"
+        # The infinite plane of a model with collision shapes is its ground, not a part of it.
         if shape.kind == "plane" and obj.collisions:
             continue
         try:
             parts, remarks = pieces_of(shape)
         except MeshError as error:
-            changes.append(error.left_out(shape.where, what))
+            changes.append(error.left_out(shape.where, part))
             continue
-        notes += [(shape.where, f"{what} {shape.address}".strip(), note) for note in remarks]
+        notes += [(shape.where, f"{part} {shape.address}".strip(), note) for note in remarks]
         matrix = (X_PM @ shape.X_LG).GetAsMatrix4()
         pieces += [piece.moved(matrix) for piece in parts]
     if pieces:
         written = write_gltf(pieces, folder / "visual.gltf")
         notes += [(obj.where, f"model '{obj.name}': visuals", note) for note in written]
-    for where, what, note in dict.fromkeys(notes):
-        changes.add(Code.MESH, where, what, note.old, note.new, note.reason)
+    # Copies of a shape give the same note, which is reported once.
+    for where, part, note in dict.fromkeys(notes):
+        changes.add(Code.MESH, where, part, note.old, note.new, note.reason)
     return bool(pieces)
 
 

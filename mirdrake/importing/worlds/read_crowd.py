@@ -68,6 +68,7 @@ def read_crowd(
     else:
         a, b, c = numbers("box/size", 3, [1.0] * 3)
         crowd.box = (a, b, c)
+    # Each copy becomes a body of the plant: thousands cannot be simulated.
     if not 1 <= crowd.count <= 5000:
         raise ModelError(f"{where}: population of {crowd.count}; 1 to 5000 are allowed")
     if min([*(crowd.box or ())[:2], *([crowd.radius] if crowd.radius is not None else [])], default=1.0) < 1e-3:

@@ -107,6 +107,7 @@ class ModelReader:
         kind = element.get("name", "") or "model"
         full = self._new_name(scope.full(name or kind), where)
         self._frames.add(full, read_placement(element, placed, full, scope, self._tree))
+        # An <include> may override whether its model is static.
         still = element.find("static") if placed is None or placed.find("static") is None else placed.find("static")
         static = is_true(still.text or "") if still is not None else False
         if draft is None:
@@ -114,6 +115,7 @@ class ModelReader:
             self.drafts.append(draft)
         inner = Scope(f"{full}::", full, scope.version, scope.folder, scope.files)
         try:
+            # A fault in one model ends the reading of this model only.
             self._inside(element, inner, draft)
         except ModelError as error:
             draft.obj.broken.append(str(error))
@@ -202,6 +204,7 @@ class ModelReader:
                 base = relative or child.get("attached_to", "")
                 self._frames.add(scope.full(name), Frame(X, scope.base(base), where))
             elif child.tag in {"model", "include"}:
+                # Models that include each other would recurse without end.
                 if len(scope.prefix.split("::")) > DEEPEST:
                     raise ModelError(f"{where}: models are nested more than {DEEPEST} deep")
                 # Parts of a moving model move with it as one object; those of a static one are static objects.
@@ -209,17 +212,18 @@ class ModelReader:
                 first = len(self.drafts)
                 (self.model if child.tag == "model" else self.include)(child, scope, draft=apart)
                 for inner in self.drafts[first:]:
+                    # The whole moves as one prop; an inner part that moved by itself would collide with the rest.
                     inner.obj.static = True
             elif child.tag == "joint":
                 self._joint(child, scope, draft)
             elif child.tag == "plugin":
-                what = f"model '{draft.obj.name}': <plugin>"
+                part = f"model '{draft.obj.name}': <plugin>"
                 self._changes.add(
-                    Code.SHAPE, where, what, child.get("filename", ""), None, "Gazebo plugins are not executed"
+                    Code.SHAPE, where, part, child.get("filename", ""), None, "Gazebo plugins are not executed"
                 )
             elif child.tag not in _SILENT:
-                what = f"model '{draft.obj.name}': <{child.tag}>"
-                self._changes.add(Code.SHAPE, where, what, "…", None, "it has no counterpart in mirdrake")
+                part = f"model '{draft.obj.name}': <{child.tag}>"
+                self._changes.add(Code.SHAPE, where, part, "…", None, "it has no counterpart in mirdrake")
 
     def _joint(self, element: Element, scope: Scope, draft: Draft) -> None:
         kind = element.get("type", "").strip().lower()
@@ -243,6 +247,7 @@ class ModelReader:
         X, relative = read_pose(element.find("pose"), self._tree, scope.version)
         self._frames.add(full, Frame(X, scope.base(relative), where))
         draft.links.append(full)
+        # A kinematic link is moved by a plugin, which is not executed.
         if not obj.static and text_of(element, "kinematic") in {"1", "true"}:
             obj.static = True
             self._changes.add(
@@ -250,6 +255,7 @@ class ModelReader:
             )
         mass = read_number(element.findtext("inertial/mass"), where=where, what="<mass>")
         if mass is not None:
+            # A prop is one rigid body, so its links' masses add up.
             obj.mass = (obj.mass or 0.0) + mass
         # A faulty collision shape makes the model faulty, since cars would pass through it; a visual does not.
         for child in element:
@@ -260,36 +266,37 @@ class ModelReader:
                     if child.tag == "collision":
                         obj.broken.append(str(error))
                     location, _, fault = str(error).partition(": ")
-                    what = f"model '{obj.name}': {child.tag}"
-                    self._changes.add(Code.SHAPE, location, what, child.get("name", ""), None, fault)
+                    part = f"model '{obj.name}': {child.tag}"
+                    self._changes.add(Code.SHAPE, location, part, child.get("name", ""), None, fault)
             elif child.tag == "light":
-                what, why = f"model '{obj.name}': <light>", "only the sun is supported"
-                self._changes.add(Code.LIGHT, self._tree.where(child), what, child.get("name", ""), None, why)
+                part, why = f"model '{obj.name}': <light>", "only the sun is supported"
+                self._changes.add(Code.LIGHT, self._tree.where(child), part, child.get("name", ""), None, why)
             elif child.tag == "sensor":
-                what, why = f"model '{obj.name}': <sensor>", "a prop has no sensors"
-                self._changes.add(Code.SENSOR, self._tree.where(child), what, child.get("name", ""), None, why)
+                part, why = f"model '{obj.name}': <sensor>", "a prop has no sensors"
+                self._changes.add(Code.SENSOR, self._tree.where(child), part, child.get("name", ""), None, why)
             elif child.tag not in _SILENT:
-                what = f"model '{obj.name}': <{child.tag}>"
+                part = f"model '{obj.name}': <{child.tag}>"
                 self._changes.add(
-                    Code.SHAPE, self._tree.where(child), what, "…", None, "it has no counterpart in mirdrake"
+                    Code.SHAPE, self._tree.where(child), part, "…", None, "it has no counterpart in mirdrake"
                 )
 
     def _shape(self, element: Element, scope: Scope, link: str, draft: Draft) -> None:
         where, obj = self._tree.where(element), draft.obj
-        what = f"model '{obj.name}': {element.tag}"
+        part = f"model '{obj.name}': {element.tag}"
         X, relative = read_pose(element.find("pose"), self._tree, scope.version)
+        # Plugins of shapes are visual effects and cannot change the contact.
         for plugin in element.findall("plugin"):
             where_plugin, file = self._tree.where(plugin), plugin.get("filename", "")
             self._changes.add(
-                Code.PLUGIN, where_plugin, f"{what}: <plugin>", file, None, "Gazebo plugins are not executed"
+                Code.PLUGIN, where_plugin, f"{part}: <plugin>", file, None, "Gazebo plugins are not executed"
             )
         read = read_shape(element, self._tree, self._models, scope.folder, check_sizes=True)
         shape, remark = read.shape, read.remark
         if shape is None:
             if remark:
-                self._changes.add(Code.SHAPE, where, what, element.get("name", ""), None, remark)
+                self._changes.add(Code.SHAPE, where, part, element.get("name", ""), None, remark)
             if remark and element.tag == "collision":
-                obj.broken.append(f"{where}: {what}: {remark}")
+                obj.broken.append(f"{where}: {part}: {remark}")
             return
         shape.where = where
         if element.tag == "visual":
@@ -301,6 +308,7 @@ class ModelReader:
             # The name of a material is a hint at the kind of surface.
             shape = replace(shape, address=shape.address or text_of(element, "material/script/name"))
         else:
+            # The most slippery shape of a model counts, since a prop has one coefficient.
             mu = read_mu(element, self._tree)
             if mu is not None:
                 obj.mu = mu if obj.mu is None else min(obj.mu, mu)
@@ -308,11 +316,11 @@ class ModelReader:
         if shape.kind == "mesh" and shape.mesh is None:
             obj.sources.append(model_name(shape.address))
             if element.tag == "collision":
-                obj.broken.append(f"{where}: {what}: mesh '{shape.address}': {remark}")
-            obj.missing.add(Code.MESH, where, f"{what} mesh", shape.address, None, remark)
+                obj.broken.append(f"{where}: {part}: mesh '{shape.address}': {remark}")
+            obj.missing.add(Code.MESH, where, f"{part} mesh", shape.address, None, remark)
             return
         if remark:
             became = shape.mesh.name if shape.mesh is not None else shape.kind
-            self._changes.add(Code.MODEL, where, what, shape.address or element.get("name", ""), became, remark)
+            self._changes.add(Code.MODEL, where, part, shape.address or element.get("name", ""), became, remark)
         placed = _Placed(shape, X, scope.full(relative) if relative else link, link)
         (draft.visuals if element.tag == "visual" else draft.collisions).append(placed)

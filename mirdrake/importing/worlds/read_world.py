@@ -30,7 +30,6 @@ Element = ElementTree.Element
 SUN = np.array([-0.5, 0.1, -0.9])
 """Direction of the light that ``model://sun`` is."""
 
-_SILENT = {"physics", "gui", "scene", "spherical_coordinates", "magnetic_field", "atmosphere", "audio", "wind"}
 _WHY = {
     "physics": "mirdrake has its own solver and time step", "gui": "mirdrake has its own viewer",
     "scene": "mirdrake has its own sky and ambient light",
@@ -50,6 +49,7 @@ def read_world(path: Path, *, models: Models) -> SourceWorld:
     """
     tree = XmlFiles()
     root = tree.parse(path)
+    # Files without <sdf> exist from the time before SDF 1.0.
     worlds = root.findall("world") if root.tag in {"sdf", "gazebo"} else [root] if root.tag == "world" else []
     if not worlds:
         models_in = root.findall("model")
@@ -60,6 +60,7 @@ def read_world(path: Path, *, models: Models) -> SourceWorld:
     version = version_of(root)
     if version < (1, 2):
         raise ModelError(f"{tree.where(root)}: SDF {root.get('version')} is too old; convert it with gz sdf -c")
+    # xacro elements would be dropped like unknown elements, and the world would be almost empty.
     for element in worlds[0]:
         if "xacro" in element.tag:
             raise ModelError(
@@ -98,6 +99,7 @@ class _Reader:
                     self._children(inserted)
             else:
                 self._child(child)
+        # The saved state overrides poses and deletes models, hence after all children.
         for state in states:
             self._state(state)
         for light, frame in [*self._lights, *self._models.lights]:
@@ -148,6 +150,8 @@ class _Reader:
             kind = plain_name(model_name(text_of(child, "uri")))
             before, lights = len(self._models.drafts), len(self._models.lights)
             self._models.include(child, self._scope)
+            # The number of drafts before and after tells what the include added: none if it was a light, several if
+            # nested.
             added = self._models.drafts[before:]
             # model://sun is a light; without its files it has the direction of Gazebo's.
             if kind == "sun" and added and added[0].obj.absent:
@@ -175,6 +179,7 @@ class _Reader:
             if inner is None:
                 raise ModelError(f"{where}: <population> without a <model>")
             before = len(self._models.drafts)
+            # A population repeats its model, whose drafts are marked here and not placed themselves.
             (self._models.model if inner.tag == "model" else self._models.include)(inner, self._scope)
             self._crowds.append((child, range(before, len(self._models.drafts))))
         elif tag == "gravity" or (tag == "physics" and child.find("gravity") is not None):
@@ -240,6 +245,7 @@ class _Reader:
         if name not in self._frames or name == WORLD or depth > 20:
             return 0
         pose, moved = element.find("pose"), 0
+        # The state has world poses of models and links, so that only those that differ are taken.
         if pose is not None:
             X, _ = read_pose(pose, self._tree, self._scope.version)
             moved += _differ(self._frames.pose(name), X)
@@ -252,6 +258,7 @@ class _Reader:
                 raise ModelError(f"{where}: <scale> {a:g} {b:g} {c:g} leaves nothing of the model")
             if (a, b, c) != (1.0, 1.0, 1.0):
                 self._scales[name] = (a, b, c)
+                # Scaled props need their shapes scaled, which happens when the model is finished.
                 why = "scale of the saved state"
                 self._world.changes.add(
                     Code.MODEL, where, f"model '{name}': scale", f"{a:g} {b:g} {c:g}", "applied to its shapes", why

@@ -155,8 +155,8 @@ def _trimmed(line: Array, length: float) -> Array:
     whole = shapely.LineString(line)
     if whole.length < 4.0 * length:
         return line
-    kept: Array = shapely.get_coordinates(substring(whole, length, whole.length - length))
-    return kept
+    inner: Array = shapely.get_coordinates(substring(whole, length, whole.length - length))
+    return inner
 
 
 def _smoothed(line: Array, wide: float, smoothness: float, tolerance: float, *, closed: bool) -> Array:
@@ -191,11 +191,13 @@ def _with_corners(points: Array, wide: float, *, closed: bool) -> Array:
     line, last = [points[0]], 0  # up to the point with the index `last`
     for before, after in pairwise(straights.tolist()):
         bend = float(lengths[before + 1 : after].sum())
+        # Bends much longer than the road is wide are curves, not rounded corners.
         if after == before + 1 or bend > 2.5 * wide:
             continue
         # p + a u = q - b v for the end p of one straight and the begin q of the next one.
         p, q, u, v = points[before + 1], points[after], steps[before], steps[after]
         across = float(u[0] * v[1] - u[1] * v[0])
+        # Almost parallel straights intersect far away or nowhere.
         if abs(across) < _STRAIGHT * float(lengths[before] * lengths[after]):
             continue
         a = float((q - p)[0] * v[1] - (q - p)[1] * v[0]) / across

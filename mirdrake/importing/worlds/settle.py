@@ -50,13 +50,14 @@ def settle(entries: list[Entry], props: list[PlacedProp], where: str, changes: C
     # Gazebo lets floating objects fall and pushes buried ones out.
     for indices, state, why in ((sorted(down & moved), "above", "fall"), (sorted(up & moved), "in", "be pushed out")):
         if indices:
+            # One row for all: a world may have hundreds of loose objects that float by a millimetre.
             farthest = max(abs(float(shifts[index])) for index in indices)
             named = ", ".join(props[index].name for index in indices[:5])
             was = f"{len(indices)} up to {farthest:.3g} m {state} the ground: {named}"
             landed = all(abs(props[index].bottom + shifts[index]) < 1e-6 for index in indices)
             became = "on the ground" if landed else "on the ground, or on what is below them"
-            what = f"loose objects {state} the ground"
-            changes.add(Code.MODEL, where, what, was, became, f"they would {why} in the source")
+            part = f"loose objects {state} the ground"
+            changes.add(Code.MODEL, where, part, was, became, f"they would {why} in the source")
     carried = sorted(moved - down - up)
     if carried:
         was = f"{len(carried)} on objects in the ground: {', '.join(props[index].name for index in carried[:5])}"

@@ -54,6 +54,7 @@ def world_text(
     if ground.patches:
         lines += ["ground:", *(f"  {part}" for part in parts), "  patches:", *ground.patches]
     else:
+        # A short ground fits on one line, as a person would write it.
         lines.append(f"ground: {{{', '.join(parts)}}}")
     if ground.tracks:
         lines += ["", "tracks:", *(f"  {track}: {{{keys}}}" for track, keys in ground.tracks.items())]
@@ -69,6 +70,7 @@ def world_text(
         lines += ["", "props:", *(entry.text() for entry in entries)]
     if scenery:
         lines += ["", "scenery:", *(f"  - {{{keys}}}" for keys in scenery)]
+    # Gazebo accepts overlaps; the checks of a world need a rule for each to accept it.
     if overlaps or heights:
         lines += ["", "rules:  # objects that overlap, float or are buried in the source"]
         lines += [
@@ -120,18 +122,19 @@ def report_text(
         ]
         for entry in entries:
             key, value = entry.what
-            what = (
+            part = (
                 f"{key} {value}" if isinstance(value, str) else f"{key} {' x '.join(number(side) for side in value)} m"
             )
             names = [entry.obj.name, *entry.others]
             source = names[0] if len(names) == 1 else f"{names[0]} … {names[-1]} ({len(names)})"
             element = entry.name + ("[]" if entry.layout else "")
-            row = (source, places.short(entry.obj.where), element, what)
+            row = (source, places.short(entry.obj.where), element, part)
             lines.append("| " + " | ".join(map(table_cell, row)) + " |")
         lines.append("")
     lines += ["## Changes", ""]
     if not changes:
         lines += ["Nothing.", ""]
+    # Rows are grouped by source file, because a world includes many models with the same fault.
     for file, rows in rows_by_file(changes, merge=True):
         lines += [
             f"### {table_cell(file) or 'No place in the source'}",

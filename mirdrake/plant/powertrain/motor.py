@@ -51,6 +51,7 @@ def make_motor(spec: AnyPowertrain, *, radius: float) -> Motor:
     if isinstance(spec, SimplePowertrain):
         return Motor(spec.max_torque, spec.max_power)
     assert isinstance(spec, ElectricPowertrain)  # an engine has its own law
+    # Speeds of the vehicle become speeds of the motor with wheel radius and gear.
     governed = inf if spec.governed_speed is None else spec.governed_speed / radius * spec.gear
     fade = spec.regeneration.fade_speed if spec.regeneration is not None else 1.0
     return Motor(

@@ -69,6 +69,7 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         self.law = make_law(plant, part, rate=rate)
         positions = plant.num_positions()
         self._spins = [positions + joint.velocity_start() for joint in part.wheels]
+        # Speeds of the wheel centres are needed for traction control and ABS; they follow from the motion of the body.
         self._angles = [joint.position_start() for joint in part.steering]
         self._quaternion = part.base.floating_positions_start()
         self._velocity = positions + part.base.floating_velocities_start_in_v()
@@ -81,6 +82,7 @@ class Powertrain(LeafSystem):  # type: ignore[misc, unused-ignore]
         )
         self.pedals = declare_vector_input(self, "pedals", PEDALS)
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
+        # Torque and status are states: the plant reads them between the updates.
         self._torque = self.DeclareDiscreteState(len(WHEEL_TORQUE))
         self._status = self.DeclareDiscreteState(len(STATUS))
         self._memory = self.DeclareDiscreteState(self.law.rest())

@@ -146,6 +146,7 @@ def ground_contact(
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = base.rows
     bx, by, bz = base.place
     wx, wy, wz = base.turning
+    # Wheels without a steering or suspension joint keep these values.
     sine, cosine, rate, travel, rise = 0.0, 1.0, 0.0, 0.0, 0.0
     if wheel.steering[0] >= 0:
         angle, rate = x[wheel.steering[0]], x[positions + wheel.steering[1]]

@@ -60,6 +60,7 @@ def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Grou
     plant.SetFloatingBaseBodyPoseInWorldFrame(context, part.base, RigidTransform())
     check_balance(plant, context, part.vehicle, part.instance)
     geometry, tyres = part.vehicle.geometry, part.vehicle.spec.tyres
+    # Static loads by the moment balance, half for each side.
     share = plant.CalcCenterOfMassPositionInWorld(context, [part.instance])[0] / geometry.wheelbase
     half = 0.5 * plant.CalcTotalMass(context, [part.instance]) * GRAVITY
     wheels = []
@@ -67,6 +68,7 @@ def make_ground_wheels(plant: MultibodyPlant, part: VehicleInPlant) -> list[Grou
         zip(wheel_places(part), part.wheels, part.wheel_actuators, strict=True)
     ):
         rear = index >= 2
+        # Rotor inertia and servo damping act on the spin like those of the wheel.
         inertia = joint.child_body().CalcSpatialInertiaInBodyFrame(context)
         tensor = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
         gain = actuator.get_controller_gains().d if actuator.has_controller() else 0.0
@@ -133,6 +135,7 @@ class GroundTyres(TyreSystem):
         super().__init__(plant, part, memory=GroundMemory(), friction=friction)
         tyres = part.vehicle.spec.tyres
         law, self._laws = _laws(part)
+        # The compiled step takes arrays of records.
         wheels = make_ground_wheels(plant, part)
         if not rolling_resistance:
             wheels = [wheel._replace(resistance=0.0) for wheel in wheels]
@@ -236,6 +239,7 @@ class GroundReadings(LeafSystem):  # type: ignore[misc, unused-ignore]
         self._scenery = frozenset(scenery)
         self.contact_results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
         count = len(WHEELS)
+        # One system collects the readings of all vehicles, in the order of the solver's variant.
         self.load_inputs = [self.DeclareVectorInputPort(f"wheel_load_{name}", count) for name in vehicles]
         self.resistance_inputs = [self.DeclareVectorInputPort(f"resistance_{name}", count) for name in vehicles]
         self._others = self.DeclareDiscreteState(1)

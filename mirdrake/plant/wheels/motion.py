@@ -60,6 +60,7 @@ def wheel_places(part: VehicleInPlant) -> list[WheelPlace]:
     # Steered wheels are placed by their kingpin; the offset to the wheel centre turns with the steering.
     places = [((length, kingpin, high), front - kingpin), ((length, -kingpin, high), kingpin - front)]
     places += [((0.0, rear, low), 0.0), ((0.0, -rear, low), 0.0)]
+    # Rear wheels have no kingpin, and vehicles without suspension no travel.
     steering = [*((joint.position_start(), joint.velocity_start()) for joint in part.steering), NO_JOINT, NO_JOINT]
     travels = getattr(part, "suspension", ()) or (None,) * len(places)
     base = (part.base.floating_positions_start(), part.base.floating_velocities_start_in_v())

@@ -261,6 +261,7 @@ class RollingResistance(LeafSystem):
         if not period > 0.0:
             raise ConfigError(f"RollingResistance: period {period} is not allowed; it must be a positive time in s")
         setup = RollingSetup(plant.num_positions(), cancel_numerical, 1.0 - exp(-period / FILTER_TIME))
+        # Tables of the compiled step; without machine code the same functions run in Python.
         turning = [TurningWheel(wheel.place, wheel.coefficient, wheel.turning) for wheel in wheels]
         self._machine_code = machine_code
         self._known: Any = ((setup,), turning)
@@ -270,6 +271,7 @@ class RollingResistance(LeafSystem):
             self._step = compiled(rolling_step, parts=STEP_PARTS)
         self._ground = frozenset(ground)
         self._scenery = self._ground | frozenset(scenery)
+        # Contact results name geometries: each wheel is found by that of its tyre.
         self._row = {wheel.geometry: index for index, wheel in enumerate(wheels)}
         self._velocities, self._count = plant.num_velocities(), len(wheels)
         count = self._count

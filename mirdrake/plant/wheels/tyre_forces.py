@@ -139,9 +139,11 @@ class TyreSystem(LeafSystem):  # type: ignore[misc, unused-ignore]
         centre = tuple(plant.CalcCenterOfMassPositionInWorld(context, [part.instance]).tolist())
         self._car = records(SpinningCar, [SpinningCar(self._period, plant.num_positions(), mass, centre)])
         self._no_torque = np.zeros(2 * count)
+        # Drive and brake torques are separate, because brakes cannot turn a wheel backwards.
         torques = [Signal(f"{kind}_torque.{name}", "N m") for kind in ("drive", "brake") for name in WHEELS]
         self.plant_state = self.DeclareVectorInputPort("plant_state", plant.num_multibody_states())
         self.wheel_torque = declare_vector_input(self, "wheel_torque", torques)
+        # Friction of each wheel's road, as a parameter that a surface changes while driving.
         self.friction = self.DeclareNumericParameter(BasicVector(np.full(count, friction / REFERENCE_FRICTION)))
         self._memory = self.DeclareDiscreteState(np.tile(memory, count))
         self._logged = self.DeclareDiscreteState(count * len(FORCES))

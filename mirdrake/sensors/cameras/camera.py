@@ -197,8 +197,8 @@ class Camera(SampledValue):
         held_index, stamp_index = int(self._held), self._held_stamp  # a callback that refers to self is never freed
 
         def show(context: Context, value: AbstractValue) -> None:
-            held: Shot = context.get_abstract_state(held_index).get_value()
-            out, picture = value.get_mutable_value().mutable_data, held.pictures[name]
+            shot: Shot = context.get_abstract_state(held_index).get_value()
+            out, picture = value.get_mutable_value().mutable_data, shot.pictures[name]
             if picture.ndim == 2:
                 out[:, :, 0] = picture
                 return

@@ -63,7 +63,7 @@ def _fixed(name: str) -> str | None:
         return f"prop/{rest.rpartition('/')[0]}"
     if kind != "scenery":
         return None
-    thing = rest.removeprefix("world/")
-    if thing.startswith("patch."):
-        return f"patch/{thing.removeprefix('patch.')}"
-    return {"ground": "ground", "road": "road", "lines": "line"}.get(thing.rpartition("/")[2])
+    surface_name = rest.removeprefix("world/")
+    if surface_name.startswith("patch."):
+        return f"patch/{surface_name.removeprefix('patch.')}"
+    return {"ground": "ground", "road": "road", "lines": "line"}.get(surface_name.rpartition("/")[2])

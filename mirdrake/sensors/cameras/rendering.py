@@ -142,6 +142,7 @@ def use_plain_textures(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
     ten times the rest. Without them the far ground looks slightly rougher.
     """
     inspector = scene_graph.model_inspector()
+    # Only meshes in memory: files on disk belong to the user.
     for geometry in plant.GetVisualGeometriesForBody(plant.world_body()):
         shape = inspector.GetShape(geometry)
         memory = shape.source().in_memory() if isinstance(shape, Mesh) and shape.source().is_in_memory() else None

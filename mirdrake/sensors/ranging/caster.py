@@ -80,6 +80,7 @@ class Caster:
             for body in self._bodies
             if body < self.world.bodies
         }
+        # Actors are not bodies of the plant; their numbers follow those of the bodies.
         if self._actors is not None:
             rows = self._actors.Eval(context).reshape(-1, len(PLANAR))
             states |= {self.world.bodies + number: planar_state(row) for number, row in enumerate(rows)}

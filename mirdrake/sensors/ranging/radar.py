@@ -74,11 +74,11 @@ class Radar(SampledSensor):
         """Return the present targets with noise (3 targets)."""
         states = self.caster.states(context)
         hits = self.caster.look(context, states)
-        distance, thing, body = (values.ravel() for values in (hits.distance, hits.thing, hits.body))
+        distance, hit_object, body = (values.ravel() for values in (hits.distance, hits.thing, hits.body))
         targets: list[Array] = []
         # -1 (nothing hit) is below GROUND.
-        for number in np.unique(thing[thing >= GROUND]).tolist():
-            rays = np.flatnonzero(thing == number)
+        for number in np.unique(hit_object[hit_object >= GROUND]).tolist():
+            rays = np.flatnonzero(hit_object == number)
             nearest = distance[rays].min()
             # An object with a return inside the near limit is not reported, not even by its farther parts.
             if nearest >= self.mount.near:

@@ -73,11 +73,13 @@ class RayScene:
         """
         count = len(directions)
         distance = np.full(count, np.inf)
+        # Embree finds the first triangle; round shapes are enclosed by triangles and solved exactly afterwards.
         if self._embree is None or count == 0:
             return distance, np.full(count, -1)
         face = self._first(origins - self.centre, directions, far)
         rays = np.flatnonzero(face >= 0)
         hit = face[rays]
+        # A ray may graze several round shapes one after the other; a few rounds suffice.
         for _ in range(_ROUNDS):
             if not rays.size:
                 break
@@ -123,6 +125,7 @@ class RayScene:
             distance[edge_on] = self._nearest_corner(origins, directions, faces, edge_on)
         if not self._low.size:
             return distance, None
+        # Only faces around a round shape need the quadratic equation.
         curve = self._curve[faces]
         which = np.flatnonzero(curve >= 0)
         if not which.size:

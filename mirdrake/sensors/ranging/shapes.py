@@ -56,6 +56,7 @@ def faces_of(inspector: SceneGraphInspector, geometry: GeometryId) -> Faces | No
 
 
 def _primitive(shape: Shape) -> Faces | None:
+    # Round shapes are enclosed by triangles, which the exact equations replace at the hit.
     if isinstance(shape, Box):
         box = trimesh.creation.box(extents=shape.size())
         return flat(box.vertices, box.faces)
@@ -66,6 +67,7 @@ def _primitive(shape: Shape) -> Faces | None:
     if isinstance(shape, Ellipsoid):
         return _ball(np.array([shape.a(), shape.b(), shape.c()]))
     if isinstance(shape, Capsule):
+        # A capsule is an open tube and two half balls, without inner faces.
         radius, half = shape.radius(), 0.5 * shape.length()
         ball = np.full(3, radius)
         bottom = _ball(ball, high=0.0).moved(RigidTransform([0.0, 0.0, -half]))

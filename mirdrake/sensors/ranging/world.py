@@ -362,8 +362,8 @@ def _looks_of(inspector: SceneGraphInspector, frame: FrameId) -> list[tuple[str,
             continue
         faces = faces_of(inspector, geometry)
         if faces is not None:
-            thing = "/".join(name.split("/")[:2])  # prop/<name> of its parts
-            looks.append((thing, faces.moved(inspector.GetPoseInFrame(geometry))))
+            owner = "/".join(name.split("/")[:2])  # prop/<name> of its parts
+            looks.append((owner, faces.moved(inspector.GetPoseInFrame(geometry))))
     return looks
 
 

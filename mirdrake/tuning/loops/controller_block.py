@@ -154,6 +154,7 @@ class ControllerBlock(LeafSystem):  # type: ignore[misc, unused-ignore]
         own.SetTime(context.get_time())
         is_cut, *values = context.get_numeric_parameter(self._cut).value().tolist()
         begins = np.cumsum([0, *(port.size() for port in self.inputs)])
+        # A cut loop gets its inputs from parameters, so that the controller is linearised by itself.
         for index in needs:
             port = self.inputs[index]
             if is_cut:

@@ -196,6 +196,7 @@ def _build_car(style: Style, curves: Curves, size: BodySize) -> Mesh:
 
 def _draw_body(shell: Shell, style: Style) -> None:
     """Draw underside, cladding, windows, lamps, grille and shut lines on the skin."""
+    # Measures are fractions of the height and the half width, so that one drawing fits all sizes.
     f, tall = shell.frame, shell.frame.high - shell.frame.low
     wide = f.half_width
 

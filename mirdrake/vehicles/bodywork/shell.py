@@ -251,7 +251,7 @@ class Shell:
                     for array in (self.triangles, self.normals)
                 )  # fmt: skip
                 pieces.append((corners, normals, name))
-        self.materials = [name for name, kept in zip(self.materials, keep, strict=True) if kept]
+        self.materials = [name for name, is_kept in zip(self.materials, keep, strict=True) if is_kept]
         self.triangles, self.normals = self.triangles[keep], self.normals[keep]
         if pieces:
             self.triangles = np.concatenate([self.triangles, *(corners for corners, _, _ in pieces)])

@@ -53,6 +53,7 @@ def _rim_side(h: float, r: float) -> Mesh:
     side.add_mesh(revolve("rim_dark", [(0.78 * h, 0.93 * r), (0.3 * h, 0.9 * r)], 40))
     side.add_mesh(disc("rim_shadow", 0.92 * r, 0.3 * h, 0.02 * h))
     side.add_mesh(disc("disc", 0.66 * r, 0.34 * h, 0.02 * h))
+    # Each spoke is a pair of arms, given by radius (as a share) and angle from the middle of the spoke (deg).
     arms = []
     for k in range(_SPOKES):
         for sign in (-1.0, 1.0):
@@ -66,6 +67,7 @@ def _rim_side(h: float, r: float) -> Mesh:
     face = shapely.union_all([arm.buffer(-0.016 * r, join_style="mitre") for arm in arms])
     side.add_mesh(extrude("rim_machined", face, 0.72 * h, 0.74 * h, axes=ALONG_Y))
     side.add_mesh(disc("gloss_black", 0.15 * r, 0.78 * h, 0.06 * h))
+    # Five nuts between the spokes, and the valve.
     for k in range(_SPOKES):
         a = np.deg2rad(126.0 + 360.0 / _SPOKES * k)
         side.add_mesh(disc("rim_shadow", 0.035 * r, 0.75 * h, 0.03 * h, 0.21 * r * np.cos(a), 0.21 * r * np.sin(a)))

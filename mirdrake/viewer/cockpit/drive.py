@@ -87,6 +87,7 @@ class Cockpit:
             print_line,
             folder or (lambda: default_folder(f"drive_{self.part.vehicle.name}")),
         )
+        # Ports of the blocks are read in the loop, so that their systems are looked up once.
         systems = {system.get_name(): system for system in self.assembly.diagram.GetSystems()}
         driver = systems[f"{NAME}.driver"]
         assert isinstance(driver, HumanDriver)
@@ -105,6 +106,7 @@ class Cockpit:
         self._alarm = False
         self._message = ""
         self._odometer, self._rates = 0.0, deque[tuple[float, float]]()
+        # Only signals that the user chose for plotting are sent to the page.
         self._plotted = [tap for tap in self.assembly.taps.values() if tap.is_chosen]
         self._pace = Pace(SLICE)
         self._factor = 1.0
@@ -117,9 +119,9 @@ class Cockpit:
 
     # --- from other threads --------------------------------------------------------------------------------------
 
-    def order(self, what: Mapping[str, Any]) -> None:
+    def order(self, request: Mapping[str, Any]) -> None:
         """Request an action: {"do": "reset" | "pause" | "record" | "gain" | "layer", ...}."""
-        self._orders.put(what)
+        self._orders.put(request)
 
     def stop(self) -> None:
         """End :meth:`run` soon."""
@@ -231,16 +233,16 @@ class Cockpit:
         # Orders come from other threads; here they are executed between two slices, where the Context is consistent.
         while not self._orders.empty():
             order = self._orders.get()
-            what = order.get("do")
-            if what == "reset":
+            action = order.get("do")
+            if action == "reset":
                 self._reset()
-            elif what == "pause":
+            elif action == "pause":
                 self._paused = not self._paused
-            elif what == "record":
+            elif action == "record":
                 self._record_off("stopped") if self._log is not None else self._record_on()
-            elif what == "gain":
+            elif action == "gain":
                 self._set_gain(order.get("name"), order.get("value"))
-            elif what == "layer" and self.overlays is not None:
+            elif action == "layer" and self.overlays is not None:
                 with self._drawing():
                     self.overlays.switch(str(order.get("name")), order.get("on") is True)
 
@@ -340,6 +342,7 @@ class Cockpit:
         # A shorter window would make the factor jump with every slice.
         if now - since > 0.3:
             self._factor = (time - before) / (now - since)
+        # All values in SI; the page converts units.
         x = self._state()
         status = self._control.GetOutputPort("status").Eval(self._control.GetMyContextFromRoot(self._context)).tolist()
         readings: dict[str, object] = {
@@ -418,6 +421,7 @@ class Cockpit:
 @contextmanager
 def _interrupt(over: threading.Event) -> Iterator[None]:
     """Have Ctrl-C set the event; a second one raises KeyboardInterrupt. Other threads than the main one ignore it."""
+    # Python allows signal handlers in the main thread only.
     if threading.current_thread() is not threading.main_thread():
         yield
         return

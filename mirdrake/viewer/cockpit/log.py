@@ -46,6 +46,7 @@ class DriveLog:
     def __init__(
         self, assembly: Assembly, folder: Path, context: Context, *, name: str, gains: Mapping[str, float] | None = None
     ) -> None:
+        # The recording starts where the car is now: its spec repeats the run from this state.
         truth = assembly.diagram.GetSubsystemByName(f"{name}.truth")
         state = truth.GetOutputPort("state").Eval(truth.GetMyContextFromRoot(context))
         entry = assembly.spec.vehicles[name].model_copy(
@@ -61,6 +62,7 @@ class DriveLog:
         self._assembly, self._name = replace(assembly, spec=spec), name
         self._data = self._resolve(_OPEN)
         self._writer = RunWriter(folder, self._data, assembly.scene)
+        # A recorder costs time, so that there is one only if a sensor has something to record.
         self._recorder: Recorder | None = None
         if assembly.cameras or assembly.arrays or vector_sensors(assembly):
             self._recorder = Recorder(assembly, folder)
@@ -100,6 +102,7 @@ class DriveLog:
         self.read(context)
         if self._recorder is not None:
             self._recorder.__exit__(None)
+        # The duration is known only now, so that spec.yaml is written again.
         simulated, wall = float(context.get_time()), perf_counter() - self._began
         self._events.add(simulated, "stop", reason)
         self._data = self._resolve(max(simulated, 1e-3))
@@ -108,6 +111,7 @@ class DriveLog:
         stop = Stop(StopReason.INTERRUPTED, reason)
         figures = partial(make_summary, self._assembly, self._data, simulated=simulated, wall=wall, stop=stop)
         recorded = self._recorder.counts() if self._recorder is not None else {}
+        # Figures are computed from the files, as the signals are not kept in memory.
         read = partial(read_signals, self.folder, figure_columns(self._assembly))
         summary = self._writer.finish(lambda: figures(read()) | recorded)
         units, scene = self._telemetry.units, self._assembly.scene

@@ -136,13 +136,13 @@ def _steer(last: float, manual: ManualInput, speed: float, period: float, limits
     if manual.steering is not None:
         target = min(max(manual.steering, -limits.steering), limits.steering)
         return _towards(last, target, 2.0 * rate * period)
-    most = steering_at(speed, limits)
-    target = manual.steer * most
+    max_angle = steering_at(speed, limits)
+    target = manual.steer * max_angle
     # A stick is already smooth; the rate only limits jumps.
     if manual.analog:
         return _towards(last, target, 4.0 * rate * period)
     back = target * last <= 0.0 and last != 0.0  # released, or turned to the other side
-    near = max(most / limits.steering, 0.15)  # slower where the limit is small
+    near = max(max_angle / limits.steering, 0.15)  # slower where the limit is small
     return _towards(last, target, (2.0 if back else 1.0) * near * rate * period)
 
 
@@ -152,7 +152,7 @@ def _rate(speed: float, target: float, limits: ManualLimits) -> float:
     return limits.acceleration if faster else limits.braking
 
 
-def _towards(value: float, end: float, most: float) -> float:
-    """Return a value moved towards another one, by at most `most`."""
+def _towards(value: float, end: float, max_change: float) -> float:
+    """Return a value moved towards another one, by at most `max_change`."""
     gap = end - value
-    return end if abs(gap) <= most else value + copysign(most, gap)
+    return end if abs(gap) <= max_change else value + copysign(max_change, gap)

@@ -51,6 +51,7 @@ class OpenCockpit:
         remind: float = REMIND,
     ) -> None:
         self._print_line, self._remind = print_line, remind
+        # One scene for the simulation and its picture.
         scene = make_scene(spec)
         self._meshcat, upstream = make_meshcat_behind(world=scene.world)
         self.drive = Cockpit(

@@ -77,6 +77,7 @@ class Overlays:
         self._truth, self._control = systems[f"{name}.truth"], systems[f"{name}.control"]
         self._rangers = [system for system in systems.values() if hasattr(system, "points_seen")]
         self._tyres = systems.get(f"{name}.tyres")
+        # Lengths of arrows and widths of lines scale with the car, so that a model car is not covered by them.
         self._size = self._part.vehicle.geometry.wheelbase / 2.6
         plant = assembly.parts.plant
         weight = GRAVITY * plant.CalcTotalMass(plant.CreateDefaultContext(), [self._part.instance])
@@ -84,6 +85,7 @@ class Overlays:
         self._wheels = {int(joint.child_body().index()) for joint in self._part.wheels}
         world = assembly.parts.world
         self._track = world.tracks.get(assembly.tracks[name] or "")
+        # Layers without content would be switches without effect.
         absent = {
             "lidar": not self._rangers,
             "friction": not world.patches,
@@ -200,6 +202,7 @@ class Overlays:
         for i in range(results.num_point_pair_contacts()):
             pair = results.point_pair_contact_info(i)
             first, second = int(pair.bodyA_index()), int(pair.bodyB_index())
+            # The force acts on body B; on A it is the opposite one.
             body = second if self._ours(second) else first if self._ours(first) else -1
             sign = -1.0 if body == first and body != second else 1.0
             contacts.append((pair.contact_point(), sign * pair.contact_force(), body))
@@ -245,6 +248,7 @@ class Overlays:
     def _law_forces(self, context: Context) -> tuple[Array, Array]:
         """Return positions and horizontal forces (n, 3) of the tyre law at each wheel."""
         assert self._tyres is not None
+        # Forces of the tyre law are not contact forces of the plant, so they are drawn from their own port.
         plant = self._assembly.parts.plant
         own = plant.GetMyContextFromRoot(context)
         forces_of_wheels = (
@@ -262,6 +266,7 @@ class Overlays:
     def _draw_friction(self) -> None:
         """Draw the visible parts of the patches, the last on top; red for low friction, green for high friction."""
         world = self._assembly.parts.world
+        # From the top down: what is covered by a later patch is not drawn.
         above: shapely.Geometry = shapely.MultiPolygon()
         for patch in reversed(world.patches):
             visible = shapely.difference(patch.area, above)

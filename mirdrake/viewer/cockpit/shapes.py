@@ -56,6 +56,7 @@ def arrows(starts: ArrayLike, vectors: ArrayLike, *, radius: float) -> Triangles
     tails = np.asarray(starts, dtype=float).reshape(-1, 3)
     shafts = np.asarray(vectors, dtype=float).reshape(-1, 3)
     lengths = np.linalg.norm(shafts, axis=1)
+    # An arrow shorter than it is thick is a blob and is left out.
     long = lengths > 2.0 * radius
     tails, shafts, lengths = tails[long], shafts[long], lengths[long]
     if not len(tails):
@@ -70,6 +71,8 @@ def arrows(starts: ArrayLike, vectors: ArrayLike, *, radius: float) -> Triangles
     around = np.cos(angles)[None, :, None] * across[:, None] + np.sin(angles)[None, :, None] * third[:, None]
     # A short arrow has a shorter head instead of a negative shaft.
     necks = tails + along * np.maximum(lengths - _HEAD * radius, 0.3 * lengths)[:, None]
+    # Rings of vertices from the tail to the tip, all arrows at once: a mesh each would take Meshcat longer than a
+    # frame.
     rings = [
         tails[:, None] + radius * around,
         necks[:, None] + radius * around,

@@ -43,6 +43,7 @@ def manual_limits(part: VehicleInPlant) -> ManualLimits:
         float(joint.velocity_upper_limits()[0]) * radius
         for joint, radius in zip(part.wheels, geometry.wheel_radii, strict=True)
     )
+    # A margin of 5 % to the velocity limits of the wheel joints.
     forward = min(TOP_SPEED, 0.95 * fastest) if isfinite(fastest) and fastest > 0.0 else TOP_SPEED
     return ManualLimits(
         forward=forward,

@@ -42,6 +42,7 @@ class InputWatchdog:
         """
         with self._lock:
             now = self._clock()
+            # Another page may take over after the timeout, or at once if its user acts.
             silent = now - self._heard > self._timeout
             if silent and self._owner is not None:
                 self._lost = True
@@ -84,6 +85,7 @@ class InputWatchdog:
 
 
 def _read(message: Mapping[str, Any]) -> ManualInput:
+    # Messages come from a network: values of any type and size are possible.
     def number(key: str, low: float, high: float) -> float:
         value = message.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):

@@ -120,19 +120,22 @@ def _lane(element: Element, name: str, document: XmlDocument) -> Lane:
         )
     middle, width = (left + right) / 2.0, np.hypot(*(left - right).T)
     # Lanelets often have nodes a few millimetres apart, whose headings would be noise.
-    kept = [0]
+    indices = [0]
     for i in range(1, len(middle)):
-        if math.dist(middle[i], middle[kept[-1]]) >= _STEP:
-            kept.append(i)
-    if len(kept) < 2:
+        if math.dist(middle[i], middle[indices[-1]]) >= _STEP:
+            indices.append(i)
+    if len(indices) < 2:
         raise ConfigError(f"{document.where(element)}: lanelet {name} is shorter than {_STEP:g} m")
     kinds = [kind.text or "" for kind in element.iterfind("laneletType")]
     known = [_KINDS[kind] for kind in kinds if kind in _KINDS]
-    return replace(lane_along(name, middle[kept], width=width[kept]), kind=known[0] if known else "driving", road=name)
+    return replace(
+        lane_along(name, middle[indices], width=width[indices]), kind=known[0] if known else "driving", road=name
+    )
 
 
 def _connected(lane: Lane, element: Element, lanes: Mapping[str, Lane], signs: Mapping[str, Element]) -> Lane:
     """Return a lane with its successors, neighbours and speed limit."""
+    # CommonRoad has an adjacent lane on each side in either direction; oncoming ones are stored as opposite.
     beside: dict[str, str | None] = {"left": None, "right": None, "opposite": None}
     for side in ("left", "right"):
         other = element.find(f"adjacent{side.capitalize()}")
@@ -141,6 +144,7 @@ def _connected(lane: Lane, element: Element, lanes: Mapping[str, Lane], signs: M
     marks = [element.findtext(f"{side}Bound/lineMarking") or "" for side in ("left", "right")]
     # Solid bounds must not be crossed.
     left, right = ("solid" not in mark for mark in marks)
+    # Limits of all signs that the lane refers to; units are m/s in CommonRoad.
     limits = [
         float(value.text or "nan")
         for reference in element.iterfind("trafficSignRef")
@@ -197,6 +201,7 @@ def _signals(
     """Yield lights and signs; those without a position are at the end of the first lane that they control."""
     for tag in ("trafficLight", "trafficSign"):
         for element in root.iterfind(tag):
+            # Lanes refer to their signals, not the other way round.
             name = element.get("id", "")
             controlled = tuple(
                 key

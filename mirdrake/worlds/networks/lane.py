@@ -167,6 +167,7 @@ def lane_along(
     chords = np.hypot(*np.diff(places, axis=0).T)
     if len(places) < 2 or (chords < 1e-6).any():
         raise WorldError(f"{len(places)} points, {(chords < 1e-6).sum()} of them repeated; a lane needs two or more")
+    # Headings of the source are exact at the points; a spline is used only where there are none.
     if yaw is None:
         yaw = _spline_headings(places, chords)
     heading = np.unwrap(np.asarray(yaw, dtype=float))
@@ -179,6 +180,7 @@ def lane_along(
     # Mean curvatures hold in the middle of each arc; those at the nodes are interpolated.
     curvature = np.interp(s, (s[1:] + s[:-1]) / 2.0, rate)
     count = len(places)
+    # Copies: a broadcast array is a read-only view, and the caller may change its points later.
     return Lane(
         id=name,
         s=s,

@@ -63,8 +63,8 @@ def _points(network: Network) -> tuple[Array, Array]:
             heights.append(lane.z + side * lane.width * bank)
     points, z = np.vstack(places), np.concatenate(heights)
     # Neighbours share their edges: equal points would make the triangulation degenerate.
-    _, kept = np.unique(np.round(points, 3), axis=0, return_index=True)
-    return points[kept], z[kept]
+    _, indices = np.unique(np.round(points, 3), axis=0, return_index=True)
+    return points[indices], z[indices]
 
 
 def _check_bridges(points: Array, z: Array, place: str) -> None:

@@ -79,7 +79,7 @@ def _lanes_of(road: RoadLanes) -> Iterator[Lane]:
     with_line = -1 if road.element.get("rule") != "LHT" else 1  # sign of the lanes that share its direction
     for i, section in enumerate(road.sections):
         s = road.stations(section)
-        kept: dict[int, Lane] = {}
+        lanes: dict[int, Lane] = {}
         for number, row in section.lanes.items():
             # The inner neighbour is towards lane 0, the reference line with its offset.
             inner = number - (1 if number > 0 else -1)
@@ -93,7 +93,7 @@ def _lanes_of(road: RoadLanes) -> Iterator[Lane]:
             apart = np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-5)
             if apart.sum() < 2:
                 continue
-            kept[number] = replace(
+            lanes[number] = replace(
                 lane_along(
                     lane_id(road.id, i, number),
                     points[apart],
@@ -111,7 +111,7 @@ def _lanes_of(road: RoadLanes) -> Iterator[Lane]:
                 speed_limit=_limit(road, section, row),
                 change=_change(section, number, with_line),
             )
-        yield from _with_neighbours(kept, with_line).values()
+        yield from _with_neighbours(lanes, with_line).values()
 
 
 def _with_neighbours(lanes: dict[int, Lane], with_line: int) -> dict[int, Lane]:
@@ -181,10 +181,12 @@ def _connect(lanes: Mapping[str, Lane], following: Mapping[str, list[str]]) -> d
 
 def _notes(root: Element, roads: Mapping[str, RoadLanes], network: Network, links: Links) -> Iterator[str]:
     """Yield the parts of the file that are left out or approximated, one line each."""
+    # What this reader adds or drops changes where cars can go, so each kind is reported with its number.
     if links.added:
         yield f"connections of lanes that the file leaves out: {links.added} added, where lanes meet"
     if links.wrong:
         yield f"connections of lanes with opposite directions, left out: {len(links.wrong)}, first {links.wrong[0]}"
+    # Gap and angle are weighed by their tolerances to find the worst connection.
     apart = [row for row in continuity(network) if row[2] > _APART[0] or row[3] > _APART[1]]
     if apart:
         a, b, gap, turn = max(apart, key=lambda row: row[2] / _APART[0] + row[3] / _APART[1])
@@ -201,5 +203,6 @@ def _notes(root: Element, roads: Mapping[str, RoadLanes], network: Network, link
     if railroads := sum(1 for road in roads.values() if road.element.find("railroad") is not None):
         yield f"railroads: {railroads}"
     offset = root.find("header/offset")
+    # An offset such as "0.0" or "-0" shifts nothing.
     if offset is not None and any((offset.get(key) or "0").strip("-+.0eE") for key in ("x", "y", "hdg")):
         yield "offset of the header: positions are those of the roads"

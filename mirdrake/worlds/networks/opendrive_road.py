@@ -7,43 +7,18 @@ r(s) + t(s) n(s) by s (do Carmo, "Differential Geometry of Curves and Surfaces",
 
 import itertools
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from mirdrake.core.errors import ConfigError
-from mirdrake.worlds.opendrive_parts import Leg, Places, number_of, read_leg
+from mirdrake.worlds.opendrive_parts import SAME, Cubics, Leg, Places, number_of, read_leg
 from mirdrake.worlds.pieces import Array
 
 _SAGITTA = 1e-3  # [m] of the polylines
 _STEPS = (0.1, 2.0)  # [m] shortest and longest step
-_SAME = 1e-6  # [m] stations that are one
 _FOLD = 0.02  # least 1 - κ t of a lane
-
-
-@dataclass(frozen=True)
-class Cubics:
-    """Cubic polynomials, each valid from its start to the next one."""
-
-    rows: Array
-    """start [m], a, b, c and d, N x 5, sorted"""
-
-    @staticmethod
-    def read(elements: Iterable[Element], key: str, places: Places, *, begin: float = 0.0) -> "Cubics":
-        """Return the polynomials of elements whose start is begin + their attribute `key`."""
-        rows = [[begin + number_of(e, key, places), *(number_of(e, name, places) for name in "abcd")] for e in elements]
-        return Cubics(np.array(sorted(rows), dtype=float).reshape(-1, 5))
-
-    def __call__(self, s: Array, at: float) -> tuple[Array, Array, Array]:
-        """Return values and two derivatives at s by the polynomial that is valid at the station `at`; 0 without one."""
-        valid = np.flatnonzero(self.rows[:, 0] <= at + _SAME)
-        if not valid.size:
-            return np.zeros_like(s), np.zeros_like(s), np.zeros_like(s)
-        begin, a, b, c, d = self.rows[valid[-1]]
-        u = s - begin
-        return a + u * (b + u * (c + u * d)), b + u * (2.0 * c + u * 3.0 * d), 2.0 * c + 6.0 * d * u
 
 
 @dataclass(frozen=True)
@@ -116,20 +91,16 @@ class RoadLanes:
         self._legs: list[tuple[float, Leg]] = [(s, leg) for s, leg in legs if leg is not None]
         if not self._legs:
             raise ConfigError(f"{self.where}: road '{self.id}' has no <geometry> of any length in <planView>")
+        # The stated station of the last geometry counts, since all tables refer to stated stations.
         self.length = self._legs[-1][0] + self._legs[-1][1].length
         self._offset = Cubics.read(road.iterfind("lanes/laneOffset"), "s", places)
         self._elevation = Cubics.read(road.iterfind("elevationProfile/elevation"), "s", places)
         self._banking = Cubics.read(road.iterfind("lateralProfile/superelevation"), "s", places)
         self.sections = self._read_sections(road)
 
-    @property
-    def is_flat(self) -> bool:
-        """Whether all heights are 0."""
-        return not self._elevation.rows[:, 1:].any() and not self._banking.rows[:, 1:].any()
-
     def limit(self, s: float) -> float | None:
         """Return the speed limit of the road at a station [m/s]; None without one."""
-        types = [e for e in self.element.iterfind("type") if number_of(e, "s", self._places, 0.0) <= s + _SAME]
+        types = [e for e in self.element.iterfind("type") if number_of(e, "s", self._places, 0.0) <= s + SAME]
         speeds = types[-1].findall("speed") if types else []
         return read_speed(speeds[-1]) if speeds else None
 
@@ -192,7 +163,7 @@ class RoadLanes:
 
     def section_at(self, s: float) -> int:
         """Return the index of the section at a station [m]."""
-        return max((i for i, section in enumerate(self.sections) if section.begin <= s + _SAME), default=0)
+        return max((i for i, section in enumerate(self.sections) if section.begin <= s + SAME), default=0)
 
     # --- the inner parts ------------------------------------------------------------------------------------------
 
@@ -244,12 +215,12 @@ class RoadLanes:
         """Return the starts of all polynomials of lanes within a section [m]."""
         tables = [self._offset, *(table for lane in section.lanes.values() for table in (lane.widths, lane.borders))]
         starts = np.concatenate([table.rows[:, 0] for table in tables])
-        return np.asarray(starts[(starts > section.begin + _SAME) & (starts < section.end - _SAME)])
+        return np.asarray(starts[(starts > section.begin + SAME) & (starts < section.end - SAME)])
 
     def _reference(self, s: Array) -> tuple[Array, Array, Array, Array]:
         """Return x, y, heading and curvature of the reference line at stations."""
         starts = np.array([begin for begin, _ in self._legs])
-        leg_of = np.clip(np.searchsorted(starts, s + _SAME, side="right") - 1, 0, len(starts) - 1)
+        leg_of = np.clip(np.searchsorted(starts, s + SAME, side="right") - 1, 0, len(starts) - 1)
         x, y, yaw, k = (np.empty_like(s) for _ in range(4))
         for i in np.unique(leg_of):
             begin, leg = self._legs[i]
@@ -264,7 +235,7 @@ class RoadLanes:
         """Return the values of a table at stations."""
         value = np.zeros_like(s)
         for i, row in enumerate(table.rows):
-            here = s >= row[0] - _SAME if i else np.full(len(s), True)
+            here = s >= row[0] - SAME if i else np.full(len(s), True)
             u = s[here] - row[0]
             value[here] = row[1] + u * (row[2] + u * (row[3] + u * row[4]))
         return value

@@ -54,6 +54,7 @@ def decide(network: Network, root: Element | None = None) -> tuple[dict[str, Jun
         id_: Junction(id_, names.get(id_, ""), tuple(lanes), _rule([approaches[name] for name in lanes], id_, stated))
         for id_, lanes in inner.items()
     }
+    # Only pairs whose order is decided are returned; between the others the first to arrive drives.
     pairs: set[tuple[str, str]] = set()
     for conflict in network.conflicts:
         a, b = (network.lanes[name] for name in conflict.lanes)

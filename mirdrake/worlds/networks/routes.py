@@ -209,8 +209,8 @@ def _points(network: Network, legs: Sequence[Leg]) -> tuple[Array, Array]:
         beside = network.lanes[legs[i + 1].lane]
         here = np.column_stack(lane.pose(s)[:2])
         at, _ = beside.project(here[:, 0], here[:, 1])
-        there = np.column_stack(beside.pose(at)[:2])
-        points.append((1.0 - weight) * here + weight * there)
+        neighbour = np.column_stack(beside.pose(at)[:2])
+        points.append((1.0 - weight) * here + weight * neighbour)
         # During a change the narrower of both lanes limits the road.
         widths.append(np.minimum(lane.width_at(s), beside.width_at(at)))
         begin = float(at[-1])

@@ -42,6 +42,7 @@ def read_network_data(data: Mapping[str, Any]) -> Network:
         signals={signal.name: signal for signal in signals},
         junctions={junction.id: junction for junction in junctions},
         priorities=frozenset((first, second) for first, second in data["priorities"]),
+        # JSON has lists for arrays and tuples.
         markings=tuple(
             PaintedLine(**{**line, "points": np.array(line["points"]), "dash": line["dash"] and tuple(line["dash"])})
             for line in data["markings"]
