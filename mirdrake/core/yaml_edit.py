@@ -115,6 +115,93 @@ def scalar_text(value: Scalar) -> str:
     return "".join(c if c.isprintable() and c != "\ufeff" else _escaped(c) for c in quoted)
 
 
+# --- shared with yaml_items -------------------------------------------------------------------------------------------
+
+
+def newline_of(text: str) -> str:
+    """Return the first line break of a text; a line feed if it has none."""
+    match = LINE_BREAK.search(text)
+    return match.group() if match else "\n"
+
+
+def space_before(text: str, node: Node) -> str:
+    """Return the space that is missing in front of the new value of `key:` without a value."""
+    return " " if node.start == node.end and text[node.start - 1 : node.start] not in {" ", ""} else ""
+
+
+def cut_in_mapping(text: str, node: Node, entry: str) -> tuple[int, int, str]:
+    """Return the cut that adds an entry at the end of a mapping: start, end, and what comes there."""
+    if node.flow:
+        last = node.values[-1].end if node.values else node.start + 1
+        return last, last, f"{', ' if node.values else ''}{entry}"
+    end = line_end(text, node.end)
+    return end, end, f"{newline_of(text)}{' ' * node.column}{entry}"
+
+
+def with_cut(text: str, cut: tuple[int, int, str]) -> str:
+    """Return the text with a part replaced."""
+    start, end, written = cut
+    return f"{text[:start]}{written}{text[end:]}"
+
+
+def without_flow_entry(text: str, parent: Node, index: int) -> str:
+    """Return the text without an entry of a mapping or list in braces or brackets."""
+    firsts = parent.keys if parent.kind == "mapping" else parent.values
+    # The comma goes with the entry: up to the next one, or from the end of the one before.
+    if index + 1 < len(firsts):
+        return text[: firsts[index].start] + text[firsts[index + 1].start :]
+    begin = parent.values[index - 1].end if index else firsts[index].start
+    return text[:begin] + text[parent.values[index].end :]
+
+
+def replaced(data: Any, path: Sequence[str], value: Any) -> Any:
+    """Return data with a value set; containers are copied, so that aliases are independent."""
+    if not path:
+        return value
+    key, rest = path[0], path[1:]
+    if isinstance(data, list):
+        return [replaced(item, rest, value) if str(index) == key else item for index, item in enumerate(data)]
+    data = data or {}
+    return {**data, key: replaced(data.get(key), rest, value)}
+
+
+def without(data: Any, path: Sequence[str]) -> Any:
+    """Return data without an item or a key; containers are copied."""
+    key, rest = path[0], path[1:]
+    if isinstance(data, list):
+        if not rest:
+            return [item for index, item in enumerate(data) if str(index) != key]
+        return [without(item, rest) if str(index) == key else item for index, item in enumerate(data)]
+    if not rest:
+        return {name: value for name, value in data.items() if name != key}
+    return {**data, key: without(data[key], rest)}
+
+
+def verified(text: str, changed: str, wanted: Any, name: str, path: Sequence[str]) -> str:
+    """Return a changed text; an edit that changed anything else is rejected, with the place in the original text."""
+    try:
+        after: Any = parse_tree(changed, name)[0]
+    except ConfigError:
+        after = REMOVED
+    # Through JSON, since NaN differs from itself and the order of keys has no meaning.
+    if json.dumps(after, sort_keys=True, default=repr) != json.dumps(wanted, sort_keys=True, default=repr):
+        reject(text, name, path, "cannot be changed without changing something else; edit the file by hand")
+    return changed
+
+
+def reject(text: str, name: str, path: Sequence[str], problem: str) -> NoReturn:
+    """Raise an error at a path of a text."""
+    data, source = parse_tree(text, name)
+    raise ConfigError(f"{source.where(*_typed(data, path))}: {problem}")
+
+
+def _typed(data: Any, keys: Sequence[str]) -> Iterator[str | int]:
+    """Return the keys with the indices of lists as numbers, as in :class:`Source`."""
+    for key in keys:
+        yield int(key) if isinstance(data, list) and key.isdecimal() else key
+        data = value_at(data, (key,))
+
+
 # --- the inner parts --------------------------------------------------------------------------------------------------
 
 _WORDS = {"true", "false", "null", "yes", "no", "on", "off", "nan", "inf"}
@@ -130,10 +217,8 @@ class _Editor:
 
     def __init__(self, text: str, edit: Edit, name: str) -> None:
         self.text, self.edit, self.name = text, edit, name
-        self.data, self.source = parse_tree(text, name)
-        self.root = read_nodes(text)
-        match = LINE_BREAK.search(text)
-        self.newline = match.group() if match else "\n"
+        self.data, _ = parse_tree(text, name)
+        self.root, self.newline = read_nodes(text), newline_of(text)
 
     def edited(self) -> str:
         """Return the text with the edit made.
@@ -145,22 +230,16 @@ class _Editor:
         if not keys or not all(keys):
             raise ConfigError(f"{self.name}: '{dotted(keys)}' is not a path such as speed.kp")
         before = value_at(self.data, keys)
-        wanted: Any = self.data
-        text = self.text
+        wanted, text = self.data, self.text
         # An equal value leaves the text as it is, even if it is written differently (1.0 and 1).
         if not _same(before, value):
-            text = self._remove(keys) if isinstance(value, _Removed) else self._set(keys, value)
-            wanted = _with(self.data, keys, value)
+            if isinstance(value, _Removed):
+                text, wanted = self._remove(keys), without(self.data, keys)
+            else:
+                text, wanted = self._set(keys, value), replaced(self.data, keys, value)
         if self.edit.comment and not isinstance(value, _Removed):
             text = _commented(text, self.edit)
-        # The result is parsed again: an edit that changed anything else is not returned.
-        try:
-            after, _ = parse_tree(text, self.name)
-        except ConfigError:
-            after = REMOVED
-        if _canonical(after) != _canonical(wanted):
-            self._refuse(keys, "cannot be changed without changing something else; edit the file by hand")
-        return text
+        return verified(self.text, text, wanted, self.name, keys)
 
     def _set(self, keys: Sequence[str], value: Value) -> str:
         written = _value_text(value)
@@ -193,17 +272,14 @@ class _Editor:
 
     def _put(self, node: Node, written: str) -> str:
         """Return the text with a scalar replaced, which may be empty."""
-        # `key:` without a value has no space in front of the new one.
-        space = " " if node.start == node.end and self.text[node.start - 1 : node.start] not in {" ", ""} else ""
-        return f"{self.text[: node.start]}{space}{written}{self.text[node.end :]}"
+        return f"{self.text[: node.start]}{space_before(self.text, node)}{written}{self.text[node.end :]}"
 
     def _add(self, node: Node, keys: Sequence[str], written: str) -> str:
         """Return the text with a new entry at the end of a mapping."""
         if node.flow:
             inner = "".join(f"{scalar_text(key)}: {{" for key in keys[:-1])
             entry = f"{inner}{scalar_text(keys[-1])}: {written}{'}' * (len(keys) - 1)}"
-            end = node.values[-1].end if node.values else node.start + 1
-            return f"{self.text[:end]}{', ' if node.values else ''}{entry}{self.text[end:]}"
+            return with_cut(self.text, cut_in_mapping(self.text, node, entry))
         lines = _block(keys, written, " " * node.column, self.newline)
         end = line_end(self.text, node.end)
         if not self.text[:end]:
@@ -224,11 +300,7 @@ class _Editor:
             self._refuse(keys, "is an item of a list; edit the file by hand")
         text, key_node = self.text, parent.keys[place]
         if parent.flow:
-            if place + 1 < len(parent.keys):
-                # In braces, the comma goes with the entry: up to the next key, or from the end of the one before.
-                return text[: key_node.start] + text[parent.keys[place + 1].start :]
-            begin = parent.values[place - 1].end if place else key_node.start
-            return text[:begin] + text[node.end :]
+            return without_flow_entry(text, parent, place)
         begin = line_start(text, key_node.start)
         if text[begin : key_node.start].strip(" "):
             self._refuse(keys, "shares its line with something else; edit the file by hand")
@@ -249,14 +321,7 @@ class _Editor:
             self._refuse(keys, "is a single value; a mapping (key: value) is expected")
 
     def _refuse(self, keys: Sequence[str], what: str) -> NoReturn:
-        raise ConfigError(f"{self.source.where(*_typed(self.data, keys))}: {what}")
-
-
-def _typed(data: Any, keys: Sequence[str]) -> Iterator[str | int]:
-    """Return the keys with the indices of lists as numbers, as in :class:`Source`."""
-    for key in keys:
-        yield int(key) if isinstance(data, list) and key.isdecimal() else key
-        data = value_at(data, (key,))
+        reject(self.text, self.name, keys, what)
 
 
 def _same(before: Any, value: Any) -> bool:
@@ -265,27 +330,6 @@ def _same(before: Any, value: Any) -> bool:
     numbers = all(isinstance(number, int | float) and not isinstance(number, bool) for number in (before, value))
     # Types must agree, or true would equal 1; int and float of equal value are the same number.
     return (numbers and before == value) or (type(before) is type(value) and before == value)
-
-
-def _with(data: Any, keys: Sequence[str], value: Any) -> Any:
-    """Return the data with a value set or removed; containers are copied, so that aliases are independent."""
-    key, rest = keys[0], keys[1:]
-    if isinstance(data, list):
-        return [_into(item, rest, value) if str(index) == key else item for index, item in enumerate(data)]
-    data = dict(data or {})
-    if not rest and isinstance(value, _Removed):
-        data.pop(key, None)
-        return data
-    return {**data, key: _into(data.get(key), rest, value)}
-
-
-def _into(data: Any, rest: Sequence[str], value: Any) -> Any:
-    return _with(data, rest, value) if rest else value
-
-
-def _canonical(data: Any) -> str:
-    # Through JSON, since NaN differs from itself and the order of keys has no meaning.
-    return json.dumps(data, sort_keys=True, default=repr)
 
 
 def _block(keys: Sequence[str], written: str, indent: str, newline: str) -> str:

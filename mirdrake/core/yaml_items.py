@@ -12,10 +12,22 @@ import json
 from bisect import bisect_left
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Final, NamedTuple, NoReturn
+from typing import Any, Final, NamedTuple
 
-from mirdrake.core.errors import ConfigError, dotted
-from mirdrake.core.yaml_edit import REMOVED, scalar_text, value_at
+from mirdrake.core.yaml_edit import (
+    REMOVED,
+    cut_in_mapping,
+    newline_of,
+    reject,
+    replaced,
+    scalar_text,
+    space_before,
+    value_at,
+    verified,
+    with_cut,
+    without,
+    without_flow_entry,
+)
 from mirdrake.core.yaml_nodes import LINE_BREAK, Node, child_of, line_end, line_start, read_nodes
 from mirdrake.core.yaml_tree import parse_tree
 
@@ -85,13 +97,13 @@ def set_scalars(
         written = _quoted_as(_find(text, path), plain) if keep_quotes else plain
         value = _parsed(written, name)
         cuts.append(_cut(text, before, path, written, name))
-        data = _replaced(data, path, value)
+        data = replaced(data, path, value)
     # From the end, so that the positions before a cut stay; of two additions at one position the later is behind.
     changed = text
     in_order = sorted(cuts, key=lambda cut: cut[0])
-    for start, end, written in reversed(in_order):
-        changed = f"{changed[:start]}{written}{changed[end:]}"
-    return _verified(changed, data, name, changes[-1][0])
+    for cut in reversed(in_order):
+        changed = with_cut(changed, cut)
+    return verified(text, changed, data, name, changes[-1][0])
 
 
 def _cut(text: str, before: Any, path: Path, written: str, name: str) -> tuple[int, int, str]:
@@ -100,10 +112,10 @@ def _cut(text: str, before: Any, path: Path, written: str, name: str) -> tuple[i
     if node is None:
         return _cut_missing(text, before, path, written, name)
     if node.kind == "alias":
-        _reject(text, name, path, "is an alias; edit the file by hand")
+        reject(text, name, path, "is an alias; edit the file by hand")
     if node.kind != "scalar" and not node.flow:
-        _reject(text, name, path, f"is a {node.kind} of several lines; edit the file by hand")
-    return node.start, node.end, f"{_space_before(text, node)}{written}"
+        reject(text, name, path, f"is a {node.kind} of several lines; edit the file by hand")
+    return node.start, node.end, f"{space_before(text, node)}{written}"
 
 
 def _cut_missing(text: str, before: Any, path: Path, written: str, name: str) -> tuple[int, int, str]:
@@ -112,19 +124,19 @@ def _cut_missing(text: str, before: Any, path: Path, written: str, name: str) ->
     while (parent := _find(text, path[:length])) is None and length:
         length -= 1
     if parent is not None and parent.kind == "alias":
-        _reject(text, name, path[:length], "is an alias; edit the file by hand")
+        reject(text, name, path[:length], "is an alias; edit the file by hand")
     # A value without text of its own comes from a merge; adding a part of it would replace it as a whole.
     if length < len(path) - 1 and value_at(before, path[: length + 1]) not in (REMOVED, None):
-        _reject(text, name, path[: length + 1], "comes from a merge; edit the file by hand")
+        reject(text, name, path[: length + 1], "comes from a merge; edit the file by hand")
     for key in reversed(path[length + 1 :]):
         written = f"{{{scalar_text(key)}: {written}}}"
     entry = f"{scalar_text(path[length])}: {written}"
     if parent is not None and parent.kind == "mapping":
-        return _cut_in_mapping(text, parent, entry)
+        return cut_in_mapping(text, parent, entry)
     # Else only `key:` without a value, or null, can get one.
     if parent is None or parent.kind != "scalar" or value_at(before, path[:length]) is not None:
-        _reject(text, name, path, "is not in the file")
-    return parent.start, parent.end, f"{_space_before(text, parent)}{{{entry}}}"
+        reject(text, name, path, "is not in the file")
+    return parent.start, parent.end, f"{space_before(text, parent)}{{{entry}}}"
 
 
 def _quoted_as(node: Node | None, written: str) -> str:
@@ -135,11 +147,6 @@ def _quoted_as(node: Node | None, written: str) -> str:
         return json.dumps(written, ensure_ascii=False)
     doubled = written.replace("'", "''")
     return f"'{doubled}'" if node.style == "'" else written
-
-
-def _space_before(text: str, node: Node) -> str:
-    """Return the space that is missing in front of the new value of `key:` without a value."""
-    return " " if node.start == node.end and text[node.start - 1 : node.start] not in {" ", ""} else ""
 
 
 def insert_item(text: str, path: Path, item: str, *, index: int | None = None, name: str = "<text>") -> str:
@@ -156,31 +163,30 @@ def insert_item(text: str, path: Path, item: str, *, index: int | None = None, n
         ConfigError: there is something else than a list, or the item is not YAML.
     """
     data, _ = parse_tree(text, name)
-    newline = _newline(text)
+    newline = newline_of(text)
     present = value_at(data, path)
     items = [] if present is REMOVED or present is None else present
     if not isinstance(items, list):
-        _reject(text, name, path, "is not a list")
+        reject(text, name, path, "is not a list")
     place = len(items) if index is None else index
     # The expected data: the changed text is parsed again and compared with it, so that an edit cannot damage a file.
-    wanted = _replaced(data, path, [*items[:place], _parsed(_dedented(item), name), *items[place:]])
+    wanted = replaced(data, path, [*items[:place], _parsed(_dedented(item), name), *items[place:]])
     node = _find(text, path)
     if node is not None and node.kind == "list" and place < len(node.values):
         following = node.values[place]
         # Before the comments of the item that follows, or directly before it in braces.
         begin = following.start if node.flow else _block_of(text, following.start, following.end)[0]
         new = f"{item}, " if node.flow else f"{' ' * node.column}- {item}{newline}"
-        return _verified(f"{text[:begin]}{new}{text[begin:]}", wanted, name, path)
+        return verified(text, f"{text[:begin]}{new}{text[begin:]}", wanted, name, path)
     if node is None:
         parent = _find(text, path[:-1])
         if parent is None or parent.kind != "mapping" or parent.flow:
-            _reject(text, name, path, "has no mapping in lines to be added to")
+            reject(text, name, path, "has no mapping in lines to be added to")
         indent = " " * parent.column
         entry = f"{scalar_text(path[-1])}:{newline}{indent}{_INDENT}- {item}"
-        start, end, written = _cut_in_mapping(text, parent, entry)
-        changed = f"{text[:start]}{written}{text[end:]}"
+        changed = with_cut(text, cut_in_mapping(text, parent, entry))
     elif node.kind == "alias":
-        _reject(text, name, path, "is an alias; edit the file by hand")
+        reject(text, name, path, "is an alias; edit the file by hand")
     elif node.kind == "scalar":  # `props:` without a value
         # The list is indented relative to its key, as the empty value has no column of its own.
         key_line = line_start(text, node.start)
@@ -194,7 +200,7 @@ def insert_item(text: str, path: Path, item: str, *, index: int | None = None, n
     else:
         end = line_end(text, node.end)
         changed = f"{text[:end]}{newline}{' ' * node.column}- {item}{text[end:]}"
-    return _verified(changed, wanted, name, path)
+    return verified(text, changed, wanted, name, path)
 
 
 def remove_item(text: str, path: Path, *, name: str = "<text>") -> str:
@@ -208,23 +214,17 @@ def remove_item(text: str, path: Path, *, name: str = "<text>") -> str:
     data, _ = parse_tree(text, name)
     parent, index, node = _find_in_parent(text, path)
     if node is None or parent is None:
-        _reject(text, name, path, "is not in the file")
+        reject(text, name, path, "is not in the file")
     # An empty list in lines cannot be written without its key.
     if parent.kind == "list" and len(parent.values) == 1:
         return remove_item(text, path[:-1], name=name)
     first = parent.keys[index] if parent.kind == "mapping" else node
-    # In braces, the comma goes with the item: up to the next one, or from the end of the one before.
     if parent.flow:
-        following = (parent.keys if parent.kind == "mapping" else parent.values)[index + 1 : index + 2]
-        if following:
-            changed = text[: first.start] + text[following[0].start :]
-        else:
-            begin = parent.values[index - 1].end if index else first.start
-            changed = text[:begin] + text[node.end :]
+        changed = without_flow_entry(text, parent, index)
     else:
         begin, end = _block_of(text, first.start, node.end)
         changed = text[:begin] + text[end:]
-    return _verified(changed, _without(data, path), name, path)
+    return verified(text, changed, without(data, path), name, path)
 
 
 def item_text(text: str, path: Path) -> str | None:
@@ -265,20 +265,6 @@ def _breaks(text: str) -> list[int]:
     return [match.start() for match in LINE_BREAK.finditer(text)]
 
 
-def _newline(text: str) -> str:
-    match = LINE_BREAK.search(text)
-    return match.group() if match else "\n"
-
-
-def _cut_in_mapping(text: str, node: Node, entry: str) -> tuple[int, int, str]:
-    """Return the cut that adds an entry at the end of a mapping."""
-    if node.flow:
-        last = node.values[-1].end if node.values else node.start + 1
-        return last, last, f"{', ' if node.values else ''}{entry}"
-    end = line_end(text, node.end)
-    return end, end, f"{_newline(text)}{' ' * node.column}{entry}"
-
-
 def _block_of(text: str, start: int, end: int) -> tuple[int, int]:
     """Return the lines of an item with the comment lines directly above it and the line break at its end."""
     begin = line_start(text, start)
@@ -314,42 +300,3 @@ def _dedented(item: str) -> str:
 def _parsed(written: str, name: str) -> Any:
     data, _ = parse_tree(f"value:\n{written if written.startswith(' ') else f'  {written}'}\n", name)
     return data["value"]
-
-
-def _replaced(data: Any, path: Path, value: Any) -> Any:
-    if not path:
-        return value
-    key, rest = path[0], path[1:]
-    if isinstance(data, list):
-        return [_replaced(item, rest, value) if str(index) == key else item for index, item in enumerate(data)]
-    data = data or {}
-    return {**data, key: _replaced(data.get(key), rest, value)}
-
-
-def _without(data: Any, path: Path) -> Any:
-    key, rest = path[0], path[1:]
-    if isinstance(data, list):
-        if not rest:
-            return [item for index, item in enumerate(data) if str(index) != key]
-        return [_without(item, rest) if str(index) == key else item for index, item in enumerate(data)]
-    if not rest:
-        return {name: value for name, value in data.items() if name != key}
-    return {**data, key: _without(data[key], rest)}
-
-
-def _verified(changed: str, wanted: Any, name: str, path: Path) -> str:
-    """Return a changed text if it has the intended meaning."""
-    try:
-        after: Any = parse_tree(changed, name)[0]
-    except ConfigError:
-        after = REMOVED
-    # Through JSON, since NaN differs from itself and the order of keys has no meaning.
-    if json.dumps(after, sort_keys=True, default=repr) != json.dumps(wanted, sort_keys=True, default=repr):
-        raise ConfigError(f"{name}: {dotted(path)}: cannot be changed without changing other parts; edit it by hand")
-    return changed
-
-
-def _reject(text: str, name: str, path: Path, problem: str) -> NoReturn:
-    _, source = parse_tree(text, name)
-    keys = [int(key) if key.isdecimal() else key for key in path]
-    raise ConfigError(f"{source.where(*keys)}: {problem}")
