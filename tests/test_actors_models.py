@@ -228,6 +228,14 @@ def test_an_offset_in_a_bend_shortens_the_way() -> None:
     assert math.hypot(states["x"][0] - 0.0, states["y"][0] - 60.0) == pytest.approx(57.0, abs=1e-3)
 
 
+def test_the_heading_is_continuous_over_the_end_of_a_ring() -> None:
+    headings: list[float] = []
+    world = traffic_world([car("one", 95.0, 10.0, behaviour="follow")], length=100.0, closed=True)
+    simulate(world, 1.0, each=lambda _, now: headings.append(float(now["yaw"][0])))
+    turns = np.mod(np.diff(headings) + math.pi, 2.0 * math.pi) - math.pi
+    assert turns == pytest.approx(2.0 * math.pi * 10.0 * DT / 100.0, rel=1e-6)
+
+
 def test_a_lane_change_does_not_turn_sharper_than_its_radius() -> None:
     change, radius = 3.5, 5.4
     span = span_of(change, 0.0, radius)

@@ -99,7 +99,8 @@ def lane_table(lanes: Mapping[str, Lane]) -> tuple[LaneTable, dict[str, int]]:
         count = max(2, math.ceil(lane.length / _SPACING) + 1)
         s = np.linspace(0.0, lane.length, count)
         x, y, yaw = lane.pose(s)
-        nodes.append(np.column_stack((x, y, yaw, lane.curvature_at(s))))
+        # Continuous, also at the end of a closed lane, where its pose is that of the start.
+        nodes.append(np.column_stack((x, y, np.unwrap(yaw), lane.curvature_at(s))))
         # Nodes are on the centre line of the lane; its width extends the box to its area.
         margin = float(np.max(lane.width))
         following = [numbers[name] for name in lane.successors if name in numbers][:_CHOICES]

@@ -49,12 +49,14 @@ class Traffic(LeafSystem):
         states (6 n): :data:`PLANAR` of each actor.
         signals (9 n): :data:`RECORDED` of each actor.
         poses: FramePoseVector of the frames A.
+        desired (6 k): x, y, yaw of all solid actors after the next step of the plant, then their rates now.
 
     Args:
         world: the world.
         vehicles: full vehicles by name.
         scene: frames of the actors.
         state_size: elements of the state of the plant.
+        plant_step: time step of the plant [s].
         always: whether `poses` are those of the present time, as cameras need, or those of the last update.
 
     Attributes:
@@ -72,10 +74,11 @@ class Traffic(LeafSystem):
         *,
         state_size: int,
         always: bool = True,
+        plant_step: float = 0.0,
     ) -> None:
         super().__init__()
         self.names = tuple(actor.name for actor in world.actors)
-        self._scene, self._is_continuous = scene, always
+        self._scene, self._is_continuous, self._plant_step = scene, always, plant_step
         lanes, crew, self._bodies = make_crew(world, vehicles, state_size)
         self._step = TimeStep(lanes, crew)
         self._between = compiled(write_planar, parts=_PARTS)
@@ -100,6 +103,11 @@ class Traffic(LeafSystem):
             # Without the time ticket poses are cached between updates, and the geometry engine has less to do.
             set(needs if always else needs[1:]),
         )
+        # Elements of `states` in the order of the joints: places of all, then rates of all.
+        solid = [self.names.index(name) for name in scene.solid]
+        rows = [len(PLANAR) * i for i in solid]
+        self._solid = np.array([row + k for part in (0, 3) for row in rows for k in range(part, part + 3)], dtype=int)
+        self.desired = self.DeclareVectorOutputPort("desired", len(self._solid), self._calc_desired, set(needs))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, self._update)
 
     def _rows(self, context: Context) -> tuple[float, Records, Records]:
@@ -115,6 +123,9 @@ class Traffic(LeafSystem):
         time = context.get_time()
         # The last prediction becomes the present state; only the state 20 ms later is computed.
         self._step(now, vehicles, time, PERIOD, after)
+        if self._solid.size:
+            # A joint must not turn around where the yaw of a lane begins again.
+            after["yaw"] -= 2.0 * np.pi * np.round((after["yaw"] - now["yaw"]) / (2.0 * np.pi))
         state.set_value(self._state, np.concatenate(([time], now.view(float), after.view(float))))
 
     def _planar(self, context: Context, share: float | None = None) -> Array:
@@ -126,6 +137,17 @@ class Traffic(LeafSystem):
 
     def _calc_states(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._planar(context).ravel())
+
+    def solid_states(self, context: Context) -> Array:
+        """Return x, y, yaw of all solid actors, then their rates (6 k), in the order of the joints of their bodies."""
+        return np.asarray(self.states.Eval(context)[self._solid])
+
+    def _calc_desired(self, context: Context, output: BasicVector) -> None:
+        values = self.solid_states(context)
+        places, rates = np.split(values, 2)
+        # The plant compares them with its own state after the step that begins now.
+        places += self._plant_step * rates
+        output.SetFromVector(values)
 
     def _calc_signals(self, context: Context, output: BasicVector) -> None:
         time, before, after = self._rows(context)

@@ -26,7 +26,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 
 from mirdrake.assembly.blocks import make_block
 from mirdrake.assembly.diagram_spec import DiagramSpec, load_diagram, make_spec
-from mirdrake.assembly.parts.actors import add_traffic
+from mirdrake.assembly.parts.actors import TRAFFIC, add_traffic
 from mirdrake.assembly.parts.forces import add_outer_forces, add_rolling_resistance, add_tyres
 from mirdrake.assembly.parts.places import check_starts, find_start
 from mirdrake.assembly.parts.sensors import add_sensors, cameras_of, check_sensors, how_recorded, sensors_of
@@ -167,6 +167,10 @@ class Assembly:
             start = self.starts[name]
             set_start(plant, plant_context, part, x=start.x, y=start.y, yaw=start.yaw, speed=start.speed)
         self.parts.props.reset(plant, plant_context)
+        if self.parts.actors.instance is not None:
+            traffic = self.diagram.GetSubsystemByName(TRAFFIC)
+            start = traffic.solid_states(traffic.GetMyContextFromRoot(context))
+            plant.SetPositionsAndVelocities(plant_context, self.parts.actors.instance, start)
         return context
 
 
@@ -233,7 +237,7 @@ def assemble(
     parts = make_plant(builder, world, vehicles, spec=spec.plant, parked=parked)
     # The scene graph moves every frame in each step of the plant, so that it gets actors only if something sees them.
     if meshcat is not None or sensors_of(spec):
-        parts = replace(parts, actors=add_actors(parts.scene_graph, world))
+        parts = replace(parts, actors=add_actors(parts.scene_graph, world, parts.actors))
     wiring = Wiring(builder, spec, factories=factories or {})
     add_traffic(wiring, parts, spec)
     # Tyres with their own ground contact come first here: the vehicles' systems connect the actuators to them.

@@ -1,19 +1,21 @@
-"""Actors of a world in the scene graph of a plant: frames that cameras and range sensors see, without contact.
+"""Actors of a world: frames in the scene graph that cameras and range sensors see, and bodies of solid actors.
 
-Their geometry belongs to a source of its own. Drake's plant rejects contact with the geometry of other sources, so
-actors have no proximity role.
+The frames belong to a source of their own. Drake's plant rejects contact with the geometry of other sources, so they
+have no proximity role. A solid actor also is a body of the plant, with its mass and collision shapes.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydrake.geometry import (
+    CollisionFilterDeclaration,
     FrameId,
     FramePoseVector,
     GeometryFrame,
     GeometryId,
     GeometryInstance,
+    GeometrySet,
     IllustrationProperties,
     MakePhongIllustrationProperties,
     PerceptionProperties,
@@ -22,11 +24,22 @@ from pydrake.geometry import (
     SourceId,
 )
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    ModelInstanceIndex,
+    PdControllerGains,
+    PrismaticJoint,
+    RevoluteJoint,
+    SpatialInertia,
+)
 
-from mirdrake.plant.obstacles import looks
+from mirdrake.plant.obstacles import contact_material, looks
 from mirdrake.worlds import Actor, World
+from mirdrake.worlds.actors import WHEELBASE
 from mirdrake.worlds.pieces import Array
 
+_STIFF = 30.0  # [rad/s] natural frequency of the controllers of solid actors: 1 cm behind at 9 m/s²
 _GREY = (0.72, 0.71, 0.68, 1.0)  # colour of an actor without mesh and colour
 
 
@@ -38,11 +51,15 @@ class ActorsInScene:
         source: source of their geometry; None without actors.
         frames: frame A of each actor by name, in the order of the names.
         geometries: visual geometries of each actor by name.
+        solid: names of the solid actors, in the order of the world.
+        instance: model instance of their bodies; None without solid actors.
     """
 
     source: SourceId | None = None
     frames: Mapping[str, FrameId] = field(default_factory=dict)
     geometries: Mapping[str, tuple[GeometryId, ...]] = field(default_factory=dict)
+    solid: tuple[str, ...] = ()
+    instance: ModelInstanceIndex | None = None
 
     def poses(self, planar: Array) -> FramePoseVector:
         """Return the poses of the frames.
@@ -58,16 +75,81 @@ class ActorsInScene:
         return vector
 
 
-def add_actors(scene_graph: SceneGraph, world: World) -> ActorsInScene:
-    """Add the actors of a world to a scene graph; their poses are then an input of it."""
-    if not world.actors:
+def add_solid_actors(plant: MultibodyPlant, world: World) -> ActorsInScene:
+    """Add the bodies of the solid actors of a world to a plant that is not finalised yet, before the world.
+
+    Each moves in the plane, on joints along x, y and about z of W at its frame A. PD controllers, which Drake solves
+    implicitly with the contact, hold them at their desired state: the motion of the actor. They are critically damped,
+    and their force is limited to that of the actor's hardest braking: a vehicle that hits it pushes it off its way.
+    """
+    solid = [actor for actor in world.actors if actor.spec.body == "solid"]
+    if not solid:
         return ActorsInScene()
+    instance = plant.AddModelInstance("actors")
+    for actor in solid:
+        _add_body(plant, instance, actor)
+    return ActorsInScene(solid=tuple(actor.name for actor in solid), instance=instance)
+
+
+def exclude_world(plant: MultibodyPlant, scene_graph: SceneGraph, actors: ActorsInScene) -> None:
+    """Exclude contact of solid actors with ground and static props: their motion is in the plane, and given."""
+    if actors.instance is None:
+        return
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(actors.instance)]
+    mine = [geometry for body in bodies for geometry in plant.GetCollisionGeometriesForBody(body)]
+    still = [plant.world_body(), *plant.GetBodiesWeldedTo(plant.world_body())]
+    theirs = [geometry for body in still for geometry in plant.GetCollisionGeometriesForBody(body)]
+    declaration = CollisionFilterDeclaration().ExcludeBetween(GeometrySet(mine), GeometrySet(theirs))
+    scene_graph.collision_filter_manager().Apply(declaration)
+
+
+def _add_body(plant: MultibodyPlant, instance: ModelInstanceIndex, actor: Actor) -> None:
+    """Add the body of a solid actor with its joints and controllers."""
+    prop, behaviour = actor.prop, actor.spec.behaviour
+    body = plant.AddRigidBody(actor.name, instance, prop.inertia)
+    frame = plant.AddFrame(FixedOffsetFrame(f"{actor.name}/A", body.body_frame(), actor.prop_pose.inverse(), instance))
+    # Bodies without mass between the joints.
+    slides = [
+        plant.AddRigidBody(f"{actor.name}/{axis}", instance, SpatialInertia.Zero()).body_frame() for axis in ("x", "y")
+    ]
+    joints = [
+        PrismaticJoint(f"{actor.name}/x", plant.world_frame(), slides[0], [1.0, 0.0, 0.0]),
+        PrismaticJoint(f"{actor.name}/y", slides[0], slides[1], [0.0, 1.0, 0.0]),
+        RevoluteJoint(f"{actor.name}/yaw", slides[1], frame, [0.0, 0.0, 1.0]),
+    ]
+    force = prop.mass * behaviour.braking_limit  # type: ignore[attr-defined]
+    # About A; the lever of the tyre forces is half of a wheelbase, that of feet half of the length.
+    lever = 0.5 * prop.size[0] * (1.0 if actor.walks else WHEELBASE)
+    inertias = (
+        prop.mass,
+        prop.mass,
+        float(prop.inertia.CalcRotationalInertia().get_moments()[2]) + prop.mass * actor.rear_axle**2,
+    )
+    for joint, inertia, limit in zip(joints, inertias, (force, force, force * lever), strict=True):
+        actuator = plant.AddJointActuator(joint.name(), plant.AddJoint(joint), limit)
+        actuator.set_controller_gains(PdControllerGains(p=inertia * _STIFF**2, d=2.0 * inertia * _STIFF))
+    material = contact_material(prop)
+    for number, solid in enumerate(prop.solids):
+        plant.RegisterCollisionGeometry(body, solid.X_PS, solid.shape, f"actor/{actor.name}/{number}", material)
+
+
+def add_actors(scene_graph: SceneGraph, world: World, bodies: ActorsInScene | None = None) -> ActorsInScene:
+    """Add the actors of a world to a scene graph; their poses are then an input of it.
+
+    Args:
+        scene_graph: the scene graph.
+        world: the world.
+        bodies: its solid actors, as they were added to the plant.
+    """
+    bodies = bodies or ActorsInScene()
+    if not world.actors:
+        return bodies
     source = scene_graph.RegisterSource("actors")
     frames, geometries = {}, {}
     for actor in world.actors:
         frames[actor.name] = scene_graph.RegisterFrame(source, GeometryFrame(f"actor/{actor.name}"))
         geometries[actor.name] = tuple(_add_looks(scene_graph, source, frames[actor.name], actor))
-    return ActorsInScene(source, frames, geometries)
+    return replace(bodies, source=source, frames=frames, geometries=geometries)
 
 
 def _add_looks(scene_graph: SceneGraph, source: SourceId, frame: FrameId, actor: Actor) -> list[GeometryId]:

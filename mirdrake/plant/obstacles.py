@@ -32,7 +32,7 @@ from pydrake.systems.framework import Context
 
 from mirdrake.ground import Terrain
 from mirdrake.ground.terrain import Grid
-from mirdrake.worlds import PlacedProp, World
+from mirdrake.worlds import PlacedProp, Prop, World
 from mirdrake.worlds.props import DISSIPATION, STIFFNESS, Color, Solid
 
 _CELL = 0.01
@@ -81,13 +81,7 @@ def add_props(plant: MultibodyPlant, world: World) -> PropsInPlant:
     """
     added = PropsInPlant()
     for placed in world.props:
-        prop, material = placed.prop, ProximityProperties()
-        AddContactMaterial(
-            friction=CoulombFriction(prop.mu, prop.mu),
-            dissipation=DISSIPATION,
-            point_stiffness=STIFFNESS,
-            properties=material,
-        )
+        prop, material = placed.prop, contact_material(placed.prop)
         # Rigid: the compliance is that of the tyre.
         if prop.driven_over:
             AddRigidHydroelasticProperties(0.05, material)
@@ -113,6 +107,18 @@ def add_props(plant: MultibodyPlant, world: World) -> PropsInPlant:
             rgba = np.array([*placed.color, 1.0] if placed.color else _GREY)
             plant.RegisterVisualGeometry(body, X_BP @ X_PG, shape, f"prop/{placed.name}/look{index}", rgba)
     return added
+
+
+def contact_material(prop: Prop) -> ProximityProperties:
+    """Return the properties of contact with a prop."""
+    material = ProximityProperties()
+    AddContactMaterial(
+        friction=CoulombFriction(prop.mu, prop.mu),
+        dissipation=DISSIPATION,
+        point_stiffness=STIFFNESS,
+        properties=material,
+    )
+    return material
 
 
 def terrain_of(world: World) -> Terrain:

@@ -48,7 +48,7 @@ from mirdrake.core.errors import ModelError
 from mirdrake.core.vectors import SIDES
 from mirdrake.core.yaml_io import Period, Schema, Speed
 from mirdrake.ground import FLAT, Terrain
-from mirdrake.plant.actors import ActorsInScene
+from mirdrake.plant.actors import ActorsInScene, add_solid_actors, exclude_world
 from mirdrake.plant.obstacles import PropsInPlant, add_props, terrain_of
 from mirdrake.plant.rest_pose import RestPose, find_rest_pose
 from mirdrake.plant.wheel_shape import ContactModel, make_wheel_shape
@@ -210,7 +210,7 @@ class PlantParts:
         props: the props of the world.
         terrain: height of the ground, with the props that vehicles drive over.
         wheel_contact: what bears the wheels: that of the settings on the plane z = 0, on other ground a vertical tyre.
-        actors: the actors of the world, if they were added by :func:`mirdrake.plant.actors.add_actors`.
+        actors: the solid actors of the world; all, if they were added by :func:`mirdrake.plant.actors.add_actors`.
     """
 
     plant: MultibodyPlant
@@ -262,15 +262,17 @@ def make_plant(
         )
         for name, vehicle in vehicles.items()
     }
+    solid = add_solid_actors(plant, world)
     # Wheels that have a tyre of their own on the ground must not touch the contact geometry as well.
     ground, props = add_world(plant, world)
+    exclude_world(plant, scene_graph, solid)
     for part in parts.values():
         _match_tyres(plant, scene_graph, part, world)
         if wheel_contact == "tyre":
             for tyre in part.tyres:
                 _exclude_contact(scene_graph, tyre, [*ground, *props.bumps])
     plant.Finalize()
-    return PlantParts(plant, scene_graph, world, parts, ground, props, terrain, wheel_contact)
+    return PlantParts(plant, scene_graph, world, parts, ground, props, terrain, wheel_contact, solid)
 
 
 def add_vehicle(

@@ -164,6 +164,10 @@ class Incidents:
         for other, theirs in poses.items():
             if other != name and self._may_meet(name, mine, other, theirs):
                 gaps[other] = clearance_between(volume, mine, self.volumes[other], theirs)
+        for actor in self.world.actors:
+            key = f"{OF_ACTORS}{actor.name}"
+            if actor.spec.body == "solid" and f"{key}.x" in columns:
+                gaps[actor.name] = clearance_between(volume, mine, actor.volume, _poses(columns, key))
         nearest = np.min(list(gaps.values()), axis=0) if gaps else np.empty(0)
         # Overlap alone misses contacts of stiff bodies, which stay apart in the
         # samples; force alone does not name the object.
@@ -172,12 +176,13 @@ class Incidents:
     def _collisions(
         self, name: str, touching: Mapping[str, NDArray[np.bool_]], times: Array, columns: Mapping[str, Array]
     ) -> Iterator[Incident]:
-        """Return the first contact of a vehicle with each object."""
+        """Return the first contact of a vehicle with each object; that with actors is found between samples."""
+        actors = {actor.name for actor in self.world.actors}
         known = {
             incident.other for incident in self.reported if (incident.kind, incident.vehicle) == ("collision", name)
         }
         for other, touches in touching.items():
-            if touches.any() and other not in known:
+            if touches.any() and other not in known | actors:
                 row = int(np.argmax(touches))
                 before = max(row - 1, 0)  # the contact may already have reduced the speed of its sample
                 speed = float(np.hypot(columns[f"{name}.vx"][before], columns[f"{name}.vy"][before]))

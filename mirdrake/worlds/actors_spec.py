@@ -228,6 +228,9 @@ class ActorSpec(Schema):
         default_factory=lambda: _default_behaviour(), description="kind, or mapping with a kind [-]"
     )
     starts: Trigger | None = Field(default=None, description="it stands until then; default: it moves at once [-]")
+    body: Literal["ghost", "solid"] = Field(
+        default="ghost", description="ghost: vehicles pass through it; solid: they collide with it [-]"
+    )
     color: tuple[Share, Share, Share] | str | None = Field(
         default=None, description="CSS colour, or red, green, blue, 0 to 1 [-]"
     )

@@ -197,7 +197,9 @@ def _signals(lights: Mapping[str, LightSpec]) -> Json:
 
 def _actor(actor: Actor) -> Json:
     """Return the entry of one actor."""
-    given = actor.spec.model_dump(mode="json", exclude={"actor", "name", "color"}, exclude_none=True)
+    # Without the default of `body`, so that lock files of older worlds remain valid.
+    hidden = {"actor", "name", "color"} | ({"body"} if actor.spec.body == "ghost" else set())
+    given = actor.spec.model_dump(mode="json", exclude=hidden, exclude_none=True)
     return {
         "name": actor.name, "kind": actor.prop.name, "solids": _solids_hash(actor.prop), "color": _rounded(actor.color),
         **_rounded(given), "steps": [_rounded(step.model_dump(exclude_none=True)) for step in actor.steps],

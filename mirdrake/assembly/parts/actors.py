@@ -34,11 +34,13 @@ def add_traffic(wiring: Wiring, parts: PlantParts, spec: DiagramSpec) -> Traffic
     size = plant.get_state_output_port().size()
     # Cameras see actors at any time; otherwise poses are only drawn, and are not computed in every step of the plant.
     drawn = bool(cameras_of(spec, {name: part.vehicle for name, part in parts.vehicles.items()}))
-    traffic = Traffic(world, vehicles, parts.actors, state_size=size, always=drawn)
+    traffic = Traffic(world, vehicles, parts.actors, state_size=size, always=drawn, plant_step=plant.time_step())
     wiring.add(TRAFFIC, traffic)
     wiring.link(plant.get_state_output_port(), traffic.plant_state)
     if parts.actors.source is not None:
         wiring.link(traffic.poses, parts.scene_graph.get_source_pose_port(parts.actors.source))
+    if parts.actors.instance is not None:
+        wiring.link(traffic.desired, plant.get_desired_state_input_port(parts.actors.instance))
     return traffic
 
 
