@@ -27,8 +27,8 @@ def body_states(drive: Simulation, duration: float) -> tuple[Any, Any, Any]:
         actors.append(traffic.solid_states(traffic.GetMyContextFromRoot(context)))
 
     drive.run(duration=duration, monitor=look)
-    # The last of each step of the plant: periods of 5 and 20 ms end at times that differ by rounding.
-    rows = np.flatnonzero(np.diff(times, append=np.inf) > 0.004)
+    # The first of each step of the plant: multiples of 5 and of 20 ms differ by rounding, and events at both are steps.
+    rows = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0.004)
     return np.array(times)[rows], np.array(bodies)[rows], np.array(actors)[rows]
 
 
