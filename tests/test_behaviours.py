@@ -518,7 +518,7 @@ def test_every_number_has_a_description():
 def test_a_behaviour_comes_by_its_kind_with_settings_or_as_a_class():
     assert isinstance(make_driver("drive_to_nearest_and_stop", WorldStandIn()), DriveToNearest)
     driver = make_driver({"kind": "drive_to_nearest_and_stop", "distance": "250 cm"}, WorldStandIn())
-    assert driver.distance == 2.5
+    assert driver.spec.distance == 2.5
     assert make_driver({"kind": "constant", "speed": 2.0}, WorldStandIn()).GetOutputPort("command").size() == 3
 
 

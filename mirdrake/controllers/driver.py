@@ -82,16 +82,15 @@ def find_track(world: DrivenWorld, name: str | None) -> Track:
 
 
 class BehaviourDriver(Driver):
-    """A driver whose settings are the keyword arguments of its system.
+    """A driver that a system computes from the scan of the surroundings.
 
     Attributes:
-        system: class of the system; its first argument is the vehicle.
+        system: class of the system; its arguments are the vehicle and this entry.
     """
 
     system: ClassVar[type[Any]]
 
     def make_system(self, vehicle: ShapedVehicle, *_: Any, **__: Any) -> LeafSystem:
         """Return the driver as a system with the inputs ``state`` and ``ranges`` and the output ``command``."""
-        settings = {name: getattr(self, name) for name in type(self).model_fields if name != "kind"}
-        result: LeafSystem = self.system(vehicle, **settings)
+        result: LeafSystem = self.system(vehicle, self)
         return result

@@ -16,7 +16,6 @@ from mirdrake.controllers.behaviours.fan import Array
 from mirdrake.controllers.behaviours.laws import brake_speed, free_distance, gap_to
 from mirdrake.controllers.behaviours.outline import ShapedVehicle
 from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction
-from mirdrake.core.checks import check_number
 from mirdrake.core.yaml_io import Acceleration, Length, Speed
 
 _SAME = 2.0  # what is nearer to the last place than this is the same object [m]
@@ -28,45 +27,18 @@ class DriveToNearest(Behaviour):
     The distance is that of the car's front edge, over its whole width, to the object, or to anything else in its way.
 
     Memory: x, y of the object in the world [m].
-
-    Args:
-        vehicle: vehicle to drive.
-        speed: set-point of the speed [m/s].
-        distance: distance to the object at which the vehicle stops [m].
-        deceleration: of the braking profile [m/s^2].
-        reaction: brake delay assumed by the braking profile [s].
-        lateral_acceleration: largest lateral acceleration in curves [m/s^2].
-        period: time between decisions [s].
-
-    Raises:
-        ConfigError: a number out of range.
     """
 
-    def __init__(
-        self,
-        vehicle: ShapedVehicle,
-        *,
-        speed: float,
-        distance: float = 2.0,
-        deceleration: float = 2.0,
-        reaction: float = 0.3,
-        lateral_acceleration: float = 3.0,
-        period: float = 0.05,
-    ):
-        super().__init__(vehicle, period=period, memory=2)
-        owner = type(self).__name__
-        self.speed = check_number(owner, "speed", speed, unit="m/s", at_least=0.0)
-        self.distance = check_number(owner, "distance", distance, unit="m", at_least=0.0)
-        self.deceleration = check_number(owner, "deceleration", deceleration, unit="m/s^2", above=0.0)
-        self.reaction = check_number(owner, "reaction", reaction, unit="s", at_least=0.0)
-        self.lateral = check_number(owner, "lateral_acceleration", lateral_acceleration, unit="m/s^2", above=0.0)
+    def __init__(self, vehicle: ShapedVehicle, spec: "DriveToNearestSpec"):
+        super().__init__(vehicle, period=spec.period, memory=2)
+        self.spec = spec
 
     def decide(self, view: View, memory: Array) -> Decision:
         """Steer towards the object, within the braking profile."""
         points = view.points
         if len(points) == 0:
             memory[:] = math.nan
-            return Decision(self.speed, 0.0)
+            return Decision(self.spec.speed, 0.0)
         cos, sin = math.cos(view.yaw), math.sin(view.yaw)
         place = memory - (view.x, view.y)
         last = np.array([cos * place[0] + sin * place[1], cos * place[1] - sin * place[0]])
@@ -83,10 +55,10 @@ class DriveToNearest(Behaviour):
         steering = self.law.clip(self.law.steering(2.0 * y / (x * x + y * y)))
         curvature = self.law.curvature(steering)
         way = free_distance(points, [curvature], self.outline)[0]
-        gap = min(float(gaps[target]), float(way)) - self.distance
-        profile = brake_speed(gap, deceleration=self.deceleration, reaction=self.reaction)
-        limit = math.sqrt(self.lateral / max(abs(curvature), 1e-6))
-        return Decision(min(self.speed, profile, limit), steering)
+        gap = min(float(gaps[target]), float(way)) - self.spec.distance
+        profile = brake_speed(gap, deceleration=self.spec.deceleration, reaction=self.spec.reaction)
+        limit = math.sqrt(self.spec.lateral_acceleration / max(abs(curvature), 1e-6))
+        return Decision(min(self.spec.speed, profile, limit), steering)
 
 
 class DriveToNearestSpec(BehaviourDriver):

@@ -21,7 +21,6 @@ from mirdrake.controllers.behaviours.fan import Array
 from mirdrake.controllers.behaviours.laws import brake_speed, free_distance
 from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
 from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction, SteeringAngle
-from mirdrake.core.checks import check_number
 from mirdrake.core.yaml_io import Acceleration, Length, Speed
 
 PUBLISHED_DISTANCE = 5.0
@@ -31,53 +30,23 @@ PUBLISHED_ANGLE = 0.1
 
 
 class ObstacleStopper(Behaviour):
-    """Constant steering, and a stop before an obstacle. Ports as in :class:`Behaviour`.
+    """Constant steering, and a stop before an obstacle. Ports as in :class:`Behaviour`."""
 
-    Args:
-        vehicle: vehicle to drive.
-        speed: set-point of the speed [m/s].
-        steering: bicycle angle [rad].
-        distance: as published: distance at which speed 0 is commanded; else the gap that is left [m].
-        as_published: the published switch; else a braking profile over what the car's width sweeps.
-        deceleration: of the profile [m/s^2].
-        reaction: brake delay assumed by the braking profile [s].
-        period: time between decisions [s].
-
-    Raises:
-        ConfigError: a number out of range.
-    """
-
-    def __init__(
-        self,
-        vehicle: ShapedVehicle,
-        *,
-        speed: float,
-        steering: float = 0.0,
-        distance: float = PUBLISHED_DISTANCE,
-        as_published: bool = False,
-        deceleration: float = 3.0,
-        reaction: float = 0.3,
-        period: float = 0.05,
-    ):
-        super().__init__(vehicle, period=period)
-        owner = type(self).__name__
-        self.speed = check_number(owner, "speed", speed, unit="m/s", at_least=0.0)
-        self.steering = self.law.clip(check_number(owner, "steering", steering, unit="rad"))
-        self.distance = check_number(owner, "distance", distance, unit="m", at_least=0.0)
-        self.deceleration = check_number(owner, "deceleration", deceleration, unit="m/s^2", above=0.0)
-        self.reaction = check_number(owner, "reaction", reaction, unit="s", at_least=0.0)
-        self.as_published = as_published
+    def __init__(self, vehicle: ShapedVehicle, spec: "ObstacleStopperSpec"):
+        super().__init__(vehicle, period=spec.period)
+        self.spec = spec
+        self.steering = self.law.clip(spec.steering)
         # The published law looks at a narrow sector of the scan only.
         self._ahead = np.abs(self.fan.angles) < PUBLISHED_ANGLE
 
     def decide(self, view: View, memory: Array) -> Decision:  # noqa: ARG002
         """Apply the published switch, or the braking profile over the free distance along the circle."""
-        if self.as_published:
+        if self.spec.as_published:
             dist = float(view.ranges[self._ahead].min())
-            return Decision(published_speed(self.speed, dist, distance=self.distance), self.steering)
-        gap = free_way(view.points, self.law.curvature(self.steering), self.outline) - self.distance
-        profile = brake_speed(gap, deceleration=self.deceleration, reaction=self.reaction)
-        return Decision(min(self.speed, profile), self.steering)
+            return Decision(published_speed(self.spec.speed, dist, distance=self.spec.distance), self.steering)
+        gap = free_way(view.points, self.law.curvature(self.steering), self.outline) - self.spec.distance
+        profile = brake_speed(gap, deceleration=self.spec.deceleration, reaction=self.spec.reaction)
+        return Decision(min(self.spec.speed, profile), self.steering)
 
 
 def published_speed(speed: float, dist: float, *, distance: float = PUBLISHED_DISTANCE) -> float:

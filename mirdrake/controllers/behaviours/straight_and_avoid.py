@@ -26,7 +26,6 @@ from mirdrake.controllers.behaviours.laws import (
 )
 from mirdrake.controllers.behaviours.outline import Outline, ShapedVehicle
 from mirdrake.controllers.driver import BehaviourDriver, DecisionPeriod, Reaction
-from mirdrake.core.checks import check_number
 from mirdrake.core.yaml_io import Acceleration, Length, Speed
 
 _CIRCLES = 31
@@ -40,47 +39,11 @@ class StraightAndAvoid(Behaviour):
     """Straight on from where it starts, around obstacles. Ports as in :class:`Behaviour`.
 
     Memory: x, y, yaw of the line in the world [m, rad]; last curvature [1/m]; x and y of points in the world [m].
-
-    Args:
-        vehicle: vehicle to drive.
-        speed: set-point of the speed [m/s].
-        clearance: wanted distance to the side of obstacles [m]; it brakes for what is nearer than half of it.
-        distance: gap in front of the car when it stops [m].
-        lookahead: how far it looks at least [m]; never less than it takes to stop.
-        deceleration: of the braking profile [m/s^2].
-        reaction: brake delay assumed by the braking profile [s].
-        lateral_acceleration: largest lateral acceleration in curves [m/s^2].
-        convergence_distance: distance over which the line is come back to [m].
-        period: time between decisions [s].
-
-    Raises:
-        ConfigError: a number out of range.
     """
 
-    def __init__(
-        self,
-        vehicle: ShapedVehicle,
-        *,
-        speed: float,
-        clearance: float = 0.5,
-        distance: float = 1.0,
-        lookahead: float = 12.0,
-        deceleration: float = 3.0,
-        reaction: float = 0.3,
-        lateral_acceleration: float = 3.0,
-        convergence_distance: float = 3.0,
-        period: float = 0.05,
-    ):
-        super().__init__(vehicle, period=period, memory=4 + 2 * _MOST)
-        owner = type(self).__name__
-        self.speed = check_number(owner, "speed", speed, unit="m/s", at_least=0.0)
-        self.clearance = check_number(owner, "clearance", clearance, unit="m", at_least=0.0)
-        self.distance = check_number(owner, "distance", distance, unit="m", at_least=0.0)
-        self.lookahead = check_number(owner, "lookahead", lookahead, unit="m", above=0.0)
-        self.deceleration = check_number(owner, "deceleration", deceleration, unit="m/s^2", above=0.0)
-        self.reaction = check_number(owner, "reaction", reaction, unit="s", at_least=0.0)
-        self.lateral = check_number(owner, "lateral_acceleration", lateral_acceleration, unit="m/s^2", above=0.0)
-        self.convergence = check_number(owner, "convergence_distance", convergence_distance, unit="m", above=0.0)
+    def __init__(self, vehicle: ShapedVehicle, spec: "StraightAndAvoidSpec"):
+        super().__init__(vehicle, period=spec.period, memory=4 + 2 * _MOST)
+        self.spec = spec
         share = np.linspace(-1.0, 1.0, _CIRCLES)
         self._shares = share * np.abs(share)  # closer together near straight ahead
 
@@ -95,19 +58,21 @@ class StraightAndAvoid(Behaviour):
         points = self._remember(view, memory)
         speed = max(view.speed, 0.0)
 
-        look = self.distance + stopping_distance(speed, deceleration=self.deceleration, reaction=self.reaction)
+        look = self.spec.distance + stopping_distance(
+            speed, deceleration=self.spec.deceleration, reaction=self.spec.reaction
+        )
         # It looks farther than it needs to stop, so that it can still choose.
-        look = max(self.lookahead, 1.2 * look)
-        max_curvature = min(self.law.curvature(self.law.limit), self.lateral / max(speed, 1.0) ** 2)
-        distance = max(self.convergence, 0.8 * speed)
+        look = max(self.spec.lookahead, 1.2 * look)
+        max_curvature = min(self.law.curvature(self.law.limit), self.spec.lateral_acceleration / max(speed, 1.0) ** 2)
+        distance = max(self.spec.convergence_distance, 0.8 * speed)
         wanted = min(max(line_curvature(lateral, heading, distance=distance), -max_curvature), max_curvature)
         points = points[np.hypot(points[:, 0], points[:, 1]) < look + self.outline.front + self.outline.half_width]
         curvature, way = wanted, math.inf
         # Circles are compared only if the way back to the line is not free.
-        if way_with(self.clearance, points, np.array([wanted]), self.outline, reach=look)[0] < look:
+        if way_with(self.spec.clearance, points, np.array([wanted]), self.outline, reach=look)[0] < look:
             kappa = np.append(self._shares * max_curvature, wanted)
-            wide = way_with(self.clearance, points, kappa, self.outline, reach=look)
-            narrow = way_with(0.5 * self.clearance, points, kappa, self.outline, reach=look)
+            wide = way_with(self.spec.clearance, points, kappa, self.outline, reach=look)
+            narrow = way_with(0.5 * self.spec.clearance, points, kappa, self.outline, reach=look)
             # Mean progress with full and with half clearance; the cost keeps it from alternating between the sides.
             made = sum(headway(way, kappa, heading, lever=self.outline.front) for way in (wide, narrow)) / (2.0 * look)
             cost = (np.abs(kappa - wanted) + np.abs(kappa - previous)) / (2.0 * max_curvature)
@@ -116,10 +81,12 @@ class StraightAndAvoid(Behaviour):
         memory[3] = curvature
         profile = math.inf
         if way < look:
-            profile = brake_speed(way - self.distance, deceleration=self.deceleration, reaction=self.reaction)
+            profile = brake_speed(
+                way - self.spec.distance, deceleration=self.spec.deceleration, reaction=self.spec.reaction
+            )
         # Lateral acceleration v² κ.
-        limit = math.sqrt(self.lateral / max(abs(curvature), 1e-6))
-        return Decision(min(self.speed, profile, limit), self.law.steering(curvature))
+        limit = math.sqrt(self.spec.lateral_acceleration / max(abs(curvature), 1e-6))
+        return Decision(min(self.spec.speed, profile, limit), self.law.steering(curvature))
 
     def _remember(self, view: View, memory: Array) -> Array:
         """Points in B (m, 2) [m]: those of the scan, and those that have passed out of it but not yet the car."""
@@ -127,7 +94,7 @@ class StraightAndAvoid(Behaviour):
         known = known[~np.isnan(known[:, 0])] - (view.x, view.y)
         R = np.array([[math.cos(view.yaw), -math.sin(view.yaw)], [math.sin(view.yaw), math.cos(view.yaw)]])
         passed = known @ R  # rows of R are the axes of W in B
-        beside = (passed[:, 0] <= self.outline.front) & (passed[:, 0] > self.outline.rear - self.clearance)
+        beside = (passed[:, 0] <= self.outline.front) & (passed[:, 0] > self.outline.rear - self.spec.clearance)
         near = np.hypot(view.points[:, 0] - self.outline.front, view.points[:, 1]) < 2.0 * _BESIDE
         keep = np.vstack((passed[beside & (np.abs(passed[:, 1]) < _BESIDE)], view.points[near]))
         in_world = keep @ R.T + (view.x, view.y)
