@@ -28,7 +28,6 @@ from mirdrake.controllers.behaviours.laws import (
 )
 from mirdrake.controllers.behaviours.obstacle_stopper import published_speed
 from mirdrake.controllers.behaviours.outline import Outline, outline_of
-from mirdrake.controllers.drivable_line import DrivingLimits
 from mirdrake.controllers.drivers import DRIVERS, DriverSpec
 from mirdrake.controllers.path_tracking import PathGains
 from mirdrake.core.errors import ConfigError, RunError
@@ -411,7 +410,7 @@ def test_it_keeps_its_lane_and_stops_before_an_obstacle_in_it(offset):
 
 def test_it_brakes_for_an_obstacle_within_the_stopping_distance_of_a_command_above_a_lowered_set_point():
     straight = Track([Piece(300.0, 0.0, 0.0)], closed=False)
-    driver = HoldLane(CAR, straight, gains=PathGains(10.0), limits=DrivingLimits(3.0, 1.5, 2.0))
+    driver = HoldLane(CAR, straight, HoldLaneSpec(kind="hold_lane", speed=10.0))
     simulator = Simulator(driver)
     context = simulator.get_mutable_context()
     driver.state.FixValue(context, [20.0, 0, 0, 0, 0, 0, 10.0, 0, 0, 0, 0, 0])

@@ -14,7 +14,6 @@ from mirdrake.controllers.behaviours.outline import ShapedVehicle, outline_of
 from mirdrake.controllers.drivable_line import DrivingLimits, Track
 from mirdrake.controllers.driver import DecisionPeriod, DrivenWorld, Driver, Reaction, find_track
 from mirdrake.controllers.path_tracking import PathGains, PathTracker
-from mirdrake.core.checks import check_number
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import declare_vector_input
 from mirdrake.core.vectors import Command
@@ -81,41 +80,21 @@ class HoldLane(PathTracker):
     Args:
         vehicle: vehicle to drive.
         track: the track.
-        gains: of the tracker, with the speed.
-        offset: of the lane, to the left of the centre line [m].
-        distance: gap in front of the car when it stops [m].
-        clearance: distance to the side within which something is in the way [m].
-        reaction: brake delay assumed by the braking profile [s].
-        limits: accelerations; its deceleration is also that of the stop.
-        period: time between updates [s].
+        spec: its entry of the diagram; the deceleration is also that of the stop.
 
     Raises:
-        ConfigError: a number out of range, or the lane is too tight for the vehicle.
+        ConfigError: the lane is too tight for the vehicle.
     """
 
-    def __init__(
-        self,
-        vehicle: ShapedVehicle,
-        track: Track,
-        *,
-        gains: PathGains,
-        offset: float = 0.0,
-        distance: float = 2.0,
-        clearance: float = 0.2,
-        reaction: float = 0.3,
-        limits: DrivingLimits | None = None,
-        period: float = 0.05,
-    ):
-        check_number("HoldLane", "offset", offset, unit="m")
+    def __init__(self, vehicle: ShapedVehicle, track: Track, spec: "HoldLaneSpec"):
         # A lane beside the centre line is a track of its own, so that the tracker needs no offset.
-        lane = Lane(track, offset) if offset else track
-        super().__init__(lane, vehicle.geometry, gains=gains, period=period, limits=limits)
-        self.distance = check_number("HoldLane", "distance", distance, unit="m", at_least=0.0)
-        self.reaction = check_number("HoldLane", "reaction", reaction, unit="s", at_least=0.0)
-        clearance = check_number("HoldLane", "clearance", clearance, unit="m", at_least=0.0)
+        lane = Lane(track, spec.offset) if spec.offset else track
+        limits = DrivingLimits(spec.lateral_acceleration, spec.acceleration, spec.deceleration)
+        super().__init__(lane, vehicle.geometry, gains=PathGains(spec.speed), period=spec.period, limits=limits)
+        self.distance, self.reaction = spec.distance, spec.reaction
         self.outline = outline_of(vehicle)
         # Half the width within which something obstructs the lane.
-        self._half = self.outline.half_width + clearance
+        self._half = self.outline.half_width + spec.clearance
         self.fan = Fan(self.outline.front)
         self.ranges = declare_vector_input(self, "ranges", range_signals(BEAMS))
 
@@ -188,16 +167,6 @@ class HoldLaneSpec(Driver):
         """
         del folder
         try:
-            return HoldLane(
-                vehicle,
-                find_track(world, self.track),
-                gains=PathGains(self.speed),
-                offset=self.offset,
-                distance=self.distance,
-                clearance=self.clearance,
-                reaction=self.reaction,
-                limits=DrivingLimits(self.lateral_acceleration, self.acceleration, self.deceleration),
-                period=self.period,
-            )
+            return HoldLane(vehicle, find_track(world, self.track), self)
         except ConfigError as error:
             raise ConfigError(f"{self.place('track', where)}: {error}") from None
