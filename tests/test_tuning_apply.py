@@ -272,7 +272,7 @@ def test_failures_of_the_monte_carlo_and_unmet_criteria_are_reported(
     tmp_path: Path, vehicle: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rate = {"runs": 40, "failures": 3, "rate": 0.075, "low": 0.01, "high": 0.2}
-    candidates = {"searched": {"failures": rate, "figures": {}}}
+    candidates = {"searched": {"failures": rate, "figures": {}, "on_plant": 30}}
     spread = {"runs": 40, "seed": 0, "ranges": {}, "candidates": candidates}
     unmet = [{"name": "constraint", "figure": "ms", "value": 1.7, "limit": 1.6, "met": False}]
     text = _run(capsys, _result(tmp_path, vehicle, robustness=spread, acceptance=unmet), "--dry-run")

@@ -12,6 +12,7 @@ from mirdrake.core.paths import data_root
 from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.spec import make_tuning
 from mirdrake.tuning.tune import STUDY, _search, study_key, tune
+from tests.test_tuning_block_loop import DIAGRAM, OWN_LAG, PARAMETERS, PID_LOOP
 from tests.tuning_rigs import short_study
 
 
@@ -42,6 +43,18 @@ def test_a_study_is_not_resumed_after_a_change_of_its_vehicle_or_world(
     (tmp_path / file).write_text(text.replace(old, new))
     with pytest.raises(RunError, match="its vehicle or world has changed"):
         tune(data, out=out)
+
+
+def test_a_study_is_not_resumed_after_a_change_of_a_class_of_the_user(tmp_path: Path) -> None:
+    (tmp_path / "own_lag_resumed.py").write_text(OWN_LAG)
+    (tmp_path / "loop.yaml").write_text(DIAGRAM.replace("own_pid_block_lag", "own_lag_resumed"))
+    loop = {**PID_LOOP, "diagram": str(tmp_path / "loop.yaml"), "parameters": PARAMETERS}
+    spec = make_tuning({"loop": loop})
+    made = make_loop_spec(spec)
+    key = study_key(spec, made)
+    assert study_key(spec, made) == key
+    (tmp_path / "own_lag_resumed.py").write_text(OWN_LAG.replace(">= 0.5", ">= 0.4"))
+    assert study_key(spec, made) != key
 
 
 class _SearchedError(Exception):

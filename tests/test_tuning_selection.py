@@ -195,7 +195,7 @@ def test_a_rule_that_fails_in_a_run_is_rejected_with_the_run_as_reason() -> None
     assert known.verified["fast"].rejections == (rejection,)
     assert stages.tested.count("fast") == 1  # results of checks are kept
     text = Texts(short_result("unior")).rejections((rejection,))
-    assert text.startswith("not stable in 1 of 1 runs of the Monte Carlo, first in run 3 (delay ")
+    assert text.startswith("not stable in 1 run of the Monte Carlo, first in run 3 (delay ")
 
 
 def test_where_no_rule_is_robust_the_fastest_robust_slower_one_is_compared_with() -> None:

@@ -9,6 +9,7 @@ from mirdrake.tuning.apply import Comparison
 from mirdrake.tuning.designs import DESIGN_RULES
 from mirdrake.tuning.identify import Experiment
 from mirdrake.tuning.result import CandidateResult, TuningResult
+from mirdrake.tuning.robustness import CandidateRobustness
 from mirdrake.tuning.scenarios import describe
 from mirdrake.tuning.spec import AT_LEAST
 from mirdrake.tuning.trials import Rejection
@@ -179,9 +180,10 @@ class Texts:
                 tiles.append((self.figure(name)[0], self.value(name, winner.figures[name]), ", ".join(notes)))
         robustness = self.result.robustness
         if robustness is not None and winner.name in robustness.candidates:
-            rate = robustness.candidates[winner.name].failures
-            note = f"95 % interval {100.0 * rate.low:.1f} to {100.0 * rate.high:.1f} %"
-            tiles.append(("Failed runs", f"{rate.failures} of {robustness.runs}", note))
+            tested = robustness.candidates[winner.name]
+            rate = tested.failures
+            note = f"95 % interval {100.0 * rate.low:.1f} to {100.0 * rate.high:.1f} %{_on_model(tested)}"
+            tiles.append(("Failed runs", f"{rate.failures} of {rate.runs}", note))
         # Tiles are four in a row: an incomplete row is left out, unless it is the only one.
         return tiles[: len(tiles) // 4 * 4 or len(tiles)]
 
@@ -247,9 +249,8 @@ class Texts:
         runs = [rejection for rejection in rejections if rejection.check == "monte_carlo"]
         texts = [self._rejection(rejection) for rejection in rejections if rejection.check != "monte_carlo"]
         if runs:
-            total = self.result.robustness.runs if self.result.robustness else len(runs)
             texts.append(
-                f"not stable in {len(runs)} of {total} runs of the Monte Carlo, first in run {runs[0].run} "
+                f"not stable in {len(runs)} run{'s' * (len(runs) > 1)} of the Monte Carlo, first in run {runs[0].run} "
                 f"({describe(runs[0].conditions) if runs[0].conditions else 'nominal'}): {runs[0].reason}"
             )
         return "; ".join(texts)
@@ -370,13 +371,20 @@ def comparison_lines(compared: Comparison, result: TuningResult, chosen: Candida
     return lines
 
 
+def _on_model(candidate: CandidateRobustness) -> str:
+    """Return how many runs the plant has made, if not all, as the end of a sentence."""
+    if candidate.on_plant == candidate.failures.runs:
+        return ""
+    return f"; {candidate.on_plant} runs on the plant, the others on the reduced model"
+
+
 def robustness_notes(result: TuningResult, name: str) -> list[str]:
     """Return a note on failed runs of a candidate in the Monte Carlo; none without failures."""
     robustness = result.robustness
     if robustness is None or name not in robustness.candidates:
         return []
-    failures = robustness.candidates[name].failures.failures
-    return [f"'{name}' failed in {failures} of {robustness.runs} runs of the Monte Carlo."] if failures else []
+    rate = robustness.candidates[name].failures
+    return [f"'{name}' failed in {rate.failures} of {rate.runs} runs of the Monte Carlo."] if rate.failures else []
 
 
 def unmet_notes(result: TuningResult) -> list[str]:

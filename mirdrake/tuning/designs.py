@@ -14,7 +14,7 @@ from mirdrake.core.pid import PidGains
 from mirdrake.tuning.gains import from_series
 from mirdrake.tuning.identify import Identification
 from mirdrake.tuning.loops.base import LoopSpec
-from mirdrake.tuning.loops.reduced import model_of
+from mirdrake.tuning.loops.reduced import model_of, outer_factor
 from mirdrake.tuning.margins import ultimate_point
 from mirdrake.tuning.models import FirstOrder, Integrator, TransferFunction
 from mirdrake.tuning.relay import RelayResult
@@ -283,7 +283,7 @@ def design_model(identification: Identification, max_sensitivity: float) -> Desi
         0.5 * period,
         identification.first and replace(identification.first, gain=outer * identification.first.gain),
     )
-    main = model.plants["main"] * TransferFunction((outer,), (1.0,))
+    main = model.plants["main"] * outer_factor(model, outer - 1.0, 0.0)
     # The ultimate gain of the loop with the speed loop around it is smaller by the gain of that.
     relay = identification.relay and replace(
         identification.relay, ultimate_gain=identification.relay.ultimate_gain / outer

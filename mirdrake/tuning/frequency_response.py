@@ -8,7 +8,7 @@ Frequency Domain Approach, 2nd ed., section 2.6). Multisine phases: M. R. Schroe
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,6 +24,10 @@ from mirdrake.tuning.models import Complexes, Floats
 from mirdrake.tuning.process_models import Loop
 
 _Part = tuple[Floats, Complexes, Floats]
+"""Frequencies of one excitation, and G and its deviation, a row per measurement."""
+
+Measurements = Callable[[float], tuple[float, ...]]
+"""A loop of which several signals are measured: adds an excitation, returns the control and the measurements."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +110,26 @@ def measure_frequency_response(
         ConfigError: a setting is out of range.
         RunError: numbers that are not finite, or a control without a trace of the excitation.
     """
+    (response,) = measure_frequency_responses(
+        loop, period=period, frequencies=frequencies, amplitude=amplitude, method=method, cycles=cycles, settle=settle
+    )
+    return response
+
+
+def measure_frequency_responses(
+    loop: Measurements,
+    *,
+    period: float,
+    frequencies: Sequence[float] | Floats,
+    amplitude: float,
+    method: Literal["multisine", "sine"] = "multisine",
+    cycles: int = 4,
+    settle: int = 2,
+) -> tuple[FrequencyResponse, ...]:
+    """Estimate the frequency responses from the control to several measurements in one experiment.
+
+    See :func:`measure_frequency_response`; the loop returns the control, then the measurements.
+    """
     if method not in ("multisine", "sine"):
         raise ConfigError(f"measure_frequency_response: {did_you_mean(method, ('multisine', 'sine'))}")
     check_number("frequency response", "period", period, unit="s", above=0.0)
@@ -136,7 +160,13 @@ def measure_frequency_response(
 
 
 def _measure(
-    loop: Loop, period: float, samples: int, lines: NDArray[np.int64], amplitude: float, cycles: int, settle: int
+    loop: Measurements,
+    period: float,
+    samples: int,
+    lines: NDArray[np.int64],
+    amplitude: float,
+    cycles: int,
+    settle: int,
 ) -> _Part:
     """Return frequencies, G and deviation of the multiples `lines` of the frequency with `samples` periods."""
     base = 2.0 * np.pi / (samples * period)
@@ -151,28 +181,28 @@ def _measure(
     rows = np.array([loop(float(e)) for _ in range(settle + cycles) for e in excitation])[settle * samples :]
     if not np.isfinite(rows).all():
         raise RunError("frequency response: the loop diverges; use a smaller amplitude, or gains that stabilise it")
-    shaped = rows.reshape(cycles, samples, 2)
+    shaped = rows.reshape(cycles, samples, -1)
     frequencies: Floats = lines.astype(float) * base
 
     # One spectrum per cycle of control and measurement: their scatter gives the deviation.
     spectra = np.array(
-        [[[fourier_line(cycle[:, i], period, w) for w in frequencies] for i in (0, 1)] for cycle in shaped]
+        [[[fourier_line(column, period, w) for w in frequencies] for column in cycle.T] for cycle in shaped]
     )
-    control, measurement = spectra.mean(axis=0)
+    control, *measurements = spectra.mean(axis=0)
     # Division by nearly nothing would give noise as a plant.
     if not (np.abs(control) > 1e-9 * amplitude / np.sqrt(count)).all():
         raise RunError("frequency response: the excitation is not visible in the control; is the control saturated?")
 
     # G = Y / U of the averaged spectra; the loop is closed, so averaging the ratios would be biased.
-    plant = measurement / control
+    plants = np.array(measurements) / control
     # Part of the measurement that the plant does not explain; its standard error decreases with the cycles.
-    spread = spectra[:, 1] - plant * spectra[:, 0]
+    spread = spectra[:, 1:] - plants * spectra[:, :1]
     deviation = np.sqrt((np.abs(spread) ** 2).sum(axis=0) / max(cycles * (cycles - 1), 1)) / np.abs(control)
     # The experiment sees the plant behind the zero-order hold; the hold is removed to get the plant alone.
     hold = hold_response(frequencies, period)
-    return frequencies, plant / hold, deviation / np.abs(hold)
+    return frequencies, plants / hold, deviation / np.abs(hold)
 
 
-def _joined(parts: list[_Part]) -> FrequencyResponse:
-    frequencies, values, deviation = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return FrequencyResponse(frequencies, values, deviation)
+def _joined(parts: list[_Part]) -> tuple[FrequencyResponse, ...]:
+    frequencies, values, deviations = (np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
+    return tuple(FrequencyResponse(frequencies, *rows) for rows in zip(values, deviations, strict=True))

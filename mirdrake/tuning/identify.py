@@ -5,6 +5,7 @@ response to a step is the difference of two runs, so that the resistances of the
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -22,6 +23,9 @@ from mirdrake.tuning.step_test import StepRecord
 if TYPE_CHECKING:
     from mirdrake.tuning.loops.bench import PlantBench
     from mirdrake.tuning.loops.kind import Bench
+
+LEAST_DEVIATION = 0.02
+"""Relative error of a model's response that does not matter."""
 
 ExperimentName = Literal["step_test", "relay", "frequency_response", "wheels_apart", "vehicle_data", "linear_model"]
 ModelName = Literal["first_order", "integrator", "inertia", "ultimate_point"]
@@ -100,9 +104,7 @@ def identify_loop(bench: "Bench") -> Identification:
     return identification
 
 
-def measure_step(
-    bench: "PlantBench", size: float, *, duration: float, control: float = 0.0, scale: float = 1.0
-) -> StepRecord:
+def measure_step(bench: "PlantBench", size: float, *, duration: float, control: float = 0.0) -> StepRecord:
     """Measure the response to a step of the effort as the difference of a run with and one without it.
 
     Args:
@@ -110,7 +112,6 @@ def measure_step(
         size: height of the step [u].
         duration: of the step [s].
         control: effort without the step [u].
-        scale: factor on the output [1].
     """
     from mirdrake.tuning.loops.bench import BenchProcess  # which needs the kinds of loops, which need this module
 
@@ -118,7 +119,7 @@ def measure_step(
     runs = []
     for effort in (control, control + size):
         process = BenchProcess(bench)
-        runs.append(np.array([process.measurement, *(process(effort) for _ in range(count))]) * scale)
+        runs.append(np.array([process.measurement, *(process(effort) for _ in range(count))]))
     time = np.arange(count + 1, dtype=float) * bench.period
     return StepRecord(time, np.asarray(runs[1] - runs[0], dtype=float), size)
 
@@ -164,11 +165,6 @@ def fit_response(
     Returns:
         The model, and how well it fits [%].
     """
-    # Relative deviations of less than 2 % count as 2 %, so that single points do not dominate.
-    weight = np.ones(len(response.frequencies))
-    if response.deviation is not None:
-        weight = 1.0 / np.maximum(response.deviation / np.abs(response.values), 0.02)
-    weight = weight / weight.max()
 
     # Logarithms as unknowns keep gain, coefficients and dead time positive; the dead time is at most 1 s.
     def model(x: Floats) -> TransferFunction:
@@ -177,18 +173,77 @@ def fit_response(
             return TransferFunction((values[0],), (1.0, 1.0 / values[1]), min(values[2], 1.0))
         return TransferFunction((values[0],), (1.0, values[1], values[2]), min(values[3], 1.0))
 
-    # log(measured / model) = log ratio of magnitudes + j phase error: both parts count the same.
-    def residual(x: Floats) -> Floats:
-        ratio = response.values / model(x).response(response.frequencies)
-        return np.asarray(np.concatenate([np.log(np.abs(ratio)) * weight, np.angle(ratio) * weight]))
-
     # Start within the bounds of the logarithms, also for zeros.
     begin = np.log(np.maximum(start, 1e-6))
     fit = scipy.optimize.least_squares(
-        residual, begin, bounds=(np.full(len(begin), -20.0), np.full(len(begin), 20.0)), max_nfev=400
+        lambda x: _log_ratio(response, model(x)),
+        begin,
+        bounds=(np.full(len(begin), -20.0), np.full(len(begin), 20.0)),
+        max_nfev=400,
     )
     best = model(fit.x)
     return best, _fit_percent(best.response(response.frequencies), response.values)
+
+
+def fit_factors(
+    responses: Sequence[FrequencyResponse], plain: TransferFunction
+) -> tuple[TransferFunction, tuple[TransferFunction, ...]]:
+    """Extend a first-order model ``b / (s + a)`` with dead time by a factor per response, if the data are evidence.
+
+    The factors ``(p s² + q wp s + wp²) / (s² + 2 zp wp s + wp²)`` have the same poles and are 1 at low frequencies: a
+    body on springs, which moves with the load of its wheels. Their parameters have to lower Schwarz's criterion
+    (G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978) 461).
+
+    Args:
+        responses: from one control to one or several signals.
+        plain: the model that was fitted to them, of order 1.
+
+    Returns:
+        The model, and the factors; they are 1 if the plain model is sufficient.
+    """
+    count = len(responses)
+
+    # Logarithms of b, time constant, dead time, wp and zp; then p and q of each factor.
+    def model(x: Floats) -> tuple[TransferFunction, tuple[TransferFunction, ...]]:
+        b, time, delay, wp, zp = (float(value) for value in np.exp(x[:5]))
+        below = (1.0, 2.0 * zp * wp, wp**2)
+        factors = [TransferFunction((float(p), float(q) * wp, wp**2), below) for p, q in x[5:].reshape(count, 2)]
+        return TransferFunction((b,), (1.0, 1.0 / time), min(delay, 1.0)), tuple(factors)
+
+    def residual(x: Floats) -> Floats:
+        main, factors = model(x)
+        return np.concatenate(
+            [_log_ratio(response, main * factor) for response, factor in zip(responses, factors, strict=True)]
+        )
+
+    lowest, highest = (float(responses[0].frequencies[index]) for index in (1, -2))
+    start = np.log([plain.numerator[0], 1.0 / max(plain.denominator[1], 1e-6), max(plain.delay, 1e-4)])
+    fits = []
+    # The misfit has several minima over the frequency of the poles.
+    for centre in np.geomspace(lowest, highest, 6)[1:-1]:
+        begin = np.array([*start, math.log(centre), math.log(0.3), *([1.0, 0.6] * count)])
+        span = np.array([1.0, 5.0, 1.0, 2.0, 2.0, *([5.0] * 2 * count)])
+        fit = scipy.optimize.least_squares(residual, begin, bounds=(begin - span, begin + span), max_nfev=100)
+        fits.append((float(np.sum(fit.fun**2)), fit.x))
+    misfit, best = min(fits, key=lambda pair: pair[0])
+    before = sum(float(np.sum(_log_ratio(response, plain) ** 2)) for response in responses)
+    # RSS / σ² + k log(n) has to fall with the new parameters.
+    data = 2 * count * len(responses[0].frequencies)
+    if before - misfit < (2 + 2 * count) * math.log(data) * LEAST_DEVIATION**2:
+        return plain, (TransferFunction((1.0,), (1.0,)),) * count
+    return model(best)
+
+
+def _log_ratio(response: FrequencyResponse, model: TransferFunction) -> Floats:
+    """Return the logarithm of measured over modelled response, real and imaginary parts, weighted by its deviation."""
+    # Smaller deviations count as the least one, so that single points do not dominate.
+    weight = np.ones(len(response.frequencies))
+    if response.deviation is not None:
+        weight = 1.0 / np.maximum(response.deviation / np.abs(response.values), LEAST_DEVIATION)
+    weight = weight / weight.max()
+    # log(measured / model) = log ratio of magnitudes + j phase error: both parts count the same.
+    ratio = response.values / model.response(response.frequencies)
+    return np.asarray(np.concatenate([np.log(np.abs(ratio)) * weight, np.angle(ratio) * weight]))
 
 
 def step_fit(record: StepRecord, model: FirstOrder | Integrator) -> float:

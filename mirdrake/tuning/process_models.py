@@ -40,42 +40,73 @@ class LinearProcess:
     def __init__(self, plant: TransferFunction, period: float):
         self.plant = plant
         self.period = check_number("LinearProcess", "period", period, unit="s", above=0.0)
-        order = len(plant.denominator) - 1
-        # Pad the numerator to the order of the denominator; its first coefficient is the direct feedthrough.
-        numerator = np.concatenate([np.zeros(order + 1 - len(plant.numerator)), plant.numerator])
-        self._through = float(numerator[0])
-        self._output = numerator[1:] - numerator[0] * np.array(plant.denominator[1:])
-
-        # Controllable canonical form; the last state of the extended matrix is the control.
-        extended = np.zeros((order + 1, order + 1))
-        if order:
-            extended[0, :order] = -np.array(plant.denominator[1:])
-            extended[1:order, : order - 1] = np.eye(order - 1)
-            extended[0, order] = 1.0
-        # Dead time = whole periods plus a rest; within a period the older control acts first, for the rest.
-        periods = plant.delay / self.period
-        whole = math.floor(periods + 1e-9)
-        late = max(periods - whole, 0.0) * self.period
-        # exp of the extended matrix holds the state transition and the integral over the held control (van Loan).
-        first, second = scipy.linalg.expm(extended * late), scipy.linalg.expm(extended * (self.period - late))
-        self._step = second[:order, :order] @ first[:order, :order]
-        self._old = second[:order, :order] @ first[:order, order]
-        self._new = second[:order, order]
-        self._whole = whole
+        self.matrices = discrete_matrices(plant, self.period)
         self.reset()
 
     def reset(self) -> None:
         """Reset to rest."""
-        self._state = np.zeros(len(self.plant.denominator) - 1)
-        self._controls = deque([0.0] * (self._whole + 2), maxlen=self._whole + 2)
+        whole = self.matrices.whole
+        self._state = np.zeros(len(self.matrices.row))
+        self._controls = deque([0.0] * (whole + 2), maxlen=whole + 2)
 
     def __call__(self, control: float) -> float:
         """Hold `control` [u] for one period and return the measurement [y] at its end."""
         # The queue has one control more than whole periods of dead time, for the rest of a period.
         self._controls.append(control)
         old, new = self._controls[0], self._controls[1]
-        self._state = self._step @ self._state + self._old * old + self._new * new
-        return float(self._output @ self._state) + self._through * new
+        parts = self.matrices
+        self._state = parts.step @ self._state + parts.old * old + parts.new * new
+        return float(parts.row @ self._state) + parts.through * new
+
+
+@dataclass(frozen=True, slots=True)
+class DiscreteMatrices:
+    """Transfer function with dead time over one period of a held control.
+
+    With the state x and the control u of each period, ``x <- step x + old u[k - whole - 1] + new u[k - whole]``; the
+    measurement is ``row x + through u[k - whole]``. An input without dead time adds ``held`` times its value.
+
+    Attributes:
+        step: transition of the state, shape (n, n).
+        old: effect of the control before the last whole period of dead time, shape (n).
+        new: effect of the control after it, shape (n).
+        held: effect of an input without dead time, shape (n).
+        row: measurement per state, shape (n).
+        through: direct feedthrough [y/u].
+        whole: whole periods of dead time.
+    """
+
+    step: Floats
+    old: Floats
+    new: Floats
+    held: Floats
+    row: Floats
+    through: float
+    whole: int
+
+
+def discrete_matrices(plant: TransferFunction, period: float) -> DiscreteMatrices:
+    """Return the matrices of a transfer function for a control that is held for a period [s]."""
+    order = len(plant.denominator) - 1
+    # Pad the numerator to the order of the denominator; its first coefficient is the direct feedthrough.
+    numerator = np.concatenate([np.zeros(order + 1 - len(plant.numerator)), plant.numerator])
+    row = np.asarray(numerator[1:] - numerator[0] * np.array(plant.denominator[1:]), dtype=float)
+
+    # Controllable canonical form; the last state of the extended matrix is the control.
+    extended = np.zeros((order + 1, order + 1))
+    if order:
+        extended[0, :order] = -np.array(plant.denominator[1:])
+        extended[1:order, : order - 1] = np.eye(order - 1)
+        extended[0, order] = 1.0
+    # Dead time = whole periods plus a rest; within a period the older control acts first, for the rest.
+    periods = plant.delay / period
+    whole = math.floor(periods + 1e-9)
+    late = max(periods - whole, 0.0) * period
+    # exp of the extended matrix holds the state transition and the integral over the held control (van Loan).
+    first, second = scipy.linalg.expm(extended * late), scipy.linalg.expm(extended * (period - late))
+    step = second[:order, :order] @ first[:order, :order]
+    old, new = second[:order, :order] @ first[:order, order], second[:order, order].copy()
+    return DiscreteMatrices(step, old, new, old + new, row, float(numerator[0]), whole)
 
 
 class PidLoop:

@@ -10,7 +10,7 @@ In the statistics of the figures, a run that is unstable or failed counts as wor
 
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -27,6 +27,7 @@ from mirdrake.execution.journal import Journal
 from mirdrake.studies.sampling import spread
 from mirdrake.studies.spec import ParameterSpec
 from mirdrake.tuning.loops.base import Conditions, Evaluator, Fidelity
+from mirdrake.tuning.models import Floats
 from mirdrake.tuning.scenarios import Ranges
 from mirdrake.tuning.search import LIMIT, Evaluations, TrialProgress
 from mirdrake.tuning.spec import AT_LEAST
@@ -79,10 +80,14 @@ class CandidateRobustness:
     Attributes:
         failures: rate of the runs that are not ok.
         figures: quantiles by figure.
+        on_plant: number of runs that the plant made; the reduced model made the others.
+        correlation: rank correlation of the cost on the model and on the plant; None if the plant made all runs.
     """
 
     failures: FailureRate
     figures: dict[str, Quantiles]
+    on_plant: int
+    correlation: float | None = None
 
 
 @dataclass(frozen=True)
@@ -124,11 +129,14 @@ class MonteCarlo:
     """Runs of a Monte Carlo.
 
     Attributes:
-        table: a row per run and candidate: candidate, run, the drawn conditions, noise seed, figures, status, reason.
+        table: a row per run and candidate: candidate, run, fidelity, the drawn conditions, noise seed, figures, status,
+            reason.
         ranges: of each condition.
         runs: per candidate.
         seed: of the draws.
         complete: whether all runs were made; False after Ctrl-C.
+        sampled: by candidate the number of first runs that the plant has made: a random sample; missing: all runs.
+        correlation: by candidate, see :class:`CandidateRobustness`.
     """
 
     table: pd.DataFrame
@@ -136,6 +144,8 @@ class MonteCarlo:
     runs: int
     seed: int
     complete: bool = True
+    sampled: dict[str, int] = field(default_factory=dict)
+    correlation: dict[str, float] = field(default_factory=dict)
 
     @property
     def candidates(self) -> list[str]:
@@ -173,11 +183,12 @@ class MonteCarlo:
         candidates = {}
         for name in self.candidates:
             figures = {figure: self.quantiles(name, figure) for figure in self.figures}
-            candidates[name] = CandidateRobustness(self.failures(name), figures)
+            on_plant = int((self.rows(name)["fidelity"] == "plant").sum())
+            candidates[name] = CandidateRobustness(self.failures(name), figures, on_plant, self.correlation.get(name))
         return Robustness(self.runs, self.seed, self.ranges, candidates, corners)
 
     def median_ratio(self, candidate: str, other: str, cost: Mapping[str, float]) -> float | None:
-        """Return the median over the runs of the cost of a candidate over that of another one.
+        """Return the median over the sampled runs of the cost of a candidate over that of another one.
 
         Args:
             candidate: its name.
@@ -187,15 +198,20 @@ class MonteCarlo:
         Returns:
             The median over the runs in which both are stable; None without one, or without the figures.
         """
+        ratios = self.ratios(candidate, other, cost)
+        return float(np.median(ratios)) if len(ratios) else None
+
+    def ratios(self, candidate: str, other: str, cost: Mapping[str, float]) -> Floats:
+        """Return the cost of a candidate over that of another one, in the sampled runs in which both are stable."""
         if candidate == other or not {candidate, other} <= set(self.candidates) or not set(cost) <= set(self.figures):
-            return None
+            return np.zeros(0)
+        sampled = min(self.sampled.get(name, self.runs) for name in (candidate, other))
         costs = []
         for name in (candidate, other):
             rows = self.rows(name).set_index("run")
-            total = pd.DataFrame({figure: weight * rows[figure] for figure, weight in cost.items()}).sum(axis=1)
-            costs.append(total[rows["status"] == "ok"])
-        ratios = (costs[0] / costs[1]).dropna()
-        return float(ratios.median()) if len(ratios) else None
+            rows = rows[(rows.index < sampled) & (rows["status"] == "ok")]
+            costs.append(pd.DataFrame({figure: weight * rows[figure] for figure, weight in cost.items()}).sum(axis=1))
+        return np.asarray((costs[0] / costs[1]).dropna(), dtype=float)
 
     def rows(self, candidate: str) -> pd.DataFrame:
         """Return the runs of a candidate.
@@ -222,8 +238,9 @@ def run_monte_carlo(
     store: Path | str | None = None,
     purpose: Mapping[str, object] | None = None,
     progress: TrialProgress | None = None,
+    selected: Mapping[str, Sequence[int]] | None = None,
 ) -> MonteCarlo:
-    """Evaluate candidates under random conditions. After Ctrl-C, return the runs that all candidates have.
+    """Evaluate candidates under random conditions. After Ctrl-C, return the finished runs.
 
     Args:
         evaluate: tests gains under conditions; with workers it can be pickled.
@@ -238,6 +255,7 @@ def run_monte_carlo(
         store: file that keeps every evaluation.
         purpose: of the file.
         progress: called after every evaluation.
+        selected: runs to make by candidate; by default all.
 
     Raises:
         ConfigError: no candidate, an unknown condition or an empty range.
@@ -251,8 +269,12 @@ def run_monte_carlo(
     asked = {"ranges": ranges, "seed": seed, "fidelity": fidelity}  # not the runs and candidates, which may be extended
     journal = Journal(store, {**(purpose or {}), "monte_carlo": asked})
     # By runs, then candidates: after an interruption all candidates have the same runs.
+    wanted = {name: set(range(runs)) if selected is None else set(selected[name]) for name in gains}
     tasks = {
-        f"{name} {run}": (entry, conditions) for run, conditions in enumerate(draws) for name, entry in gains.items()
+        f"{name} {run}": (entry, conditions)
+        for run, conditions in enumerate(draws)
+        for name, entry in gains.items()
+        if run in wanted[name]
     }
     # Only those that the journal lacks need workers.
     missing = sum(key not in journal for key in tasks)
@@ -266,22 +288,21 @@ def run_monte_carlo(
         except KeyboardInterrupt:
             complete = False
 
-    # A row per run that all candidates have.
-    # Common random numbers compare candidates run by run, so incomplete runs do not count.
-    done = [run for run in range(runs) if all(f"{name} {run}" in journal for name in gains)]
     rows: list[dict[str, object]] = []
     columns: dict[str, None] = {}
     for name in gains:
         # Columns in the order of their first appearance; a dict keeps it.
-        for run in done:
+        for run in sorted(wanted[name]):
+            if f"{name} {run}" not in journal:
+                continue
             record = journal[f"{name} {run}"]
             figures = record.get("figures") or {}
             columns |= dict.fromkeys(figures)
             # Conditions that are not drawn are nominal and have no column.
             given = {key: value for key, value in draws[run].numbers().items() if key in ranges or key == "seed"}
             outcome = {"status": record["status"], "reason": record.get("reason", "")}
-            rows.append({"candidate": name, "run": run, **given, **figures, **outcome})
-    order = ["candidate", "run", *ranges, "seed", *columns, "status", "reason"]
+            rows.append({"candidate": name, "run": run, "fidelity": fidelity, **given, **figures, **outcome})
+    order = ["candidate", "run", "fidelity", *ranges, "seed", *columns, "status", "reason"]
     return MonteCarlo(pd.DataFrame(rows, columns=order), ranges, runs, seed, complete)
 
 

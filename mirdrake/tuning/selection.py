@@ -271,7 +271,7 @@ def better_in_runs(stages: Stages, known: Knowledge, best: Candidate, rule: Cand
     check = known.verified.get(rule.name) if rule is not None else None
     if rule is None or check is None or not (rule.trial.feasible and check.is_robust):
         return best
-    runs = stages.monte_carlo([best, rule])
+    runs = stages.monte_carlo([best, rule], pairs=[(best.name, rule.name)])
     ratio = None if runs is None else runs.median_ratio(best.name, rule.name, stages.spec.cost)
     return rule if ratio is not None and printed(ratio) > 1.0 else best
 

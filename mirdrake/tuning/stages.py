@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from mirdrake.execution.calls import Lost, call_all, open_executor
@@ -15,11 +16,14 @@ from mirdrake.plant.plant import PlantSpec
 from mirdrake.tuning.confirm import MarginCheck, confirm_margins
 from mirdrake.tuning.designs import Design
 from mirdrake.tuning.gain_map import map_of_two_gains
+from mirdrake.tuning.grip import axles_of
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity, LoopSpec
-from mirdrake.tuning.loops.evaluate import LoopEvaluator
+from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
 from mirdrake.tuning.loops.registry import LOOP_KINDS
+from mirdrake.tuning.models import Floats
 from mirdrake.tuning.robustness import MonteCarlo, draw_conditions, run_monte_carlo
 from mirdrake.tuning.scenarios import InScenarios, Ranges, drawn_ranges, hardest
+from mirdrake.tuning.screening import SAMPLE, check_ranks, choose_runs, is_decided
 from mirdrake.tuning.search import search
 from mirdrake.tuning.search_range import Space
 from mirdrake.tuning.space import map_space
@@ -276,8 +280,18 @@ class Stages:
                     return Rejection("scenario", conditions=scenario, reason=result.reason)
         return None
 
-    def monte_carlo(self, candidates: Sequence[Candidate]) -> MonteCarlo | None:
+    def monte_carlo(
+        self, candidates: Sequence[Candidate], *, pairs: Sequence[tuple[str, str]] = ()
+    ) -> MonteCarlo | None:
         """Run the Monte Carlo with candidates; None if the study has none.
+
+        The plant makes the runs of :mod:`mirdrake.tuning.screening`, and more until the medians of the pairs are
+        decided; the reduced model makes the others. The plant makes all runs of a loop without a reduced model, and of
+        a candidate whose runs the model does not rank as the plant does.
+
+        Args:
+            candidates: to run.
+            pairs: names of candidates that are compared with each other.
 
         Raises:
             StoppedError: Ctrl-C.
@@ -285,21 +299,70 @@ class Stages:
         # Without ranges of variation there is nothing to draw.
         if not self.draws:
             return None
+        gains = {candidate.name: candidate.design.gains for candidate in candidates}
+        total = len(self.draws)
+        models: dict[str, pd.DataFrame] = {}
+        sampled = dict.fromkeys(gains, total)
+        if self.first_fidelity == "reduced":
+            # Present controllers that are not PID have no model, and no runs that are known to be hard.
+            models = {name: self._runs("reduced", {name: entry}).table for name, entry in gains.items() if entry}
+            sampled = dict.fromkeys(gains, min(SAMPLE, total))
+        hard = {name: choose_runs(rows, self.draws, self.spec.cost, grip=self._grip) for name, rows in models.items()}
+        while True:
+            selected = {name: sorted({*range(count), *hard.get(name, ())}) for name, count in sampled.items()}
+            plant = self._runs("plant", gains, selected)
+            checks = {name: check_ranks(rows, plant.rows(name), self.spec.cost) for name, rows in models.items()}
+            more = dict.fromkeys((name for name, check in checks.items() if not check.is_trusted), total)
+            for pair in pairs:
+                ratios = replace(plant, sampled=sampled).ratios(*pair, self.spec.cost)
+                more |= {name: 2 * sampled[name] for name in pair if len(ratios) and not is_decided(ratios)}
+            grown = {name: min(max(count, more.get(name, 0)), total) for name, count in sampled.items()}
+            if grown == sampled:
+                break
+            sampled = grown
+        # The model stands for the runs that the plant did not make.
+        others = [rows[~rows["run"].isin(selected[name])] for name, rows in models.items()]
+        table = pd.concat([part for part in (plant.table, *others) if len(part)], ignore_index=True)
+        places = {name: place for place, name in enumerate(gains)}
+        table = table.iloc[np.lexsort([table["run"], table["candidate"].map(places)])].reset_index(drop=True)
+        correlation = {name: check.correlation for name, check in checks.items() if len(selected[name]) < total}
+        return replace(plant, table=table[plant.table.columns], sampled=sampled, correlation=correlation)
+
+    def _runs(
+        self,
+        fidelity: Fidelity,
+        gains: Mapping[str, Mapping[str, float]],
+        selected: Mapping[str, Sequence[int]] | None = None,
+    ) -> MonteCarlo:
+        """Make runs of the Monte Carlo on the reduced model or on the plant, all or those selected by candidate."""
+        on_plant = fidelity == "plant"
+        stage = "robustness" if on_plant else "screening"
         outcome = run_monte_carlo(
             LoopEvaluator(self.loop),
-            {candidate.name: candidate.design.gains for candidate in candidates},
+            gains,
             self.ranges,
             runs=self.spec.robustness.runs,
             seed=self.spec.seed,
-            executor=self.executor,
-            workers=self.workers,
-            store=self.folder / "monte_carlo.jsonl",
+            fidelity=fidelity,
+            executor=self.executor if on_plant else None,
+            workers=self.workers if on_plant else 0,
+            store=self.folder / ("monte_carlo.jsonl" if on_plant else "screening.jsonl"),
             purpose={"study": self.key},
-            progress=lambda done, total, left: self.progress("robustness", done, total, left),
+            progress=lambda done, count, left: self.progress(stage, done, count, left),
+            selected=selected,
         )
         if not outcome.complete:
             raise StoppedError
         return outcome
+
+    @cached_property
+    def _grip(self) -> Floats | None:
+        """Force per mass that the driven tyres provide in each draw [m/s²]; None if the loop needs none."""
+        if not LOOP_KINDS[self.loop.kind].uses_traction:
+            return None
+        axles = axles_of(plant_bench(self.loop))
+        friction = [self.loop.friction if draw.friction is None else draw.friction for draw in self.draws]
+        return np.array([axles.largest(mu or 0.0, draw.grade) for mu, draw in zip(friction, self.draws, strict=True)])
 
     def map(self, space: Space, winner: Candidate) -> pd.DataFrame | None:
         """Return cost and stability over the first two gains, on the reduced model; None without a model."""

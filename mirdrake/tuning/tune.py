@@ -13,8 +13,9 @@ the study is repeated at the finer one. A study that was interrupted is resumed 
 
 import math
 import os
+import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -26,7 +27,7 @@ import pandas as pd
 
 from mirdrake.assembly.diagram_spec import make_spec
 from mirdrake.assembly.scene import make_scene
-from mirdrake.core.digest import digest_data
+from mirdrake.core.digest import digest, digest_data
 from mirdrake.core.errors import RunError
 from mirdrake.core.files import write_errors, write_file
 from mirdrake.core.paths import installed_version
@@ -159,14 +160,29 @@ def tune(
 
 
 def study_key(spec: TuningSpec, loop: LoopSpec) -> str:
-    """Return what identifies a study: its spec, its loop, and the contents of the files of its vehicles and world.
+    """Return what identifies a study: its spec, its loop, the contents of its vehicles and world, and the user's code.
 
     Raises:
         ConfigError, ModelError, WorldError: a vehicle or the world has faults.
     """
     # The spec names vehicle and world only: evaluations before and after a change of their files must not be mixed.
-    content = scene_hashes(make_scene(make_spec(loop.diagram)))
+    content = scene_hashes(make_scene(make_spec(loop.diagram))) | user_sources(loop.diagram)
     return digest_data(plain({"study": spec.model_dump(mode="json"), "loop": asdict(loop), "content": content}))
+
+
+def user_sources(diagram: Any) -> dict[str, str]:
+    """Return the digests of the files that define the classes and functions of the user in data of a diagram."""
+    if isinstance(diagram, Mapping):
+        named = diagram.get("kind")
+        module = sys.modules.get(named.partition(":")[0]) if isinstance(named, str) and ":" in named else None
+        file = getattr(module, "__file__", None) or ""
+        own = {str(named): digest(Path(file).read_bytes())} if file.endswith(".py") else {}
+        parts: Iterable[Any] = diagram.values()
+    else:
+        own, parts = {}, diagram if isinstance(diagram, list) else ()
+    for part in parts:
+        own |= user_sources(part)
+    return own
 
 
 @contextmanager
@@ -228,10 +244,11 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
         tried.append(outcome.best)
     winner = outcome.best or min(tried[1:] or tried, key=lambda candidate: candidate.rank)
 
-    # Monte Carlo of the candidates that are compared; it has the runs of the checks already.
+    # Monte Carlo of the candidates that are compared; the journal has the runs of the checks already.
     compared = {candidate.name for candidate in (designs.baseline, choice.rule, winner, *choice.rejected) if candidate}
     chosen = [candidate for candidate in tried if candidate.name in compared]
-    runs = stages.monte_carlo(chosen)
+    rivals = [designs.baseline, *([choice.rule] if choice.rule else [])]
+    runs = stages.monte_carlo(chosen, pairs=[(winner.name, rival.name) for rival in rivals if rival is not winner])
     gain_map = stages.map(outcome.space, winner)
     schedule, schedule_criteria = tune_over_speed(stages, outcome.space, winner, outcome.known.hard)
     known = outcome.known

@@ -169,6 +169,8 @@ class LoopModel:
     Attributes:
         plants: transfer functions from effort to measurement, without the hold of the effort: ``main``, and for a
             steering loop ``apart``, of the two wheels against each other.
+        measured: factor on all of them, 1 at low frequencies, such as that of a car that pitches on its tyres; None: 1.
+        output: the same for the output, times scale, with the same denominator; None: the measurement is the output.
         scale: measurement per output [1].
         start: output before the step [y].
         rise: largest slope of the set-point [y/s].
@@ -178,12 +180,16 @@ class LoopModel:
         drag: effort that keeps the output constant [u].
         limit: of the effort [u]; None: unlimited.
         mass_acts: whether the mass of the car is the inertia of the loop.
+        radius_per_mass: relative change of the rolling radius of the driven wheels, which are measured, per relative
+            change of the mass of the car: a tyre is compressed by its load [1].
         outer: the speed loop of the vehicle around this loop; None without one.
         block: exact linear model around a block of a diagram, from which margins are computed; None: from the transfer
             functions.
     """
 
     plants: dict[str, TransferFunction]
+    measured: TransferFunction | None = None
+    output: TransferFunction | None = None
     scale: float = 1.0
     start: float = 0.0
     rise: float = math.inf
@@ -193,8 +199,17 @@ class LoopModel:
     drag: float = 0.0
     limit: float | None = None
     mass_acts: bool = True
+    radius_per_mass: float = 0.0
     outer: OuterLoop | None = None
     block: BlockModel | None = None
+
+    def to_measurement(self, plant: TransferFunction) -> TransferFunction:
+        """Return one of the transfer functions with its factor to the measurement."""
+        return plant if self.measured is None else plant * self.measured
+
+    def to_output(self, plant: TransferFunction) -> TransferFunction:
+        """Return one of the transfer functions with its factor to the output, times scale."""
+        return self.to_measurement(plant) if self.output is None else plant * self.output
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,20 @@ from mirdrake.plant.wheels import RoadFriction
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopSpec
 from mirdrake.tuning.loops.blocks import DelayedActuator, NoisySensor
 from mirdrake.tuning.loops.judge import DIVERGED, judge
+from mirdrake.tuning.models import Floats
 from mirdrake.vehicles import WHEELS
 
 if TYPE_CHECKING:
     from mirdrake.tuning.identify import Identification
     from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
+
+WAIT = 0.5
+"""Mean time that a control waits for the actuator [periods].
+
+Control unit and actuator have the same period and are not synchronised: between two cycles of the actuator, a control
+arrives at a time with uniform distribution, and waits for the rest of the cycle. The hold of the control by the
+actuator, which delays it by another half a period on average, is simulated.
+"""
 
 CHECK_INTERVAL = 1.0
 """Simulated time between two checks for divergence [s]."""
@@ -127,7 +136,8 @@ class PlantBench:
         if conditions.friction is not None and conditions.friction != spec.friction:
             self._parameters["road.friction"].apply(assembly, context, conditions.friction)
         delay = spec.delay if conditions.delay is None else conditions.delay
-        delay = max(delay + 0.5 * self.period - spec.time_step, 0.0)  # a step of the plant is part of the delay
+        # A control that has been computed acts one step of the plant later, which is part of the delay.
+        delay = max(delay + WAIT * self.period - spec.time_step, 0.0)
         self._delay.set_delay(self._delay.GetMyContextFromRoot(context), delay)
         if conditions.grade:
             self._set_grade(context, conditions.grade)
@@ -255,13 +265,21 @@ class PlantBench:
 
     # --- experiments ------------------------------------------------------------------------------------------------
 
-    def measure(self, context: Context, *, apart: bool = False) -> float:
-        """Return the present output [y]; with `apart`, half the angle of the left minus that of the right wheel."""
-        state = self.plant.GetPositionsAndVelocities(self.plant.GetMyContextFromRoot(context))
+    def state(self, context: Context) -> Floats:
+        """Return positions and velocities of the plant."""
+        return np.asarray(self.plant.GetPositionsAndVelocities(self.plant.GetMyContextFromRoot(context)))
+
+    def measure(self, context: Context) -> float:
+        """Return the present output [y]."""
+        return float(self.kind.output_from(self, self.state(context)[:, None])[0])
+
+    def measured(self, context: Context, *, apart: bool = False) -> float:
+        """Return what the controller measures; with `apart`, half the angle of the left less the right wheel."""
+        state = self.state(context)
         if apart:
             left, right = (float(state[joint.position_start()]) for joint in self.part.steering)
             return 0.5 * (left - right)
-        return float(self.kind.output_from(self, state[:, None])[0])
+        return float(self.kind.measured_from(self, state[:, None])[0])
 
     def excite(self, context: Context, value: float, *, apart: bool = False) -> None:
         """Add to the effort of the loop [u], before the delay, from the next period on."""
@@ -275,12 +293,13 @@ class PlantBench:
 
 
 class BenchProcess:
-    """The plant as a process for experiments: holds a control for a period and returns the output at its end.
+    """The plant as a process for experiments: holds a control for a period and returns the measurement at its end.
 
     Args:
         bench: the plant.
         gains: of a feedback that stays closed; by default all zero.
         apart: whether the two steered wheels are driven, and measured, against each other.
+        conditions: of the experiment.
     """
 
     def __init__(
@@ -289,23 +308,24 @@ class BenchProcess:
         gains: Mapping[str, float] | None = None,
         *,
         apart: bool = False,
+        conditions: Conditions = NOMINAL,
     ) -> None:
         self.bench, self.period, self.apart = bench, bench.period, apart
-        self.context = bench.context(gains or dict.fromkeys(bench.spec.gains, 0.0), NOMINAL)
+        self.context = bench.context(gains or dict.fromkeys(bench.spec.gains, 0.0), conditions)
         self._simulator = Simulator(bench.assembly.diagram, self.context)
         self._simulator.Initialize()
         self._steps = 0
-        self.measurement = bench.measure(self.context, apart=apart)
+        self.measurement = bench.measured(self.context, apart=apart)
 
     def __call__(self, control: float) -> float:
-        """Hold a control for a period [u] and return the output at its end [y]."""
+        """Hold a control for a period [u] and return the measurement at its end."""
         self.bench.excite(self.context, control, apart=self.apart)
         self._steps += 1
         try:
             self._simulator.AdvanceTo(self._steps * self.period)
         except RuntimeError as error:
             raise RunError(f"experiment on the plant: {str(error).splitlines()[0]}") from None
-        self.measurement = self.bench.measure(self.context, apart=self.apart)
+        self.measurement = self.bench.measured(self.context, apart=self.apart)
         return self.measurement
 
 
@@ -315,7 +335,7 @@ class BenchLoop(BenchProcess):
     Args:
         bench: the plant.
         gains: of the feedback.
-        rest: control [u] and output [y] at rest, which are subtracted.
+        rest: control [u] and measurement at rest, which are subtracted.
         apart: as for :class:`BenchProcess`.
     """
 

@@ -1,19 +1,22 @@
 """Reduced model of a loop: identified transfer function, dead time, limits, slope of the set-point, feed-forward."""
 
 import math
+import threading
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from mirdrake.core.compiled import Records, compiled, records
 from mirdrake.core.errors import ConfigError
-from mirdrake.core.pid import PidGains, PidLimits, PidState, pid_step
-from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec
+from mirdrake.core.pid import PidGains, PidLimits
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec, OuterLoop
 from mirdrake.tuning.loops.block_response import loop_of
 from mirdrake.tuning.loops.judge import judge
+from mirdrake.tuning.loops.reduced_kernel import KERNEL_PARTS, RunNumbers, simulate_test
 from mirdrake.tuning.margins import LoopResponse, loop_range, loop_response, margins_of
 from mirdrake.tuning.models import Floats, TransferFunction
-from mirdrake.tuning.process_models import LinearProcess
+from mirdrake.tuning.process_models import DiscreteMatrices, discrete_matrices
 from mirdrake.tuning.spec import MARGINS
 from mirdrake.tuning.stability import is_stable
 
@@ -36,16 +39,33 @@ def model_of(spec: LoopSpec) -> tuple[LoopModel, float]:
 
 
 def loop_plants(spec: LoopSpec) -> dict[str, TransferFunction]:
-    """Return the transfer functions that a loop's own controller sees, with the speed loop around it.
-
-    With the speed loop, the controller gets r + D (r - y) - y = (1 + D) (r - y), with D = kp + ki / s.
-    """
+    """Return the transfer functions that a loop's own controller sees, with the speed loop around it."""
     model, _ = model_of(spec)
-    if model.outer is None:
-        return model.plants
-    kp, ki = model.outer.kp, model.outer.ki
-    factor = TransferFunction((1.0 + kp, ki), (1.0, 0.0)) if ki else TransferFunction((1.0 + kp,), (1.0,))
+    outer = model.outer or OuterLoop(0.0, 0.0, 0.0)
+    factor = outer_factor(model, outer.kp, outer.ki)
     return {name: plant * factor for name, plant in model.plants.items()}
+
+
+def outer_factor(model: LoopModel, kp: float, ki: float) -> TransferFunction:
+    """Return the factor on the transfer functions of a model that its controller sees.
+
+    With the speed loop D = kp + ki / s around it, the controller gets r + D (r - y) - x, with the output y and the
+    measurement x: the factor is that of x + D y.
+
+    Args:
+        model: the model.
+        kp: of the speed loop [1].
+        ki: of the speed loop [1/s].
+    """
+    one = TransferFunction((1.0,), (1.0,))
+    measured, output = model.to_measurement(one), model.to_output(one)
+    # Both factors have the same denominator.
+    numerator = np.asarray(np.polyadd(measured.numerator, kp * np.array(output.numerator)), dtype=float)
+    if not ki:
+        return TransferFunction(tuple(map(float, numerator)), measured.denominator)
+    numerator = np.asarray(np.polyadd(np.polymul(numerator, (1.0, 0.0)), ki * np.array(output.numerator)), dtype=float)
+    denominator = np.polymul(measured.denominator, (1.0, 0.0))
+    return TransferFunction(tuple(map(float, numerator)), tuple(map(float, denominator)))
 
 
 def open_loops(spec: LoopSpec, gains: Mapping[str, float]) -> list[tuple[LoopResponse, float, float]]:
@@ -85,6 +105,9 @@ def find_loop_margins(spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, f
     # Without gains there is no loop.
     if spec.model is None or not any(gains.values()):
         return dict.fromkeys(MARGINS, math.nan)
+    # The same gains are tested under many conditions, which do not change the margins of the nominal loop.
+    if (known := _last_margins.get(spec, gains)) is not None:
+        return known
     rows = []
     # A loop with several transfer functions (both wheels together, and apart) has the margins of the worst.
     for loop in open_loops(spec, gains):
@@ -101,7 +124,31 @@ def find_loop_margins(spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, f
             )
         )
     worst = [min(column) for column in zip(*rows, strict=True)]
-    return dict(zip(MARGINS, (-worst[0], -worst[1], *worst[2:]), strict=True))
+    margins = dict(zip(MARGINS, (-worst[0], -worst[1], *worst[2:]), strict=True))
+    _last_margins.keep(spec, gains, margins)
+    return margins
+
+
+class _LastMargins(threading.local):
+    """The margins that a thread computed last, of a loop and gains."""
+
+    def __init__(self) -> None:
+        self._loop: tuple[object, ...] = ()
+        self._gains: dict[str, float] = {}
+        self._margins: dict[str, float] = {}
+
+    def get(self, spec: LoopSpec, gains: Mapping[str, float]) -> dict[str, float] | None:
+        """Return the margins if they are of this loop and these gains."""
+        same = len(self._loop) and self._loop[0] is spec.model and self._loop[1:] == (spec.period, spec.filter_time)
+        return dict(self._margins) if same and dict(gains) == self._gains else None
+
+    def keep(self, spec: LoopSpec, gains: Mapping[str, float], margins: Mapping[str, float]) -> None:
+        """Keep margins."""
+        self._loop = (spec.model, spec.period, spec.filter_time)
+        self._gains, self._margins = dict(gains), dict(margins)
+
+
+_last_margins = _LastMargins()
 
 
 def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditions = NOMINAL) -> Evaluation:
@@ -121,48 +168,34 @@ def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditio
             if not is_stable(held, pid):
                 return Evaluation("unstable", reason="the closed loop has a pole in the right half plane")
 
-    # Inputs of the simulation, a value per period.
+    # Set-points and feed-forward as the control unit makes them: slope limited, from differences per period. At a
+    # sample the unit has moved the set-point by one period already.
     t: Floats = np.arange(round(course.duration / period) + 1, dtype=float) * period
-    reference = set_points(spec, t)
-    # Set-points and feed-forward as the control unit makes them: slope limited, from differences per period.
-    feedforward = model.feedforward * (np.diff(reference, prepend=reference[0]) / period)
+    reference, ahead = set_points(spec, t), set_points(spec, t + period)
+    feedforward = model.feedforward * (ahead - reference) / period
+    # A load acts for a part of the period in which it begins, a step of the plant after its time.
+    loads = course.load * np.clip((t - course.load_time - spec.time_step) / period + 1.0, 0.0, 1.0)
     # Resistances act against the drive; gravity on a grade grows with the mass.
-    loads = np.full(len(t), -model.drag)
-    loads[t >= course.load_time - 1e-9] += course.load
-    loads -= model.weight * math.sin(conditions.grade) * conditions.mass
+    resistances = np.full(len(t), -model.drag - model.weight * math.sin(conditions.grade) * conditions.mass)
     noise = np.zeros(len(t))
     if conditions.noise:
         noise = np.random.default_rng(conditions.seed).normal(0.0, conditions.noise, len(t))
     limits = PidLimits() if model.limit is None else PidLimits(-model.limit, model.limit)
 
-    # Deviations of the measurement from the start.
-    process, state, value = LinearProcess(plants["main"], period), PidState(), 0.0
-    rows: list[tuple[float, float]] = []
-    start, outer, trim_state = reference[0], model.outer, PidState()
-
-    # All values are deviations from the start in units of the measurement (scale).
-    for k, wanted in enumerate(((reference - start) * model.scale).tolist()):
-        # The outer loop, the speed control, corrects the set-point; its gains are those of control.yaml.
-        if outer is not None:
-            trim_state, trim = pid_step(
-                trim_state, wanted / model.scale, value / model.scale, gains=PidGains(outer.kp, outer.ki),
-                period=period, limits=PidLimits(-outer.limit, outer.limit),
-            )  # fmt: skip
-            wanted += trim * model.scale
-        state, control = pid_step(
-            state, wanted, value + noise[k], gains=pid, period=period, limits=limits, feedforward=float(feedforward[k])
-        )
-        # Written so that NaN counts as unstable.
-        if not (abs(value) < 1e9 and abs(control) < 1e12):
-            return Evaluation("unstable", reason="the output grows without bound")
-        # Control and output before the process moves on, as the plant logs them.
-        rows.append((value, control))
-        value = process(control + loads[k])
-    output, effort = np.array(rows).T
+    output, effort = np.zeros(len(t)), np.zeros(len(t))
+    parts = discrete_matrices(model.to_measurement(plants["main"]), period)
+    output_row = discrete_matrices(model.to_output(plants["main"]), period).row
+    stable = compiled(simulate_test, parts=KERNEL_PARTS)(
+        _numbers(spec, pid, limits, parts, conditions),
+        parts.step, parts.old, parts.new, parts.held, parts.row, output_row,
+        (ahead - model.start) * model.scale, feedforward, loads, resistances, noise, output, effort,
+    )  # fmt: skip
+    if not stable:
+        return Evaluation("unstable", reason="the output grows without bound")
     return judge(
         t,
         reference,
-        output / model.scale + start,
+        output,
         effort,
         course=course,
         limits=limits,
@@ -171,12 +204,35 @@ def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditio
     )
 
 
+def _numbers(
+    spec: LoopSpec, pid: PidGains, limits: PidLimits, parts: DiscreteMatrices, conditions: Conditions
+) -> Records:
+    """Return the numbers of a test as an array of one record."""
+    model, period = model_of(spec)
+    outer = model.outer or OuterLoop(0.0, 0.0, 0.0)
+    numbers = RunNumbers(
+        period,
+        parts.whole,
+        parts.through,
+        model.scale,
+        model.start,
+        # Wheels of a smaller radius turn faster at the same speed of the car.
+        radius=1.0 / (1.0 + model.radius_per_mass * (conditions.mass - 1.0)),
+        is_output=model.output is None,
+        outer=model.outer is not None,
+        pid=pid.numbers(),
+        limits=limits,
+        outer_pid=PidGains(outer.kp, outer.ki).numbers(),
+        outer_limits=PidLimits(-outer.limit, outer.limit),
+    )
+    return records(RunNumbers, [numbers])
+
+
 def set_points(spec: LoopSpec, t: Floats) -> Floats:
     """Return the set-point with its limited slope [y], shape as t."""
-    model, period = model_of(spec)
+    model, _ = model_of(spec)
     step = spec.course.step
     rate = model.rise if step > 0.0 else model.fall
-    # At the sample of the step the control unit has moved the set-point by one period already.
-    past = np.maximum(t - spec.course.step_time + period, 0.0)
-    moved = np.minimum(rate * past, abs(step)) if math.isfinite(rate) else np.where(past > 0.0, abs(step), 0.0)
+    past = np.maximum(t - spec.course.step_time, 0.0)
+    moved = np.minimum(rate * past, abs(step)) if math.isfinite(rate) else np.where(past > 1e-9, abs(step), 0.0)
     return np.asarray(model.start + math.copysign(1.0, step) * moved, dtype=float)

@@ -12,17 +12,18 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.core.yaml_io import where
 from mirdrake.runs.telemetry import vehicle_states
-from mirdrake.tuning.frequency_response import measure_frequency_response
+from mirdrake.tuning.frequency_response import measure_frequency_responses
 from mirdrake.tuning.identify import (
     Identification,
     failed_relay,
+    fit_factors,
     fit_response,
     measure_step,
     relay_experiment,
     simple_experiment,
     step_fit,
 )
-from mirdrake.tuning.loops.base import Course, LoopModel, LoopSpec, OuterLoop
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, LoopModel, LoopSpec, OuterLoop
 from mirdrake.tuning.loops.bench import BenchLoop, BenchProcess, PlantBench
 from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
 from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunction
@@ -43,6 +44,55 @@ BANDWIDTH = 1.0
 
 SLOWEST = 100.0
 """Time constant over delay above which a first-order model counts as an integrator: the experiment is too short."""
+
+
+LINES = 24
+"""Frequencies of the response: an experiment has all of them at once."""
+
+LONG = 1.5
+"""Duration of a run that measures the rolling radius; its last third counts [s]."""
+
+HEAVY = 1.2
+"""Factor on the mass in such a run."""
+
+
+def spin_states(bench: PlantBench) -> list[int]:
+    """Return the elements of the plant's state that are the spin rates of the driven wheels."""
+    first = bench.plant.num_positions()
+    return [first + int(bench.part.wheels[wheel].velocity_start()) for wheel in bench.driven]
+
+
+def spin_rate(bench: PlantBench, state: Floats) -> Floats:
+    """Return the mean spin rate of the driven wheels [rad/s] of each column of plant states."""
+    return np.asarray(np.mean([state[row] for row in spin_states(bench)], axis=0))
+
+
+def car_speed(bench: PlantBench, state: Floats) -> Floats:
+    """Return the longitudinal velocity of the car [m/s] of each column of plant states."""
+    base, first = bench.part.base, bench.plant.num_positions()
+    pose = state[base.floating_positions_start() :][:7]
+    twist = state[first + base.floating_velocities_start_in_v() :][:6]
+    return np.asarray(vehicle_states(pose, twist)[6])
+
+
+def radius_per_mass(bench: PlantBench, drag: float) -> float:
+    """Measure the relative change of the rolling radius of the driven wheels per relative change of the mass [1].
+
+    Args:
+        bench: the bench; its loop is open.
+        drag: effort that holds the speed [u].
+    """
+
+    def radius(conditions: Conditions) -> float:
+        process = BenchProcess(bench, conditions=conditions)
+        values = []
+        for _ in range(round(LONG / bench.period)):
+            process(drag)
+            state = bench.state(process.context)[:, None]
+            values.append(float(car_speed(bench, state)[0] / spin_rate(bench, state)[0]))
+        return float(np.mean(values[2 * len(values) // 3 :]))
+
+    return (radius(Conditions(mass=HEAVY)) / radius(NOMINAL) - 1.0) / (HEAVY - 1.0)
 
 
 class WheelSpeedLoop(VehicleLoop):
@@ -99,12 +149,11 @@ class WheelSpeedLoop(VehicleLoop):
 
     def noisy_states(self, bench: PlantBench) -> list[int]:
         """Return the speeds of the driven wheels."""
-        first = bench.plant.num_positions()
-        return [first + int(bench.part.wheels[wheel].velocity_start()) for wheel in bench.driven]
+        return spin_states(bench)
 
     def output_from(self, bench: PlantBench, state: Floats) -> Floats:
         """Return the mean speed of the driven wheels."""
-        return np.asarray(np.mean([state[row] for row in self.noisy_states(bench)], axis=0))
+        return spin_rate(bench, state)
 
     def reference_from(self, bench: PlantBench, status: Floats) -> Floats:
         """Return the set-point of the speed as a wheel speed."""
@@ -139,6 +188,10 @@ class WheelSpeedLoop(VehicleLoop):
         """Return wheel speed per output."""
         return 1.0
 
+    def _outer(self, bench: PlantBench) -> OuterLoop | None:  # noqa: ARG002
+        """Return the loop around this one; None without one."""
+        return None
+
     def _inertia(self, bench: PlantBench) -> float:
         """Return the torque of a driven wheel per acceleration of the wheels [kg m²]."""
         return self._mass(bench) * bench.radius / len(bench.driven) * bench.radius
@@ -151,7 +204,7 @@ class WheelSpeedLoop(VehicleLoop):
 
         In the frequency response the loop is closed by a bandwidth of 1 rad/s, from the mass.
         """
-        spec, period, scale = bench.spec, bench.period, self._scale(bench)
+        spec, period = bench.spec, bench.period
         inertia = self._inertia(bench)
         # Kp = ω J gives an integrator 1 / (J s) the crossover ω.
         hold = {"kp": BANDWIDTH * inertia, "ki": 0.0, "kd": 0.0}
@@ -161,11 +214,11 @@ class WheelSpeedLoop(VehicleLoop):
         rest = BenchProcess(bench, hold)
         for _ in range(round(8.0 / period)):
             rest(0.0)
-        drag, steady = bench.control_value(rest.context), rest.measurement * scale
+        drag, steady = bench.control_value(rest.context), rest.measurement
 
         # Step of the torque.
         # A tenth of the largest torque: visible, and far from limits of grip.
-        record = measure_step(bench, 0.1 * limit, duration=6.0, control=drag, scale=scale)
+        record = measure_step(bench, 0.1 * limit, duration=6.0, control=drag)
         step: FirstOrder | Integrator
         # A step of torque rarely settles within 6 s, as the mass is large: then an integrator.
         try:
@@ -180,11 +233,11 @@ class WheelSpeedLoop(VehicleLoop):
         process = BenchProcess(bench)
         try:
             relay = run_relay_test(
-                lambda control: process(control) * scale,
+                process,
                 period=period,
                 amplitude=0.2 * limit,
-                reference=process.measurement * scale,
-                measurement=process.measurement * scale,
+                reference=process.measurement,
+                measurement=process.measurement,
                 control=drag,
                 duration=15.0,
                 tolerance=0.1,
@@ -196,26 +249,41 @@ class WheelSpeedLoop(VehicleLoop):
 
         # Frequency response in closed loop.
         # Deviations from rest: the spectra must not contain the torque of the resistances.
-        loop = BenchLoop(bench, hold, rest=(drag, steady / scale))
+        loop, scale = BenchLoop(bench, hold, rest=(drag, steady)), self._scale(bench)
+        # The output is measured as well, if it is another signal.
+        is_output, outer = self.output == WheelSpeedLoop.output, self._outer(bench)
 
-        def excite(excitation: float) -> tuple[float, float]:
-            control, measurement = loop.step(excitation)
-            return control, measurement * scale
+        def excite(excitation: float) -> tuple[float, ...]:
+            output = bench.measure(loop.context) * scale
+            return loop.step(excitation) if is_output else (*loop.step(excitation), output)
 
         # At the highest frequency the dead time turns the phase by 4 rad at most.
         top = min(0.4 * math.pi / period, 4.0 / (spec.delay + period))
-        response = measure_frequency_response(
-            excite, period=period, frequencies=np.geomspace(0.5, top, 14), amplitude=0.1 * limit, cycles=2, settle=1
+        frequencies = np.geomspace(0.5, top, LINES)
+        responses = measure_frequency_responses(
+            excite, period=period, frequencies=frequencies, amplitude=0.1 * limit, cycles=2, settle=1
         )
+        # The controller sees the measurement, and the output through the proportional part of the speed loop.
+        kp = 0.0 if outer is None else outer.kp
+        seen = (responses[0].values + kp * responses[-1].values) / (1.0 + kp)
+        response = replace(responses[0], values=seen)
         # First guess: an inertia with a time constant of 2 s, and the dead time of actuator and control unit.
-        main, fit = fit_response(response, (1.0 / inertia, 2.0, spec.delay + period), order=1)
-        first = FirstOrder(main.numerator[0] / main.denominator[1], 1.0 / main.denominator[1], main.delay)
+        plain, fit = fit_response(response, (1.0 / inertia, 2.0, spec.delay + period), order=1)
+        first = FirstOrder(plain.numerator[0] / plain.denominator[1], 1.0 / plain.denominator[1], plain.delay)
         experiments.append(simple_experiment("frequency_response", first, fit_percent=fit))
+        # Rules use the first-order model; margins and tests also the motion of the car on its tyres.
+        main, factors = fit_factors(responses, plain)
 
         # The experiment is too short to tell so long a time constant from an integrator.
         slow = first.time_constant > SLOWEST * max(first.delay, 1e-3)
+        model = replace(
+            self.model(bench, main, drag),
+            measured=factors[0],
+            output=None if is_output else factors[1],
+            radius_per_mass=radius_per_mass(bench, drag),
+        )
         return Identification(
-            replace(spec, model=self.model(bench, main, drag)),
+            replace(spec, model=model),
             tuple(experiments),
             first=Integrator(first.gain / first.time_constant, first.delay) if slow else first,
             relay=relay,
@@ -258,10 +326,11 @@ class SpeedLoop(WheelSpeedLoop):
 
     def output_from(self, bench: PlantBench, state: Floats) -> Floats:
         """Return the longitudinal velocity of the car."""
-        base, first = bench.part.base, bench.plant.num_positions()
-        pose = state[base.floating_positions_start() :][:7]
-        twist = state[first + base.floating_velocities_start_in_v() :][:6]
-        return np.asarray(vehicle_states(pose, twist)[6])
+        return car_speed(bench, state)
+
+    def measured_from(self, bench: PlantBench, state: Floats) -> Floats:
+        """Return the mean spin rate of the driven wheels."""
+        return spin_rate(bench, state)
 
     def reference_from(self, bench: PlantBench, status: Floats) -> Floats:  # noqa: ARG002
         """Return the set-point of the speed."""
@@ -273,7 +342,7 @@ class SpeedLoop(WheelSpeedLoop):
             f"the slip of the {WHEELS[wheel].replace('_', ' ')} wheel": np.array(
                 bench.radius * state[row] - output, dtype=float
             )
-            for wheel, row in zip(bench.driven, WheelSpeedLoop.noisy_states(self, bench), strict=True)
+            for wheel, row in zip(bench.driven, spin_states(bench), strict=True)
         }
 
     def initial_output(self, bench: PlantBench) -> float:
@@ -293,8 +362,13 @@ class SpeedLoop(WheelSpeedLoop):
             rise=speed.max_acceleration,
             fall=speed.max_deceleration,
             feedforward=self._mass(bench) * bench.radius / len(bench.driven),
-            outer=OuterLoop(speed.kp, speed.ki, speed.max_correction) if speed.kp or speed.ki else None,
+            outer=self._outer(bench),
         )
+
+    def _outer(self, bench: PlantBench) -> OuterLoop | None:
+        """Return the speed loop of control.yaml."""
+        speed = bench.part.vehicle.control.speed
+        return OuterLoop(speed.kp, speed.ki, speed.max_correction) if speed.kp or speed.ki else None
 
     def _scale(self, bench: PlantBench) -> float:
         return 1.0 / bench.radius
@@ -332,6 +406,10 @@ class PedalSpeedLoop(SpeedLoop):
     def noisy_states(self, bench: PlantBench) -> list[int]:
         """Return the longitudinal velocity of the car."""
         return [bench.plant.num_positions() + int(bench.part.base.floating_velocities_start_in_v()) + 3]
+
+    def measured_from(self, bench: PlantBench, state: Floats) -> Floats:
+        """Return the longitudinal velocity of the car."""
+        return car_speed(bench, state)
 
     def effort_from(self, bench: PlantBench, context: Context) -> Floats:
         """Return throttle minus brake."""

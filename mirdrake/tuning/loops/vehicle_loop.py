@@ -227,6 +227,10 @@ class VehicleLoop(LoopKind):
     def output_from(self, bench: PlantBench, state: Floats) -> Floats:
         """Return the output [y] of each column of plant states."""
 
+    def measured_from(self, bench: PlantBench, state: Floats) -> Floats:
+        """Return the signal that the controller of the loop measures, of each column of plant states."""
+        return self.output_from(bench, state)
+
     @abstractmethod
     def reference_from(self, bench: PlantBench, status: Floats) -> Floats:
         """Return the set-point [y] from the signals of the vehicle's status, shape (signals, samples)."""
