@@ -15,7 +15,7 @@ from mirdrake.tuning import LinearProcess, TransferFunction, simulate_loop
 from mirdrake.tuning.designs import Design
 from mirdrake.tuning.frequency_response import FrequencyResponse
 from mirdrake.tuning.grip import axles_of
-from mirdrake.tuning.identify import fit_factors, fit_response
+from mirdrake.tuning.identify import fit_factors, fit_response, slow_model
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, LoopModel, LoopSpec, OuterLoop
 from mirdrake.tuning.loops.evaluate import plant_bench
 from mirdrake.tuning.loops.reduced import loop_plants
@@ -109,6 +109,13 @@ def test_factors_are_found_only_in_data_that_have_them() -> None:
             assert (main * factor).response(omega) == pytest.approx((plain * true).response(omega), rel=0.03)
             assert (len(factor.denominator) == 3) == (known is car)
         assert main.delay == pytest.approx(0.06, abs=0.002)
+
+
+def test_the_slow_model_has_the_phase_of_the_factor_at_low_frequencies() -> None:
+    plain, factor = TransferFunction((2.0,), (1.0, 0.01), 0.06), TransferFunction((0.4, 2.0, 480.0), (1.0, 12.0, 480.0))
+    slow, omega = slow_model(plain, factor), np.array([0.5, 1.0])
+    assert slow.delay == pytest.approx(0.06 + 10.0 / 480.0)
+    assert slow.response(omega) == pytest.approx((plain * factor).response(omega), rel=2e-3)
 
 
 def test_the_plant_of_the_controller_has_measurement_and_output(bolt: LoopSpec) -> None:

@@ -161,7 +161,9 @@ class Tables:
                 for quantile in quantiles
             ]
             interval = f"{100.0 * rate.low:.1f} to {100.0 * rate.high:.1f} %"
-            failed = f"{rate.failures} of {rate.runs}, {candidate.on_plant} on the plant"
+            failed = f"{rate.failures} of {rate.runs}"
+            if candidate.on_plant < rate.runs:
+                failed += f", {candidate.on_plant} on the plant"
             rows.append(RobustnessRow(name, failed, interval, bool(rate.failures), self._corners(name), cells))
         ranges = [
             f"{title_case(name).lower()} {_number(low)} to {_number(high)}"

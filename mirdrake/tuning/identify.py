@@ -6,7 +6,7 @@ response to a step is the difference of two runs, so that the resistances of the
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -182,7 +182,7 @@ def fit_response(
         max_nfev=400,
     )
     best = model(fit.x)
-    return best, _fit_percent(best.response(response.frequencies), response.values)
+    return best, response_fit(response, best)
 
 
 def fit_factors(
@@ -232,6 +232,24 @@ def fit_factors(
     if before - misfit < (2 + 2 * count) * math.log(data) * LEAST_DEVIATION**2:
         return plain, (TransferFunction((1.0,), (1.0,)),) * count
     return model(best)
+
+
+def slow_model(main: TransferFunction, factor: TransferFunction) -> TransferFunction:
+    """Return a first-order model with the dead time that equals a factor, of static gain 1, at low frequencies.
+
+    A lag T has the phase -ω T there, as a dead time T has; a lead takes as much away. Rules for simple models assume
+    that all dynamics that are faster than the loop are in the dead time (S. Skogestad, Journal of Process Control 13
+    (2003) 291, section 2).
+    """
+    if len(factor.denominator) < 2:
+        return main
+    lag = factor.denominator[-2] / factor.denominator[-1] - factor.numerator[-2] / factor.numerator[-1]
+    return replace(main, delay=max(main.delay + lag, 0.0))
+
+
+def response_fit(response: FrequencyResponse, model: TransferFunction) -> float:
+    """Return how well a model fits a frequency response [%]."""
+    return _fit_percent(model.response(response.frequencies), response.values)
 
 
 def _log_ratio(response: FrequencyResponse, model: TransferFunction) -> Floats:

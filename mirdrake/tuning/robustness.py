@@ -135,7 +135,7 @@ class MonteCarlo:
         runs: per candidate.
         seed: of the draws.
         complete: whether all runs were made; False after Ctrl-C.
-        sampled: by candidate the number of first runs that the plant has made: a random sample; missing: all runs.
+        sampled: by candidate the number of first runs that were all made: a random sample; missing: all runs.
         correlation: by candidate, see :class:`CandidateRobustness`.
     """
 
@@ -290,11 +290,11 @@ def run_monte_carlo(
 
     rows: list[dict[str, object]] = []
     columns: dict[str, None] = {}
+    # Common random numbers compare candidates run by run, so a run that was interrupted does not count.
+    lost = {run for name in gains for run in wanted[name] if f"{name} {run}" not in journal}
     for name in gains:
         # Columns in the order of their first appearance; a dict keeps it.
-        for run in sorted(wanted[name]):
-            if f"{name} {run}" not in journal:
-                continue
+        for run in sorted(wanted[name] - lost):
             record = journal[f"{name} {run}"]
             figures = record.get("figures") or {}
             columns |= dict.fromkeys(figures)

@@ -285,9 +285,9 @@ class Stages:
     ) -> MonteCarlo | None:
         """Run the Monte Carlo with candidates; None if the study has none.
 
-        The plant makes the runs of :mod:`mirdrake.tuning.screening`, and more until the medians of the pairs are
-        decided; the reduced model makes the others. The plant makes all runs of a loop without a reduced model, and of
-        a candidate whose runs the model does not rank as the plant does.
+        The plant makes the runs of :mod:`mirdrake.tuning.screening`, the reduced model the others. The plant makes all
+        runs of a loop without a reduced model, and of a candidate whose runs the model does not rank as the plant does;
+        of a candidate without a model as many as decide the medians of its pairs.
 
         Args:
             candidates: to run.
@@ -313,7 +313,8 @@ class Stages:
             plant = self._runs("plant", gains, selected)
             checks = {name: check_ranks(rows, plant.rows(name), self.spec.cost) for name, rows in models.items()}
             more = dict.fromkeys((name for name, check in checks.items() if not check.is_trusted), total)
-            for pair in pairs:
+            # The model gives all runs of a candidate; without one, a sample of runs on the plant has to decide.
+            for pair in (pair for pair in pairs if not set(pair) <= set(models)):
                 ratios = replace(plant, sampled=sampled).ratios(*pair, self.spec.cost)
                 more |= {name: 2 * sampled[name] for name in pair if len(ratios) and not is_decided(ratios)}
             grown = {name: min(max(count, more.get(name, 0)), total) for name, count in sampled.items()}
@@ -326,6 +327,7 @@ class Stages:
         places = {name: place for place, name in enumerate(gains)}
         table = table.iloc[np.lexsort([table["run"], table["candidate"].map(places)])].reset_index(drop=True)
         correlation = {name: check.correlation for name, check in checks.items() if len(selected[name]) < total}
+        sampled |= dict.fromkeys(models, total)
         return replace(plant, table=table[plant.table.columns], sampled=sampled, correlation=correlation)
 
     def _runs(

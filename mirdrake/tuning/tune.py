@@ -247,8 +247,9 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     # Monte Carlo of the candidates that are compared; the journal has the runs of the checks already.
     compared = {candidate.name for candidate in (designs.baseline, choice.rule, winner, *choice.rejected) if candidate}
     chosen = [candidate for candidate in tried if candidate.name in compared]
-    rivals = [designs.baseline, *([choice.rule] if choice.rule else [])]
-    runs = stages.monte_carlo(chosen, pairs=[(winner.name, rival.name) for rival in rivals if rival is not winner])
+    # The medians matter only where the test itself prefers the winner.
+    rivals = [rival for rival in (designs.baseline, choice.rule) if rival and winner.trial.cost < rival.trial.cost]
+    runs = stages.monte_carlo(chosen, pairs=[(winner.name, rival.name) for rival in rivals])
     gain_map = stages.map(outcome.space, winner)
     schedule, schedule_criteria = tune_over_speed(stages, outcome.space, winner, outcome.known.hard)
     known = outcome.known

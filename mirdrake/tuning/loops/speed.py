@@ -20,11 +20,14 @@ from mirdrake.tuning.identify import (
     fit_response,
     measure_step,
     relay_experiment,
+    response_fit,
     simple_experiment,
+    slow_model,
     step_fit,
 )
 from mirdrake.tuning.loops.base import NOMINAL, Conditions, Course, LoopModel, LoopSpec, OuterLoop
 from mirdrake.tuning.loops.bench import BenchLoop, BenchProcess, PlantBench
+from mirdrake.tuning.loops.reduced import outer_factor
 from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
 from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunction
 from mirdrake.tuning.relay import RelayResult, run_relay_test
@@ -268,20 +271,26 @@ class WheelSpeedLoop(VehicleLoop):
         seen = (responses[0].values + kp * responses[-1].values) / (1.0 + kp)
         response = replace(responses[0], values=seen)
         # First guess: an inertia with a time constant of 2 s, and the dead time of actuator and control unit.
-        plain, fit = fit_response(response, (1.0 / inertia, 2.0, spec.delay + period), order=1)
-        first = FirstOrder(plain.numerator[0] / plain.denominator[1], 1.0 / plain.denominator[1], plain.delay)
-        experiments.append(simple_experiment("frequency_response", first, fit_percent=fit))
-        # Rules use the first-order model; margins and tests also the motion of the car on its tyres.
+        plain, _ = fit_response(response, (1.0 / inertia, 2.0, spec.delay + period), order=1)
         main, factors = fit_factors(responses, plain)
-
-        # The experiment is too short to tell so long a time constant from an integrator.
-        slow = first.time_constant > SLOWEST * max(first.delay, 1e-3)
         model = replace(
             self.model(bench, main, drag),
             measured=factors[0],
             output=None if is_output else factors[1],
             radius_per_mass=radius_per_mass(bench, drag),
         )
+        # Rules use a first-order model of what the controller sees; margins and tests also the motion of the car on its
+        # tyres.
+        share = TransferFunction((1.0 / (1.0 + kp),), (1.0,))
+        slow_plant = slow_model(main, outer_factor(model, kp, 0.0) * share)
+        first = FirstOrder(
+            slow_plant.numerator[0] / slow_plant.denominator[1], 1.0 / slow_plant.denominator[1], slow_plant.delay
+        )
+        fit = response_fit(response, slow_plant)
+        experiments.append(simple_experiment("frequency_response", first, fit_percent=fit))
+
+        # The experiment is too short to tell so long a time constant from an integrator.
+        slow = first.time_constant > SLOWEST * max(first.delay, 1e-3)
         return Identification(
             replace(spec, model=model),
             tuple(experiments),
