@@ -12,7 +12,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.errors import ConfigError, MirdrakeError, RunError
 from mirdrake.core.yaml_io import where
 from mirdrake.runs.telemetry import vehicle_states
-from mirdrake.tuning.frequency_response import measure_frequency_responses
+from mirdrake.tuning.frequency_response import FrequencyResponse, measure_frequency_responses
 from mirdrake.tuning.identify import (
     Identification,
     failed_relay,
@@ -32,7 +32,7 @@ from mirdrake.tuning.loops.vehicle_loop import VehicleLoop
 from mirdrake.tuning.models import FirstOrder, Floats, Integrator, TransferFunction
 from mirdrake.tuning.relay import RelayResult, run_relay_test
 from mirdrake.tuning.spec import TuningSpec
-from mirdrake.tuning.step_test import fit_first_order, fit_integrator
+from mirdrake.tuning.step_test import StepRecord, fit_first_order, fit_integrator
 from mirdrake.vehicles import WHEELS, Vehicle
 from mirdrake.worlds import World
 
@@ -219,76 +219,38 @@ class WheelSpeedLoop(VehicleLoop):
             rest(0.0)
         drag, steady = bench.control_value(rest.context), rest.measurement
 
-        # Step of the torque.
-        # A tenth of the largest torque: visible, and far from limits of grip.
-        record = measure_step(bench, 0.1 * limit, duration=6.0, control=drag)
-        step: FirstOrder | Integrator
-        # A step of torque rarely settles within 6 s, as the mass is large: then an integrator.
-        try:
-            step = fit_first_order(record)
-        except RunError:
-            step = fit_integrator(record)
+        # A tenth of the largest torque is visible, and far from the limits of grip.
+        step, record = self._step(bench, 0.1 * limit, drag)
         experiments = [simple_experiment("step_test", step, fit_percent=step_fit(record, step))]
-
-        # Relay around the torque that holds the speed.
-        # The relay's excitation is about the operating point, so the torque of the resistances is its centre.
         relay: RelayResult | None = None
-        process = BenchProcess(bench)
         try:
-            relay = run_relay_test(
-                process,
-                period=period,
-                amplitude=0.2 * limit,
-                reference=process.measurement,
-                measurement=process.measurement,
-                control=drag,
-                duration=15.0,
-                tolerance=0.1,
-            )
+            relay = self._relay(bench, 0.2 * limit, drag)
             experiments.append(relay_experiment(relay))
         # Without a limit cycle the other experiments are sufficient.
         except MirdrakeError as error:
             experiments.append(failed_relay(error))
 
-        # Frequency response in closed loop.
         # Deviations from rest: the spectra must not contain the torque of the resistances.
-        loop, scale = BenchLoop(bench, hold, rest=(drag, steady)), self._scale(bench)
-        # The output is measured as well, if it is another signal.
-        is_output, outer = self.output == WheelSpeedLoop.output, self._outer(bench)
-
-        def excite(excitation: float) -> tuple[float, ...]:
-            output = bench.measure(loop.context) * scale
-            return loop.step(excitation) if is_output else (*loop.step(excitation), output)
-
-        # At the highest frequency the dead time turns the phase by 4 rad at most.
-        top = min(0.4 * math.pi / period, 4.0 / (spec.delay + period))
-        frequencies = np.geomspace(0.5, top, LINES)
-        responses = measure_frequency_responses(
-            excite, period=period, frequencies=frequencies, amplitude=0.1 * limit, cycles=2, settle=1
-        )
+        responses = self._responses(bench, BenchLoop(bench, hold, rest=(drag, steady)), 0.1 * limit)
         # The controller sees the measurement, and the output through the proportional part of the speed loop.
+        outer = self._outer(bench)
         kp = 0.0 if outer is None else outer.kp
-        seen = (responses[0].values + kp * responses[-1].values) / (1.0 + kp)
-        response = replace(responses[0], values=seen)
+        response = replace(responses[0], values=(responses[0].values + kp * responses[-1].values) / (1.0 + kp))
         # First guess: an inertia with a time constant of 2 s, and the dead time of actuator and control unit.
         plain, _ = fit_response(response, (1.0 / inertia, 2.0, spec.delay + period), order=1)
         main, factors = fit_factors(responses, plain)
         model = replace(
             self.model(bench, main, drag),
             measured=factors[0],
-            output=None if is_output else factors[1],
+            output=factors[1] if len(factors) > 1 else None,
             radius_per_mass=radius_per_mass(bench, drag),
         )
-        # Rules use a first-order model of what the controller sees; margins and tests also the motion of the car on its
-        # tyres.
-        share = TransferFunction((1.0 / (1.0 + kp),), (1.0,))
-        slow_plant = slow_model(main, outer_factor(model, kp, 0.0) * share)
-        first = FirstOrder(
-            slow_plant.numerator[0] / slow_plant.denominator[1], 1.0 / slow_plant.denominator[1], slow_plant.delay
-        )
-        fit = response_fit(response, slow_plant)
-        experiments.append(simple_experiment("frequency_response", first, fit_percent=fit))
 
+        # Rules use a first-order model; margins and tests also the motion of the car on its tyres.
+        share = TransferFunction((1.0 / (1.0 + kp),), (1.0,))
+        seen = slow_model(main, outer_factor(model, kp, 0.0) * share)
+        first = FirstOrder(seen.numerator[0] / seen.denominator[1], 1.0 / seen.denominator[1], seen.delay)
+        experiments.append(simple_experiment("frequency_response", first, fit_percent=response_fit(response, seen)))
         # The experiment is too short to tell so long a time constant from an integrator.
         slow = first.time_constant > SLOWEST * max(first.delay, 1e-3)
         return Identification(
@@ -297,6 +259,43 @@ class WheelSpeedLoop(VehicleLoop):
             first=Integrator(first.gain / first.time_constant, first.delay) if slow else first,
             relay=relay,
             frequency=response,
+        )
+
+    def _step(self, bench: PlantBench, size: float, drag: float) -> tuple[FirstOrder | Integrator, StepRecord]:
+        """Fit a model to the response to a step of the torque [u], about the torque that holds the speed."""
+        record = measure_step(bench, size, duration=6.0, control=drag)
+        # A step of torque rarely settles within 6 s, as the mass is large: then an integrator.
+        try:
+            return fit_first_order(record), record
+        except RunError:
+            return fit_integrator(record), record
+
+    def _relay(self, bench: PlantBench, size: float, drag: float) -> RelayResult:
+        """Make a relay test about the torque that holds the speed.
+
+        Raises:
+            MirdrakeError: there is no limit cycle.
+        """
+        process = BenchProcess(bench)
+        start = process.measurement
+        return run_relay_test(
+            process, period=bench.period, amplitude=size, reference=start, measurement=start, control=drag,
+            duration=15.0, tolerance=0.1,
+        )  # fmt: skip
+
+    def _responses(self, bench: PlantBench, loop: BenchLoop, size: float) -> tuple[FrequencyResponse, ...]:
+        """Measure the frequency response of the measurement and, if it is another signal, of the output times scale."""
+        other, scale = self.output != WheelSpeedLoop.output, self._scale(bench)
+
+        def excite(excitation: float) -> tuple[float, ...]:
+            output = (bench.measure(loop.context) * scale,) if other else ()
+            return (*loop.step(excitation), *output)
+
+        # At the highest frequency the dead time turns the phase by 4 rad at most.
+        top = min(0.4 * math.pi / bench.period, 4.0 / (bench.spec.delay + bench.period))
+        frequencies = np.geomspace(0.5, top, LINES)
+        return measure_frequency_responses(
+            excite, period=bench.period, frequencies=frequencies, amplitude=size, cycles=2, settle=1
         )
 
 
