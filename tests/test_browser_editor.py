@@ -267,6 +267,38 @@ def test_actors_paths_triggers_and_points_of_roads_are_dragged_and_each_drag_cha
     assert page.editor.document.text.splitlines() == after
 
 
+def test_a_file_that_another_program_changes_is_read_again_unless_that_would_lose_a_change(page: Page) -> None:
+    path, note = page.editor.document.path, "return document.getElementById('note').textContent"
+    theirs = START + "props:\n  - {prop: cone, at: [1, 2]}\n"
+    path.write_text(theirs, encoding="utf-8")
+    page.until(lambda: page.editor.document.text == theirs)
+    page.until(lambda: "read again" in page.run(note))
+    page.drop("barrel", 6.0, 0.0)
+    path.write_text(START, encoding="utf-8")
+    page.until(lambda: "Reload" in page.run(note) and "Keep mine" in page.run(note))
+    assert "barrel" in page.editor.document.text
+    page.run("[...document.querySelectorAll('#note button')].find((b) => b.textContent === 'Keep mine').click()")
+    page.press("save")
+    page.until(lambda: "Overwrite" in page.run(note))
+    assert path.read_text(encoding="utf-8") == START
+    assert str(path.parent) not in page.run(note)
+
+
+def test_another_seed_is_looked_at_and_taken(page: Page) -> None:
+    page.type(START + "seed: 4  # mine\nprops:\n  - {prop: cone, at: [0 +- 3, 0 +- 3]}\n")
+    page.press("ghosts")
+    name = "return document.getElementById('seed_name').textContent"
+    page.until(lambda: page.run(name) == "seeds 5 to 24")
+    assert page.run("return document.querySelectorAll('.ghost').length") == 20
+    page.run("const seed = document.getElementById('seed'); seed.value = 3; seed.dispatchEvent(new Event('input'))")
+    assert page.run(name) == "seed 7"
+    shown = page.run("return document.querySelector('.ghost.one').getAttribute('d')")
+    with page.change():
+        page.press("take_seed")
+    assert "seed: 7  # mine" in page.editor.document.text
+    assert page.run("return document.querySelector('.prop.random').getAttribute('d')") == shown
+
+
 @pytest.mark.slow
 def test_the_parking_lot_that_was_built_by_gestures_is_tested(page: Page) -> None:
     gestures = build_lot(page)

@@ -1,5 +1,6 @@
 """Diagrams built in Python: the same data, bits and errors as a diagram file."""
 
+import os
 from typing import Any
 
 import numpy as np
@@ -251,6 +252,60 @@ def test_sliders_change_a_key_and_simulate_again():
     assert trims[1] > trims[0] > 0.0
     with pytest.raises(mir.MirdrakeError, match="the range"):
         d.sliders("ego.vx", **{key: (4.0, 0.0)})
+
+
+def test_sliders_of_equal_keys_have_different_names():
+    pytest.importorskip("ipywidgets")
+    d, _ = small()
+    keys = ["vehicles.ego.control.speed.kp", "vehicles.ego.control.speed.ki", "control.ego.speed", "vehicles.ego.speed"]
+    sliders = d.sliders("ego.vx", duration=0.1, **dict.fromkeys(keys, (1.0, 4.0)))
+    names = [child.description for child in sliders.children if hasattr(child, "max")]
+    assert names == ["kp", "ki", "control.ego.speed", "vehicles.ego.speed"]
+
+
+SLIDERS = """
+import mirdrake as mir
+d = mir.Diagram("test_track", contact="point")
+ego = d.add_vehicle("bolt", start="line")
+d.drive(ego, mir.PathTracking(track="main", speed=3.0))
+d.sliders("ego.vx", duration=0.2, **{"vehicles.ego.control.speed.kp": (0, 3)})
+"""
+
+
+@pytest.mark.slow
+def test_a_slider_that_is_moved_in_a_notebook_shows_the_plot_of_a_new_run():
+    """A kernel gets what the front end sends when a slider is moved, and answers with a picture."""
+    pytest.importorskip("ipywidgets")
+    start_new_kernel = pytest.importorskip("jupyter_client.manager").start_new_kernel
+    # The tests draw without a screen; a notebook has its own way to show figures.
+    environment = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}
+    manager, client = start_new_kernel(kernel_name="python3", env=environment)
+    try:
+        messages = answers(client, client.execute(SLIDERS))
+        opened = [m["content"] for m in messages if m["msg_type"] == "comm_open"]
+        states = {content["comm_id"]: content["data"].get("state", {}) for content in opened}
+        bar = next(comm for comm, state in states.items() if state.get("_model_name") == "FloatSliderModel")
+        assert states[bar]["description"] == "kp"
+        change = {"method": "update", "state": {"value": 2.7}, "buffer_paths": []}
+        moved = client.session.msg("comm_msg", {"comm_id": bar, "data": change})
+        client.shell_channel.send(moved)
+        for shown in (messages, answers(client, moved["header"]["msg_id"])):
+            assert sum("image/png" in m["content"].get("data", {}) for m in shown) == 1
+        (text,) = answers(client, client.execute("print(d.to_yaml())"), "stream")
+        assert "kp: 2.7" in text["content"]["text"]
+    finally:
+        client.stop_channels()
+        manager.shutdown_kernel(now=True)
+
+
+def answers(client, request, kind=None):
+    """Return the messages of a kernel about a request, until it has ended."""
+    messages: list[dict[str, Any]] = []
+    while not messages or messages[-1]["content"].get("execution_state") != "idle":
+        message = client.get_iopub_msg(timeout=120)
+        if message["parent_header"].get("msg_id") == request:
+            messages.append(message)
+    return [message for message in messages if kind in {None, message["msg_type"]}]
 
 
 def test_a_run_is_animated_and_its_statistics_have_units(tmp_path):

@@ -75,6 +75,9 @@ CASES = {
     "give the smallest and the largest value": wrong(lambda d, ego: d.sliders(duration=1.0, seed=3)),
     "'ego.contrl' has no blocks to draw; these have: ego.control": wrong(lambda d, ego: d.draw("ego.contrl")),
     "no port matches 'ego.contrl.*'": wrong(lambda d, ego: d.ports("ego.contrl.*")),
+    "linearize: unknown input 'ego.speed_referenc'; did you mean 'ego.speed_reference'": wrong(
+        lambda d, ego: d.linearize("ego.speed_referenc")
+    ),
     "unknown diagram 'bolt_test_trak'": lambda: mir.Diagram.load("bolt_test_trak"),
     "input 'x.u' is not connected": wrong(lambda d, ego: d.add("x", "delay", delay=0.1)),
     "run: unknown argument 'durtion'; did you mean 'duration'": lambda: small()[0].simulate(0.1, durtion=3),

@@ -88,6 +88,10 @@ def lines_changed(before: str, after: str) -> list[tuple[str, str]]:
         ("props/1", "to", (22.0, 1.0), "to: [20, 0]", "to: [22, 1]"),
         ("props/2", "body", (1.0, 2.0), "count: [2, 2]}", "count: [2, 2], origin: [1, 2]}"),
         ("props/2", "step", (4.0, 5.0), "step: [2, 3]", "step: [4, 5]"),
+        ("props/1", "spacing", (10.85, 0.3), "to: [20, 0], count: 3", "to: [20, 0], count: 5"),
+        ("props/2", "count", (7.2, 1.4), "count: [2, 2]", "count: [4, 1]"),
+        ("props/4", "count", (32.5, 4.33), "radius: 5 m, count: 4", "radius: 5 m, count: 6"),
+        ("props/5", "spacing", (11.6, 20.0), "s: [10, 20], count: 2", "s: [10, 20], count: 3"),
         ("props/4", "body", (31.0, 1.0), "center: [30, 0]", "center: [31, 1]"),
         ("props/4", "radius", (30.0, 6.5), "radius: 5 m", "radius: 6.5 m"),
         ("props/5", "end", (24.0, 25.0), "s: [10, 20]", "s: [10, 24]"),
@@ -166,6 +170,34 @@ def test_a_value_that_is_not_a_plain_number_is_not_dragged(yard):
         with pytest.raises(LockedError, match=r"\$pitch depends on \$pitch"):
             drag(yard, "actors/3", 1.0, 1.0, handle)
     assert lock_reason("0 +- 3 deg") == "0 +- 3 deg is drawn at random; change it in the panel"
+
+
+@pytest.mark.parametrize(
+    ("entry", "position", "written"),
+    [
+        ("line: {from: [0, 0], to: [12, 0], spacing: 4 m}", (1.0, 0.0), "spacing: 3 m"),
+        ("line: {from: [0, 0], to: [12, 0], count: 1}", (2.0, 0.0), "count: 3"),
+        ("along: {track: loop, count: 4}", (13.0, 0.0), "count: 2"),  # 78.8 m round: a prop each 39 m
+        ("along: {track: lane, s: [20, 8], count: 3}", (39.0, 0.0), "count: 5"),  # backwards from x = 40 m
+    ],
+)
+def test_the_handle_between_two_props_changes_their_number_or_spacing(entry, position, written):
+    tracks = (
+        "tracks: {lane: {segments: [{line: 60}], start: {at: [20, 0]}}, loop: {closed: true, segments: ["
+        + ", ".join(["{line: 15}, {arc: {radius: 3, angle: 90 deg}}"] * 4)
+        + "]}}"
+    )
+    text = f"mirdrake: world/1\n{tracks}\nprops:\n  - {{prop: cone, {entry}}}\n"
+    scene = read_scene(text, PATH)
+    handle = scene.elements["props/0"].handle("spacing")
+    assert drag(scene, "props/0", handle.x, handle.y, "spacing") == text
+    x, y = position
+    assert written in drag(scene, "props/0", x, y, "spacing")
+
+
+def test_a_count_that_is_not_plain_leaves_the_other_handles():
+    text = "mirdrake: world/1\nparams: {n: 3}\nprops:\n  - {prop: cone, grid: {step: [2, 2], count: [$n, 1]}}\n"
+    assert [handle.name for handle in read_scene(text, PATH).elements["props/0"].handles] == ["body", "step"]
 
 
 def test_an_inserted_prop_is_one_line_more_and_leaves_the_others_where_they_were(yard):

@@ -451,7 +451,11 @@ class Diagram:
             return assemble(spec, expand=expand, factories=factories)
 
         sink, name = _name_in("linearize", input), None if output is None else _name_in("linearize", output)
-        elements = self._display(expand=True).inputs.get(sink) or ()
+        assembly = self._display(expand=True)
+        parts = [f"{port}.{own.name}" for port, contents in assembly.inputs.items() for own in contents or ()]
+        if sink not in {*assembly.inputs, *parts, *assembly.aliases}:
+            raise ConfigError(f"linearize: unknown input '{sink}'; {did_you_mean(sink, assembly.inputs)}")
+        elements = assembly.inputs.get(sink) or ()
         if len(elements) > 1:
             raise ConfigError(
                 f"linearize: input '{sink}' has {len(elements)} elements; name one of them: {sink}.{elements[0].name}"

@@ -1,6 +1,6 @@
 """Sliders in a notebook that change keys of a diagram, simulate it again and plot signals."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mirdrake.core.errors import ConfigError, MissingDependencyError
@@ -50,6 +50,16 @@ def make_sliders(
         value = present[path]
         bars[path] = ipywidgets.FloatSlider(
             value=min(high, max(low, (low + high) / 2.0 if value is None else value)),
-            min=low, max=high, step=(high - low) / _STEPS, description=path.rpartition(".")[2], continuous_update=False,
+            min=low, max=high, step=(high - low) / _STEPS, continuous_update=False,
+            description=_short_name(path, ranges), style={"description_width": "initial"},
         )  # fmt: skip
-    return ipywidgets.interactive(rerun, **bars)
+    # Figures of mirdrake are no figures of pyplot, which would be shown without being asked for.
+    return ipywidgets.interactive(rerun, {"auto_display": True}, **bars)
+
+
+def _short_name(path: str, paths: Iterable[str]) -> str:
+    """Return the shortest end of a dotted path that no other path has."""
+    keys = path.split(".")
+    ends = (".".join(keys[-number:]) for number in range(1, len(keys)))
+    others = [f".{other}" for other in paths if other != path]
+    return next((end for end in ends if not any(other.endswith(f".{end}") for other in others)), path)

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext, suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -79,7 +79,7 @@ class Editor:
                 # An explicit port must be that one; otherwise the last resort is any free one.
                 ports=[port] if port is not None else [*range(PORT, PORT + _TRIED), 0],
                 files=self._file,
-                posts={name: self._guarded(post) for name, post in posts.items()},
+                posts={name: self._guarded(post, alone=name != "ghosts") for name, post in posts.items()},
                 largest=_LARGEST,
             )
             undo.pop_all()
@@ -136,10 +136,11 @@ class Editor:
             return None
         return page.read_bytes(), f"{content_type}; charset=utf-8"
 
-    def _guarded(self, post: Callable[[Message], Reply]) -> Callable[[Message], Reply]:
+    def _guarded(self, post: Callable[[Message], Reply], *, alone: bool) -> Callable[[Message], Reply]:
         def answer(message: Message) -> Reply:
-            # One message at a time: threads of the server share the document and the scene.
-            with self._lock:
+            # One message at a time: threads of the server share the document and the scene. Ghosts take seconds in a
+            # large world, and read only the scene that was there when they began.
+            with self._lock if alone else nullcontext():
                 try:
                     return post(message)
                 except (LockedError, MirdrakeError) as error:
@@ -262,16 +263,15 @@ class Editor:
         return self._read_again()
 
     def _ghosts(self, _: Message) -> Reply:
-        """Return the outlines of random props under other seeds."""
-        outlines: list[str] = []
-        # Draws that cannot be laid out are left out.
+        """Return the outlines of random props under other seeds; None for a seed whose world cannot be laid out."""
+        scene, ghosts = self.scene, list[Json]()
         for step in range(1, _GHOST_SEEDS + 1):
-            try:
-                world = parse_world(self.scene.text, self.document.path, seed=self.scene.world.spec.seed + step)
-            except MirdrakeError:
-                continue
-            outlines += [path_of(placed.footprint) for placed in world.props if placed.random]
-        return {"ghosts": outlines}
+            seed, outlines = scene.world.spec.seed + step, None
+            with suppress(MirdrakeError):
+                world = parse_world(scene.text, self.document.path, seed=seed)
+                outlines = [path_of(placed.footprint) for placed in world.props if placed.random]
+            ghosts.append({"seed": seed, "outlines": outlines})
+        return {"ghosts": ghosts}
 
     def _test(self, message: Message) -> Reply:
         name = str(message.get("name", ""))

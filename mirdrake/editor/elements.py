@@ -170,6 +170,9 @@ class Shape:
         same = present is not None and written == write_number(present, "m", like=raw)
         return [] if same else [((*self.path, *keys), written)]
 
+    def _set_count(self, number: float, *keys: str) -> list[Change]:
+        return self._set(float(max(1, round(number))), *keys)
+
     def _set_point(self, x: float, y: float, *keys: str) -> list[Change]:
         if self._part(*keys) is None:
             # A point that is not in the file is added as a whole.

@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from mirdrake.editor.elements import BODY, Change, Handle, LockedError, Path, Point, Shape, turn_handle
@@ -10,6 +10,7 @@ from mirdrake.editor.values import lock_reason, plain_number, write_number
 from mirdrake.worlds.world import World
 
 _MOST_POINTS = 200
+_LEAST_SPACING = 0.1  # [m] of a row under the mouse
 
 
 class At(Shape):
@@ -35,14 +36,61 @@ class _Grid(Shape):
     key = "grid"
 
     def handles(self) -> Iterator[Handle]:
-        """Yield the first position, and the spacing as the next one along both axes."""
+        """Yield the first position, the spacing as the next one along both axes, and the end of the last cell."""
         x, y = self._point("origin", default=(0.0, 0.0))
         yield Handle(BODY, x, y, lambda x, y: self._set_point(x, y, "origin"))
         dx, dy = self._point("step")
         yield Handle("step", x + dx, y + dy, lambda new_x, new_y: self._set_point(new_x - x, new_y - y, "step"))
+        counts = [_plain_count(self._part("count", index)) for index in ("0", "1")]
+        if None in counts:
+            return
+        # Half a cell behind the last prop, where it hides no other handle.
+        steps, ends = (dx, dy), [(count or 1) - 0.5 for count in counts]
+
+        def move(new_x: float, new_y: float) -> list[Change]:
+            changes: list[Change] = []
+            for index, (way, step) in enumerate(zip((new_x - x, new_y - y), steps, strict=True)):
+                changes += self._set_count(way / step + 0.5, "count", str(index)) if step else []
+            return changes
+
+        yield Handle("count", x + ends[0] * dx, y + ends[1] * dy, move)
 
 
-class _Line(Shape):
+class _Row(Shape):
+    """Props at equal distances, by `count` or `spacing`."""
+
+    def neighbour(
+        self, length: float, at: Callable[[float], Point], way_to: Callable[[float, float], float], *, is_open: bool
+    ) -> Iterator[Handle]:
+        """Yield the handle of the distance between neighbours, which changes their number or the spacing.
+
+        It is a third of the way to the second prop, where it hides neither props nor other handles.
+
+        Args:
+            length: of the row [m].
+            at: returns the place at a distance from the first prop [m].
+            way_to: returns the distance of a place from the first prop along the row [m].
+            is_open: whether the row has a prop at both ends.
+        """
+        count, spacing = _plain_count(self._part("count")), plain_number(self._part("spacing"), "m")
+        more = 1 if is_open else 0
+        if count is not None:
+            # A row of one prop has no distance; one that is longer than the row means it.
+            distance = length / max(0.4, count - more)
+        elif spacing is not None and spacing > 0.0:
+            distance = length / max(1, math.ceil(length / spacing - 1e-9))
+        else:
+            return
+
+        def move(x: float, y: float) -> list[Change]:
+            wanted = max(_LEAST_SPACING, 3.0 * float(way_to(x, y)))
+            return self._set(wanted, "spacing") if count is None else self._set_count(length / wanted + more, "count")
+
+        x, y = at(distance / 3.0)
+        yield Handle("spacing", float(x), float(y), move)
+
+
+class _Line(_Row):
     key = "line"
 
     def handles(self) -> Iterator[Handle]:
@@ -58,6 +106,15 @@ class _Line(Shape):
         yield Handle(BODY, *middle, move)
         yield self._point_handle("from", "from")
         yield self._point_handle("to", "to")
+        length = math.hypot(x1 - x0, y1 - y0)
+        if length > 0.0:
+            c, s = (x1 - x0) / length, (y1 - y0) / length
+            yield from self.neighbour(
+                length,
+                lambda way: (x0 + c * way, y0 + s * way),
+                lambda x, y: c * (x - x0) + s * (y - y0),
+                is_open=True,
+            )
 
 
 class _Ring(Shape):
@@ -74,6 +131,23 @@ class _Ring(Shape):
             return self._set(max(0.1, math.hypot(new_x - x, new_y - y)), "radius")
 
         yield Handle("radius", x + radius, y, move)
+
+
+class _PropRing(_Ring):
+    def handles(self) -> Iterator[Handle]:
+        """Yield the centre and the radius, and the number of props as the place of the second one."""
+        yield from super().handles()
+        count = _plain_count(self._part("count"))
+        if count is None:
+            return
+        (x, y), radius = self._point("center", default=(0.0, 0.0)), self._number("radius")
+        angle = 2.0 * math.pi / max(count, 2)
+
+        def move(new_x: float, new_y: float) -> list[Change]:
+            turned = math.atan2(new_y - y, new_x - x) % (2.0 * math.pi)
+            return self._set_count(2.0 * math.pi / max(turned, 1e-3), "count")
+
+        yield Handle("count", x + radius * math.cos(angle), y + radius * math.sin(angle), move)
 
 
 class _Disc(_Ring):
@@ -147,7 +221,7 @@ class _Polygon(Points):
         return [self._point(str(index)) for index in range(len(self.raw or ()))]
 
 
-class _Along(Shape):
+class _Along(_Row):
     key = "along"
 
     def handles(self) -> Iterator[Handle]:
@@ -166,6 +240,21 @@ class _Along(Shape):
                 return self._set(s, "s", str(index))
 
             yield Handle(name, x, y, self._along(self._part("track"), move))
+        # As the layout has it: over the start of a closed track, or backwards on an open one.
+        begin, length = ends[0], ends[1] - ends[0]
+        length += track.length if track.closed and length < 0.0 else 0.0
+        way = math.copysign(1.0, length)
+
+        def way_to(x: float, y: float) -> float:
+            s = float(track.project(x, y)[0]) - begin
+            return s % track.length if track.closed else way * s
+
+        yield from self.neighbour(
+            abs(length),
+            lambda distance: track.pose_at(begin + way * distance)[:2],
+            way_to,
+            is_open=not (track.closed and length >= track.length - 1e-9),
+        )
 
 
 class _Scatter(Shape):
@@ -230,6 +319,12 @@ class _Gate(Shape):
         yield Handle(BODY, x, y, self._along(self._part("track"), lambda s, _: self._set(s, "s")))
 
 
+def _plain_count(raw: Any) -> int | None:
+    """Return a number of props of at least 1; None if it is an expression."""
+    number = plain_number(raw, "m")
+    return int(number) if number is not None and number >= 1.0 else None
+
+
 def _region_handles(path: Path, raw: Any, world: World) -> Iterator[Handle]:
     if isinstance(raw, Mapping):
         for shape in REGIONS:
@@ -252,7 +347,7 @@ def _goal_radius(path: Path, given: Any, body: Handle) -> Handle:
 
 
 REGIONS: tuple[type[Shape], ...] = (_Rect, _Disc, _Polygon, _Band)
-PROPS: tuple[type[Shape], ...] = (At, _Grid, _Line, _Along, _Ring, _Scatter)
+PROPS: tuple[type[Shape], ...] = (At, _Grid, _Line, _Along, _PropRing, _Scatter)
 STARTS: tuple[type[Shape], ...] = (_OnTrack, _StartAt)
 GOALS: tuple[type[Shape], ...] = (_GoalAt, _Gate)
 """Layouts by the kind of element; the key of the first one that is in the file decides."""

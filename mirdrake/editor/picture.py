@@ -24,6 +24,7 @@ from mirdrake.worlds.tracks import Track
 from mirdrake.worlds.world import World
 
 _TOLERANCE = 0.02  # [m] of outlines of the ground and roads
+_SMALL = 1.0  # [m], what is smaller is hard to see on the map of a street
 _MOST_FIELDS = 60  # values of an element in the panel
 
 
@@ -117,7 +118,7 @@ def _prop(placed: PlacedProp) -> Json:
         "name": placed.name, "kind": placed.prop.name, "key": prop_key(placed), "d": path_of(placed.footprint),
         "x": round(x, 4), "y": round(y, 4), "yaw": round(math.atan2(R[1, 0], R[0, 0]), 5),
         "top": round(placed.top, 3), "color": color, "random": placed.random, "static": placed.static,
-        "length": round(placed.prop.size[0], 3),
+        "length": round(placed.prop.size[0], 3), "small": max(placed.prop.size[:2]) < _SMALL,
     }  # fmt: skip
 
 

@@ -12,24 +12,29 @@ const TYPING = 600; // ms without a key after which a typed text is sent
 
 const map = new WorldMap($("map"));
 const options = { snap: () => $("snap").checked };
+let dragged = null; // overlaps while something is dragged
 let state = {}, typed = null, note_timer = null, pending = 0, groups = null;
 
 // --- notes ---
 
 function note(text, bad = false, actions = []) {
   clearTimeout(note_timer);
-  $("note").textContent = text;
+  const words = document.createElement("p"), row = document.createElement("div");
+  // The name of the file is enough; its folder is above the map.
+  words.textContent = state.file ? text.replaceAll(state.file, file_name()) : text;
   $("note").className = bad ? "bad" : "";
   for (const [label, run] of actions) {
     const button = document.createElement("button");
     button.textContent = label;
-    button.style.marginLeft = "10px";
     button.addEventListener("click", () => { $("note").hidden = true; run(); });
-    $("note").append(button);
+    row.append(button);
   }
+  $("note").replaceChildren(words, ...(actions.length ? [row] : []));
   $("note").hidden = !text;
   if (text && !actions.length) note_timer = setTimeout(() => { $("note").hidden = true; }, 6000);
 }
+
+const file_name = () => state.file.split("/").pop();
 
 // --- state ---
 
@@ -40,6 +45,7 @@ async function ask(name, message = {}) {
     if (reply.error) {
       note(reply.error, true);
       map.settle();
+      dragged = null;
       map.show_marks(state.marks || []);
     } else take(reply);
     return reply;
@@ -55,6 +61,7 @@ function take(reply) {
   const before = state.revision;
   state = { ...state, ...reply };
   if (reply.scene) {
+    dragged = null;
     map.show(reply.scene);
     map.show_marks(reply.marks);
     show_fields();
@@ -70,7 +77,7 @@ function take(reply) {
 }
 
 function show_status() {
-  $("file").textContent = state.file.split("/").pop();
+  $("file").textContent = file_name();
   $("file").title = state.file;
   const saved = $("saved");
   saved.textContent = state.read_only ? "read only" : state.saved ? "saved" : "not saved";
@@ -90,7 +97,7 @@ function show_status() {
   results.show(state.tests || {});
 }
 
-function show_faults(marks = state.marks || []) {
+function show_faults(marks = dragged || state.marks || []) {
   const rows = (state.faults || []).map((text) => ({ text, kind: "file" }));
   const quick = marks.map((mark) => ({
     text: `${mark.names[0]} and ${mark.names[1]} overlap by ${(100 * mark.depth).toFixed(1)} cm`, names: mark.names, kind: "overlap",
@@ -207,8 +214,9 @@ function place_mark() {
 
 const preview = latest("preview", (reply) => {
   if (!reply.marks) return;
-  map.show_marks(reply.marks);
-  show_faults(reply.marks);
+  dragged = reply.marks;
+  map.show_marks(dragged);
+  show_faults();
 });
 
 function gesture(message) {
@@ -237,14 +245,33 @@ async function save(overwrite = false) {
   const reply = await ask("save", { overwrite });
   if (!reply.error) return reply;
   if (reply.error && /another program/.test(reply.error)) {
-    note(reply.error, true, [["Reload", () => ask("reload")], ["Overwrite", () => save(true)]]);
+    note(reply.error, true, [["Reload", reload], ["Overwrite", () => save(true)]]);
   }
   return reply;
 }
 
+// Other seeds: all of their draws, and one of them above the others.
+let ghosts = [];
 async function show_ghosts() {
-  const reply = $("ghosts").checked ? await send("ghosts") : { ghosts: [] };
-  map.show_ghosts(reply.ghosts || []);
+  ghosts = $("ghosts").checked ? (await send("ghosts")).ghosts || [] : [];
+  $("seeds").hidden = !$("ghosts").checked;
+  $("seed").max = ghosts.length;
+  choose_seed();
+}
+
+function choose_seed() {
+  const chosen = ghosts[Number($("seed").value) - 1], any = ghosts.some(({ outlines }) => outlines?.length);
+  map.show_ghosts(ghosts.flatMap(({ outlines }) => outlines || []), chosen?.outlines || []);
+  $("seed_name").textContent = !any ? "no random props"
+    : !chosen ? `seeds ${ghosts[0].seed} to ${ghosts.at(-1).seed}`
+      : `seed ${chosen.seed}${chosen.outlines ? "" : ": cannot be laid out"}`;
+  $("take_seed").disabled = !chosen?.outlines;
+}
+
+function take_seed() {
+  const { seed } = ghosts[Number($("seed").value) - 1];
+  $("seed").value = 0;
+  gesture({ kind: "set", path: ["seed"], value: String(seed) });
 }
 
 // Meshcat is asked for again only when it has drawn the last world.
@@ -282,12 +309,12 @@ async function fill_palette(names) {
   show_palette($("palette"), (await send("palette")).palette || [], map, options, drop);
 }
 
-new Gestures(map, {
+const gestures = new Gestures(map, {
   choose, copy, remove, gesture,
   hover: (x, y) => { $("readout").textContent = `x ${x.toFixed(2)} m   y ${y.toFixed(2)} m`; },
   preview: (moves, turn = 0) => preview.push({ moves, turn }),
   reject: (text) => note(text, true),
-  cancel: () => { preview.cancel(); map.show_marks(state.marks || []); show_faults(); },
+  cancel: () => { preview.cancel(); dragged = null; map.show_marks(state.marks || []); show_faults(); },
   undo: () => ask("undo"), redo: () => ask("redo"), save: () => save(),
 }, options);
 
@@ -298,6 +325,8 @@ $("copy").addEventListener("click", copy);
 $("delete").addEventListener("click", remove);
 $("fit").addEventListener("click", () => map.fit());
 $("ghosts").addEventListener("change", show_ghosts);
+$("seed").addEventListener("input", choose_seed);
+$("take_seed").addEventListener("click", take_seed);
 $("solid").addEventListener("change", show_solid);
 $("test").addEventListener("click", () => run_test($("case").value, state.tests?.name && state.tests.code === null));
 $("yaml").addEventListener("scroll", place_mark);
@@ -313,15 +342,30 @@ map.onview = () => {
   $("scale").querySelector("span").textContent = `${length} m`;
 };
 
+async function reload() {
+  const reply = await ask("reload");
+  // A further change by another program is a new one.
+  state.asked = Boolean(reply.error);
+  return !reply.error;
+}
+
+// If the text is saved, nothing is lost by reading the file again.
+async function changed_outside({ saved }) {
+  const text = `Another program has changed ${file_name()}.`;
+  if (!saved) note(text, true, [["Reload", reload], ["Keep mine", () => {}]]);
+  else if (await reload()) note(`${text} It was read again; undo returns to the text before.`);
+}
+
 async function poll() {
   if (!pending && typed === null) {
     try {
       const reply = await send("state", { revision: state.revision });
       if (!pending && typed === null) take(reply);
-      if (reply.outside && !state.asked) {
+      if (!reply.outside) state.asked = false;
+      else if (!state.asked && !gestures.drag) {
         state.asked = true;
-        note(`Another program has changed ${reply.file}.`, true, [["Reload", () => ask("reload")], ["Keep mine", () => {}]]);
-      } else if (!reply.outside) state.asked = false;
+        changed_outside(reply);
+      }
     } catch (error) { note("The editor does not answer. Is `mirdrake world edit` still running?", true); }
   }
   setTimeout(poll, POLL);

@@ -8,6 +8,7 @@ const KINDS = {
   sedan: "#8fb3dd", van: "#a8bfd8", wall: "#a7abb1", jersey_barrier: "#b9bcc2", lamp_post: "#70798a", stop_sign: "#d9534f",
   speed_bump: "#e9c65b", traffic_light: "#70798a",
 };
+const LABEL = [52, 15]; // px of a depth beside an overlap
 const FACING = new Set(["sedan", "van", "pedestrian"]);
 
 export function make(tag, attributes = {}, parent = null) {
@@ -127,8 +128,8 @@ export class WorldMap {
       const group = make("g", { class: "element", "data-key": prop.key, "data-name": prop.name }, props);
       const body = make("path", { class: `prop${prop.random ? " random" : ""}${prop.key.startsWith("actors/") ? " actor" : ""}`, d: prop.d, fill: fill(prop) }, group);
       make("title", {}, body).textContent = `${prop.name}: ${prop.kind} at (${prop.x.toFixed(2)}, ${prop.y.toFixed(2)}) m`;
-      // A pedestrian is too small to be seen and hit on a map of a whole street.
-      if (prop.key.startsWith("actors/") && prop.length < 1) make("path", { class: "dot", d: `M${prop.x} ${prop.y}h0` }, group);
+      // A pedestrian or a cone is too small to be seen and hit on a map of a whole street.
+      if (prop.small) make("path", { class: "dot", d: `M${prop.x} ${prop.y}h0`, stroke: fill(prop) }, group);
       if (FACING.has(prop.kind)) {
         const c = Math.cos(prop.yaw), s = Math.sin(prop.yaw), l = prop.length;
         const at = (u, v) => `${prop.x + c * u * l - s * v * l} ${prop.y + s * u * l + c * v * l}`;
@@ -256,15 +257,22 @@ export class WorldMap {
 
   draw_labels() {
     this.labels.replaceChildren();
+    const drawn = [];
     for (const mark of this.marks) {
-      const [x, y] = this.to_screen(mark.x, mark.y);
       const depth = mark.depth >= 0.01 ? `${(100 * mark.depth).toFixed(0)} cm` : `${(1000 * mark.depth).toFixed(1)} mm`;
-      make("text", { class: "depth", x: x + 8, y: y - 8 }, this.labels).textContent = depth;
+      let [x, y] = this.to_screen(mark.x, mark.y);
+      [x, y] = [x + 8, y - 8];
+      // Above the labels that are there already.
+      const hidden = () => drawn.find((other) => Math.abs(other[0] - x) < LABEL[0] && Math.abs(other[1] - y) < LABEL[1]);
+      for (let other = hidden(); other; other = hidden()) y = other[1] - LABEL[1];
+      drawn.push([x, y]);
+      make("text", { class: "depth", x, y }, this.labels).textContent = depth;
     }
   }
 
-  show_ghosts(paths) {
-    this.layers.ghosts.replaceChildren(...paths.map((d) => make("path", { class: "ghost", d })));
+  show_ghosts(paths, chosen = []) {
+    this.layers.ghosts.replaceChildren(...paths.map((d) => make("path", { class: "ghost", d })),
+      ...chosen.map((d) => make("path", { class: "ghost one", d })));
   }
 
   rubber_band(from, to) {
