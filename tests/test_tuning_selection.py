@@ -147,6 +147,9 @@ class _Stages:
         )
         return MonteCarlo(table, {}, 5, 0)
 
+    def cost_in_runs(self, candidate: Candidate) -> float:
+        return candidate.trial.cost
+
     def confirm_margins(self, candidate: Candidate) -> tuple[tuple[()], tuple[()]]:
         return (), ()
 

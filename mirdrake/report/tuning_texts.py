@@ -329,13 +329,14 @@ def criterion_text(criterion: Criterion, result: TuningResult) -> str:
     rule = "robust rule" if result.robustness is not None or result.step_effect is not None else "rule"
     baseline = next((candidate for candidate in result.candidates if candidate.name == result.baseline), None)
     unstable = ", which is unstable" if baseline is not None and baseline.status != "ok" else ""
+    cost = "cost of at most" if result.robustness is None else "median cost in the Monte Carlo over"
     texts = {
         "cheaper_than_baseline": f"cost below that of {baseline_name(result)}{unstable}",
         "cheaper_in_runs": f"median cost in the Monte Carlo over that of {baseline_name(result)}",
         "constraint": FIGURES.get(criterion.figure, (criterion.figure, ""))[0],
         "monte_carlo": "Monte Carlo runs that are not stable",
         "finer_step": "not stable at a finer step of the plant",
-        "no_dearer_than_rule": f"cost of at most that of the best {rule} within the constraints, {criterion.rule}",
+        "no_dearer_than_rule": f"{cost} that of the best {rule} within the constraints, {criterion.rule}",
         "robust_unlike_rules": "meets the constraints and is robust, as no rule is",
         "feasible_unlike_rules": "meets the constraints, as no rule does",
         "schedule": "speeds at and between which the schedule breaks a constraint",

@@ -1,20 +1,27 @@
 """Screening of the Monte Carlo: the reduced model makes all runs, the plant confirms those that matter.
 
+Gains that cost least in one test may do so only there. Searches therefore rank gains by their mean cost in the test and
+in a sample of the runs: that of the test, on the plant, times the ratio of both on the model.
+
 The plant makes the runs that are most likely to fail, and the first ones, which are a random sample. The rank
 correlation of the cost on both (C. Spearman, American Journal of Psychology 15 (1904) 72) decides whether the model
 may stand for the other runs. If it may not, the plant makes all of them.
 """
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 import scipy  # its parts are imported when they are first used
 
-from mirdrake.tuning.loops.base import Conditions
+from mirdrake.tuning.loops.base import NOMINAL, Conditions, Evaluation, Evaluator, Fidelity
 from mirdrake.tuning.models import Floats
 from mirdrake.tuning.scenarios import hardest
+
+COST = "cost_in_runs"
+"""Figure by which searches rank gains."""
 
 SAMPLE = 12
 """First runs, which the plant makes for every candidate: all on one side of 1 mean a median there (p = 0.0005)."""
@@ -27,6 +34,52 @@ RANKS = 0.9
 
 DECIDED = 0.05
 """Two-sided probability of the sign test below which a median is decided."""
+
+
+@dataclass(frozen=True)
+class InRuns:
+    """Tests gains, and adds their mean cost in the test and in some runs as the figure :data:`COST`; can be pickled.
+
+    Attributes:
+        evaluate: tests gains.
+        draws: conditions of the runs; none: the cost is that of the test.
+        cost: weights of figures.
+    """
+
+    evaluate: Evaluator
+    draws: tuple[Conditions, ...]
+    cost: dict[str, float]
+
+    def __call__(
+        self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: Fidelity = "plant"
+    ) -> Evaluation:
+        """Test gains; every failure is an evaluation."""
+        result = self.evaluate(gains, conditions, fidelity)
+        if result.status != "ok" or conditions != NOMINAL:
+            return result
+        cost = self._sum(result) * cost_ratio(self.evaluate, gains, self.draws, self.cost)
+        return replace(result, figures={**result.figures, COST: cost})
+
+    def _sum(self, result: Evaluation) -> float:
+        return sum(weight * result.figures.get(figure, math.nan) for figure, weight in self.cost.items() if weight)
+
+
+def cost_ratio(
+    evaluate: Evaluator, gains: Mapping[str, float], draws: Sequence[Conditions], cost: Mapping[str, float]
+) -> float:
+    """Return the mean cost of gains in a test and in runs over that in the test, on the reduced model [1].
+
+    It is inf if a run is not stable, and 1 without runs, or without gains: servos have no model.
+    """
+    if not draws or not gains:
+        return 1.0
+    costs = []
+    for conditions in (NOMINAL, *draws):
+        result = evaluate(gains, conditions, "reduced")
+        if result.status != "ok":
+            return math.inf
+        costs.append(sum(weight * result.figures[figure] for figure, weight in cost.items() if weight))
+    return float(np.mean(costs)) / max(costs[0], 1e-300)
 
 
 def choose_runs(

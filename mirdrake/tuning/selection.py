@@ -172,7 +172,9 @@ def choose_rule(stages: Stages, tried: Sequence[Candidate], slower: Sequence[Des
     """
     known = Knowledge()
     # Rank: violation of the constraints, then cost.
-    rules = sorted((candidate for candidate in tried if candidate.design.kind == "rule"), key=lambda rule: rule.rank)
+    costs = {rule.name: stages.cost_in_runs(rule) for rule in tried if rule.design.kind == "rule"}
+    rules = [candidate for candidate in tried if candidate.name in costs]
+    rules.sort(key=lambda rule: (rule.trial.violation, costs[rule.name]))
     rejected: list[Candidate] = []
     # A Monte Carlo takes long, so only the cheapest rules get one.
     for rule in [rule for rule in rules if rule.trial.feasible][:POOL]:
@@ -211,13 +213,14 @@ def choose_best(
     # Rejections are those of this choice, so earlier ones are dropped.
     known = replace(known, rejected=())
     # Candidates with a test and trials of the searches, together in the order of their cost.
-    pool: list[Candidate | Trial] = [
-        candidate for candidate in tried if candidate.trial.feasible and candidate.design.kind != "baseline"
+    pool: list[tuple[float, Candidate | Trial]] = [
+        (stages.cost_in_runs(candidate), candidate)
+        for candidate in tried
+        if candidate.trial.feasible and candidate.design.kind != "baseline"
     ]
-    pool += [trial for trials in searches for trial in trials.trials if trial.feasible]
-    pool.sort(key=lambda entry: entry.trial.cost if isinstance(entry, Candidate) else entry.cost)
+    pool += [(trial.cost, trial) for trials in searches for trial in trials.trials if trial.feasible]
     failed: list[tuple[int, Candidate]] = []
-    for entry in pool:
+    for _, entry in sorted(pool, key=lambda pair: pair[0]):
         # A trial becomes a candidate only when it is its turn: that takes tests of its own.
         if isinstance(entry, Candidate):
             candidate: Candidate | None = entry
@@ -282,4 +285,4 @@ def beats_rule(stages: Stages, known: Knowledge, best: Candidate, rule: Candidat
     if not check.is_robust or rule is None:
         return check.is_robust, known
     other, known = verify(stages, known, rule)
-    return not other.is_robust or best.trial.cost < rule.trial.cost, known
+    return not other.is_robust or stages.cost_in_runs(best) < stages.cost_in_runs(rule), known

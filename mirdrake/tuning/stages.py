@@ -23,7 +23,7 @@ from mirdrake.tuning.loops.registry import LOOP_KINDS
 from mirdrake.tuning.models import Floats
 from mirdrake.tuning.robustness import MonteCarlo, draw_conditions, run_monte_carlo
 from mirdrake.tuning.scenarios import InScenarios, Ranges, drawn_ranges, hardest
-from mirdrake.tuning.screening import SAMPLE, check_ranks, choose_runs, is_decided
+from mirdrake.tuning.screening import COST, SAMPLE, InRuns, check_ranks, choose_runs, cost_ratio, is_decided
 from mirdrake.tuning.search import search
 from mirdrake.tuning.search_range import Space
 from mirdrake.tuning.space import map_space
@@ -59,11 +59,6 @@ class Candidate:
     def name(self) -> str:
         """Name of the design."""
         return self.design.name
-
-    @property
-    def rank(self) -> tuple[float, float]:
-        """Violation of the constraints, then cost; smaller is better."""
-        return self.trial.violation, self.trial.cost
 
 
 @dataclass(frozen=True)
@@ -112,6 +107,16 @@ class Stages:
         """Conditions of the runs of the Monte Carlo; none if the study has no Monte Carlo."""
         runs = self.spec.robustness.runs
         return draw_conditions(self.ranges, runs=runs, seed=self.spec.seed) if self.ranges and runs else []
+
+    @property
+    def _sample(self) -> list[Conditions]:
+        """Draws in which the reduced model estimates the cost of gains; none without a reduced model."""
+        return self.draws[:SAMPLE] if self.first_fidelity == "reduced" else []
+
+    def cost_in_runs(self, candidate: Candidate) -> float:
+        """Return the cost by which candidates are ranked, as :class:`mirdrake.tuning.screening.InRuns` does."""
+        ratio = cost_ratio(LoopEvaluator(self.loop), candidate.design.gains, self._sample, self.spec.cost)
+        return candidate.trial.cost * ratio
 
     @property
     def hardest(self) -> list[Conditions]:
@@ -214,6 +219,9 @@ class Stages:
         # Gains whose margins are too small on the model are not worth a test on the plant.
         margins = {name: limit for name, limit in constraints.items() if name in MARGINS}
         evaluate: Evaluator = LoopEvaluator(loop or self.loop, margins=margins)
+        cost = spec.cost
+        if self._sample and method != "nsga2":  # which has an objective per figure of the cost
+            evaluate, cost = InRuns(evaluate, tuple(self._sample), spec.cost), {COST: 1.0}
         if scenarios:
             # Constraints first, then scenarios: an infeasible trial needs no further tests.
             evaluate = InScenarios(evaluate, tuple(scenarios), constraints)
@@ -222,7 +230,7 @@ class Stages:
             {name: entry.parameter() for name, entry in space.items()},
             method=method,
             trials=max(count, 1),
-            cost=spec.cost,
+            cost=cost,
             constraints=constraints,
             # At most half of the trials are given, so that the sampler can propose the others; other methods take no
             # starts.

@@ -242,13 +242,14 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
     tried = [designs.baseline, *designs.tested, *choice.added]
     if outcome.best is not None and outcome.best.name not in {candidate.name for candidate in tried}:
         tried.append(outcome.best)
-    winner = outcome.best or min(tried[1:] or tried, key=lambda candidate: candidate.rank)
+    winner = outcome.best or min(tried[1:] or tried, key=lambda one: (one.trial.violation, one.trial.cost))
 
     # Monte Carlo of the candidates that are compared; the journal has the runs of the checks already.
     compared = {candidate.name for candidate in (designs.baseline, choice.rule, winner, *choice.rejected) if candidate}
     chosen = [candidate for candidate in tried if candidate.name in compared]
-    # The medians matter only where the test itself prefers the winner.
-    rivals = [rival for rival in (designs.baseline, choice.rule) if rival and winner.trial.cost < rival.trial.cost]
+    # The median against the baseline matters only where the test itself prefers the winner.
+    rivals = [designs.baseline] if winner.trial.cost < designs.baseline.trial.cost else []
+    rivals += [choice.rule] if choice.rule is not None and choice.rule.name != winner.name else []
     runs = stages.monte_carlo(chosen, pairs=[(winner.name, rival.name) for rival in rivals])
     gain_map = stages.map(outcome.space, winner)
     schedule, schedule_criteria = tune_over_speed(stages, outcome.space, winner, outcome.known.hard)
@@ -292,7 +293,7 @@ def _run(stages: Stages) -> tuple[TuningResult, Tables]:
         experiments=identification.experiments,
         omitted=designs.omitted,
         # Only rejected trials that would have won are worth a report.
-        rejected=tuple(trial for trial in known.rejected if trial.cost < winner.trial.cost),
+        rejected=tuple(trial for trial in known.rejected if trial.cost < stages.cost_in_runs(winner)),
         step_effect=effect,
         schedule=schedule,
         robustness=None if runs is None else runs.summary(_corner_tests(stages, chosen)),
