@@ -1,5 +1,6 @@
 """The reduced model of a loop: its compiled test, resonances, rolling radii, and the screening of the Monte Carlo."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from mirdrake.tuning.loops.reduced_kernel import KERNEL_PARTS, RunNumbers, simul
 from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.loops.speed import radius_per_mass
 from mirdrake.tuning.process_models import discrete_matrices
-from mirdrake.tuning.screening import SAMPLE, check_ranks, choose_runs, is_decided
+from mirdrake.tuning.screening import COST, SAMPLE, WORST, InRuns, check_ranks, choose_runs, is_decided
 from mirdrake.tuning.spec import load_tuning
 from mirdrake.tuning.stages import Candidate, Stages
 from mirdrake.tuning.trials import Trial
@@ -175,6 +176,34 @@ def test_a_model_that_ranks_the_runs_differently_is_not_trusted() -> None:
     # A model that fails where the plant does not is wrong; a candidate that fails on the plant is rejected anyway.
     assert not check_ranks(rows_of(costs, status=lost), plant, {"iae": 1.0}).is_trusted
     assert check_ranks(rows_of(costs[::-1]), rows_of(costs, status=lost), {"iae": 1.0}).is_trusted
+
+
+def test_runs_of_which_none_is_stable_need_no_figures() -> None:
+    lost = pd.DataFrame({"run": range(30), "status": "unstable"})
+    draws = [Conditions(delay=0.05, friction=0.8, seed=number) for number in range(30)]
+    assert len(choose_runs(lost, draws, {"iae": 1.0}, grip=np.ones(30))) >= WORST
+    assert check_ranks(lost, lost, {"iae": 1.0}).is_trusted  # it fails on the plant as well
+
+
+def test_gains_are_ranked_by_their_mean_cost_in_the_test_and_in_runs() -> None:
+    @dataclass(frozen=True)
+    class Loop:
+        """The cost of the plant is twice that of the model, and grows with the delay; gain 9 fails in a run."""
+
+        def __call__(
+            self, gains: Mapping[str, float], conditions: Conditions = NOMINAL, fidelity: str = "plant"
+        ) -> Evaluation:
+            if gains["kp"] == 9.0 and conditions.delay:
+                return Evaluation("unstable")
+            cost = (1.0 + 10.0 * (conditions.delay or 0.0)) / gains["kp"]
+            return Evaluation("ok", {"iae": 2.0 * cost if fidelity == "plant" else cost})
+
+    test = InRuns(Loop(), (Conditions(delay=0.1), Conditions(delay=0.3)), {"iae": 1.0})
+    # Costs 1, 2 and 4 on the model: the mean is 7/3 of that in the test.
+    assert test({"kp": 1.0}).figures == pytest.approx({"iae": 2.0, COST: 2.0 * 7.0 / 3.0})
+    assert test({"kp": 1.0}, fidelity="reduced").figures == pytest.approx({"iae": 1.0, COST: 7.0 / 3.0})
+    assert COST not in test({"kp": 1.0}, Conditions(delay=0.1)).figures
+    assert test({"kp": 9.0}).figures[COST] == math.inf
 
 
 def test_a_median_is_decided_by_the_sign_test() -> None:

@@ -99,15 +99,21 @@ def choose_runs(
     chosen |= set(np.argsort(-costs, kind="stable")[:WORST].tolist())
     if grip is not None:
         mass = np.array([draw.mass for draw in draws])
-        use = np.nan_to_num(model["peak_effort"].to_numpy(dtype=float) / mass / grip, nan=np.inf)
+        use = np.nan_to_num(_figure(model, "peak_effort") / mass / grip, nan=np.inf)
         chosen |= set(np.argsort(-use, kind="stable")[:WORST].tolist())
     return chosen
 
 
 def total_cost(rows: pd.DataFrame, cost: Mapping[str, float]) -> Floats:
     """Return the weighted sum of figures of each row; nan for a row that is not ok."""
-    parts = [weight * rows[figure].to_numpy(dtype=float) for figure, weight in cost.items() if weight]
+    parts = [weight * _figure(rows, figure) for figure, weight in cost.items() if weight]
     return np.where(rows["status"] == "ok", np.sum(parts, axis=0), np.nan)
+
+
+def _figure(rows: pd.DataFrame, name: str) -> Floats:
+    """Return a figure of each row; nan where it is undefined, as in runs that are not ok."""
+    # Without a run that is ok there is no column.
+    return rows[name].to_numpy(dtype=float) if name in rows else np.full(len(rows), np.nan)
 
 
 @dataclass(frozen=True)
