@@ -16,7 +16,7 @@ from mirdrake.editor.checker import Checker
 from mirdrake.editor.document import Document, revision_of
 from mirdrake.editor.elements import BODY, TURN, LockedError
 from mirdrake.editor.gestures import Gesture, Move, TextGesture, changes_of, read_gesture
-from mirdrake.editor.marks import mark_moved, mark_overlaps
+from mirdrake.editor.marks import load_machine_code, mark_moved, mark_overlaps
 from mirdrake.editor.palette import palette, picture
 from mirdrake.editor.picture import make_picture, mark_json, path_of
 from mirdrake.editor.scene import Scene, read_scene
@@ -29,6 +29,7 @@ PORT = 8785
 
 _TRIED = 20  # ports from there on
 _LARGEST = 4_000_000  # bytes of a message, as a typed text may be long
+_PREPARED_AFTER = 1.5  # s
 _GHOST_SEEDS = 20  # draws that are shown as ghosts
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
@@ -85,6 +86,10 @@ class Editor:
             undo.pop_all()
         # The first check runs beside the page, which opens at once.
         self._checker.check(self.document.text)
+        # Not while the page is being opened, and before the first prop is dragged.
+        self._prepared = threading.Timer(_PREPARED_AFTER, load_machine_code)
+        self._prepared.daemon = True
+        self._prepared.start()
 
     @property
     def url(self) -> str:
@@ -106,6 +111,7 @@ class Editor:
 
     def release(self) -> None:
         """Stop the checks and release the file, after serving has ended."""
+        self._prepared.cancel()
         self._checker.close()
         self._tests.close()
         self._view.close()

@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from mirdrake.editor.scene import Scene
 from mirdrake.world_checks.overlaps import LEAST_DEPTH, Neighbours
 from mirdrake.world_checks.separation import TOLERANCE, separate
-from mirdrake.worlds.props import PlacedProp
+from mirdrake.worlds.props import PlacedProp, make_primitive
 
 MOST_MARKS = 200
 """Overlaps that are looked for."""
@@ -29,6 +29,12 @@ class Mark:
     depth: float
     x: float
     y: float
+
+
+def load_machine_code() -> None:
+    """Find the overlap of two boxes: the first one takes half a second, in which the machine code is loaded."""
+    box = PlacedProp("box", make_primitive("box", (1.0, 1.0, 1.0)), RigidTransform())
+    separate(box, box, tolerance=COARSE)
 
 
 def mark_overlaps(scene: Scene) -> list[Mark]:
