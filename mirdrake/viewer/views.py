@@ -22,7 +22,7 @@ FOLLOW, COCKPIT, MAP = "follow", "cockpit", "map"
 
 _PANEL = """
 <style>
-  #views { position: fixed; left: 50%; top: 12px; transform: translateX(-50%); z-index: 3; display: flex;
+  #views { position: fixed; left: 12px; top: 12px; z-index: 3; display: flex; /* Meshcat has its own on the right */
     font: 14px/1.2 system-ui, sans-serif; border-radius: 8px; overflow: hidden; box-shadow: 0 1px 6px rgba(0,0,0,.3); }
   #views button { border: 0; padding: 8px 16px; background: #fff; color: #1d2733; cursor: pointer; font: inherit; }
   #views button + button { border-left: 1px solid #d5dbe3; }
