@@ -125,20 +125,27 @@ def test_a_bump_of_75_millimetres(tmp_path: Path) -> None:
 
 
 def test_a_jump_is_a_parabola_and_ends_with_a_landing(tmp_path: Path) -> None:
-    """Without load on any wheel, the centre of mass accelerates downwards with g within 1 %, and the vehicle lands."""
+    """Without load on any wheel, the centre of mass accelerates downwards with g within 2 %, and the vehicle lands.
+
+    The front bumper may touch the ground before the wheels do, so half of the flight is evaluated. The vehicle bounces
+    on bumpers and tyres, and at a given time any number of wheels may be in the air: each wheel must bear more than
+    its static load at some time, and the vehicle must stay upright.
+    """
     ramp = [{"ramp": {"at": [6.0, 0.0], "length": 6.0, "height": 0.8, "width": 6.0}}]
     signals = drive(tmp_path, relief=ramp, model="bolt", speed=12.0, step=0.0025, duration=3.0)
     assert np.isfinite(signals.to_numpy()).all()
     flying = (signals[WHEEL_LOADS].sum(axis=1) < 1.0).to_numpy()
     ends = np.flatnonzero(np.diff(np.concatenate([[0], flying, [0]]).astype(int))).reshape(-1, 2)
     first, last = ends[np.argmax(ends[:, 1] - ends[:, 0])]  # the longest flight
-    air = signals.iloc[first + 2 : last - 2]
+    air = signals.iloc[first + 2 : (first + last) // 2]
     assert len(air) > 40
     # Height of the centre of mass: 1.17 m ahead of the origin and 0.55 m above it, roughly; the pitch rate is constant.
     ahead, up = 1.17, 0.55
     z = air["ego.z"] - ahead * np.sin(air["ego.pitch"]) + up * np.cos(air["ego.pitch"])
     assert 2.0 * np.polyfit(air.index - air.index[0], z, 2)[0] == pytest.approx(-9.81, rel=0.02)
-    assert signals.iloc[-1][WHEEL_LOADS].sum() > 5000.0
+    landed = signals.iloc[last:]
+    assert landed[WHEEL_LOADS].max().min() > 4500.0
+    assert landed["ego.roll"].abs().max() < 0.5
 
 
 @pytest.mark.parametrize("contact", ["hydroelastic", "point", "tyre"])

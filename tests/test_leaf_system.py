@@ -172,6 +172,11 @@ def test_a_shipped_diagram_is_freed(name: str) -> None:
     assert _left(lambda: assemble(name).diagram) == []
 
 
+def test_a_diagram_with_tyres_that_touch_the_ground_themselves_is_freed() -> None:
+    spec = {"world": "empty", "vehicles": {"ego": {"model": "bolt"}}, "control": {"ego": {"kind": "constant"}}}
+    assert _left(lambda: assemble({**spec, "plant": {"contact": "tyre"}}).diagram) == []
+
+
 def test_a_diagram_with_the_blocks_of_a_control_unit_is_freed() -> None:
     assert _left(lambda: assemble("bolt_test_track", expand=True).diagram) == []
 

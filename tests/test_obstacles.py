@@ -56,6 +56,14 @@ def test_the_ground_is_a_half_space_where_drake_can_bear_one(tmp_path, props, ve
     assert signals["car0.z"].abs().max() < 0.02
 
 
+def test_shapes_that_tyres_with_slip_replace_do_not_count(tmp_path):
+    """With 400 posts a car has a half space, whatever its tyres; the plant still counts the shapes of its wheels."""
+    for model in ("bolt", "bolt@handling"):
+        assembly = build(tmp_path, [posts(400)], model=model)
+        (ground,), inspector = assembly.parts.ground, assembly.parts.scene_graph.model_inspector()
+        assert isinstance(inspector.GetShape(ground), HalfSpace)
+
+
 @pytest.mark.parametrize("contact", ["point", pytest.param("hydroelastic", marks=pytest.mark.slow)])
 def test_on_a_box_a_car_circles_as_on_a_half_space(tmp_path, contact):
     runs = []

@@ -521,7 +521,9 @@ def add_world(plant: MultibodyPlant, world: World | str) -> tuple[tuple[Geometry
     body, shape, X_BG = plant.world_body(), HalfSpace(), RigidTransform([0.0, 0.0, lowest])
     still = len(plant.GetCollisionGeometriesForBody(body))
     if still > MAX_SHAPES_WITH_HALF_SPACE:
-        if plant.num_collision_geometries() - still > MAX_SHAPES_WITH_HALF_SPACE:
+        # The plant also counts the shapes of wheels that those of tyres with a law have replaced.
+        shapes = Parser(plant).scene_graph().model_inspector().NumGeometriesWithRole(Role.kProximity)
+        if shapes - still > MAX_SHAPES_WITH_HALF_SPACE:
             side = 2.0 * (max(map(abs, world.ground.extent)) + _MARGIN)
             shape, X_BG = Box(side, side, _DEPTH), RigidTransform([0.0, 0.0, lowest - _DEPTH / 2.0])
         else:

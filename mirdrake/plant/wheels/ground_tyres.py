@@ -249,19 +249,26 @@ class GroundReadings(LeafSystem):  # type: ignore[misc, unused-ignore]
             for name in vehicles
             for wheel in WHEELS
         ]
-        self.wheel_load = self._declare("wheel_load", loads, self.load_inputs)
-        self.resistance = self._declare("resistance", torques, self.resistance_inputs)
+        # Bound methods: a function that refers to the ports would keep the diagram alive.
+        self.wheel_load = declare_vector_output(
+            self, "wheel_load", loads, self._join_loads, prerequisites=[port.ticket() for port in self.load_inputs]
+        )
+        self.resistance = declare_vector_output(
+            self,
+            "resistance",
+            torques,
+            self._join_resistances,
+            prerequisites=[port.ticket() for port in self.resistance_inputs],
+        )
         others = [Signal("other_contacts", "", "contacts that are not tyres on the road")]
         self.other_contacts = declare_state_output(self, "other_contacts", others, self._others)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    def _declare(self, name: str, contents: Sequence[Signal], inputs: Sequence[Any]) -> Any:
-        """Return an output port that joins vector inputs."""
+    def _join_loads(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.concatenate([port.Eval(context) for port in self.load_inputs]))
 
-        def calc(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(np.concatenate([port.Eval(context) for port in inputs]))
-
-        return declare_vector_output(self, name, contents, calc, prerequisites={port.ticket() for port in inputs})
+    def _join_resistances(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.concatenate([port.Eval(context) for port in self.resistance_inputs]))
 
     def _update(self, context: Context, state: DiscreteValues) -> None:
         results = self.contact_results.Eval(context)
