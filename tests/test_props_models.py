@@ -22,10 +22,10 @@ NAMES = sorted(path.parent.name for path in ROOT.glob("*/prop.yaml"))
 NEEDED = {"description", "source", "size", "mass", "visual", "resizable", "driven_over", "solids"}
 EXPECTED = {
     "cone", "barrel", "jersey_barrier", "stop_sign", "traffic_light", "pedestrian", "sedan", "van", "tree", "house",
-    "building", "thrift_store", "lamp_post", "wall", "speed_bump",
+    "building", "thrift_store", "lamp_post", "wall", "speed_bump", "cyclist",
 }  # fmt: skip
-TRIANGLES = {"cone": 1000, "sedan": 15000, "van": 15000, "tree": 15000, "pedestrian": 15000}
-LONG_ALONG_X = {"jersey_barrier", "wall", "building", "sedan", "van"}
+TRIANGLES = {"cone": 1000, "sedan": 15000, "van": 15000, "tree": 15000, "pedestrian": 15000, "cyclist": 15000}
+LONG_ALONG_X = {"jersey_barrier", "wall", "building", "sedan", "van", "cyclist"}
 PUBLISHED = {  # [m]; None without a regulation
     "cone": (None, None, 28 * 0.0254),
     "barrel": (None, None, 36 * 0.0254),

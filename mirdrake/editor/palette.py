@@ -23,7 +23,7 @@ from mirdrake.worlds.world import World
 
 Array = NDArray[np.float64]
 
-ACTORS = ("pedestrian", "sedan", "van")
+ACTORS = ("pedestrian", "cyclist", "sedan", "van")
 """Props that are offered as actors; a file may use any other."""
 
 _SIZE = (112, 80)  # [pixel] of a picture, twice its size on the page

@@ -110,7 +110,7 @@ _ROAD = {"asphalt": "#b7bcc3", "concrete": "#cfcac0", "grass": "#b5d09a", "grave
 _KINDS = {
     "barrel": "#e8742a", "box": "#a89a88", "building": "#b8a590", "cone": "#f08632", "cylinder": "#9c92ad",
     "house": "#c08f72", "jersey_barrier": "#9da3a9", "lamp_post": "#6b7280", "pedestrian": "#c02a78",
-    "sedan": "#5c81ab", "speed_bump": "#d9ad2b", "sphere": "#7fa3a0", "stop_sign": "#c8322b",
+    "cyclist": "#d2691e", "sedan": "#5c81ab", "speed_bump": "#d9ad2b", "sphere": "#7fa3a0", "stop_sign": "#c8322b",
     "thrift_store": "#b98f5d", "traffic_light": "#c99a16", "tree": "#74a85e", "van": "#8276ab", "wall": "#a8806a",
 }  # fmt: skip
 _PLAIN_PATCH = "#d7c4e8"  # a patch without a surface of its own

@@ -35,7 +35,7 @@ _SIGNAL_SHAPES = {
     "stop": '<path d="M-2.5 -6h5L6 -2.5v5L2.5 6h-5L-6 2.5v-5Z" fill="#dc2626" stroke="#fff"/>',
     "yield": '<path d="M-6 -5H6L0 5.5Z" fill="#fff" stroke="#dc2626" stroke-width="2"/>',
 }
-_FACING = {"sedan", "van", "pedestrian"}  # kinds of props with a front
+_FACING = {"sedan", "van", "pedestrian", "cyclist"}  # kinds of props with a front
 _SMALL = 6.0  # [px] smaller props are dots
 
 

@@ -21,6 +21,7 @@ from scipy.spatial import ConvexHull
 from mirdrake.vehicles.bodywork.mesh import MATERIALS, Material, Mesh
 from tools.meshes import prop_buildings as buildings
 from tools.meshes import prop_cars as cars
+from tools.meshes import prop_cyclist as bicycles
 from tools.meshes import prop_nature as nature
 from tools.meshes import prop_street as street
 from tools.meshes.outlines.curves import Array
@@ -46,6 +47,7 @@ COLOURS: dict[str, Material] = {
     "goods_red": Material((0.70, 0.22, 0.20), 0.8),
     "goods_teal": Material((0.16, 0.50, 0.50), 0.8),
     "hair": Material((0.20, 0.13, 0.09), 0.7),
+    "helmet": Material((0.93, 0.93, 0.90), 0.4),
     "hinge": Material((0.30, 0.25, 0.10), 0.6),
     "hollow": Material((0.05, 0.05, 0.05), 0.95),
     "leaf_dark": Material((0.18, 0.33, 0.11), 0.85),
@@ -269,6 +271,31 @@ def person_solids(_: Mesh) -> list[Solid]:
     ]
 
 
+def cyclist_solids(mesh: Mesh) -> list[Solid]:
+    """Return the wheels, the saddle, the handlebar, the frame, and the rider in hulls: legs, trunk, arms, head."""
+    wheels = [bar(bicycles.WHEEL, (x, -0.03, bicycles.WHEEL), (x, 0.03, bicycles.WHEEL)) for x in bicycles.AXLES]
+    frame = mesh.corners("frame")
+    frame = frame[np.abs(frame[:, 1]) < 0.08]
+    legs, trunk, head = mesh.corners("trousers", "shoe"), mesh.corners("paint"), mesh.corners("helmet", "skin")
+    arms = np.concatenate([trunk, mesh.corners("skin")])
+    arms = arms[arms[:, 2] < 1.52]
+    parts = {
+        "frame": frame,
+        "left_leg": legs[legs[:, 1] > 0.0],
+        "right_leg": legs[legs[:, 1] < 0.0],
+        "trunk": trunk[np.abs(trunk[:, 1]) < 0.16],
+        "left_arm": arms[arms[:, 1] > 0.14],
+        "right_arm": arms[arms[:, 1] < -0.14],
+        "head": head[head[:, 2] > 1.40],
+    }
+    hulls = [hull(f"{name}.obj", support(points, 60)) for name, points in parts.items()]
+    saddle, handlebar = (
+        block((-0.38, -0.065, 0.94), (-0.12, 0.065, 1.0)),
+        block((0.26, -0.285, 1.0), (0.385, 0.285, 1.05)),
+    )
+    return [*wheels, saddle, handlebar, *hulls]
+
+
 def _car_solids(wheel: tuple[float, float, float, float], belt: float, half: float) -> Callable[[Mesh], list[Solid]]:
     """The lower body, the cabin, the wheels (radius, width, wheelbase, track); mirrors stand out of ``half`` width."""
     radius, width, wheelbase, track = wheel
@@ -380,6 +407,11 @@ PROPS: dict[str, Prop] = {
         "Standing person, 1.75 m",
         "DIN 33402-2:2005, men of 18 to 65 years: median height 1.75 m, mass 79 kg; proportions assumed",
         79.0, nature.make_pedestrian, person_solids, Material((0.33, 0.45, 0.55), 0.85)
+    ),
+    "cyclist": Prop(
+        "Person on a bicycle, 1.74 m long",
+        "Wheels of 28 in (ISO 5775: 40-622); rider as the pedestrian; sizes of the frame and its mass of 16 kg assumed",
+        95.0, bicycles.make_cyclist, cyclist_solids, Material((0.86, 0.42, 0.10), 0.8)
     ),
     "sedan": Prop(
         "Parked sedan, 4.5 m x 1.8 m x 1.45 m without mirrors",

@@ -5,11 +5,11 @@ const GROUND = { asphalt: "#e3e5e8", concrete: "#e6e6e2", grass: "#dfe9d6", grav
 const PATCH = { asphalt: "#8f99a5", concrete: "#c9c9c3", grass: "#b5cf9f", gravel: "#c7b99f", ice: "#a9d3ea" };
 const KINDS = {
   tree: "#7fae72", house: "#d9b99a", building: "#c3b5a6", barrel: "#e08a3c", cone: "#f2792b", pedestrian: "#9a6ad6",
-  sedan: "#8fb3dd", van: "#a8bfd8", wall: "#a7abb1", jersey_barrier: "#b9bcc2", lamp_post: "#70798a", stop_sign: "#d9534f",
-  speed_bump: "#e9c65b", traffic_light: "#70798a",
+  cyclist: "#d2691e", sedan: "#8fb3dd", van: "#a8bfd8", wall: "#a7abb1", jersey_barrier: "#b9bcc2", lamp_post: "#70798a",
+  stop_sign: "#d9534f", speed_bump: "#e9c65b", traffic_light: "#70798a",
 };
 const LABEL = [52, 15]; // px of a depth beside an overlap
-const FACING = new Set(["sedan", "van", "pedestrian"]);
+const FACING = new Set(["sedan", "van", "pedestrian", "cyclist"]);
 
 export function make(tag, attributes = {}, parent = null) {
   const node = document.createElementNS(NS, tag);
