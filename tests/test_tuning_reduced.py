@@ -117,6 +117,9 @@ def test_the_slow_model_has_the_phase_of_the_factor_at_low_frequencies() -> None
     slow, omega = slow_model(plain, factor), np.array([0.5, 1.0])
     assert slow.delay == pytest.approx(0.06 + 10.0 / 480.0)
     assert slow.response(omega) == pytest.approx((plain * factor).response(omega), rel=2e-3)
+    # A lead of 21 ms does not shorten the dead time.
+    lead = TransferFunction((1.0, 22.0, 480.0), (1.0, 12.0, 480.0))
+    assert slow_model(plain, lead).delay == 0.06
 
 
 def test_the_plant_of_the_controller_has_measurement_and_output(bolt: LoopSpec) -> None:

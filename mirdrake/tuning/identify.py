@@ -235,16 +235,17 @@ def fit_factors(
 
 
 def slow_model(main: TransferFunction, factor: TransferFunction) -> TransferFunction:
-    """Return a first-order model with the dead time that equals a factor, of static gain 1, at low frequencies.
+    """Return a first-order model with the dead time that equals a lagging factor, of static gain 1, at low frequencies.
 
-    A lag T has the phase -ω T there, as a dead time T has; a lead takes as much away. Rules for simple models assume
+    A lag T has the phase -ω T there, as a dead time T has. A lead does not make the dead time shorter at the frequencies
+    where that limits the loop, so it is neglected. Rules for simple models assume
     that all dynamics that are faster than the loop are in the dead time (S. Skogestad, Journal of Process Control 13
     (2003) 291, section 2).
     """
     if len(factor.denominator) < 2:
         return main
     lag = factor.denominator[-2] / factor.denominator[-1] - factor.numerator[-2] / factor.numerator[-1]
-    return replace(main, delay=max(main.delay + lag, 0.0))
+    return replace(main, delay=main.delay + max(lag, 0.0))
 
 
 def response_fit(response: FrequencyResponse, model: TransferFunction) -> float:
