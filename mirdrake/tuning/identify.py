@@ -237,10 +237,9 @@ def fit_factors(
 def slow_model(main: TransferFunction, factor: TransferFunction) -> TransferFunction:
     """Return a first-order model with the dead time that equals a lagging factor, of static gain 1, at low frequencies.
 
-    A lag T has the phase -ω T there, as a dead time T has. A lead does not make the dead time shorter at the frequencies
-    where that limits the loop, so it is neglected. Rules for simple models assume
-    that all dynamics that are faster than the loop are in the dead time (S. Skogestad, Journal of Process Control 13
-    (2003) 291, section 2).
+    A lag T has the phase -ω T there, as a dead time T has. A lead does not make the dead time shorter at the
+    frequencies where that limits the loop, so it is neglected. Rules for simple models assume that all dynamics that
+    are faster than the loop are in the dead time (S. Skogestad, Journal of Process Control 13 (2003) 291, section 2).
     """
     if len(factor.denominator) < 2:
         return main
