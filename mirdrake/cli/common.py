@@ -202,7 +202,7 @@ def open_dask(address: str | None) -> Iterator[Any]:
             f"--scheduler {address}: no Dask scheduler answers ({first}); start one with: dask scheduler"
         ) from None
     with client:
-        # Without workers the study would wait for ever.
+        # Without workers the study would never begin.
         if not client.scheduler_info()["workers"]:
             raise ConfigError(f"--scheduler {address}: it has no workers; start some with: dask worker {address}")
         with client.get_executor() as executor:

@@ -250,7 +250,7 @@ def draw_lock(figures: Inspection, seen: Sequence[Surface], wheels: Sequence[Sur
     drawing.add(f'<circle class="mount" cx="{u:.1f}" cy="{v:.1f}" r="4"/>')
     degrees = [math.degrees(angle) for angle in figures.steering_limits]
     drawing.text(u, v - 12.0, f"inner wheel {degrees[0]:.1f}°, outer wheel {degrees[1]:.1f}°", kind="size")
-    # The circles are told apart by line style, explained at the right.
+    # The circles differ by line style, explained at the right.
     label = WIDTH - 205.0
     rows = (
         ("wall", "wall to wall", figures.wall_circle),

@@ -150,7 +150,7 @@ class _Reader:
             kind = plain_name(model_name(text_of(child, "uri")))
             before, lights = len(self._models.drafts), len(self._models.lights)
             self._models.include(child, self._scope)
-            # The number of drafts before and after tells what the include added: none if it was a light, several if
+            # The number of drafts before and after shows what the include added: none if it was a light, several if
             # nested.
             added = self._models.drafts[before:]
             # model://sun is a light; without its files it has the direction of Gazebo's.
