@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
 from mirdrake.assembly.diagram import assemble
@@ -28,6 +29,7 @@ from mirdrake.tuning.loops.evaluate import LoopEvaluator, plant_bench
 from mirdrake.tuning.loops.reduced import find_loop_margins
 from mirdrake.tuning.loops.registry import make_loop_spec
 from mirdrake.tuning.models import Integrator
+from mirdrake.tuning.robustness import MonteCarlo
 from mirdrake.tuning.selection import Verification
 from mirdrake.tuning.spec import load_tuning, make_tuning
 from mirdrake.tuning.stages import Candidate, at_finer_step
@@ -84,6 +86,22 @@ def test_costs_that_print_equal_do_not_decide() -> None:
     assert criteria(1.0, 1.0)[-1] == ("no_dearer_than_rule", True)
     assert criteria(1.00004, 1.0)[-1] == ("no_dearer_than_rule", True)  # both print 1
     assert criteria(1.1, 1.0)[-1] == ("no_dearer_than_rule", False)
+
+
+@pytest.mark.parametrize(("costs", "met"), [([0.9, 1.1, 1.2], False), ([1.5, 0.9, 0.8], True)])
+def test_the_median_of_the_runs_decides_against_the_rule(costs: list[float], met: bool) -> None:
+    """One test may favour a candidate by chance."""
+    rows = [
+        {"candidate": name, "run": run, "fidelity": "plant", "seed": 0, "iae": cost, "status": "ok", "reason": ""}
+        for name, values in {"base": [3.0] * 3, "rule": [1.0] * 3, "best": costs}.items()
+        for run, cost in enumerate(values)
+    ]
+    acceptance = accept(
+        candidate("base", 3.0), candidate("rule", 1.0), candidate("best", 0.5 if not met else 1.5),
+        cost={"iae": 1.0}, constraints={}, monte_carlo=MonteCarlo(pd.DataFrame(rows), {}, 3, 0), verified={},
+    )  # fmt: skip
+    (found,) = [criterion for criterion in acceptance if criterion.name == "no_dearer_than_rule"]
+    assert (found.value, found.limit, found.met) == (pytest.approx(sorted(costs)[1]), 1.0, met)
 
 
 def test_a_rule_that_breaks_a_constraint_is_not_compared_with() -> None:
