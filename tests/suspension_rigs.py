@@ -15,7 +15,7 @@ from pydrake.systems.primitives import Adder, ConstantValueSource, ConstantVecto
 
 from mirdrake.core.paths import data_root
 from mirdrake.plant.plant import PlantParts, PlantSpec, VehicleInPlant, make_plant, set_start
-from mirdrake.plant.suspension import make_anti_roll
+from mirdrake.plant.suspension import make_anti_roll, make_bump_stops
 from mirdrake.plant.wheels import RollingResistance, make_rolling_wheels
 from mirdrake.runs.telemetry import vehicle_states
 from mirdrake.vehicles import Vehicle, make_vehicle, render_xacro
@@ -35,7 +35,7 @@ JOINTS = {
 
 
 def on_springs(
-    model: str = "bolt", *, front: Mapping[str, float] = FRONT, rear: Mapping[str, float] = REAR, **arguments: str
+    model: str = "bolt", *, front: Mapping[str, Any] = FRONT, rear: Mapping[str, Any] = REAR, **arguments: str
 ) -> Vehicle:
     """Return a reference vehicle on these springs; nothing drives or brakes its wheels."""
     springs = {"front": dict(front), "rear": dict(rear)}
@@ -128,13 +128,13 @@ def pushed_car(
     push.F_Bq_W = SpatialForce(np.zeros(3), np.array(force))
     pushed = builder.AddSystem(ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]([push])))
     builder.Connect(pushed.get_output_port(), plant.get_applied_spatial_force_input_port())
-    anti_roll = make_anti_roll(plant, part)
-    total = builder.AddSystem(Adder(1 if anti_roll is None else 2, plant.num_velocities()))
+    more = [one for one in (make_anti_roll(plant, part), make_bump_stops(plant, part)) if one is not None]
+    total = builder.AddSystem(Adder(1 + len(more), plant.num_velocities()))
     builder.Connect(rolling.generalized_force, total.get_input_port(0))
-    if anti_roll is not None:
-        builder.AddSystem(anti_roll)
-        builder.Connect(plant.get_state_output_port(part.instance), anti_roll.get_input_port())
-        builder.Connect(anti_roll.get_output_port(), total.get_input_port(1))
+    for index, one in enumerate(more, start=1):
+        builder.AddSystem(one)
+        builder.Connect(plant.get_state_output_port(part.instance), one.get_input_port())
+        builder.Connect(one.get_output_port(), total.get_input_port(index))
     builder.Connect(total.get_output_port(), plant.get_applied_generalized_force_input_port())
     straight = builder.AddSystem(ConstantVectorSource(np.zeros(2 * plant.num_actuators(part.instance))))
     builder.Connect(straight.get_output_port(), plant.get_desired_state_input_port(part.instance))

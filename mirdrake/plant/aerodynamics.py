@@ -1,18 +1,23 @@
-"""Aerodynamic forces on a vehicle: drag along the relative wind, and lift of each axle.
+"""Aerodynamic forces on a vehicle: drag along the relative wind, side force, and lift of each axle.
 
 With ρ the density of the air, w the velocity of the air relative to the vehicle, u its longitudinal
 component and A a drag or lift coefficient times the frontal area,
 
     drag  F = ½ ρ A |w| w    in the direction of the relative wind, parallel to the road,
-    lift  F = ½ ρ A u²       at the axle, along z of the vehicle frame B.
+    lift  F = ½ ρ A u²       at the axle, along z of the vehicle frame B,
+    side  F = ½ ρ A |w| w_y  along y of B, with the lateral component w_y.
 
-The drag acts above or below the centre of mass at a given height, so it transfers load between the axles. Its area is
-the same from all directions, and it has no yaw moment: a side wind acts a little too weakly and does not yaw the
-vehicle, while a real car yaws away from the wind.
+The drag acts above or below the centre of mass at a given height, so it transfers load between the axles. Without data
+the area is the same from all directions. The side force acts ``side_ahead`` of the centre of mass: its yaw moment turns
+a car away from the wind. In the coefficients of SAE J1594 at a small angle β of the wind, side_area = A dC_S/dβ and
+side_ahead = L (dC_YM/dβ) / (dC_S/dβ) plus the distance from the centre of mass to the middle of the wheelbase L.
+
+Wind is uniform; gusts begin and end with half a cosine.
 """
 
 from collections.abc import Sequence
-from math import hypot
+from math import cos, hypot, pi
+from typing import NamedTuple
 
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
@@ -25,6 +30,29 @@ from mirdrake.plant.plant import VehicleInPlant
 from mirdrake.plant.wheels.motion import base_motion
 
 
+class Gust(NamedTuple):
+    """A gust in the whole world, in addition to the wind.
+
+    Attributes:
+        velocity: of the air at full strength, in the world, x and y [m/s].
+        start: begin [s].
+        duration: from begin to end [s].
+        rise: duration of the begin and of the end [s].
+    """
+
+    velocity: tuple[float, float]
+    start: float
+    duration: float
+    rise: float
+
+    def strength(self, time: float) -> float:
+        """Return the part of the full strength at a time [s], from 0 to 1."""
+        edge = min(time - self.start, self.start + self.duration - time)
+        if edge <= 0.0:
+            return 0.0
+        return 1.0 if edge >= self.rise else 0.5 - 0.5 * cos(pi * edge / self.rise)
+
+
 class AirForces(LeafSystem):
     """Aerodynamic forces on one vehicle.
 
@@ -32,7 +60,7 @@ class AirForces(LeafSystem):
         plant_state: the plant's state, positions and velocities.
     Output ports:
         generalized_force: value for the plant's applied generalised force (num_velocities) [N, N m].
-        air_force (3) [N]: in the world, drag and lift together.
+        air_force (3) [N]: in the world, drag, side force and lift together.
 
     The outputs are discrete states, updated at the rate of the vehicle's controllers: the speed changes slowly.
 
@@ -41,13 +69,20 @@ class AirForces(LeafSystem):
         part: the vehicle.
         density: density of the air [kg/m³].
         wind: velocity of the air in the world, x and y [m/s].
+        gusts: added to the wind.
 
     Raises:
         ConfigError: the density is negative.
     """
 
     def __init__(
-        self, plant: MultibodyPlant, part: VehicleInPlant, *, density: float, wind: Sequence[float] = (0.0, 0.0)
+        self,
+        plant: MultibodyPlant,
+        part: VehicleInPlant,
+        *,
+        density: float,
+        wind: Sequence[float] = (0.0, 0.0),
+        gusts: Sequence[Gust] = (),
     ) -> None:
         super().__init__()
         if not density >= 0.0:
@@ -61,7 +96,9 @@ class AirForces(LeafSystem):
                 0.5 * density * shape.rear_lift_area,
             ),
         )
-        self._wind = (float(wind[0]), float(wind[1]))
+        self._side = self._drag if shape.side_area is None else 0.5 * density * shape.side_area
+        self._side_ahead = shape.side_ahead
+        self._wind, self._gusts = (float(wind[0]), float(wind[1])), tuple(gusts)
         self._point, self._wheelbase = pressure_centre(plant, part), part.vehicle.geometry.wheelbase
         # Drake's order of positions and velocities, to read them from the state vector.
         self._positions, self._velocities = plant.num_positions(), plant.num_velocities()
@@ -87,11 +124,23 @@ class AirForces(LeafSystem):
         )  # pressure centre from B's origin, in the world
 
         # Drag at the pressure centre, by the relative wind there, parallel to the road.
-        air_x = self._wind[0] - (base.velocity[0] + wy * rz - wz * ry)
-        air_y = self._wind[1] - (base.velocity[1] + wz * rx - wx * rz)
+        wind_x, wind_y = self._wind
+        for gust in self._gusts:
+            strength = gust.strength(context.get_time())
+            wind_x, wind_y = wind_x + strength * gust.velocity[0], wind_y + strength * gust.velocity[1]
+        air_x = wind_x - (base.velocity[0] + wy * rz - wz * ry)
+        air_y = wind_y - (base.velocity[1] + wz * rx - wx * rz)
         # |v| v: the force has the direction of the relative wind.
-        pull = self._drag * hypot(air_x, air_y)
+        speed = hypot(air_x, air_y)
+        pull = self._drag * speed
         fx, fy = pull * air_x, pull * air_y
+
+        # The drag has a lateral part; the side force replaces it. It acts ahead of the pressure centre.
+        across = air_x * xy + air_y * yy
+        side = self._side * speed * across
+        more = side - pull * across
+        fx, fy = fx + more * xy, fy + more * yy
+        yaw = self._side_ahead * side
 
         # Lift at the axles, in the plane y = 0 of B: moments about B's origin are about its y axis only.
         along = air_x * xx + air_y * yx
@@ -101,9 +150,9 @@ class AirForces(LeafSystem):
         force = [0.0] * self._velocities
         v = self._base[1]
         force[v : v + 6] = (
-            moment * xy - rz * fy,
-            moment * yy + rz * fx,
-            moment * zy + rx * fy - ry * fx,
+            moment * xy - rz * fy + yaw * xz,
+            moment * yy + rz * fx + yaw * yz,
+            moment * zy + rx * fy - ry * fx + yaw * zz,
             fx + lift * xz,
             fy + lift * yz,
             lift * zz,
@@ -129,4 +178,4 @@ def pressure_centre(plant: MultibodyPlant, part: VehicleInPlant) -> tuple[float,
 def has_air_forces(part: VehicleInPlant, density: float) -> bool:
     """Return whether there are aerodynamic forces on a vehicle."""
     shape = part.vehicle.spec.aerodynamics
-    return density > 0.0 and any((shape.drag_area, shape.front_lift_area, shape.rear_lift_area))
+    return density > 0.0 and any((shape.drag_area, shape.side_area, shape.front_lift_area, shape.rear_lift_area))

@@ -46,7 +46,7 @@ from mirdrake.core.constants import GRAVITY
 from mirdrake.core.drake_log import filter_drake_log
 from mirdrake.core.errors import ModelError
 from mirdrake.core.vectors import SIDES
-from mirdrake.core.yaml_io import Period, Schema, Speed
+from mirdrake.core.yaml_io import Duration, Period, Schema, Speed
 from mirdrake.ground import FLAT, Terrain
 from mirdrake.plant.actors import ActorsInScene, add_solid_actors, exclude_world
 from mirdrake.plant.obstacles import PropsInPlant, add_props, terrain_of
@@ -83,6 +83,15 @@ ROAD_STIFFNESS = 1e9
 """Point-contact stiffness of the road [N/m]: much stiffer than a tyre, so that the tyre's stiffness dominates."""
 
 
+class GustSpec(Schema):
+    """A gust of wind, the same in the whole world."""
+
+    velocity: tuple[Speed, Speed] = Field(description="of the air at full strength, x and y of the world [m/s]")
+    start: Duration = Field(ge=0.0, description="begin [s]")
+    duration: Duration = Field(gt=0.0, description="from begin to end [s]")
+    rise: Duration = Field(0.2, ge=0.0, description="duration of the begin and of the end, each half a cosine [s]")
+
+
 class PlantSpec(Schema):
     """Time step and contact of the plant."""
 
@@ -102,6 +111,7 @@ class PlantSpec(Schema):
     )
     air_density: float = Field(1.2, ge=0.0, description="density of the air; 0: no aerodynamic forces [kg/m³]")
     wind: tuple[Speed, Speed] = Field((0.0, 0.0), description="velocity of the air in the world, x and y [m/s]")
+    gusts: list[GustSpec] = Field(default_factory=list, description="gusts, added to the wind")
     machine_code: bool = Field(
         False,
         description="also compile control units: half a second at the start, worthwhile for many runs [-]",

@@ -1,20 +1,50 @@
-"""Anti-roll bars: a torsion spring between the wheels of an axle, which acts on the difference of their travel.
+"""Forces of a suspension that Drake has no element for: anti-roll bars, bump stops and the geometry of the arms.
 
-Springs and dampers are elements of Drake (:func:`mirdrake.plant.plant.add_vehicle`). A bar couples two joints, for
-which Drake has no force element. Its forces are therefore applied externally: with travels z and the stiffness k,
+Springs and dampers are elements of Drake (:func:`mirdrake.plant.plant.add_vehicle`). What follows here is applied as
+generalised forces on the joints of the wheel travels z, which are positive in bump.
+
+**Anti-roll bar**: a torsion spring between the wheels of an axle, with the stiffness k,
 
     F_left = -k (z_left - z_right) = -F_right.
 
 A roll angle φ of the body makes z_left - z_right = T φ over the track T, so a bar adds k T² to the axle's roll
-stiffness; the two springs c contribute c T² / 2. The model has no suspension arms, hence no anti-dive, and the
-roll axis is on the road.
+stiffness; the two springs c contribute c T² / 2.
+
+**Bump stop**: F = -c (z - z0) beyond the travel z0.
+
+**Arms.** The joints are vertical, while real arms move the contact point sideways and along the car as well. By virtual
+work, the forces of the road then act on the travel too,
+
+    F = Fy dy/dz + Fx dx/dz.
+
+Seen from behind, the contact point moves at right angles to the line to the roll centre at the height h:
+dy/dz = 2 h / T at a left wheel, -2 h / T at a right one. So the arms transmit Fy h / T of an axle's load transfer
+without delay, and springs and bars the rest (Milliken, Race Car Vehicle Dynamics, chapters 17 and 18). Seen from the
+side, dx/dz is the slope of the line from the contact point (braking) or wheel centre (driving) to the instant centre;
+it is given as ``anti_brake`` and ``anti_drive``, positive where it supports the body. With the share p of the axle in
+the force, the wheelbase L and the height H of the centre of mass, an axle has p L / H times this of "anti-dive".
 """
 
-import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.primitives import MatrixGain
+import math
+from collections.abc import Sequence
 
+import numpy as np
+import numpy.typing as npt
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Adder, AffineSystem, MatrixGain, PassThrough, Saturation
+
+from mirdrake.core.errors import ConfigError
+from mirdrake.core.yaml_io import where
 from mirdrake.plant.plant import VehicleInPlant
+from mirdrake.vehicles import WHEELS, Vehicle
+
+Array = npt.NDArray[np.float64]
+
+MAX_STOP_RATE = 1.0
+"""Largest product of the time step and the natural frequency of a wheel on its bump stop [1].
+
+The stop is integrated explicitly, which is unstable above 2."""
 
 
 def make_anti_roll(plant: MultibodyPlant, part: VehicleInPlant) -> MatrixGain | None:
@@ -37,3 +67,121 @@ def make_anti_roll(plant: MultibodyPlant, part: VehicleInPlant) -> MatrixGain | 
         D[rows[left], columns[left]] = D[rows[right], columns[right]] = -bar.anti_roll
         D[rows[left], columns[right]] = D[rows[right], columns[left]] = bar.anti_roll
     return MatrixGain(D)
+
+
+def make_bump_stops(plant: MultibodyPlant, part: VehicleInPlant) -> Diagram | None:
+    """Return bump stops, from the state of a model instance to the plant's generalised forces; None without stops.
+
+    Args:
+        plant: finalised plant.
+        part: the vehicle.
+
+    Raises:
+        ConfigError: a stop is too stiff for the time step of the plant.
+    """
+    spec = part.vehicle.spec
+    if spec.suspension is None or not part.suspension:
+        return None
+    stops = [axle.bump_stop for axle in spec.suspension.corners()]
+    if not any(stops):
+        return None
+    picked = plant.GetPositionsFromArray(part.instance, np.arange(plant.num_positions(), dtype=float)).tolist()
+    pick = np.zeros((len(WHEELS), plant.num_multibody_states(part.instance)))
+    # A wheel without a stop keeps zeros here and has no force.
+    begin, stiffness = np.zeros(len(WHEELS)), np.zeros(len(WHEELS))
+    for index, (joint, stop) in enumerate(zip(part.suspension, stops, strict=True)):
+        if stop is None:
+            continue
+        pick[index, picked.index(joint.position_start())] = 1.0
+        begin[index], stiffness[index] = stop.travel, stop.stiffness
+        below = plant.GetBodiesKinematicallyAffectedBy([joint.index()])
+        unsprung = sum(float(plant.get_body(body).default_mass()) for body in below)
+        if plant.time_step() * math.sqrt(stop.stiffness / unsprung) > MAX_STOP_RATE:
+            limit = unsprung * (MAX_STOP_RATE / plant.time_step()) ** 2
+            raise ConfigError(
+                f"{where(spec, 'suspension')}: the bump stop of {stop.stiffness:g} N/m is too stiff for "
+                f"{unsprung:.3g} kg of unsprung mass and steps of {plant.time_step():g} s; at most {limit:.3g} N/m, or "
+                "smaller steps"
+            )
+    builder = DiagramBuilder()
+    # Travel beyond the stop; C++ blocks, because they are evaluated in each step.
+    travel = builder.AddNamedSystem("travel", MatrixGain(pick))
+    beyond = builder.AddNamedSystem("beyond", Saturation(begin, np.full(len(WHEELS), math.inf)))
+    # -c (z - z0), on the rows of the joints.
+    rows = _rows(plant, part)
+    force = builder.AddNamedSystem("force", _affine(-rows * stiffness, rows @ (stiffness * begin)))
+    builder.Connect(travel.get_output_port(), beyond.get_input_port())
+    builder.Connect(beyond.get_output_port(), force.get_input_port())
+    builder.ExportInput(travel.get_input_port(), "state")
+    builder.ExportOutput(force.get_output_port(), "generalized_force")
+    return builder.Build()
+
+
+def arms_transmit(vehicle: Vehicle) -> bool:
+    """Return whether the arms of a vehicle's suspension transmit forces of the road to its body."""
+    springs = vehicle.spec.suspension
+    return springs is not None and any(
+        (axle.roll_centre, axle.anti_brake, axle.anti_drive) != (0.0, 0.0, 0.0) for axle in springs.corners()
+    )
+
+
+def make_arms(plant: MultibodyPlant, part: VehicleInPlant, *, forces: int) -> Diagram:
+    """Return the forces that arms transmit to the body, from those of the road.
+
+    Input port: tyre_forces, of each wheel Fx and Fy [N] first. Output port: generalized_force [N, N m].
+
+    Args:
+        plant: finalised plant.
+        part: the vehicle.
+        forces: number of elements of the port of tyre forces, the same for each wheel.
+    """
+    springs, geometry = part.vehicle.spec.suspension, part.vehicle.geometry
+    assert springs is not None
+    tracks = (geometry.front_track, geometry.front_track, geometry.rear_track, geometry.rear_track)
+    sides, ends = (1.0, -1.0, 1.0, -1.0), (1.0, 1.0, -1.0, -1.0)
+    corners = springs.corners()
+    lateral = [side * 2.0 * axle.roll_centre / track for axle, track, side in zip(corners, tracks, sides, strict=True)]
+    # A braking force is negative: on the front axle it must press the wheel down, away from the body.
+    brake = [end * axle.anti_brake for axle, end in zip(corners, ends, strict=True)]
+    drive = [end * axle.anti_drive for axle, end in zip(corners, ends, strict=True)]
+    each, rows = forces // len(WHEELS), _rows(plant, part)
+    pick_x, pick_y = np.zeros((len(WHEELS), forces)), np.zeros((len(WHEELS), forces))
+    for index in range(len(WHEELS)):
+        pick_x[index, index * each] = pick_y[index, index * each + 1] = 1.0
+    builder = DiagramBuilder()
+    # A fanout, so that one exported input feeds all paths.
+    road = builder.AddNamedSystem("tyre_forces", PassThrough(forces))
+    total = builder.AddNamedSystem("total", Adder(3, plant.num_velocities()))
+    sideways = builder.AddNamedSystem("sideways", MatrixGain(rows * lateral @ pick_y))
+    builder.Connect(road.get_output_port(), sideways.get_input_port())
+    builder.Connect(sideways.get_output_port(), total.get_input_port(0))
+    along = builder.AddNamedSystem("along", MatrixGain(pick_x))
+    builder.Connect(road.get_output_port(), along.get_input_port())
+    unlimited, none = np.full(len(WHEELS), math.inf), np.zeros(len(WHEELS))
+    for index, (name, slopes, low, high) in enumerate(
+        (("brake", brake, -unlimited, none), ("drive", drive, none, unlimited)), start=1
+    ):
+        part_of = builder.AddNamedSystem(f"{name}_force", Saturation(low, high))
+        slope = builder.AddNamedSystem(name, MatrixGain(rows * slopes))
+        builder.Connect(along.get_output_port(), part_of.get_input_port())
+        builder.Connect(part_of.get_output_port(), slope.get_input_port())
+        builder.Connect(slope.get_output_port(), total.get_input_port(index))
+    builder.ExportInput(road.get_input_port(), "tyre_forces")
+    builder.ExportOutput(total.get_output_port(), "generalized_force")
+    return builder.Build()
+
+
+def _rows(plant: MultibodyPlant, part: VehicleInPlant) -> Array:
+    """Return the matrix (num_velocities, 4) that puts forces on the wheel travels at their places."""
+    rows = np.zeros((plant.num_velocities(), len(WHEELS)))
+    for index, joint in enumerate(part.suspension):
+        rows[joint.velocity_start(), index] = 1.0
+    return rows
+
+
+def _affine(D: Array, y0: Array | Sequence[float]) -> AffineSystem:
+    """Return the system y = D u + y0."""
+    outputs, inputs = D.shape
+    return AffineSystem(
+        A=np.zeros((0, 0)), B=np.zeros((0, inputs)), f0=np.zeros(0), C=np.zeros((outputs, 0)), D=D, y0=np.asarray(y0)
+    )

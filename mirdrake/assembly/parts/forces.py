@@ -1,14 +1,16 @@
-"""External forces on the plant: rolling resistance, tyres, air, anti-roll bars, and their sum."""
+"""External forces on the plant: rolling resistance, tyres, air, suspensions, and their sum."""
 
 from pydrake.systems.framework import OutputPort
 from pydrake.systems.primitives import Adder
 
 from mirdrake.assembly.diagram_spec import DiagramSpec
 from mirdrake.assembly.wiring import Wiring
+from mirdrake.core.errors import ConfigError
 from mirdrake.core.signals import signals_of
-from mirdrake.plant.aerodynamics import AirForces, has_air_forces
+from mirdrake.core.yaml_io import where
+from mirdrake.plant.aerodynamics import AirForces, Gust, has_air_forces
 from mirdrake.plant.plant import PlantParts
-from mirdrake.plant.suspension import make_anti_roll
+from mirdrake.plant.suspension import arms_transmit, make_anti_roll, make_arms, make_bump_stops
 from mirdrake.plant.wheels import (
     LOAD_PERIOD,
     GroundReadings,
@@ -104,7 +106,7 @@ def add_tyres(
 def add_outer_forces(
     wiring: Wiring, parts: PlantParts, rolling: RollingResistance | GroundReadings, spec: DiagramSpec
 ) -> None:
-    """Add aerodynamics and anti-roll bars, and the sum of all external forces."""
+    """Add aerodynamics and the forces of suspensions, and the sum of all external forces."""
     plant = parts.plant
     # Ground tyres contain the rolling resistance, so their readings have no force.
     forces: list[OutputPort] = [rolling.generalized_force] if isinstance(rolling, RollingResistance) else []
@@ -117,8 +119,24 @@ def add_outer_forces(
             wiring.add(f"{name}.anti_roll", anti_roll)
             wiring.link(plant.get_state_output_port(part.instance), anti_roll.get_input_port())
             forces.append(anti_roll.get_output_port())
+        stops = make_bump_stops(plant, part)
+        if stops is not None:
+            wiring.add(f"{name}.bump_stops", stops)
+            wiring.link(plant.get_state_output_port(part.instance), stops.get_input_port())
+            forces.append(stops.get_output_port())
+        if arms_transmit(part.vehicle):
+            if not isinstance(tyres, WheelTyres | GroundTyres):
+                raise ConfigError(
+                    f"{where(part.vehicle.spec, 'suspension')}: roll centres, anti_brake and anti_drive need "
+                    "the forces of a tyre law; choose a kind of tyres other than coulomb"
+                )
+            arms = make_arms(plant, part, forces=tyres.tyre_forces.size())
+            wiring.add(f"{name}.suspension_arms", arms)
+            wiring.link(tyres.tyre_forces, arms.get_input_port())
+            forces.append(arms.get_output_port())
         if has_air_forces(part, spec.plant.air_density):
-            air = AirForces(plant, part, density=spec.plant.air_density, wind=spec.plant.wind)
+            gusts = [Gust(one.velocity, one.start, one.duration, one.rise) for one in spec.plant.gusts]
+            air = AirForces(plant, part, density=spec.plant.air_density, wind=spec.plant.wind, gusts=gusts)
             wiring.add(f"{name}.aerodynamics", air)
             wiring.link(plant.get_state_output_port(), air.plant_state)
             wiring.sources[f"{name}.air_force"] = (air.air_force, signals_of(air.air_force))
