@@ -55,6 +55,14 @@ MAX_ROWS = 50_000
 """Largest number of rows of a long log that are used."""
 
 
+MIN_CORRELATION = 0.7
+"""Least correlation of dvy/dt with what the other channels give [1]."""
+
+LEAST_SHARE = 0.2
+"""Least share of the variance of the residual that a delay explains [1]: a smaller one may be any effect that the
+relation lacks, as roll or the bank of the road, however certain its estimate is."""
+
+
 class Hypothesis(NamedTuple):
     """Set of delayed channels. A delay of the yaw rate equals a delay of both others with the opposite sign."""
 
@@ -92,6 +100,7 @@ class LateralDelays(NamedTuple):
         width: smoothing with the most certain result [s].
         residual: root mean square of the residual of dvy/dt [m/s²].
         evidence: twice the logarithm of the odds for the delay; 0 without one.
+        effective: number of independent samples of the residual.
         against: Wald's statistic against each of LATE, if both delays are free.
     """
 
@@ -105,6 +114,7 @@ class LateralDelays(NamedTuple):
     width: float
     residual: float
     evidence: float
+    effective: float
     against: tuple[float, ...] = ()
 
 
@@ -129,7 +139,7 @@ def estimate_lateral_delays(grids: Sequence[Grid], *, together: bool | None = No
         if estimates and joint is None
         else next(iter(estimates), plain)
     )
-    if best.evidence <= 0.0:
+    if best.evidence <= 0.0 or not _explains(best, logs):
         return plain
     if abs(best.arm) < 2.0 * best.arm_sigma:  # beside each other the delay is more certain
         hypothesis = Hypothesis(bool(best.acceleration), bool(best.velocity), arm=False)
@@ -139,6 +149,20 @@ def estimate_lateral_delays(grids: Sequence[Grid], *, together: bool | None = No
     # Whether the speed has the delay of vy shows in the residuals, at the same smoothing.
     both = logs.estimate(best.width, WITH_SPEED)
     return both if both is not None and (together or both.residual < best.residual) else best
+
+
+def _explains(late: LateralDelays, logs: "_LogSet") -> bool:
+    """Return whether the channels agree better with a delay than without one, by the likelihood of the residuals.
+
+    Wald's statistic alone takes an effect that the hypothesis lacks for a delay: the estimate is then certain, and
+    the residuals stay as they were.
+    """
+    plain = logs.estimate(late.width, NO_DELAY)
+    if plain is None:
+        return True
+    gain = 2.0 * late.effective * float(np.log(plain.residual / max(late.residual, 1e-300)))
+    share = 1.0 - (late.residual / plain.residual) ** 2
+    return share > LEAST_SHARE and gain > required_gain(late.effective, DELAY_ODDS)
 
 
 class _LogSet:
@@ -152,7 +176,9 @@ class _LogSet:
     def estimate_best(self, hypothesis: Hypothesis) -> LateralDelays | None:
         """Estimate with the smoothing that gives the most certain delay, or position if there is none."""
         widths = sorted({max(width, 2.0 * self._coarsest) for width in WIDTHS})
-        tried = [estimate for width in widths if (estimate := self.estimate(width, hypothesis)) is not None]
+        found = [estimate for width in widths if (estimate := self.estimate(width, hypothesis)) is not None]
+        # Without a common signal the channels are not related as assumed, and a delay has no meaning.
+        tried = [estimate for estimate in found if estimate.correlation > MIN_CORRELATION]
         return min(tried, key=lambda estimate: (max(estimate.sigmas), estimate.arm_sigma), default=None)
 
     def estimate(self, width: float, free: Hypothesis) -> LateralDelays | None:
@@ -202,10 +228,7 @@ class _LogSet:
                 break
         else:
             return None
-        # Without a common signal the channels are not related as assumed, and a delay has no meaning.
         correlation = float(np.corrcoef(up, up - rest)[0, 1])
-        if correlation < 0.7:
-            return None
         # Uncertainty by the scatter of the parts of the logs, as residuals contain errors of road and model, too.
         scores = np.array([other[part].T @ rest[part] for part in np.array_split(np.arange(count), BLOCKS)])
         inverse = np.linalg.inv(normal)
@@ -216,7 +239,7 @@ class _LogSet:
         late = [0, 0 if free.of_yaw_rate else 1]
         delays = [float(unknown[i]) if is_free else 0.0 for i, is_free in zip(late, free[:2], strict=True)]
         sigmas = [float(sigma[i]) if is_free else 0.0 for i, is_free in zip(late, free[:2], strict=True)]
-        evidence = 0.0
+        evidence, effective = 0.0, effective_samples(rest)
         against: tuple[float, ...] = ()
         if free.apart:
             apart = spread[0, 0] + spread[1, 1] - 2.0 * spread[0, 1]
@@ -229,10 +252,10 @@ class _LogSet:
             variance = own**2 + (2.0 * SCALES * lag if free.acceleration else 0.0) ** 2
             # Behind a gyroscope no channel is early, and the gyroscope is seldom earlier than both others.
             odds = DELAY_ODDS ** (2.0 if free.of_yaw_rate and delay > 0.0 else 1.0)
-            evidence = delay**2 / variance - required_gain(effective_samples(rest), odds)
+            evidence = delay**2 / variance - required_gain(effective, odds)
         return LateralDelays(
             delays[0], delays[1], (sigmas[0], sigmas[1]), float(unknown[2]), float(sigma[2]), correlation, free.speed,
-            width, float(np.std(rest)), evidence, against,
+            width, float(np.std(rest)), evidence, effective, against,
         )  # fmt: skip
 
 
