@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from mirdrake.assembly.diagram import assemble, load_diagram, make_spec
 from mirdrake.core.errors import ConfigError
-from mirdrake.plant.aerodynamics import AirForces, has_air_forces, pressure_centre
+from mirdrake.plant.aerodynamics import AirForces, Gust, has_air_forces, pressure_centre
 from mirdrake.plant.plant import PlantSpec, make_plant, set_start
 from mirdrake.runs.simulation import Simulation
 from mirdrake.vehicles import load_vehicle
@@ -171,3 +171,34 @@ def test_bad_values_are_rejected_with_file_and_line(tmp_path, plant, expected):
 def test_wind_takes_units():
     spec = make_spec({"world": "empty", "vehicles": {"ego": {"model": "bolt"}}, "plant": {"wind": ["36 km/h", 0]}})
     assert spec.plant.wind == (10.0, 0.0)
+
+
+def test_a_side_wind_pushes_by_its_own_area_and_turns_the_nose_away():
+    area, ahead = 2.4, 0.4
+    plain, plant, part, root = air_force(speed=0.0, wind=(0.0, 10.0))
+    force, *_ = air_force(speed=0.0, wind=(0.0, 10.0), side_area=area, side_ahead=ahead)
+    # ½ ρ A w² = 144 N to the left; its moment about the centre of mass is 144 N x 0.4 m, to the left.
+    assert force[4] == pytest.approx(0.5 * DENSITY * area * 100.0)
+    com = plant.CalcCenterOfMassPositionInWorld(root, [part.instance])
+    lever = com - plant.EvalBodyPoseInWorld(root, part.base).translation()
+    about = force[:3] - np.cross(lever, force[3:])
+    assert about[2] == pytest.approx(0.5 * DENSITY * area * 100.0 * ahead, rel=1e-5)
+    assert plain[4] == pytest.approx(0.5 * DENSITY * AREA * 100.0)  # without data as the drag
+    # Driving into the wind: drag only.
+    assert air_force(speed=20.0, side_area=area, side_ahead=ahead)[0] == pytest.approx(air_force(speed=20.0)[0])
+
+
+def test_a_gust_rises_and_falls_with_half_a_cosine():
+    gust = Gust((0.0, 12.0), 3.0, 2.0, 0.4)
+    times = (2.9, 3.0, 3.1, 3.2, 3.4, 4.0, 4.8, 5.1)
+    expected = (0.0, 0.0, 0.5 - 0.5 * np.cos(np.pi / 4.0), 0.5, 1.0, 1.0, 0.5, 0.0)
+    assert [gust.strength(time) for time in times] == pytest.approx(expected)
+    parked = {"kind": "constant", "speed": 0}
+    spec = {"world": "empty", "vehicles": {"ego": {"model": "bolt"}}, "control": {"ego": parked}, "plant": {"contact": "point", "gusts": [
+        {"velocity": [0, 12], "start": "0.1 s", "duration": "0.3 s", "rise": "0.1 s"}
+    ]}}  # fmt: skip
+    push = Simulation(assemble(spec)).run(duration=0.6).signals["ego.air_force_y"]
+    area = load_vehicle("bolt").spec.aerodynamics.drag_area
+    assert push.loc[0.25] == pytest.approx(0.5 * 1.2 * area * 144.0, rel=0.02)
+    assert push.loc[0.02:0.09] == pytest.approx(0.0, abs=0.1)
+    assert push.loc[0.5:] == pytest.approx(0.0, abs=0.1)

@@ -36,6 +36,9 @@ SLOW = 2.0
 SCALES = 0.05
 """Standard deviation of the scale of an acceleration, by sensor errors and roll [1]."""
 
+MAX_SCALE = 2.0 * SCALES
+"""Largest scale of an acceleration: sensors have no larger errors [1]."""
+
 ROLL_LAG = 0.06
 """Lag of roll behind the acceleration, of a car: 2 ζ / ω for roll of 9 rad/s with a damping ratio of 0.3 [s]; for
 smaller vehicles it scales with POSITION_TIME. An accelerometer that measures a tenth more by roll is 6 ms late."""
@@ -139,30 +142,39 @@ def estimate_lateral_delays(grids: Sequence[Grid], *, together: bool | None = No
         if estimates and joint is None
         else next(iter(estimates), plain)
     )
-    if best.evidence <= 0.0 or not _explains(best, logs):
+    hypothesis = Hypothesis(bool(best.acceleration), bool(best.velocity))
+    if best.evidence <= 0.0 or not _explains(hypothesis, logs):
         return plain
     if abs(best.arm) < 2.0 * best.arm_sigma:  # beside each other the delay is more certain
-        hypothesis = Hypothesis(bool(best.acceleration), bool(best.velocity), arm=False)
-        best = logs.estimate_best(hypothesis) or best
+        best = logs.estimate_best(hypothesis._replace(arm=False)) or best
     if not best.velocity or best.acceleration or together is False:
         return best
-    # Whether the speed has the delay of vy shows in the residuals, at the same smoothing.
+    # Whether the speed has the delay of vy shows in the residuals, at the same smoothing. A speed that hardly changes
+    # shows nothing, and stays as it is.
     both = logs.estimate(best.width, WITH_SPEED)
-    return both if both is not None and (together or both.residual < best.residual) else best
+    if both is None:
+        return best
+    gain = 2.0 * both.effective * float(np.log(best.residual / max(both.residual, 1e-300)))
+    return both if together or gain > required_gain(both.effective, 1.0) else best
 
 
-def _explains(late: LateralDelays, logs: "_LogSet") -> bool:
+def _explains(hypothesis: Hypothesis, logs: "_LogSet") -> bool:
     """Return whether the channels agree better with a delay than without one, by the likelihood of the residuals.
 
     Wald's statistic alone takes an effect that the hypothesis lacks for a delay: the estimate is then certain, and
-    the residuals stay as they were.
+    the residuals stay as they were. Noise hides the difference at little smoothing, so any smoothing may show it.
     """
-    plain = logs.estimate(late.width, NO_DELAY)
-    if plain is None:
-        return True
-    gain = 2.0 * late.effective * float(np.log(plain.residual / max(late.residual, 1e-300)))
-    share = 1.0 - (late.residual / plain.residual) ** 2
-    return share > LEAST_SHARE and gain > required_gain(late.effective, DELAY_ODDS)
+    for width in logs.widths:
+        late, plain = logs.estimate(width, hypothesis), logs.estimate(width, NO_DELAY)
+        if late is None or late.correlation < MIN_CORRELATION:
+            continue
+        if plain is None:
+            return True
+        gain = 2.0 * late.effective * float(np.log(plain.residual / max(late.residual, 1e-300)))
+        share = 1.0 - (late.residual / plain.residual) ** 2
+        if share > LEAST_SHARE and gain > required_gain(late.effective, DELAY_ODDS):
+            return True
+    return False
 
 
 class _LogSet:
@@ -171,12 +183,12 @@ class _LogSet:
     def __init__(self, grids: Sequence[Grid], forward: str) -> None:
         self._grids, self._forward = [_most_active(grid) for grid in grids], forward
         self._smoothed: dict[float, list[_SmoothedLog]] = {}
-        self._coarsest = max((grid.step for grid in grids), default=0.0)
+        coarsest = max((grid.step for grid in grids), default=0.0)
+        self.widths = sorted({max(width, 2.0 * coarsest) for width in WIDTHS})
 
     def estimate_best(self, hypothesis: Hypothesis) -> LateralDelays | None:
         """Estimate with the smoothing that gives the most certain delay, or position if there is none."""
-        widths = sorted({max(width, 2.0 * self._coarsest) for width in WIDTHS})
-        found = [estimate for width in widths if (estimate := self.estimate(width, hypothesis)) is not None]
+        found = [estimate for width in self.widths if (estimate := self.estimate(width, hypothesis)) is not None]
         # Without a common signal the channels are not related as assumed, and a delay has no meaning.
         tried = [estimate for estimate in found if estimate.correlation > MIN_CORRELATION]
         return min(tried, key=lambda estimate: (max(estimate.sigmas), estimate.arm_sigma), default=None)
@@ -220,6 +232,8 @@ class _LogSet:
             change = np.linalg.solve(normal, other.T @ rest - regularisation * unknown)
             # At most a row per iteration: the slopes of the splines are valid nearby only.
             change[:2] = np.clip(change[:2], -step, step)
+            # Noise with a memory is alike in both halves and pulls the scales to -1; a delay would make up for it.
+            change[3:5] = np.clip(unknown[3:5] + change[3:5], -MAX_SCALE, MAX_SCALE) - unknown[3:5]
             unknown = unknown + change
             # Beyond the margin that the smoothed logs keep, the splines would be extrapolated.
             if np.any(np.abs(unknown[:2]) > MAX_DELAY):
