@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 
 from mirdrake.actors import triggers
+from mirdrake.actors.behaviours import recorded
 from mirdrake.actors.behaviours.base import NUMBERS, LaneBehaviour
 from mirdrake.actors.behaviours.walk import BEGIN, END, Walk
 from mirdrake.actors.lanes import LaneTable, lane_table
@@ -19,6 +20,7 @@ from mirdrake.worlds import Actor, World
 from mirdrake.worlds.actors_spec import Step, Trigger
 from mirdrake.worlds.clearance import Volume
 from mirdrake.worlds.pieces import Array
+from mirdrake.worlds.recorded import recorded_rows
 
 _TRIGGERS = {
     "distance": triggers.DISTANCE, "time": triggers.TIME, "past": triggers.PAST, "gap_below": triggers.GAP_BELOW,
@@ -77,20 +79,25 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
     objects |= {name: len(actors) + number for number, name in enumerate(vehicles)}
     steps: list[list[float]] = []
     # Each behaviour has its own number of settings: rows of equal width hold them all.
-    members, numbers = [], np.zeros((len(actors), NUMBERS))
+    members, numbers, recordings = [], np.zeros((len(actors), NUMBERS)), [np.empty((0, 5))]
     for row, actor in zip(numbers, actors, strict=True):
         behaviour = actor.spec.behaviour
         assert isinstance(behaviour, LaneBehaviour)
         values = (behaviour.braking_limit, *behaviour.numbers())
         first = len(steps)
         row[: len(values)] = values
+        law = behaviour.law
         if isinstance(behaviour, Walk):
             row[BEGIN], row[END] = road_on_path(world, actor)
+        if actor.spec.recorded is not None:
+            law, begin = recorded.LAW, sum(map(len, recordings))
+            recordings.append(recorded_rows(actor.spec, actor.rear_axle))
+            row[recorded.FIRST], row[recorded.LAST] = begin, begin + len(recordings[-1])
         # A delayed start is the first step of the scenario, so that the other steps wait for it.
         if actor.spec.starts is not None:
             steps.append([*_trigger(actor.spec.starts, world, objects), triggers.START, 0.0, 0.0])
         steps += [[*_trigger(one, world, objects), *_action(one)] for one in actor.steps]
-        members.append(Member(behaviour.law, actor.spec.speed, actor.min_radius, first, len(steps)))
+        members.append(Member(law, actor.spec.speed, actor.min_radius, first, len(steps)))
     # Sizes of vehicles as well, since gaps are between outlines.
     shapes = [(actor.front, actor.rear, actor.half_width) for actor in actors]
     shapes += [outline_sizes(vehicle.volume) for vehicle in vehicles.values()]
@@ -101,6 +108,7 @@ def make_crew(world: World, vehicles: Mapping[str, FullVehicle], state_size: int
         np.array(steps, dtype=float).reshape(-1, triggers.WIDE),
         *stop_lines(world),
         yield_line_rows(world, {name: number for number, name in enumerate(world.lanes)}),
+        np.vstack(recordings),
     )
     return lanes, crew, Bodies(state_size, tuple(vehicles.values()))
 
@@ -161,7 +169,11 @@ def start_states(world: World, lanes: LaneTable) -> Records:
         row.started, row.side, row.gap = float(moves), np.nan, np.inf
         row.wanted = actor.spec.speed
         row.v = actor.spec.speed if moves else 0.0
-        set_pose(lanes, row)
+        if actor.spec.recorded is None:
+            set_pose(lanes, row)
+        else:
+            samples = recorded_rows(actor.spec, actor.rear_axle)
+            recorded.replay(samples, 0, len(samples), 0.0, np.inf, row)
     return rows.view(np.ndarray)
 
 

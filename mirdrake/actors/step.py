@@ -7,7 +7,7 @@ import numpy as np
 
 from mirdrake.actors import lanes, motion, occupancy, triggers, walkers
 from mirdrake.actors import laws as accelerations
-from mirdrake.actors.behaviours import idm_mobil, walk
+from mirdrake.actors.behaviours import idm_mobil, recorded, walk
 from mirdrake.actors.behaviours.base import LIMIT as BRAKING
 from mirdrake.actors.lanes import LaneTable, project
 from mirdrake.actors.laws import acceleration, at_end, sees, stopping_distance
@@ -57,6 +57,8 @@ class Crew(NamedTuple):
     """durations of green, amber, red and the offset of each light (p, 4) [s]"""
     yield_lines: Array
     """yield lines, see :func:`mirdrake.actors.occupancy.fill_yield_lines` (w, 5)"""
+    recordings: Array
+    """samples of the recorded actors, see :func:`mirdrake.actors.behaviours.recorded.replay_all` (r, 5)"""
 
 
 def act_all(t: LaneTable, crew: Crew, now: Records, vehicles: Array, time: float, after: Records) -> None:
@@ -89,7 +91,7 @@ def walk_all(t: LaneTable, crew: Crew, now: Records, vehicles: Array, dt: float,
 def move_all(t: LaneTable, crew: Crew, now: Records, dt: float, objects: Records, count: int, after: Records) -> None:
     """Write the motion of all actors on lanes; arguments as those of :func:`move`."""
     for i in range(len(now)):
-        if crew.members[i].law != walk.LAW:
+        if crew.members[i].law != walk.LAW and crew.members[i].law != recorded.LAW:
             move(t, crew, i, now[i], dt, objects, count, after[i])
 
 
@@ -346,8 +348,9 @@ class TimeStep:
         self._yield = compiled(fill_yield_lines, parts=common) if len(crew.yield_lines) else None
         self._act = compiled(act_all, parts=(*common, *triggers.PARTS)) if len(crew.steps) else None
         self._change_lanes = compiled(change_lanes, parts=on_lanes) if idm_mobil.LAW in laws else None
-        self._move = compiled(move_all, parts=on_lanes) if laws - {walk.LAW} else None
+        self._move = compiled(move_all, parts=on_lanes) if laws - {walk.LAW, recorded.LAW} else None
         self._walk = compiled(walk_all, parts=(*common, *walkers.PARTS)) if walk.LAW in laws else None
+        self._replay = compiled(recorded.replay_all, parts=recorded.PARTS) if recorded.LAW in laws else None
 
     def __call__(self, now: Records, vehicles: Array, time: float, dt: float, after: Records) -> None:
         """Write the states of all actors after a time step.
@@ -377,3 +380,5 @@ class TimeStep:
             self._move(t, crew, now, dt, objects, count, after)
         if self._walk is not None:
             self._walk(t, crew, now, vehicles, dt, after)
+        if self._replay is not None:
+            self._replay(crew.members, crew.numbers, crew.recordings, time, dt, after)

@@ -18,6 +18,7 @@ from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.lane import Lane, lane_along
 from mirdrake.worlds.pieces import Array
 from mirdrake.worlds.props import Color, PlacedProp, Prop, load_prop
+from mirdrake.worlds.recorded import recorded_path, recorded_rows
 from mirdrake.worlds.track_lanes import lanes_of_world, station_on
 from mirdrake.worlds.tracks import Track
 
@@ -163,7 +164,7 @@ def _make_actors(
         else:
             # An actor with a path of its own gets a lane that only it uses, so that one law drives all actors.
             actor = Actor(spec.name, prop, f"path/{spec.name}", 0.0, 0.0, spec, steps, color)
-            paths[actor.lane] = _path(actor)
+            paths[actor.lane] = _path(actor) if spec.recorded is None else _recorded_path(actor)
             actors[spec.name] = actor
     # A scenario for a misspelt actor would be silently without effect.
     for name, steps_of in scenario.items():
@@ -244,6 +245,18 @@ def _path(actor: Actor) -> Lane:
     points, yaw = _with_arcs(corners, headings, turns, cut, radius)
     width = 2.0 * actor.half_width
     return replace(lane_along(actor.lane, points, yaw=yaw, width=width), kind="path")
+
+
+def _recorded_path(actor: Actor) -> Lane:
+    """Return the path of a recorded actor.
+
+    Raises:
+        ConfigError: it has steps of a scenario.
+    """
+    if actor.steps:
+        raise ConfigError(f"{where(actor.steps[0])}: '{actor.name}' is recorded; a scenario has no effect on it")
+    lane = recorded_path(actor.lane, recorded_rows(actor.spec, actor.rear_axle), 2.0 * actor.half_width)
+    return replace(lane, kind="path")
 
 
 def _with_arcs(corners: Array, headings: Array, turns: Array, cut: Array, radius: float) -> tuple[Array, Array]:

@@ -210,6 +210,26 @@ class OnLaneSpec(Schema):
     )
 
 
+class RecordedSpec(Schema):
+    """Motion of an actor from a file: CSV, Parquet, or another format of recordings."""
+
+    file: str = Field(min_length=1, description="path relative to the world file, for example RUN/actors.parquet [-]")
+    of: str | None = Field(
+        default=None, description="name before the columns x [m], y [m], yaw [rad]: lead for lead.x; default: none [-]"
+    )
+    point: Literal["rear_axle", "middle"] = Field(
+        default="rear_axle", description="point of the actor that was recorded [-]"
+    )
+    rows: list[tuple[float, float, float, float]] = Field(
+        default_factory=list, description="samples of the file: time [s], x, y [m], yaw [rad]; read from it [-]"
+    )
+
+
+def _recorded(data: Any) -> Any:
+    """Return the data of a recording that is given as the name of its file."""
+    return {"file": data} if isinstance(data, str) else data
+
+
 class ActorSpec(Schema):
     """An actor: a prop that moves along a path or a lane."""
 
@@ -219,6 +239,9 @@ class ActorSpec(Schema):
     on_lane: OnLaneSpec | None = Field(default=None, description="on a lane of the network [-]")
     path: Annotated[list[tuple[Coordinate, Coordinate]], Field(min_length=2, max_length=1000)] | None = Field(
         default=None, description="corners of its path [m]"
+    )
+    recorded: Annotated[RecordedSpec, BeforeValidator(_recorded, json_schema_input_type=RecordedSpec | str)] | None = (
+        Field(default=None, description="file with its motion [-]")
     )
     radius: Annotated[Length, Field(ge=0.0, le=1000.0)] | None = Field(
         default=None, description="radius of the bends at the corners of the path; default: that of its kind [m]"
@@ -237,7 +260,16 @@ class ActorSpec(Schema):
 
     @model_validator(mode="after")
     def _one(self) -> Self:
-        exactly_one(self, ("on_track", "on_lane", "path"))
+        exactly_one(self, ("on_track", "on_lane", "path", "recorded"))
+        # By value: the specification in a run folder has all defaults.
+        idle = {
+            "speed": self.speed != 0.0,
+            "behaviour": self.behaviour.kind != "follow",
+            "starts": self.starts is not None,
+        }
+        if self.recorded is not None and any(idle.values()):
+            key = next(key for key, given in idle.items() if given)
+            raise ValueError(f"{key} has no effect on a recorded motion; remove it")
         if self.radius is not None and self.path is None:
             raise ValueError("radius belongs to path")
         return self

@@ -25,6 +25,7 @@ from mirdrake.worlds.networks import Network
 from mirdrake.worlds.networks.network_spec import make_network
 from mirdrake.worlds.props import PlacedProp
 from mirdrake.worlds.props_spec import GroupSpec
+from mirdrake.worlds.recorded import read_recording
 from mirdrake.worlds.regions import NamedAreas, Patch, PatchSpec, make_region
 from mirdrake.worlds.relief import make_relief
 from mirdrake.worlds.rules import Rules
@@ -189,6 +190,8 @@ def _lay_out(spec: WorldSpec, *, path: Path | None, actor_entries: tuple[int, ..
     areas = NamedAreas(tracks, patches)
     rules = Rules(spec.rules, areas, starts, goals, draw)
     props, unplaced = _make_props(spec, areas, rules, draw, folder)
+    for actor in spec.actors:
+        read_recording(actor, folder)
     actors, paths = lay_out_actors(spec, tracks, network)
     world = World(
         name, spec, path, tracks, starts, ground, tuple(patches.values()), goals, tuple(props), tuple(unplaced), rules,

@@ -200,6 +200,8 @@ def _actor(actor: Actor) -> Json:
     # Without the default of `body`, so that lock files of older worlds remain valid.
     hidden = {"actor", "name", "color"} | ({"body"} if actor.spec.body == "ghost" else set())
     given = actor.spec.model_dump(mode="json", exclude=hidden, exclude_none=True)
+    if "recorded" in given:
+        given["recorded"]["rows"] = digest(_canonical(given["recorded"]["rows"]))[:16]
     return {
         "name": actor.name, "kind": actor.prop.name, "solids": _solids_hash(actor.prop), "color": _rounded(actor.color),
         **_rounded(given), "steps": [_rounded(step.model_dump(exclude_none=True)) for step in actor.steps],
@@ -283,6 +285,9 @@ def used_files(world: World) -> dict[str, Path]:
                 files[_named(folder / name, folder)] = folder / name
     if world.spec.network is not None:
         files[_named(folder / world.spec.network.file, folder)] = folder / world.spec.network.file
+    for actor in world.spec.actors:
+        if actor.recorded is not None:
+            files[_named(folder / actor.recorded.file, folder)] = folder / actor.recorded.file
     for mesh in world.spec.scenery:
         # A glTF file refers to buffers and textures, which change the picture as well.
         files |= {_named(path, folder): path for path in mesh_files(folder / mesh.file)}

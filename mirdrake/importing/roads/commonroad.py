@@ -65,7 +65,7 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
     if recorded:
         # Traffic that replays a recording does not react to the car, so it is kept as data only.
         old = ", ".join(f"{count} × {kind}" for kind, count in sorted(Counter(map(_type, recorded)).items()))
-        why = "recorded traffic is not part of the world file yet"
+        why = "add actors with recorded: {file: recorded/ID.csv, point: middle} to replay it"
         made.changes.add(Code.POPULATION, document.where(recorded[0]), "dynamic obstacles", old, "recorded/*.csv", why)
 
     starts, goals = _problems(root, network, document, made.changes)
