@@ -29,6 +29,7 @@ SLOW = {
     "11_build_a_diagram_in_python",
     "12_teach_a_car_to_drive",
     "13_reinforcement_learning",
+    "14_a_crossing",
 }
 """Names that take long and whose commands other fast tests run."""
 
