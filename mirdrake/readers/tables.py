@@ -81,20 +81,16 @@ class Table:
         if self.names.count(column) > 1:
             raise ConfigError(f"{place}: {self.name} has {self.names.count(column)} columns '{column}'; rename one")
         values = pd.Series(np.asarray(self.columns[column]).ravel())
-        try:
-            numbers = pd.to_numeric(values, errors="coerce")
-        except OverflowError:  # an integer of hundreds of digits; float() of its text is infinite
-            numbers = pd.to_numeric(values.map(str), errors="coerce").astype(float)
+        numbers = as_numbers(values)
         # coerce turns texts into NaN; cells that were empty before are no faults.
-        bad = numbers.isna() & values.notna()
+        bad = np.isnan(numbers) & values.notna().to_numpy()
         if bad.any():
-            row = int(np.argmax(bad.to_numpy()))
+            row = int(np.argmax(bad))
             line = f":{self.lines[row]}" if self.lines is not None else f": row {row + 1}"
             count = f" ({int(bad.sum())} cells in all)" if bad.sum() > 1 else ""
             raise ConfigError(f"{self.name}{line}: column '{column}': {str(values[row])[:40]!r} is not a number{count}")
-        result = numbers.to_numpy(dtype=float, copy=True)
-        result[~np.isfinite(result)] = np.nan
-        return result
+        numbers[~np.isfinite(numbers)] = np.nan
+        return numbers
 
     def row(self, index: int) -> str:
         """Return ``file:line`` of a row."""
@@ -138,6 +134,15 @@ def vectors(content: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
             tall = content if content.shape[0] >= content.shape[1] else content.T
             columns |= {f"{dot}{index + 1}": tall[:, index] for index in range(tall.shape[1])}
     return columns
+
+
+def as_numbers(cells: "pd.Series[Any]") -> NDArray[np.float64]:
+    """Return cells as numbers (n); NaN for those that are none, infinite for an integer of hundreds of digits."""
+    try:
+        numbers = pd.to_numeric(cells, errors="coerce")
+    except OverflowError:  # float() of an integer fails, that of its text is infinite
+        numbers = pd.to_numeric(cells.map(str), errors="coerce")
+    return np.array(numbers, dtype=float)
 
 
 def _is_number(text: str) -> bool:

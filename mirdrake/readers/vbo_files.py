@@ -13,7 +13,7 @@ import pandas as pd
 
 from mirdrake.core.errors import ConfigError
 from mirdrake.readers.csv_files import decode_text
-from mirdrake.readers.tables import Request, Table, read_bytes
+from mirdrake.readers.tables import Request, Table, as_numbers, read_bytes
 from mirdrake.readers.time_columns import seconds_of_day
 
 _UNIT = re.compile(r".*\s(kmh|km/h|mph|knots|m/s|g)", re.IGNORECASE)
@@ -65,6 +65,6 @@ def read_vbo(request: Request) -> Table:
     )
     columns = {called: frame[index] for index, called in enumerate(names)}
     if "time" in columns:
-        columns["time"] = pd.Series(seconds_of_day(pd.to_numeric(columns["time"], errors="coerce").to_numpy(float)))
+        columns["time"] = pd.Series(seconds_of_day(as_numbers(columns["time"])))
         units["time"] = "s"
     return Table(name, names, columns, units, np.array(rows) + 1, notes)

@@ -11,7 +11,7 @@ import pandas as pd
 from mirdrake.core.errors import ConfigError, did_you_mean
 from mirdrake.core.yaml_io import shown
 from mirdrake.readers.csv_files import read_csv
-from mirdrake.readers.tables import CsvLayout, Request, Table
+from mirdrake.readers.tables import CsvLayout, Request, Table, as_numbers
 from mirdrake.worlds.pieces import Array
 
 DEFAULT_COLUMNS = {"x": "x_m", "y": "y_m", "right": "w_tr_right_m", "left": "w_tr_left_m"}
@@ -188,7 +188,7 @@ def _finite_numbers(key: str, title: str, table: Table) -> Array:
     if table.names.count(title) > 1:
         raise ConfigError(f"{table.name}: {table.names.count(title)} columns '{title}'; rename one")
     cells = pd.Series(np.asarray(table.columns[title]).ravel())
-    numbers = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+    numbers = as_numbers(cells)
     bad = ~np.isfinite(numbers)
     if bad.any():
         row = int(np.argmax(bad))
