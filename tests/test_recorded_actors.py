@@ -25,7 +25,7 @@ TURN = "\n".join(
 
 def test_a_recorded_actor_is_where_the_file_says(tmp_path: Path) -> None:
     (tmp_path / "turn.csv").write_text(TURN)
-    actor = {"actor": "pedestrian", "name": "walker", "recorded": "turn.csv"}
+    actor = {"actor": "pedestrian", "name": "walker", "recorded": {"file": "turn.csv", "begin": 5}}
     world = load_world(str(world_file(tmp_path, actors=[actor])))
     states = states_over(world, 22.0)
     for time in (0.0, 3.0, 7.24, 19.98):

@@ -18,6 +18,7 @@ from mirdrake.importing.roads.road_world import RoadWorld
 from mirdrake.importing.worlds import WorldImport
 from mirdrake.worlds import World, load_world
 from mirdrake.worlds.networks.opendrive_network import read_network
+from mirdrake.worlds.recorded import recorded_rows
 from tests.opendrive_maps import crossing, document, geometry, lane, road, section, signal
 
 
@@ -195,6 +196,13 @@ def test_commonroad_lanelets_obstacles_goals_and_recorded_traffic(tmp_path: Path
     table = (result.path.parent / result.path.stem / "recorded" / "30.csv").read_text().splitlines()
     assert table[0] == "t_s,x_m,y_m,yaw_rad,speed_m_s"
     assert [float(cell) for cell in table[3].split(",")] == pytest.approx([0.2, 12.0, 2.1, 0.1, 9.5])
+    (actor,) = world.actors
+    assert (actor.name, actor.prop.name) == ("o30", "sedan")
+    # At 0.2 s its middle is where the file says, and its frame behind it.
+    assert actor.spec.recorded is not None
+    assert actor.spec.recorded.rows[2] == pytest.approx((0.2, 12.0, 2.1, 0.1))
+    x, y, yaw = 12.0 - actor.rear_axle * math.cos(0.1), 2.1 - actor.rear_axle * math.sin(0.1), 0.1
+    assert recorded_rows(actor.spec, actor.rear_axle)[2, 1:4] == pytest.approx([x, y, yaw])
     assert lost(result) == []
     # Green of 30 steps of 0.1 s begins 60 steps after the start, and the cycle takes 100 steps.
     light = world.spec.signals["light_8"]

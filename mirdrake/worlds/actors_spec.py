@@ -220,14 +220,23 @@ class RecordedSpec(Schema):
     point: Literal["rear_axle", "middle"] = Field(
         default="rear_axle", description="point of the actor that was recorded [-]"
     )
+    begin: float = Field(default=0.0, description="time of the file at the start of a run [s]")
     rows: list[tuple[float, float, float, float]] = Field(
-        default_factory=list, description="samples of the file: time [s], x, y [m], yaw [rad]; read from it [-]"
+        default_factory=list,
+        description="samples of the file: time since the start of a run [s], x, y [m], yaw [rad] [-]",
     )
 
 
 def _recorded(data: Any) -> Any:
     """Return the data of a recording that is given as the name of its file."""
     return {"file": data} if isinstance(data, str) else data
+
+
+def _body(data: Any) -> Any:
+    """Return the kind of a body; a full vehicle has a driver instead of a behaviour, and belongs elsewhere."""
+    if data == "full":
+        raise ValueError("a full vehicle is an entry of vehicles in a diagram, or of others in a test")
+    return data
 
 
 class ActorSpec(Schema):
@@ -251,7 +260,7 @@ class ActorSpec(Schema):
         default_factory=lambda: _default_behaviour(), description="kind, or mapping with a kind [-]"
     )
     starts: Trigger | None = Field(default=None, description="it stands until then; default: it moves at once [-]")
-    body: Literal["ghost", "solid"] = Field(
+    body: Annotated[Literal["ghost", "solid"], BeforeValidator(_body)] = Field(
         default="ghost", description="ghost: vehicles pass through it; solid: they collide with it [-]"
     )
     color: tuple[Share, Share, Share] | str | None = Field(

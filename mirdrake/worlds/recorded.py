@@ -22,8 +22,6 @@ _STUB = 1.0  # [m] path of an actor that does not move
 def read_recording(spec: "ActorSpec", folder: Path) -> None:
     """Read the file of a recorded actor into its specification, unless that has the rows already.
 
-    Times count from the first sample of the file.
-
     Raises:
         ConfigError: the file cannot be read, or a column does not exist, is no number, or does not rise.
     """
@@ -42,7 +40,7 @@ def read_recording(spec: "ActorSpec", folder: Path) -> None:
     rows = rows[np.isfinite(rows).all(axis=1)]
     if len(rows) < 2 or (np.diff(rows[:, 0]) <= 0.0).any():
         raise ConfigError(f"{place}: {table.name}: '{time}' must rise, and have two samples or more")
-    rows[:, 0] -= rows[0, 0]
+    rows[:, 0] -= recorded.begin
     rows[:, 3] = np.unwrap(rows[:, 3])
     recorded.rows = [(t, x, y, yaw) for t, x, y, yaw in rows.tolist()]
 

@@ -1,7 +1,7 @@
 """CommonRoad scenarios as worlds: lanelets as the network, static obstacles as props, goals, recorded traffic.
 
-The states of dynamic obstacles become files ``recorded/<id>.csv`` with time, position of the middle, heading and speed:
-data for actors.
+The states of dynamic obstacles become files ``recorded/<id>.csv`` with time, position of the middle, heading and speed,
+which actors replay.
 """
 
 import csv
@@ -24,6 +24,11 @@ from mirdrake.worlds.networks.commonroad import number_at, parse_commonroad, poi
 from mirdrake.worlds.networks.network import signal_name
 
 _HEIGHTS = {"car": 1.5, "parkedVehicle": 1.5, "truck": 3.0, "bus": 3.0, "pedestrian": 1.75, "building": 6.0}
+_ACTORS = {
+    "bicycle": "cyclist", "bus": "van", "motorcycle": "cyclist", "pedestrian": "pedestrian", "priorityVehicle": "van",
+    "truck": "van",
+}  # fmt: skip
+_ACTOR = "sedan"  # of all other types
 _HEIGHT = 1.2  # [m] of obstacles of other types
 _KNOWN = {
     "lanelet", "trafficSign", "trafficLight", "intersection", "staticObstacle", "dynamicObstacle", "obstacle",
@@ -52,7 +57,7 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
         step = float(root.get("timeStepSize", "0.1"))
     except ValueError:
         raise ConfigError(f"{document.where(root)}: timeStepSize should be a number in s") from None
-    recorded = [e for e in obstacles if e not in static]
+    recorded, actors = [e for e in obstacles if e not in static], []
     for element in recorded:
         table = _states(element, step, document)
         key = element.get("id", "")
@@ -62,11 +67,12 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
             )
         else:
             files[f"recorded/{key}.csv"] = table
-    if recorded:
-        # Traffic that replays a recording does not react to the car, so it is kept as data only.
+            motion = f"{{file: {name}/recorded/{key}.csv, point: middle}}"
+            actors.append(f"  - {{actor: {_ACTORS.get(_type(element), _ACTOR)}, name: o{key}, recorded: {motion}}}")
+    if actors:
         old = ", ".join(f"{count} × {kind}" for kind, count in sorted(Counter(map(_type, recorded)).items()))
-        why = "add actors with recorded: {file: recorded/ID.csv, point: middle} to replay it"
-        made.changes.add(Code.POPULATION, document.where(recorded[0]), "dynamic obstacles", old, "recorded/*.csv", why)
+        why = "they replay recorded/*.csv, without regard to vehicles, with the sizes of the props"
+        made.changes.add(Code.POPULATION, document.where(recorded[0]), "dynamic obstacles", old, "actors", why)
 
     starts, goals = _problems(root, network, document, made.changes)
     _report_rest(root, document, made.changes)
@@ -82,6 +88,7 @@ def read_commonroad_world(source: Path, name: str) -> RoadWorld:
     lines += [f"  {key}: {{{value}}}" for key, value in (starts or {"road": start_on_longest(network)}).items()]
     lines += ["", "goals:", *(f"  {key}: {{{value}}}" for key, value in goals.items())] if goals else []
     lines += ["", "props:", *props] if props else []
+    lines += ["", "actors:", *actors] if actors else []
     # Obstacles of a scenario may overlap, which a world rejects without a rule.
     lines += ["", "rules:", '  - {allow_overlap: ["*", "*"]}'] if len(props) > 1 else []
     made.text, made.files = "\n".join(lines) + "\n", files
