@@ -56,6 +56,7 @@ def run_diagram(
         monitor=monitor,
         report=report,
     )
+    # Two files for the drawing: the DOT text needs no package, the picture does.
     record = assembly.spec.record
     svg = None
     write_file(folder / "diagram.dot", write_dot(assembly))

@@ -169,6 +169,7 @@ def lane_pose(t: LaneTable, lane: int, s: float) -> tuple[float, float, float, f
         beyond = s
     elif s > t.lanes[lane].length:
         beyond = s - t.lanes[lane].length
+    # A cubic Hermite spline between nodes, whose tangents are the headings: position and heading are continuous.
     i, u = lane_cell(t, lane, s - beyond)
     h = t.lanes[lane].step
     end, start, last = u * u * (3.0 - 2.0 * u), h * u * (1.0 - u) ** 2, h * u * u * (u - 1.0)
@@ -177,6 +178,7 @@ def lane_pose(t: LaneTable, lane: int, s: float) -> tuple[float, float, float, f
     y = a.y + end * (b.y - a.y) + start * math.sin(a.yaw) + last * math.sin(b.yaw)
     yaw = a.yaw + u * (b.yaw - a.yaw)
     k = a.curvature + u * (b.curvature - a.curvature)
+    # Beyond the ends the lane goes on straight, so that a vehicle that leaves it still has a pose.
     if beyond != 0.0:
         x += beyond * math.cos(yaw)
         y += beyond * math.sin(yaw)

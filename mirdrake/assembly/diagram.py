@@ -145,6 +145,7 @@ class Assembly:
         """
         ports = [self.diagram.get_input_port(index) for index in range(self.diagram.num_input_ports())]
         names = [port.get_name() for port in ports if not port.HasValue(context)]
+        # An open command input is the usual case: nobody drives the vehicle. It gets its own advice.
         undriven = [name for name in names if name.partition(".")[2] in JOIN]
         if undriven:
             vehicle = undriven[0].partition(".")[0]

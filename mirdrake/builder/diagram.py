@@ -333,6 +333,7 @@ class Diagram:
 
         import pandas as pd
 
+        # The expanded diagram shows the ports inside the control too, as users connect to them.
         assembly = self._display(expand=True)
         rows = [
             (name, direction, ", ".join(f"{signal.name} [{signal.unit or '-'}]" for signal in contents or ()))

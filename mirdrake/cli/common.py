@@ -147,8 +147,10 @@ def kind_of(name: str) -> str:
         ConfigError: nothing has that name.
     """
     path = Path(name)
+    # Files come before names: a folder that the user names may be called like a model of the library.
     if (path / "spec.yaml").is_file():
         return "runs"
+    # A variant has no folder of its own, except that a folder may have an @ in its name.
     model = name.rpartition("@")[0] or name  # bolt@published
     if any((Path(folder) / "vehicle.yaml").is_file() or folder in names("models") for folder in (name, model)):
         return "models"

@@ -37,6 +37,7 @@ def run(options: argparse.Namespace) -> int:
     if options.to == "mcap":
         print_changes(done.scene())
     folder = Path(options.run)
+    # Videos are several files, one per camera, so that --out is a folder; the other formats are one file.
     if options.to == "video":
         from mirdrake.export.video import write_videos
 

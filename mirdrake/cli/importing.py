@@ -119,6 +119,7 @@ def _print_result(result: "ImportResult") -> None:
         f"{_radii((geometry.front_wheel_radius, geometry.rear_wheel_radius))}, {result.vehicle.spec.drive} drive"
     )
     print(f"  {count_changes(result.changes)}; all changes are listed in {shown(result.folder / 'README.md')}")
+    # The README has all changes; only those that change what the vehicle does are printed.
     for change in result.changes:
         if change.code in (Code.SENSOR, Code.SUSPENSION, Code.UNUSUAL):
             print(f"  {change.sentence}")

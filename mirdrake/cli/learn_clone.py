@@ -70,6 +70,7 @@ def _print_result(result: "CloneResult") -> None:
     print(f"{result.name}: {headline(result)}")
     print(f"  {result.delay_sentence}")
     for result_of_round in result.rounds:
+        # Training without validation pictures has no error.
         error = result_of_round.validation_error[-1] if result_of_round.validation_error else float("nan")
         print(
             f"  round {result_of_round.number}: {result_of_round.pictures} pictures, validation error {error:.4f} rad"

@@ -24,12 +24,14 @@ def run(options: argparse.Namespace) -> int:
     from mirdrake.editor.editor import Editor, world_path
 
     editor = Editor(world_path(options.file), port=options.port)
+    # A file that cannot be written can still be looked at.
     if editor.document.read_only:
         print(f"warning: {editor.document.name}: {editor.document.read_only}", flush=True)
     print(f"World editor: {editor.url}  (Ctrl-C ends)", flush=True)
     try:
         editor.serve()
     except KeyboardInterrupt:
+        # The unsaved text is kept beside the file, so that Ctrl-C loses nothing.
         if not editor.document.is_saved:
             print(f"warning: {editor.document.name}: not saved; the next `world edit` restores the text", flush=True)
     finally:

@@ -81,6 +81,7 @@ def _print_result(result: "WorldImport") -> None:
     print(f"  {result.entries} entries")
     for line in result.checks:
         print(f"  check: {line}")
+    # A world repeats models, and each repeats its changes: equal lines are counted.
     rows = Counter((change.part, change.new_text, change.reason) for change in result.changes)
     for (part, new, reason), count in list(rows.items())[:_MOST_LINES]:
         times = f" ({count} times)" if count > 1 else ""

@@ -121,6 +121,7 @@ def run(options: argparse.Namespace) -> int:
             f"continue with --out {shown(folder)} --resume",
             file=sys.stderr,
         )
+        # As shells report an interrupt: 128 + SIGINT.
         return 130
     return suite.exit_code
 

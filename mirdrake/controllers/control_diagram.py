@@ -147,6 +147,7 @@ def make_control_blocks(unit: VehicleControl) -> dict[str, System]:
     if unit.pedal_law is not None:
         blocks["pedal_loop"] = PedalLoop(control.wheel_speed, unit.pedal_law, period=period)
         return blocks
+    # In cascade: the speed loop corrects the speed from which the set-points of the wheel loops are calculated.
     gains = PidGains(control.speed.kp, control.speed.ki)
     blocks["speed_pid"] = SpeedPid(gains, period=period, limits=setup.speed_limits)
     blocks["wheel_speeds"] = WheelSpeeds(setup.radii)
@@ -316,6 +317,8 @@ def _check_replacement(
                 raise ConfigError(
                     f"{kind} in place of {block} has an unknown input '{name}'; inputs: {listed}", path=(block,)
                 )
+        # Outputs that no wire needs may be missing. The servo's set-point belongs only to vehicles with position
+        # servos.
         needed = {
             wire.source.split(".")[1] for wire in WIRES if wire.source.split(".")[0] == block and wire.default is None
         }

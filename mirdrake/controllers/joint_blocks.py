@@ -188,6 +188,7 @@ class SteeringLoop(JointLoops):
             torque=JOINT_TORQUE,
             extra=(0.0, 0.0) if servo else (),  # last angle; 1 after the first update
         )
+        # The servo has its own output, since a set-point of position and a torque act on the joint differently.
         if servo:
             self.servo_setpoint = self._output(
                 "servo_setpoint", JOINT_SETPOINT, self._calc_servo, self.setpoint, self.measurement

@@ -80,6 +80,7 @@ class PathGains:
             total + self.understeer_gradient
         ):
             return  # the quick way: gains are read from the Context at every update
+        # Checked one by one only now, for a message that names the gain.
         owner = "PathGains"
         check_number(owner, "speed", self.speed, unit="m/s", at_least=0.0)
         check_number(owner, "convergence_distance", self.convergence_distance, unit="m", above=0.0)
@@ -284,6 +285,7 @@ def _planner(centre: CentreLine, law: Ackermann, limits: DrivingLimits) -> Calla
 
     def line_for(speed: float) -> list[list[float]]:
         # Plans are shared on a grid of speeds; the set-point itself limits the command.
+        # Rounded up, as a line that can be driven at a speed can also be driven below it.
         key = max(1, math.ceil(speed / _SPEED_GRID - 1e-9))
         line = known.get(key)
         if line is None:

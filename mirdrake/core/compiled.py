@@ -187,12 +187,15 @@ def _listen() -> None:
         def __init__(self) -> None:
             self.depth, self.began = 0, 0.0
 
+        # Compilations are nested: a function compiles those that it calls. Only the outermost one is announced and
+        # timed.
         def on_start(self, _: Any) -> None:
             self.depth += 1
             if self.depth == 1:
                 self.began = time.monotonic()
                 for watcher in _watchers:
                     watcher(True)
+                # Worker processes are silent: all would print the same line at the same time.
                 if not _watchers and parent_process() is None:
                     announce_compilation()
 

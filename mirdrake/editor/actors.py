@@ -83,6 +83,7 @@ class _Row(_Placed):
         if len(actors) < 2:
             return
         x, y, _ = pose_of(self.world, actors[1])
+        # A spacing that is an expression or a random draw cannot be dragged: the pointer would replace it by a number.
         begin = plain_number(self._part("s") or 0.0, "m")
         raw = self._part("spacing")
         if begin is None or plain_number(raw, "m") is None:
@@ -152,12 +153,15 @@ def _trigger(
 ) -> tuple[Handle, Outline] | None:
     """Return the handle and the outline of a condition that has a place; None for others."""
     x, y, _ = pose_of(world, actor)
+    # Stations beside the track make no sense: the mark is as wide as the road, and the pointer is projected on the
+    # track.
     if condition.kind == "past" and condition.track in world.tracks:
         track = world.tracks[condition.track]
         px, py, _ = track.pose_at(condition.value)
         ends = [-float(track.right_width(condition.value)), float(track.left_width(condition.value))]
         outline = Outline("trigger", np.column_stack(track.point(condition.value, ends)), moves=False)
         return _value_handle(name, px, py, path, raw, lambda x, y: float(track.project(x, y)[0])), outline
+    # The circle follows the actor while it is dragged, as the distance is measured from it.
     if condition.kind == "distance":
         angle = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
         circle = np.column_stack((x + condition.value * np.cos(angle), y + condition.value * np.sin(angle)))

@@ -66,6 +66,7 @@ def _displaced(placed: PlacedProp, dx: float, dy: float, turn: float) -> PlacedP
 def _marks(
     scene: Scene, near: Neighbours, pairs: Iterable[tuple[int, int]], *, tolerance: float = TOLERANCE
 ) -> list[Mark]:
+    # Cheap tests come first: this runs after each edit, and nearly all pairs are only close to each other.
     rules, marks = scene.world.rules, list[Mark]()
     for a, b in pairs:
         one, other = near.props[a], near.props[b]
@@ -74,8 +75,10 @@ def _marks(
         if next(near.colliding(a, b), None) is None:
             continue
         depth = separate(one, other, tolerance=tolerance).depth
+        # Depths below this are rounding of poses and touching faces, as those of props on a shelf.
         if depth > LEAST_DEPTH:
             shared = shapely.intersection(one.footprint, other.footprint)
+            # Footprints that only touch have no centroid.
             middle = shapely.centroid(shared)
             x, y = (middle.x, middle.y) if not middle.is_empty else one.X_WP.translation()[:2]
             marks.append(Mark((one.name, other.name), depth, float(x), float(y)))

@@ -308,6 +308,7 @@ def _round(setup: _Setup, number: int, collected: list[Drive], own: list[Drive])
         folder.mkdir(exist_ok=True)
     file = folder / "pilot.onnx"
 
+    # The work of a step is done once and its result is read from the journal when a study is continued.
     def work() -> Json:
         setup.progress(f"pictures of round {number}", 0.0)
         # Validation by place, not at random: neighbouring pictures are nearly equal.

@@ -82,6 +82,7 @@ def delay_sentence(margin: DelayMargin, copy: Figures) -> str:
         f"The expert itself drives with this delay with {copy.interventions} interventions, a lateral error of "
         f"{copy.rms:.3f} m RMS and at most {copy.largest:.2f} m, and wheels off the road for {copy.off_road:.1f} s."
     )
+    # The advice depends on the expert with the same delay, not on the network, whose errors have other causes as well.
     if is_delay_the_cause(margin, copy):
         texts.append("If the network weaves, the delay is the cause: increase the rate, or reduce the latency.")
     else:

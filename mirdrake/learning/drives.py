@@ -300,6 +300,7 @@ class _Watch:
 
 
 def _figures(runs: Sequence[Run], vehicle: str, laps: float, interventions: int, *, finished: bool) -> Figures:
+    # Over all runs of the drive: an intervention ends a run, and the next one begins there.
     errors = np.concatenate([run[f"{vehicle}.lateral_error"].to_numpy(dtype=float) for run in runs])
     time = sum(float(run.summary["simulated_s"]) for run in runs)
     off = sum(float(run.summary["vehicles"][vehicle]["off_road_s"] or 0.0) for run in runs)

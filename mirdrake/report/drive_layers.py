@@ -173,6 +173,8 @@ def line_ends(lines: Sequence[DrivenLine]) -> Layer:
             points = line.points
             if not len(points):
                 continue
+            # The words collide if start and end are closer than a word is long, as on closed tracks; then they go to
+            # opposite sides.
             (x0, y0), (x1, y1) = sheet.place(points[[0, -1]]).tolist()
             near = np.hypot(x1 - x0, y1 - y0) < 30.0
             yield f'<circle cx="{x0:.1f}" cy="{y0:.1f}" r="4" {edge}/>'

@@ -30,6 +30,8 @@ def make_inner_charts(
         systems: names of the blocks of the diagram.
         marks: times of events [s].
     """
+    # Signals of a vehicle's control belong to the block of three parts, `ego.control.speed_pid`; other blocks have one
+    # part.
     inner, blocks = tuple(f"{name}.control." for name in vehicles), {name for name in systems if "." not in name}
     groups: dict[str, list[str]] = {}
     for column in map(str, signals.columns):
@@ -39,6 +41,7 @@ def make_inner_charts(
         elif parts[0] in blocks:
             groups.setdefault(parts[0], []).append(column)
     time = numbers(signals.index)
+    # Blocks whose signals are all NaN have no chart.
     charts = (
         _chart(number, block, {name: numbers(signals[name]) for name in names}, units, time, marks)
         for number, (block, names) in enumerate(groups.items())

@@ -88,6 +88,7 @@ def describe(figures: Inspection) -> str:
             indent=2,
         ),
     ]
+    # Actuators are listed even if there are none, as a vehicle without any cannot move.
     rows_of = [(actuator.joint, f"{actuator.effort:.4g}", actuator.moves) for actuator in figures.actuators]
     parts += ["actuators", _columns([("", "[N m]", "function"), *rows_of], indent=2)]
     if figures.sensors:

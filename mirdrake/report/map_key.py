@@ -40,6 +40,7 @@ def draw_key(world: World, overlaps: Sequence[Overlap], x: float, y: float, widt
         bold = 'dy="0.35em" font-size="13" font-weight="700"'
         elements.append(f'<text x="{x:.2f}" y="{middle:.2f}" {bold} fill="{INK}">{escape(title)}</text>')
         row += 1
+        # The key must fit on the page beside the map: long lists end with the number of the remaining entries.
         shown = entries if len(entries) <= _MOST_ROWS else entries[: _MOST_ROWS - 1]
         if len(shown) < len(entries):
             shown = [*shown, _Row([], f"and {len(entries) - len(shown)} more")]

@@ -82,6 +82,8 @@ class Labels:
         return any(self._write_beside(boxes, text, color, weight, avoid=avoid) for avoid in (True, False))
 
     def _write_beside(self, boxes: Sequence[Box], text: str, color: str, weight: int, *, avoid: bool) -> bool:
+        # Places are tried in the order in which maps are read: right, above, below, left, then the corners; then
+        # further away.
         long, high = text_length(text, 12.0, bold=weight > 500), 15.0
         for x0, y0, x1, y1 in boxes:
             x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0

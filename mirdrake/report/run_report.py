@@ -171,6 +171,7 @@ def _make_vehicle_page(
     # A road width has a meaning only beside the lateral error.
     width = track.width if track is not None and signals.has("lateral_error") else None
     charts = []
+    # A run may end before its first sample, and the page must still open.
     if len(signals.time):
         charts = make_charts(
             signals,
@@ -289,6 +290,7 @@ def _vehicle_tiles(figures: Mapping[str, float]) -> list[Tile]:
 
 def _run_tiles(summary: Mapping[str, Any], simulated: float, rows: int) -> list[Tile]:
     tiles = []
+    # Old runs and interrupted ones have no wall time or factor; such values are not finite.
     wall, factor = _number(summary.get("wall_s")), _number(summary.get("real_time_factor"))
     if math.isfinite(simulated):
         tiles.append(Tile("Simulated", format_duration(simulated), f"{rows:,} samples".replace(",", "\u202f")))

@@ -152,6 +152,7 @@ def _largest(results: Sequence[Result]) -> dict[str, float]:
 
 
 def _row(case: Case, result: Result, largest: dict[str, float], *, detailed: bool) -> Row:
+    # The bar is relative to the largest margin of the same requirement: margins of different units do not compare.
     worst = result.worst
     bar = None
     if worst is not None:

@@ -56,6 +56,7 @@ def draw_responses(
         if rows.empty:
             continue
         t = rows["t"].to_numpy(dtype=float)
+        # The reference is the same for all candidates and is drawn once.
         if first:
             reference = rows["reference"].to_numpy(dtype=float)
             top.plot(t, reference, color=THEME["muted"], linewidth=1.1, drawstyle="steps-post", zorder=1.5)
@@ -69,6 +70,7 @@ def draw_responses(
                 ranges[key] += [float(finite.min()), float(finite.max())]
     for axes, key, unit in ((top, "output", units[0]), (low, "effort", units[1])):
         if ranges[key]:
+            # A constant signal has no height: the axis would be of length zero.
             bottom, highest = min(ranges[key]), max(ranges[key])
             room = 0.06 * (highest - bottom) or 1.0
             axes.set_ylim(bottom - room, highest + room)

@@ -182,9 +182,11 @@ class Tables:
 
     def _grip(self) -> str:
         """Return a sentence on the grip that the runs require; empty if it is not known."""
+        # Grip use tells whose fault a poor run is: no controller gets more force out of a tyre than friction allows.
         table = self.result.table("monte_carlo")
         if table is None or "grip_use" not in table:
             return ""
+        # The table has a row per run and figure; the grip use is the same in all rows of a run.
         use = table.drop_duplicates("run")["grip_use"]
         beyond = int((use > 1.0).sum())
         if beyond:

@@ -359,6 +359,7 @@ def comparison_lines(compared: Comparison, result: TuningResult, chosen: Candida
     """
     texts = Texts(result)
     claimed = {check.name: check.claimed for check in chosen.margins}
+    # Figures of the cost come first and once, then those that every study is asked about.
     lines = ["test manoeuvre of the study:     before -> after"]
     for name in dict.fromkeys([*result.cost, "overshoot_percent", "settling_time", "ms", "delay_margin_s"]):
         pair = [

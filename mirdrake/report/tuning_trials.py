@@ -109,16 +109,20 @@ def draw_parallel(trials: pd.DataFrame, columns: Sequence[tuple[str, str]], logs
 def _trim(axes: Axes, values: Array, front: Array, marks: Sequence[tuple[float, float]]) -> None:
     """Set the axis limits so that the Pareto front, the better trials and nearby marks are visible."""
     for column, name in ((0, "x"), (1, "y")):
+        # Trials that nearly diverged are orders of magnitude worse: the worst fifth is cut off, but never the Pareto
+        # front.
         low = float(values[:, column].min())
         high = max(
             float(np.quantile(values[:, column], 0.8)), float(front[:, column].max()) if len(front) < 50 else low
         )
         high = min(high, low + 6.0 * (float(np.median(values[:, column])) - low) or high)
+        # Marks such as the baseline extend the view if they are near; far ones would compress the trials into a corner.
         near = [
             point[column]
             for point in marks
             if math.isfinite(point[column]) and point[column] < low + 4.0 * (high - low)
         ]
         low, high = min([low, *near]), max([high, *near])
+        # Equal values would give an axis of zero length.
         room = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
         getattr(axes, f"set_{name}lim")(low - room, high + room)

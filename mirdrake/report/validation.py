@@ -39,6 +39,7 @@ def render_validation(results: ValidationResults) -> str:
         over=f"{results.facts.name} · validation report · simulated against published figures of the real vehicle",
         headline=f"{results.facts.title}: {results.headline}",
         results=results,
+        # Roles without figures have no table.
         tables=[
             (role, text, [_row(comparison) for comparison in results.having(role)])
             for role, text in ROLES.items()

@@ -84,6 +84,8 @@ def make_charts(
         marks: times of events [s].
     """
     geometry = geometry or {}
+    # The order is that of a reader's questions: how fast, where to, how far off, and why. Plans without signals are
+    # None.
     plans = [
         _plan_speed(signals),
         _plan_steering(signals),

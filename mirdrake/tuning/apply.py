@@ -95,6 +95,7 @@ def _check_feasible(result: TuningResult, chosen: CandidateResult) -> None:
     if chosen.status != "ok":
         raise ConfigError(f"{place} is {chosen.status}{reason}; choose another with --candidate")
     if not chosen.feasible:
+        # All broken limits are listed, as choosing another candidate needs them all.
         broken = [
             f"{rejection.figure} {rejection.value:.4g}, limit {rejection.limit:.4g}"
             for rejection in chosen.rejections

@@ -117,6 +117,7 @@ def amigo(model: FirstOrder | Integrator, form: Form = "PI") -> PidGains:
     delay = _delay(model)
     if form not in ("PI", "PID"):
         raise _unknown(form, "PI", "PID")
+    # A process that integrates has no lag and its own table of the rule.
     if isinstance(model, Integrator):
         if form == "PI":
             return from_standard(0.35 / (model.gain * delay), 13.35 * delay)
@@ -129,6 +130,8 @@ def amigo(model: FirstOrder | Integrator, form: Form = "PI") -> PidGains:
     gain = 0.2 + 0.45 * lag / delay
     integral = delay * (0.4 * delay + 0.8 * lag) / (delay + 0.1 * lag)
     derivative = 0.5 * delay * lag / (0.3 * delay + lag)
+    # Processes in which the lag is longer than the delay overshoot after a step of the set-point; it acts through the
+    # integral part only.
     weight = 0.0 if delay < lag else 1.0
     return from_standard(gain / model.gain, integral, derivative, proportional_weight=weight)
 

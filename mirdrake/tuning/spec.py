@@ -121,6 +121,7 @@ class RobustnessSpec(Schema):
     @model_validator(mode="after")
     def _ranges(self) -> "RobustnessSpec":
         # Without a range of the delay the kind of loop decides.
+        # Ranges are checked here and not by their type, since the message is to say which end is wrong.
         for name in ("friction", "delay", "grade", "step"):
             if getattr(self, name) is None:
                 continue

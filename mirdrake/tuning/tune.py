@@ -202,6 +202,7 @@ def _open(folder: Path, key: str) -> TuningResult | None:
         RunError: it has something else in it.
     """
     with write_errors(folder):
+        # An empty folder is free to use. Any other must belong to this study: results of two studies must not mix.
         folder.mkdir(parents=True, exist_ok=True)
         used = any(not entry.name.startswith(".") for entry in folder.iterdir())  # a kill may leave a hidden part
     if not used:

@@ -32,6 +32,7 @@ def find_bad_start(world: World, near: Neighbours, name: str, body: Body, volume
         message = sentences.start_off_ground(body.name, name, float(over), world.ground.extent)
         faults.append(Fault("start", message, location, (), float(over), (start.x, start.y, 0.0)))
     poses = np.column_stack(pose)
+    # The union of the slabs is what the vehicle covers from above: props beside it need no check in height.
     covered = shapely.union_all([shapely.Polygon(place_outline(slab.outline, poses)[0]) for slab in volume.slabs])
     for number in near.touching(covered):
         if len(faults) > _MOST:
@@ -41,6 +42,7 @@ def find_bad_start(world: World, near: Neighbours, name: str, body: Body, volume
         # Contact and rounding are no collision.
         if depth <= 1e-4:
             continue
+        # The solid that the vehicle is deepest in shows best where the fault is.
         solids = [obstacle.outline for obstacle in obstacles_of(near, number, volume.low, volume.high)]
         outline = max(solids, key=lambda solid: covered.intersection(solid.area).area)
         shared = covered.intersection(outline.area)

@@ -27,6 +27,7 @@ def find_unsupported(near: Neighbours, rules: Rules | None) -> list[Fault]:
     tolerances = [_tolerance(prop, rules) for prop in props]
     bottoms = [_bottom(near, index, tolerances[index]) for index in range(len(props))]
     faults = []
+    # Depth in the ground is a fault for itself; support is by the ground or, below, by other props.
     for prop, bottom, tolerance in zip(props, bottoms, tolerances, strict=True):
         if bottom < -tolerance - 1e-9:
             message = sentences.buried(prop, -bottom)

@@ -80,6 +80,8 @@ def with_known_submesh(shape: Shape) -> tuple[Shape, list[Change]]:
         read = read_mesh(shape.mesh)
     except MeshError:  # reported where the mesh is converted
         return shape, []
+    # An unknown submesh is no reason to draw nothing: the whole mesh shows what the vehicle looks like, if with too
+    # many parts.
     try:
         select_submesh(read, shape.mesh, shape.submesh)
     except SubmeshError as error:
@@ -194,6 +196,7 @@ def convert_collision(
 
 
 def _as_primitive(shape: Shape, hull: Hull, notes: list[Note]) -> Shape | None:
+    # A mesh that fills a box or a cylinder becomes one: contact with a primitive is exact, faster and free of edges.
     box, cylinder = fit_box(hull), fit_cylinder(hull)
     size: tuple[float, ...]
     if box is not None:
@@ -206,6 +209,7 @@ def _as_primitive(shape: Shape, hull: Hull, notes: list[Note]) -> Shape | None:
         words = f"cylinder of radius {size[0]:.4g} m, length {size[1]:.4g} m"
     else:
         return None
+    # How much the mesh fills tells the user how much of the shape the primitive adds.
     notes.append(Note(f"mesh {shape.address}", words, f"it fills {min(100.0, 100 * hull.volume / volume):.0f} % of it"))
     return Shape(kind, tuple(size), shape.X_LG.multiply(X_GF), where=shape.where)
 

@@ -187,6 +187,7 @@ class _Reader:
 
     def _read_link(self, element: Element, name: str, scope: Scope) -> Link:
         link = Link(name, self._read_inertial(element.find("inertial"), name), where=self._files.where(element))
+        # In the order of the file, so that changes are reported in the order in which a reader finds their places.
         for child in element:
             if child.tag in {"visual", "collision"}:
                 shape = self._read_shape(child, f"link '{name}': {child.tag}", scope)
@@ -238,12 +239,14 @@ class _Reader:
         where = self._files.where(element)
         read = read_shape(element, self._files, self._models, scope.folder, check_sizes=False)
         shape, remark = read.shape, read.remark
+        # A missing shape without a tag is an empty <geometry>, which means nothing to draw and is no change.
         if shape is None or shape.kind == "polyline":
             if read.tag:
                 self._change(
                     Code.SHAPE, element, part, f"<{read.tag}>", None, remark or f"<{read.tag}> is not supported"
                 )
             return None
+        # A mesh is reported by its address: the tag alone would not tell which of the meshes.
         if remark and shape.kind == "mesh":
             became = None if shape.mesh is None else shape.mesh.name
             self._model.changes.add(Code.MESH, where, f"{part} mesh", shape.address, became, remark)

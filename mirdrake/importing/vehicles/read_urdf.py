@@ -63,6 +63,8 @@ def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urd
     Raises:
         MissingArgumentsError: with all arguments that need values.
     """
+    # Xacro stops at the first missing argument of a file. Stand-in values let it go on, so that all are asked for at
+    # once.
     missing: dict[str, tuple[str, int]] = {}
     while True:
         try:
@@ -71,6 +73,7 @@ def _render(path: Path, packages: Packages, arguments: Mapping[str, str]) -> Urd
             places = {
                 name: location.rpartition(":") for name, location in error.arguments.items() if name not in missing
             }
+            # Nothing new was found, so that the next round would end here as well.
             if not places:
                 raise MissingArgumentsError(missing) from None
             missing |= {name: (file, int(line)) for name, (file, _, line) in places.items()}
@@ -208,6 +211,7 @@ class _Reader:
         return make_pose(xyz, rpy)
 
     def _shapes(self, element: ElementTree.Element, part: str) -> Iterator[Shape]:
+        # Without a geometry, the element is left out: a placeholder would collide with something.
         geometry = element.find("geometry")
         if geometry is None:  # some files nest the whole visual once more
             inner = [child for child in element if child.find("geometry") is not None]
@@ -234,6 +238,7 @@ class _Reader:
                 raise ModelError(f"{where}: <{shape.tag}> without {key}")
             return tuple(float(value) for value in values)
 
+        # Sizes without a default are errors of the file: a shape of a guessed size would change the contact.
         if shape.tag == "box":
             return Shape("box", size("size", 3), where=where)
         if shape.tag in {"cylinder", "capsule"}:

@@ -252,7 +252,9 @@ class _Reader:
             why = "number of beams, angles or range are missing"
             self._changes.add(Code.SENSOR, self._sensor.where, f"sensor '{self._sensor.name}'", was, None, why)
             return None
+        # A single beam has no angle between beams; its end must equal its start.
         single = columns == 1 and rows <= 1
+        # Several rows make a lidar with a point cloud; one row makes a scanner, whose ranges are a list.
         if rows > 1:
             mount |= {"kind": "lidar", "columns": columns, "rows": rows, "horizontal_start": start}
             mount["horizontal_end"] = end

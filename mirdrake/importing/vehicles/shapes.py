@@ -96,6 +96,7 @@ def _collision(shape: Shape, part: Part, folder: Path, files: set[str], changes:
     if shape.kind == "plane" or not _is_sound(shape):
         changes.add(Code.SHAPE, shape.where, changed_part, f"{shape.kind} {shape.size}", None, "it has no valid size")
         return []
+    # Planes have no volume: as the collision shape of a moving part they would collide with everything on one side.
     if shape.kind == "mesh" and shape.mesh is None:  # reported by the reader
         return []
     name = Names.unique(f"{Path(shape.address or 'mesh').stem}_collision".replace(".", "_"), files)

@@ -69,6 +69,7 @@ def unusable_wheels(tree: Tree, wheels: Sequence[str], *, level: float) -> str:
 def _steering_fault(tree: Tree, joint: Joint, carrying: set[str], upright: float) -> str:
     # The first fault on the way from the vehicle to a steered wheel.
     axis = tree.axis(joint) if joint.parent in tree.poses else None
+    # The first fault that applies is reported: later checks assume that the earlier ones passed.
     if joint.child not in tree.poses:
         return "is not connected to the vehicle"
     if joint.kind not in _TURNING:
@@ -80,6 +81,7 @@ def _steering_fault(tree: Tree, joint: Joint, carrying: set[str], upright: float
         return f"has an axis {inclination:.0f} degrees off the vertical (at most {largest:.0f})"
     if joint.name not in carrying:
         return "carries no wheel"
+    # Limits that are equal are how files fix a joint without changing its type.
     if joint.limits.lower == joint.limits.upper and joint.limits.lower is not None:
         return f"has no range ({joint.limits.lower:.4g} to {joint.limits.upper:.4g} rad)"
     return "does not steer one wheel by itself"

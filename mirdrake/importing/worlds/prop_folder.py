@@ -208,6 +208,7 @@ def _pulled_up(area: shapely.Geometry, height: float) -> Trimesh:
 
 def convex_outlines(shape: Shape) -> list[Shape]:
     """Return a polyline shape as convex ones: its triangles, merged while they stay convex."""
+    # Triangles would do, but each part costs time in every contact query: a greedy merge keeps the parts few.
     waiting: list[shapely.Geometry] = []
     for part in shapely.get_parts(shapely.from_wkt(shape.submesh)):
         waiting += [part] if _bulges(part) else list(shapely.get_parts(shapely.constrained_delaunay_triangles(part)))
@@ -215,6 +216,7 @@ def convex_outlines(shape: Shape) -> list[Shape]:
     while waiting:
         part = waiting.pop()
         while True:
+            # A generator, so that the unions are computed only up to the first that fits.
             both = ((other, shapely.union(part, other)) for other in waiting if shapely.intersects(part, other))
             concave = next(((other, whole) for other, whole in both if _bulges(whole)), None)
             if concave is None:
@@ -222,6 +224,7 @@ def convex_outlines(shape: Shape) -> list[Shape]:
             waiting.remove(concave[0])
             part = concave[1]
         done.append(part)
+    # Nine digits are a nanometre; the default of 6 would move corners apart that coincide.
     return [replace(shape, submesh=shapely.to_wkt(part, rounding_precision=9)) for part in done]
 
 

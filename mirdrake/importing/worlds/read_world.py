@@ -224,10 +224,12 @@ class _Reader:
     # --- state ---
 
     def _state(self, state: Element) -> None:
+        # <state> is what the simulator saved when the world was last open; it overrides the poses of the models.
         for name in state.iterfind("deletions/name"):
             self._gone.add((name.text or "").strip())
         moved = 0
         for child in state.findall("model"):
+            # A model with a fault stays at its own pose, and the others are moved all the same.
             try:
                 moved += self._state_of(child, "")
             except ModelError as error:
@@ -278,6 +280,7 @@ class _Reader:
     def _finish(self, draft: Draft) -> SourceObject:
         """Return an object with its pose and those of its shapes."""
         obj = draft.obj
+        # Frames are resolved only now: a pose may be relative to a frame that the file defines further down.
         try:
             obj.X_WM = self._frames.pose(draft.frame)
             X_MW = obj.X_WM.inverse()
@@ -287,6 +290,7 @@ class _Reader:
                     X_MG = X_MW @ self._frames.pose(part.base, where=part.shape.where) @ part.X
                     shapes.append(_scaled(replace(part.shape, X_LG=X_MG), scale, X_MW, self._frames.pose(part.link)))
         except ModelError as error:
+            # One broken pose makes the whole object unusable, as parts at wrong places would mislead more than none.
             obj.broken.append(str(error))
             obj.visuals, obj.collisions = [], []
         return obj
@@ -317,10 +321,12 @@ class _Reader:
         where, name = self._tree.where(element), element.get("name", "")
         kind = element.get("type", "directional" if element.find("direction") is not None else "point")
         try:
+            # Worlds have a sun, which is a directional light, and no other lights.
             if kind != "directional":
                 raise ModelError(f"{where}: only the sun is supported")
             text = element.findtext("direction")
             direction = read_numbers(text, count=3, default=[0, 0, -1], where=where, what="<direction>")
+            # The direction is given in the frame of the light, not of the world.
             X = self._frames.pose(frame)
         except ModelError as error:
             location, _, fault = str(error).partition(": ")

@@ -95,6 +95,7 @@ class OpenCockpit:
         assert drive.picture is not None
         assert drive.overlays is not None
         limits, track = drive.limits, assembly.parts.world.tracks.get(assembly.tracks[NAME] or "")
+        # The page draws the lane beside the path; worlds without tracks get a usual half width [m].
         lane = 2.0
         if track is not None:
             lane = max(0.5, float(min(track.left_width(0.0), track.right_width(0.0))))

@@ -88,6 +88,7 @@ def _read(message: Mapping[str, Any]) -> ManualInput:
     # Messages come from a network: values of any type and size are possible.
     def number(key: str, low: float, high: float) -> float:
         value = message.get(key)
+        # A browser may send anything: NaN or text must not reach the actuators. `True` would count as the number 1.
         if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
             return 0.0
         return min(max(float(value), low), high)
