@@ -86,7 +86,9 @@ class Wiring:
             output, given = self._find(source, self.sources, self.sinks, place, "output", "write it second")
             port, wanted = self._find(sink, self.sinks, self.sources, place, "input", "write it first")
             # A whole port and its elements exclude each other.
-            other = next((one for one in taken if one == sink or sink == port == _port_of(one, self.sinks)), None)
+            other = next(
+                (entry for entry in taken if entry == sink or sink == port == _port_of(entry, self.sinks)), None
+            )
             other = port if other is None and wanted is not None and port in taken else other
             if other is not None:
                 raise ConfigError(f"{place}: input '{sink}' is already fed by '{taken[other]}'; remove one of the two")

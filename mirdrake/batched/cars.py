@@ -286,7 +286,7 @@ def batch(
 
 
 def _check_threads(threads: int) -> int:
-    most = os.cpu_count() or 1
-    if not 1 <= threads <= most:
-        raise ConfigError(f"batch: threads is {threads}; it must be from 1 to {most}, the number of processors")
+    processors = os.cpu_count() or 1
+    if not 1 <= threads <= processors:
+        raise ConfigError(f"batch: threads is {threads}; it must be from 1 to {processors}, the number of processors")
     return threads

@@ -321,8 +321,8 @@ def scheduled_gain(schedule: Floats, after: int, speed: float, column: int) -> f
     """Return a gain at a speed; `after` is the number of speeds in the schedule up to it."""
     # Gains are held beyond the ends of the schedule; extrapolated ones could become negative.
     if after in (0, schedule.shape[0]):
-        held: float = schedule[max(after - 1, 0), column]
-        return held
+        end_gain: float = schedule[max(after - 1, 0), column]
+        return end_gain
     low, high = schedule[after - 1, 0], schedule[after, 0]
     value: float = schedule[after - 1, column]
     value += (speed - low) / (high - low) * (schedule[after, column] - value)

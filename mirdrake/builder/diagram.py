@@ -248,12 +248,12 @@ class Diagram:
         """
         pairs = self._data.get("connect", [])
         sink = _name_in("disconnect", sink)
-        kept = [pair for pair in pairs if pair[1] != sink]
-        if len(kept) == len(pairs):
+        remaining = [pair for pair in pairs if pair[1] != sink]
+        if len(remaining) == len(pairs):
             raise ConfigError(
                 f"disconnect: no call of connect has fed '{sink}'; {did_you_mean(sink, [pair[1] for pair in pairs])}"
             )
-        self._data["connect"] = kept
+        self._data["connect"] = remaining
 
     def record(self, *signals: str, **keys: Any) -> None:
         """Choose what a run records.

@@ -359,9 +359,9 @@ class ActuatorHold(LeafSystem):  # type: ignore[misc, unused-ignore]
             (self._desired, ("wheel_servo", "left_servo", "right_servo")),
         ):
             # Places without an input keep their zeros.
-            held = state.get_mutable_value(group)
+            samples = state.get_mutable_value(group)
             for name in names:
                 if name in self.inputs:
-                    held[self._places[name]] = self.inputs[name].Eval(context)
+                    samples[self._places[name]] = self.inputs[name].Eval(context)
         if "pedals" in self.inputs:
             state.get_mutable_value(self._pedals)[:] = self.inputs["pedals"].Eval(context)

@@ -63,7 +63,7 @@ def _rewrite_mapping(text: str, before: Mapping[str, Any], after: Mapping[str, A
 
 
 def _rewrite_list(text: str, before: list[Any], after: list[Any], name: str, path: Path) -> str:
-    same = next((i for i, (one, other) in enumerate(zip(before, after, strict=False)) if one != other), None)
+    same = next((i for i, (old, new) in enumerate(zip(before, after, strict=False)) if old != new), None)
     same = min(len(before), len(after)) if same is None else same
     # The last one first, so that the numbers of the others stay.
     for index in reversed(range(same, len(before))):

@@ -129,10 +129,10 @@ class Editor:
             file = self._tests.recording(unquote(name))
             return None if file is None else (file.read_bytes(), "text/html; charset=utf-8")
         if kind == "palette":
-            what, _, name = unquote(name).removesuffix(".png").partition("/")
+            category, _, name = unquote(name).removesuffix(".png").partition("/")
             scene = self.scene
-            known = {"what": what, "name": name} in palette(scene.world)
-            content = picture(what, name, scene.data, self.document.path) if known else None
+            known = {"what": category, "name": name} in palette(scene.world)
+            content = picture(category, name, scene.data, self.document.path) if known else None
             return None if content is None else (content, "image/png")
         name = path or "editor.html"
         page = files("mirdrake.editor") / "page" / name

@@ -243,9 +243,9 @@ def with_line_ends(typed: str, before: str) -> str:
     parts, new = _LINE_END.split(before), _LINE_END.sub("\n", typed).split("\n")
     old, ends = parts[::2], parts[1::2]
     usual = ends[0] if ends else "\n"
-    most = min(len(old), len(new))
-    same = next((i for i in range(most) if old[i] != new[i]), most)
-    tail = next((i for i in range(most - same) if old[-1 - i] != new[-1 - i]), most - same)
+    shorter = min(len(old), len(new))
+    same = next((i for i in range(shorter) if old[i] != new[i]), shorter)
+    tail = next((i for i in range(shorter - same) if old[-1 - i] != new[-1 - i]), shorter - same)
     moved = len(old) - len(new)  # of the lines at the end
 
     def end_of(line: int) -> str:

@@ -69,19 +69,19 @@ def _marks(
     # Cheap tests come first: this runs after each edit, and nearly all pairs are only close to each other.
     rules, marks = scene.world.rules, list[Mark]()
     for a, b in pairs:
-        one, other = near.props[a], near.props[b]
-        if rules is not None and rules.may_overlap(one, other):
+        first, second = near.props[a], near.props[b]
+        if rules is not None and rules.may_overlap(first, second):
             continue
         if next(near.colliding(a, b), None) is None:
             continue
-        depth = separate(one, other, tolerance=tolerance).depth
+        depth = separate(first, second, tolerance=tolerance).depth
         # Depths below this are rounding of poses and touching faces, as those of props on a shelf.
         if depth > LEAST_DEPTH:
-            shared = shapely.intersection(one.footprint, other.footprint)
+            shared = shapely.intersection(first.footprint, second.footprint)
             # Footprints that only touch have no centroid.
             middle = shapely.centroid(shared)
-            x, y = (middle.x, middle.y) if not middle.is_empty else one.X_WP.translation()[:2]
-            marks.append(Mark((one.name, other.name), depth, float(x), float(y)))
+            x, y = (middle.x, middle.y) if not middle.is_empty else first.X_WP.translation()[:2]
+            marks.append(Mark((first.name, second.name), depth, float(x), float(y)))
             if len(marks) >= MOST_MARKS:
                 break
     return [mark for mark in marks if math.isfinite(mark.depth)]

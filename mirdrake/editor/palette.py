@@ -54,16 +54,16 @@ def picture(what: str, name: str, data: Mapping[str, Any], path: Path) -> bytes 
         data: the world file, which may have groups of its own.
         path: its path.
     """
-    kept = {key: data[key] for key in ("params", "groups", "include") if key in data}
+    definitions = {key: data[key] for key in ("params", "groups", "include") if key in data}
     entry = {"group" if what == "group" else "prop": name, "at": [0, 0]}
     try:
-        placed = make_world({"mirdrake": "world/1", **kept, "props": [entry]}, path=path).props
+        placed = make_world({"mirdrake": "world/1", **definitions, "props": [entry]}, path=path).props
     except MirdrakeError:
         return None
     if not placed:
         return None
     # Pictures are kept for all worlds, as long as the props and their places are the same.
-    content = [repr((_stamp(one.prop), one.X_WP.GetAsMatrix34().round(6).tolist())) for one in placed]
+    content = [repr((_stamp(prop.prop), prop.X_WP.GetAsMatrix34().round(6).tolist())) for prop in placed]
     file = cache_folder("palette") / f"{digest(_VERSION + repr(content).encode())[:32]}.png"
     if file.is_file():
         return file.read_bytes()
@@ -85,7 +85,7 @@ def _draw(placed: Sequence[PlacedProp]) -> bytes:
     rotation = np.array([
         [-sin_a, cos_a, 0.0], [-sin_e * cos_a, -sin_e * sin_a, cos_e], [cos_e * cos_a, cos_e * sin_a, sin_e],
     ])  # fmt: skip
-    parts = [part for one in placed for part in _placed_triangles(one)]
+    parts = [part for prop in placed for part in _placed_triangles(prop)]
     triangles = np.concatenate([triangles for triangles, _ in parts]) @ rotation.T
     low, high = triangles[:, :, :2].min(axis=(0, 1)), triangles[:, :, :2].max(axis=(0, 1))
     # The whole of it in the middle of the picture.

@@ -257,8 +257,8 @@ def _port_function(port: InputPort, name: str, parts: Mapping[str, Input]) -> Ca
     # Abstract ports have no elements.
     if port.get_data_type() != PortDataType.kVectorValued:
         (value,) = parts.values()
-        held: Callable[[float], Any] = value if callable(value) else _always(value)
-        return held
+        constant: Callable[[float], Any] = value if callable(value) else _always(value)
+        return constant
     if "" in parts:
         if len(parts) > 1:
             raise DiagramError(f"input '{name}' is given as a whole and by element; give one of the two")

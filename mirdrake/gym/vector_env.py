@@ -100,10 +100,10 @@ class VectorDriveEnv(gymnasium.vector.VectorEnv[Observations, Observations, NDAr
         render_mode: str | None = None,
     ) -> None:
         # Functions of a Moment cannot run in the compiled loop, so only built-in names are allowed.
-        for what, given, allowed in (("reward", [reward], REWARDS), ("end", ends, ENDS), ("start", [start], STARTS)):
+        for kind, given, allowed in (("reward", [reward], REWARDS), ("end", ends, ENDS), ("start", [start], STARTS)):
             for name in given:
                 if name is not None and name not in allowed:
-                    raise ConfigError(f"vector environment: unknown {what} '{name}'; {did_you_mean(name, allowed)}")
+                    raise ConfigError(f"vector environment: unknown {kind} '{name}'; {did_you_mean(name, allowed)}")
         # The single environment is built once for its names, ranges and checks, so that a policy fits both.
         single = DriveEnv(
             diagram, overrides=overrides, vehicle=vehicle, observe=observe, rate=rate, start=start, duration=duration

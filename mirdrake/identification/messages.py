@@ -129,5 +129,5 @@ def recommendation(
         for after, now, parameter in rows
         if parameter.info.name in poor
     ]
-    what = f"next, drive '{best.name}' at up to {speed:.3g} m/s"
-    return f"{what}; expected 95 % intervals by noise: {', '.join(gains[:SHOWN])}"
+    advice = f"next, drive '{best.name}' at up to {speed:.3g} m/s"
+    return f"{advice}; expected 95 % intervals by noise: {', '.join(gains[:SHOWN])}"

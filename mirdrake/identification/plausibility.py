@@ -210,7 +210,7 @@ def _steering_mistake(name: str, scale: float, is_slow: bool) -> str | None:
     # The mistake is named only if it would make the scale plausible.
     turn = 180.0 / np.pi
     fits = {"deg as rad": abs(scale) * turn, "rad as deg": abs(scale) / turn}
-    return next((what for what, size in fits.items() if low < size < high), None)
+    return next((mistake for mistake, size in fits.items() if low < size < high), None)
 
 
 def _aligned(grid: Grid, name: str, angle: np.ndarray) -> np.ndarray:

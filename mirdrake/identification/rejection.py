@@ -40,8 +40,8 @@ def reject_faults(report: DataReport, used: Collection[str]) -> None:
         if channel not in single and not single.isdisjoint(same[0].channels):
             continue
         logs = same[0].log + (f" and {len(same) - 1} more" if len(same) > 1 else "")
-        what = f"{channel}: " if channel else ""
-        lines.append(f"{logs}: {what}{same[0].text}; {_correction(same[0])}, or set 'force: true' in the study")
+        prefix = f"{channel}: " if channel else ""
+        lines.append(f"{logs}: {prefix}{same[0].text}; {_correction(same[0])}, or set 'force: true' in the study")
     if lines:
         raise ConfigError("\n".join(lines))
 

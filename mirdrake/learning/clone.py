@@ -352,8 +352,8 @@ def _round(setup: _Setup, number: int, collected: list[Drive], own: list[Drive])
 def _data(setup: _Setup, collected: list[Drive], own: list[Drive]) -> DrivingData:
     """Return the pictures of all runs; of the network's own runs only those with a label near its command."""
     spec, car = setup.spec, setup.car
-    expert = [run for one in collected for run in one.runs(setup.folder)]
-    driven = [run for one in own for run in one.runs(setup.folder)]
+    expert = [run for drive in collected for run in drive.runs(setup.folder)]
+    driven = [run for drive in own for run in drive.runs(setup.folder)]
     # Runs of the expert come first, so that the index of a run shows whether the expert or the network drove.
     condition = spec.collect.where
     data = driving_data(
@@ -369,7 +369,7 @@ def _data(setup: _Setup, collected: list[Drive], own: list[Drive]) -> DrivingDat
     )
     if not driven:
         return data
-    kept = np.ones(len(data), dtype=bool)
+    selected = np.ones(len(data), dtype=bool)
     runs, times, labels = data.table["run"].to_numpy(), data.times, data.values[:, 0]
     for index, run in enumerate(driven, start=len(expert)):
         rows = np.flatnonzero(runs == index)
@@ -379,8 +379,8 @@ def _data(setup: _Setup, collected: list[Drive], own: list[Drive]) -> DrivingDat
         lateral = value_at(run.signals, f"{car.vehicle}.lateral_error", at)
         # Labels far from the command or far off the line belong to an unstable drive and would dominate the loss.
         near = np.abs(labels[rows] - given) < spec.rounds.label
-        kept[rows] = near & (np.abs(lateral) < spec.rounds.lateral)
-    return data.where(kept)
+        selected[rows] = near & (np.abs(lateral) < spec.rounds.lateral)
+    return data.where(selected)
 
 
 def _export(setup: _Setup, trained: Trained, preparation: Preparation, file: Path) -> None:

@@ -127,7 +127,7 @@ class DrivingData:
         # A random split would put near duplicates of training pictures into the validation.
         if self.table["place"].isna().any():
             raise ConfigError("the runs have no progress along a track, so the pictures cannot be split by place")
-        training, held = np.zeros(len(self), dtype=bool), np.zeros(len(self), dtype=bool)
+        training, held_out = np.zeros(len(self), dtype=bool), np.zeros(len(self), dtype=bool)
         # Runs of the same world share a track, so that no place is in both parts by different runs.
         for rows in self.table.groupby("track").indices.values():
             place = self.table["place"].to_numpy(dtype=float)[rows]
@@ -141,11 +141,11 @@ class DrivingData:
                 )
             within = np.mod(place, part)
             first = part * (1.0 - validation)
-            held[rows] = within >= first
+            held_out[rows] = within >= first
             training[rows] = (within >= gap) & (within <= first - gap)
-        if not training.any() or not held.any():
+        if not training.any() or not held_out.any():
             raise ConfigError("too few places for a split: drive farther, or reduce validation and gap")
-        return self.where(training), self.where(held)
+        return self.where(training), self.where(held_out)
 
     def batches(
         self,
@@ -288,10 +288,10 @@ def _pairs(
         raise ConfigError(f"{missing}: is in the driving log, but there is no such picture; record the run again")
 
     # Labels that would be read after the end of the run do not exist.
-    kept = times + lead <= end + 1e-9
+    usable = times + lead <= end + 1e-9
     vehicle = image.partition(".")[0]
     if where is not None:
-        kept &= holds(where, run, vehicle, times)
+        usable &= holds(where, run, vehicle, times)
     data: dict[str, Any] = {"run": index, "time": times}
     data |= {name: value_at(signals, name, times) for name in inputs}
     data |= {name: value_at(signals, name, times + lead) for name in labels}
@@ -301,8 +301,8 @@ def _pairs(
     # The world identifies the track, also between runs of different studies.
     data["track"] = digest_data({"world": run.spec.get("world"), "progress": progress})[:12]
     data["length"] = float(signals[progress].max()) if progress in signals and len(signals) else np.nan
-    table = pd.DataFrame(data)[kept]
-    return table, [picture for picture, keep in zip(pictures, kept, strict=True) if keep]
+    table = pd.DataFrame(data)[usable]
+    return table, [picture for picture, keep in zip(pictures, usable, strict=True) if keep]
 
 
 def _store(pictures: Sequence[Picture], preparation: Preparation, crop: CropSpec, folder: Path | None) -> Path:

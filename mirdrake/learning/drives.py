@@ -188,8 +188,8 @@ def with_delay(diagram: Json, car: Car, *, rate: float, latency: float) -> Json:
 def _connected(diagram: Json, systems: Mapping[str, Any], pairs: Sequence[tuple[str, str]]) -> Json:
     # An input port has one connection, so the one to the driver is replaced.
     taken = {sink for _, sink in pairs}
-    kept = [pair for pair in diagram.get("connect", ()) if pair[1] not in taken]
-    return {**diagram, "systems": {**diagram.get("systems", {}), **systems}, "connect": [*kept, *pairs]}
+    remaining = [pair for pair in diagram.get("connect", ()) if pair[1] not in taken]
+    return {**diagram, "systems": {**diagram.get("systems", {}), **systems}, "connect": [*remaining, *pairs]}
 
 
 def drive(

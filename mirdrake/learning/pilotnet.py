@@ -47,12 +47,12 @@ class Architecture:
         for _, kernel, stride in CONVOLUTIONS:
             height, width = (height - kernel) // stride + 1, (width - kernel) // stride + 1
         if min(height, width) < 1:
-            least = 1
+            smallest = 1
             for _, kernel, stride in reversed(CONVOLUTIONS):
-                least = (least - 1) * stride + kernel
+                smallest = (smallest - 1) * stride + kernel
             raise ConfigError(
-                f"picture: {self.width} x {self.height} pixels are too few for PilotNet; it needs {least} x {least} "
-                "after cropping and resizing"
+                f"picture: {self.width} x {self.height} pixels are too few for PilotNet; it needs "
+                f"{smallest} x {smallest} after cropping and resizing"
             )
         return CONVOLUTIONS[-1][0] * height * width
 

@@ -85,7 +85,7 @@ class CloneResult:
     @property
     def is_driven(self) -> bool:
         """Whether the network of the last round has finished every drive without an intervention."""
-        return all(one.figures.finished and not one.figures.interventions for one in self.last.drives.values())
+        return all(drive.figures.finished and not drive.figures.interventions for drive in self.last.drives.values())
 
 
 def write_result(result: CloneResult) -> CloneResult:
@@ -114,7 +114,7 @@ def read_result(folder: Path) -> CloneResult:
                     **entry,
                     "training_loss": tuple(entry["training_loss"]),
                     "validation_error": tuple(entry["validation_error"]),
-                    "drives": {label: Drive.read(one) for label, one in entry["drives"].items()},
+                    "drives": {label: Drive.read(drive) for label, drive in entry["drives"].items()},
                 }
             )
             for entry in data["rounds"]

@@ -236,7 +236,7 @@ def decode_text(raw: bytes, name: str, notes: list[str]) -> str:
         except (OSError, EOFError, zlib.error):
             raise ConfigError(f"{name}: is a damaged gzip file") from None
         notes.append("is compressed with gzip")
-    known = next((what for head, what in _OTHER_FORMATS.items() if raw.startswith(head)), None)
+    known = next((kind for head, kind in _OTHER_FORMATS.items() if raw.startswith(head)), None)
     if known is not None:
         raise ConfigError(f"{name}: is {known}, not text; export it as CSV")
     encoding = next((known_encoding for head, known_encoding in _ENCODINGS.items() if raw.startswith(head)), None)

@@ -120,7 +120,7 @@ def _thin(times: Array, values: Array) -> tuple[Array, Array]:
     # Values that are not finite must not become the lowest or highest of a stretch.
     known = np.where(np.isfinite(values), values, 0.0)
     parts = [np.arange(begin, min(begin + size, len(times))) for begin in range(0, len(times), size)]
-    kept = [row for part in parts for row in (part[known[part].argmin()], part[known[part].argmax()])]
+    extremes = [row for part in parts for row in (part[known[part].argmin()], part[known[part].argmax()])]
     # Both ends are kept, so that the curve has its full length.
-    rows = np.unique([0, *kept, len(times) - 1])
+    rows = np.unique([0, *extremes, len(times) - 1])
     return times[rows], values[rows]

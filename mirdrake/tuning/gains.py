@@ -99,9 +99,9 @@ def controller_response(gains: PidGains, frequencies: ArrayLike, *, period: floa
         value = kp + kd * s / (1.0 + filter_time * s)
         return np.asarray(value + ki / s if ki else value, dtype=complex)
     z = np.exp(s * period)
-    held = kp + kd * (z - 1.0) / ((filter_time + period) * z - filter_time)
-    held = held + ki * period / (z - 1.0) if ki else held
-    return np.asarray(held * hold_response(frequencies, period), dtype=complex)
+    sampled = kp + kd * (z - 1.0) / ((filter_time + period) * z - filter_time)
+    sampled = sampled + ki * period / (z - 1.0) if ki else sampled
+    return np.asarray(sampled * hold_response(frequencies, period), dtype=complex)
 
 
 def hold_response(frequencies: ArrayLike, period: float) -> Complexes:

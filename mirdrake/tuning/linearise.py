@@ -180,8 +180,8 @@ def linearise(
     u0, y0 = stepper.offset, stepper.output(context)
     A, B, C, D = stepper.differences(context)
     # States without connection to input and output, as the position of a car, have no part in the model.
-    kept = connected_states(A, B, C)
-    system = control.ss(A[np.ix_(kept, kept)], B[kept], C[:, kept], D, period)
+    connected = connected_states(A, B, C)
+    system = control.ss(A[np.ix_(connected, connected)], B[connected], C[:, connected], D, period)
     return LinearModel(system, input, output, (u0, y0), cut and output == source)
 
 

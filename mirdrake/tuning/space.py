@@ -53,11 +53,11 @@ def search_space(spec: TuningSpec, loop: LoopSpec, known: Sequence[Gains], max_s
 
 def inside(space: Space, gains: Iterable[Gains]) -> list[Gains]:
     """Return the gains that are within the ranges, each once."""
-    kept: list[Gains] = []
+    distinct: list[Gains] = []
     for candidate in gains:
-        if candidate not in kept and all(candidate[name] in entry for name, entry in space.items()):
-            kept.append(dict(candidate))
-    return kept
+        if candidate not in distinct and all(candidate[name] in entry for name, entry in space.items()):
+            distinct.append(dict(candidate))
+    return distinct
 
 
 def space_around(space: Space, leaders: Sequence[Trial]) -> Space:

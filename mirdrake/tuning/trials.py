@@ -157,8 +157,8 @@ class Trials:
         """
         names = list(self.cost if figures is None else figures)
         feasible = [trial for trial in self.trials if trial.feasible and np.isfinite(trial.objectives(names)).all()]
-        kept = pareto_front(np.array([trial.objectives(names) for trial in feasible]).reshape(-1, len(names)))
-        return tuple(sorted((feasible[k] for k in kept), key=lambda trial: (*trial.objectives(names), trial.number)))
+        chosen = pareto_front(np.array([trial.objectives(names) for trial in feasible]).reshape(-1, len(names)))
+        return tuple(sorted((feasible[k] for k in chosen), key=lambda trial: (*trial.objectives(names), trial.number)))
 
     def knee(self, figures: Sequence[str] | None = None) -> Trial | None:
         """Return the knee of the Pareto front, see :func:`find_knee`; None without a front."""
@@ -183,10 +183,10 @@ def make_trial(
     # The worst violation, so that samplers move away from unstable gains; figures of an unstable test mean nothing.
     if evaluation.status != "ok":
         return Trial(number, dict(gains), evaluation.status, {}, math.inf, UNSTABLE, evaluation.reason)
-    for what, names in (("cost", cost), ("constraints", constraints)):
+    for part, names in (("cost", cost), ("constraints", constraints)):
         for name in names:
             if name not in figures:
-                raise ConfigError(f"{what}: no figure '{name}'; {did_you_mean(name, figures)}")
+                raise ConfigError(f"{part}: no figure '{name}'; {did_you_mean(name, figures)}")
     # A weight of zero must not multiply an infinite figure (0 · inf = NaN).
     total = sum(weight * figures[name] for name, weight in cost.items() if weight)
     violation = sum(_excess(name, figures[name], limit) for name, limit in constraints.items())

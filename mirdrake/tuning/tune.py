@@ -408,7 +408,7 @@ def _candidate_result(stages: Stages, known: Knowledge, candidate: Candidate) ->
 def _with_claimed_margins(candidate: Candidate, known: Knowledge) -> Candidate:
     """Return a candidate with the margins that the plant confirms."""
     check = known.verified.get(candidate.name)
-    claimed = {} if check is None else {one.name: one.claimed for one in check.margins}
+    claimed = {} if check is None else {margin.name: margin.claimed for margin in check.margins}
     return replace(candidate, trial=replace(candidate.trial, figures=candidate.trial.figures | claimed))
 
 

@@ -98,8 +98,8 @@ def check_numbers(urdf: Urdf) -> None:
                 continue
             values = [number(word) for word in text.split()]
             if len(values) != count or not all(map(fits, values)):
-                what = f"{count} finite numbers" if count > 1 else "a finite number"
-                raise ModelError(f"{_at(urdf, element)} {attribute} '{text}' should be {what}{_MEANING[fits]}")
+                expected = f"{count} finite numbers" if count > 1 else "a finite number"
+                raise ModelError(f"{_at(urdf, element)} {attribute} '{text}' should be {expected}{_MEANING[fits]}")
     # NaN counts as true, so this finds zero vectors only; other faults are reported above.
     for axis in urdf.root.iter("axis"):
         if not any(number(word) for word in axis.get("xyz", "1 0 0").split()):

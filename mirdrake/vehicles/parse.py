@@ -51,8 +51,8 @@ def parse_urdf(
     def placed(message: str) -> str:
         match = _LINE.search(message)
         location = where_line(int(match.group(1)) if match else 0)
-        what = re.sub(r"^(warning|error):\s*", "", _LINE.sub("", message))
-        return f"{location}: {' '.join(what.split())}"
+        fault = re.sub(r"^(warning|error):\s*", "", _LINE.sub("", message))
+        return f"{location}: {' '.join(fault.split())}"
 
     # Drake reports some faults as warnings only; they are returned with their line.
     with drake_log() as messages:

@@ -253,12 +253,12 @@ class _Expansion:
         allowed = VARIABLES | {name_of.strip() for name_of in os.environ.get(MORE_VARIABLES, "").split(",")}
         if name in allowed and name in os.environ:
             return os.environ[name]
-        what = "is not set" if name in allowed else f"is not read; allow it with {MORE_VARIABLES}={name}"
+        reason = "is not set" if name in allowed else f"is not read; allow it with {MORE_VARIABLES}={name}"
         # A default replaces a variable that may not be read, with a warning if it is set.
         if default is None:
-            raise xacro.XacroException(f"environment variable '{_printable(name)}' {what}")
+            raise xacro.XacroException(f"environment variable '{_printable(name)}' {reason}")
         if name not in allowed and name in os.environ:
-            self.warnings.append(f"{self.where()}: environment variable '{_printable(name)}' {what}")
+            self.warnings.append(f"{self.where()}: environment variable '{_printable(name)}' {reason}")
         return default
 
 

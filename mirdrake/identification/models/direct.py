@@ -177,10 +177,10 @@ class JointLoopModel(_DirectModel):
         self, channels: set[str], known: Mapping[str, float], wheelbase: float | None, options: JointLoopOptions
     ) -> None:
         del wheelbase
-        for name, what in ((options.input, "the set-point"), (options.output, "the joint")):
+        for name, meaning in ((options.input, "the set-point"), (options.output, "the joint")):
             if name not in channels:
                 hint = did_you_mean(name, channels)
-                raise ConfigError(f"{self.kind}: {what} '{name}' is in no log; {hint}", path=("model",))
+                raise ConfigError(f"{self.kind}: {meaning} '{name}' is in no log; {hint}", path=("model",))
         self.title = f"joint loop, {options.input} to {options.output}"
         self._input = options.input
         self.inputs, self.outputs = (options.input,), (options.output,)

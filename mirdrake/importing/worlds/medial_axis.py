@@ -178,8 +178,8 @@ def _branches(edges: NDArray[np.int64], vertices: Array, clear: Array) -> tuple[
     # Forks are one junction if their inscribed circles touch along the branch.
     short = [line for line in branches if _length(vertices[line]) < clear[line[0]] + clear[line[-1]]]
     for branch in short:
-        one, other = junction[branch[0]], junction[branch[-1]]
-        junction = {fork: min(one, other) if owner in (one, other) else owner for fork, owner in junction.items()}
+        begin, end = junction[branch[0]], junction[branch[-1]]
+        junction = {fork: min(begin, end) if owner in (begin, end) else owner for fork, owner in junction.items()}
     return junction, [branch for branch in branches if branch not in short]
 
 

@@ -15,8 +15,8 @@ from mirdrake.vehicles.powertrain_spec import Stability
 def reference_yaw_rate(options: Stability, *, speed: float, steering: float, wheelbase: float) -> float:
     """Return the reference yaw rate [rad/s] at a speed [m/s] and a bicycle steering angle [rad]."""
     rate = speed * steering / (wheelbase + options.understeer * speed * speed)
-    most = options.max_acceleration / speed
-    return min(max(rate, -most), most)
+    limit = options.max_acceleration / speed
+    return min(max(rate, -limit), limit)
 
 
 def stability_torques(options: Stability, *, speed: float, steering: float, yaw_rate: float, wheelbase: float) -> Four:

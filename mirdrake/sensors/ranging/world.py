@@ -140,8 +140,8 @@ class RayWorld:
             body = plant.get_body(BodyIndex(index))
             looks = [faces for _, faces in _looks(plant, inspector, body)]
             if looks:
-                thing = self._number(plant.GetModelInstanceName(body.model_instance()))
-                self._movers.append(_Mover(index, thing, ray_scene(joined(looks))))
+                number = self._number(plant.GetModelInstanceName(body.model_instance()))
+                self._movers.append(_Mover(index, number, ray_scene(joined(looks))))
         frames = {} if actors is None else actors.frames
         self.bodies, self.actors = plant.num_bodies(), len(frames)
         for index, (name, frame) in enumerate(frames.items(), start=self.bodies):

@@ -78,7 +78,7 @@ def with_linear_model(spec: LoopSpec) -> LoopSpec:
     gains, filter_time = spec.gains, known.get("filter_time")
     # A derivative gain that is not tuned would stay in the loop but not in the controller of the rules.
     if known.get("kd") and "kd" not in map(spec.role, gains):
-        gains = {gain: replace(one, role=NO_ROLE) for gain, one in gains.items()}
+        gains = {gain: replace(range_, role=NO_ROLE) for gain, range_ in gains.items()}
     return replace(
         spec,
         kind=BlockLoop.name,

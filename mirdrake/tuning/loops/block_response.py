@@ -57,11 +57,13 @@ class StateSpace:
     def response(self, frequencies: Floats) -> Complexes:
         """Return C (z - A)^-1 B + D at frequencies [rad/s] (k), shape (k, p, m)."""
         # States without connection to input and output, as the position of a car, have no part in the model.
-        kept = connected_states(self.A, self.B, self.C)
+        connected = connected_states(self.A, self.B, self.C)
         z = np.exp(1j * np.asarray(frequencies, dtype=float) * self.period)
-        resolvent = z[:, None, None] * np.eye(len(kept)) - self.A[np.ix_(kept, kept)]
-        inner = np.linalg.solve(resolvent, np.broadcast_to(self.B[kept], (len(z), len(kept), self.B.shape[1])))
-        return np.asarray(self.C[:, kept] @ inner + self.D, dtype=complex)
+        resolvent = z[:, None, None] * np.eye(len(connected)) - self.A[np.ix_(connected, connected)]
+        inner = np.linalg.solve(
+            resolvent, np.broadcast_to(self.B[connected], (len(z), len(connected), self.B.shape[1]))
+        )
+        return np.asarray(self.C[:, connected] @ inner + self.D, dtype=complex)
 
 
 def linearise_around(spec: LoopSpec, block: str) -> BlockModel:
@@ -112,9 +114,9 @@ def linearise_around(spec: LoopSpec, block: str) -> BlockModel:
             "gains with which the loop is stable into the diagram"
         )
     # Least squares of the products P C by the columns of C: exact, as their rank is one.
-    kept = size > 0.0
-    column = np.einsum("kji,ki->kj", products[kept], row[kept].conj()) / size[kept, None]
-    gains = np.abs(column * row[kept])
+    observable = size > 0.0
+    column = np.einsum("kji,ki->kj", products[observable], row[observable].conj()) / size[observable, None]
+    gains = np.abs(column * row[observable])
     used = gains.max(axis=0) > NEGLIGIBLE * gains.max()
     # An infinite or zero response has no logarithm for the interpolation.
     good = np.isfinite(column).all(axis=1) & (np.abs(column[:, used]) > 0.0).all(axis=1)
@@ -124,7 +126,7 @@ def linearise_around(spec: LoopSpec, block: str) -> BlockModel:
         (int(index), tuple((float(x.real), float(x.imag)) for x in column[good, index]))
         for index in np.flatnonzero(used)
     )
-    return replace(known, frequencies=tuple(map(float, frequencies[kept][good])), responses=responses)
+    return replace(known, frequencies=tuple(map(float, frequencies[observable][good])), responses=responses)
 
 
 def controller_model(model: BlockModel, gains: Mapping[str, float]) -> StateSpace:

@@ -164,8 +164,8 @@ def run_reduced(spec: LoopSpec, gains: Mapping[str, float], conditions: Conditio
     if any(gains.values()):
         for plant in loop_plants(replace(spec, model=replace(model, plants=plants))).values():
             # Half a period stands for the hold of the sampled controller.
-            held = TransferFunction(plant.numerator, plant.denominator, plant.delay + 0.5 * period)
-            if not is_stable(held, pid):
+            delayed = TransferFunction(plant.numerator, plant.denominator, plant.delay + 0.5 * period)
+            if not is_stable(delayed, pid):
                 return Evaluation("unstable", reason="the closed loop has a pole in the right half plane")
 
     # Set-points and feed-forward as the control unit makes them: slope limited, from differences per period. At a
