@@ -59,6 +59,7 @@ def advance(
         diverged: cars whose state is not finite, updated; their last finite state remains.
     """
     for i in range(first, last):
+        # A diverged car keeps its last state: its numbers would slow down the others, and end as NaN.
         if diverged[i]:
             continue
         x = read_state(states[i], positions)

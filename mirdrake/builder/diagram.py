@@ -173,6 +173,7 @@ class Diagram:
         """
         name = self._vehicle("drive", vehicle)
         if isinstance(driver, Driver):
+            # Only what was set, so that the diagram file that is written has no defaults in it.
             entry = driver.model_dump(mode="json", exclude_unset=True)
         elif isinstance(driver, str | Mapping):
             entry = ({"kind": driver} if isinstance(driver, str) else dict(driver)) | settings
@@ -373,6 +374,7 @@ class Diagram:
             driver = data.get("control", {}).get(name)
             kind = driver if isinstance(driver, str) else (driver or {}).get("kind", "nobody")
             sensors = ", ".join(data.get("sensors", {}).get(name, ()))
+            # The text has no values: cells of a notebook show it after each step, and it is to fit on a screen.
             lines.append(f"  {name}: {entry['model']}, driven by {kind}" + (f", sensors {sensors}" if sensors else ""))
         lines += [f"  {name}: {entry['kind']}" for name, entry in data.get("systems", {}).items()]
         lines += [f"  {source} -> {sink}" for source, sink in data.get("connect", ())]
@@ -414,6 +416,7 @@ class Diagram:
         spec = self.spec()
         if inner and spec.record.signals is True:
             spec.record.signals = [f"{name}{INNER}" for name in spec.vehicles]
+        # Assembling takes longer than many runs, so that a diagram that has not changed is assembled once.
         key = (repr(self._data), repr(spec.record))
         if meshcat is None and key in self._built:
             assembly = self._built[key]
@@ -448,9 +451,6 @@ class Diagram:
         """
         from mirdrake.tuning.linearise import linearise
 
-        def build(spec: DiagramSpec, factories: Mapping[str, Any], *, expand: bool = True) -> Assembly:
-            return assemble(spec, expand=expand, factories=factories)
-
         sink, name = _name_in("linearize", input), None if output is None else _name_in("linearize", output)
         assembly = self._display(expand=True)
         parts = [f"{port}.{own.name}" for port, contents in assembly.inputs.items() for own in contents or ()]
@@ -461,7 +461,7 @@ class Diagram:
             raise ConfigError(
                 f"linearize: input '{sink}' has {len(elements)} elements; name one of them: {sink}.{elements[0].name}"
             )
-        return linearise(self._data, self._factories, build, sink, name, time=time, cut=cut)
+        return linearise(self._data, self._factories, sink, name, time=time, cut=cut)
 
     def to_yaml(self, path: Path | str | None = None) -> str:
         """Return the diagram as the text of a diagram file, and write it if a path is given.
@@ -474,6 +474,7 @@ class Diagram:
         Raises:
             ConfigError: a block is an object, or of a class that no module has, and cannot be written.
         """
+        # Checked first: a file must not replace a good one and then be rejected when it is loaded.
         self.spec()
         for name, factory in self._factories.items():
             if factory.unwritable:
@@ -495,6 +496,8 @@ class Diagram:
         own, text = self._file
         target = own if path is None else path.resolve()
         try:
+            # The user's own file keeps its comments and order if the changes can be made in it and it then means the
+            # same.
             text = rewrite(text, _data_of(text, target), data, name=shown(target))
             written = _data_of(text, target)
             same = make_spec(written).model_dump() == make_spec(copy.deepcopy(data)).model_dump()
@@ -531,6 +534,7 @@ class Diagram:
         keys = path.split(".")
         for key in keys:
             part = part.get(key) if isinstance(part, Mapping) else None
+        # A gain that the diagram does not change has the value of the vehicle's own control.
         if part is None and keys[0] == "vehicles" and keys[2:3] == ["control"]:
             part = load_vehicle_of(self.spec(), keys[1]).control
             for key in keys[3:]:
@@ -544,6 +548,7 @@ class Diagram:
         return name
 
     def _add(self, name: str, system: str | type[System] | System, parameters: Mapping[str, Any]) -> Name:
+        # A kind by name goes to the file alone; an object or a class also needs its factory, which no file can contain.
         if isinstance(system, str):
             self._factories.pop(name, None)
             self._change(("systems", name), {"kind": system, **parameters})
@@ -627,6 +632,7 @@ class _Factory:
         """
         if isinstance(self._system, type):
             return self._system(**self._parameters)
+        # Drake lets a system be part of one diagram only.
         if self._is_used:
             raise ConfigError(
                 f"'{self._name}' is an object and already part of a built diagram; give the class, so that the diagram "

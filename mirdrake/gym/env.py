@@ -264,6 +264,7 @@ class DriveEnv(gymnasium.Env[Array, Array]):
 
     def _action_range(self, name: str, bounds: Mapping[str, Sequence[float]]) -> tuple[float, float]:
         vehicle, _, port = name.partition(".")
+        # The user's bounds come first; other ranges follow from what the vehicle can do.
         if name in bounds:
             return check_bounds(bounds[name], name)
         part = self.assembly.parts.vehicles.get(vehicle)

@@ -211,6 +211,7 @@ class _Bench:
         builder = DiagramBuilder()
         builder.AddSystem(system)
         self.sources: dict[str, _Source] = {}
+        # Inputs are fed by systems and not fixed in the Context, so that they may change during a step.
         for name in driven:
             self.sources[name] = builder.AddSystem(_Source(ports[name]))
             builder.Connect(self.sources[name].get_output_port(), ports[name])

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from mirdrake.assembly.diagram import assemble
 from mirdrake.learning.drives import Figures
 from mirdrake.tuning.linearise import linearise
 from mirdrake.tuning.margins import Margins, margins_of
@@ -109,11 +108,8 @@ def find_delay_margin(
     # Cameras do not act on the expert's loop, and rendering would only take time.
     data = {**diagram, "sensors": {}, "record": {**(diagram.get("record") or {}), "cameras": False}}
 
-    def build(spec: Any, factories: Any, **options: Any) -> Any:
-        return assemble(spec, factories=factories, **options)
-
     # Cut at the steering: there the network takes the place of the expert.
-    model = linearise(data, {}, build, reference, None, time=OPERATING_TIME, cut=True)
+    model = linearise(data, {}, reference, None, time=OPERATING_TIME, cut=True)
     own: Margins = model.margins()
     delay = latency + 0.5 / rate
 

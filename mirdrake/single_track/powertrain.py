@@ -22,6 +22,7 @@ def make_single_track_law(vehicle: Vehicle, *, mass: float, rotating: float) -> 
         rotating: mass equivalent of the rotating parts [kg].
     """
     geometry = vehicle.geometry
+    # The period is that of the output of the single-track model, at which the law is evaluated.
     return PowertrainLaw(
         vehicle.spec,
         radii=geometry.wheel_radii,

@@ -165,6 +165,7 @@ def SingleTrack_(T: type) -> Any:  # noqa: N802
             if plain:
                 values: Any = replace(self.get_parameters(context), **changes).values()
             else:
+                # AutoDiff and symbolic values have no plain vector; their elements are changed one by one.
                 values = context.get_numeric_parameter(self._parameters).CopyToVector()
                 for name, value in changes.items():
                     values[PARAMETERS.index(name)] = value

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import BasicVector, Context, System
 
-from mirdrake.assembly.diagram import Assembly, make_spec
+from mirdrake.assembly.diagram import Assembly, assemble, make_spec
 from mirdrake.core.errors import ConfigError, MissingDependencyError
 from mirdrake.core.leaf_system import LeafSystem
 from mirdrake.tuning.margins import Margins, margins_of
@@ -140,7 +140,6 @@ class LinearModel:
 def linearise(
     data: Mapping[str, Any],
     factories: Mapping[str, Any],
-    assemble: Any,
     input: str,  # noqa: A002
     output: str | None,
     *,
@@ -153,7 +152,6 @@ def linearise(
     Args:
         data: the diagram as plain data.
         factories: of its Python systems.
-        assemble: (spec, factories) -> Assembly.
         input: name of an input, or of an element of it.
         output: name of an output, or of an element of it; None: the source that is connected to the input.
         time: time at which the operating point is read [s].
@@ -169,7 +167,7 @@ def linearise(
         import control
     except ImportError:
         raise MissingDependencyError("linear models need python-control: pip install 'mirdrake[tuning]'") from None
-    source, assembly, output = _insert_probe(data, factories, assemble, input, output)
+    source, assembly, output = _insert_probe(data, factories, input, output)
     output = output or source
     if period is None:
         # A discrete model needs one period after which every unit has been updated: that of the slowest unit.
@@ -186,7 +184,7 @@ def linearise(
 
 
 def _insert_probe(
-    data: Mapping[str, Any], factories: Mapping[str, Any], assemble: Any, name: str, output: str | None
+    data: Mapping[str, Any], factories: Mapping[str, Any], name: str, output: str | None
 ) -> tuple[str, Assembly, str | None]:
     """Return the source of an input, and the diagram with a probe between the two."""
     # Plain data of the diagram, copied: the caller's diagram stays unchanged.
@@ -198,7 +196,7 @@ def _insert_probe(
         look = copy.deepcopy(changed)
         look["systems"] = dict(look.get("systems", {})) | {PROBE: {"kind": "constant", "value": [0.0]}}
         look["connect"] = [*pairs, [f"{PROBE}.y", name]]
-        first = assemble(make_spec(look), factories)
+        first = assemble(make_spec(look), factories=factories, expand=True)
         source = first.default_source(name)
         if source is None:
             raise ConfigError(f"linearize: input '{name}' has no source; connect it first")
@@ -209,7 +207,7 @@ def _insert_probe(
     # Neither logs nor reports: the probe diagram is stepped twice per state.
     record = dict(changed.get("record", {})) | {"signals": False, "meshcat": False, "report": False}
     spec = make_spec(changed | {"record": record})
-    return source, assemble(spec, dict(factories) | {PROBE: Probe}, expand=True), output
+    return source, assemble(spec, factories=dict(factories) | {PROBE: Probe}, expand=True), output
 
 
 class _Stepper:
