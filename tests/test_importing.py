@@ -1,6 +1,8 @@
 """Import of vehicles: recognition by motion, correction of impossible values, and drives of the result."""
 
+import re
 from math import cos, pi, sin, tan
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
@@ -1139,6 +1141,10 @@ def test_the_terminal_reports_a_missing_body_first_and_a_missing_picture(
     assert main(["import", "vehicle", str(source), "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr()
     assert printed.out.startswith("warning: The body has no visual shape that can be used")
+    # Outside of the search path the folder is named by its path, which the next command takes.
+    following = re.search(r"next: mirdrake view (\S+); mirdrake inspect \1", printed.out)
+    assert following is not None
+    assert (Path(following[1]) / "vehicle.yaml").is_file()
     reason = {0: "", 2: words, -11: "the renderer crashed", None: "not drawn within 120 s"}[code]
     assert printed.err == (f"note: README.md has no picture of the vehicle: {reason}\n" if reason else "")
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mirdrake.cli.common import parse_pairs
+from mirdrake.cli.common import parse_pairs, shortest_name
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import shown
 
@@ -112,7 +112,7 @@ def _print_result(result: "ImportResult") -> None:
 
     for warning in result.warnings:
         print(f"warning: {warning}")
-    geometry, name = result.vehicle.geometry, result.folder.name
+    geometry, name = result.vehicle.geometry, shortest_name("models", result.folder)
     print(f"{shown(result.folder)}/")
     print(
         f"  wheelbase {geometry.wheelbase:.3f} m, track {geometry.front_track:.3f} and {geometry.rear_track:.3f} m, "

@@ -6,6 +6,7 @@ import textwrap
 from pathlib import Path
 from typing import get_args
 
+from mirdrake.cli.common import shortest_name
 from mirdrake.core.errors import ConfigError
 from mirdrake.core.json_io import Json
 from mirdrake.core.yaml_io import shown
@@ -92,8 +93,8 @@ def run(options: argparse.Namespace) -> int:
         _print_line(f"{shown(diagram)}{'' if written else '  (exists already, unchanged)'}")
     _print_line("next:")
     if diagram is not None:
-        _print_line(f"  mirdrake run {_shortest('diagrams', diagram)}")
-    _print_line(f"  mirdrake view {_shortest('models', vehicle)}")
+        _print_line(f"  mirdrake run {shortest_name('diagrams', diagram)}")
+    _print_line(f"  mirdrake view {shortest_name('models', vehicle)}")
     return 0
 
 
@@ -106,15 +107,6 @@ def _given(options: argparse.Namespace) -> Json:
             parse_tyre(given[key], where=_option(key))
     parse_sensors(given.get("sensors", ""))
     return given
-
-
-def _shortest(kind: str, path: Path) -> str:
-    """Return the name of a vehicle or diagram if a lookup finds this path, else the path."""
-    from mirdrake.core.paths import names
-
-    name = path.stem if kind == "diagrams" else path.name
-    known = names(kind).get(name)
-    return name if known is not None and known.resolve() == path.resolve() else shown(path)
 
 
 def _listed(title: str, keys: list[str]) -> str:
